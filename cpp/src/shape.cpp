@@ -1,0 +1,45 @@
+#include "burrlab/shape.hpp"
+
+#include <sstream>
+#include <stdexcept>
+
+#include "burrlab/check.hpp"
+
+namespace burrlab {
+
+Shape Shape::power(double k) {
+  if (!(k > 0.0 && k <= 8.0)) refuse("k of power(k)", "in (0, 8]", k);
+  return Shape(Kind::power, k);
+}
+
+Shape Shape::parse(const std::string& name) {
+  if (name == "constant") return constant();
+  if (name == "linear") return linear();
+  if (name == "parabolic") return parabolic();
+  if (name == "quartic") return quartic();
+  if (name.size() > 7 && name.rfind("power(", 0) == 0 && name.back() == ')') {
+    const std::string number = name.substr(6, name.size() - 7);
+    std::size_t used = 0;
+    double k = 0.0;
+    try {
+      k = std::stod(number, &used);
+    } catch (const std::exception&) {
+      used = 0;
+    }
+    if (used == number.size() && used > 0) return power(k);
+  }
+  throw std::invalid_argument("shape must be parabolic, linear, quartic, constant or power(k), got '" + name + "'");
+}
+
+std::string Shape::name() const {
+  if (kind_ == Kind::constant) return "constant";
+  if (kind_ == Kind::linear) return "linear";
+  if (order_ == 1.0) return "parabolic";
+  if (order_ == 2.0) return "quartic";
+  std::ostringstream text;
+  text.precision(17);
+  text << "power(" << order_ << ")";
+  return text.str();
+}
+
+}  // namespace burrlab

@@ -1,0 +1,247 @@
+#include <algorithm>
+
+#include "bindings.hpp"
+#include "burrlab/burr_contact.hpp"
+
+namespace py = pybind11;
+using namespace burrlab;
+
+namespace {
+
+/// Contacts of a whole path; columns are copied out as arrays.
+struct ContactSeries {
+  std::vector<Contact> contacts;
+};
+
+template <class Get>
+auto column(Get get) {
+  return [get](const ContactSeries& series) {
+    using Value = decltype(get(series.contacts[0]));
+    py::array_t<Value> out(static_cast<py::ssize_t>(series.contacts.size()));
+    std::transform(series.contacts.begin(), series.contacts.end(), out.mutable_data(), get);
+    return out;
+  };
+}
+
+template <class Get>
+auto vectors(Get get) {
+  return [get](const ContactSeries& series) {
+    py::array_t<double> out({static_cast<py::ssize_t>(series.contacts.size()), py::ssize_t{3}});
+    double* row = out.mutable_data();
+    for (const Contact& contact : series.contacts) {
+      const Vec3& v = get(contact);
+      row = std::copy(v.data(), v.data() + 3, row);
+    }
+    return out;
+  };
+}
+
+// Ctrl-C during long work: the GIL is taken for a moment, every `period` ticks.
+void check_interrupt() {
+  const py::gil_scoped_acquire gil;
+  if (PyErr_CheckSignals() != 0) throw py::error_already_set();
+}
+
+ContactSeries run(BurrContact& contact, const py::array_t<double, py::array::c_style | py::array::forcecast>& path,
+                  double dt, bool burr_on) {
+  constexpr std::size_t period = 512;
+  if (path.ndim() != 2 || path.shape(1) != 3) {
+    throw std::invalid_argument("path must have shape (n, 3), points (x, y, z) [mm], got " +
+                                std::string(py::str(path.attr("shape"))));
+  }
+  std::vector<Vec3> centers(static_cast<std::size_t>(path.shape(0)));
+  for (std::size_t i = 0; i < centers.size(); ++i) {
+    centers[i] = Eigen::Map<const Vec3>(path.data(static_cast<py::ssize_t>(i), 0));
+    for (int axis = 0; axis < 3; ++axis) require_finite("every point of path", centers[i][axis]);
+  }
+  require_positive("dt", dt);
+  ContactSeries series;
+  const py::gil_scoped_release release;
+  series.contacts.reserve(centers.size());
+  for (std::size_t i = 0; i < centers.size(); ++i) {
+    if (i % period == period - 1) check_interrupt();
+    series.contacts.push_back(contact.step(centers[i], dt, burr_on));
+  }
+  return series;
+}
+
+py::array_t<double> to_array(const std::vector<double>& values) {
+  return py::array_t<double>(static_cast<py::ssize_t>(values.size()), values.data());
+}
+
+}  // namespace
+
+void bind_burr_contact(py::module_& m) {
+  py::class_<Contact>(m, "Contact", "One tick as felt: the force is that of the state before the tick's erosion.")
+      .def_property_readonly("force", [](const Contact& c) { return c.force; }, "(3,) [N], out of the bone; a copy")
+      .def_property_readonly("normal", [](const Contact& c) { return c.normal; }, "(3,) out of the bone; shorter than 1 where ambiguous; a copy")
+      .def_readonly("penetration", &Contact::penetration, "Effective depth h, Eq. 2 [mm]")
+      .def_readonly("m0", &Contact::m0, "[mm^3]")
+      .def_property_readonly("m1", [](const Contact& c) { return c.m1; }, "(3,) [mm^4]; a copy")
+      .def_readonly("removed", &Contact::removed, "Solid bone removed in the tick [mm^3]")
+      .def_readonly("tick", &Contact::tick, "Number of the tick")
+      .def_readonly("touching", &Contact::touching, "There is bone inside the sphere")
+      .def_readonly("ambiguous", &Contact::ambiguous, "|m_1| < 0.1 m_0 R: no direction, the force fades")
+      .def_readonly("coarse", &Contact::coarse, "The radius is below 7.5 voxels")
+      .def_readonly("faint", &Contact::faint, "Over 5 % of the contact lies in voxels with pristine level below 32, where `layer` errs")
+      .def("__repr__", [](const Contact& c) {
+        return std::string(py::str("Contact(tick={}, force=({:.4g}, {:.4g}, {:.4g}) N, penetration={:.4g} mm, removed={:.3g} mm^3{}{}{})")
+                               .format(c.tick, c.force[0], c.force[1], c.force[2], c.penetration, c.removed,
+                                       c.ambiguous ? ", ambiguous" : "", c.coarse ? ", coarse" : "", c.faint ? ", faint" : ""));
+      });
+
+  py::class_<ContactSeries>(m, "ContactSeries", "The contacts along a path; every column is a copy with one row a tick.")
+      .def("__len__", [](const ContactSeries& s) { return s.contacts.size(); })
+      .def("__getitem__",
+           [](const ContactSeries& s, py::ssize_t i) {
+             const auto n = static_cast<py::ssize_t>(s.contacts.size());
+             if (i < -n || i >= n) throw py::index_error("tick " + std::to_string(i) + " of " + std::to_string(n));
+             return s.contacts[static_cast<std::size_t>(i < 0 ? i + n : i)];
+           })
+      .def_property_readonly("force", vectors([](const Contact& c) -> const Vec3& { return c.force; }), "(n, 3) [N]")
+      .def_property_readonly("normal", vectors([](const Contact& c) -> const Vec3& { return c.normal; }), "(n, 3)")
+      .def_property_readonly("m1", vectors([](const Contact& c) -> const Vec3& { return c.m1; }), "(n, 3) [mm^4]")
+      .def_property_readonly("penetration", column([](const Contact& c) { return c.penetration; }), "(n,) [mm]")
+      .def_property_readonly("m0", column([](const Contact& c) { return c.m0; }), "(n,) [mm^3]")
+      .def_property_readonly("removed", column([](const Contact& c) { return c.removed; }), "(n,) [mm^3]")
+      .def_property_readonly("tick", column([](const Contact& c) { return c.tick; }), "(n,)")
+      .def_property_readonly("touching", column([](const Contact& c) { return c.touching; }), "(n,)")
+      .def_property_readonly("ambiguous", column([](const Contact& c) { return c.ambiguous; }), "(n,)")
+      .def_property_readonly("coarse", column([](const Contact& c) { return c.coarse; }), "(n,)")
+      .def_property_readonly("faint", column([](const Contact& c) { return c.faint; }), "(n,)");
+
+  py::class_<HeldDescent>(m, "HeldDescent", "A descent under an exactly constant force, tick by tick.")
+      .def_property_readonly("position", [](const HeldDescent& d) { return to_array(d.position); }, "(n,) along the axis from the start, before each tick's erosion [mm]")
+      .def_property_readonly("force", [](const HeldDescent& d) { return to_array(d.force); }, "(n,) axial, as solved [N]")
+      .def_property_readonly("removed", [](const HeldDescent& d) { return to_array(d.removed); }, "(n,) [mm^3]")
+      .def_readonly("reached", &HeldDescent::reached, "Came to the end of its travel.");
+
+  py::class_<BurrContact>(m, "BurrContact", R"(A burr on a bone: force and erosion, tick by tick.
+
+Parameters
+----------
+bone : VoxelBone
+    Shared, and eroded in place.
+burr : Burr
+material : Material
+seed : int
+    0 to 2^64 - 1. The random numbers of a tick are a pure function of (seed, tick, index, voxel).
+index : int
+    Numbers the burrs on one bone; they act in the order of their steps.
+scheme : {"layer", "cell"}
+    ``cell`` is the paper's: a voxel is uniform. ``layer`` resolves the layer in which a burr cuts inside the voxel,
+    so that results do not depend on voxel size.
+
+Raises
+------
+ValueError
+    If the radius is below 4 voxels, or the scheme unknown.
+
+References
+----------
+Agus et al., Physics-based burr haptic simulation: tuning and evaluation, HAPTICS 2004, Eqs. 1-4.
+
+Examples
+--------
+>>> import burrlab
+>>> bone = burrlab.VoxelBone.block((8, 8, 3), 0.1, origin=(-4, -4, -3))
+>>> contact = burrlab.BurrContact(bone, burrlab.Burr(3.0), burrlab.materials["bone"], seed=1)
+>>> felt = contact.step((0.0, 0.0, 2.6), dt=1.0)
+>>> felt.touching, felt.tick, contact.tick
+(True, 0, 1)
+)")
+      .def(py::init([](std::shared_ptr<VoxelBone> bone, const Burr& burr, const Material& material, std::uint64_t seed,
+                       std::uint32_t index, const std::string& scheme) {
+             return BurrContact(std::move(bone), burr, material, seed, index, parse_scheme(scheme));
+           }),
+           py::arg("bone"), py::arg("burr"), py::arg("material"), py::arg("seed"), py::arg("index") = 0, py::kw_only(),
+           py::arg("scheme") = "layer")
+      .def("probe", &BurrContact::probe, py::arg("center"), py::call_guard<py::gil_scoped_release>(),
+           "The contact at `center` (x, y, z) [mm] now: no erosion, no tick. ValueError if it is not finite.")
+      .def("step", &BurrContact::step, py::arg("center"), py::arg("dt"), py::arg("burr_on") = true,
+           py::call_guard<py::gil_scoped_release>(),
+           R"(One tick: the force at `center`, then erosion.
+
+Parameters
+----------
+center : (x, y, z)
+    [mm]
+dt : float
+    [ms]
+burr_on : bool
+    Without it nothing erodes; the tick counts all the same.
+
+Returns
+-------
+Contact
+
+Raises
+------
+ValueError
+    If the centre is not finite or dt not positive.
+)")
+      .def("run", &run, py::arg("path"), py::arg("dt"), py::arg("burr_on") = true,
+           R"(One tick at every point of a path, in one call; the same as `step` point by point.
+
+Parameters
+----------
+path : array_like, shape (n, 3)
+    Centres (x, y, z) [mm].
+dt : float
+    [ms]
+burr_on : bool
+
+Returns
+-------
+ContactSeries
+
+Raises
+------
+ValueError
+    If the path has another shape or a value that is not finite, or dt is not positive; nothing is eroded then.
+KeyboardInterrupt
+    On Ctrl-C; the ticks done so far stay done, `tick` tells how many.
+)")
+      .def(
+          "hold",
+          [](BurrContact& contact, double force, const Vec3& start, const Vec3& axis, double from, double travel, double dt,
+             std::int64_t ticks) {
+            const py::gil_scoped_release release;
+            return contact.hold(force, start, axis, from, travel, dt, ticks);
+          },
+          py::arg("force"), py::arg("start"), py::arg("axis"), py::kw_only(), py::arg("from_"), py::arg("travel"), py::arg("dt"),
+          py::arg("ticks"),
+          R"(Sinks at an exactly constant axial force: every tick acts where the force is as asked.
+
+Parameters
+----------
+force : float
+    [N]
+start : (x, y, z)
+    Burr centre at position 0 [mm].
+axis : (x, y, z)
+    Unit vector into the bone.
+from_, travel : float
+    First and last position along the axis [mm].
+dt : float
+    [ms]
+ticks : int
+    At most so many.
+
+Returns
+-------
+HeldDescent
+
+Raises
+------
+ValueError
+    If the force or dt is not positive, or the axis not of length 1.
+)")
+      .def_readwrite("tick", &BurrContact::tick, "Number of the next tick; settable, for replay.")
+      .def_property_readonly("bone", &BurrContact::bone)
+      .def_property_readonly("burr", &BurrContact::burr)
+      .def_property_readonly("material", &BurrContact::material)
+      .def_property_readonly("seed", &BurrContact::seed)
+      .def_property_readonly("index", &BurrContact::index)
+      .def_property_readonly("scheme", [](const BurrContact& c) { return c.scheme() == Scheme::layer ? "layer" : "cell"; });
+}

@@ -1,0 +1,148 @@
+#include "bindings.hpp"
+#include "burrlab/burr.hpp"
+#include "burrlab/force.hpp"
+#include "burrlab/tick.hpp"
+
+namespace py = pybind11;
+using namespace burrlab;
+
+void bind_force(py::module_& m) {
+  m.def(
+      "moments",
+      [](const VoxelBone& bone, const Burr& burr, const Vec3& center, const std::string& scheme) {
+        const Tick tick(bone, burr.radius, parse_scheme(scheme), Shape::constant(), 0, 0);
+        const Moments found = tick.moments(bone, center);
+        return py::make_tuple(found.m0, found.m1);
+      },
+      py::arg("bone"), py::arg("burr"), py::arg("center"), py::kw_only(), py::arg("scheme") = "layer",
+      R"(First two moments of the bone inside the burr, Eq. 1.
+
+m_0 = sum over B of (rho/rho_0) dV, m_1 = sum of (rho/rho_0) r dV, r from the burr's centre.
+
+Parameters
+----------
+bone : VoxelBone
+burr : Burr
+center : (x, y, z)
+    [mm]
+scheme : {"layer", "cell"}
+    How a partly eroded voxel at the boundary is shared; the same on untouched bone.
+
+Returns
+-------
+m0 : float
+    [mm^3]
+m1 : ndarray, shape (3,)
+    [mm^4]
+
+Raises
+------
+ValueError
+    If the centre is not finite or the radius below 4 voxels.
+
+Notes
+-----
+A boundary voxel (spacing s, at distance r) counts by the fraction clamp((R - r)/s + 1/2, 0, 1), our decision:
+a centre test makes the force jump as the burr moves.
+)");
+  m.def("penetration", &penetration, py::arg("m0"), py::arg("radius"),
+        R"(Effective penetration depth h, Eq. 2.
+
+u = h/R is the smallest positive root of u^2 (1 - u/3) = m_0/(pi R^3), the right side clamped to 4/3.
+
+Parameters
+----------
+m0 : float
+    [mm^3]
+radius : float
+    R [mm]
+
+Returns
+-------
+float
+    h [mm], 0 to 2R
+
+Raises
+------
+ValueError
+    If m0 is negative, the radius not positive, or either not finite.
+
+Examples
+--------
+>>> import math, burrlab
+>>> round(burrlab.penetration(math.pi * 0.5**2 * (3 - 0.5 / 3), 3.0), 12)  # a spherical cap of 0.5 mm
+0.5
+)");
+  m.def(
+      "elastic_force",
+      [](double m0, const Vec3& m1, double radius, double c_e) { return elastic_force({m0, m1}, radius, c_e).force; },
+      py::arg("m0"), py::arg("m1"), py::kw_only(), py::arg("radius"), py::arg("c_e"),
+      R"(Elastic force F = c_e R^2 (h/R)^{3/2} n, Eq. 3.
+
+Parameters
+----------
+m0 : float
+    [mm^3]
+m1 : (x, y, z)
+    [mm^4]
+radius : float
+    R [mm]
+c_e : float
+    [N/mm^2]
+
+Returns
+-------
+ndarray, shape (3,)
+    [N], out of the bone
+
+Raises
+------
+ValueError
+    If an argument is not finite, m0 negative, or radius or c_e not positive.
+
+Notes
+-----
+n = -m_1/max(|m_1|, 0.1 m_0 R), our decision: where the direction is undefined the force fades instead of flipping.
+)");
+  m.def(
+      "erode",
+      [](VoxelBone& bone, const Burr& burr, const Vec3& center, const Material& material, double dt, std::uint64_t seed,
+         std::uint64_t tick, std::uint32_t index, const std::string& scheme) {
+        require_positive("dt", dt);
+        const Tick sphere(bone, burr.radius, parse_scheme(scheme), material.shape, seed, index);
+        TickSums sums;
+        sphere.erode(bone, center, material.alpha * dt, tick, &sums);
+        return static_cast<double>(sums.lost) * (bone.voxel_volume() / 255.0);
+      },
+      py::arg("bone"), py::arg("burr"), py::arg("center"), py::arg("material"), py::kw_only(), py::arg("dt"),
+      py::arg("seed"), py::arg("tick"), py::arg("index") = 0, py::arg("scheme") = "layer",
+      R"(Erodes the bone inside the burr for one tick, Eq. 4.
+
+A mass of M levels that erodes at f loses lambda = M (1 - exp(-alpha f dt)) on average: floor(lambda) levels, and
+one more with probability frac(lambda).
+
+Parameters
+----------
+bone : VoxelBone
+    Changed in place.
+burr : Burr
+center : (x, y, z)
+    [mm]
+material : Material
+dt : float
+    [ms]
+seed, tick, index : int
+    The random numbers are a pure function of these and the voxel; `index` numbers the burrs on one bone.
+scheme : {"layer", "cell"}
+
+Returns
+-------
+float
+    Solid bone removed [mm^3].
+
+Raises
+------
+ValueError
+    If dt is not positive, the centre not finite, or the radius below 4 voxels.
+)");
+}

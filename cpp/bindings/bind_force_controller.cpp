@@ -1,0 +1,60 @@
+#include "bindings.hpp"
+#include "burrlab/force_controller.hpp"
+
+namespace py = pybind11;
+using burrlab::ForceController;
+
+void bind_force_controller(py::module_& m) {
+  py::class_<ForceController>(m, "ForceController", R"(PID controller on the force error that commands the velocity of a rig.
+
+velocity = kp e + integral of ki e dt - kd dF/dt, e = set-point - measured force, kept within the output limits.
+The integral stands still while the output is at the limit it pushes against; the derivative acts on the
+measurement, through a first-order filter. The same object drives a virtual and a real rig.
+
+Parameters
+----------
+kp : float
+    [mm/s/N]
+ki : float
+    [mm/s/(N s)]
+kd : float
+    [mm/s/(N/s)]
+output_limits : (float, float)
+    Velocity [mm/s].
+derivative_filter : float
+    Time constant [ms].
+
+Raises
+------
+ValueError
+    If a gain is negative or not finite, or the limits are not in order.
+
+Examples
+--------
+>>> import burrlab
+>>> pid = burrlab.ForceController(kp=2.0, ki=10.0, output_limits=(-10, 10))
+>>> round(pid.update(setpoint=1.0, force=0.5, dt=1.0), 6)
+1.005
+>>> pid.proportional_term, round(pid.integral_term, 6)
+(1.0, 0.005)
+)")
+      .def(py::init([](double kp, double ki, double kd, std::pair<double, double> limits, double filter) {
+             return ForceController(kp, ki, kd, limits.first, limits.second, filter);
+           }),
+           py::arg("kp"), py::arg("ki") = 0.0, py::arg("kd") = 0.0, py::kw_only(),
+           py::arg("output_limits") = std::make_pair(-10.0, 10.0), py::arg("derivative_filter") = 5.0)
+      .def("update", &ForceController::update, py::arg("setpoint"), py::arg("force"), py::arg("dt"),
+           "Velocity command [mm/s] from set-point and measured force [N]; dt [ms] since the last update. ValueError on a value that is not finite or dt <= 0.")
+      .def("set_gains", &ForceController::set_gains, py::arg("kp"), py::arg("ki"), py::arg("kd") = 0.0,
+           "Changes the gains without a jump of the integral term.")
+      .def("reset", &ForceController::reset, py::arg("integral") = 0.0, "Forgets the past; the integral term starts at `integral` [mm/s].")
+      .def_property_readonly("kp", &ForceController::kp, "[mm/s/N]")
+      .def_property_readonly("ki", &ForceController::ki, "[mm/s/(N s)]")
+      .def_property_readonly("kd", &ForceController::kd, "[mm/s/(N/s)]")
+      .def_property_readonly("output_limits", [](const ForceController& c) { return std::make_pair(c.lower(), c.upper()); }, "[mm/s]")
+      .def_property_readonly("derivative_filter", &ForceController::derivative_filter, "[ms]")
+      .def_property_readonly("proportional_term", &ForceController::proportional_term, "[mm/s]")
+      .def_property_readonly("integral_term", &ForceController::integral_term, "[mm/s]")
+      .def_property_readonly("derivative_term", &ForceController::derivative_term, "[mm/s]")
+      .def_property_readonly("output", &ForceController::output, "Last command [mm/s]");
+}

@@ -1,0 +1,15 @@
+// One bind_<concept> function a file; module.cpp calls them in order of dependence.
+#pragma once
+
+#include <pybind11/eigen.h>
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+void bind_shape(pybind11::module_& m);
+void bind_material(pybind11::module_& m);
+void bind_voxel_bone(pybind11::module_& m);
+void bind_force(pybind11::module_& m);
+void bind_burr_contact(pybind11::module_& m);
+void bind_force_controller(pybind11::module_& m);
+void bind_mean_field(pybind11::module_& m);

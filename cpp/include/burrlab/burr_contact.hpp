@@ -1,0 +1,73 @@
+// A burr on a bone: tick by tick, along a path, or held at a force.
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <vector>
+
+#include "burrlab/burr.hpp"
+#include "burrlab/material.hpp"
+#include "burrlab/tick.hpp"
+
+namespace burrlab {
+
+/// One tick as felt: the force is that of the state before the tick's erosion.
+struct Contact {
+  Vec3 force = Vec3::Zero();   ///< [N]
+  Vec3 normal = Vec3::Zero();  ///< out of the bone
+  double penetration = 0.0;    ///< h [mm]
+  double m0 = 0.0;             ///< [mm^3]
+  Vec3 m1 = Vec3::Zero();      ///< [mm^4]
+  double removed = 0.0;        ///< solid bone removed in this tick [mm^3]
+  std::uint64_t tick = 0;
+  bool touching = false;   ///< bone inside the sphere
+  bool ambiguous = false;  ///< |m_1| < 0.1 m_0 R: the force fades
+  bool coarse = false;     ///< R/s < 7.5
+  bool faint = false;      ///< over 5 % of the contact in voxels with p < 32, where `layer` errs
+};
+
+/// A descent under an exactly constant force, tick by tick.
+struct HeldDescent {
+  std::vector<double> position;  ///< along the axis from the start, at each tick before its erosion [mm]
+  std::vector<double> force;     ///< axial, as solved [N]
+  std::vector<double> removed;   ///< in the tick [mm^3]
+  bool reached = false;          ///< came to the end of its travel
+};
+
+class BurrContact {
+ public:
+  BurrContact(std::shared_ptr<VoxelBone> bone, const Burr& burr, const Material& material, std::uint64_t seed,
+              std::uint32_t index, Scheme scheme);
+
+  /// The contact at `center` [mm] now: no erosion, no tick.
+  Contact probe(const Vec3& center) const;
+  /// One tick of dt [ms] at `center` [mm].
+  Contact step(const Vec3& center, double dt, bool burr_on);
+
+  /// Up to `ticks` ticks of dt [ms], each at the position start + s axis, s >= from, where the axial force is
+  /// `force` [N], until s reaches `travel` [mm]. `axis` is a unit vector into the bone.
+  HeldDescent hold(double force, const Vec3& start, const Vec3& axis, double from, double travel, double dt,
+                   std::int64_t ticks);
+
+  const std::shared_ptr<VoxelBone>& bone() const { return bone_; }
+  const Burr& burr() const { return burr_; }
+  const Material& material() const { return material_; }
+  std::uint64_t seed() const { return seed_; }
+  std::uint32_t index() const { return index_; }
+  Scheme scheme() const { return scheme_; }
+
+  std::uint64_t tick = 0;  ///< number of the next tick
+
+ private:
+  Contact felt(const Moments& moments, const TickSums& sums) const;
+
+  std::shared_ptr<VoxelBone> bone_;
+  Burr burr_;
+  Material material_;
+  std::uint64_t seed_;
+  std::uint32_t index_;
+  Scheme scheme_;
+  Tick tick_;
+};
+
+}  // namespace burrlab

@@ -1,0 +1,40 @@
+// The effective depth of what is left in a voxel, scheme `layer`: G(e, tau), tabulated.
+#pragma once
+
+#include <array>
+#include <memory>
+
+namespace burrlab {
+
+/// G(e, tau) = [ int x^k exp(-a x^(k+1)) dx / tau ]^(1/k) over x = e..e+1, with a from
+/// int exp(-a x^(k+1)) dx = tau: the depth, in voxels, at which a steady layer cut at the voxel's faces
+/// erodes as fast as it does on average; e the depth of the voxel's outer face, tau the fraction left,
+/// k the order of the zero of f at r = R. Bilinear between nodes e = 0, 1/8 .. 3 and tau = 0, 1/40 .. 1.
+class DepthTable {
+ public:
+  static constexpr int rows = 25, columns = 41;  // e, tau
+  static constexpr float rows_per_voxel = 8.0f, columns_per_unit = 40.0f;
+
+  /// The table of one order k in (0, 8]; computed once a process and shared. The same bits on every CPU.
+  static std::shared_ptr<const DepthTable> of_order(double k);
+
+  /// G at e in [0, 3], tau in [0, 1].
+  float operator()(float e, float tau) const {
+    const float te = e * rows_per_voxel, tt = tau * columns_per_unit;
+    const int i = static_cast<int>(te) < rows - 2 ? static_cast<int>(te) : rows - 2;
+    const int j = static_cast<int>(tt) < columns - 2 ? static_cast<int>(tt) : columns - 2;
+    const float fe = te - static_cast<float>(i), ft = tt - static_cast<float>(j);
+    const float* row = &node_[i * columns + j];
+    const float lo = row[0] + (row[1] - row[0]) * ft;
+    const float hi = row[columns] + (row[columns + 1] - row[columns]) * ft;
+    return lo + (hi - lo) * fe;
+  }
+
+  const std::array<float, rows * columns>& nodes() const { return node_; }
+
+ private:
+  explicit DepthTable(double k);
+  std::array<float, rows * columns> node_;
+};
+
+}  // namespace burrlab

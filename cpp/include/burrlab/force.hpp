@@ -1,0 +1,31 @@
+// Penetration and elastic force from the moments of the bone inside the burr: Eqs. 2 and 3.
+#pragma once
+
+#include "burrlab/types.hpp"
+
+namespace burrlab {
+
+/// m_0 [mm^3] and m_1 [mm^4] of rho/rho_0 inside the burr, about its centre (Eq. 1).
+struct Moments {
+  double m0 = 0.0;
+  Vec3 m1 = Vec3::Zero();
+};
+
+/// Effective penetration depth h [mm], 0..2R: u = h/R is the smallest positive root of
+/// u^2 (1 - u/3) = m_0/(pi R^3) (Eq. 2).
+double penetration(double m0, double radius);
+
+/// Below this |m_1|/(m_0 R) the direction of the contact is undefined and the force fades (our decision).
+constexpr double fading_asymmetry = 0.1;
+
+struct ElasticForce {
+  Vec3 force = Vec3::Zero();   ///< [N], out of the bone
+  Vec3 normal = Vec3::Zero();  ///< -m_1/max(|m_1|, 0.1 m_0 R); shorter than 1 where ambiguous
+  double penetration = 0.0;    ///< h [mm]
+  bool ambiguous = false;
+};
+
+/// F = c_e R^2 (h/R)^(3/2) n (Eq. 3).
+ElasticForce elastic_force(const Moments& moments, double radius, double c_e);
+
+}  // namespace burrlab

@@ -1,0 +1,81 @@
+// The PID controller of the descent experiment: force error in, velocity command out.
+#pragma once
+
+#include <limits>
+
+#include "burrlab/check.hpp"
+
+namespace burrlab {
+
+/// velocity = kp e + integral of ki e dt - kd dF/dt, e = set-point - measured force, within limits.
+/// The derivative acts on the measurement, through a first-order filter; the integral term is kept in units
+/// of the output, so that gains may change between updates without a jump, and stands still while the output
+/// is at the limit that it pushes against.
+class ForceController {
+ public:
+  ForceController(double kp, double ki, double kd, double lower, double upper, double derivative_filter)
+      : lower_(lower), upper_(upper), filter_(derivative_filter) {
+    set_gains(kp, ki, kd);
+    if (!(lower < upper)) refuse("lower output limit", "below the upper one", lower);
+    require_not_negative("derivative_filter", filter_);
+  }
+
+  /// kp [mm/s/N], ki [mm/s/(N s)], kd [mm/s/(N/s)].
+  void set_gains(double kp, double ki, double kd) {
+    require_not_negative("kp", kp);
+    require_not_negative("ki", ki);
+    require_not_negative("kd", kd);
+    kp_ = kp, ki_ = ki, kd_ = kd;
+  }
+
+  /// Velocity command [mm/s] from set-point and measured force [N], dt [ms] after the last update.
+  double update(double setpoint, double force, double dt) {
+    require_finite("setpoint", setpoint);
+    require_finite("force", force);
+    require_positive("dt", dt);
+    const double seconds = 1e-3 * dt, error = setpoint - force;
+    if (started_) {
+      const double raw = (force - last_force_) / seconds;
+      slope_ += (raw - slope_) * (dt / (dt + filter_));
+    }
+    last_force_ = force;
+    started_ = true;
+    proportional_ = kp_ * error;
+    derivative_ = -kd_ * slope_;
+    const double increment = ki_ * error * seconds;
+    const double wanted = proportional_ + integral_ + increment + derivative_;
+    const bool pushes_out = (wanted > upper_ && increment > 0.0) || (wanted < lower_ && increment < 0.0);
+    if (!pushes_out) integral_ += increment;
+    return output_ = clamp(proportional_ + integral_ + derivative_);
+  }
+
+  /// Forgets the past; the integral term starts at `integral` [mm/s].
+  void reset(double integral) {
+    require_finite("integral", integral);
+    integral_ = clamp(integral);
+    proportional_ = derivative_ = slope_ = last_force_ = output_ = 0.0;
+    started_ = false;
+  }
+
+  double kp() const { return kp_; }
+  double ki() const { return ki_; }
+  double kd() const { return kd_; }
+  double lower() const { return lower_; }
+  double upper() const { return upper_; }
+  double derivative_filter() const { return filter_; }   ///< time constant [ms]
+  double proportional_term() const { return proportional_; }  ///< [mm/s], as are the next three
+  double integral_term() const { return integral_; }
+  double derivative_term() const { return derivative_; }
+  double output() const { return output_; }
+
+ private:
+  double clamp(double v) const { return v < lower_ ? lower_ : v > upper_ ? upper_ : v; }
+
+  double kp_ = 0.0, ki_ = 0.0, kd_ = 0.0;
+  double lower_, upper_, filter_;
+  double proportional_ = 0.0, integral_ = 0.0, derivative_ = 0.0, output_ = 0.0;
+  double last_force_ = 0.0, slope_ = 0.0;
+  bool started_ = false;
+};
+
+}  // namespace burrlab

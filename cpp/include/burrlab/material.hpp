@@ -1,0 +1,29 @@
+// What a burr meets: elastic constant, erosion rate and the shape function that the rate belongs to.
+#pragma once
+
+#include <string>
+#include <utility>
+
+#include "burrlab/check.hpp"
+#include "burrlab/shape.hpp"
+
+namespace burrlab {
+
+struct Material {
+  std::string name;
+  double c_e;          ///< elastic constant [N/mm^2], Eq. 3
+  double alpha;        ///< erosion rate [1/ms], Eq. 4; holds for one f, drill, burr type and speed
+  Shape shape;         ///< erosion shape function f of Eq. 4
+  std::string source;  ///< where the numbers come from
+
+  Material(std::string name_, double c_e_, double alpha_, Shape shape_, std::string source_)
+      : name(std::move(name_)), c_e(c_e_), alpha(alpha_), shape(shape_), source(std::move(source_)) {
+    require_positive("c_e", c_e);
+    require_not_negative("alpha", alpha);
+  }
+  bool operator==(const Material& o) const {
+    return name == o.name && c_e == o.c_e && alpha == o.alpha && shape == o.shape && source == o.source;
+  }
+};
+
+}  // namespace burrlab

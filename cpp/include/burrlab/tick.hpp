@@ -1,0 +1,85 @@
+// The tick: moments of the bone inside the sphere (Eq. 1) and its erosion (Eq. 4), exact to the bit as
+// docs/tick.md defines them.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "burrlab/depth_table.hpp"
+#include "burrlab/force.hpp"
+#include "burrlab/shape.hpp"
+#include "burrlab/voxel_bone.hpp"
+
+namespace burrlab {
+
+/// How bone in a voxel meets the sphere. `cell` is the paper's: a voxel is uniform. `layer` resolves the
+/// layer in which a burr cuts inside the voxel, so that results do not depend on voxel size.
+enum class Scheme { layer, cell };
+Scheme parse_scheme(const std::string& name);  ///< throws std::invalid_argument
+
+/// 1 - exp(-a f) as a short polynomial of a f 2^-k, doubled k times; a = alpha dt.
+struct ErodedFraction {
+  float scale = 0.0f;  ///< a 2^-k <= 1/8
+  int doublings = 0;   ///< k
+
+  explicit ErodedFraction(double a) {
+    for (; a > 0.125; a *= 0.5) ++doublings;
+    scale = static_cast<float>(a);
+  }
+  float operator()(float f) const {
+    const float y = scale * f;
+    float p = y * (1.0f - y * (0.5f - y * (1.0f / 6.0f - y * (1.0f / 24.0f - y * (1.0f / 120.0f)))));
+    for (int i = 0; i < doublings; ++i) p = p * (2.0f - p);
+    return p;
+  }
+};
+
+/// What one pass over the sphere adds up; exact whatever the order.
+struct TickSums {
+  std::int64_t mass = 0;               ///< sum of M [1/256 level]
+  std::int64_t first[3] = {0, 0, 0};   ///< sum of M times voxel index from `base`, (x, y, z)
+  std::int64_t faint = 0;              ///< the part of `mass` in voxels with p < 32, where `layer` errs
+  std::int64_t lost = 0;               ///< levels removed
+};
+
+/// The sphere in one bone's grid.
+class Tick {
+ public:
+  static constexpr double coarsest = 4.0;  ///< R/s below which a burr is refused
+  static constexpr double coarse = 7.5;    ///< R/s below which results are flagged
+
+  Tick(const VoxelBone& bone, double radius, Scheme scheme, const Shape& shape, std::uint64_t seed,
+       std::uint32_t index);
+
+  /// Moments at `center` [mm], without erosion.
+  Moments moments(const VoxelBone& bone, const Vec3& center, TickSums* sums = nullptr) const;
+  /// Moments before, and erosion by a = alpha dt with the draws of `tick`, in one pass.
+  Moments erode(VoxelBone& bone, const Vec3& center, double a, std::uint64_t tick, TickSums* sums) const;
+
+  double resolution() const { return resolution_; }  ///< R/s, s the largest spacing
+
+ private:
+  struct Placement;  // the sphere's place in the grid
+  struct Draws;      // the random numbers of one tick
+
+  Placement place(const VoxelBone& bone, const Vec3& center) const;
+  template <Scheme scheme, bool isotropic, bool eroding>
+  TickSums visit(const VoxelBone& bone, std::uint8_t* levels, const Placement& at, const ErodedFraction* fraction,
+                 const Draws* draws) const;
+  template <bool eroding>
+  TickSums dispatch(const VoxelBone& bone, std::uint8_t* levels, const Placement& at,
+                    const ErodedFraction* fraction, const Draws* draws) const;
+  Moments to_moments(const VoxelBone& bone, const Placement& at, const TickSums& sums) const;
+
+  double radius_;
+  Scheme scheme_;
+  Shape shape_;
+  std::uint64_t seed_;
+  std::uint32_t index_;
+  bool isotropic_;
+  double resolution_;
+  std::shared_ptr<const DepthTable> depth_;  // null where f needs no depth
+};
+
+}  // namespace burrlab

@@ -1,0 +1,125 @@
+#include "burrlab/burr_contact.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace burrlab {
+namespace {
+
+std::shared_ptr<VoxelBone> not_null(std::shared_ptr<VoxelBone> bone) {
+  if (!bone) throw std::invalid_argument("bone must be a VoxelBone, got None");
+  return bone;
+}
+
+}  // namespace
+
+BurrContact::BurrContact(std::shared_ptr<VoxelBone> bone, const Burr& burr, const Material& material,
+                         std::uint64_t seed, std::uint32_t index, Scheme scheme)
+    : bone_(not_null(std::move(bone))),
+      burr_(burr),
+      material_(material),
+      seed_(seed),
+      index_(index),
+      scheme_(scheme),
+      tick_(*bone_, burr.radius, scheme, material.shape, seed, index) {}
+
+Contact BurrContact::felt(const Moments& moments, const TickSums& sums) const {
+  const ElasticForce elastic = elastic_force(moments, burr_.radius, material_.c_e);
+  Contact contact;
+  contact.force = elastic.force;
+  contact.normal = elastic.normal;
+  contact.penetration = elastic.penetration;
+  contact.m0 = moments.m0;
+  contact.m1 = moments.m1;
+  contact.removed = static_cast<double>(sums.lost) * (bone_->voxel_volume() / 255.0);
+  contact.tick = tick;
+  contact.touching = sums.mass > 0;
+  contact.ambiguous = elastic.ambiguous;
+  contact.coarse = tick_.resolution() < Tick::coarse;
+  contact.faint = scheme_ == Scheme::layer && sums.faint * 20 > sums.mass;
+  return contact;
+}
+
+Contact BurrContact::probe(const Vec3& center) const {
+  TickSums sums;
+  const Moments moments = tick_.moments(*bone_, center, &sums);
+  return felt(moments, sums);
+}
+
+Contact BurrContact::step(const Vec3& center, double dt, bool burr_on) {
+  require_positive("dt", dt);
+  TickSums sums;
+  const Moments moments = burr_on ? tick_.erode(*bone_, center, material_.alpha * dt, tick, &sums)
+                                  : tick_.moments(*bone_, center, &sums);
+  const Contact contact = felt(moments, sums);
+  ++tick;
+  return contact;
+}
+
+HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis, double from, double travel,
+                              double dt, std::int64_t ticks) {
+  require_positive("force", force);
+  require_positive("dt", dt);
+  require_finite("from", from);
+  require_finite("travel", travel);
+  if (!(std::abs(axis.norm() - 1.0) < 1e-9)) refuse("length of axis", "1", axis.norm());
+  const double tolerance = 1e-5 * force;                          // far below the noise of erosion
+  const double finest = 1e-6 * bone_->spacing().minCoeff();       // positions are rounded to 2^-20 voxel
+  const double coarsest_step = 0.25 * bone_->spacing().minCoeff();
+  const auto axial = [&](double s) { return -probe(start + s * axis).force.dot(axis); };
+
+  HeldDescent descent;
+  double s = from, last_advance = finest;
+  for (std::int64_t i = 0; i < ticks; ++i) {
+    // Bracket [low, high] of the position: the force is below the set-point at low, above it at high.
+    double low = s, low_force = axial(low), high = 0.0, high_force = 0.0;
+    double step = std::max(1.5 * last_advance, finest);
+    bool found = low_force >= force - tolerance;
+    if (!found) {
+      for (;;) {
+        high = std::min(low + step, travel);
+        high_force = axial(high);
+        if (high_force >= force) break;
+        low = high;
+        low_force = high_force;
+        if (low >= travel) {
+          descent.reached = true;
+          return descent;
+        }
+        step = std::min(2.0 * step, coarsest_step);
+      }
+      // False position with halving (Illinois): never leaves the bracket, superlinear on a smooth force.
+      double weight_low = low_force - force, weight_high = high_force - force;
+      int side = 0;
+      for (int iteration = 0; iteration < 60; ++iteration) {
+        s = weight_high > weight_low ? (low * weight_high - high * weight_low) / (weight_high - weight_low) : 0.5 * (low + high);
+        const double error = axial(s) - force;
+        if (std::abs(error) <= tolerance || high - low <= finest) break;
+        if (error < 0.0) {
+          low = s;
+          weight_low = error;
+          if (side == -1) weight_high *= 0.5;
+          side = -1;
+        } else {
+          high = s;
+          weight_high = error;
+          if (side == 1) weight_low *= 0.5;
+          side = 1;
+        }
+      }
+    }
+    if (s >= travel) {
+      descent.reached = true;
+      return descent;
+    }
+    const Contact contact = this->step(start + s * axis, dt, true);
+    if (!descent.position.empty()) last_advance = std::max(s - descent.position.back(), 0.5 * last_advance);
+    descent.position.push_back(s);
+    descent.force.push_back(-contact.force.dot(axis));
+    descent.removed.push_back(contact.removed);
+  }
+  return descent;
+}
+
+}  // namespace burrlab

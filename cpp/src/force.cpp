@@ -1,0 +1,50 @@
+#include "burrlab/force.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "burrlab/check.hpp"
+
+namespace burrlab {
+namespace {
+
+constexpr double pi = 3.14159265358979323846;
+
+// u from m in [0, 4/3], without libm. Four Newton steps reach double precision for m <= 2/3; above,
+// the cap is the complement of another (equal to 9e-14).
+double relative_penetration(double m) {
+  if (m > 2.0 / 3.0) return 2.0 - relative_penetration(4.0 / 3.0 - m);
+  const double root = std::sqrt(m), a = root / 3.0;
+  double s = 1.0;
+  for (int i = 0; i < 4; ++i) s = s - (s * s * (1.0 - a * s) - 1.0) / (s * (2.0 - 3.0 * a * s));
+  return root * s;
+}
+
+}  // namespace
+
+double penetration(double m0, double radius) {
+  require_not_negative("m0", m0);
+  require_positive("radius", radius);
+  return relative_penetration(std::min(m0 / (pi * radius * radius * radius), 4.0 / 3.0)) * radius;  // Eq. 2
+}
+
+ElasticForce elastic_force(const Moments& moments, double radius, double c_e) {
+  ElasticForce result;
+  require_positive("c_e", c_e);
+  result.penetration = penetration(moments.m0, radius);
+  const Vec3& m1 = moments.m1;
+  const double length = std::sqrt(m1[0] * m1[0] + m1[1] * m1[1] + m1[2] * m1[2]);
+  require_finite("m1", length);
+  if (moments.m0 <= 0.0) return result;
+  const double floor = fading_asymmetry * moments.m0 * radius;
+  result.ambiguous = length < floor;
+  const double u = result.penetration / radius, scale = std::max(length, floor);
+  const double magnitude = c_e * radius * radius * (u * std::sqrt(u));  // Eq. 3
+  for (int axis = 0; axis < 3; ++axis) {
+    result.normal[axis] = -m1[axis] / scale;
+    result.force[axis] = magnitude * result.normal[axis];
+  }
+  return result;
+}
+
+}  // namespace burrlab

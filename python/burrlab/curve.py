@@ -1,0 +1,275 @@
+"""Velocity-force curves: the penetration velocity of a burr at a set of constant forces."""
+
+from __future__ import annotations
+
+import html
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import IO, TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from burrlab import curve_csv
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+
+Floats: TypeAlias = NDArray[np.float64]
+Path: TypeAlias = str | os.PathLike[str]
+
+_NUMBERS = ("force", "velocity", "sigma", "window_start", "window_end")
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class VelocityCurve:
+    """Penetration velocity against constant force, one row a run.
+
+    Repeats are rows of their own; they are used, not averaged away. A row without a number (no window, or a
+    run that did not settle) keeps its force and says why in `status`. Every array is copied and read-only.
+
+    Parameters
+    ----------
+    force : array_like, shape (n,)
+        Constant contact force F [N], > 0.
+    velocity : array_like, shape (n,)
+        Penetration velocity v [mm/s], > 0; NaN where a run gave no number.
+    sigma : array_like, shape (n,), optional
+        Standard uncertainty of `velocity` [mm/s], > 0; NaN where unknown.
+    window_start, window_end : array_like, shape (n,), optional
+        Immersions [mm] between which `velocity` was taken; both or neither. NaN in a row stands for the
+        default window max(R/6, static immersion) .. R/3.
+    status : sequence of str, optional
+        How each run ended; ``"ok"`` or ``""`` where it gave its number.
+    source : str
+        Where the numbers come from, one line.
+    provenance : mapping
+        What made them: versions, parameters, seed.
+    radius : float, optional
+        Burr radius R [mm], where it is known.
+
+    Raises
+    ------
+    ValueError
+        If there is no row, lengths differ, or a number breaks its rule; the sentence names row and column.
+
+    Notes
+    -----
+    The velocity falls by a factor of 3.6 between the immersions R/6 and R/3, so a number means nothing
+    without its window. A fit compares each row over the row's own window.
+
+    Examples
+    --------
+    >>> curve = VelocityCurve([0.5, 1.0, 4.0], [0.0785, 0.498, float("nan")],
+    ...                       status=["ok", "ok", "overloaded"], source="three runs")
+    >>> curve
+    VelocityCurve(3 rows, 2 with a velocity, 0.5..4 N, 'three runs')
+    >>> len(curve), curve.ok
+    (3, array([ True,  True, False]))
+    """
+
+    force: Floats
+    velocity: Floats
+    sigma: Floats | None = None
+    window_start: Floats | None = None
+    window_end: Floats | None = None
+    status: tuple[str, ...] | None = None
+    source: str = ""
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    radius: float | None = None
+
+    def __init__(
+        self,
+        force: ArrayLike,
+        velocity: ArrayLike,
+        sigma: ArrayLike | None = None,
+        window_start: ArrayLike | None = None,
+        window_end: ArrayLike | None = None,
+        status: tuple[str, ...] | list[str] | None = None,
+        source: str = "",
+        provenance: Mapping[str, Any] | None = None,
+        radius: float | None = None,
+    ) -> None:
+        arrays = (force, velocity, sigma, window_start, window_end)
+        for name, values in zip(_NUMBERS, arrays, strict=True):
+            object.__setattr__(self, name, None if values is None else _frozen(name, values))
+        object.__setattr__(self, "status", None if status is None else tuple(map(str, status)))
+        object.__setattr__(self, "source", " ".join(str(source).split()))
+        object.__setattr__(self, "provenance", dict(provenance or {}))
+        object.__setattr__(self, "radius", None if radius is None else float(radius))
+        self._check()
+
+    def _check(self) -> None:
+        if (self.window_start is None) != (self.window_end is None):
+            raise ValueError("window_start and window_end go together: one of them is missing")
+        if len(self.force) == 0:
+            raise ValueError("a velocity curve needs at least one row")
+        columns = {name: getattr(self, name) for name in (*_NUMBERS, "status")}
+        for name, values in columns.items():
+            if values is not None and len(values) != len(self.force):
+                raise ValueError(f"{name} must have one value a row: {len(values)} for {len(self.force)} forces")
+        for i in range(len(self.force)):
+            row = {name: float(getattr(self, name)[i]) for name in _NUMBERS if columns[name] is not None}
+            problem = curve_csv.problem_in_row(row)
+            if problem:
+                raise ValueError(f"row {i}, {problem[0]}: {problem[1]}")
+        if any(len(text.splitlines()) > 1 or text != text.strip() for text in self.status or ()):
+            raise ValueError("a status is one line of text without blanks around it")
+        if self.radius is not None and not (np.isfinite(self.radius) and self.radius > 0):
+            raise ValueError(f"radius must be a finite number above 0, in mm: got {self.radius!r}")
+
+    @classmethod
+    def from_csv(cls, file: Path | IO[str] | IO[bytes]) -> VelocityCurve:
+        """Read a curve from a CSV file.
+
+        Columns, in any order: ``force_N, velocity_mm_s[, sigma_mm_s][, window_start_mm, window_end_mm]
+        [, status]``. An empty velocity is a run without a number; an empty window is the default window.
+        Lines that begin with ``#`` are comments; ``# source:``, ``# radius_mm:`` and ``# provenance:`` above
+        the column names are kept.
+
+        Parameters
+        ----------
+        file : path or open file
+
+        Returns
+        -------
+        VelocityCurve
+
+        Raises
+        ------
+        ValueError
+            If the file is not such a table; one sentence with the file, the line and the column.
+        OSError
+            If the file cannot be read.
+
+        Examples
+        --------
+        >>> import io
+        >>> VelocityCurve.from_csv(io.StringIO("velocity_mm_s,force_N\\n0.498,1\\n,4\\n")).velocity
+        array([0.498,   nan])
+        """
+        return cls(**curve_csv.read(file))
+
+    def to_csv(self, file: Path | IO[str]) -> None:
+        """Write the curve to a CSV file that `from_csv` reads back without loss.
+
+        Parameters
+        ----------
+        file : path or open text file
+
+        Examples
+        --------
+        >>> import sys
+        >>> VelocityCurve([0.5, 4], [0.0785, float("nan")], source="two runs").to_csv(sys.stdout)
+        # source: two runs
+        force_N,velocity_mm_s
+        0.5,0.0785
+        4.0,
+        """
+        curve_csv.write(self, file)
+
+    @property
+    def ok(self) -> NDArray[np.bool_]:
+        """Rows that hold a number to be used: a velocity, and a status of "ok", "" or none. Shape (n,)."""
+        has_velocity = np.isfinite(self.velocity)
+        if self.status is None:
+            return has_velocity
+        return has_velocity & np.array([text in ("", "ok") for text in self.status])
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The curve as a pandas DataFrame with the columns of the CSV file.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise ImportError("to_frame needs pandas: pip install 'burrlab[pandas]'") from None
+        return pandas.DataFrame(curve_csv.table(self))
+
+    def plot(self, ax: Axes | None = None, *, log: bool = False) -> Axes:
+        """Draw the velocities as squares over the force, with error bars where sigma is known.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+        log : bool
+            Both axes logarithmic. The thin-layer law is a straight line of slope 8/3 there (parabolic f).
+
+        Returns
+        -------
+        matplotlib Axes
+        """
+        if ax is None:
+            import matplotlib.pyplot as plt
+
+            ax = plt.subplots(figsize=(4.8, 3.6), layout="constrained")[1]
+        ok = self.ok
+        ax.errorbar(
+            self.force[ok],
+            self.velocity[ok],
+            yerr=None if self.sigma is None else self.sigma[ok],
+            fmt="s",
+            markersize=4.5,
+            markerfacecolor="white",
+            color="black",
+            elinewidth=0.8,
+            linewidth=0.9,
+            label="synthetic data" if self.source.startswith("synthetic") else "data",
+            zorder=3,
+        )
+        if log:
+            ax.set(xscale="log", yscale="log")
+        else:
+            ax.set_xlim(left=0)
+            ax.set_ylim(bottom=0)
+        ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")
+        return ax
+
+    def __len__(self) -> int:
+        return len(self.force)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, VelocityCurve):
+            return NotImplemented
+        return all(_same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+
+    __hash__ = None  # type: ignore[assignment]  # it holds arrays
+
+    def __repr__(self) -> str:
+        source = f", {self.source!r}" if self.source else ""
+        low, high = self.force.min(), self.force.max()
+        return f"VelocityCurve({len(self)} rows, {self.ok.sum()} with a velocity, {low:g}..{high:g} N{source})"
+
+    def _repr_html_(self) -> str:
+        table = curve_csv.table(self)
+        head = "".join(f"<th>{name}</th>" for name in table)
+        rows = ("".join(f"<td>{_cell(value)}</td>" for value in row) for row in zip(*table.values(), strict=True))
+        body = "".join(f"<tr>{row}</tr>" for row in rows)
+        return f"<p>{html.escape(repr(self))}</p><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _frozen(name: str, values: ArrayLike) -> Floats:
+    array = np.array(values, dtype=np.float64)
+    if array.ndim != 1:
+        raise ValueError(f"{name} must have one dimension: got shape {array.shape}")
+    array.flags.writeable = False
+    return array
+
+
+def _same(a: object, b: object) -> bool:
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return np.array_equal(a, b, equal_nan=True)
+    return a is b if a is None or b is None else bool(a == b)
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return "" if np.isnan(value) else f"{value:.5g}"
+    return html.escape(str(value))

@@ -1,0 +1,451 @@
+"""The core's tick against the slow reference, bit for bit, and against the law that it draws from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, event, example, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+import burrlab
+from reference.depth import depth_of_full_voxel, depth_of_thin_layer, effective_depth
+from reference.tick import ReferenceContact, ReferenceShape, bilinear, draw_lanes, philox4x32, portable_pow
+
+SHAPES = ("parabolic", "linear", "quartic", "constant", "power(1.5)", "power(3)")
+SCHEMES = ("layer", "cell")
+FALSE_ALARM = 1e-6  # of each statistical test as a whole
+RELATIVE = 1e-12  # of m0, m1 and the force
+
+
+# --- The reference itself ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("counter", "key", "expected"),
+    [
+        ((0, 0, 0, 0), (0, 0), (0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8)),
+        ((0xFFFFFFFF,) * 4, (0xFFFFFFFF,) * 2, (0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD)),
+        (
+            (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344),
+            (0xA4093822, 0x299F31D0),
+            (0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1),
+        ),
+    ],
+)
+def test_philox_known_answers(
+    counter: tuple[int, ...], key: tuple[int, ...], expected: tuple[int, ...]
+) -> None:
+    """The vectors published with Random123."""
+    assert tuple(int(word) for word in philox4x32(counter, key)) == expected
+
+
+def test_lanes_of_an_octet() -> None:
+    """Voxel x takes the low half of word l >> 1 for even l = x & 7, the high half for odd l."""
+    seed, tick, index = 2**40 + 3, 2**35 + 7, 5
+    lanes = draw_lanes((2, 3, 11), seed, tick, index, 1)
+    z, y, x = 1, 2, 9
+    octet = (z * 3 + y) * 2 + 1
+    words = philox4x32((octet, 7, 8, index + 2**31), (3, 2**8))
+    assert lanes[z, y, x] == int(words[0]) >> 16
+    assert lanes[z, y, x + 1] == int(words[1]) & 0xFFFF
+
+
+def test_portable_pow_is_a_power() -> None:
+    x = np.concatenate([[0.0, 1.0], np.random.default_rng(1).uniform(0.0, 1.0, 1000)])
+    for k in (0.5, 1.5, 7.3):
+        np.testing.assert_allclose(portable_pow(x, k), x**k, rtol=1e-13)
+
+
+def test_reference_penetration_of_a_full_sphere() -> None:
+    """A sphere full of bone gives h = 2R, and no direction."""
+    p = np.full((24, 24, 24), 255, dtype=np.uint8)
+    contact = ReferenceContact(p.copy(), p, 0.2, (0, 0, 0), 2.0, 2.0, 0.1, "constant", seed=1)
+    result: Any = contact.step((2.3, 2.3, 2.3), 1.0, burr_on=False)
+    assert result["penetration"] == pytest.approx(4.0, abs=1e-12)
+    assert result["m0"] == pytest.approx(4.0 / 3.0 * math.pi * 8.0, rel=5e-3)
+    assert result["ambiguous"]
+    assert not np.any(result["force"])
+
+
+# --- The effective depth ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", [0.5, 1.0, 1.5, 2.0, 3.0, 8.0])
+def test_depth_limits(order: float) -> None:
+    """The closed forms of G at e = 0, for a full voxel and for a thin layer."""
+    assert effective_depth(0.0, 1.0, order) == pytest.approx(depth_of_full_voxel(order), rel=1e-9)
+    assert effective_depth(0.0, 1e-3, order) == pytest.approx(depth_of_thin_layer(1e-3, order), rel=1e-9)
+    assert effective_depth(0.0, 1.0 - 1e-9, order) == pytest.approx(depth_of_full_voxel(order), abs=1e-8)
+
+
+@pytest.mark.parametrize("order", [0.5, 1.0, 1.5, 2.0, 3.0, 8.0])
+def test_depth_table_at_its_nodes(order: float) -> None:
+    """T[i, j] = G(i/8, j/40), to single precision."""
+    table = burrlab._core.depth_table(order)
+    assert table.dtype == np.float32
+    assert table.shape == (25, 41)
+    exact = np.array([[effective_depth(i / 8, j / 40, order) for j in range(41)] for i in range(25)])
+    np.testing.assert_allclose(table, exact, rtol=0.0, atol=4e-7)
+
+
+@pytest.mark.parametrize("order", [1.0, 2.0])
+def test_depth_table_between_its_nodes(order: float) -> None:
+    """Bilinear interpolation errs by less than 0.01 voxel for tau > 0.1, by less than 0.25 below."""
+    table = burrlab._core.depth_table(order)
+    random = np.random.default_rng(3)
+    e = random.uniform(0.0, 3.0, 300).astype(np.float32)
+    tau = random.uniform(0.0, 1.0, 300).astype(np.float32)
+    exact = np.array([effective_depth(float(a), float(b), order) for a, b in zip(e, tau, strict=True)])
+    error = np.abs(bilinear(table, e, tau) - exact)
+    assert error[tau > 0.1].max() < 0.01
+    assert error.max() < 0.25
+
+
+# --- Bit for bit ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A bone, a burr and a path, in units of the voxel where that is more telling."""
+
+    scheme: str
+    shape: str
+    size: tuple[int, int, int]  # (nz, ny, nx)
+    spacing: tuple[float, float, float]  # (x, y, z) [mm]
+    origin: tuple[float, float, float]
+    ratio: float  # R over the largest spacing
+    fill: str
+    steps: tuple[tuple[tuple[float, float, float], bool], ...]  # (centre as a share of the volume, burr on)
+    snap: float  # centres are rounded to this share of a voxel; 0 for not at all
+    alpha: float
+    dt: float
+    seed: int
+    tick: int
+    index: int
+
+    def pristine(self) -> NDArray[np.uint8]:
+        random = np.random.default_rng([self.seed, self.tick])
+        if self.fill == "solid":
+            return np.full(self.size, 255, dtype=np.uint8)
+        p = random.integers(0, 256, self.size)
+        if self.fill == "faint":
+            p = random.integers(0, 40, self.size)
+        elif self.fill == "sparse":
+            p = np.where(random.random(self.size) < 0.6, 0, p)
+        elif self.fill == "half":
+            p[: self.size[0] // 2] = 0
+        return p.astype(np.uint8)
+
+    def centers(self) -> list[NDArray[np.float64]]:
+        extent = np.array(self.size[::-1]) - 1.0
+        result = []
+        for share, _ in self.steps:
+            voxel = np.array(share) * extent
+            if self.snap:
+                voxel = np.round(voxel / self.snap) * self.snap
+            result.append(np.array(self.origin) + voxel * np.array(self.spacing))
+        return result
+
+
+def table_of(shape: str) -> NDArray[np.float32] | None:
+    order = ReferenceShape(shape).order
+    return np.asarray(burrlab._core.depth_table(order)) if order > 0 else None
+
+
+def make_pair(scene: Scene) -> tuple[Any, Any, ReferenceContact]:
+    """The bone and the contact of the core, and the reference's contact, for a scene."""
+    p = scene.pristine()
+    radius = scene.ratio * max(scene.spacing)
+    bone = burrlab.VoxelBone(p, spacing=scene.spacing, origin=scene.origin)
+    material = burrlab.Material("any", c_e=2.145, alpha=scene.alpha, shape=scene.shape)
+    core = burrlab.BurrContact(
+        bone, burrlab.Burr(radius), material, seed=scene.seed, index=scene.index, scheme=scene.scheme
+    )
+    reference = ReferenceContact(
+        p.copy(), p, scene.spacing, scene.origin, radius, 2.145, scene.alpha, scene.shape,
+        seed=scene.seed, index=scene.index, scheme=scene.scheme, depth_table=table_of(scene.shape),
+    )  # fmt: skip
+    core.tick = reference.tick = scene.tick
+    return bone, core, reference
+
+
+def assert_same_contact(got: Any, expected: Any, radius: float) -> None:
+    """Moments and force to RELATIVE of their size, and the flags."""
+    m0 = expected["m0"]
+    assert got.m0 == pytest.approx(m0, rel=RELATIVE, abs=0.0)
+    np.testing.assert_allclose(got.m1, expected["m1"], rtol=RELATIVE, atol=RELATIVE * m0 * radius)
+    assert got.penetration == pytest.approx(expected["penetration"], rel=RELATIVE, abs=0.0)
+    np.testing.assert_allclose(got.normal, expected["normal"], rtol=RELATIVE, atol=RELATIVE)
+    scale = float(np.linalg.norm(expected["force"]))
+    np.testing.assert_allclose(got.force, expected["force"], rtol=RELATIVE, atol=RELATIVE * scale)
+    assert got.removed == pytest.approx(expected["removed"], rel=RELATIVE, abs=0.0)
+    for flag in ("contact", "ambiguous", "coarse", "faint"):
+        assert getattr(got, flag) == expected[flag], flag
+
+
+def check_scene(scene: Scene) -> float:
+    """Run both, compare after every tick, and return what was removed [mm^3]."""
+    bone, core, reference = make_pair(scene)
+    removed = 0.0
+    for center, (_, burr_on) in zip(scene.centers(), scene.steps, strict=True):
+        expected: Any = reference.step(center, scene.dt, burr_on)
+        got = core.step(center, scene.dt, burr_on=burr_on)
+        assert_same_contact(got, expected, reference.radius)
+        np.testing.assert_array_equal(bone.density, reference.q)
+        np.testing.assert_array_equal(bone.pristine, reference.p)
+        assert core.tick == reference.tick
+        removed += got.removed
+    return removed
+
+
+voxel_size = st.floats(0.05, 0.5)
+spacings = st.one_of(
+    voxel_size.map(lambda s: (s, s, s)),
+    st.tuples(voxel_size, st.floats(1.0, 2.5), st.permutations([0, 1, 2])).map(
+        lambda a: tuple(a[0] * (1.0, 1.0, a[1])[i] for i in a[2])
+    ),
+    st.tuples(st.floats(0.1, 0.3), st.floats(0.1, 0.3), st.floats(0.1, 0.3)),
+)
+share = st.one_of(st.floats(0.0, 1.0), st.floats(-0.6, 1.6))
+
+
+@st.composite
+def scenes(draw: st.DrawFn) -> Scene:
+    product = 10.0 ** draw(st.floats(-5.0, math.log10(5.0)))
+    dt = draw(st.sampled_from([0.1, 0.25, 1.0, 2.0, 5.0]))
+    return Scene(
+        scheme=draw(st.sampled_from(SCHEMES)),
+        shape=draw(st.sampled_from([*SHAPES, "power(0.5)", "power(7.3)"])),
+        size=draw(st.tuples(st.integers(1, 22), st.integers(1, 22), st.integers(1, 27))),
+        spacing=draw(spacings),
+        origin=draw(st.tuples(*[st.floats(-100.0, 100.0)] * 3)),
+        ratio=draw(st.floats(4.01, 9.0)),
+        fill=draw(st.sampled_from(["solid", "random", "faint", "sparse", "half"])),
+        steps=tuple(
+            draw(st.lists(st.tuples(st.tuples(share, share, share), st.booleans()), min_size=1, max_size=5))
+        ),
+        snap=draw(st.sampled_from([0.0, 0.0, 0.5, 1.0])),
+        alpha=product / dt,
+        dt=dt,
+        seed=draw(st.one_of(st.integers(0, 10), st.integers(0, 2**64 - 1))),
+        tick=draw(st.one_of(st.integers(0, 10), st.integers(2**32 - 3, 2**64 - 100))),
+        index=draw(st.integers(0, 7)),
+    )
+
+
+def scene_of(scheme: str, shape: str, **changes: Any) -> Scene:
+    """A burr deep in a random bone for eight ticks."""
+    steps = tuple(((0.5, 0.5, 0.9 - 0.05 * i), True) for i in range(8))
+    values: dict[str, Any] = {
+        "scheme": scheme, "shape": shape, "size": (21, 22, 23), "spacing": (0.2, 0.2, 0.2),
+        "origin": (-1.0, 2.0, 30.0), "ratio": 8.0, "fill": "random", "steps": steps, "snap": 0.0,
+        "alpha": 0.3, "dt": 1.0, "seed": 2**63 + 11, "tick": 2**32 - 4, "index": 2,
+    }  # fmt: skip
+    return Scene(**(values | changes))
+
+
+@pytest.mark.parametrize("fill", ["solid", "random", "faint", "sparse"])
+@pytest.mark.parametrize("spacing", [(0.2, 0.2, 0.2), (0.2, 0.2, 0.3), (0.15, 0.25, 0.2)], ids=str)
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_tick_equals_reference(
+    scheme: str, shape: str, spacing: tuple[float, float, float], fill: str
+) -> None:
+    """Every scheme, shape, kind of spacing and fill, while the tick passes 2^32."""
+    assert check_scene(scene_of(scheme, shape, spacing=spacing, fill=fill)) > 0.0
+
+
+@pytest.mark.parametrize("product", [1e-5, 1e-3, 0.125, 0.1250001, 0.25, 1.0, 5.0])
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_tick_equals_reference_at_every_rate(scheme: str, product: float) -> None:
+    """alpha dt from 1e-5 to 5, on both sides of the first doubling."""
+    assert check_scene(scene_of(scheme, "parabolic", alpha=product / 0.1, dt=0.1, fill="solid")) > 0.0
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_tick_equals_reference_until_nothing_is_left(scheme: str) -> None:
+    """Every level of every voxel on its way from full to empty."""
+    steps = (((0.5, 0.5, 0.5), True),) * 60
+    check_scene(scene_of(scheme, "constant", steps=steps, alpha=0.2, fill="random"))
+    check_scene(scene_of(scheme, "parabolic", steps=steps, alpha=0.5, fill="solid"))
+
+
+@settings(max_examples=250, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+@example(scene_of("layer", "parabolic", steps=(((9.0, 0.5, 0.5), True),)))
+@example(scene_of("layer", "parabolic", size=(1, 1, 1), steps=(((0.0, 0.0, 0.0), True),)))
+@example(scene_of("cell", "linear", size=(3, 5, 8), snap=1.0, spacing=(0.1, 0.2, 0.3)))
+@given(scenes())
+def test_any_scene_equals_reference(scene: Scene) -> None:
+    """Random bones, spacings, positions in, at and outside the edges, rates, seeds, ticks and indices."""
+    event(f"erodes: {check_scene(scene) > 0.0}")
+
+
+@pytest.mark.slow
+@settings(max_examples=4000, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(scenes())
+def test_many_scenes_equal_reference(scene: Scene) -> None:
+    check_scene(scene)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_position_far_from_the_volume(scheme: str) -> None:
+    """No contact, no force, and the tick still goes up."""
+    for far in (-1e6, 40.0, 1e9):
+        scene = scene_of(scheme, "parabolic", steps=(((far, 0.5, 0.5), True),))
+        assert check_scene(scene) == 0.0
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_run_equals_reference_steps(scheme: str) -> None:
+    """A path run at once is the same as its steps."""
+    scene = scene_of(scheme, "parabolic", alpha=0.087)
+    bone, core, reference = make_pair(scene)
+    path = np.array(scene.centers())
+    core.run(path, scene.dt)
+    for center in path:
+        reference.step(center, scene.dt)
+    np.testing.assert_array_equal(bone.density, reference.q)
+    assert core.tick == reference.tick == scene.tick + len(path)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_two_burrs_on_one_bone(scheme: str) -> None:
+    """Burrs act in the order of their steps, each with draws of its own."""
+    p = np.random.default_rng(5).integers(0, 256, (20, 21, 25)).astype(np.uint8)
+    bone, q = burrlab.VoxelBone(p, spacing=0.2), p.copy()
+    material = burrlab.Material("any", c_e=1.5, alpha=0.2)
+    pairs = []
+    for index, radius in enumerate((1.6, 1.1)):
+        core = burrlab.BurrContact(bone, burrlab.Burr(radius), material, seed=9, index=index, scheme=scheme)
+        reference = ReferenceContact(
+            q, p, 0.2, (0, 0, 0), radius, 1.5, 0.2, "parabolic", 9, index, scheme, table_of("parabolic")
+        )
+        pairs.append((core, reference))
+    for _ in range(6):
+        for core, reference in pairs:
+            center = (2.0 + 0.3 * reference.index, 2.1, 2.0)
+            assert_same_contact(core.step(center, 1.0), reference.step(center, 1.0), reference.radius)
+            np.testing.assert_array_equal(bone.density, q)
+
+
+def test_write_sets_both_levels() -> None:
+    """After a write, the tick sees the new pristine level."""
+    bone, core, reference = make_pair(scene_of("layer", "parabolic"))
+    center = np.array(reference.origin) + 2.1
+    values = np.random.default_rng(6).integers(0, 256, (6, 7, 9)).astype(np.uint8)
+    for _ in range(2):
+        core.step(center, 1.0)
+        reference.step(center, 1.0)
+    bone.write(values, start=(5, 6, 7))
+    reference.q[5:11, 6:13, 7:16] = values
+    reference.p[5:11, 6:13, 7:16] = values
+    for _ in range(3):
+        assert_same_contact(core.step(center, 1.0), reference.step(center, 1.0), reference.radius)
+    np.testing.assert_array_equal(bone.density, reference.q)
+    np.testing.assert_array_equal(bone.pristine, reference.p)
+
+
+# --- The law of the loss ----------------------------------------------------------------------------------
+
+
+def deviation_bound(variance: NDArray[np.float64] | float, tests: int) -> NDArray[np.float64]:
+    """Deviation of a sum of independent losses that has a probability below FALSE_ALARM/tests.
+
+    Bernstein's inequality, P(|S - E S| >= t) <= 2 exp(-t^2/(2 (V + t/3))) for terms that vary by at most one.
+    It holds for any number of voxels and any lambda, where a normal z-score fails in the tails.
+    """
+    log_odds = math.log(2.0 * tests / FALSE_ALARM)
+    return log_odds / 3.0 + np.sqrt(log_odds**2 / 9.0 + 2.0 * log_odds * np.asarray(variance))
+
+
+BLOCK_SPACING = 0.05  # [mm]
+
+
+def block_radius(p: NDArray[np.uint8]) -> float:
+    """Radius of a sphere that covers the whole block [mm]."""
+    return BLOCK_SPACING * (math.sqrt(3.0) * max(p.shape) / 2.0 + 2.0)
+
+
+def block_contact(
+    p: NDArray[np.uint8], alpha: float, scheme: str, seed: int
+) -> tuple[Any, Any, NDArray[np.float64]]:
+    """A cubic block wholly inside the sphere, so that with `constant` every voxel erodes alike."""
+    bone = burrlab.VoxelBone(p, spacing=BLOCK_SPACING)
+    material = burrlab.Material("any", c_e=1.5, alpha=alpha, shape="constant")
+    contact = burrlab.BurrContact(bone, burrlab.Burr(block_radius(p)), material, seed=seed, scheme=scheme)
+    return bone, contact, BLOCK_SPACING * (np.array(p.shape[::-1]) - 1.0) / 2.0
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_expected_loss_is_unbiased(scheme: str) -> None:
+    """Mean loss of every starting level is M (1 - exp(-alpha dt)), over the range of alpha and dt.
+
+    In one tick a voxel loses floor(lambda) or one more, so the sum over n voxels has the variance
+    n frac(lambda) (1 - frac(lambda)). Each level at each (alpha, dt) is a test, and so is their sum.
+    """
+    alphas, dts = (1e-4, 1e-3, 1e-2, 0.1, 1.0), (0.1, 0.5, 1.0, 5.0)
+    tests = len(alphas) * len(dts) * 256
+    p = (np.arange(64**3) % 256).astype(np.uint8).reshape(64, 64, 64)
+    np.random.default_rng(7).shuffle(p.reshape(-1))
+    level, count = np.arange(256), np.bincount(p.reshape(-1), minlength=256)
+    for i, alpha in enumerate(alphas):
+        for j, dt in enumerate(dts):
+            bone, contact, center = block_contact(p, alpha, scheme, seed=100 * i + j)
+            contact.step(center, dt)
+            drop = p.astype(np.int64) - bone.density
+            lost = np.bincount(p.reshape(-1), weights=drop.reshape(-1), minlength=256)
+            expected = level * -math.expm1(-alpha * dt)
+            part = expected - np.floor(expected)
+            variance = count * part * (1.0 - part)
+            rounding = count * expected * 2.0**-22  # lambda is computed in single precision
+            error = np.abs(lost - count * expected)
+            assert np.all(error <= deviation_bound(variance, tests) + rounding), (alpha, dt)
+            total = abs(float((lost - count * expected).sum()))
+            assert total <= deviation_bound(variance.sum(), tests) + rounding.sum(), (alpha, dt)
+            assert np.all(np.abs(drop - expected[p]) < 1.0 + 1e-4)  # never further than the next whole level
+
+
+def test_tiny_losses_are_drawn_from_the_second_number() -> None:
+    """Below 2^-16 level a loss needs U = 0 and V < lo: its rate is still lambda, its voxels the reference's."""
+    p = np.full((64, 64, 64), 1, dtype=np.uint8)
+    bone, contact, center = block_contact(p, alpha=1e-4, scheme="layer", seed=2**33 + 1)
+    ticks = 200
+    for _ in range(ticks):
+        contact.step(center, 0.1)
+    lost = int(p.sum(dtype=np.int64)) - int(bone.density.sum(dtype=np.int64))
+    rate = -math.expm1(-1e-5)
+    expected = p.size * -math.expm1(-rate * ticks)  # a voxel of level 1 can be lost only once
+    assert abs(lost - expected) <= deviation_bound(expected, 1)
+
+    q = p.copy()
+    reference = ReferenceContact(
+        q, p, BLOCK_SPACING, (0, 0, 0), block_radius(p), 1.5, 1e-4, "constant", seed=2**33 + 1
+    )
+    bone, contact, center = block_contact(p, alpha=1e-4, scheme="layer", seed=2**33 + 1)
+    for _ in range(8):
+        contact.step(center, 0.1)
+        reference.step(center, 0.1)
+    assert p.sum() > q.sum()
+    np.testing.assert_array_equal(bone.density, q)
+
+
+def test_draws_of_ticks_burrs_and_seeds_are_unrelated() -> None:
+    """Where each voxel loses a level with probability 1/2, two patterns agree on half of the voxels."""
+    p = np.full((48, 48, 48), 1, dtype=np.uint8)
+    patterns = []
+    for seed, tick, index in [(0, 0, 0), (1, 0, 0), (2**32, 0, 0), (0, 1, 0), (0, 2**32, 0), (0, 0, 1)]:
+        bone = burrlab.VoxelBone(p, spacing=0.1)
+        material = burrlab.Material("any", c_e=1.5, alpha=math.log(2.0), shape="constant")
+        contact = burrlab.BurrContact(bone, burrlab.Burr(5.0), material, seed=seed, index=index)
+        contact.tick = tick
+        contact.step((2.35, 2.35, 2.35), 1.0)
+        patterns.append(bone.density.copy())
+    pairs = [(a, b) for i, a in enumerate(patterns) for b in patterns[:i]]
+    for a, b in pairs:
+        agree = int(np.count_nonzero(a == b))
+        assert abs(agree - p.size / 2) <= deviation_bound(p.size / 4, len(pairs))

@@ -1,0 +1,411 @@
+"""One tick of a burr on a voxel bone, written from docs/tick.md line by line; equal to the core bit for bit.
+
+Every voxel of the volume is visited. Numbers called f32 on that page are ``numpy.float32`` arrays and scalars
+here; no Python float meets one of them, so that no version of NumPy promotes them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+f32 = np.float32
+Float = NDArray[np.float32]
+Integer = NDArray[np.int64]
+Word = NDArray[np.uint64]
+
+ZERO, HALF, ONE, TWO = f32(0), f32(0.5), f32(1), f32(2)
+WORD = 0xFFFFFFFF
+
+
+# --- Random numbers ---------------------------------------------------------------------------------------
+
+
+def philox4x32(counter: Sequence[Word | int], key: Sequence[int]) -> list[Word]:
+    """Philox4x32-10 of Salmon, Moraes, Dror and Shaw (SC 2011).
+
+    Parameters
+    ----------
+    counter : sequence of 4
+        Counter words, integers or arrays below 2^32.
+    key : sequence of 2 int
+        Key words below 2^32.
+
+    Returns
+    -------
+    list of 4 ndarray of uint64
+        Output words, below 2^32.
+    """
+    word, low_bits = np.uint64(WORD), np.uint64(32)
+    c0, c1, c2, c3 = (np.asarray(c, dtype=np.uint64) for c in counter)
+    k0, k1 = key
+    for _ in range(10):
+        product0, product1 = np.uint64(0xD2511F53) * c0, np.uint64(0xCD9E8D57) * c2
+        c0, c1, c2, c3 = (
+            (product1 >> low_bits) ^ c1 ^ np.uint64(k0),
+            product1 & word,
+            (product0 >> low_bits) ^ c3 ^ np.uint64(k1),
+            product0 & word,
+        )
+        k0, k1 = (k0 + 0x9E3779B9) & WORD, (k1 + 0xBB67AE85) & WORD
+    return [c0, c1, c2, c3]
+
+
+def draw_lanes(shape: tuple[int, int, int], seed: int, tick: int, index: int, draw: int) -> Integer:
+    """The 16-bit random number of every voxel of a volume.
+
+    Parameters
+    ----------
+    shape : tuple of 3 int
+        Volume size (nz, ny, nx).
+    seed, tick : int
+        Below 2^64.
+    index : int
+        Burr index, below 2^31.
+    draw : int
+        0 for U, 1 for V.
+
+    Returns
+    -------
+    ndarray of int64, (nz, ny, nx)
+        0..65535.
+    """
+    nz, ny, nx = shape
+    octets_in_row = (nx + 7) // 8
+    octet = np.arange(nz * ny * octets_in_row, dtype=np.uint64).reshape(nz, ny, octets_in_row)
+    words = philox4x32((octet, tick & WORD, tick >> 32, index + 2**31 * draw), (seed & WORD, seed >> 32))
+    half, low_bits = np.uint64(0xFFFF), np.uint64(16)
+    lanes = np.stack([lane for word in words for lane in (word & half, word >> low_bits)], axis=-1)
+    return lanes.reshape(nz, ny, octets_in_row * 8)[:, :, :nx].astype(np.int64)
+
+
+# --- The erosion shape f ----------------------------------------------------------------------------------
+
+
+def portable_exp(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """e^x, operation by operation as in portable_math.hpp."""
+    n = np.rint(x * 1.44269504088896338700)
+    r = (x - n * 0.693147180369123816490) - n * 1.90821492927058770002e-10
+    total = np.ones_like(x)
+    for k in range(16, 0, -1):
+        total = 1.0 + total * r / k
+    return np.where(x < -745.0, 0.0, np.ldexp(total, n.astype(np.int32)))
+
+
+def portable_log(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Natural logarithm of x > 0, operation by operation as in portable_math.hpp."""
+    mantissa, exponent = np.frexp(x)
+    small = mantissa < 0.70710678118654752
+    mantissa = np.where(small, mantissa * 2.0, mantissa)
+    exponent = np.where(small, exponent - 1, exponent)
+    z = (mantissa - 1.0) / (mantissa + 1.0)
+    z2 = z * z
+    total = np.zeros_like(x)
+    for k in range(23, 0, -2):
+        total = total * z2 + 1.0 / k
+    return 2.0 * z * total + exponent * 0.693147180559945309417
+
+
+def portable_pow(x: NDArray[np.float64], k: float) -> NDArray[np.float64]:
+    """x^k for x >= 0 and k > 0, operation by operation as in portable_math.hpp."""
+    positive = x > 0.0
+    return np.where(positive, portable_exp(k * portable_log(np.where(positive, x, 1.0))), 0.0)
+
+
+@dataclass(frozen=True)
+class ReferenceShape:
+    """An erosion shape by its name: parabolic, linear, quartic, constant or power(k)."""
+
+    name: str
+
+    @property
+    def power(self) -> float:
+        """The k of f = (1 - x^2)^k; 0 for the shapes that are not of this family."""
+        if self.name in ("constant", "linear"):
+            return 0.0
+        if self.name in ("parabolic", "quartic"):
+            return 1.0 if self.name == "parabolic" else 2.0
+        return float(self.name.removeprefix("power(").removesuffix(")"))
+
+    @property
+    def order(self) -> float:
+        """Order of the zero of f at r = R; 0 for constant."""
+        return 1.0 if self.name == "linear" else self.power
+
+    def raised(self, y: Float) -> Float:
+        """y^k (f32)."""
+        if self.power != int(self.power):
+            return portable_pow(y.astype(np.float64), self.power).astype(f32)
+        result = y
+        for _ in range(int(self.power) - 1):
+            result = result * y
+        return result
+
+    def at_depth(self, delta: Float) -> Float:
+        """f at the depth delta R below the sphere's surface (f32)."""
+        if self.name == "constant":
+            return np.ones_like(delta)
+        return delta if self.name == "linear" else self.raised(delta * (TWO - delta))
+
+    def at_radius(self, x: Float) -> Float:
+        """f at the distance x R from the centre, zero beyond R (f32)."""
+        inside = np.where(x > ONE, ONE, x)
+        if self.name == "constant":
+            f = np.ones_like(x)
+        else:
+            f = ONE - inside if self.name == "linear" else self.raised(ONE - inside * inside)
+        return np.where(x > ONE, ZERO, f)
+
+
+# --- Geometry, mass, depth, loss: a section of docs/tick.md each -------------------------------------------
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Where the voxels lie about the burr, and how much of each it covers."""
+
+    base: tuple[float, float, float]
+    frac: tuple[float, float, float]
+    distance: Float
+    width: Float
+    inv_width: Float
+    coverage: Float
+
+
+def geometry(
+    center: ArrayLike,
+    radius: float,
+    shape: tuple[int, int, int],
+    spacing: tuple[float, float, float],
+    origin: tuple[float, float, float],
+) -> Geometry:
+    """Position of the burr to 2^-20 voxel; distance r, width s and covered fraction w of every voxel."""
+    base, frac, offset = [], [], []
+    for c, o, s, n in zip(np.asarray(center, dtype=np.float64), origin, spacing, shape[::-1], strict=True):
+        position = (float(c) - o) / s
+        whole = float(np.rint(position))
+        part = float(np.rint((position - whole) * 2.0**20) / 2.0**20)
+        base.append(whole)
+        frac.append(part)
+        offset.append(((np.arange(n, dtype=np.float64) - whole).astype(f32) - f32(part)) * f32(s))
+    dx, dy, dz = offset[0][None, None, :], offset[1][None, :, None], offset[2][:, None, None]
+
+    r = np.sqrt((dz * dz + dy * dy) + dx * dx)
+    width, inv_width = np.full_like(r, f32(spacing[0])), np.full_like(r, ONE / f32(spacing[0]))
+    if not spacing[0] == spacing[1] == spacing[2]:
+        ax, ay, az = f32(spacing[0]) * dx, f32(spacing[1]) * dy, f32(spacing[2]) * dz
+        g = np.sqrt((az * az + ay * ay) + ax * ax)
+        off_centre = r > ZERO
+        np.divide(g, r, out=width, where=off_centre)
+        np.divide(r, g, out=inv_width, where=off_centre)
+
+    w = np.clip((f32(radius) - r) * inv_width + HALF, ZERO, ONE)
+    return Geometry(tuple(base), tuple(frac), r, width, inv_width, w)  # type: ignore[arg-type]
+
+
+def truncated(x: Float) -> Integer:
+    """int(x): towards zero."""
+    return x.astype(np.int64)
+
+
+def mass(q: NDArray[np.uint8], p: NDArray[np.uint8], w: Float, scheme: str) -> Integer:
+    """Mass inside the sphere, in 1/256 level."""
+    if scheme == "cell":
+        return truncated(q.astype(f32) * (w * f32(256)) + HALF)
+    return np.maximum(0, 256 * q.astype(np.int64) - truncated(p.astype(f32) * ((ONE - w) * f32(256)) + HALF))
+
+
+def bilinear(table: Float, e: Float, tau: Float) -> Float:
+    """The effective depth G(e, tau) from its table of nodes (i/8, j/40) (f32)."""
+    te, tt = e * f32(8), tau * f32(40)
+    i, j = np.minimum(truncated(te), 23), np.minimum(truncated(tt), 39)
+    fe, ft = te - i.astype(f32), tt - j.astype(f32)
+    lo = table[i, j] + (table[i, j + 1] - table[i, j]) * ft
+    hi = table[i + 1, j] + (table[i + 1, j + 1] - table[i + 1, j]) * ft
+    return lo + (hi - lo) * fe
+
+
+def depth_fraction(
+    at: Geometry, q: NDArray[np.uint8], p: NDArray[np.uint8], m256: Integer, radius: float, table: Float
+) -> Float:
+    """Depth d/R at which `layer` erodes a voxel; of no meaning where the voxel has no mass (f32)."""
+    R, r, w = f32(radius), at.distance, at.coverage
+    inv_R = ONE / R
+    covered, held = w == ONE, m256 > 0
+    level = np.where(held, p, 1).astype(f32)  # an empty voxel would divide by zero
+    b = np.where(covered, at.width, w * at.width)
+    e = np.where(covered, (R - r) * at.inv_width - HALF, ZERO)
+    tau = np.where(
+        covered, q.astype(f32) / level, m256.astype(f32) / ((level * f32(256)) * np.where(held, w, ONE))
+    )
+    deep = covered & (e >= f32(3))
+    e, tau = np.maximum(e, ZERO), np.minimum(tau, ONE)
+    d = np.where(deep, R - r, b * bilinear(table, np.where(deep, ZERO, e), tau))
+    return np.clip(d * inv_R, ZERO, ONE)
+
+
+def eroded_fraction(f: Float, rate: float) -> Float:
+    """1 - exp(-rate f) by a polynomial and k doublings (f32)."""
+    k = 0
+    while rate * 2.0**-k > 0.125:
+        k += 1
+    y = f32(rate * 2.0**-k) * f
+    P = y * (ONE - y * (HALF - y * (f32(1 / 6) - y * (f32(1 / 24) - y * f32(1 / 120)))))
+    for _ in range(k):
+        P = P * (TWO - P)
+    return P
+
+
+def loss(expected: Float, u: Integer, v: Integer) -> Integer:
+    """Levels lost: the expected loss, rounded up or down by the draws u and v."""
+    whole = truncated(expected)
+    t = (expected - whole.astype(f32)) * f32(65536)
+    hi = truncated(t)
+    lo = truncated((t - hi.astype(f32)) * f32(65536) + HALF)
+    return whole + ((u < hi) | ((u == hi) & (v < lo)))
+
+
+# --- Force ------------------------------------------------------------------------------------------------
+
+
+def penetration_ratio(m: float) -> float:
+    """Smallest positive root u of u^2 (1 - u/3) = m, m in 0..4/3 (Eq. 2)."""
+    if m > 2.0 / 3.0:
+        return 2.0 - penetration_ratio(4.0 / 3.0 - m)
+    a, s = math.sqrt(m) / 3.0, 1.0
+    for _ in range(4):
+        s = s - (s * s * (1.0 - a * s) - 1.0) / (s * (2.0 - 3.0 * a * s))
+    return math.sqrt(m) * s
+
+
+# --- The tick ---------------------------------------------------------------------------------------------
+
+
+@dataclass
+class ReferenceContact:
+    """A burr of one material on a voxel bone.
+
+    Parameters
+    ----------
+    q, p : ndarray of uint8, (nz, ny, nx)
+        Level now and pristine level, 0..255, q <= p. The arrays are not copied: `step` changes `q` in place.
+    spacing : sequence of 3 float, or float
+        Voxel size along (x, y, z) [mm].
+    origin : sequence of 3 float
+        Centre of voxel (0, 0, 0), (x, y, z) [mm].
+    radius : float
+        Burr radius [mm].
+    c_e : float
+        Elastic constant [N/mm^2].
+    alpha : float
+        Erosion rate [1/ms].
+    shape_name : str
+        Erosion shape: parabolic, linear, quartic, constant or power(k).
+    seed : int
+        Below 2^64.
+    index : int
+        Burr index, below 2^31.
+    scheme : {'layer', 'cell'}
+        Erosion scheme.
+    depth_table : ndarray of float32, (25, 41), optional
+        Effective depth G(i/8, j/40) of the shape's order; `layer` needs it unless the shape is constant.
+    """
+
+    q: NDArray[np.uint8]
+    p: NDArray[np.uint8]
+    spacing: Sequence[float] | float
+    origin: Sequence[float]
+    radius: float
+    c_e: float
+    alpha: float
+    shape_name: str
+    seed: int
+    index: int = 0
+    scheme: str = "layer"
+    depth_table: Float | None = None
+    tick: int = field(default=0, init=False)
+
+    def step(self, center: ArrayLike, dt: float, burr_on: bool = True) -> dict[str, object]:
+        """Moments, force and erosion of one tick.
+
+        Parameters
+        ----------
+        center : sequence of 3 float
+            Centre of the burr, (x, y, z) [mm].
+        dt : float
+            Duration of the tick [ms].
+        burr_on : bool
+            Whether the burr erodes.
+
+        Returns
+        -------
+        dict
+            force [N], normal, penetration [mm], m0 [mm^3], m1 [mm^4], removed [mm^3], and the flags contact,
+            ambiguous, coarse, faint.
+        """
+        sx, sy, sz = spacing = tuple(float(s) for s in np.broadcast_to(self.spacing, 3))
+        at = geometry(center, self.radius, self.q.shape, spacing, tuple(float(o) for o in self.origin))  # type: ignore[arg-type]
+        m256 = mass(self.q, self.p, at.coverage, self.scheme)
+        dV = sx * sy * sz
+
+        S0 = int(m256.sum())
+        nz, ny, nx = self.q.shape
+        S = (
+            sum(int(m256[:, :, x].sum()) * (x - int(at.base[0])) for x in range(nx)),
+            sum(int(m256[:, y, :].sum()) * (y - int(at.base[1])) for y in range(ny)),
+            sum(int(m256[z, :, :].sum()) * (z - int(at.base[2])) for z in range(nz)),
+        )
+        m0 = S0 * (dV / 65280)
+        m1 = [(S[i] - at.frac[i] * S0) * (spacing[i] * (dV / 65280)) for i in range(3)]
+
+        R = self.radius
+        u = penetration_ratio(min(m0 / (math.pi * R**3), 4.0 / 3.0))
+        length = math.sqrt(m1[0] * m1[0] + m1[1] * m1[1] + m1[2] * m1[2])
+        floor = 0.1 * m0 * R
+        normal = np.zeros(3) if S0 == 0 else -np.array(m1) / max(length, floor)
+        force = self.c_e * R * R * (u * math.sqrt(u)) * normal
+
+        faint_mass = int(m256[(self.p > 0) & (self.p < 32)].sum())
+        dropped = self._erode(at, m256, dt) if burr_on else 0
+        self.tick = (self.tick + 1) % 2**64
+        return {
+            "force": force,
+            "normal": normal,
+            "penetration": u * R,
+            "m0": m0,
+            "m1": np.array(m1),
+            "removed": dropped * (dV / 255),
+            "contact": S0 > 0,
+            "ambiguous": S0 > 0 and length < floor,
+            "coarse": R / max(spacing) < 7.5,
+            "faint": self.scheme == "layer" and 20 * faint_mass > S0,
+        }
+
+    def expected_loss(self, at: Geometry, m256: Integer, dt: float) -> Float:
+        """Expected loss lambda of every voxel [level] (f32)."""
+        shape = ReferenceShape(self.shape_name)
+        if self.scheme == "cell":
+            f = shape.at_radius(at.distance * (ONE / f32(self.radius)))
+        elif shape.name == "constant":
+            f = np.ones_like(at.distance)
+        else:
+            table = self.depth_table
+            if table is None or table.dtype != f32 or table.shape != (25, 41):
+                raise ValueError("depth_table must be a (25, 41) float32 array")
+            f = shape.at_depth(depth_fraction(at, self.q, self.p, m256, self.radius, table))
+        lam = (m256.astype(f32) * f32(2.0**-8)) * eroded_fraction(f, self.alpha * dt)
+        if lam.dtype != f32:
+            raise AssertionError("a Python float or a double has slipped into the single-precision part")
+        return lam
+
+    def _erode(self, at: Geometry, m256: Integer, dt: float) -> int:
+        lam = self.expected_loss(at, m256, dt)
+        u = draw_lanes(self.q.shape, self.seed, self.tick, self.index, 0)
+        v = draw_lanes(self.q.shape, self.seed, self.tick, self.index, 1)
+        drop = np.minimum(loss(lam, u, v), self.q)
+        self.q -= drop.astype(np.uint8)
+        return int(drop.sum())

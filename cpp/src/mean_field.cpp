@@ -1,3 +1,9 @@
+// Method. Bone that the burr's front meets at the same immersion s, at whatever lateral radius, is a slice: a
+// copy of the front's surface at depth s. In it p = cosine of the front's slope names the place, 1 on the
+// axis and 1 - s at the rim, and later, at height y = H - s above the front, 1 - x^2 = y (2 p - y). With the
+// slowness dt/dH held constant in each step, -log(density) is a sum of slowness * (int f dH), and each step's
+// slowness is the one that leaves the mass of Eq. 2 in the burr. Slices are sampled at their middle: second
+// order.
 #include "burrlab/mean_field.hpp"
 
 #include <algorithm>
@@ -9,115 +15,118 @@
 namespace burrlab {
 namespace {
 
-// Gauss-Legendre nodes and weights on [0, 1], over the area of a slice.
-#ifndef NODES
-#define NODES 6
-#endif
-constexpr int nodes = NODES;
-#if NODES == 4
-constexpr std::array<double, nodes> node{0.06943184420297371, 0.33000947820757187, 0.6699905217924281, 0.9305681557970263};
-constexpr std::array<double, nodes> weight{0.17392742256872693, 0.32607257743127307, 0.32607257743127307, 0.17392742256872693};
-#elif NODES == 6
-constexpr std::array<double, nodes> node{0.033765242898423986, 0.16939530676686774, 0.38069040695840155,
-                                         0.61930959304159845,  0.83060469323313226, 0.96623475710157601};
-constexpr std::array<double, nodes> weight{0.085662246189585173, 0.18038078652406930, 0.23395696728634552,
-                                           0.23395696728634552,  0.18038078652406930, 0.085662246189585173};
-#else
-constexpr std::array<double, nodes> node{0.019855071751231884, 0.10166676129318663, 0.2372337950418355, 0.4082826787521751,0.5917173212478249,0.7627662049581645,0.8983332387068134,0.9801449282487681};
-constexpr std::array<double, nodes> weight{0.05061426814518813,0.11119051722668724,0.15685332293894363,0.18134189168918100,0.18134189168918100,0.15685332293894363,0.11119051722668724,0.05061426814518813};
-#endif
-using Nodes = std::array<double, nodes>;
+constexpr std::size_t node_count = 4;
+using Nodes = std::array<double, node_count>;
+// Gauss-Legendre on [0, 1], for the integral over p.
+constexpr Nodes node{0.06943184420297371, 0.33000947820757187, 0.66999052179242813, 0.93056815579702629};
+constexpr Nodes weight{0.17392742256872693, 0.32607257743127307, 0.32607257743127307, 0.17392742256872693};
 
-constexpr double gone = 28.0;  // a density below exp(-28) = 7e-13 is dropped
+constexpr double gone = 28.0;         // densities below exp(-28) = 7e-13 are dropped
+constexpr double step_limit = 200e3;  // seconds of work
 
-// Volume/pi of the cap of a unit sphere of height u: Eq. 2.
+/// Volume/pi of a unit sphere's cap of height u: m of Eq. 2, and m(H) of all that the front has passed.
 double cap(double u) { return u * u * (1.0 - u / 3.0); }
 
-// f = kappa (p y)^k + ... at height y above the front of a column where the front's slope has cosine p.
+/// kappa of f = kappa (p y)^k + ..., the leading term at the front.
 double front_coefficient(const Shape& shape) {
   return shape.kind() == Shape::Kind::power ? std::pow(2.0, shape.order()) : 1.0;
 }
 
-// All bone that the burr's front meets at the same immersion s, whatever its lateral radius: a surface
-// with the shape of the front, from the axis (p = 1) to where it leaves the bone's plane (p = 1 - s).
 struct Slice {
-  double s;
-  double volume;   // / pi
-  Nodes p;         // cosine of the front's slope, = height of the burr's centre above the front
+  double s;        // immersion at which the front meets it
+  Nodes p;         // cosine of the front's slope
+  Nodes volume;    // /pi, belonging to each p
   Nodes exponent;  // -log(density)
   Nodes dose;      // int f dH over the present step
 
-  Slice(double begin, double end) : s(0.5 * (begin + end)), volume(cap(end) - cap(begin)), exponent{} {
-    for (int j = 0; j < nodes; ++j) p[j] = std::sqrt(1.0 - s * (2.0 - s) * node[j]);
+  Slice(double begin, double end) : s(0.5 * (begin + end)), exponent{}, dose{} {
+    const double unit = (cap(end) - cap(begin)) / (1.0 - 0.5 * s);  // over int p dp / s
+    for (std::size_t j = 0; j < node_count; ++j) {
+      p[j] = 1.0 - s * node[j];
+      volume[j] = unit * weight[j] * p[j];
+    }
+  }
+
+  /// For a height above the front that goes from y0 to y1. The factor y^k of f is integrated exactly, the
+  /// rest, which is smooth, by the midpoint rule.
+  void set_dose(const Shape& shape, double y0, double y1) {
+    const double k = shape.order(), y = 0.5 * (y0 + y1);
+    double length = y1 - y0;
+    if (k != 0.0 && k != 1.0)
+      length = y * (std::pow(y1 / y, k + 1.0) - std::pow(y0 / y, k + 1.0)) / (k + 1.0);
+    for (std::size_t j = 0; j < node_count; ++j) {
+      const double w = y * (2.0 * p[j] - y);  // 1 - x^2
+      dose[j] = length * shape.at_depth(w / (1.0 + std::sqrt(std::max(0.0, 1.0 - w))));
+    }
   }
 };
 
-// int f dH while the height above the front goes from y0 to y1. The factor y^k of f is integrated
-// exactly, the rest by the midpoint rule.
-void set_dose(Slice& slice, const Shape& shape, double y0, double y1) {
-  const double y = 0.5 * (y0 + y1), k = shape.order();
-  double length = y1 - y0;
-  if (k > 0.0 && k != 1.0)
-    length = (std::pow(y1 / y, k + 1.0) - std::pow(y0 / y, k + 1.0)) * y / (k + 1.0);
-  for (int j = 0; j < nodes; ++j) {
-    const double w = std::max(0.0, y * (2.0 * slice.p[j] - y));  // 1 - x^2
-    slice.dose[j] = length * shape.at_depth(w / (1.0 + std::sqrt(std::max(0.0, 1.0 - w))));
-  }
-}
-
 class Layer {
  public:
-  Layer(const Shape& shape, double contact, int count) : shape_(shape), target_(cap(contact)) {
-    for (int i = 0; i < count; ++i) slices_.emplace_back(contact * i / count, contact * (i + 1) / count);
+  Layer(const Shape& shape, double contact, int slices) : shape_(shape), mass_(cap(contact)) {
+    for (int i = 0; i < slices; ++i) slices_.emplace_back(contact * i / slices, contact * (i + 1) / slices);
   }
 
-  // Time per immersion 1/v in a step from `from` to `to` that brings the mass back to Eq. 2.
+  /// Moves the front and returns the slowness [1/(alpha R)] that keeps the mass; `guess` starts the search.
   double advance(double from, double to, double guess) {
     slices_.emplace_back(from, to);
-    for (std::size_t i = first_; i < slices_.size(); ++i)
-      set_dose(slices_[i], shape_, std::max(0.0, from - slices_[i].s), to - slices_[i].s);
+    for (std::size_t i = first_; i < slices_.size(); ++i) {
+      slices_[i].set_dose(shape_, std::max(0.0, from - slices_[i].s), to - slices_[i].s);
+    }
     const double slowness = solve(guess);
-    for (std::size_t i = first_; i < slices_.size(); ++i)
-      for (int j = 0; j < nodes; ++j) slices_[i].exponent[j] += slowness * slices_[i].dose[j];
-    while (*std::min_element(slices_[first_].exponent.begin(), slices_[first_].exponent.end()) > gone) ++first_;
+    for (std::size_t i = first_; i < slices_.size(); ++i) {
+      for (std::size_t j = 0; j < node_count; ++j) slices_[i].exponent[j] += slowness * slices_[i].dose[j];
+    }
+    while (first_ + 1 < slices_.size() && is_gone(slices_[first_])) ++first_;
     return slowness;
   }
 
  private:
-  // Newton's method. The mass is a convex and falling function of the slowness, so that from the left
-  // no step goes too far and from the right only the first one does.
+  static bool is_gone(const Slice& slice) {
+    return *std::min_element(slice.exponent.begin(), slice.exponent.end()) > gone;
+  }
+
+  // Newton's method. The mass is a convex, falling function of the slowness: only the first step can pass the
+  // root, and then to the side from which no step does.
   double solve(double slowness) const {
     for (int iteration = 0; iteration < 100; ++iteration) {
       double mass = 0.0, loss = 0.0;
       for (std::size_t i = first_; i < slices_.size(); ++i) {
         const Slice& slice = slices_[i];
-        double part = 0.0, part_loss = 0.0;
-        for (int j = 0; j < nodes; ++j) {
-          const double density = weight[j] * std::exp(-slice.exponent[j] - slowness * slice.dose[j]);
-          part += density;
-          part_loss += density * slice.dose[j];
+        for (std::size_t j = 0; j < node_count; ++j) {
+          const double part = slice.volume[j] * std::exp(-slice.exponent[j] - slowness * slice.dose[j]);
+          mass += part;
+          loss += part * slice.dose[j];
         }
-        mass += slice.volume * part;
-        loss += slice.volume * part_loss;
       }
-      const double next = std::max(0.0, slowness + (mass - target_) / loss);
-      if (std::abs(mass - target_) < 1e-12 * target_) break;
-      slowness = next;
+      if (std::abs(mass - mass_) < 1e-12 * mass_) break;
+      slowness = std::max(0.0, slowness + (mass - mass_) / loss);
     }
     return slowness;
   }
 
   Shape shape_;
-  double target_;
+  double mass_;
   std::vector<Slice> slices_;
-  std::size_t first_ = 0;
+  std::size_t first_ = 0;  // older slices are gone
 };
 
-double immersion_step(const Shape& shape, double phi, double stop) {
-  const double k = shape.order(), v = thin_layer_velocity(shape, phi, stop);
-  const double layer = std::tgamma((k + 2.0) / (k + 1.0)) *
-                       std::pow((k + 1.0) * v / front_coefficient(shape), 1.0 / (k + 1.0));
-  return layer / (LD + 2.0 * k);
+// The step at the stop is a fraction of the layer there, mean thickness m/area. Steps are equal in H^2: the
+// layer thins as 1/H.
+double count_steps(const Shape& shape, double contact, double stop, double resolution) {
+  const double k = shape.order(), v = thin_layer_velocity(shape, contact * std::sqrt(contact), stop);
+  const double thickness = std::tgamma((k + 2.0) / (k + 1.0)) *
+                           std::pow((k + 1.0) * v / front_coefficient(shape), 1.0 / (k + 1.0));
+  const double step = thickness / (8.0 + 2.0 * k);
+  return std::ceil(resolution * std::max(48.0, (stop - contact) * (stop + contact) / (2.0 * stop * step)));
+}
+
+// The time at which a rising immersion reaches `level`, within its range.
+double time_at(const std::vector<double>& time, const std::vector<double>& immersion, double level) {
+  const auto above = std::upper_bound(immersion.begin() + 1, immersion.end() - 1, level);
+  const std::size_t i = static_cast<std::size_t>(above - immersion.begin());
+  const double part = (level - immersion[i - 1]) / (immersion[i] - immersion[i - 1]);
+  return time[i - 1] + part * (time[i] - time[i - 1]);
 }
 
 }  // namespace
@@ -126,57 +135,68 @@ MeanFieldDescent mean_field_descent(const Shape& shape, double phi, double stop,
   require_positive("phi", phi);
   require_positive("resolution", resolution);
   if (!(stop > 0.0 && stop <= 1.0)) refuse("stop", "in (0, 1]", stop);
-  if (!(phi < stop * std::sqrt(stop))) refuse("phi", "below stop^1.5, beyond which static contact passes the stop", phi);
-  const double contact = std::cbrt(phi * phi), step = immersion_step(shape, phi, stop) / resolution;
-  const int steps = static_cast<int>(std::ceil(std::max((stop * stop - contact * contact) / (2.0 * step * stop), MS * resolution)));
-  Layer layer(shape, contact, static_cast<int>(std::ceil((CD + 8.0 * shape.order()) * resolution)));
+  const double contact = std::cbrt(phi * phi);  // Eq. 3: u = phi^(2/3), and H = u on untouched bone
+  if (!(contact < stop)) refuse("phi", "below stop^1.5, or static contact alone reaches the stop,", phi);
+  const double steps = count_steps(shape, contact, stop, resolution);
+  if (!(steps <= step_limit))
+    refuse("steps of the descent", "at most 200000 (raise phi or lower the resolution)", steps);
+  Layer layer(shape, contact, static_cast<int>(std::ceil((48.0 + 8.0 * shape.order()) * resolution)));
   MeanFieldDescent descent{{0.0}, {contact}};
   double slowness = 0.0, previous = 0.0;
-  for (int n = 1; n <= steps; ++n) {
+  for (double n = 1.0; n <= steps; ++n) {
     const double from = descent.immersion.back();
-    const double to = n < steps ? std::sqrt(contact * contact + (stop * stop - contact * contact) * n / steps) : stop;
-    const double now = layer.advance(from, to, n > 2 ? 2.0 * slowness - previous : slowness);
+    const double to =
+        n < steps ? std::sqrt(contact * contact + (stop * stop - contact * contact) * n / steps) : stop;
+    const double guess = n > 2.0 ? 2.0 * slowness - previous : slowness;
     previous = slowness;
-    slowness = now;
+    slowness = layer.advance(from, to, guess);
     descent.time.push_back(descent.time.back() + slowness * (to - from));
     descent.immersion.push_back(to);
   }
   return descent;
 }
 
+// A column where the front's slope has cosine p holds rho = exp(-kappa p^k y^(k+1)/((k+1) v)), hence the mass
+// Gamma(q) ((k+1) v/(kappa p^k))^(1/(k+1)) per area, q = (k+2)/(k+1); over the immersed cap, area 2 pi p dp,
+// this is to be the mass of Eq. 2.
 double thin_layer_velocity(const Shape& shape, double phi, double immersion) {
   require_positive("phi", phi);
   if (!(immersion > 0.0 && immersion <= 1.0)) refuse("immersion", "in (0, 1]", immersion);
   const double k = shape.order(), q = (k + 2.0) / (k + 1.0);
-  const double area = 2.0 * (1.0 - std::pow(1.0 - immersion, q)) / q;
-  return front_coefficient(shape) / (k + 1.0) *
-         std::pow(cap(std::cbrt(phi * phi)) / (std::tgamma(q) * area), k + 1.0);
+  const double area = -2.0 * std::expm1(q * std::log1p(-immersion)) / q;  // int 2 p^(1/(k+1)) dp
+  const double thickness = cap(std::cbrt(phi * phi)) / area;
+  return front_coefficient(shape) / (k + 1.0) * std::pow(thickness / std::tgamma(q), k + 1.0);
 }
 
 double window_velocity(const std::vector<double>& time, const std::vector<double>& immersion, double start,
                        double stop) {
-  if (time.size() != immersion.size() || time.size() < 2)
-    throw std::invalid_argument("time and immersion must be of one length, two points or more");
-  std::vector<double> t, h;
-  auto at = [&](double level) {
-    std::size_t i = std::upper_bound(immersion.begin(), immersion.end(), level) - immersion.begin();
-    i = std::min(std::max<std::size_t>(i, 1), immersion.size() - 1);
-    return time[i - 1] + (time[i] - time[i - 1]) * (level - immersion[i - 1]) / (immersion[i] - immersion[i - 1]);
-  };
-  t.push_back(at(start));
-  h.push_back(start);
-  for (std::size_t i = 0; i < time.size(); ++i)
-    if (immersion[i] > start && immersion[i] < stop) t.push_back(time[i]), h.push_back(immersion[i]);
-  t.push_back(at(stop));
-  h.push_back(stop);
-  double sum_h = 0.0, sum_th = 0.0;
-  const double middle = 0.5 * (t.front() + t.back()), span = t.back() - t.front();
-  for (std::size_t i = 1; i < t.size(); ++i) {
-    const double dt = t[i] - t[i - 1], ta = t[i - 1] - middle, tb = t[i] - middle, ha = h[i - 1] - start, hb = h[i] - start;
-    sum_th += dt * (2.0 * ta * ha + 2.0 * tb * hb + ta * hb + tb * ha) / 6.0;
+  if (time.size() != immersion.size() || time.size() < 2) {
+    throw std::invalid_argument("time and immersion must have the same length, two points or more");
   }
-  (void)sum_h;
-  return sum_th * 12.0 / (span * span * span);
+  for (std::size_t i = 0; i < time.size(); ++i) {
+    require_finite("every time", time[i]);
+    require_finite("every immersion", immersion[i]);
+    if (i > 0 && !(time[i] > time[i - 1])) refuse("time", "rising", time[i]);
+    if (i > 0 && !(immersion[i] > immersion[i - 1])) refuse("immersion", "rising", immersion[i]);
+  }
+  if (!(start >= immersion.front())) refuse("start", "within the immersions given", start);
+  if (!(stop <= immersion.back())) refuse("stop", "within the immersions given", stop);
+  if (!(start < stop)) refuse("start", "below stop", start);
+
+  const double t_start = time_at(time, immersion, start), t_stop = time_at(time, immersion, stop);
+  const double span = t_stop - t_start, middle = 0.5 * (t_start + t_stop);
+  double covariance = 0.0;  // int (t - middle) (H - start) dt
+  double ta = t_start - middle, ha = 0.0;
+  const auto add = [&](double tb, double hb) {
+    covariance += (tb - ta) * (2.0 * (ta * ha + tb * hb) + ta * hb + tb * ha) / 6.0;
+    ta = tb;
+    ha = hb;
+  };
+  for (std::size_t i = 0; i < time.size(); ++i) {
+    if (immersion[i] > start && immersion[i] < stop) add(time[i] - middle, immersion[i] - start);
+  }
+  add(t_stop - middle, stop - start);
+  return 12.0 * covariance / (span * span * span);  // int (t - middle)^2 dt = span^3/12
 }
 
 }  // namespace burrlab

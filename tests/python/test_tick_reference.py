@@ -411,7 +411,7 @@ def test_expected_loss_is_unbiased(scheme: str) -> None:
 
 
 def test_tiny_losses_are_drawn_from_the_second_number() -> None:
-    """Below 2^-16 level a loss needs U = 0 and V < lo: its rate is still lambda, its voxels the reference's."""
+    """Below 2^-16 level a loss needs U = 0 and V < lo; its rate is lambda still, its voxels the same."""
     p = np.full((64, 64, 64), 1, dtype=np.uint8)
     bone, contact, center = block_contact(p, alpha=1e-4, scheme="layer", seed=2**33 + 1)
     ticks = 200

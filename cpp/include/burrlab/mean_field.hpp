@@ -1,6 +1,6 @@
 // The descent at constant force in the continuum, axisymmetric and deterministic: Eqs. 2-4 without voxels.
-// Lengths are in units of the burr radius R, times of 1/alpha; then all depends on f and on
-// phi = F/(c_e R^2). Everything here throws std::invalid_argument for arguments out of range.
+// Lengths are in units of the burr radius R and times of 1/alpha; all then depends on the erosion shape f and
+// on phi = F/(c_e R^2). Arguments out of range throw std::invalid_argument.
 #pragma once
 
 #include <vector>
@@ -14,16 +14,16 @@ struct MeanFieldDescent {
   std::vector<double> immersion;  ///< of the burr's tip, from static contact to the stop [R]
 };
 
-/// Descent from static contact at H = phi^(2/3) to H = stop <= 1. The steps follow the thickness of the
+/// Descent from static contact, H = phi^(2/3), to H = stop <= 1. The steps follow the thickness of the
 /// eroding layer; `resolution` multiplies their number, and the error falls with its square.
 MeanFieldDescent mean_field_descent(const Shape& shape, double phi, double stop, double resolution = 1.0);
 
-/// Velocity [alpha R] at immersion H in (0, 1] of a layer thin against H: exact for constant f, and the
-/// limit of small phi for any other.
+/// Velocity [alpha R] at the immersion H in (0, 1] of a steady layer thin against the burr: the limit of
+/// small phi, and exact for constant f.
 double thin_layer_velocity(const Shape& shape, double phi, double immersion);
 
-/// Least-squares slope of immersion over time between the immersions start and stop; both arrays rise,
-/// and H(t) is taken linear between their points.
+/// Least-squares slope of immersion over time between the immersions `start` and `stop`: uniform weight in
+/// time, exact for H(t) linear between its points. Both arrays must rise.
 double window_velocity(const std::vector<double>& time, const std::vector<double>& immersion, double start,
                        double stop);
 

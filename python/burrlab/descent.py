@@ -1,0 +1,304 @@
+"""The descent experiment: a burr that sinks into bone at constant force."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from burrlab._core import Burr, BurrContact, ForceController, Material
+from burrlab.descent_result import Descent, Series, evaluate
+from burrlab.provenance import provenance
+from burrlab.regime import contact_stiffness, static_immersion
+from burrlab.rig import Rig, RigReading, VirtualRig
+from burrlab.specimen import Specimen, Vector, half_space
+
+#: Speed of the approach [mm/s] (ours).
+APPROACH_SPEED = 1.0
+#: Default gains from the stiffness k [N/mm] of the contact: Kp = 60/k [mm/s/N], Ti = 50 ms (ours).
+LOOP_BANDWIDTH, INTEGRAL_TIME = 60.0, 0.05
+_CHUNK = 256  # ticks between looks at progress and interrupts
+
+Progress = Callable[[float], object]
+
+
+def descend(
+    burr: Burr,
+    material: Material | None,
+    force: float,
+    *,
+    voxel: float | Vector = 0.1,
+    dt: float = 1.0,
+    seed: int | None = None,
+    scheme: str = "layer",
+    ideal: bool = False,
+    specimen: Specimen | None = None,
+    rig: Rig | None = None,
+    controller: ForceController | None = None,
+    stop: float | None = None,
+    max_duration: float = 120.0,
+    progress: Progress | None = None,
+    cancel: threading.Event | None = None,
+) -> Descent:
+    """Sinks a burr at constant force and measures its penetration velocity.
+
+    Parameters
+    ----------
+    burr : Burr
+    material : Material or None
+        What is burred. None only with a `rig` of your own: gains then follow the first contact.
+    force : float
+        Set-point of the axial force [N].
+    voxel : float or (x, y, z)
+        Voxel spacing of the block that is burred [mm]; not used with a specimen or rig.
+    dt : float
+        Tick [ms]; a rig has its own period.
+    seed : int, optional
+        Of erosion, load cell noise, and the burr's place within a voxel of the block. None draws one and
+        records it.
+    scheme : {"layer", "cell"}
+        See `BurrContact`.
+    ideal : bool
+        Hold the force exactly, the position solved every tick, without rig and controller.
+    specimen : Specimen, optional
+        Default: a half-space of solid bone. A copy is burred.
+    rig : Rig, optional
+        Default: a `VirtualRig` with its default imperfections.
+    controller : ForceController, optional
+        With fixed gains. Default: gains that follow the stiffness of the contact.
+    stop : float, optional
+        Immersion at which the run ends [mm]; default R/3.
+    max_duration : float
+        Time after which a run that has not come to the stop is called stalled [s].
+    progress : callable, optional
+        Called now and then with the fraction of the way to the stop.
+    cancel : threading.Event, optional
+        Ends the run with status ``interrupted``, as Ctrl-C does.
+
+    Returns
+    -------
+    Descent
+        With a status; any but ``ok`` comes with its reason and no velocity.
+
+    Raises
+    ------
+    ValueError
+        If the force is not positive or above the rig's range, dt, stop or max_duration not positive, the seed
+        out of range, the burr below 4 voxels, or `material` missing.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> burr, bone = burrlab.Burr(3.0), burrlab.materials["bone"]
+    >>> run = burrlab.descend(burr, bone, 2.0, voxel=0.2, seed=1, ideal=True)
+    >>> run.status, 2.6 < run.penetration_velocity < 2.9
+    ('ok', True)
+    """
+    stop = burr.radius / 3 if stop is None else float(stop)
+    for name, value in {"force": force, "dt": dt, "stop": stop, "max_duration": max_duration}.items():
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name} must be positive and finite, got {value}")
+    if seed is None:
+        seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+    if not 0 <= seed < 2**64:
+        raise ValueError(f"seed must be in 0..2^64 - 1, got {seed}")
+    if material is None and (rig is None or ideal):
+        raise ValueError("material must be given unless a rig of your own is")
+    if ideal and rig is not None:
+        raise ValueError("ideal and rig exclude one another: the exact mode has no rig")
+
+    contact: BurrContact | None = None
+    if rig is None:
+        assert material is not None
+        if specimen is None:
+            spacing = np.broadcast_to(np.asarray(voxel, dtype=float), (3,))
+            place = np.random.default_rng([seed & 0xFFFFFFFF, seed >> 32, 1]).uniform(-0.5, 0.5, 3)
+            specimen = half_space(burr, voxel, depth=stop, offset=place * spacing)
+        specimen = Specimen(specimen.bone.copy(), specimen.surface, specimen.axis)
+        contact = BurrContact(specimen.bone, burr, material, seed=seed, scheme=scheme)
+        if not ideal:
+            rig = VirtualRig(contact, specimen, period=dt, clearance=_clearance(contact, specimen, burr))
+    watch = _Watch(stop, progress, cancel)
+    if rig is None:
+        assert contact is not None and specimen is not None
+        series, ending = _hold(contact, specimen, force, stop, dt, max_duration, watch)
+    else:
+        if force > rig.force_limit:
+            raise ValueError(f"force must be within the rig's range of {rig.force_limit:g} N, got {force:g} N")
+        dt = rig.period
+        series, ending = _control(rig, burr, material, force, controller, stop, max_duration, watch)
+        if contact is None and isinstance(rig, VirtualRig):
+            contact = rig.contact
+    parameters: dict[str, Any] = {"seed": seed, "dt_ms": dt, "mode": "exact" if ideal else "rig", "stop_mm": stop}
+    if contact is not None:
+        parameters |= {
+            "scheme": contact.scheme,
+            "spacing_mm": list(contact.bone.spacing),
+            "digest": contact.bone.digest(),
+        }
+    return evaluate(burr, material, force, stop, series, ending, provenance(**parameters))
+
+
+class _Watch:
+    """Progress and interrupts of one run."""
+
+    def __init__(self, stop: float, progress: Progress | None, cancel: threading.Event | None) -> None:
+        self.stop, self.progress, self.cancel = stop, progress, cancel
+
+    def interrupted(self, immersion: float) -> bool:
+        if self.progress is not None:
+            self.progress(min(max(immersion / self.stop, 0.0), 1.0))
+        return self.cancel is not None and self.cancel.is_set()
+
+
+def _clearance(contact: BurrContact, specimen: Specimen, burr: Burr) -> float:
+    """Distance of the tip from the surface at which a run begins out of contact [mm]."""
+    for clearance in np.arange(0.2, 4 * burr.radius, 0.2):
+        if not contact.probe(specimen.center(-clearance, burr)).touching:
+            return float(clearance)
+    raise ValueError("the burr touches bone all along its approach: choose another entry or axis")
+
+
+def _hold(
+    contact: BurrContact,
+    specimen: Specimen,
+    force: float,
+    stop: float,
+    dt: float,
+    max_duration: float,
+    watch: _Watch,
+) -> tuple[Series, str]:
+    """The exact mode: every tick acts where the force is as asked."""
+    burr = contact.burr
+    start = specimen.center(0.0, burr)
+    immersion = -_clearance(contact, specimen, burr)
+    limit = int(np.ceil(max_duration * 1e3 / dt))
+    positions, forces, removed = [], [], []
+    done, ending = 0, "stalled"
+    try:
+        while done < limit:
+            part = contact.hold(
+                force, start, specimen.axis, from_=immersion, travel=stop, dt=dt, ticks=min(_CHUNK, limit - done)
+            )
+            positions.append(part.position)
+            forces.append(part.force)
+            removed.append(part.removed)
+            done += len(part.position)
+            immersion = float(part.position[-1]) if len(part.position) else immersion
+            if part.reached:
+                ending = "stop" if done else _without_hold(contact, specimen, stop)
+                break
+            if watch.interrupted(immersion):
+                ending = "interrupted"
+                break
+    except KeyboardInterrupt:
+        ending = "interrupted"
+    time = 1e-3 * dt * np.arange(done)
+    return Series(
+        time=time,
+        immersion=np.concatenate(positions) if positions else np.empty(0),
+        force=np.concatenate(forces) if forces else np.empty(0),
+        command=np.full(done, np.nan),
+        exact=True,
+    ), ending
+
+
+def _without_hold(contact: BurrContact, specimen: Specimen, stop: float) -> str:
+    depths = np.linspace(0.0, stop, 50)
+    touched = any(contact.probe(specimen.center(h, contact.burr)).touching for h in depths)
+    return "overloaded" if touched else "never-touched"
+
+
+def _control(
+    rig: Rig,
+    burr: Burr,
+    material: Material | None,
+    force: float,
+    controller: ForceController | None,
+    stop: float,
+    max_duration: float,
+    watch: _Watch,
+) -> tuple[Series, str]:
+    """Approach, then force control, until the stop."""
+    scheduled = controller is None
+    pid = controller if controller is not None else ForceController(0.0)
+    c_e = None if material is None else material.c_e
+    surface = rig.surface
+    rows: list[tuple[float, float, float]] = []
+    command, engaged, ending = APPROACH_SPEED, False, "stalled"
+    limit = int(np.ceil(max_duration * 1e3 / rig.period))
+    first: float | None = None
+    try:
+        rig.command(command)
+        for tick in range(limit):
+            reading = rig.read()
+            rows.append((reading.position, reading.force, command))
+            first = reading.position if first is None else first
+            if not engaged:
+                threshold = _contact_threshold(force, rows)
+                if c_e is not None and surface is not None:
+                    engaged = reading.force >= threshold
+                elif reading.force >= max(0.3 * force, threshold):
+                    found_c_e, found_surface = _first_contact(rows, 0.1 * force, burr.radius)
+                    c_e = found_c_e if c_e is None else c_e
+                    surface = found_surface if surface is None else surface
+                    engaged = True
+                if engaged:
+                    pid.reset(integral=APPROACH_SPEED)
+            immersion = reading.position - (surface if surface is not None else np.inf)
+            if engaged:
+                assert c_e is not None
+                if scheduled:
+                    kp = LOOP_BANDWIDTH / contact_stiffness(c_e, burr.radius, force, immersion)
+                    pid.set_gains(kp, kp / INTEGRAL_TIME)
+                command = pid.update(force, reading.force, rig.period)
+                rig.command(command)
+            if immersion >= stop:
+                ending = "stop" if engaged else "never-touched"
+                break
+            if tick % 64 == 0 and watch.interrupted(max(immersion, 0.0)):
+                ending = "interrupted"
+                break
+        else:
+            ending = "stalled" if engaged else "never-touched"
+    except KeyboardInterrupt:
+        ending = "interrupted"
+    finally:
+        rig.command(0.0)
+    table = np.array(rows, dtype=float).reshape(-1, 3)
+    zero = surface if surface is not None else (first or 0.0)
+    return Series(
+        time=1e-3 * rig.period * np.arange(len(table)),
+        immersion=table[:, 0] - zero,
+        force=table[:, 1],
+        command=table[:, 2],
+        exact=False,
+        noise=float(getattr(rig, "noise", 0.0)),
+        engaged=engaged,
+    ), ending
+
+
+def _contact_threshold(force: float, rows: list[tuple[float, float, float]]) -> float:
+    """Measured force that counts as contact [N]: a tenth of the set-point, and out of the cell's noise."""
+    if len(rows) < 20:
+        return max(0.1 * force, 0.05)
+    recent = np.array([row[1] for row in rows[:200]])
+    return max(0.1 * force, 5 * float(np.std(recent[: max(len(recent) // 2, 10)])))
+
+
+def _first_contact(rows: list[tuple[float, float, float]], above: float, radius: float) -> tuple[float, float]:
+    """c_e [N/mm^2] and surface position [mm] from the approach: F^(2/3) = (c_e sqrt(R))^(2/3) (x - x_0)."""
+    table = np.array(rows)
+    pressed = table[table[:, 1] > above]
+    if len(pressed) < 3 or np.ptp(pressed[:, 0]) == 0:
+        pressed = table[-3:]
+    slope, intercept = np.polyfit(pressed[:, 0], np.maximum(pressed[:, 1], 0.0) ** (2 / 3), 1) if np.ptp(
+        pressed[:, 0]
+    ) > 0 else (1.0, 1.0 - pressed[-1, 0])
+    slope = max(float(slope), 1e-3)
+    return slope**1.5 / np.sqrt(radius), float(-intercept / slope)
+
+
+__all__ = ["RigReading", "descend", "static_immersion"]

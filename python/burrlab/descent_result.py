@@ -1,0 +1,286 @@
+"""What a descent gives: series, window, velocity, status."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from burrlab._core import Burr, Material
+from burrlab.regime import layer_thickness, static_immersion
+from burrlab.window import Array, penetration_velocity_between, samples_between, settled_immersion
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: Fewest ticks in a window whose force is held exactly (ours).
+FEWEST_TICKS = 10
+
+
+@dataclass(frozen=True)
+class Series:
+    """The record of a descent, one row a sample."""
+
+    time: Array  #: [s]
+    immersion: Array  #: [mm], as read
+    force: Array  #: axial [N], as measured
+    command: Array  #: velocity commanded [mm/s], NaN in the exact mode
+    exact: bool
+    noise: float = 0.0  #: of the load cell [N]
+    engaged: bool = True
+
+
+@dataclass(frozen=True)
+class Descent:
+    """A burr's descent at constant force.
+
+    Attributes
+    ----------
+    status : str
+        ``ok``, ``overloaded``, ``never-touched``, ``never-settled``, ``window-too-short``, ``stalled`` or
+        ``interrupted``; any but ``ok`` has a `reason` and no `penetration_velocity`.
+    penetration_velocity : float or None
+        Least-squares slope of immersion over time in `window` [mm/s].
+    window : (float, float) or None
+        Immersions [mm] between which it was measured. Velocity falls with depth: a number without its window
+        means nothing.
+    velocity_fall : float or None
+        Velocity in the first third of the window over that in its last third.
+    layer_resolution : float or None
+        Thickness of the cutting layer over the voxel spacing, delta_0/s.
+    phases : dict of str to (float, float)
+        Begin and end [s] of approach, impact, settling, steady; a phase that never came is missing.
+    time, immersion, force, command : ndarray, shape (n,)
+        [s], [mm], [N], [mm/s]
+    """
+
+    burr: Burr
+    material: Material | None
+    setpoint: float
+    stop: float
+    status: str
+    reason: str
+    penetration_velocity: float | None
+    window: tuple[float, float] | None
+    velocity_fall: float | None
+    layer_resolution: float | None
+    phases: dict[str, tuple[float, float]]
+    series: Series = field(repr=False)
+    provenance: dict[str, Any] = field(repr=False)
+
+    @property
+    def time(self) -> Array:
+        return self.series.time
+
+    @property
+    def immersion(self) -> Array:
+        return self.series.immersion
+
+    @property
+    def force(self) -> Array:
+        return self.series.force
+
+    @property
+    def command(self) -> Array:
+        return self.series.command
+
+    @property
+    def velocity(self) -> Array:
+        """Slope of immersion over 51 samples around each [mm/s]; fewer in a shorter record."""
+        n = len(self.time)
+        if n < 3:
+            return np.full(n, np.nan)
+        span = min(51, n if n % 2 else n - 1)
+        return np.asarray(savgol_filter(self.immersion, span, 1, deriv=1, delta=float(self.time[1] - self.time[0])))
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return float(self.time[-1]) if len(self.time) else 0.0
+
+    def velocity_over(self, start: float, end: float) -> float | None:
+        """Penetration velocity between two immersions [mm] of the record [mm/s]; None without two samples."""
+        return penetration_velocity_between(self.time, self.immersion, start, end)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result without its series, ready for JSON."""
+        material = self.material
+        return {
+            "status": self.status,
+            "reason": self.reason,
+            "penetration_velocity_mm_s": self.penetration_velocity,
+            "window_mm": list(self.window) if self.window else None,
+            "velocity_fall": self.velocity_fall,
+            "force_N": self.setpoint,
+            "radius_mm": self.burr.radius,
+            "duration_s": self.duration,
+            "stop_mm": self.stop,
+            "layer_resolution": self.layer_resolution,
+            "phases_s": {name: list(span) for name, span in self.phases.items()},
+            "material": None
+            if material is None
+            else {
+                "name": material.name,
+                "c_e": material.c_e,
+                "alpha": material.alpha,
+                "shape": material.shape.name,
+                "source": material.source,
+            },
+            "seed": self.provenance.get("seed"),
+            "version": self.provenance["burrlab"],
+            "provenance": self.provenance,
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Writes result and series as JSON, without loss."""
+        columns = {name: getattr(self.series, name).tolist() for name in ("time", "immersion", "force", "command")}
+        text = {**self.to_dict(), "series": columns, "exact": self.series.exact, "noise_N": self.series.noise}
+        text["engaged"] = self.series.engaged
+        Path(path).write_text(json.dumps(text))
+
+    @staticmethod
+    def load(path: str | Path) -> Descent:
+        """Reads what `save` wrote; the result is evaluated from the series again."""
+        data = json.loads(Path(path).read_text())
+        made = data["material"]
+        material = None
+        if made is not None:
+            name = made.pop("name")
+            material = Material(name, **made)
+        columns = {name: np.array(values, dtype=float) for name, values in data["series"].items()}
+        series = Series(**columns, exact=data["exact"], noise=data["noise_N"], engaged=data["engaged"])
+        fields = ("status", "reason", "velocity_fall", "layer_resolution")
+        return Descent(
+            burr=Burr(data["radius_mm"]),
+            material=material,
+            setpoint=data["force_N"],
+            stop=data["stop_mm"],
+            penetration_velocity=data["penetration_velocity_mm_s"],
+            window=tuple(data["window_mm"]) if data["window_mm"] else None,
+            phases={name: (span[0], span[1]) for name, span in data["phases_s"].items()},
+            series=series,
+            provenance=data["provenance"],
+            **{name: data[name] for name in fields},
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """The series as a pandas frame, columns with units; ImportError with one sentence without pandas."""
+        try:
+            import pandas as pd
+        except ImportError as error:
+            raise ImportError("to_frame needs pandas: pip install 'burrlab[pandas]'") from error
+        return pd.DataFrame(
+            {
+                "time_s": self.time,
+                "immersion_mm": self.immersion,
+                "force_N": self.force,
+                "velocity_mm_s": self.velocity,
+                "command_mm_s": self.command,
+            }
+        )
+
+    def plot(self, figure: Figure | None = None) -> list[Axes]:
+        """Force, position and velocity over time, as the paper's Fig. 4; returns the three Axes."""
+        from burrlab.figures import plot_descent
+
+        return plot_descent(self, figure)
+
+    def _repr_html_(self) -> str:
+        rows = [(key, value) for key, value in self.to_dict().items() if key != "provenance"]
+        return "<table>" + "".join(f"<tr><th>{key}</th><td>{value}</td></tr>" for key, value in rows) + "</table>"
+
+    def __repr__(self) -> str:
+        name = "unknown material" if self.material is None else self.material.name
+        head = f"Descent({name}, {self.setpoint:g} N, R = {self.burr.radius:g} mm: {self.status}"
+        if self.penetration_velocity is None or self.window is None:
+            return f"{head}, {self.reason})"
+        return (
+            f"{head}, {self.penetration_velocity:.4g} mm/s between {self.window[0]:.3f} and {self.window[1]:.3f} mm, "
+            f"falling {self.velocity_fall or float('nan'):.2f} times)"
+        )
+
+
+def evaluate(
+    burr: Burr,
+    material: Material | None,
+    setpoint: float,
+    stop: float,
+    series: Series,
+    ending: str,
+    provenance: dict[str, Any],
+) -> Descent:
+    """Window, velocity and status of a recorded descent."""
+    h, force = series.immersion, series.force
+    static = None if material is None else static_immersion(burr, material, setpoint)
+    span = 101 if series.noise > 0.1 * setpoint else 51
+    settled: float | None
+    if series.exact:
+        settled = float(h[0]) if len(h) else None
+    else:
+        begun = int(np.argmax(force >= 0.1 * setpoint)) if np.any(force >= 0.1 * setpoint) else len(h)
+        settled = settled_immersion(h[begun:], force[begun:], setpoint, span=span)
+
+    status, reason, window, velocity = ending, "", None, None
+    if ending == "interrupted":
+        reason = f"interrupted at an immersion of {h[-1] if len(h) else 0.0:.3f} mm"
+    elif ending == "stalled":
+        deepest = f"{h[-1]:.3f}" if len(h) else "no"
+        reason = f"at {deepest} mm of {stop:.3f} mm when the time was over"
+    elif ending == "never-touched":
+        reason = "the burr met no bone on its way to the stop"
+    elif ending == "overloaded" or (static is not None and static >= stop):
+        status = "overloaded"
+        reason = f"the set-point of {setpoint:g} N is not reached by static contact above the stop at {stop:.3f} mm"
+    elif settled is None:
+        status = "never-settled"
+        reason = f"the mean of {span} samples of the force left {setpoint:g} N by over 5 % up to the stop"
+    else:
+        start = max(burr.radius / 6, settled)
+        rows = samples_between(h, start, stop)
+        ticks = len(h[rows])
+        if start >= stop or (series.exact and ticks < FEWEST_TICKS):
+            status = "window-too-short"
+            reason = f"{max(ticks, 0)} ticks between {start:.3f} mm and the stop; {FEWEST_TICKS} are needed"
+        elif not series.exact and stop - start < burr.radius / 15:
+            status = "window-too-short"
+            reason = f"settled at {start:.3f} mm, less than R/15 = {burr.radius / 15:.3f} mm before the stop"
+        else:
+            status, window = "ok", (float(start), float(stop))
+            velocity = penetration_velocity_between(series.time, h, start, stop)
+    fall, resolution = None, None
+    if window is not None and velocity is not None:
+        third = (window[1] - window[0]) / 3
+        early = penetration_velocity_between(series.time, h, window[0], window[0] + third)
+        late = penetration_velocity_between(series.time, h, window[1] - third, window[1])
+        fall = early / late if early and late else None
+        if material is not None and velocity > 0 and "spacing_mm" in provenance:
+            thickness = layer_thickness(burr, material, velocity)
+            resolution = None if thickness is None else thickness / max(provenance["spacing_mm"])
+    return Descent(
+        burr, material, float(setpoint), float(stop), status, reason, velocity, window, fall, resolution,
+        _phases(series, setpoint, settled), series, provenance,
+    )  # fmt: skip
+
+
+def _phases(series: Series, setpoint: float, settled: float | None) -> dict[str, tuple[float, float]]:
+    time, force = series.time, series.force
+    if len(time) == 0:
+        return {}
+    if series.exact:
+        return {"steady": (float(time[0]), float(time[-1]))}
+    end = float(time[-1])
+
+    def first(condition: Any) -> float:
+        return float(time[np.argmax(condition)]) if np.any(condition) else end
+
+    contact = first(force >= 0.1 * setpoint)
+    reached = first(force >= 0.95 * setpoint)
+    steady = end if settled is None else first((series.immersion >= settled) & (time >= reached))
+    edges = {"approach": (0.0, contact), "impact": (contact, reached), "settling": (reached, steady), "steady": (steady, end)}
+    return {name: edge for name, edge in edges.items() if edge[1] > edge[0]}

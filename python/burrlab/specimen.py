@@ -1,0 +1,139 @@
+"""What is burred, and where: a bone, a point on its surface and a direction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from burrlab._core import Burr, VoxelBone
+
+Vector = Sequence[float] | NDArray[np.float64]
+
+
+def unit_vector(axis: Vector) -> NDArray[np.float64]:
+    """`axis` with length 1; ValueError unless it has three finite values, not all 0."""
+    vector = np.asarray(axis, dtype=float)
+    if vector.shape != (3,) or not np.all(np.isfinite(vector)) or not np.any(vector):
+        raise ValueError(f"axis must be three finite numbers, not all zero, got {axis!r}")
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+@dataclass(frozen=True)
+class Specimen:
+    """A bone with the axis of a descent.
+
+    Parameters
+    ----------
+    bone : VoxelBone
+        A descent works on a copy.
+    surface : ndarray, shape (3,)
+        Point on the axis where immersion is 0, (x, y, z) [mm].
+    axis : ndarray, shape (3,)
+        Unit vector into the bone.
+    """
+
+    bone: VoxelBone
+    surface: NDArray[np.float64]
+    axis: NDArray[np.float64]
+
+    def center(self, immersion: float, burr: Burr) -> NDArray[np.float64]:
+        """Burr centre (x, y, z) [mm] when its tip is `immersion` [mm] below the surface."""
+        return np.asarray(self.surface + (immersion - burr.radius) * self.axis)
+
+
+def half_space(
+    burr: Burr,
+    voxel: float | Vector,
+    *,
+    depth: float | None = None,
+    axis: Vector = (0.0, 0.0, -1.0),
+    offset: Vector = (0.0, 0.0, 0.0),
+) -> Specimen:
+    """Solid bone below a plane through the origin, as large as a descent to `depth` needs.
+
+    Parameters
+    ----------
+    burr : Burr
+    voxel : float or (x, y, z)
+        Spacing [mm].
+    depth : float, optional
+        Deepest immersion of the burr's tip [mm]; default R/3.
+    axis : (x, y, z)
+        Direction of the descent, perpendicular to the surface. Along a voxel axis the surface is a face of
+        the grid; else the voxels that it cuts are filled by the fraction of them below it.
+    offset : (x, y, z)
+        Where the burr enters, from the origin [mm]; its part along the axis is ignored. A fraction of a voxel
+        moves the burr within the grid.
+
+    Raises
+    ------
+    ValueError
+        If the spacing or depth is not positive, or the axis no direction.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> specimen = half_space(burrlab.Burr(3.0), 0.2)
+    >>> float(specimen.bone.density.max()), [float(c) for c in specimen.center(0.0, burrlab.Burr(3.0))]
+    (255.0, [0.0, 0.0, 3.0])
+    """
+    spacing = np.broadcast_to(np.asarray(voxel, dtype=float), (3,)).copy()
+    if not (np.all(np.isfinite(spacing)) and np.all(spacing > 0)):
+        raise ValueError(f"voxel must be positive and finite, got {voxel!r}")
+    depth = burr.radius / 3 if depth is None else float(depth)
+    if not (np.isfinite(depth) and depth > 0):
+        raise ValueError(f"depth must be positive and finite, got {depth!r}")
+    normal = unit_vector(axis)
+    s = spacing.max()
+    reach, bottom = burr.radius + s, depth + 3 * s
+    width = (np.sqrt(max(2 * reach * (depth + s) - (depth + s) ** 2, 0.0)) if depth + s < reach else reach) + 2 * s
+    shift = np.asarray(offset, dtype=float)
+    shift = shift - (shift @ normal) * normal
+    across = width * np.sqrt(np.maximum(1 - normal**2, 0.0)) + np.abs(shift)
+    low = np.floor((np.minimum(0, bottom * normal) - across) / spacing + 1e-6)
+    high = np.ceil((np.maximum(0, bottom * normal) + across) / spacing - 1e-6)
+    centers = [(np.arange(low[i], high[i]) + 0.5) * spacing[i] for i in range(3)]
+    x, y, z = (normal[i] * centers[i] for i in range(3))
+    below = (z[:, None, None] + y[None, :, None] + x[None, None, :]) / np.sqrt(np.sum((spacing * normal) ** 2))
+    levels = np.rint(255 * np.clip(below + 0.5, 0, 1)).astype(np.uint8)
+    bone = VoxelBone(levels, spacing=spacing, origin=[c[0] for c in centers])
+    return Specimen(bone, np.asarray(shift), normal)
+
+
+def surface_along(bone: VoxelBone, entry: Vector, axis: Vector, *, level: float = 128.0) -> NDArray[np.float64] | None:
+    """First point along a ray where the occupancy, trilinear between voxel centres, reaches `level`.
+
+    Parameters
+    ----------
+    bone : VoxelBone
+    entry : (x, y, z)
+        Where the ray begins [mm]; it may lie outside the volume.
+    axis : (x, y, z)
+        Its direction.
+
+    Returns
+    -------
+    ndarray, shape (3,), or None
+        [mm]; None where the ray meets no bone. The entry itself where that is inside bone already.
+    """
+    direction, start = unit_vector(axis), np.asarray(entry, dtype=float)
+    if start.shape != (3,) or not np.all(np.isfinite(start)):
+        raise ValueError(f"entry must be three finite numbers, got {entry!r}")
+    spacing, origin = np.asarray(bone.spacing), np.asarray(bone.origin)
+    extent = np.asarray(bone.shape[::-1]) * spacing
+    length = float(np.linalg.norm(extent) + np.linalg.norm(start - (origin + extent / 2)))
+    along = np.arange(0.0, length, 0.1 * spacing.min())
+    points = (start + along[:, None] * direction - origin) / spacing
+    occupancy = map_coordinates(bone.density, points[:, ::-1].T, output=float, order=1, mode="constant", cval=0.0)
+    solid = np.flatnonzero(occupancy >= level)
+    if solid.size == 0:
+        return None
+    i = int(solid[0])
+    if i == 0:
+        return start
+    rest = (level - occupancy[i - 1]) / (occupancy[i] - occupancy[i - 1])
+    return np.asarray(start + (along[i - 1] + rest * (along[i] - along[i - 1])) * direction)

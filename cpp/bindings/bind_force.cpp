@@ -1,6 +1,7 @@
 #include "bindings.hpp"
 #include "burrlab/burr.hpp"
 #include "burrlab/force.hpp"
+#include "burrlab/material.hpp"
 #include "burrlab/tick.hpp"
 
 namespace py = pybind11;

@@ -15,7 +15,7 @@ std::vector<double> to_vector(const std::string& name, const Array& values) {
 }
 
 Array to_array(const std::vector<double>& values) {
-  return {static_cast<py::ssize_t>(values.size()), values.data()};
+  return Array(static_cast<py::ssize_t>(values.size()), values.data());
 }
 
 }  // namespace

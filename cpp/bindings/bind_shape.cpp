@@ -1,4 +1,5 @@
 #include "bindings.hpp"
+#include "burrlab/check.hpp"
 #include "burrlab/depth_table.hpp"
 #include "burrlab/shape.hpp"
 
@@ -6,7 +7,7 @@ namespace py = pybind11;
 using burrlab::Shape;
 
 void bind_shape(py::module_& m) {
-  py::class_<Shape>(m, "Shape", R"(Erosion shape function f(x), x = r/R, of Eq. 4.
+  py::class_<Shape>(m, "Shape", R"doc(Erosion shape function f(x), x = r/R, of Eq. 4.
 
 The paper asks only for a maximum at r = 0 and zero beyond R; the family is our choice, and an alpha is a
 number for one f.
@@ -28,7 +29,7 @@ Examples
 >>> f = burrlab.Shape("power(1.5)")
 >>> f.name, f.order, round(f(0.5), 4)
 ('power(1.5)', 1.5, 0.6495)
-)")
+)doc")
       .def(py::init(&Shape::parse), py::arg("name"))
       .def_property_readonly("name", &Shape::name, "Name that makes the same shape again.")
       .def_property_readonly("order", &Shape::order, "Order of the zero of f at x = 1: 0 for constant, 1 for linear, k for power(k).")

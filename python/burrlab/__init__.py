@@ -1,2 +1,51 @@
 """Virtual bone-burring experiments: forces, erosion, descents and fits of c_e and alpha."""
-from burrlab._core import *
+
+from burrlab._core import (
+    Burr,
+    BurrContact,
+    Contact,
+    ContactSeries,
+    ForceController,
+    Material,
+    Shape,
+    VoxelBone,
+    __version__,
+    elastic_force,
+    erode,
+    moments,
+    penetration,
+)
+from burrlab.curve import VelocityCurve
+from burrlab.descent import descend
+from burrlab.descent_result import Descent
+from burrlab.materials import materials
+from burrlab.rig import Rig, RigReading, VirtualRig
+from burrlab.specimen import Specimen, half_space, surface_along
+from burrlab.sweep import force_sweep
+
+__all__ = [
+    "Burr",
+    "BurrContact",
+    "Contact",
+    "ContactSeries",
+    "Descent",
+    "ForceController",
+    "Material",
+    "Rig",
+    "RigReading",
+    "Shape",
+    "Specimen",
+    "VelocityCurve",
+    "VirtualRig",
+    "VoxelBone",
+    "__version__",
+    "descend",
+    "elastic_force",
+    "erode",
+    "force_sweep",
+    "half_space",
+    "materials",
+    "moments",
+    "penetration",
+    "surface_along",
+]

@@ -207,28 +207,25 @@ class VelocityCurve:
         matplotlib Axes
         """
         if ax is None:
-            import matplotlib.pyplot as plt
+            from matplotlib import pyplot
 
-            ax = plt.subplots(figsize=(4.8, 3.6), layout="constrained")[1]
+            ax = pyplot.subplots(figsize=(4.8, 3.6), layout="constrained")[1]
+        from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+
         ok = self.ok
-        ax.errorbar(
-            self.force[ok],
-            self.velocity[ok],
-            yerr=None if self.sigma is None else self.sigma[ok],
-            fmt="s",
-            markersize=4.5,
-            markerfacecolor="white",
-            color="black",
-            elinewidth=0.8,
-            linewidth=0.9,
-            label="synthetic data" if self.source.startswith("synthetic") else "data",
-            zorder=3,
+        label = "synthetic data" if self.source.startswith("synthetic") else "data"
+        if self.sigma is not None:
+            ax.errorbar(
+                self.force[ok], self.velocity[ok], self.sigma[ok], fmt="none", ecolor="black", elinewidth=0.8, zorder=3
+            )
+        ax.plot(
+            self.force[ok], self.velocity[ok], "s", color="black", mfc="white", ms=4.5, mew=0.9, label=label, zorder=3
         )
         if log:
             ax.set(xscale="log", yscale="log")
-        else:
-            ax.set_xlim(left=0)
-            ax.set_ylim(bottom=0)
+            ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            ax.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+            ax.xaxis.set_minor_formatter(NullFormatter())
         ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")
         return ax
 

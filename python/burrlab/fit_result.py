@@ -181,6 +181,8 @@ class Fit:
         if self.engine == "voxel" or self.curve.window_start is not None:
             name = "voxel descents" if self.engine == "voxel" else "fit, over each row's window"
             ax.plot(used, self.predicted, "o", color="tab:red", markersize=3, label=name, zorder=4)
+        if not log:
+            ax.set(xlim=(0, 1.06 * used.max()), ylim=(0, None))
         ax.legend(frameon=False, fontsize="small")
         return ax
 
@@ -199,7 +201,7 @@ class Fit:
         plain["curve"] = {name: _plain(getattr(self.curve, name)) for name in _CURVE}
         plain["curve"]["provenance"] = dict(self.curve.provenance)
         plain["provenance"] = dict(self.provenance)
-        plain["version"] = self.provenance.get("version")
+        plain["version"] = self.provenance.get("burrlab")
         return plain
 
     @classmethod

@@ -162,9 +162,9 @@ def search(
     box : Box
         Bounds.
     ridge : callable
-        The best alpha [1/ms] for a given c_e [N/mm^2]. Starts lie there: one c_e in each of `starts` equal
-        parts of its logarithmic range, at random within the part. From elsewhere a local search
-        spends its steps on the way to this line.
+        The best alpha [1/ms] for a given c_e [N/mm^2]. Starts lie on this line, where it is in the box: one
+        c_e in each of `starts` equal parts of its logarithmic range, at random within the part. From
+        elsewhere a local search spends its steps on the way to the line.
     starts : int
         Number of seeded starts.
     seed : int
@@ -179,12 +179,20 @@ def search(
     middle = (np.log(box.lower) + np.log(box.upper)) / 2
     found = [minimise(objective, box, middle, origin="global", algorithm=nlopt.GN_CRS2_LM, xtol=1e-3, maxeval=400)]
     found.append(minimise(objective, box, np.log(found[0].end), origin="local from global"))
-    low, high = np.log(box.lower[0]), np.log(box.upper[0])
+    low, high = _log_c_e_range(box, ridge)
     for i, part in enumerate((np.arange(starts) + np.random.default_rng(seed).random(starts)) / max(starts, 1)):
         log_c_e = low + (high - low) * part
         begin = np.array([log_c_e, np.log(ridge(float(np.exp(log_c_e))))])
         found.append(minimise(objective, box, begin, origin=f"start {i + 1}"))
     return tuple(found)
+
+
+def _log_c_e_range(box: Box, ridge: Callable[[float], float]) -> tuple[float, float]:
+    """Where the ridge runs inside the bounds of alpha; all of the box where it never does."""
+    log_c_e = np.linspace(np.log(box.lower[0]), np.log(box.upper[0]), 64)
+    alpha = np.array([ridge(float(c_e)) for c_e in np.exp(log_c_e)])
+    inside = log_c_e[(alpha > box.lower[1]) & (alpha < box.upper[1])]
+    return (float(inside[0]), float(inside[-1])) if len(inside) > 1 else (float(log_c_e[0]), float(log_c_e[-1]))
 
 
 def is_minimum(objective: Objective, box: Box, end: Start, directions: Floats, *, step: float = 1e-3) -> bool:

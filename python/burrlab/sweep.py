@@ -144,6 +144,9 @@ def force_sweep(
             if cancel is not None and any(not f.done() for f in futures):
                 cancel.set()
             own.shutdown(wait=True)
+    for future, i in futures.items():  # what was done when Ctrl-C came
+        if future.done() and not future.cancelled() and future.exception() is None:
+            rows[i] = future.result()
     table = np.array([row[:3] for row in rows])
     return VelocityCurve(
         force=np.array([item.force for item in items]),

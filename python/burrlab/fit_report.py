@@ -82,7 +82,9 @@ def starts(fit: Fit) -> list[str]:
 
 def notes(fit: Fit) -> list[str]:
     """Plain sentences on what the numbers mean."""
-    lines = [fit.reason, ridge(fit), agreement(fit)]
+    lines = [fit.reason, ridge(fit)]
+    if len(fit.starts) > 1:
+        lines.append(agreement(fit))
     if fit.engine == "voxel":
         lines.append(
             "The voxel engine is stochastic: every evaluation used the same seeds, so another seed moves the result."
@@ -119,7 +121,15 @@ def agreement(fit: Fit) -> str:
     line = f"{len(equal)} of {n_local} local searches ended equally well"
     if len(equal) > 1:
         line += f", within {100 * (c_e - 1):.2g} % in c_e and {100 * (alpha - 1):.2g} % in alpha"
-    return line + ("." if len(equal) == n_local else "; the others ended worse, see the starts.")
+    others = [s for s in fit.starts if s.origin != "global" and s not in equal]
+    if not others:
+        return line + "."
+    next_best = min(others, key=lambda s: s.objective)
+    return (
+        f"{line}; the others ended worse, the best of them at c_e = {next_best.end[0]:.4g} N/mm^2, "
+        f"alpha = {next_best.end[1]:.4g} /ms with an RMS residual of "
+        f"{rms(fit, float(np.sqrt(next_best.objective / fit.n_points)))}."
+    )
 
 
 def rms(fit: Fit, value: float) -> str:

@@ -86,7 +86,8 @@ def verdict(
             f"Searches ended equally well at different places: c_e differs by a factor {c_e:.3g}, "
             f"alpha by {alpha:.3g}."
         )
-    return "ok", "The search converged, its starts agree and c_e and alpha are determined apart."
+    agree = ", its starts agree" if len(ends) > 1 else ""
+    return "ok", f"The search converged{agree} and c_e and alpha are determined apart."
 
 
 def bound_reached(observations: Observations, box: Box, end: tuple[float, float]) -> str:

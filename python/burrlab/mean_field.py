@@ -382,7 +382,8 @@ def _branch(shape: str, low: float, high: float, start: float, stop: float) -> P
     log Psi bends on a scale 1/k, and at both ends, it has its own.
     """
     reach = min(1.0, 1.5 ** np.ceil(np.log(3 * stop) / np.log(1.5) - 1e-9) / 3)
-    own = [low, *high * (1 - np.append(0.25 * 0.5 ** np.arange(7), 1e-6))]
+    top = high * _EDGE if high == stop**1.5 else high
+    own = [low, *high * (1 - 0.25 * np.geomspace(1, 1 / 64, 7 + round(Shape(shape).order))), top]
     knots = [(phi, *_core.mean_field_descent(Shape(shape), phi, stop)) for phi in own if phi >= low]
     knots += [knot for knot in _knots(shape, reach) if low * 1.03 < knot[0] < high * 0.73]
     knots.sort(key=lambda knot: knot[0])

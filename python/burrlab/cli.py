@@ -1,0 +1,277 @@
+"""The command line, thin over the API: burrlab descend | sweep | fit | materials | version."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+import burrlab
+from burrlab._core import Burr, Material, Shape
+
+Options = argparse.Namespace
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        """One line that names the option, exit status 2."""
+        self.exit(2, f"{self.prog}: {message}\n")
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be a number, got '{text}'") from None
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"must be finite, got '{text}'")
+    return value
+
+
+def _positive(text: str) -> float:
+    value = _number(text)
+    if value <= 0:
+        raise argparse.ArgumentTypeError(f"must be positive, got '{text}'")
+    return value
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1, got '{text}'")
+    return int(text)
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal() or int(text) >= 2**64:
+        raise argparse.ArgumentTypeError(f"must be a whole number below 2^64, got '{text}'")
+    return int(text)
+
+
+def _vector(text: str) -> tuple[float, ...]:
+    values = tuple(_number(part) for part in text.split(","))
+    if len(values) != 3:
+        raise argparse.ArgumentTypeError(f"must be X,Y,Z, got '{text}'")
+    return values
+
+
+def _grey_map(text: str) -> tuple[float, float]:
+    parts = text.split(":")
+    if len(parts) != 2:
+        raise argparse.ArgumentTypeError(f"must be LO:HI, got '{text}'")
+    low, high = _number(parts[0]), _number(parts[1])
+    if low >= high:
+        raise argparse.ArgumentTypeError(f"must be LO:HI with LO below HI, got '{text}'")
+    return low, high
+
+
+def _forces(text: str) -> list[float]:
+    if ":" not in text:
+        return [_positive(part) for part in text.split(",")]
+    parts = text.split(":")
+    if len(parts) != 3:
+        raise argparse.ArgumentTypeError(f"must be FIRST:LAST:COUNT or F,F,..., got '{text}'")
+    return [float(f) for f in np.linspace(_positive(parts[0]), _positive(parts[1]), _count(parts[2]))]
+
+
+def _shape(text: str) -> Shape:
+    try:
+        return Shape(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def _output_options(parser: argparse.ArgumentParser, plot: bool = True) -> None:
+    parser.add_argument("--json", metavar="FILE", help="write the result as JSON; - for standard output")
+    if plot:
+        parser.add_argument("--plot", metavar="FILE", help="write a figure (PNG, PDF, SVG by its ending)")
+
+
+def _experiment_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--material", choices=sorted(burrlab.materials), default="bone", help="default: bone")
+    parser.add_argument("--c-e", type=_positive, help="elastic constant instead of the material's [N/mm^2]")
+    parser.add_argument("--alpha", type=_positive, help="erosion rate instead of the material's [1/ms]")
+    parser.add_argument("--shape", type=_shape, help="erosion shape f: parabolic, linear, quartic, constant, power(k)")
+    parser.add_argument("--radius", type=_positive, default=3.0, help="burr radius R [mm], default 3")
+    parser.add_argument("--voxel", type=_positive, help="voxel spacing of the block [mm], default 0.1")
+    parser.add_argument("--dt", type=_positive, default=1.0, help="tick [ms], default 1")
+    parser.add_argument("--seed", type=_seed, help="default: drawn and recorded")
+    parser.add_argument("--scheme", choices=["layer", "cell"], default="layer", help="default: layer")
+    parser.add_argument("--stop", type=_positive, help="immersion at which a run ends [mm], default R/3")
+    parser.add_argument("--max-duration", type=_positive, default=120.0, help="[s] of the experiment, default 120")
+    volume = parser.add_argument_group("a grey volume instead of a block (NRRD, NIfTI, MetaImage; extra medical)")
+    volume.add_argument("--volume", metavar="FILE")
+    volume.add_argument("--map", type=_grey_map, metavar="LO:HI", help="grey values of empty and solid")
+    volume.add_argument("--entry", type=_vector, metavar="X,Y,Z", help="where the axis begins, volume's own coordinates [mm]")
+    volume.add_argument("--axis", type=_vector, metavar="X,Y,Z", help="direction of the descent (a block too; default 0,0,-1)")
+
+
+def _material(options: Options) -> Material:
+    named = burrlab.materials[options.material]
+    if options.c_e is None and options.alpha is None and options.shape is None:
+        return named
+    return Material(
+        f"{named.name}, modified",
+        c_e=named.c_e if options.c_e is None else options.c_e,
+        alpha=named.alpha if options.alpha is None else options.alpha,
+        shape=named.shape if options.shape is None else options.shape,
+        source="command line",
+    )
+
+
+def _specimen(options: Options, burr: Burr) -> burrlab.Specimen | None:
+    if options.volume is None:
+        for name in ("map", "entry"):
+            if getattr(options, name) is not None:
+                raise ValueError(f"--{name} goes with --volume")
+        if options.axis is None:
+            return None
+        return burrlab.half_space(burr, options.voxel or 0.1, depth=options.stop, axis=options.axis)
+    for name in ("map", "entry", "axis"):
+        if getattr(options, name) is None:
+            raise ValueError(f"--volume needs --{name}")
+    if options.voxel is not None:
+        raise ValueError("--voxel does not go with --volume: the volume has its own spacing")
+    from burrlab.volume import read_volume
+
+    volume = read_volume(options.volume)
+    return volume.specimen(*options.map, entry=options.entry, axis=options.axis)
+
+
+def _deliver(options: Options, result: dict[str, Any], text: str) -> None:
+    if options.json == "-":
+        print(json.dumps(result, allow_nan=False))
+        return
+    if options.json is not None:
+        Path(options.json).write_text(json.dumps(result, allow_nan=False, indent=1) + "\n")
+    print(text)
+
+
+def _descend(options: Options) -> None:
+    burr, material = Burr(options.radius), _material(options)
+    specimen = _specimen(options, burr)
+    from tqdm import tqdm
+
+    with tqdm(total=100, desc="descent", unit="%", disable=not sys.stderr.isatty(), leave=False) as bar:
+        run = burrlab.descend(
+            burr, material, options.force, voxel=options.voxel or 0.1, dt=options.dt, seed=options.seed,
+            scheme=options.scheme, ideal=options.ideal, specimen=specimen, stop=options.stop,
+            max_duration=options.max_duration, progress=lambda done: bar.update(int(100 * done) - bar.n),
+        )  # fmt: skip
+    if options.plot is not None:
+        run.plot()[0].figure.savefig(options.plot, dpi=200)
+    _deliver(options, run.to_dict(), repr(run))
+
+
+def _sweep(options: Options) -> None:
+    burr, material = Burr(options.radius), _material(options)
+    curve = burrlab.force_sweep(
+        burr, material, options.forces, repeats=options.repeats, voxel=options.voxel or 0.1, dt=options.dt,
+        seed=options.seed, scheme=options.scheme, rig=options.rig, specimen=_specimen(options, burr),
+        stop=options.stop, max_duration=options.max_duration, progress=sys.stderr.isatty(),
+    )  # fmt: skip
+    curve.to_csv(options.out)
+    if options.plot is not None:
+        curve.plot().figure.savefig(options.plot, dpi=200)
+    ok = int(curve.ok.sum())
+    result = {
+        "file": str(options.out),
+        "n_points": len(curve),
+        "n_ok": ok,
+        "seed": curve.provenance["seed"],
+        "version": burrlab.__version__,
+        "status": list(curve.status or ()),
+    }
+    _deliver(options, result, f"{len(curve)} descents, {ok} with a velocity, written to {options.out}")
+
+
+def _fit(options: Options) -> None:
+    curve = burrlab.VelocityCurve.from_csv(options.file)
+    result = burrlab.fit(
+        curve, Burr(options.radius), shape=options.shape, engine=options.engine, residuals=options.residuals,
+        seed=options.seed, voxel=options.voxel,
+    )  # fmt: skip
+    if options.plot is not None:
+        axes = result.plot(alpha_lines=options.alpha_lines, log=options.log)
+        axes.figure.savefig(options.plot, dpi=200)
+    _deliver(options, result.to_dict(), result.report())
+
+
+def _materials(options: Options) -> None:
+    table = {
+        name: {"c_e": m.c_e, "alpha": m.alpha, "shape": m.shape.name, "source": m.source}
+        for name, m in burrlab.materials.items()
+    }
+    lines = [f"{'name':<10} {'c_e [N/mm^2]':>12} {'alpha [1/ms]':>12}  shape      source"]
+    lines += [f"{n:<10} {m['c_e']:>12} {m['alpha']:>12}  {m['shape']:<10} {m['source']}" for n, m in table.items()]
+    _deliver(options, table, "\n".join(lines))
+
+
+def _version(options: Options) -> None:
+    from burrlab.provenance import provenance
+
+    _deliver(options, {"version": burrlab.__version__, **provenance()}, f"burrlab {burrlab.__version__}")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="burrlab", description="Virtual bone-burring experiments. Units: mm, N, s; dt in ms.")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def command(name: str, run: Callable[[Options], None], text: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=text, description=text)
+        sub.set_defaults(run=run)
+        return sub
+
+    descent = command("descend", _descend, "Sink a burr at constant force and measure its penetration velocity.")
+    descent.add_argument("--force", type=_positive, required=True, help="set-point [N]")
+    descent.add_argument("--ideal", action="store_true", help="hold the force exactly, without rig and controller")
+    _experiment_options(descent)
+    _output_options(descent)
+
+    sweep = command("sweep", _sweep, "Penetration velocity against force, written as CSV.")
+    sweep.add_argument("--forces", type=_forces, required=True, metavar="FIRST:LAST:COUNT", help="[N]; or F,F,...")
+    sweep.add_argument("--repeats", type=_count, default=1)
+    sweep.add_argument("--out", required=True, metavar="FILE.csv")
+    sweep.add_argument("--rig", action="store_true", help="through controller and virtual rig; else the force is exact")
+    _experiment_options(sweep)
+    _output_options(sweep)
+
+    fit = command("fit", _fit, "Fit c_e and alpha to a velocity-force curve.")
+    fit.add_argument("file", metavar="FILE.csv")
+    fit.add_argument("--radius", type=_positive, required=True, help="burr radius R [mm]")
+    fit.add_argument("--shape", type=_shape, default=Shape("parabolic"), help="erosion shape f, default parabolic")
+    fit.add_argument("--engine", choices=["mean-field", "voxel"], default="mean-field")
+    fit.add_argument("--residuals", choices=["relative", "absolute", "sigma"], default="relative")
+    fit.add_argument("--voxel", type=_positive, default=0.1, help="voxel engine: spacing [mm]")
+    fit.add_argument("--seed", type=_seed, default=0)
+    fit.add_argument("--alpha-lines", type=_positive, metavar="D", help="also draw alpha +- D [1/ms], as the paper does")
+    fit.add_argument("--log", action="store_true", help="logarithmic axes in the figure")
+    _output_options(fit)
+
+    _output_options(command("materials", _materials, "The paper's materials and their source."), plot=False)
+    _output_options(command("version", _version, "Version and what it runs on."), plot=False)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command; 0 done (a run without a number too), 2 wrong input, 130 interrupted."""
+    options = _parser().parse_args(arguments)
+    try:
+        options.run(options)
+    except (ValueError, OSError, ImportError) as error:
+        message = " ".join(str(error).split())
+        print(f"burrlab {options.command}: {message}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"burrlab {options.command}: interrupted", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -18,10 +18,13 @@ from burrlab._core import (
 from burrlab.curve import VelocityCurve
 from burrlab.descent import descend
 from burrlab.descent_result import Descent
+from burrlab.fit import Fit, fit
 from burrlab.materials import materials
 from burrlab.rig import Rig, RigReading, VirtualRig
 from burrlab.specimen import Specimen, half_space, surface_along
 from burrlab.sweep import force_sweep
+from burrlab.synthetic import synthetic_curve
+from burrlab.volume import Volume, read_volume
 
 __all__ = [
     "Burr",
@@ -29,6 +32,7 @@ __all__ = [
     "Contact",
     "ContactSeries",
     "Descent",
+    "Fit",
     "ForceController",
     "Material",
     "Rig",
@@ -37,15 +41,19 @@ __all__ = [
     "Specimen",
     "VelocityCurve",
     "VirtualRig",
+    "Volume",
     "VoxelBone",
     "__version__",
     "descend",
     "elastic_force",
     "erode",
+    "fit",
     "force_sweep",
     "half_space",
     "materials",
     "moments",
     "penetration",
+    "read_volume",
     "surface_along",
+    "synthetic_curve",
 ]

@@ -109,7 +109,7 @@ class VelocityCurve:
         columns = {name: getattr(self, name) for name in (*_NUMBERS, "status")}
         for name, values in columns.items():
             if values is not None and len(values) != len(self.force):
-                raise ValueError(f"{name} must have one value a row: {len(values)} for {len(self.force)} forces")
+                raise ValueError(f"{name} must have {len(self.force)} values, one a force: got {len(values)}")
         for i in range(len(self.force)):
             row = {name: float(getattr(self, name)[i]) for name in _NUMBERS if columns[name] is not None}
             problem = curve_csv.problem_in_row(row)
@@ -213,14 +213,11 @@ class VelocityCurve:
         from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
         ok = self.ok
+        force, velocity = self.force[ok], self.velocity[ok]
         label = "synthetic data" if self.source.startswith("synthetic") else "data"
         if self.sigma is not None:
-            ax.errorbar(
-                self.force[ok], self.velocity[ok], self.sigma[ok], fmt="none", ecolor="black", elinewidth=0.8, zorder=3
-            )
-        ax.plot(
-            self.force[ok], self.velocity[ok], "s", color="black", mfc="white", ms=4.5, mew=0.9, label=label, zorder=3
-        )
+            ax.errorbar(force, velocity, self.sigma[ok], fmt="none", ecolor="black", elinewidth=0.8, zorder=3)
+        ax.plot(force, velocity, "s", color="black", mfc="white", ms=4.5, mew=0.9, label=label, zorder=3)
         if log:
             ax.set(xscale="log", yscale="log")
             ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
@@ -241,15 +238,18 @@ class VelocityCurve:
 
     def __repr__(self) -> str:
         source = f", {self.source!r}" if self.source else ""
-        low, high = self.force.min(), self.force.max()
-        return f"VelocityCurve({len(self)} rows, {self.ok.sum()} with a velocity, {low:g}..{high:g} N{source})"
+        forces = f"{self.force.min():g}..{self.force.max():g} N"
+        return f"VelocityCurve({len(self)} rows, {self.ok.sum()} with a velocity, {forces}{source})"
 
     def _repr_html_(self) -> str:
         table = curve_csv.table(self)
         head = "".join(f"<th>{name}</th>" for name in table)
-        rows = ("".join(f"<td>{_cell(value)}</td>" for value in row) for row in zip(*table.values(), strict=True))
-        body = "".join(f"<tr>{row}</tr>" for row in rows)
-        return f"<p>{html.escape(repr(self))}</p><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+        rows = zip(*table.values(), strict=True)
+        body = "".join(
+            "<tr>" + "".join(f"<td>{_cell(value)}</td>" for value in row) + "</tr>" for row in rows
+        )
+        title = f"<p>{html.escape(repr(self))}</p>"
+        return f"{title}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def _frozen(name: str, values: ArrayLike) -> Floats:

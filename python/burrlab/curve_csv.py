@@ -39,7 +39,8 @@ def problem_in_row(row: Mapping[str, float]) -> tuple[str, str] | None:
             return name, f"must be a finite number {smallest}, in {_UNITS[name]}: got {value!r}"
     start, end = row.get("window_start", math.nan), row.get("window_end", math.nan)
     if math.isnan(start) != math.isnan(end):
-        return ("window_start" if math.isnan(start) else "window_end"), "a window needs both its ends or neither"
+        missing = "window_start" if math.isnan(start) else "window_end"
+        return missing, "a window needs both its ends or neither"
     if start >= end:
         return "window_start", f"must be below the window's end of {end!r} mm: got {start!r}"
     return None
@@ -108,7 +109,7 @@ def _text(file: str | os.PathLike[str] | IO[str] | IO[bytes]) -> tuple[str, str]
 
 
 def _lines(text: str, comments: dict[str, str]) -> Iterator[tuple[int, str]]:
-    """Lines of the table with their numbers, from 1; fills `comments` with the `# key: value` lines above it."""
+    """Lines of the table with their numbers, from 1; `comments` gets the `# key: value` lines above."""
     in_head = True
     for number, line in enumerate(io.StringIO(text, newline=None), start=1):
         line = line.strip()
@@ -125,7 +126,7 @@ def _columns(file: str, number: int, header: str) -> list[str]:
     for separator, word in ((";", "semicolons"), ("\t", "tabs")):
         if separator in header and "," not in header:
             raise ValueError(
-                f"{file}, line {number}: fields are separated by {word}; use commas, and points in the decimals"
+                f"{file}, line {number}: the separator must be a comma, not {word}; decimals have a point"
             )
     columns = _fields(file, number, header)
     for column in columns:
@@ -194,7 +195,8 @@ def _kept(file: str, comments: Mapping[str, str]) -> dict[str, Any]:
             kept["radius"] = math.nan
         if not 0 < kept["radius"] < math.inf:
             raise ValueError(
-                f"{file}: the comment radius_mm must be a finite number above 0: got {comments['radius_mm']!r}"
+                f"{file}: radius_mm in the comments must be a finite number above 0: "
+                f"got {comments['radius_mm']!r}"
             )
     if "provenance" in comments:
         kept["provenance"] = _provenance(comments["provenance"])

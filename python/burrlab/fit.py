@@ -139,9 +139,11 @@ def fit(
 
     mean_field = MeanFieldModel(observations, shape)
     objective = _objective(observations, residuals, mean_field.predict)
-    ends = search(
-        objective, box, lambda c_e: observations.best_alpha(residuals, mean_field.unit(c_e)), starts=starts, seed=seed
-    )
+
+    def on_ridge(c_e: float) -> float:
+        return observations.best_alpha(residuals, mean_field.unit(c_e))
+
+    ends = search(objective, box, on_ridge, starts=starts, seed=seed)
     predict: Predict = mean_field.predict
     settings: dict[str, Any] = {}
     record: Record = []

@@ -28,7 +28,7 @@ _MARGIN = 1e-4  # the hard bound of c_e is open: at it the window has no length
 
 @dataclass(frozen=True)
 class Observations:
-    """The rows that a fit uses, in the curve's order. Window ends are NaN where the row has the default one."""
+    """The rows that a fit uses, in the curve's order; NaN as window is the default one."""
 
     force: Floats  # [N]
     velocity: Floats  # [mm/s]
@@ -49,7 +49,8 @@ class Observations:
         """
         if curve.radius is not None and curve.radius != burr.radius:
             raise ValueError(
-                f"the curve was taken with a burr of radius {curve.radius:g} mm, the fit is for {burr.radius:g} mm"
+                f"the curve was taken with a burr of radius {curve.radius:g} mm, "
+                f"the fit is for {burr.radius:g} mm"
             )
         ok = curve.ok
         distinct = len(np.unique(curve.force[ok]))

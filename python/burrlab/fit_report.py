@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import html as html_text
+from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,17 +28,18 @@ def text(fit: Fit) -> str:
         "Starts": starts(fit),
         "Notes": [f"- {note}" for note in notes(fit)],
     }
-    return "\n".join(f"[[{title}]]\n" + "\n".join(f"    {line}" for line in lines) for title, lines in blocks.items())
+    return "\n".join("\n    ".join([f"[[{title}]]", *lines]) for title, lines in blocks.items())
 
 
 def html(fit: Fit) -> str:
     """The fit as HTML for a notebook."""
-    parts = [f"<p><b>{html_text.escape(repr(fit))}</b></p>"]
+    parts = [f"<p><b>{escape(repr(fit))}</b></p>"]
     for pairs in (variables(fit), statistics(fit)):
-        rows = (f"<tr><th>{html_text.escape(k)}</th><td>{html_text.escape(v)}</td></tr>" for k, v in pairs.items())
+        rows = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in pairs.items())
         parts.append(f"<table>{''.join(rows)}</table>")
-    parts.append("<ul>" + "".join(f"<li>{html_text.escape(note)}</li>" for note in notes(fit)) + "</ul>")
-    parts.append(f"<details><summary>starts</summary><pre>{html_text.escape(chr(10).join(starts(fit)))}</pre></details>")
+    parts.append("<ul>" + "".join(f"<li>{escape(note)}</li>" for note in notes(fit)) + "</ul>")
+    table = escape("\n".join(starts(fit)))
+    parts.append(f"<details><summary>starts</summary><pre>{table}</pre></details>")
     return "".join(parts)
 
 
@@ -69,8 +70,8 @@ def variables(fit: Fit) -> dict[str, str]:
 
 def starts(fit: Fit) -> list[str]:
     """A table of every search: where it began, where it ended, how."""
-    head = f"{'search':<18}{'c_e from':>10}{'to':>10}{'alpha from':>12}{'to':>10}{'RMS':>11}{'evals':>7}  result"
-    lines = [head]
+    names = f"{'search':<18}{'c_e from':>10}{'to':>10}{'alpha from':>12}{'to':>10}"
+    lines = [f"{names}{'RMS':>11}{'evals':>7}  result"]
     for s in fit.starts:
         norm = np.sqrt(s.objective / fit.n_points)
         lines.append(
@@ -87,7 +88,7 @@ def notes(fit: Fit) -> list[str]:
         lines.append(agreement(fit))
     if fit.engine == "voxel":
         lines.append(
-            "The voxel engine is stochastic: every evaluation used the same seeds, so another seed moves the result."
+            "The voxel engine is stochastic: all evaluations used the same seeds, another seed moves them."
         )
     lines.append("No intervals are given, and c_e and alpha are correlated: the digits are not a precision.")
     lines.append(f"alpha holds for f = {fit.shape.name} and for one drill, burr type and speed.")
@@ -98,19 +99,20 @@ def ridge(fit: Fit) -> str:
     """What the forces can determine, in a sentence."""
     r = fit.ridge
     combination = f"alpha/c_e^{r.exponent:.4g} = {r.value:.4g} (1/ms)/(N/mm^2)^{r.exponent:.4g}"
+    largest = f"The largest phi = F/(c_e R^2) is {r.max_phi:.3g}"
     if r.on_ridge:
         return (
-            f"The largest phi = F/(c_e R^2) is {r.max_phi:.3g}, and every window begins above static contact: only "
-            f"{combination} is determined, c_e and alpha may be moved together along it."
+            f"{largest}, and every window begins above static contact: only {combination} is determined, "
+            "c_e and alpha may be moved together along it."
         )
     if not r.excluded:
         return (
-            f"The largest phi = F/(c_e R^2) is {r.max_phi:.3g} at the fitted c_e, but larger c_e with {combination} "
-            f"fit nearly as well (RMS residual {rms(fit, r.residual)}): c_e alone is not determined."
+            f"{largest} at the fitted c_e, but larger c_e with {combination} fit nearly as well "
+            f"(RMS residual {rms(fit, r.residual)}): c_e alone is not determined."
         )
     return (
-        f"The largest phi = F/(c_e R^2) is {r.max_phi:.3g}: the data reach off the ridge, where c_e is determined "
-        f"apart from alpha; on it the RMS residual would be {rms(fit, r.residual)}."
+        f"{largest}: the data reach off the ridge, where c_e is determined apart from alpha; on the ridge "
+        f"the RMS residual would be {rms(fit, r.residual)}."
     )
 
 

@@ -107,7 +107,8 @@ class Fit:
 
     def material(self, name: str) -> Material:
         """The fitted material, its source telling where the numbers come from."""
-        source = f"fit to {self.curve.source or 'a velocity-force curve'} ({self.engine}, status {self.status})"
+        data = self.curve.source or "a velocity-force curve"
+        source = f"fit to {data} ({self.engine}, status {self.status})"
         return Material(name, c_e=self.c_e, alpha=self.alpha, shape=self.shape, source=source)
 
     def velocity(
@@ -166,7 +167,9 @@ class Fit:
             If `alpha_lines` is not between 0 and alpha.
         """
         if alpha_lines is not None and not 0 < alpha_lines < self.alpha:
-            raise ValueError(f"alpha_lines must lie between 0 and alpha = {self.alpha:g} /ms: got {alpha_lines!r}")
+            raise ValueError(
+                f"alpha_lines must be above 0 and below alpha, {self.alpha:g} /ms: got {alpha_lines!r}"
+            )
         ax = self.curve.plot(ax, log=log)
         used = self.curve.force[self.curve.ok]
         low = 0.85 * used.min() if log else 0.3 * used.min()
@@ -211,7 +214,7 @@ class Fit:
         values.pop("version", None)
         values["radius"], values["residual_norm"] = values.pop("radius_mm"), values.pop("residual")
         values["shape"] = Shape(values["shape"])
-        values["residuals"], values["predicted"] = np.array(values["residuals"]), np.array(values["predicted"])
+        values |= {name: np.array(values[name], dtype=np.float64) for name in ("residuals", "predicted")}
         values["bounds"] = {name: tuple(pair) for name, pair in values["bounds"].items()}
         values["starts"] = tuple(
             Start(**start | {"start": tuple(start["start"]), "end": tuple(start["end"])})

@@ -177,11 +177,13 @@ def search(
     """
     nlopt.srand(seed % 2**32)
     middle = (np.log(box.lower) + np.log(box.upper)) / 2
-    found = [minimise(objective, box, middle, origin="global", algorithm=nlopt.GN_CRS2_LM, xtol=1e-3, maxeval=400)]
+    crs2 = nlopt.GN_CRS2_LM
+    found = [minimise(objective, box, middle, origin="global", algorithm=crs2, xtol=1e-3, maxeval=400)]
     found.append(minimise(objective, box, np.log(found[0].end), origin="local from global"))
     low, high = _log_c_e_range(box, ridge)
-    for i, part in enumerate((np.arange(starts) + np.random.default_rng(seed).random(starts)) / max(starts, 1)):
-        log_c_e = low + (high - low) * part
+    within = np.random.default_rng(seed).random(starts)
+    for i in range(starts):
+        log_c_e = low + (high - low) * (i + within[i]) / starts
         begin = np.array([log_c_e, np.log(ridge(float(np.exp(log_c_e))))])
         found.append(minimise(objective, box, begin, origin=f"start {i + 1}"))
     return tuple(found)
@@ -192,14 +194,15 @@ def _log_c_e_range(box: Box, ridge: Callable[[float], float]) -> tuple[float, fl
     log_c_e = np.linspace(np.log(box.lower[0]), np.log(box.upper[0]), 64)
     alpha = np.array([ridge(float(c_e)) for c_e in np.exp(log_c_e)])
     inside = log_c_e[(alpha > box.lower[1]) & (alpha < box.upper[1])]
-    return (float(inside[0]), float(inside[-1])) if len(inside) > 1 else (float(log_c_e[0]), float(log_c_e[-1]))
+    ends = inside if len(inside) > 1 else log_c_e
+    return float(ends[0]), float(ends[-1])
 
 
 def is_minimum(objective: Objective, box: Box, end: Start, directions: Floats, *, step: float = 1e-3) -> bool:
     """Whether no neighbour of an end is clearly better; nlopt's return code cannot say so."""
     centre = np.log(end.end)
     neighbours = [box.clip(centre + sign * step * d) for d in directions for sign in (1.0, -1.0)]
-    best = min(value for value in map(objective, neighbours) if not np.isnan(value))
+    best = min((value for value in map(objective, neighbours) if not np.isnan(value)), default=np.inf)
     return best >= end.objective * (1 - 1e-6) - 1e-15
 
 

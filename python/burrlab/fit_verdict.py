@@ -44,9 +44,9 @@ def ridge_of(
 ) -> Ridge:
     """Compare the best point with the ridge.
 
-    A fitted point off the ridge may be there by scatter alone. So one point on the ridge, with its best alpha,
-    stands for all of it: it is excluded where the sum of squares rises by more than four residual variances,
-    S/(n - 2) or 1 with sigma. This is a guard, not an interval.
+    A fitted point off the ridge may be there by scatter alone. So one point on the ridge, with its best
+    alpha, stands for all of it: it is excluded where the sum of squares rises by more than four residual
+    variances, S/(n - 2) or 1 with sigma. This is a guard, not an interval.
     """
     exponent = 4 * (shape.order + 1) / 3
     entry = float(observations.ridge_entries().max())
@@ -72,12 +72,14 @@ def verdict(
     observations: Observations, box: Box, ends: Sequence[Start], best: Start, ridge: Ridge, settled: bool
 ) -> tuple[str, str]:
     """Status and reason of a fit, the gravest first."""
+    if not np.isfinite(best.objective):
+        return "not-converged", "No parameters tried gave every row a velocity: see the forces and the tick."
     if not settled:
         return "not-converged", f"The best search stopped short of a minimum (nlopt: {best.result})."
     at = bound_reached(observations, box, best.end)
     if ridge.on_ridge or not ridge.excluded:
-        tail = f" {at}" if at else ""
-        return "ridge", f"These data determine alpha/c_e^{ridge.exponent:.4g}, but not c_e and alpha apart.{tail}"
+        combination = f"alpha/c_e^{ridge.exponent:.4g}"
+        return "ridge", f"These data determine {combination}, but not c_e and alpha apart. {at}".strip()
     if at:
         return "at-bound", at
     c_e, alpha = agreement(ends, best, len(observations))[1:]
@@ -86,7 +88,7 @@ def verdict(
             f"Searches ended equally well at different places: c_e differs by a factor {c_e:.3g}, "
             f"alpha by {alpha:.3g}."
         )
-    agree = ", its starts agree" if len(ends) > 1 else ""
+    agree = ", its best ends agree," if len(ends) > 1 else ""
     return "ok", f"The search converged{agree} and c_e and alpha are determined apart."
 
 

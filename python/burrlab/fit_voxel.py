@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from burrlab._core import Burr, Material, Shape
 from burrlab.descent import descend
+from burrlab.descent_result import FEWEST_TICKS, Descent
 from burrlab.fit_problem import WINDOW_END, WINDOW_START, Observations
 from burrlab.sweep import item_seed
+from burrlab.window import samples_between
 
 Floats: TypeAlias = NDArray[np.float64]
 Window: TypeAlias = tuple[float | None, float | None]  # in radii; None is the default end
@@ -55,9 +57,14 @@ class VoxelDescent:
         )
         if run.status not in ("ok", "window-too-short"):
             return [np.nan] * len(windows)
-        settled = float(run.immersion[0])
-        found = [run.velocity_over(max(start, settled), end) if settled < end else None for start, end in windows]
-        return [np.nan if velocity is None or velocity <= 0 else velocity for velocity in found]
+        return [_velocity(run, start, end) for start, end in windows]
+
+
+def _velocity(run: Descent, start: float, end: float) -> float:
+    start = max(start, float(run.immersion[0]))  # a window never starts before static contact
+    rows = samples_between(run.immersion, start, end)
+    velocity = run.velocity_over(start, end) if rows.stop - rows.start >= FEWEST_TICKS else None
+    return np.nan if velocity is None or velocity <= 0 else velocity
 
 
 class VoxelModel:
@@ -89,12 +96,12 @@ class VoxelModel:
         """Velocity [mm/s] of every row at c_e [N/mm^2], alpha [1/ms]; NaN where a descent gave no number."""
         if (c_e, alpha) not in self._known:
             material = Material("trial", c_e=c_e, alpha=alpha, shape=self._shape)
-            descents = [
-                VoxelDescent(
-                    self._burr, material, force, tuple(rows), self._voxel, self._dt, item_seed(self._seed, force, 0)
+            descents = []
+            for force, rows in sorted(self._rows.items()):  # small forces first: they sink for long
+                seed = item_seed(self._seed, force, 0)
+                descents.append(
+                    VoxelDescent(self._burr, material, force, tuple(rows), self._voxel, self._dt, seed)
                 )
-                for force, rows in sorted(self._rows.items())  # small forces first: they sink for long
-            ]
             velocity = np.empty(self._n)
             for descent, found in zip(descents, self._run(descents), strict=True):
                 for rows, value in zip(self._rows[descent.force].values(), found, strict=True):

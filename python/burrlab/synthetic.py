@@ -68,12 +68,14 @@ def synthetic_curve(
 
     phi = force / (material.c_e * burr.radius**2)
     mean = 1e3 * material.alpha * burr.radius * master_curve(material.shape.name).velocity_ratio(phi)
-    z = [[np.random.default_rng([seed, i, k]).standard_normal() for k in range(repeats)] for i in range(len(force))]
-    velocity = (mean[:, None] * np.exp(scatter * np.array(z))).ravel()
+    rows = [(i, k) for i in range(len(force)) for k in range(repeats)]
+    z = np.array([np.random.default_rng([seed, i, k]).standard_normal() for i, k in rows])
+    velocity = np.repeat(mean, repeats) * np.exp(scatter * z)
+    status = ["ok" if np.isfinite(v) else "overloaded" for v in velocity]
     return VelocityCurve(
         np.repeat(force, repeats),
         velocity,
-        status=None if np.isfinite(velocity).all() else ["ok" if np.isfinite(v) else "overloaded" for v in velocity],
+        status=None if np.isfinite(velocity).all() else status,
         source=f"synthetic, seed {seed}: {material.name}, mean-field, scatter {100 * scatter:g} %",
         radius=burr.radius,
         provenance=provenance(

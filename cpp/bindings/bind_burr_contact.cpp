@@ -114,6 +114,8 @@ void bind_burr_contact(py::module_& m) {
       .def_property_readonly("position", [](const HeldDescent& d) { return to_array(d.position); }, "(n,) along the axis from the start, before each tick's erosion [mm]")
       .def_property_readonly("force", [](const HeldDescent& d) { return to_array(d.force); }, "(n,) axial, as solved [N]")
       .def_property_readonly("removed", [](const HeldDescent& d) { return to_array(d.removed); }, "(n,) [mm^3]")
+      .def_readonly("ambiguous", &HeldDescent::ambiguous, "Number of ticks whose contact had no direction")
+      .def_readonly("faint", &HeldDescent::faint, "Number of ticks with over 5 % of the contact in voxels with pristine level below 32")
       .def_readonly("reached", &HeldDescent::reached, "Came to the end of its travel.");
 
   py::class_<BurrContact>(m, "BurrContact", R"(A burr on a bone: force and erosion, tick by tick.

@@ -118,6 +118,8 @@ HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis,
     descent.position.push_back(s);
     descent.force.push_back(-contact.force.dot(axis));
     descent.removed.push_back(contact.removed);
+    descent.ambiguous += contact.ambiguous;
+    descent.faint += contact.faint;
   }
   return descent;
 }

@@ -118,7 +118,8 @@ double count_steps(const Shape& shape, double contact, double stop, double resol
   const double thickness = std::tgamma((k + 2.0) / (k + 1.0)) *
                            std::pow((k + 1.0) * v / front_coefficient(shape), 1.0 / (k + 1.0));
   const double step = thickness / (8.0 + 2.0 * k);
-  return std::ceil(resolution * std::max(64.0 + 8.0 * k, (stop - contact) * (stop + contact) / (2.0 * stop * step)));
+  return std::ceil(resolution *
+                   std::max(64.0 + 8.0 * k, (stop - contact) * (stop + contact) / (2.0 * stop * step)));
 }
 
 // The time at which a rising immersion reaches `level`, within its range.

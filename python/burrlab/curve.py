@@ -97,7 +97,7 @@ class VelocityCurve:
             object.__setattr__(self, name, None if values is None else _frozen(name, values))
         object.__setattr__(self, "status", None if status is None else tuple(map(str, status)))
         object.__setattr__(self, "source", " ".join(str(source).split()))
-        object.__setattr__(self, "provenance", dict(provenance or {}))
+        object.__setattr__(self, "provenance", curve_csv.plain(provenance or {}))
         object.__setattr__(self, "radius", None if radius is None else float(radius))
         self._check()
 
@@ -173,10 +173,8 @@ class VelocityCurve:
     @property
     def ok(self) -> NDArray[np.bool_]:
         """Rows that hold a number to be used: a velocity, and a status of "ok", "" or none. Shape (n,)."""
-        has_velocity = np.isfinite(self.velocity)
-        if self.status is None:
-            return has_velocity
-        return has_velocity & np.array([text in ("", "ok") for text in self.status])
+        fine = [text in ("", "ok") for text in self.status or len(self) * ("",)]
+        return np.isfinite(self.velocity) & np.array(fine, dtype=np.bool_)
 
     def to_frame(self) -> pandas.DataFrame:
         """The curve as a pandas DataFrame with the columns of the CSV file.
@@ -206,12 +204,14 @@ class VelocityCurve:
         -------
         matplotlib Axes
         """
+        from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+
+        from burrlab.figures import tidy
+
         if ax is None:
             from matplotlib import pyplot
 
             ax = pyplot.subplots(figsize=(4.8, 3.6), layout="constrained")[1]
-        from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
-
         ok = self.ok
         force, velocity = self.force[ok], self.velocity[ok]
         label = "synthetic data" if self.source.startswith("synthetic") else "data"
@@ -224,7 +224,7 @@ class VelocityCurve:
             ax.xaxis.set_major_formatter(FormatStrFormatter("%g"))
             ax.xaxis.set_minor_formatter(NullFormatter())
         ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")
-        return ax
+        return tidy(ax)
 
     def __len__(self) -> int:
         return len(self.force)

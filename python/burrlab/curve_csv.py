@@ -74,12 +74,22 @@ def write(curve: VelocityCurve, file: str | os.PathLike[str] | IO[str]) -> None:
     if curve.radius is not None:
         file.write(f"# radius_mm: {curve.radius!r}\n")
     if curve.provenance:
-        file.write(f"# provenance: {json.dumps(dict(curve.provenance))}\n")
+        file.write(f"# provenance: {json.dumps(curve.provenance)}\n")
     columns = table(curve)
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(columns)
     for row in zip(*columns.values(), strict=True):
         writer.writerow(["" if isinstance(v, float) and math.isnan(v) else v for v in row])
+
+
+def plain(provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """A mapping as JSON would give it back: NumPy's numbers and arrays, and tuples, as plain ones."""
+
+    def without_numpy(value: Any) -> Any:
+        return value.tolist() if hasattr(value, "tolist") else str(value)
+
+    result: dict[str, Any] = json.loads(json.dumps(dict(provenance), default=without_numpy))
+    return result
 
 
 def table(curve: VelocityCurve) -> dict[str, list[float] | list[str]]:

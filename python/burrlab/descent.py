@@ -176,7 +176,7 @@ def _hold(
     immersion = -_clearance(contact, specimen, burr)
     limit = int(np.ceil(max_duration * 1e3 / dt))
     positions, forces, removed = [], [], []
-    done, ending = 0, "stalled"
+    done, ending, ambiguous, faint = 0, "stalled", 0, 0
     try:
         while done < limit:
             part = contact.hold(
@@ -186,6 +186,8 @@ def _hold(
             forces.append(part.force)
             removed.append(part.removed)
             done += len(part.position)
+            ambiguous += part.ambiguous
+            faint += part.faint
             immersion = float(part.position[-1]) if len(part.position) else immersion
             if part.reached:
                 ending = "stop" if done else _without_hold(contact, specimen, stop)
@@ -202,6 +204,8 @@ def _hold(
         force=np.concatenate(forces) if forces else np.empty(0),
         command=np.full(done, np.nan),
         exact=True,
+        ambiguous=ambiguous,
+        faint=faint,
     ), ending
 
 
@@ -276,7 +280,8 @@ def _control(
         command=table[:, 2],
         exact=False,
         noise=float(getattr(rig, "noise", 0.0)),
-        engaged=engaged,
+        ambiguous=int(getattr(rig, "ambiguous", 0)),
+        faint=int(getattr(rig, "faint", 0)),
     ), ending
 
 

@@ -33,7 +33,8 @@ class Series:
     command: Array  #: velocity commanded [mm/s], NaN in the exact mode
     exact: bool
     noise: float = 0.0  #: of the load cell [N]
-    engaged: bool = True
+    ambiguous: int = 0  #: ticks whose contact had no direction
+    faint: int = 0  #: ticks with over 5 % of the contact in voxels with pristine level below 32
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,8 @@ class Descent:
         Velocity in the first third of the window over that in its last third.
     layer_resolution : float or None
         Thickness of the cutting layer over the voxel spacing, delta_0/s.
+    warnings : tuple of str
+        What to bear in mind: coarse voxels, faint bone, contact without a direction.
     phases : dict of str to (float, float)
         Begin and end [s] of approach, impact, settling, steady; a phase that never came is missing.
     time, immersion, force, command : ndarray, shape (n,)
@@ -71,6 +74,7 @@ class Descent:
     velocity_fall: float | None
     layer_resolution: float | None
     phases: dict[str, tuple[float, float]]
+    warnings: tuple[str, ...]
     series: Series = field(repr=False)
     provenance: dict[str, Any] = field(repr=False)
 
@@ -122,6 +126,7 @@ class Descent:
             "duration_s": self.duration,
             "stop_mm": self.stop,
             "layer_resolution": self.layer_resolution,
+            "warnings": list(self.warnings),
             "phases_s": {name: list(span) for name, span in self.phases.items()},
             "material": None
             if material is None
@@ -140,13 +145,13 @@ class Descent:
     def save(self, path: str | Path) -> None:
         """Writes result and series as JSON, without loss."""
         columns = {name: getattr(self.series, name).tolist() for name in ("time", "immersion", "force", "command")}
-        text = {**self.to_dict(), "series": columns, "exact": self.series.exact, "noise_N": self.series.noise}
-        text["engaged"] = self.series.engaged
+        kinds = ("exact", "noise", "ambiguous", "faint")
+        text = {**self.to_dict(), "series": columns, "record": {name: getattr(self.series, name) for name in kinds}}
         Path(path).write_text(json.dumps(text))
 
     @staticmethod
     def load(path: str | Path) -> Descent:
-        """Reads what `save` wrote; the result is evaluated from the series again."""
+        """Reads what `save` wrote."""
         data = json.loads(Path(path).read_text())
         made = data["material"]
         material = None
@@ -154,7 +159,7 @@ class Descent:
             name = made.pop("name")
             material = Material(name, **made)
         columns = {name: np.array(values, dtype=float) for name, values in data["series"].items()}
-        series = Series(**columns, exact=data["exact"], noise=data["noise_N"], engaged=data["engaged"])
+        series = Series(**columns, **data["record"])
         fields = ("status", "reason", "velocity_fall", "layer_resolution")
         return Descent(
             burr=Burr(data["radius_mm"]),
@@ -164,6 +169,7 @@ class Descent:
             penetration_velocity=data["penetration_velocity_mm_s"],
             window=tuple(data["window_mm"]) if data["window_mm"] else None,
             phases={name: (span[0], span[1]) for name, span in data["phases_s"].items()},
+            warnings=tuple(data["warnings"]),
             series=series,
             provenance=data["provenance"],
             **{name: data[name] for name in fields},
@@ -264,8 +270,19 @@ def evaluate(
             resolution = None if thickness is None else thickness / max(provenance["spacing_mm"])
     return Descent(
         burr, material, float(setpoint), float(stop), status, reason, velocity, window, fall, resolution,
-        _phases(series, setpoint, settled), series, provenance,
+        _phases(series, setpoint, settled), _warnings(burr, series, provenance), series, provenance,
     )  # fmt: skip
+
+
+def _warnings(burr: Burr, series: Series, provenance: dict[str, Any]) -> tuple[str, ...]:
+    found = []
+    if "spacing_mm" in provenance and burr.radius / max(provenance["spacing_mm"]) < 7.5:
+        found.append(f"coarse: the radius is {burr.radius / max(provenance['spacing_mm']):.3g} voxels, below 7.5")
+    for name, text in (("faint", "over 5 % of the contact in voxels of pristine level below 32"), ("ambiguous", "no direction of contact")):
+        ticks = getattr(series, name)
+        if ticks:
+            found.append(f"{name}: {text} in {ticks} of {len(series.time)} ticks")
+    return tuple(found)
 
 
 def _phases(series: Series, setpoint: float, settled: float | None) -> dict[str, tuple[float, float]]:

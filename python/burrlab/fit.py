@@ -148,7 +148,7 @@ def fit(
     settings: dict[str, Any] = {}
     record: Record = []
     if engine == "voxel":
-        settings = {"voxel": voxel, "dt": dt}
+        settings = {"voxel_mm": voxel, "dt_ms": dt}
         predict = VoxelModel(observations, shape, voxel=voxel, dt=dt, seed=seed, executor=executor).predict
         objective = _recorded(_objective(observations, residuals, predict), record, progress)
         ends = (_voxel_search(objective, box, _best(ends)),)
@@ -185,7 +185,7 @@ def fit(
         curve=curve,
         provenance=provenance(
             shape=shape.name,
-            radius=burr.radius,
+            radius_mm=burr.radius,
             engine=engine,
             residuals=residuals,
             starts=starts,

@@ -170,7 +170,7 @@ class MeanFieldModel:
         """Velocity [mm/s] at alpha = 1 /ms, every row; NaN where c_e leaves no window."""
         ratio = np.empty(self._n)
         for start, end, pressure, rows, inverse in self._groups:
-            ratio[rows] = self._curve.velocity_ratio(pressure / c_e, start, end)[inverse]
+            ratio[rows] = np.asarray(self._curve.velocity_ratio(pressure / c_e, start, end))[inverse]
         return 1e3 * self._radius * ratio  # 1/ms is 1000/s
 
     def predict(self, c_e: float, alpha: float) -> Floats:

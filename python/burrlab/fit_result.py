@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import IO, TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from burrlab import fit_report
+from burrlab import fit_json, fit_report
 from burrlab._core import Material, Shape
 from burrlab.curve import VelocityCurve
 from burrlab.fit_problem import Bounds, ResidualKind, master_curve
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Floats: TypeAlias = NDArray[np.float64]
-_CURVE = ("force", "velocity", "sigma", "window_start", "window_end", "status", "source", "radius")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -175,7 +174,7 @@ class Fit:
         low = 0.85 * used.min() if log else 0.3 * used.min()
         high = min(1.04 * used.max(), 0.999 * self.c_e * self.radius**2 / 27**0.5)
         force = np.geomspace(low, high, 300)
-        label = f"fit: $c_e$ = {self.c_e:.3g} N/mm², $\\alpha$ = {self.alpha:.3g} /ms"
+        label = f"fit: $c_e$ = {self.c_e:#.3g} N/mm², $\\alpha$ = {self.alpha:#.3g} /ms"
         ax.plot(force, self.velocity(force), color="black", linewidth=1.2, label=label)
         if alpha_lines is not None:
             for sign, name in ((-1, f"$\\alpha$ ± {alpha_lines:g} /ms"), (1, None)):
@@ -190,40 +189,13 @@ class Fit:
         return ax
 
     def to_dict(self) -> dict[str, Any]:
-        """Everything as plain Python objects, ready for JSON; NaN as None."""
-        names = {"radius": "radius_mm", "residual_norm": "residual"}
-        plain = {names.get(f.name, f.name): getattr(self, f.name) for f in fields(self)}
-        plain["shape"] = self.shape.name
-        plain["residuals"], plain["predicted"] = self.residuals.tolist(), self.predicted.tolist()
-        plain["bounds"] = {name: list(pair) for name, pair in self.bounds.items()}
-        plain["starts"] = [
-            vars(start) | {"start": list(start.start), "end": list(start.end)} for start in self.starts
-        ]
-        plain["record"] = [list(point) for point in self.record]
-        plain["ridge"] = dict(vars(self.ridge))
-        plain["curve"] = {name: _plain(getattr(self.curve, name)) for name in _CURVE}
-        plain["curve"]["provenance"] = dict(self.curve.provenance)
-        plain["provenance"] = dict(self.provenance)
-        plain["version"] = self.provenance.get("burrlab")
-        return plain
+        """Everything as plain Python objects, ready for JSON; what is not finite is None."""
+        return fit_json.to_dict(self)
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> Fit:
         """The fit that `to_dict` described."""
-        values = dict(plain)
-        values.pop("version", None)
-        values["radius"], values["residual_norm"] = values.pop("radius_mm"), values.pop("residual")
-        values["shape"] = Shape(values["shape"])
-        values |= {name: np.array(values[name], dtype=np.float64) for name in ("residuals", "predicted")}
-        values["bounds"] = {name: tuple(pair) for name, pair in values["bounds"].items()}
-        values["starts"] = tuple(
-            Start(**start | {"start": tuple(start["start"]), "end": tuple(start["end"])})
-            for start in values["starts"]
-        )
-        values["record"] = tuple(tuple(point) for point in values["record"])
-        values["ridge"] = Ridge(**values["ridge"])
-        values["curve"] = VelocityCurve(**{name: _array(name, v) for name, v in values["curve"].items()})
-        return cls(**values)
+        return cls(**fit_json.from_dict(plain))
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Write the fit, data included, as JSON that `from_json` reads back without loss."""
@@ -260,14 +232,3 @@ class Fit:
 
     def _repr_html_(self) -> str:
         return fit_report.html(self)
-
-
-def _plain(value: object) -> object:
-    if isinstance(value, np.ndarray):
-        return [None if np.isnan(x) else x for x in value.tolist()]
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _array(name: str, value: Any) -> Any:
-    is_numbers = isinstance(value, list) and name != "status"
-    return [np.nan if x is None else x for x in value] if is_numbers else value

@@ -97,10 +97,10 @@ class VoxelModel:
         if (c_e, alpha) not in self._known:
             material = Material("trial", c_e=c_e, alpha=alpha, shape=self._shape)
             descents = []
-            for force, rows in sorted(self._rows.items()):  # small forces first: they sink for long
+            for force, windows in sorted(self._rows.items()):  # small forces first: they sink for long
                 seed = item_seed(self._seed, force, 0)
                 descents.append(
-                    VoxelDescent(self._burr, material, force, tuple(rows), self._voxel, self._dt, seed)
+                    VoxelDescent(self._burr, material, force, tuple(windows), self._voxel, self._dt, seed)
                 )
             velocity = np.empty(self._n)
             for descent, found in zip(descents, self._run(descents), strict=True):

@@ -104,6 +104,7 @@ class VirtualRig:
         self.lag, self.encoder_step, self.noise, self.force_filter = lag, encoder_step, noise, force_filter
         self.immersion = -clearance  #: true position of the tip [mm]
         self.velocity = 0.0  #: true velocity [mm/s]
+        self.ambiguous = self.faint = 0  #: ticks so flagged (see `Contact`)
         self._command = 0.0
         self._filtered = 0.0
         self._random = np.random.default_rng([contact.seed & 0xFFFFFFFF, contact.seed >> 32, contact.index])
@@ -121,6 +122,8 @@ class VirtualRig:
         self.velocity += follow * (self._command - self.velocity)
         self.immersion += self.velocity * 1e-3 * dt
         felt = self.contact.step(self.specimen.center(self.immersion, self.contact.burr), dt)
+        self.ambiguous += felt.ambiguous
+        self.faint += felt.faint
         force = -float(felt.force @ self.specimen.axis)
         if self.noise > 0:
             force += self.noise * self._random.standard_normal()

@@ -83,7 +83,7 @@ def synthetic_curve(
             c_e=material.c_e,
             alpha=material.alpha,
             shape=material.shape.name,
-            radius=burr.radius,
+            radius_mm=burr.radius,
             repeats=repeats,
             scatter=scatter,
             seed=seed,

@@ -31,6 +31,8 @@ struct HeldDescent {
   std::vector<double> position;  ///< along the axis from the start, at each tick before its erosion [mm]
   std::vector<double> force;     ///< axial, as solved [N]
   std::vector<double> removed;   ///< in the tick [mm^3]
+  std::int64_t ambiguous = 0;    ///< ticks whose contact had no direction
+  std::int64_t faint = 0;        ///< ticks with over 5 % of the contact in voxels with p < 32
   bool reached = false;          ///< came to the end of its travel
 };
 

@@ -1,0 +1,150 @@
+// The tick: moments of known bodies, erosion and its bookkeeping, determinism, and no allocation.
+#include "burrlab/tick.hpp"
+
+#include <cstdlib>
+#include <new>
+
+#include "burrlab/burr_contact.hpp"
+#include "check.hpp"
+
+namespace {
+long allocations = 0;
+}
+
+void* operator new(std::size_t size) {
+  ++allocations;
+  if (void* memory = std::malloc(size)) return memory;
+  throw std::bad_alloc();
+}
+void operator delete(void* memory) noexcept { std::free(memory); }
+void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
+
+using namespace burrlab;
+
+namespace {
+
+constexpr double pi = 3.14159265358979323846;
+constexpr Scheme schemes[] = {Scheme::layer, Scheme::cell};
+
+/// A solid cube of n voxels a side about the origin, spacing s [mm].
+VoxelBone cube(int n, double s) {
+  const Vec3 origin = Vec3::Constant(-0.5 * (n - 1) * s);
+  return VoxelBone({n, n, n}, std::vector<std::uint8_t>(std::size_t(n) * n * n, 255), Vec3::Constant(s), origin);
+}
+
+double sphere(double radius) { return 4.0 / 3.0 * pi * radius * radius * radius; }
+
+void check_moments() {
+  const VoxelBone bone = cube(64, 0.1);
+  for (const Scheme scheme : schemes) {
+    const Tick tick(bone, 3.0, scheme, Shape::parabolic(), 1, 0);
+    const Moments full = tick.moments(bone, Vec3::Zero());
+    CHECK_NEAR(full.m0 / sphere(3.0), 1.0, 2e-3);
+    CHECK_NEAR(full.m1.norm() / (full.m0 * 3.0), 0.0, 1e-6);
+
+    // Centre on a face: half a sphere, first moment pi R^4/4 into the bone.
+    const Moments half = tick.moments(bone, Vec3(0.0, 0.0, 3.2));
+    CHECK_NEAR(half.m0 / (sphere(3.0) / 2.0), 1.0, 5e-3);
+    CHECK_NEAR(half.m1[2] / (-pi * 81.0 / 4.0), 1.0, 5e-3);
+    CHECK_NEAR(half.m1[0], 0.0, 1e-4);
+
+    for (const double away : {6.3, 1e3, 1e12, 1e300}) {
+      TickSums sums;
+      const Moments none = tick.moments(bone, Vec3(0.0, -away, 0.0), &sums);
+      CHECK(none.m0 == 0.0 && none.m1.norm() == 0.0 && sums.mass == 0);
+    }
+    CHECK_THROWS(tick.moments(bone, Vec3(0.0, std::nan(""), 0.0)), "center must be finite");
+    CHECK_THROWS(tick.moments(bone, Vec3(HUGE_VAL, 0.0, 0.0)), "center must be finite, got inf");
+  }
+
+  const VoxelBone empty({40, 40, 40}, std::vector<std::uint8_t>(64000, 0), Vec3::Constant(0.1), Vec3::Zero());
+  const Moments none = Tick(empty, 1.0, Scheme::layer, Shape::parabolic(), 1, 0).moments(empty, Vec3(2.0, 2.0, 2.0));
+  CHECK(none.m0 == 0.0 && none.m1.norm() == 0.0);
+
+  const VoxelBone plate({40, 80, 160}, std::vector<std::uint8_t>(512000, 255), Vec3(0.05, 0.1, 0.2), Vec3::Zero());
+  const Tick flat(plate, 2.0, Scheme::layer, Shape::parabolic(), 1, 0);
+  CHECK_NEAR(flat.moments(plate, Vec3(4.0, 4.0, 4.0)).m0 / sphere(2.0), 1.0, 2e-3);
+}
+
+void check_refusals() {
+  const VoxelBone bone = cube(16, 0.1);
+  const auto make = [&](double radius, std::uint32_t index) {
+    return Tick(bone, radius, Scheme::layer, Shape::parabolic(), 1, index).resolution();
+  };
+  CHECK_NEAR(make(0.75, 0), 7.5, 1e-12);
+  CHECK_THROWS(make(0.3, 0), "radius must be at least 4 voxels, got 3; a spacing of 0.04 mm or finer would do");
+  CHECK_THROWS(make(0.0, 0), "radius must be positive and finite, got 0");
+  CHECK_THROWS(make(1.0, 1u << 31), "index must be below 2^31, got 2147483648");
+  CHECK(parse_scheme("layer") == Scheme::layer && parse_scheme("cell") == Scheme::cell);
+  CHECK_THROWS(parse_scheme("Layer"), "scheme must be layer or cell, got 'Layer'");
+}
+
+void check_eroded_fraction() {
+  for (double a = 1e-6; a < 40.0; a *= 1.3) {
+    const ErodedFraction fraction(a);
+    CHECK(fraction.scale <= 0.125f);
+    for (const float f : {0.0f, 0.1f, 0.5f, 1.0f}) {
+      CHECK_NEAR(fraction(f), -std::expm1(-a * f), 4e-7 * -std::expm1(-a * f));
+    }
+  }
+  CHECK(ErodedFraction(0.125).doublings == 0 && ErodedFraction(0.13).doublings == 1);
+}
+
+void check_erosion() {
+  const VoxelBone fresh = cube(48, 0.1);
+  const Vec3 center(0.013, -0.02, 2.0);
+  for (const Scheme scheme : schemes) {
+    const auto eroded = [&](std::uint64_t seed, std::uint64_t number, std::uint32_t index) {
+      VoxelBone bone = fresh;
+      TickSums sums;
+      Tick(bone, 1.5, scheme, Shape::parabolic(), seed, index).erode(bone, center, 0.1, number, &sums);
+      std::int64_t lost = 0, size = 48 * 48 * 48;
+      for (std::int64_t i = 0; i < size; ++i) lost += fresh.density()[i] - bone.density()[i];
+      CHECK(sums.lost > 0 && sums.lost == lost);
+      CHECK_NEAR(bone.removed(), static_cast<double>(lost) / 255.0 * bone.voxel_volume(), 1e-12);
+      CHECK_NEAR(fresh.mass() - bone.mass(), bone.removed(), 1e-9);
+      return bone.digest();
+    };
+    const std::string digest = eroded(1, 7, 0);
+    CHECK(digest == eroded(1, 7, 0));
+    CHECK(digest != eroded(1, 7, 1));  // index
+    CHECK(digest != eroded(1, 8, 0));  // tick
+    CHECK(digest != eroded(1, 7 + (std::uint64_t{1} << 32), 0));
+    CHECK(digest != eroded(2, 7, 0));  // seed
+    CHECK(digest != eroded(1 + (std::uint64_t{1} << 32), 7, 0));
+  }
+
+  // Moments are those before the erosion; with a = 0 nothing goes.
+  VoxelBone bone = fresh;
+  const Tick tick(bone, 1.5, Scheme::layer, Shape::parabolic(), 1, 0);
+  const Moments before = tick.moments(bone, center);
+  TickSums sums;
+  CHECK(tick.erode(bone, center, 0.0, 0, &sums).m0 == before.m0);
+  CHECK(sums.lost == 0 && bone.digest() == fresh.digest());
+  CHECK(tick.erode(bone, center, 0.1, 0, &sums).m0 == before.m0);
+  CHECK(tick.moments(bone, center).m0 < before.m0);
+}
+
+void check_no_allocation() {
+  const auto bone = std::make_shared<VoxelBone>(cube(48, 0.1));
+  for (const Scheme scheme : schemes) {
+    BurrContact contact(bone, Burr(1.5), Material("any", 2.0, 0.1, Shape::power(1.5), ""), 1, 0, scheme);
+    double removed = 0.0;
+    const long before = allocations;
+    for (int i = 0; i < 50; ++i) removed += contact.step(Vec3(0.01 * i, 0.0, 2.0), 1.0, true).removed;
+    CHECK(allocations == before);
+    CHECK(removed > 0.0);
+  }
+  CHECK(allocations > 0);  // the counter counts
+}
+
+}  // namespace
+
+int main() {
+  check_moments();
+  check_refusals();
+  check_eroded_fraction();
+  check_erosion();
+  check_no_allocation();
+  return check::report();
+}

@@ -1,0 +1,170 @@
+"""The command line's contract."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+import burrlab
+from burrlab.cli import main
+
+
+def call(capsys, *arguments):
+    try:
+        code = main([str(a) for a in arguments])
+    except SystemExit as stop:
+        code = stop.code
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def test_descend_prints_one_json_object(capsys):
+    code, out, _ = call(
+        capsys, "descend", "--material", "bone", "--force", 1.0, "--radius", 3, "--voxel", 0.2, "--dt", 1, "--seed", 1,
+        "--json", "-",
+    )  # fmt: skip
+    result = json.loads(out)
+    assert code == 0
+    assert {
+        "status", "penetration_velocity_mm_s", "window_mm", "force_N", "duration_s", "seed", "version"
+    } <= set(result)  # fmt: skip
+    assert result["status"] == "ok"
+    assert result["version"] == burrlab.__version__
+    assert result["seed"] == 1
+
+
+def test_a_run_without_a_number_exits_0_with_its_status(capsys):
+    code, out, _ = call(capsys, "descend", "--force", 5, "--voxel", 0.4, "--ideal", "--seed", 1, "--json", "-")
+    result = json.loads(out)
+    assert code == 0
+    assert result["status"] == "overloaded"
+    assert result["penetration_velocity_mm_s"] is None
+
+
+def test_overrides_and_figure(capsys, tmp_path):
+    figure, file = tmp_path / "run.png", tmp_path / "run.json"
+    code, out, _ = call(
+        capsys, "descend", "--force", 1.0, "--c-e", 1.5, "--alpha", 0.1, "--shape", "quartic", "--voxel", 0.4, "--ideal",
+        "--seed", 2, "--plot", figure, "--json", file,
+    )  # fmt: skip
+    assert code == 0
+    assert "mm/s" in out
+    assert figure.stat().st_size > 10_000
+    made = json.loads(file.read_text())["material"]
+    assert (made["c_e"], made["alpha"], made["shape"]) == (1.5, 0.1, "quartic")
+
+
+def test_sweep_then_fit(capsys, tmp_path):
+    file, figure = tmp_path / "curve.csv", tmp_path / "fit.png"
+    code, _, _ = call(
+        capsys, "sweep", "--material", "bone", "--forces", "0.8:2.4:4", "--repeats", 2, "--voxel", 0.4, "--seed", 3,
+        "--out", file, "--json", "-",
+    )  # fmt: skip
+    assert code == 0
+    code, out, _ = call(capsys, "fit", file, "--radius", 3, "--json", "-", "--plot", figure)
+    result = json.loads(out)
+    assert code == 0
+    assert {
+        "c_e", "alpha", "shape", "radius_mm", "residual", "chi2_reduced", "n_points", "status", "version"
+    } <= set(result)  # fmt: skip
+    assert result["chi2_reduced"] is None
+    assert result["n_points"] == 8
+    assert result["c_e"] == pytest.approx(2.145, rel=0.1)
+    assert figure.stat().st_size > 10_000
+
+
+def test_materials_and_version(capsys):
+    code, out, _ = call(capsys, "materials", "--json", "-")
+    table = json.loads(out)
+    assert code == 0
+    assert table["bone"]["c_e"] == 2.145
+    assert "unknown" in table["bone"]["source"]
+    assert call(capsys, "version")[1] == f"burrlab {burrlab.__version__}\n"
+
+
+@pytest.mark.parametrize("command", ["descend", "sweep", "fit", "materials", "version"])
+def test_help(capsys, command):
+    code, out, _ = call(capsys, command, "--help")
+    assert code == 0
+    assert "usage:" in out
+
+
+CSV = "force_N,velocity_mm_s\n1.0,0.5\n1.2,{cell}\n1.4,0.9\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "empty"),
+        ("force_N\n1.0\n", "velocity_mm_s"),
+        (CSV.format(cell="fast"), "line 3"),
+        (CSV.format(cell="-0.4"), "line 3"),
+        ("force_N,velocity_mm_s\n1,0.5\n1,0.6\n1.2,0.7\n", "three"),
+    ],
+)
+def test_wrong_csv_exits_2_with_one_line(capsys, tmp_path, content, message):
+    file = tmp_path / "data.csv"
+    file.write_text(content)
+    code, out, err = call(capsys, "fit", file, "--radius", 3)
+    assert code == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    assert message in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["descend"], "--force"),
+        (["descend", "--force", "-1"], "--force: must be positive"),
+        (["descend", "--force", "1", "--radius", "0"], "--radius: must be positive"),
+        (["descend", "--force", "1", "--dt", "-1"], "--dt: must be positive"),
+        (["descend", "--force", "25"], "force must be within the rig's range"),
+        (["descend", "--force", "1", "--shape", "round"], "--shape"),
+        (["descend", "--force", "1", "--volume", "none.nrrd"], "--volume needs --map"),
+        (["descend", "--force", "1", "--map", "1:2"], "--map goes with --volume"),
+        (["descend", "--force", "1", "--map", "2:1"], "LO below HI"),
+        (["descend", "--force", "1", "--axis", "1,2"], "--axis: must be X,Y,Z"),
+        (["descend", "--force", "1", "--seed", "x"], "--seed"),
+        (["sweep", "--forces", "1:2", "--out", "x.csv"], "--forces: must be FIRST:LAST:COUNT"),
+        (["fit", "none.csv", "--radius", "3"], "none.csv"),
+        (["fit", "none.csv"], "--radius"),
+    ],
+)
+def test_wrong_options_exit_2_with_one_line(capsys, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = call(capsys, *arguments)
+    assert code == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    assert message in err
+
+
+def test_installed_command_runs():
+    run = subprocess.run(
+        [sys.executable, "-m", "burrlab.cli", "version"], capture_output=True, text=True, check=True, timeout=120
+    )
+    assert run.stdout.startswith("burrlab ")
+
+
+def test_descent_into_a_hand(capsys, shared_data, tmp_path):
+    """Into the cortex of a metacarpal of the local CT volume, through the command line."""
+    file = shared_data / "volumes" / "hand_ct.nrrd"
+    if not file.is_file():
+        pytest.skip(f"no {file}")
+    pytest.importorskip("SimpleITK")
+    figure = tmp_path / "hand.png"
+    code, out, _ = call(
+        capsys, "descend", "--force", 0.5, "--volume", file, "--map", "90:180", "--entry", "65,50,103", "--axis",
+        "0,1,0", "--seed", 1, "--json", "-", "--plot", figure,
+    )  # fmt: skip
+    result = json.loads(out)
+    assert code == 0
+    assert result["status"] == "ok"
+    # A narrow bone: faster than a half-space, for the burr wets less of it.
+    assert 0.0785 < result["penetration_velocity_mm_s"] < 0.4
+    assert any("coarse" in text for text in result["warnings"])
+    assert figure.stat().st_size > 10_000

@@ -1,0 +1,275 @@
+"""The descent experiment: modes, windows, statuses, rigs."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+import burrlab
+from burrlab.regime import contact_stiffness, layer_thickness, static_immersion
+from burrlab.window import penetration_velocity_between, samples_between, settled_immersion
+
+
+def test_exact_mode_holds_the_force_and_begins_at_static_contact(burr, bone):
+    run = burrlab.descend(burr, bone, 1.0, voxel=0.2, seed=3, ideal=True)
+    assert run.status == "ok"
+    np.testing.assert_allclose(run.force, 1.0, rtol=1e-4)
+    assert run.immersion[0] == pytest.approx(static_immersion(burr, bone, 1.0), rel=0.01)
+    assert np.all(np.diff(run.immersion) > -1e-4)
+    assert run.window == (0.5, 1.0)
+    assert run.velocity_fall > 1.5, "velocity falls although the force is constant"
+    assert run.layer_resolution == pytest.approx(layer_thickness(burr, bone, run.penetration_velocity) / 0.2)
+
+
+def test_window_begins_at_static_contact_where_that_is_deeper(burr, bone):
+    run = burrlab.descend(burr, bone, 2.5, voxel=0.2, seed=3, ideal=True)
+    assert run.window[0] == pytest.approx(static_immersion(burr, bone, 2.5), rel=0.01)
+    assert run.window[0] > burr.radius / 6
+
+
+def test_rig_mode_runs_through_its_phases(burr, bone):
+    run = burrlab.descend(burr, bone, 0.8, voxel=0.2, seed=3)
+    assert run.status == "ok"
+    assert list(run.phases) == ["approach", "impact", "settling", "steady"]
+    edges = [edge for span in run.phases.values() for edge in span]
+    assert edges == sorted(edges)
+    assert run.immersion[0] < 0 < run.immersion[-1]
+    steps = run.immersion / 0.01
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
+
+
+def test_same_seed_same_run_and_seed_is_recorded(burr, bone):
+    first = burrlab.descend(burr, bone, 1.0, voxel=0.4, ideal=True)
+    again = burrlab.descend(burr, bone, 1.0, voxel=0.4, ideal=True, seed=first.provenance["seed"])
+    assert np.array_equal(first.immersion, again.immersion)
+    assert first.provenance["digest"] == again.provenance["digest"]
+    other = burrlab.descend(burr, bone, 1.0, voxel=0.4, ideal=True, seed=first.provenance["seed"] ^ 1)
+    assert other.provenance["digest"] != first.provenance["digest"]
+
+
+@pytest.mark.parametrize("ideal", [True, False])
+def test_overloaded(burr, ideal):
+    run = burrlab.descend(burr, burrlab.materials["pvc"], 1.0, voxel=0.4, seed=1, ideal=ideal)
+    assert run.status == "overloaded"
+    assert "not reached by static contact" in run.reason
+    assert run.penetration_velocity is None
+    assert run.window is None
+
+
+@pytest.mark.parametrize("ideal", [True, False])
+def test_never_touched(burr, bone, ideal):
+    empty = burrlab.VoxelBone(np.zeros((20, 40, 40), np.uint8), spacing=0.2)
+    specimen = burrlab.Specimen(empty, np.array([4.0, 4.0, 4.0]), np.array([0.0, 0.0, -1.0]))
+    run = burrlab.descend(burr, bone, 1.0, specimen=specimen, seed=1, ideal=ideal)
+    assert run.status == "never-touched"
+    assert run.penetration_velocity is None
+
+
+def test_never_settled(burr):
+    run = burrlab.descend(burr, burrlab.materials["pvc"], 0.6, voxel=0.2, seed=1)
+    assert run.status == "never-settled"
+    assert "over 5 %" in run.reason
+
+
+def test_window_too_short_exact(burr):
+    # 1.1 ticks of 0.7 mm/ms: fewer than ten ticks between static contact and the stop.
+    soft = burrlab.Material("soft", c_e=0.5, alpha=2.0)
+    run = burrlab.descend(burr, soft, 0.8, voxel=0.2, seed=1, ideal=True)
+    assert run.status == "window-too-short"
+    assert run.penetration_velocity is None
+
+
+def test_window_too_short_with_rig(burr, bone):
+    run = burrlab.descend(burr, bone, 0.5, voxel=0.2, seed=1, stop=0.6)
+    assert run.status == "window-too-short"
+    assert "R/15" in run.reason
+
+
+def test_stalled(burr):
+    hard = burrlab.Material("hard", c_e=2.0, alpha=0.0)
+    run = burrlab.descend(burr, hard, 1.0, voxel=0.4, seed=1, ideal=True, max_duration=0.2)
+    assert run.status == "stalled"
+    assert run.penetration_velocity is None
+
+
+@pytest.mark.parametrize("ideal", [True, False])
+def test_cancelled_run_keeps_its_record(burr, bone, ideal):
+    cancel = threading.Event()
+    cancel.set()
+    run = burrlab.descend(burr, bone, 0.3, voxel=0.4, seed=1, ideal=ideal, cancel=cancel)
+    assert run.status == "interrupted"
+    assert len(run.time) > 0
+    assert run.penetration_velocity is None
+
+
+def test_ctrl_c_keeps_the_record(burr, bone):
+    def press(_):
+        raise KeyboardInterrupt
+
+    run = burrlab.descend(burr, bone, 0.3, voxel=0.4, seed=1, ideal=True, progress=press)
+    assert run.status == "interrupted"
+
+
+def test_progress_rises_to_the_stop(burr, bone):
+    seen: list[float] = []
+    burrlab.descend(burr, bone, 0.5, voxel=0.4, seed=1, ideal=True, progress=seen.append)
+    assert len(seen) > 3
+    assert seen == sorted(seen)
+    assert seen[-1] > 0.9
+
+
+def test_every_imperfection_can_be_switched_off(burr, bone):
+    specimen = burrlab.half_space(burr, 0.2)
+    contact = burrlab.BurrContact(specimen.bone, burr, bone, seed=1)
+    rig = burrlab.VirtualRig(contact, specimen, lag=0, encoder_step=0, noise=0, force_filter=0)
+    rig.command(2.0)
+    reading = rig.read()
+    assert reading.position == pytest.approx(-0.2 + 0.002, abs=1e-12)
+    assert reading.force == 0.0
+    rig.command(99.0)
+    assert rig.read().position == pytest.approx(-0.198 + 0.01, abs=1e-12), "the velocity limit holds"
+
+
+def test_own_controller_and_rig(burr, bone):
+    specimen = burrlab.half_space(burr, 0.2)
+    contact = burrlab.BurrContact(specimen.bone, burr, bone, seed=5)
+    rig = burrlab.VirtualRig(contact, specimen)
+    pid = burrlab.ForceController(kp=5.0, ki=100.0, output_limits=(-10, 10))
+    run = burrlab.descend(burr, bone, 0.8, rig=rig, controller=pid)
+    assert run.status == "ok"
+    assert (pid.kp, pid.ki) == (5.0, 100.0), "gains of the caller's controller are left alone"
+    assert run.penetration_velocity == pytest.approx(0.275, rel=0.08)
+
+
+class Laboratory:
+    """A rig that knows neither its material nor where the surface is, as a real one."""
+
+    def __init__(self, inner):
+        self.inner, self.period, self.force_limit, self.surface = inner, inner.period, 10.0, None
+
+    def read(self):
+        position, force = self.inner.read()
+        return burrlab.RigReading(position + 37.0, force)
+
+    def command(self, velocity):
+        self.inner.command(velocity)
+
+
+def test_unknown_rig_finds_surface_and_stiffness_from_first_contact(burr, bone):
+    specimen = burrlab.half_space(burr, 0.1)
+    contact = burrlab.BurrContact(specimen.bone, burr, bone, seed=5)
+    rig = Laboratory(burrlab.VirtualRig(contact, specimen))
+    assert isinstance(rig, burrlab.Rig)
+    run = burrlab.descend(burr, None, 0.8, rig=rig)
+    known = burrlab.descend(burr, bone, 0.8, voxel=0.1, seed=5)
+    assert run.status == "ok"
+    assert run.immersion[0] == pytest.approx(-0.2, abs=0.06), "zero of the immersion"
+    assert run.penetration_velocity == pytest.approx(known.penetration_velocity, rel=0.1)
+
+
+def test_series_frame_save_and_load(burr, bone, tmp_path):
+    pandas = pytest.importorskip("pandas")
+    run = burrlab.descend(burr, bone, 1.0, voxel=0.4, seed=1)
+    frame = run.to_frame()
+    assert isinstance(frame, pandas.DataFrame)
+    assert list(frame.columns) == ["time_s", "immersion_mm", "force_N", "velocity_mm_s", "command_mm_s"]
+    run.save(tmp_path / "run.json")
+    back = burrlab.Descent.load(tmp_path / "run.json")
+    assert back.to_dict() == run.to_dict()
+    assert back.material == run.material
+    for name in ("time", "immersion", "force", "command"):
+        assert np.array_equal(getattr(back, name), getattr(run, name), equal_nan=True)
+
+
+def test_frame_without_pandas(burr, bone, monkeypatch):
+    run = burrlab.descend(burr, bone, 2.0, voxel=0.4, seed=1, ideal=True)
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(ImportError, match="needs pandas"):
+        run.to_frame()
+
+
+def test_plot_has_units_and_three_panels(burr, bone):
+    run = burrlab.descend(burr, bone, 1.0, voxel=0.4, seed=1)
+    labels = [axes.get_ylabel() for axes in run.plot()]
+    assert labels == ["force [N]", "immersion [mm]", "velocity [mm/s]"]
+    assert run.plot()[-1].get_xlabel() == "time [s]"
+    assert "mm/s" in repr(run)
+    assert "<table>" in run._repr_html_()
+
+
+def test_coarse_and_faint_are_said(bone):
+    burr = burrlab.Burr(2.0)
+    run = burrlab.descend(burr, bone, 0.5, voxel=0.4, seed=1, ideal=True)
+    assert any("coarse" in text for text in run.warnings)
+    thin = burrlab.VoxelBone.block((6, 6, 2), 0.2, origin=(-3, -3, -1.9), level=20)
+    specimen = burrlab.Specimen(thin, np.zeros(3), np.array([0.0, 0.0, -1.0]))
+    faint = burrlab.descend(burr, bone, 0.02, specimen=specimen, seed=1, ideal=True)
+    assert any("faint" in text for text in faint.warnings)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"force": 0.0}, "force must be positive and finite, got 0"),
+        ({"force": float("nan")}, "force must be positive and finite, got nan"),
+        ({"force": 25.0}, "force must be within the rig's range of 20 N, got 25 N"),
+        ({"dt": -1.0}, "dt must be positive and finite, got -1"),
+        ({"stop": 0.0}, "stop must be positive and finite, got 0"),
+        ({"max_duration": 0.0}, "max_duration must be positive"),
+        ({"seed": -1}, "seed must be in 0..2\\^64 - 1, got -1"),
+        ({"voxel": 1.0}, "radius must be at least 4 voxels, got 3; a spacing of 0.4 mm or finer would do"),
+        ({"voxel": -0.1}, "voxel must be positive and finite"),
+        ({"scheme": "cube"}, "scheme must be layer or cell, got 'cube'"),
+        ({"material": None}, "material must be given unless a rig of your own is"),
+    ],
+)
+def test_bad_input(burr, bone, change, message):
+    arguments = {"material": bone, "force": 1.0, "voxel": 0.4, "seed": 1} | change
+    material, force = arguments.pop("material"), arguments.pop("force")
+    with pytest.raises(ValueError, match=message):
+        burrlab.descend(burr, material, force, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"noise": -1.0}, "noise must be zero or positive"),
+        ({"period": 0.0}, "period must be positive"),
+        ({"clearance": float("nan")}, "clearance must be finite"),
+    ],
+)
+def test_bad_rig(burr, bone, change, message):
+    specimen = burrlab.half_space(burr, 0.4)
+    contact = burrlab.BurrContact(specimen.bone, burr, bone, seed=1)
+    with pytest.raises(ValueError, match=message):
+        burrlab.VirtualRig(contact, specimen, **change)
+
+
+def test_stiffness_is_the_slope_of_the_force(burr, bone):
+    """k = dF/dH in a carved hole, against a difference of the voxel force."""
+    run_bone = burrlab.half_space(burr, 0.1)
+    contact = burrlab.BurrContact(run_bone.bone, burr, bone, seed=1)
+    held = contact.hold(1.0, run_bone.center(0.0, burr), run_bone.axis, from_=-0.2, travel=0.9, dt=1.0, ticks=10**6)
+    depth = float(held.position[-1])
+    step = 1e-3
+    above, below = (
+        -float(contact.probe(run_bone.center(depth + d, burr)).force @ run_bone.axis) for d in (-step, step)
+    )
+    measured = (below - above) / (2 * step)
+    expected = contact_stiffness(bone.c_e, burr.radius, (above + below) / 2, depth)
+    assert measured == pytest.approx(expected, rel=0.1)
+
+
+def test_window_functions():
+    time = np.arange(100) * 0.01
+    h = 0.5 * time
+    assert penetration_velocity_between(time, h, 0.1, 0.4) == pytest.approx(0.5)
+    assert penetration_velocity_between(time, h, 0.6, 0.9) is None
+    assert samples_between(h, 0.1, 0.2) == slice(20, 41)
+    force = np.where(np.arange(100) < 30, 2.0, 1.0)
+    settled = settled_immersion(h, force, 1.0, span=11)
+    assert settled == pytest.approx(h[35])
+    assert settled_immersion(h, 2 * force, 1.0, span=11) is None
+    assert settled_immersion(h[:5], force[:5], 1.0, span=11) is None

@@ -1,0 +1,37 @@
+"""From a measured curve to fitted constants to voxel descents on the data."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+
+import numpy as np
+import pytest
+
+import burrlab
+from conftest import ROOT
+
+
+@pytest.mark.parametrize("name", ["specimen_a.csv", "specimen_b.csv"])
+def test_voxel_descents_at_the_fitted_values_lie_on_the_data(shared_data, burr, name):
+    """The mean of three repeats with 8 % scatter has an error of 4.6 %; the fit's own adds to it."""
+    curve = burrlab.VelocityCurve.from_csv(shared_data / "measurements" / name)
+    fit = burrlab.fit(curve, burr)
+    forces = np.unique(curve.force)[2::3]
+    descents = burrlab.force_sweep(burr, fit.material("fitted"), forces, voxel=0.1, seed=1)
+    assert set(descents.status) == {"ok"}
+    means = np.array([np.exp(np.mean(np.log(curve.velocity[curve.force == f]))) for f in forces])
+    # Five standard errors of a mean: one false alarm in a million.
+    np.testing.assert_allclose(np.log(descents.velocity / means), 0.0, atol=5 * 0.08 / np.sqrt(3))
+    # On average they sit on the line.
+    assert abs(np.mean(np.log(descents.velocity / fit.velocity(forces)))) < 0.03
+
+
+@pytest.mark.parametrize("script", sorted(p.name for p in (ROOT / "examples").glob("*.py")))
+def test_examples_run(script, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    text = (ROOT / "examples" / script).read_text()
+    arguments = ["--fast"] if "--fast" in text else []
+    monkeypatch.setattr(sys, "argv", [script, *([] if script == "demo.py" else arguments)])
+    runpy.run_path(str(ROOT / "examples" / script), run_name="__main__")
+    assert list(tmp_path.rglob("*.png")) or capsys.readouterr().out

@@ -1,0 +1,85 @@
+"""Force sweeps: seeds, executors, interrupts."""
+
+from __future__ import annotations
+
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import burrlab
+from burrlab.sweep import item_seed
+
+
+def sweep(forces=(1.0, 1.5, 2.0), **options):
+    defaults = {"repeats": 2, "voxel": 0.4, "seed": 7}
+    return burrlab.force_sweep(burrlab.Burr(3.0), burrlab.materials["bone"], forces, **{**defaults, **options})
+
+
+def test_rows_do_not_depend_on_workers_or_order():
+    alone = sweep(executor=None)
+    with ThreadPoolExecutor(1) as one, ProcessPoolExecutor(2) as many:
+        for curve in (sweep(executor=one), sweep(executor=many)):
+            assert np.array_equal(curve.velocity, alone.velocity)
+    back = sweep(forces=(2.0, 1.5, 1.0))
+    assert np.array_equal(np.sort(back.velocity), np.sort(alone.velocity))
+    assert len(set(alone.velocity)) == 6, "repeats differ"
+
+
+def test_one_repeat_can_be_rerun_by_itself():
+    curve = sweep()
+    seed = item_seed(7, 1.5, 1)
+    run = burrlab.descend(burrlab.Burr(3.0), burrlab.materials["bone"], 1.5, voxel=0.4, seed=seed, ideal=True)
+    assert run.penetration_velocity == curve.velocity[3]
+
+
+def test_rows_without_a_window_keep_force_and_status():
+    curve = sweep(forces=(1.0, 5.0), repeats=1)
+    assert curve.status == ("ok", "overloaded")
+    assert np.isnan(curve.velocity[1])
+    assert list(curve.ok) == [True, False]
+
+
+def test_rig_sweep_and_specimen():
+    specimen = burrlab.half_space(burrlab.Burr(3.0), 0.4)
+    before = specimen.bone.digest()
+    curve = sweep(forces=(0.8,), repeats=1, rig=True, specimen=specimen)
+    assert curve.status == ("ok",)
+    assert specimen.bone.digest() == before, "descents work on copies"
+
+
+def test_ctrl_c_keeps_what_is_done(monkeypatch):
+    import burrlab.sweep as module
+
+    class Bar:
+        def __init__(self, futures, **_):
+            self.futures = futures
+
+        def __iter__(self):
+            yield next(iter(self.futures))
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "tqdm", Bar)
+    curve = sweep(forces=(0.3, 1.0, 2.0), repeats=1)
+    assert "ok" in curve.status
+    assert set(curve.status) <= {"ok", "interrupted"}
+
+
+def test_an_executor_that_fails_says_so():
+    with ThreadPoolExecutor(1) as pool:
+        pool.shutdown()
+        with pytest.raises(RuntimeError, match="shutdown"):
+            sweep(executor=pool)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"forces": []}, "at least one force"),
+        ({"forces": [1.0, -1.0]}, "every force must be positive"),
+        ({"repeats": 0}, "repeats must be at least 1"),
+    ],
+)
+def test_bad_input(change, message):
+    with pytest.raises(ValueError, match=message):
+        sweep(**change)

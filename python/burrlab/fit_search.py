@@ -109,7 +109,7 @@ def minimise(
     algorithm : int
         One of nlopt's.
     step : float
-        First step, in logarithms.
+        First step, in logarithms; at most a quarter of the box, for BOBYQA refuses more than a half.
     xtol : float
         Stop where steps fall below this, in logarithms.
     maxeval : int
@@ -128,7 +128,7 @@ def minimise(
     optimiser = nlopt.opt(algorithm, 2)
     optimiser.set_lower_bounds(np.log(box.lower))
     optimiser.set_upper_bounds(np.log(box.upper))
-    optimiser.set_initial_step(step)
+    optimiser.set_initial_step(np.minimum(step, 0.25 * np.log(np.divide(box.upper, box.lower))))
     optimiser.set_xtol_abs(xtol)
     optimiser.set_maxeval(maxeval)
     recorder = _Recorder(objective, box, optimiser)

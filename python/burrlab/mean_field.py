@@ -215,7 +215,7 @@ def thin_layer_velocity(
     >>> from burrlab.mean_field import thin_layer_velocity
     >>> bone = burrlab.Material("bone", c_e=2.145, alpha=0.087)
     >>> thin_layer_velocity(burrlab.Burr(3.0), bone, 0.1, [0.5, 1.0]).round(5)
-    array([0.00276, 0.00089])
+    array([0.00257, 0.00071])
     """
     R = burr.radius
     phi = _positive("force", force) / (material.c_e * R**2)

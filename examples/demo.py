@@ -40,7 +40,9 @@ def main(folder: Path) -> None:
         print(f"  {force:.2f} N  {velocity:8.4f} mm/s   mean-field {line:8.4f}   ratio {velocity / line:.3f}")
 
     axes = fit.plot(log=True)
-    axes.plot(descents.force, descents.velocity, "o", color="#D55E00", markersize=4, label="voxel descents, 0.1 mm")
+    axes.plot(
+        descents.force, descents.velocity, "o", color="#D55E00", markersize=4, label="voxel descents, 0.1 mm"
+    )
     axes.legend()
     axes.set_title("synthetic data, fit and voxel descents", fontsize=10)
     axes.figure.savefig(folder / "fit.png", dpi=200)
@@ -48,7 +50,9 @@ def main(folder: Path) -> None:
     run = burrlab.descend(burr, fitted, 1.0, voxel=0.1, seed=1)
     print(f"\n{run}")
     run.plot()[0].figure.savefig(folder / "descent.png", dpi=200)
-    print(f"\nwritten to {folder}/: data.csv fit.json fit.png descent.png ({time.perf_counter() - begin:.0f} s)")
+    print(
+        f"\nwritten to {folder}/: data.csv fit.json fit.png descent.png ({time.perf_counter() - begin:.0f} s)"
+    )
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
 from collections.abc import Sequence
-from typing import Any, Literal, SupportsIndex, TypeAlias, overload
+from typing import Any, Literal, Never, SupportsIndex, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,9 +9,10 @@ cpu_path: str
 
 _Vector: TypeAlias = Sequence[float] | NDArray[np.floating[Any] | np.integer[Any]]  # (x, y, z)
 _Array: TypeAlias = Sequence[float] | NDArray[np.floating[Any] | np.integer[Any]]
-_Scheme: TypeAlias = Literal["layer", "cell"]
 
-class Shape:
+class _Pybind11Type(type): ...
+
+class Shape(metaclass=_Pybind11Type):
     def __init__(self, name: str) -> None: ...
     @property
     def name(self) -> str: ...
@@ -26,14 +27,14 @@ class Shape:
 
 def depth_table(order: float) -> NDArray[np.float32]: ...
 
-class Burr:
+class Burr(metaclass=_Pybind11Type):
     def __init__(self, radius: float) -> None: ...
     @property
     def radius(self) -> float: ...
     def __eq__(self, other: object, /) -> bool: ...
     def __hash__(self) -> int: ...
 
-class Material:
+class Material(metaclass=_Pybind11Type):
     def __init__(
         self, name: str, *, c_e: float, alpha: float, shape: Shape | str = ..., source: str = ""
     ) -> None: ...
@@ -50,7 +51,7 @@ class Material:
     def __eq__(self, other: object, /) -> bool: ...
     def __hash__(self) -> int: ...
 
-class VoxelBone:
+class VoxelBone(metaclass=_Pybind11Type):
     def __init__(
         self,
         density: NDArray[Any],
@@ -87,7 +88,7 @@ class VoxelBone:
     def digest(self) -> str: ...
 
 def moments(
-    bone: VoxelBone, burr: Burr, center: _Vector, *, scheme: _Scheme = "layer"
+    bone: VoxelBone, burr: Burr, center: _Vector, *, scheme: str = "layer"
 ) -> tuple[float, NDArray[np.float64]]: ...
 def penetration(m0: float, radius: float) -> float: ...
 def elastic_force(m0: float, m1: _Vector, *, radius: float, c_e: float) -> NDArray[np.float64]: ...
@@ -101,10 +102,11 @@ def erode(
     seed: int,
     tick: int,
     index: int = 0,
-    scheme: _Scheme = "layer",
+    scheme: str = "layer",
 ) -> float: ...
 
-class Contact:
+class Contact(metaclass=_Pybind11Type):
+    def __init__(self, *args: Never, **kwargs: Never) -> None: ...
     @property
     def force(self) -> NDArray[np.float64]: ...
     @property
@@ -128,7 +130,8 @@ class Contact:
     @property
     def faint(self) -> bool: ...
 
-class ContactSeries:
+class ContactSeries(metaclass=_Pybind11Type):
+    def __init__(self, *args: Never, **kwargs: Never) -> None: ...
     def __len__(self) -> int: ...
     def __getitem__(self, i: SupportsIndex, /) -> Contact: ...
     @property
@@ -154,7 +157,8 @@ class ContactSeries:
     @property
     def faint(self) -> NDArray[np.bool_]: ...
 
-class HeldDescent:
+class HeldDescent(metaclass=_Pybind11Type):
+    def __init__(self, *args: Never, **kwargs: Never) -> None: ...
     @property
     def position(self) -> NDArray[np.float64]: ...
     @property
@@ -162,9 +166,13 @@ class HeldDescent:
     @property
     def removed(self) -> NDArray[np.float64]: ...
     @property
+    def ambiguous(self) -> int: ...
+    @property
+    def faint(self) -> int: ...
+    @property
     def reached(self) -> bool: ...
 
-class BurrContact:
+class BurrContact(metaclass=_Pybind11Type):
     def __init__(
         self,
         bone: VoxelBone,
@@ -173,7 +181,7 @@ class BurrContact:
         seed: int,
         index: int = 0,
         *,
-        scheme: _Scheme = "layer",
+        scheme: str = "layer",
     ) -> None: ...
     def probe(self, center: _Vector) -> Contact: ...
     def step(self, center: _Vector, dt: float, burr_on: bool = True) -> Contact: ...
@@ -201,9 +209,9 @@ class BurrContact:
     @property
     def index(self) -> int: ...
     @property
-    def scheme(self) -> _Scheme: ...
+    def scheme(self) -> Literal["layer", "cell"]: ...
 
-class ForceController:
+class ForceController(metaclass=_Pybind11Type):
     def __init__(
         self,
         kp: float,
@@ -241,7 +249,9 @@ def mean_field_descent(
 @overload
 def thin_layer_velocity(shape: Shape | str, phi: float, immersion: float) -> float: ...
 @overload
-def thin_layer_velocity(shape: Shape | str, phi: _Array, immersion: float | _Array) -> NDArray[np.float64]: ...
+def thin_layer_velocity(
+    shape: Shape | str, phi: _Array, immersion: float | _Array
+) -> NDArray[np.float64]: ...
 @overload
 def thin_layer_velocity(shape: Shape | str, phi: float, immersion: _Array) -> NDArray[np.float64]: ...
 def window_velocity(time: ArrayLike, immersion: ArrayLike, start: float, stop: float) -> float: ...

@@ -8,12 +8,15 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 import burrlab
 from burrlab._core import Burr, Material, Shape
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Options = argparse.Namespace
 
@@ -96,19 +99,29 @@ def _experiment_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--material", choices=sorted(burrlab.materials), default="bone", help="default: bone")
     parser.add_argument("--c-e", type=_positive, help="elastic constant instead of the material's [N/mm^2]")
     parser.add_argument("--alpha", type=_positive, help="erosion rate instead of the material's [1/ms]")
-    parser.add_argument("--shape", type=_shape, help="erosion shape f: parabolic, linear, quartic, constant, power(k)")
+    parser.add_argument(
+        "--shape", type=_shape, help="erosion shape f: parabolic, linear, quartic, constant, power(k)"
+    )
     parser.add_argument("--radius", type=_positive, default=3.0, help="burr radius R [mm], default 3")
     parser.add_argument("--voxel", type=_positive, help="voxel spacing of the block [mm], default 0.1")
     parser.add_argument("--dt", type=_positive, default=1.0, help="tick [ms], default 1")
     parser.add_argument("--seed", type=_seed, help="default: drawn and recorded")
     parser.add_argument("--scheme", choices=["layer", "cell"], default="layer", help="default: layer")
     parser.add_argument("--stop", type=_positive, help="immersion at which a run ends [mm], default R/3")
-    parser.add_argument("--max-duration", type=_positive, default=120.0, help="[s] of the experiment, default 120")
-    volume = parser.add_argument_group("a grey volume instead of a block (NRRD, NIfTI, MetaImage; extra medical)")
+    parser.add_argument(
+        "--max-duration", type=_positive, default=120.0, help="[s] of the experiment, default 120"
+    )
+    volume = parser.add_argument_group(
+        "a grey volume instead of a block (NRRD, NIfTI, MetaImage; extra medical)"
+    )
     volume.add_argument("--volume", metavar="FILE")
     volume.add_argument("--map", type=_grey_map, metavar="LO:HI", help="grey values of empty and solid")
-    volume.add_argument("--entry", type=_vector, metavar="X,Y,Z", help="where the axis begins, volume's own coordinates [mm]")
-    volume.add_argument("--axis", type=_vector, metavar="X,Y,Z", help="direction of the descent (a block too; default 0,0,-1)")
+    volume.add_argument(
+        "--entry", type=_vector, metavar="X,Y,Z", help="where the axis begins, volume's own coordinates [mm]"
+    )
+    volume.add_argument(
+        "--axis", type=_vector, metavar="X,Y,Z", help="direction of the descent (a block too; default 0,0,-1)"
+    )
 
 
 def _material(options: Options) -> Material:
@@ -143,6 +156,12 @@ def _specimen(options: Options, burr: Burr) -> burrlab.Specimen | None:
     return volume.specimen(*options.map, entry=options.entry, axis=options.axis)
 
 
+def _save(axes: Axes, path: str) -> None:
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    figure.savefig(path, dpi=200)
+
+
 def _deliver(options: Options, result: dict[str, Any], text: str) -> None:
     if options.json == "-":
         print(json.dumps(result, allow_nan=False))
@@ -164,7 +183,7 @@ def _descend(options: Options) -> None:
             max_duration=options.max_duration, progress=lambda done: bar.update(int(100 * done) - bar.n),
         )  # fmt: skip
     if options.plot is not None:
-        run.plot()[0].figure.savefig(options.plot, dpi=200)
+        _save(run.plot()[0], options.plot)
     _deliver(options, run.to_dict(), repr(run))
 
 
@@ -177,7 +196,7 @@ def _sweep(options: Options) -> None:
     )  # fmt: skip
     curve.to_csv(options.out)
     if options.plot is not None:
-        curve.plot().figure.savefig(options.plot, dpi=200)
+        _save(curve.plot(), options.plot)
     ok = int(curve.ok.sum())
     result = {
         "file": str(options.out),
@@ -197,8 +216,7 @@ def _fit(options: Options) -> None:
         seed=options.seed, voxel=options.voxel,
     )  # fmt: skip
     if options.plot is not None:
-        axes = result.plot(alpha_lines=options.alpha_lines, log=options.log)
-        axes.figure.savefig(options.plot, dpi=200)
+        _save(result.plot(alpha_lines=options.alpha_lines, log=options.log), options.plot)
     _deliver(options, result.to_dict(), result.report())
 
 
@@ -208,7 +226,9 @@ def _materials(options: Options) -> None:
         for name, m in burrlab.materials.items()
     }
     lines = [f"{'name':<10} {'c_e [N/mm^2]':>12} {'alpha [1/ms]':>12}  shape      source"]
-    lines += [f"{n:<10} {m['c_e']:>12} {m['alpha']:>12}  {m['shape']:<10} {m['source']}" for n, m in table.items()]
+    lines += [
+        f"{n:<10} {m['c_e']:>12} {m['alpha']:>12}  {m['shape']:<10} {m['source']}" for n, m in table.items()
+    ]
     _deliver(options, table, "\n".join(lines))
 
 
@@ -219,7 +239,9 @@ def _version(options: Options) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="burrlab", description="Virtual bone-burring experiments. Units: mm, N, s; dt in ms.")
+    parser = _Parser(
+        prog="burrlab", description="Virtual bone-burring experiments. Units: mm, N, s; dt in ms."
+    )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     def command(name: str, run: Callable[[Options], None], text: str) -> argparse.ArgumentParser:
@@ -227,29 +249,41 @@ def _parser() -> argparse.ArgumentParser:
         sub.set_defaults(run=run)
         return sub
 
-    descent = command("descend", _descend, "Sink a burr at constant force and measure its penetration velocity.")
+    descent = command(
+        "descend", _descend, "Sink a burr at constant force and measure its penetration velocity."
+    )
     descent.add_argument("--force", type=_positive, required=True, help="set-point [N]")
-    descent.add_argument("--ideal", action="store_true", help="hold the force exactly, without rig and controller")
+    descent.add_argument(
+        "--ideal", action="store_true", help="hold the force exactly, without rig and controller"
+    )
     _experiment_options(descent)
     _output_options(descent)
 
     sweep = command("sweep", _sweep, "Penetration velocity against force, written as CSV.")
-    sweep.add_argument("--forces", type=_forces, required=True, metavar="FIRST:LAST:COUNT", help="[N]; or F,F,...")
+    sweep.add_argument(
+        "--forces", type=_forces, required=True, metavar="FIRST:LAST:COUNT", help="[N]; or F,F,..."
+    )
     sweep.add_argument("--repeats", type=_count, default=1)
     sweep.add_argument("--out", required=True, metavar="FILE.csv")
-    sweep.add_argument("--rig", action="store_true", help="through controller and virtual rig; else the force is exact")
+    sweep.add_argument(
+        "--rig", action="store_true", help="through controller and virtual rig; else the force is exact"
+    )
     _experiment_options(sweep)
     _output_options(sweep)
 
     fit = command("fit", _fit, "Fit c_e and alpha to a velocity-force curve.")
     fit.add_argument("file", metavar="FILE.csv")
     fit.add_argument("--radius", type=_positive, required=True, help="burr radius R [mm]")
-    fit.add_argument("--shape", type=_shape, default=Shape("parabolic"), help="erosion shape f, default parabolic")
+    fit.add_argument(
+        "--shape", type=_shape, default=Shape("parabolic"), help="erosion shape f, default parabolic"
+    )
     fit.add_argument("--engine", choices=["mean-field", "voxel"], default="mean-field")
     fit.add_argument("--residuals", choices=["relative", "absolute", "sigma"], default="relative")
     fit.add_argument("--voxel", type=_positive, default=0.1, help="voxel engine: spacing [mm]")
     fit.add_argument("--seed", type=_seed, default=0)
-    fit.add_argument("--alpha-lines", type=_positive, metavar="D", help="also draw alpha +- D [1/ms], as the paper does")
+    fit.add_argument(
+        "--alpha-lines", type=_positive, metavar="D", help="also draw alpha +- D [1/ms], as the paper does"
+    )
     fit.add_argument("--log", action="store_true", help="logarithmic axes in the figure")
     _output_options(fit)
 

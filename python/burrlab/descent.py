@@ -122,16 +122,24 @@ def descend(
             rig = VirtualRig(contact, specimen, period=dt, clearance=_clearance(contact, specimen, burr))
     watch = _Watch(stop, progress, cancel)
     if rig is None:
-        assert contact is not None and specimen is not None
+        assert contact is not None
+        assert specimen is not None
         series, ending = _hold(contact, specimen, force, stop, dt, max_duration, watch)
     else:
         if force > rig.force_limit:
-            raise ValueError(f"force must be within the rig's range of {rig.force_limit:g} N, got {force:g} N")
+            raise ValueError(
+                f"force must be within the rig's range of {rig.force_limit:g} N, got {force:g} N"
+            )
         dt = rig.period
         series, ending = _control(rig, burr, material, force, controller, stop, max_duration, watch)
         if contact is None and isinstance(rig, VirtualRig):
             contact = rig.contact
-    parameters: dict[str, Any] = {"seed": seed, "dt_ms": dt, "mode": "exact" if ideal else "rig", "stop_mm": stop}
+    parameters: dict[str, Any] = {
+        "seed": seed,
+        "dt_ms": dt,
+        "mode": "exact" if ideal else "rig",
+        "stop_mm": stop,
+    }
     if contact is not None:
         parameters |= {
             "scheme": contact.scheme,
@@ -180,7 +188,13 @@ def _hold(
     try:
         while done < limit:
             part = contact.hold(
-                force, start, specimen.axis, from_=immersion, travel=stop, dt=dt, ticks=min(_CHUNK, limit - done)
+                force,
+                start,
+                specimen.axis,
+                from_=immersion,
+                travel=stop,
+                dt=dt,
+                ticks=min(_CHUNK, limit - done),
             )
             positions.append(part.position)
             forces.append(part.force)
@@ -197,9 +211,8 @@ def _hold(
                 break
     except KeyboardInterrupt:
         ending = "interrupted"
-    time = 1e-3 * dt * np.arange(done)
     return Series(
-        time=time,
+        time=np.arange(done, dtype=np.float64) * (1e-3 * dt),
         immersion=np.concatenate(positions) if positions else np.empty(0),
         force=np.concatenate(forces) if forces else np.empty(0),
         command=np.full(done, np.nan),
@@ -274,7 +287,7 @@ def _control(
     table = np.array(rows, dtype=float).reshape(-1, 3)
     zero = surface if surface is not None else (first or 0.0)
     return Series(
-        time=1e-3 * rig.period * np.arange(len(table)),
+        time=np.arange(len(table), dtype=np.float64) * (1e-3 * rig.period),
         immersion=table[:, 0] - zero,
         force=table[:, 1],
         command=table[:, 2],
@@ -293,15 +306,19 @@ def _contact_threshold(force: float, rows: list[tuple[float, float, float]]) -> 
     return max(0.1 * force, 5 * float(np.std(recent[: max(len(recent) // 2, 10)])))
 
 
-def _first_contact(rows: list[tuple[float, float, float]], above: float, radius: float) -> tuple[float, float]:
+def _first_contact(
+    rows: list[tuple[float, float, float]], above: float, radius: float
+) -> tuple[float, float]:
     """c_e [N/mm^2] and surface position [mm] from the approach: F^(2/3) = (c_e sqrt(R))^(2/3) (x - x_0)."""
     table = np.array(rows)
     pressed = table[table[:, 1] > above]
     if len(pressed) < 3 or np.ptp(pressed[:, 0]) == 0:
         pressed = table[-3:]
-    slope, intercept = np.polyfit(pressed[:, 0], np.maximum(pressed[:, 1], 0.0) ** (2 / 3), 1) if np.ptp(
-        pressed[:, 0]
-    ) > 0 else (1.0, 1.0 - pressed[-1, 0])
+    slope, intercept = (
+        np.polyfit(pressed[:, 0], np.maximum(pressed[:, 1], 0.0) ** (2 / 3), 1)
+        if np.ptp(pressed[:, 0]) > 0
+        else (1.0, 1.0 - pressed[-1, 0])
+    )
     slope = max(float(slope), 1e-3)
     return slope**1.5 / np.sqrt(radius), float(-intercept / slope)
 

@@ -101,7 +101,9 @@ class Descent:
         if n < 3:
             return np.full(n, np.nan)
         span = min(51, n if n % 2 else n - 1)
-        return np.asarray(savgol_filter(self.immersion, span, 1, deriv=1, delta=float(self.time[1] - self.time[0])))
+        return np.asarray(
+            savgol_filter(self.immersion, span, 1, deriv=1, delta=float(self.time[1] - self.time[0]))
+        )
 
     @property
     def duration(self) -> float:
@@ -144,9 +146,15 @@ class Descent:
 
     def save(self, path: str | Path) -> None:
         """Writes result and series as JSON, without loss."""
-        columns = {name: getattr(self.series, name).tolist() for name in ("time", "immersion", "force", "command")}
+        columns = {
+            name: getattr(self.series, name).tolist() for name in ("time", "immersion", "force", "command")
+        }
         kinds = ("exact", "noise", "ambiguous", "faint")
-        text = {**self.to_dict(), "series": columns, "record": {name: getattr(self.series, name) for name in kinds}}
+        text = {
+            **self.to_dict(),
+            "series": columns,
+            "record": {name: getattr(self.series, name) for name in kinds},
+        }
         Path(path).write_text(json.dumps(text))
 
     @staticmethod
@@ -159,7 +167,8 @@ class Descent:
             name = made.pop("name")
             material = Material(name, **made)
         columns = {name: np.array(values, dtype=float) for name, values in data["series"].items()}
-        series = Series(**columns, **data["record"])
+        record: dict[str, Any] = {**columns, **data["record"]}
+        series = Series(**record)
         fields = ("status", "reason", "velocity_fall", "layer_resolution")
         return Descent(
             burr=Burr(data["radius_mm"]),
@@ -199,7 +208,11 @@ class Descent:
 
     def _repr_html_(self) -> str:
         rows = [(key, value) for key, value in self.to_dict().items() if key != "provenance"]
-        return "<table>" + "".join(f"<tr><th>{key}</th><td>{value}</td></tr>" for key, value in rows) + "</table>"
+        return (
+            "<table>"
+            + "".join(f"<tr><th>{key}</th><td>{value}</td></tr>" for key, value in rows)
+            + "</table>"
+        )
 
     def __repr__(self) -> str:
         name = "unknown material" if self.material is None else self.material.name
@@ -277,8 +290,13 @@ def evaluate(
 def _warnings(burr: Burr, series: Series, provenance: dict[str, Any]) -> tuple[str, ...]:
     found = []
     if "spacing_mm" in provenance and burr.radius / max(provenance["spacing_mm"]) < 7.5:
-        found.append(f"coarse: the radius is {burr.radius / max(provenance['spacing_mm']):.3g} voxels, below 7.5")
-    for name, text in (("faint", "over 5 % of the contact in voxels of pristine level below 32"), ("ambiguous", "no direction of contact")):
+        found.append(
+            f"coarse: the radius is {burr.radius / max(provenance['spacing_mm']):.3g} voxels, below 7.5"
+        )
+    for name, text in (
+        ("faint", "over 5 % of the contact in voxels of pristine level below 32"),
+        ("ambiguous", "no direction of contact"),
+    ):
         ticks = getattr(series, name)
         if ticks:
             found.append(f"{name}: {text} in {ticks} of {len(series.time)} ticks")
@@ -299,5 +317,10 @@ def _phases(series: Series, setpoint: float, settled: float | None) -> dict[str,
     contact = first(force >= 0.1 * setpoint)
     reached = first(force >= 0.95 * setpoint)
     steady = end if settled is None else first((series.immersion >= settled) & (time >= reached))
-    edges = {"approach": (0.0, contact), "impact": (contact, reached), "settling": (reached, steady), "steady": (steady, end)}
+    edges = {
+        "approach": (0.0, contact),
+        "impact": (contact, reached),
+        "settling": (reached, steady),
+        "steady": (steady, end),
+    }
     return {name: edge for name, edge in edges.items() if edge[1] > edge[0]}

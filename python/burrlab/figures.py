@@ -38,7 +38,10 @@ def plot_descent(run: Descent, figure: Figure | None = None) -> list[Axes]:
     top.annotate(f"set-point {run.setpoint:g} N", (0.99, run.setpoint), xycoords=("axes fraction", "data"),
                  xytext=(0, 3), textcoords="offset points", ha="right", color=REFERENCE, fontsize=8)  # fmt: skip
     top.set_ylabel("force [N]")
-    top.set_ylim(bottom=min(0.0, float(run.force.min(initial=0.0))), top=1.35 * max(run.setpoint, run.force.max(initial=0.0) / 1.2))
+    top.set_ylim(
+        bottom=min(0.0, float(run.force.min(initial=0.0))),
+        top=1.35 * max(run.setpoint, run.force.max(initial=0.0) / 1.2),
+    )
     middle.plot(run.time, run.immersion, color=POSITION, linewidth=1.2)
     middle.axhline(0, color=REFERENCE, linewidth=0.8, linestyle=":")
     middle.set_ylabel("immersion [mm]")
@@ -62,7 +65,14 @@ def plot_descent(run: Descent, figure: Figure | None = None) -> list[Axes]:
                         textcoords="offset points", color=REFERENCE, fontsize=9)  # fmt: skip
     for phase, (begin, end) in run.phases.items():
         if end - begin > 0.04 * max(run.duration, 1e-9):
-            top.annotate(phase, ((begin + end) / 2, 0.97), xycoords=("data", "axes fraction"), ha="center", va="top", fontsize=8)
+            top.annotate(
+                phase,
+                ((begin + end) / 2, 0.97),
+                xycoords=("data", "axes fraction"),
+                ha="center",
+                va="top",
+                fontsize=8,
+            )
         top.axvline(begin, color="0.75", linewidth=0.6)
     kind = "force held exactly" if run.series.exact else "controller and rig"
     top.set_title(f"{name}, R = {run.burr.radius:g} mm, {kind}", fontsize=10)

@@ -14,7 +14,7 @@ from burrlab.fit_search import Box, Start
 _RIDGE_PHI = 0.7  # the ridge is tried where the largest phi is 0.7 of the one where it ends
 _RIDGE_F = 4.0  # it is excluded where it raises the sum of squares by over 4 residual variances (about 95 %)
 _AT_BOUND = 1e-3  # ends closer to a bound than this, relatively, are at it
-_ONE_PLACE = 1.01  # equally good ends that differ by more than 1 % disagree
+_ONE_PLACE = 1.05  # equally good ends that differ by more than 5 % disagree; a kink alone makes 1 %
 _EQUAL = 1e-3  # ends are equally good where their RMS residuals differ by less than this, relatively
 
 

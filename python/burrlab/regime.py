@@ -42,7 +42,8 @@ def contact_stiffness(c_e: float, radius: float, force: float, immersion: float)
     """
     u = min((force / (c_e * radius**2)) ** (2 / 3), 1.0)
     depth = min(max(immersion, u * radius), radius)
-    return 1.5 * c_e * math.sqrt(u) * (2 * radius * depth - depth**2) / (radius * (2 * u - u * u))
+    area = 2 * radius * depth - depth**2  # wetted, projected on the axis, over pi
+    return float(1.5 * c_e * math.sqrt(u) * area / (radius * (2 * u - u * u)))
 
 
 def layer_thickness(burr: Burr, material: Material, velocity: float) -> float | None:

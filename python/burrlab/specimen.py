@@ -90,7 +90,9 @@ def half_space(
     normal = unit_vector(axis)
     s = spacing.max()
     reach, bottom = burr.radius + s, depth + 3 * s
-    width = (np.sqrt(max(2 * reach * (depth + s) - (depth + s) ** 2, 0.0)) if depth + s < reach else reach) + 2 * s
+    width = (
+        np.sqrt(max(2 * reach * (depth + s) - (depth + s) ** 2, 0.0)) if depth + s < reach else reach
+    ) + 2 * s
     shift = np.asarray(offset, dtype=float)
     shift = shift - (shift @ normal) * normal
     across = width * np.sqrt(np.maximum(1 - normal**2, 0.0)) + np.abs(shift)
@@ -98,13 +100,17 @@ def half_space(
     high = np.ceil((np.maximum(0, bottom * normal) + across) / spacing - 1e-6)
     centers = [(np.arange(low[i], high[i]) + 0.5) * spacing[i] for i in range(3)]
     x, y, z = (normal[i] * centers[i] for i in range(3))
-    below = (z[:, None, None] + y[None, :, None] + x[None, None, :]) / np.sqrt(np.sum((spacing * normal) ** 2))
+    below = (z[:, None, None] + y[None, :, None] + x[None, None, :]) / np.sqrt(
+        np.sum((spacing * normal) ** 2)
+    )
     levels = np.rint(255 * np.clip(below + 0.5, 0, 1)).astype(np.uint8)
     bone = VoxelBone(levels, spacing=spacing, origin=[c[0] for c in centers])
     return Specimen(bone, np.asarray(shift), normal)
 
 
-def surface_along(bone: VoxelBone, entry: Vector, axis: Vector, *, level: float = 128.0) -> NDArray[np.float64] | None:
+def surface_along(
+    bone: VoxelBone, entry: Vector, axis: Vector, *, level: float = 128.0
+) -> NDArray[np.float64] | None:
     """First point along a ray where the occupancy, trilinear between voxel centres, reaches `level`.
 
     Parameters
@@ -128,7 +134,9 @@ def surface_along(bone: VoxelBone, entry: Vector, axis: Vector, *, level: float 
     length = float(np.linalg.norm(extent) + np.linalg.norm(start - (origin + extent / 2)))
     along = np.arange(0.0, length, 0.1 * spacing.min())
     points = (start + along[:, None] * direction - origin) / spacing
-    occupancy = map_coordinates(bone.density, points[:, ::-1].T, output=float, order=1, mode="constant", cval=0.0)
+    occupancy = map_coordinates(
+        bone.density, points[:, ::-1].T, output=float, order=1, mode="constant", cval=0.0
+    )
     solid = np.flatnonzero(occupancy >= level)
     if solid.size == 0:
         return None

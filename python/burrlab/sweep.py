@@ -26,7 +26,7 @@ class SweepItem:
     material: Material
     force: float
     seed: int
-    voxel: float | tuple[float, float, float]
+    voxel: float | tuple[float, ...]
     dt: float
     scheme: str
     ideal: bool
@@ -41,7 +41,9 @@ def item_seed(seed: int, force: float, repeat: int) -> int:
     return int(sequence.generate_state(1, np.uint64)[0])
 
 
-def _run(item: SweepItem, specimen: Specimen | None, cancel: threading.Event | None) -> tuple[float, float, float, str]:
+def _run(
+    item: SweepItem, specimen: Specimen | None, cancel: threading.Event | None
+) -> tuple[float, float, float, str]:
     run = descend(
         item.burr, item.material, item.force, voxel=item.voxel, dt=item.dt, seed=item.seed, scheme=item.scheme,
         ideal=item.ideal, specimen=specimen, stop=item.stop, max_duration=item.max_duration, cancel=cancel,
@@ -118,7 +120,18 @@ def force_sweep(
         seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
     spacing = voxel if isinstance(voxel, int | float) else tuple(float(v) for v in voxel)
     items = [
-        SweepItem(burr, material, float(f), item_seed(seed, float(f), k), spacing, dt, scheme, not rig, stop, max_duration)  # type: ignore[arg-type]
+        SweepItem(
+            burr,
+            material,
+            float(f),
+            item_seed(seed, float(f), k),
+            spacing,
+            dt,
+            scheme,
+            not rig,
+            stop,
+            max_duration,
+        )
         for f in values
         for k in range(repeats)
     ]

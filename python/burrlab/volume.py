@@ -57,7 +57,9 @@ class Volume:
         levels = np.clip((self.values.astype(np.float64) - empty) / (solid - empty), 0.0, 1.0)
         if not np.all(np.isfinite(levels)):
             raise ValueError(f"{self.path}: the volume holds values that are not finite")
-        return VoxelBone(np.rint(255 * levels).astype(np.uint8), spacing=self.spacing, origin=self.bone_point(self.origin))
+        return VoxelBone(
+            np.rint(255 * levels).astype(np.uint8), spacing=self.spacing, origin=self.bone_point(self.origin)
+        )
 
     def specimen(self, empty: float, solid: float, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; immersion counts from the axis' first crossing of occupancy 128.
@@ -81,7 +83,9 @@ class Volume:
         start = self.bone_point(entry)
         surface = surface_along(bone, start, direction)
         if surface is None:
-            raise ValueError(f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in {self.path}")
+            raise ValueError(
+                f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in {self.path}"
+            )
         if np.array_equal(surface, start):
             raise ValueError(f"entry: {tuple(map(float, entry))} lies inside bone; begin outside it")
         return Specimen(bone, surface, direction)
@@ -129,7 +133,9 @@ def read_volume(path: str | os.PathLike[str]) -> Volume:
         )
     direction = np.array(image.GetDirection()).reshape(3, 3)
     if not np.allclose(direction.T @ direction, np.eye(3), atol=1e-4):
-        raise ValueError(f"{name}: the direction matrix is not orthonormal (sheared volumes are not supported)")
+        raise ValueError(
+            f"{name}: the direction matrix is not orthonormal (sheared volumes are not supported)"
+        )
     return Volume(
         values=sitk.GetArrayFromImage(image),
         spacing=np.array(image.GetSpacing()),

@@ -62,7 +62,7 @@ void check_hold() {
     const double force = 1.0;
     const auto held_bone = block(), stepped_bone = block();
     BurrContact held = on(held_bone, scheme), stepped = on(stepped_bone, scheme);
-    const HeldDescent descent = held.hold(force, start, axis, 0.0, 0.6, 1.0, 400);
+    const HeldDescent descent = held.hold(force, start, axis, 0.0, 1.0, 1.0, 400);
     CHECK(descent.position.size() == 400 && !descent.reached && held.tick == 400);
     CHECK(descent.force.size() == 400 && descent.removed.size() == 400);
     double worst = 0.0;

@@ -28,7 +28,7 @@ void check_construction() {
   double sum = 0.0;
   for (const std::uint8_t level : some_levels()) sum += level;
   CHECK(bone.shape() == shape && bone.spacing() == spacing && bone.origin() == origin);
-  CHECK_NEAR(bone.voxel_volume(), 0.008, 1e-18);
+  CHECK_NEAR(bone.voxel_volume(), 0.008, 1e-15);
   CHECK_NEAR(bone.mass(), sum / 255.0 * 0.008, 1e-12);
   CHECK(bone.removed() == 0.0);
 

@@ -37,7 +37,9 @@ def test_descend_prints_one_json_object(capsys):
 
 
 def test_a_run_without_a_number_exits_0_with_its_status(capsys):
-    code, out, _ = call(capsys, "descend", "--force", 5, "--voxel", 0.4, "--ideal", "--seed", 1, "--json", "-")
+    code, out, _ = call(
+        capsys, "descend", "--force", 5, "--voxel", 0.4, "--ideal", "--seed", 1, "--json", "-"
+    )
     result = json.loads(out)
     assert code == 0
     assert result["status"] == "overloaded"
@@ -145,7 +147,11 @@ def test_wrong_options_exit_2_with_one_line(capsys, tmp_path, monkeypatch, argum
 
 def test_installed_command_runs():
     run = subprocess.run(
-        [sys.executable, "-m", "burrlab.cli", "version"], capture_output=True, text=True, check=True, timeout=120
+        [sys.executable, "-m", "burrlab.cli", "version"],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
     )
     assert run.stdout.startswith("burrlab ")
 

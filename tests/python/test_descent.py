@@ -251,7 +251,9 @@ def test_stiffness_is_the_slope_of_the_force(burr, bone):
     """k = dF/dH in a carved hole, against a difference of the voxel force."""
     run_bone = burrlab.half_space(burr, 0.1)
     contact = burrlab.BurrContact(run_bone.bone, burr, bone, seed=1)
-    held = contact.hold(1.0, run_bone.center(0.0, burr), run_bone.axis, from_=-0.2, travel=0.9, dt=1.0, ticks=10**6)
+    held = contact.hold(
+        1.0, run_bone.center(0.0, burr), run_bone.axis, from_=-0.2, travel=0.9, dt=1.0, ticks=10**6
+    )
     depth = float(held.position[-1])
     step = 1e-3
     above, below = (

@@ -2,6 +2,7 @@
 
 import io
 import os
+import pickle
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from burrlab import Burr, Fit, Material, VelocityCurve, fit, materials, synthetic_curve
 from burrlab.fit_problem import MeanFieldModel, Observations
 from burrlab.fit_search import Box, is_minimum, minimise, search
+from burrlab.fit_voxel import VoxelDescent
 from burrlab.mean_field import penetration_velocity
 
 mpl.use("Agg")
@@ -456,6 +458,18 @@ class TestVoxelEngine:
         result = fit(replace(curve, velocity=velocity), BURR, **self.OPTIONS)
         assert result.residual_norm < 0.05
         np.testing.assert_allclose(result.predicted, velocity, rtol=0.1)
+
+    def test_an_interrupt_passes_through(self):
+        def stop(done, most):
+            raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            fit(self.CURVE, BURR, **self.OPTIONS, progress=stop)
+
+    def test_a_descent_is_a_small_picklable_item(self):
+        item = VoxelDescent(BURR, materials["pvc"], 0.35, ((None, None), (0.2, 0.3)), 0.4, 1.0, 7)
+        assert len(pickle.dumps(item)) < 2000
+        assert pickle.loads(pickle.dumps(item)).velocities() == item.velocities()
 
     def test_an_error_in_a_descent_passes_through(self):
         with pytest.raises(ValueError, match="voxel"):

@@ -7,9 +7,9 @@ import sys
 
 import numpy as np
 import pytest
+from conftest import ROOT
 
 import burrlab
-from conftest import ROOT
 
 
 @pytest.mark.parametrize("name", ["specimen_a.csv", "specimen_b.csv"])

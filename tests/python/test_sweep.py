@@ -13,7 +13,9 @@ from burrlab.sweep import item_seed
 
 def sweep(forces=(1.0, 1.5, 2.0), **options):
     defaults = {"repeats": 2, "voxel": 0.4, "seed": 7}
-    return burrlab.force_sweep(burrlab.Burr(3.0), burrlab.materials["bone"], forces, **{**defaults, **options})
+    return burrlab.force_sweep(
+        burrlab.Burr(3.0), burrlab.materials["bone"], forces, **{**defaults, **options}
+    )
 
 
 def test_rows_do_not_depend_on_workers_or_order():

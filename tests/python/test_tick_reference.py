@@ -285,7 +285,7 @@ def test_tick_equals_reference_until_nothing_is_left(scheme: str) -> None:
 def test_expected_loss_to_the_last_bit(
     scheme: str, shape: str, spacing: tuple[float, float, float], seeds: range
 ) -> None:
-    """Many voxels that lose many levels: a unit in the last place of lambda shows in one voxel of 10^5 or so."""
+    """Many voxels lose many levels: a unit in the last place of lambda shows in one voxel of 10^5 or so."""
     steps = tuple(((0.5 + 0.01 * i, 0.5, 0.5), True) for i in range(4))
     scene = scene_of(scheme, shape, size=(60, 60, 64), spacing=spacing, ratio=27.0, steps=steps, alpha=0.9)
     for seed in seeds:

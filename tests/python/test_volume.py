@@ -10,7 +10,10 @@ import burrlab
 sitk = pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 
 
-def grey_slab(direction=np.eye(3), origin=(5.0, -7.0, 11.0)):
+IDENTITY = np.eye(3)
+
+
+def grey_slab(direction=IDENTITY, origin=(5.0, -7.0, 11.0)):
     """200 below index 15 along z, 20 above; spacing 0.3 mm."""
     values = np.full((30, 40, 40), 20, np.uint8)
     values[:15] = 200
@@ -61,7 +64,9 @@ def test_a_turned_direction_matrix_gives_the_same_descent(tmp_path):
 def test_a_file_cut_in_half_is_an_error(path, capfd):
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
-    with pytest.raises(ValueError, match=f"{path.name}: (cannot be read|the file is cut|the compressed data is cut)"):
+    with pytest.raises(
+        ValueError, match=f"{path.name}: (cannot be read|the file is cut|the compressed data is cut)"
+    ):
         burrlab.read_volume(path)
 
 

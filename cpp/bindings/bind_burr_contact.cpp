@@ -42,8 +42,9 @@ void check_interrupt() {
   if (PyErr_CheckSignals() != 0) throw py::error_already_set();
 }
 
-ContactSeries run(BurrContact& contact, const py::array_t<double, py::array::c_style | py::array::forcecast>& path,
-                  double dt, bool burr_on) {
+ContactSeries run(BurrContact& contact,
+                  const py::array_t<double, py::array::c_style | py::array::forcecast>& path, double dt,
+                  bool burr_on) {
   constexpr std::size_t period = 512;
   if (path.ndim() != 2 || path.shape(1) != 3) {
     throw std::invalid_argument("path must have shape (n, 3), points (x, y, z) [mm], got " +
@@ -72,36 +73,50 @@ py::array_t<double> to_array(const std::vector<double>& values) {
 }  // namespace
 
 void bind_burr_contact(py::module_& m) {
-  py::class_<Contact>(m, "Contact", "One tick as felt: the force is that of the state before the tick's erosion.")
-      .def_property_readonly("force", [](const Contact& c) { return c.force; }, "(3,) [N], out of the bone; a copy")
-      .def_property_readonly("normal", [](const Contact& c) { return c.normal; }, "(3,) out of the bone; shorter than 1 where ambiguous; a copy")
+  py::class_<Contact>(m, "Contact",
+                      "One tick as felt: the force is that of the state before the tick's erosion.")
+      .def_property_readonly(
+          "force", [](const Contact& c) { return c.force; }, "(3,) [N], out of the bone; a copy")
+      .def_property_readonly(
+          "normal", [](const Contact& c) { return c.normal; },
+          "(3,) out of the bone; shorter than 1 where ambiguous; a copy")
       .def_readonly("penetration", &Contact::penetration, "Effective depth h, Eq. 2 [mm]")
       .def_readonly("m0", &Contact::m0, "[mm^3]")
-      .def_property_readonly("m1", [](const Contact& c) { return c.m1; }, "(3,) [mm^4]; a copy")
+      .def_property_readonly(
+          "m1", [](const Contact& c) { return c.m1; }, "(3,) [mm^4]; a copy")
       .def_readonly("removed", &Contact::removed, "Solid bone removed in the tick [mm^3]")
       .def_readonly("tick", &Contact::tick, "Number of the tick")
       .def_readonly("touching", &Contact::touching, "There is bone inside the sphere")
       .def_readonly("ambiguous", &Contact::ambiguous, "|m_1| < 0.1 m_0 R: no direction, the force fades")
       .def_readonly("coarse", &Contact::coarse, "The radius is below 7.5 voxels")
-      .def_readonly("faint", &Contact::faint, "Over 5 % of the contact lies in voxels with pristine level below 32, where `layer` errs")
+      .def_readonly("faint", &Contact::faint,
+                    "Over 5 % of the contact lies in voxels with pristine level below 32, where `layer` errs")
       .def("__repr__", [](const Contact& c) {
-        return std::string(py::str("Contact(tick={}, force=({:.4g}, {:.4g}, {:.4g}) N, penetration={:.4g} mm, removed={:.3g} mm^3{}{}{})")
+        return std::string(py::str("Contact(tick={}, force=({:.4g}, {:.4g}, {:.4g}) N, penetration={:.4g} "
+                                   "mm, removed={:.3g} mm^3{}{}{})")
                                .format(c.tick, c.force[0], c.force[1], c.force[2], c.penetration, c.removed,
-                                       c.ambiguous ? ", ambiguous" : "", c.coarse ? ", coarse" : "", c.faint ? ", faint" : ""));
+                                       c.ambiguous ? ", ambiguous" : "", c.coarse ? ", coarse" : "",
+                                       c.faint ? ", faint" : ""));
       });
 
-  py::class_<ContactSeries>(m, "ContactSeries", "The contacts along a path; every column is a copy with one row a tick.")
+  py::class_<ContactSeries>(m, "ContactSeries",
+                            "The contacts along a path; every column is a copy with one row a tick.")
       .def("__len__", [](const ContactSeries& s) { return s.contacts.size(); })
       .def("__getitem__",
            [](const ContactSeries& s, py::ssize_t i) {
              const auto n = static_cast<py::ssize_t>(s.contacts.size());
-             if (i < -n || i >= n) throw py::index_error("tick " + std::to_string(i) + " of " + std::to_string(n));
+             if (i < -n || i >= n)
+               throw py::index_error("tick " + std::to_string(i) + " of " + std::to_string(n));
              return s.contacts[static_cast<std::size_t>(i < 0 ? i + n : i)];
            })
-      .def_property_readonly("force", vectors([](const Contact& c) -> const Vec3& { return c.force; }), "(n, 3) [N]")
-      .def_property_readonly("normal", vectors([](const Contact& c) -> const Vec3& { return c.normal; }), "(n, 3)")
-      .def_property_readonly("m1", vectors([](const Contact& c) -> const Vec3& { return c.m1; }), "(n, 3) [mm^4]")
-      .def_property_readonly("penetration", column([](const Contact& c) { return c.penetration; }), "(n,) [mm]")
+      .def_property_readonly("force", vectors([](const Contact& c) -> const Vec3& { return c.force; }),
+                             "(n, 3) [N]")
+      .def_property_readonly("normal", vectors([](const Contact& c) -> const Vec3& { return c.normal; }),
+                             "(n, 3)")
+      .def_property_readonly("m1", vectors([](const Contact& c) -> const Vec3& { return c.m1; }),
+                             "(n, 3) [mm^4]")
+      .def_property_readonly("penetration", column([](const Contact& c) { return c.penetration; }),
+                             "(n,) [mm]")
       .def_property_readonly("m0", column([](const Contact& c) { return c.m0; }), "(n,) [mm^3]")
       .def_property_readonly("removed", column([](const Contact& c) { return c.removed; }), "(n,) [mm^3]")
       .def_property_readonly("tick", column([](const Contact& c) { return c.tick; }), "(n,)")
@@ -111,11 +126,16 @@ void bind_burr_contact(py::module_& m) {
       .def_property_readonly("faint", column([](const Contact& c) { return c.faint; }), "(n,)");
 
   py::class_<HeldDescent>(m, "HeldDescent", "A descent under an exactly constant force, tick by tick.")
-      .def_property_readonly("position", [](const HeldDescent& d) { return to_array(d.position); }, "(n,) along the axis from the start, before each tick's erosion [mm]")
-      .def_property_readonly("force", [](const HeldDescent& d) { return to_array(d.force); }, "(n,) axial, as solved [N]")
-      .def_property_readonly("removed", [](const HeldDescent& d) { return to_array(d.removed); }, "(n,) [mm^3]")
+      .def_property_readonly(
+          "position", [](const HeldDescent& d) { return to_array(d.position); },
+          "(n,) along the axis from the start, before each tick's erosion [mm]")
+      .def_property_readonly(
+          "force", [](const HeldDescent& d) { return to_array(d.force); }, "(n,) axial, as solved [N]")
+      .def_property_readonly(
+          "removed", [](const HeldDescent& d) { return to_array(d.removed); }, "(n,) [mm^3]")
       .def_readonly("ambiguous", &HeldDescent::ambiguous, "Number of ticks whose contact had no direction")
-      .def_readonly("faint", &HeldDescent::faint, "Number of ticks with over 5 % of the contact in voxels with pristine level below 32")
+      .def_readonly("faint", &HeldDescent::faint,
+                    "Number of ticks with over 5 % of the contact in voxels with pristine level below 32")
       .def_readonly("reached", &HeldDescent::reached, "Came to the end of its travel.");
 
   py::class_<BurrContact>(m, "BurrContact", R"(A burr on a bone: force and erosion, tick by tick.
@@ -152,12 +172,12 @@ Examples
 >>> felt.touching, felt.tick, contact.tick
 (True, 0, 1)
 )")
-      .def(py::init([](std::shared_ptr<VoxelBone> bone, const Burr& burr, const Material& material, std::uint64_t seed,
-                       std::uint32_t index, const std::string& scheme) {
+      .def(py::init([](std::shared_ptr<VoxelBone> bone, const Burr& burr, const Material& material,
+                       std::uint64_t seed, std::uint32_t index, const std::string& scheme) {
              return BurrContact(std::move(bone), burr, material, seed, index, parse_scheme(scheme));
            }),
-           py::arg("bone"), py::arg("burr"), py::arg("material"), py::arg("seed"), py::arg("index") = 0, py::kw_only(),
-           py::arg("scheme") = "layer")
+           py::arg("bone"), py::arg("burr"), py::arg("material"), py::arg("seed"), py::arg("index") = 0,
+           py::kw_only(), py::arg("scheme") = "layer")
       .def("probe", &BurrContact::probe, py::arg("center"), py::call_guard<py::gil_scoped_release>(),
            "The contact at `center` (x, y, z) [mm] now: no erosion, no tick. ValueError if it is not finite.")
       .def("step", &BurrContact::step, py::arg("center"), py::arg("dt"), py::arg("burr_on") = true,
@@ -206,13 +226,13 @@ KeyboardInterrupt
 )")
       .def(
           "hold",
-          [](BurrContact& contact, double force, const Vec3& start, const Vec3& axis, double from, double travel, double dt,
-             std::int64_t ticks) {
+          [](BurrContact& contact, double force, const Vec3& start, const Vec3& axis, double from,
+             double travel, double dt, std::int64_t ticks) {
             const py::gil_scoped_release release;
-            return contact.hold(force, start, axis, from, travel, dt, ticks);
+            return contact.hold(force, start, axis, from, travel, dt, ticks, check_interrupt);
           },
-          py::arg("force"), py::arg("start"), py::arg("axis"), py::kw_only(), py::arg("from_"), py::arg("travel"), py::arg("dt"),
-          py::arg("ticks"),
+          py::arg("force"), py::arg("start"), py::arg("axis"), py::kw_only(), py::arg("from_"),
+          py::arg("travel"), py::arg("dt"), py::arg("ticks"),
           R"(Sinks at an exactly constant axial force: every tick acts where the force is as asked.
 
 Parameters
@@ -245,5 +265,6 @@ ValueError
       .def_property_readonly("material", &BurrContact::material)
       .def_property_readonly("seed", &BurrContact::seed)
       .def_property_readonly("index", &BurrContact::index)
-      .def_property_readonly("scheme", [](const BurrContact& c) { return c.scheme() == Scheme::layer ? "layer" : "cell"; });
+      .def_property_readonly(
+          "scheme", [](const BurrContact& c) { return c.scheme() == Scheme::layer ? "layer" : "cell"; });
 }

@@ -76,7 +76,9 @@ Examples
 )");
   m.def(
       "elastic_force",
-      [](double m0, const Vec3& m1, double radius, double c_e) { return elastic_force({m0, m1}, radius, c_e).force; },
+      [](double m0, const Vec3& m1, double radius, double c_e) {
+        return elastic_force({m0, m1}, radius, c_e).force;
+      },
       py::arg("m0"), py::arg("m1"), py::kw_only(), py::arg("radius"), py::arg("c_e"),
       R"(Elastic force F = c_e R^2 (h/R)^{3/2} n, Eq. 3.
 
@@ -107,8 +109,8 @@ n = -m_1/max(|m_1|, 0.1 m_0 R), our decision: where the direction is undefined t
 )");
   m.def(
       "erode",
-      [](VoxelBone& bone, const Burr& burr, const Vec3& center, const Material& material, double dt, std::uint64_t seed,
-         std::uint64_t tick, std::uint32_t index, const std::string& scheme) {
+      [](VoxelBone& bone, const Burr& burr, const Vec3& center, const Material& material, double dt,
+         std::uint64_t seed, std::uint64_t tick, std::uint32_t index, const std::string& scheme) {
         require_positive("dt", dt);
         const Tick sphere(bone, burr.radius, parse_scheme(scheme), material.shape, seed, index);
         TickSums sums;

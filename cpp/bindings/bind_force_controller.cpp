@@ -5,7 +5,8 @@ namespace py = pybind11;
 using burrlab::ForceController;
 
 void bind_force_controller(py::module_& m) {
-  py::class_<ForceController>(m, "ForceController", R"(PID controller on the force error that commands the velocity of a rig.
+  py::class_<ForceController>(m, "ForceController",
+                              R"(PID controller on the force error that commands the velocity of a rig.
 
 velocity = kp e + integral of ki e dt - kd dF/dt, e = set-point - measured force, kept within the output limits.
 The integral stands still while the output is at the limit it pushes against; the derivative acts on the
@@ -44,14 +45,18 @@ Examples
            py::arg("kp"), py::arg("ki") = 0.0, py::arg("kd") = 0.0, py::kw_only(),
            py::arg("output_limits") = std::make_pair(-10.0, 10.0), py::arg("derivative_filter") = 5.0)
       .def("update", &ForceController::update, py::arg("setpoint"), py::arg("force"), py::arg("dt"),
-           "Velocity command [mm/s] from set-point and measured force [N]; dt [ms] since the last update. ValueError on a value that is not finite or dt <= 0.")
+           "Velocity command [mm/s] from set-point and measured force [N]; dt [ms] since the last update. "
+           "ValueError on a value that is not finite or dt <= 0.")
       .def("set_gains", &ForceController::set_gains, py::arg("kp"), py::arg("ki"), py::arg("kd") = 0.0,
            "Changes the gains without a jump of the integral term.")
-      .def("reset", &ForceController::reset, py::arg("integral") = 0.0, "Forgets the past; the integral term starts at `integral` [mm/s].")
+      .def("reset", &ForceController::reset, py::arg("integral") = 0.0,
+           "Forgets the past; the integral term starts at `integral` [mm/s].")
       .def_property_readonly("kp", &ForceController::kp, "[mm/s/N]")
       .def_property_readonly("ki", &ForceController::ki, "[mm/s/(N s)]")
       .def_property_readonly("kd", &ForceController::kd, "[mm/s/(N/s)]")
-      .def_property_readonly("output_limits", [](const ForceController& c) { return std::make_pair(c.lower(), c.upper()); }, "[mm/s]")
+      .def_property_readonly(
+          "output_limits", [](const ForceController& c) { return std::make_pair(c.lower(), c.upper()); },
+          "[mm/s]")
       .def_property_readonly("derivative_filter", &ForceController::derivative_filter, "[ms]")
       .def_property_readonly("proportional_term", &ForceController::proportional_term, "[mm/s]")
       .def_property_readonly("integral_term", &ForceController::integral_term, "[mm/s]")

@@ -28,12 +28,15 @@ Burr(radius=3.0)
 )")
       .def(py::init<double>(), py::arg("radius"))
       .def_readonly("radius", &Burr::radius, "R [mm]")
-      .def("__eq__", [](const Burr& a, const Burr& b) { return a == b; }, py::is_operator())
+      .def(
+          "__eq__", [](const Burr& a, const Burr& b) { return a == b; }, py::is_operator())
       .def("__hash__", [](const Burr& b) { return py::hash(py::float_(b.radius)); })
-      .def("__repr__", [](const Burr& b) { return "Burr(radius=" + std::string(py::str(py::float_(b.radius))) + ")"; })
+      .def("__repr__",
+           [](const Burr& b) { return "Burr(radius=" + std::string(py::str(py::float_(b.radius))) + ")"; })
       .def(py::pickle([](const Burr& b) { return b.radius; }, [](double radius) { return Burr(radius); }));
 
-  py::class_<Material>(m, "Material", R"(What a burr meets: elastic constant, erosion rate, and the f that the rate belongs to.
+  py::class_<Material>(
+      m, "Material", R"(What a burr meets: elastic constant, erosion rate, and the f that the rate belongs to.
 
 Parameters
 ----------
@@ -50,7 +53,7 @@ source : str
 Raises
 ------
 ValueError
-    If c_e is not positive, alpha negative, or either not finite.
+    If c_e is not positive, alpha negative, either not finite, or the shape unknown.
 
 Notes
 -----
@@ -63,15 +66,20 @@ Examples
 >>> burrlab.Material("test block", c_e=2.0, alpha=0.1)
 Material('test block', c_e=2.0, alpha=0.1, shape='parabolic', source='')
 )")
-      .def(py::init<std::string, double, double, Shape, std::string>(), py::arg("name"), py::kw_only(), py::arg("c_e"),
-           py::arg("alpha"), py::arg("shape") = Shape::parabolic(), py::arg("source") = "")
+      .def(py::init(
+               [](const std::string& name, double c_e, double alpha, const ShapeArgument& shape,
+                  const std::string& source) { return Material(name, c_e, alpha, to_shape(shape), source); }),
+           py::arg("name"), py::kw_only(), py::arg("c_e"), py::arg("alpha"),
+           py::arg("shape") = Shape::parabolic(), py::arg("source") = "")
       .def_readonly("name", &Material::name)
       .def_readonly("c_e", &Material::c_e, "Elastic constant [N/mm^2]")
       .def_readonly("alpha", &Material::alpha, "Erosion rate [1/ms]")
       .def_readonly("shape", &Material::shape, "Erosion shape function")
       .def_readonly("source", &Material::source, "Where the numbers come from")
-      .def("__eq__", [](const Material& a, const Material& b) { return a == b; }, py::is_operator())
-      .def("__hash__", [](const Material& a) { return py::hash(py::make_tuple(a.name, a.c_e, a.alpha, a.shape.name())); })
+      .def(
+          "__eq__", [](const Material& a, const Material& b) { return a == b; }, py::is_operator())
+      .def("__hash__",
+           [](const Material& a) { return py::hash(py::make_tuple(a.name, a.c_e, a.alpha, a.shape.name())); })
       .def("__repr__",
            [](const Material& a) {
              return std::string(py::str("Material({!r}, c_e={!r}, alpha={!r}, shape={!r}, source={!r})")
@@ -80,7 +88,7 @@ Material('test block', c_e=2.0, alpha=0.1, shape='parabolic', source='')
       .def(py::pickle(
           [](const Material& a) { return py::make_tuple(a.name, a.c_e, a.alpha, a.shape, a.source); },
           [](const py::tuple& t) {
-            return Material(t[0].cast<std::string>(), t[1].cast<double>(), t[2].cast<double>(), t[3].cast<Shape>(),
-                            t[4].cast<std::string>());
+            return Material(t[0].cast<std::string>(), t[1].cast<double>(), t[2].cast<double>(),
+                            t[3].cast<Shape>(), t[4].cast<std::string>());
           }));
 }

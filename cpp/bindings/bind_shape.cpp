@@ -32,7 +32,8 @@ Examples
 )doc")
       .def(py::init(&Shape::parse), py::arg("name"))
       .def_property_readonly("name", &Shape::name, "Name that makes the same shape again.")
-      .def_property_readonly("order", &Shape::order, "Order of the zero of f at x = 1: 0 for constant, 1 for linear, k for power(k).")
+      .def_property_readonly("order", &Shape::order,
+                             "Order of the zero of f at x = 1: 0 for constant, 1 for linear, k for power(k).")
       .def(
           "__call__",
           [](const Shape& f, const py::array_t<double, py::array::forcecast>& x) {
@@ -42,12 +43,13 @@ Examples
             })(x);
           },
           py::arg("x"), "f at x = r/R >= 0 (scalar or array); zero beyond 1.")
-      .def("__eq__", [](const Shape& a, const Shape& b) { return a == b; }, py::is_operator())
+      .def(
+          "__eq__", [](const Shape& a, const Shape& b) { return a == b; }, py::is_operator())
       .def("__hash__", [](const Shape& f) { return py::hash(py::str(f.name())); })
       .def("__repr__", [](const Shape& f) { return "Shape('" + f.name() + "')"; })
       .def("__str__", &Shape::name)
-      .def(py::pickle([](const Shape& f) { return f.name(); }, [](const std::string& name) { return Shape::parse(name); }));
-  py::implicitly_convertible<py::str, Shape>();
+      .def(py::pickle([](const Shape& f) { return f.name(); },
+                      [](const std::string& name) { return Shape::parse(name); }));
 
   m.def(
       "depth_table",
@@ -58,5 +60,6 @@ Examples
         return nodes;
       },
       py::arg("order"),
-      "G(e, tau) of the scheme `layer` at e = 0, 1/8 .. 3 (rows) and tau = 0, 1/40 .. 1 (columns); a copy, (25, 41) float32.");
+      "G(e, tau) of the scheme `layer` at e = 0, 1/8 .. 3 (rows) and tau = 0, 1/40 .. 1 (columns); a copy, "
+      "(25, 41) float32.");
 }

@@ -1,5 +1,8 @@
+#include <algorithm>
 #include <cmath>
 #include <optional>
+#include <sstream>
+#include <type_traits>
 #include <utility>
 #include <variant>
 
@@ -30,14 +33,18 @@ template <class T>
 Levels scale(const py::array& values, double lo, double hi) {
   const auto dense = py::array_t<T, py::array::c_style>::ensure(values);
   const T* in = dense.data();
+  constexpr bool single = std::is_same_v<T, float>;  // its values were rounded; so are its limits
+  const double low = single ? static_cast<float>(lo) : lo, high = single ? static_cast<float>(hi) : hi;
   Levels out(static_cast<std::size_t>(dense.size()));
   for (std::size_t i = 0; i < out.size(); ++i) {
     const double value = static_cast<double>(in[i]);
     if (!std::isfinite(value)) burrlab::refuse("every density", "finite", value);
-    if (value < lo || value > hi) {
-      burrlab::refuse("every density", "within the range " + std::to_string(lo) + " to " + std::to_string(hi), value);
+    if (value < low || value > high) {
+      std::ostringstream rule;
+      rule << "within the range " << lo << " to " << hi;
+      burrlab::refuse("every density", rule.str(), value);
     }
-    out[i] = static_cast<std::uint8_t>(std::rint((value - lo) / (hi - lo) * 255.0));
+    out[i] = static_cast<std::uint8_t>(std::rint(std::clamp((value - lo) / (hi - lo), 0.0, 1.0) * 255.0));
   }
   return out;
 }
@@ -52,7 +59,11 @@ Levels to_levels(const py::array& values, Range range) {
                                 ": the values of empty and of solid bone");
   }
   const auto [lo, hi] = *range;
-  if (!(std::isfinite(lo) && std::isfinite(hi) && lo < hi)) burrlab::refuse("range", "two finite values, empty below solid; solid", hi);
+  if (!(std::isfinite(lo) && std::isfinite(hi) && lo < hi)) {
+    throw std::invalid_argument("range must be two finite values, empty below solid, got (" +
+                                std::string(py::str(py::float_(lo))) + ", " +
+                                std::string(py::str(py::float_(hi))) + ")");
+  }
   if (values.dtype().kind() == 'b') return scale<bool>(values, lo, hi);
   if (is_levels) return scale<std::uint8_t>(values, lo, hi);
   if (py::isinstance<py::array_t<std::int8_t>>(values)) return scale<std::int8_t>(values, lo, hi);
@@ -60,7 +71,8 @@ Levels to_levels(const py::array& values, Range range) {
   if (py::isinstance<py::array_t<std::uint16_t>>(values)) return scale<std::uint16_t>(values, lo, hi);
   if (py::isinstance<py::array_t<float>>(values)) return scale<float>(values, lo, hi);
   const char kind = values.dtype().kind();
-  if (kind == 'i' || kind == 'u' || kind == 'f') return scale<double>(values.attr("astype")("float64"), lo, hi);
+  if (kind == 'i' || kind == 'u' || kind == 'f')
+    return scale<double>(values.attr("astype")("float64"), lo, hi);
   throw std::invalid_argument("density must be an array of integers or floats, got " + dtype_name(values));
 }
 
@@ -82,6 +94,8 @@ std::shared_ptr<VoxelBone> block(const Vec3& size, const Spacing& spacing, const
     if (!(count < 1e6)) burrlab::refuse("voxels along a side", "below 1000000", count);
     shape[2 - axis] = static_cast<std::int64_t>(count);
   }
+  const double octets = double(shape[0]) * double(shape[1]) * double((shape[2] + 7) / 8);
+  if (octets >= 4294967296.0) burrlab::refuse("voxels / 8 of the volume", "below 2^32", octets);
   if (level < 0 || level > 255) burrlab::refuse("level", "0 to 255", level);
   Levels levels(static_cast<std::size_t>(shape[0] * shape[1] * shape[2]), static_cast<std::uint8_t>(level));
   return std::make_shared<VoxelBone>(shape, std::move(levels), s, origin);
@@ -90,14 +104,15 @@ std::shared_ptr<VoxelBone> block(const Vec3& size, const Spacing& spacing, const
 }  // namespace
 
 void bind_voxel_bone(py::module_& m) {
-  py::class_<VoxelBone, std::shared_ptr<VoxelBone>>(m, "VoxelBone", R"(Bone as occupancy levels on a regular grid: 0 empty, 255 solid.
+  py::class_<VoxelBone, std::shared_ptr<VoxelBone>>(
+      m, "VoxelBone", R"(Bone as occupancy levels on a regular grid: 0 empty, 255 solid.
 
 Two levels a voxel are kept: `density`, now, and `pristine`, as loaded or written. Outside the volume there is
 nothing. Copies share the pristine levels until one of them is written to.
 
 Parameters
 ----------
-density : array_like, shape (nz, ny, nx)
+density : ndarray, shape (nz, ny, nx)
     Any integer, float or bool type, finite, within `range`. Copied.
 spacing : float or (x, y, z)
     Voxel spacing [mm].
@@ -120,10 +135,12 @@ Examples
 >>> bone.shape, round(bone.mass, 6)
 ((4, 5, 6), 0.12)
 )")
-      .def(py::init([](const py::array& density, const Spacing& spacing, const Vec3& origin, const Range& range) {
-             Levels levels = to_levels(density, range);
-             return std::make_shared<VoxelBone>(shape_of(density), std::move(levels), to_vector(spacing), origin);
-           }),
+      .def(py::init(
+               [](const py::array& density, const Spacing& spacing, const Vec3& origin, const Range& range) {
+                 Levels levels = to_levels(density, range);
+                 return std::make_shared<VoxelBone>(shape_of(density), std::move(levels), to_vector(spacing),
+                                                    origin);
+               }),
            py::arg("density"), py::arg("spacing"), py::arg("origin") = Vec3::Zero().eval(), py::kw_only(),
            py::arg("range") = py::none())
       .def_static("block", &block, py::arg("size"), py::arg("spacing"), py::kw_only(),
@@ -146,23 +163,35 @@ Raises
 ValueError
     If a side or spacing is not positive or the level out of range.
 )")
-      .def("copy", [](const VoxelBone& bone) { return std::make_shared<VoxelBone>(bone); },
-           py::call_guard<py::gil_scoped_release>(), "An independent bone with the same present and pristine levels.")
+      .def(
+          "copy", [](const VoxelBone& bone) { return std::make_shared<VoxelBone>(bone); },
+          py::call_guard<py::gil_scoped_release>(),
+          "An independent bone with the same present and pristine levels.")
       .def("__copy__", [](const VoxelBone& bone) { return std::make_shared<VoxelBone>(bone); })
-      .def("__deepcopy__", [](const VoxelBone& bone, const py::dict&) { return std::make_shared<VoxelBone>(bone); }, py::arg("memo"))
-      .def_property_readonly("shape", [](const VoxelBone& b) { return py::make_tuple(b.shape()[0], b.shape()[1], b.shape()[2]); },
-                             "(nz, ny, nx)")
-      .def_property_readonly("spacing", [](const VoxelBone& b) { return py::make_tuple(b.spacing()[0], b.spacing()[1], b.spacing()[2]); },
-                             "(x, y, z) [mm]")
-      .def_property_readonly("origin", [](const VoxelBone& b) { return py::make_tuple(b.origin()[0], b.origin()[1], b.origin()[2]); },
-                             "Centre of voxel (0, 0, 0), (x, y, z) [mm]")
+      .def(
+          "__deepcopy__",
+          [](const VoxelBone& bone, const py::dict&) { return std::make_shared<VoxelBone>(bone); },
+          py::arg("memo"))
+      .def_property_readonly(
+          "shape",
+          [](const VoxelBone& b) { return py::make_tuple(b.shape()[0], b.shape()[1], b.shape()[2]); },
+          "(nz, ny, nx)")
+      .def_property_readonly(
+          "spacing",
+          [](const VoxelBone& b) { return py::make_tuple(b.spacing()[0], b.spacing()[1], b.spacing()[2]); },
+          "(x, y, z) [mm]")
+      .def_property_readonly(
+          "origin",
+          [](const VoxelBone& b) { return py::make_tuple(b.origin()[0], b.origin()[1], b.origin()[2]); },
+          "Centre of voxel (0, 0, 0), (x, y, z) [mm]")
       .def_property_readonly(
           "density",
           [](const py::object& self) {
             const auto& bone = self.cast<const VoxelBone&>();
             return read_only(bone.shape(), bone.density(), self);
           },
-          "Levels now, (z, y, x) uint8, read-only. Whether it follows later erosion is not promised; copy what you keep.")
+          "Levels now, (z, y, x) uint8, read-only. Whether it follows later erosion is not promised; copy "
+          "what you keep.")
       .def_property_readonly(
           "pristine",
           [](const VoxelBone& bone) {
@@ -172,7 +201,8 @@ ValueError
           },
           "Levels as loaded or written, (z, y, x) uint8, read-only.")
       .def_property_readonly("mass", &VoxelBone::mass, "Volume of solid bone that is left [mm^3].")
-      .def_property_readonly("removed", &VoxelBone::removed, "Volume of solid bone removed since it was loaded, written or reset [mm^3].")
+      .def_property_readonly("removed", &VoxelBone::removed,
+                             "Volume of solid bone removed since it was loaded, written or reset [mm^3].")
       .def(
           "write",
           [](VoxelBone& bone, const py::array& values, const Index3& start, const Range& range) {
@@ -184,7 +214,7 @@ ValueError
 
 Parameters
 ----------
-values : array_like, shape (z, y, x)
+values : ndarray, shape (z, y, x)
     As for the constructor.
 start : (z, y, x)
     Index of the box's first voxel.
@@ -197,21 +227,26 @@ ValueError
 )")
       .def("reset", &VoxelBone::reset, "Puts back all that was eroded.")
       .def("digest", &VoxelBone::digest, py::call_guard<py::gil_scoped_release>(),
-           "128 bits as 32 hexadecimal digits over geometry, present and pristine levels: a sum over 8^3 bricks of a hash of brick index and content.")
+           "128 bits as 32 hexadecimal digits over geometry, present and pristine levels: a sum over 8^3 "
+           "bricks of a hash of brick index and content.")
       .def("__repr__",
            [](const VoxelBone& b) {
-             return std::string(py::str("VoxelBone(shape=({}, {}, {}), spacing=({:g}, {:g}, {:g}) mm, mass={:.6g} mm^3)")
-                                    .format(b.shape()[0], b.shape()[1], b.shape()[2], b.spacing()[0], b.spacing()[1], b.spacing()[2], b.mass()));
+             return std::string(
+                 py::str("VoxelBone(shape=({}, {}, {}), spacing=({:g}, {:g}, {:g}) mm, mass={:.6g} mm^3)")
+                     .format(b.shape()[0], b.shape()[1], b.shape()[2], b.spacing()[0], b.spacing()[1],
+                             b.spacing()[2], b.mass()));
            })
       .def(py::pickle(
           [](const py::object& self) {
-            return py::make_tuple(self.attr("pristine").attr("copy")(), self.attr("density").attr("copy")(), self.attr("spacing"), self.attr("origin"));
+            return py::make_tuple(self.attr("pristine").attr("copy")(), self.attr("density").attr("copy")(),
+                                  self.attr("spacing"), self.attr("origin"));
           },
           [](const py::tuple& t) {
             const auto pristine = t[0].cast<py::array_t<std::uint8_t, py::array::c_style>>();
             const auto density = t[1].cast<py::array_t<std::uint8_t, py::array::c_style>>();
-            auto bone = std::make_shared<VoxelBone>(shape_of(pristine), Levels(pristine.data(), pristine.data() + pristine.size()),
-                                                    t[2].cast<Vec3>(), t[3].cast<Vec3>());
+            auto bone = std::make_shared<VoxelBone>(
+                shape_of(pristine), Levels(pristine.data(), pristine.data() + pristine.size()),
+                t[2].cast<Vec3>(), t[3].cast<Vec3>());
             std::int64_t lost = 0;
             for (py::ssize_t i = 0; i < density.size(); ++i) lost += pristine.data()[i] - density.data()[i];
             std::copy(density.data(), density.data() + density.size(), bone->eroded());

@@ -6,6 +6,18 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <string>
+#include <variant>
+
+#include "burrlab/shape.hpp"
+
+/// A shape or its name, so that a wrong name ends in its own sentence.
+using ShapeArgument = std::variant<burrlab::Shape, std::string>;
+inline burrlab::Shape to_shape(const ShapeArgument& shape) {
+  if (const auto* name = std::get_if<std::string>(&shape)) return burrlab::Shape::parse(*name);
+  return std::get<burrlab::Shape>(shape);
+}
+
 void bind_shape(pybind11::module_& m);
 void bind_material(pybind11::module_& m);
 void bind_voxel_bone(pybind11::module_& m);

@@ -58,20 +58,21 @@ Contact BurrContact::step(const Vec3& center, double dt, bool burr_on) {
 }
 
 HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis, double from, double travel,
-                              double dt, std::int64_t ticks) {
+                              double dt, std::int64_t ticks, const std::function<void()>& now_and_then) {
   require_positive("force", force);
   require_positive("dt", dt);
   require_finite("from", from);
   require_finite("travel", travel);
   if (!(std::abs(axis.norm() - 1.0) < 1e-9)) refuse("length of axis", "1", axis.norm());
-  const double tolerance = 1e-5 * force;                          // far below the noise of erosion
-  const double finest = 1e-6 * bone_->spacing().minCoeff();       // positions are rounded to 2^-20 voxel
+  const double tolerance = 1e-5 * force;                     // far below the noise of erosion
+  const double finest = 1e-6 * bone_->spacing().minCoeff();  // positions are rounded to 2^-20 voxel
   const double coarsest_step = 0.25 * bone_->spacing().minCoeff();
   const auto axial = [&](double s) { return -probe(start + s * axis).force.dot(axis); };
 
   HeldDescent descent;
   double s = from, last_advance = finest;
   for (std::int64_t i = 0; i < ticks; ++i) {
+    if (now_and_then && i % 256 == 255) now_and_then();
     // Bracket [low, high] of the position: the force is below the set-point at low, above it at high.
     double low = s, low_force = axial(low), high = 0.0, high_force = 0.0;
     double step = std::max(1.5 * last_advance, finest);
@@ -93,7 +94,8 @@ HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis,
       double weight_low = low_force - force, weight_high = high_force - force;
       int side = 0;
       for (int iteration = 0; iteration < 60; ++iteration) {
-        s = weight_high > weight_low ? (low * weight_high - high * weight_low) / (weight_high - weight_low) : 0.5 * (low + high);
+        s = weight_high > weight_low ? (low * weight_high - high * weight_low) / (weight_high - weight_low)
+                                     : 0.5 * (low + high);
         const double error = axial(s) - force;
         if (std::abs(error) <= tolerance || high - low <= finest) break;
         if (error < 0.0) {

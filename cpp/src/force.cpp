@@ -25,6 +25,7 @@ double relative_penetration(double m) {
 double penetration(double m0, double radius) {
   require_not_negative("m0", m0);
   require_positive("radius", radius);
+  if (m0 == 0.0) return 0.0;
   return relative_penetration(std::min(m0 / (pi * radius * radius * radius), 4.0 / 3.0)) * radius;  // Eq. 2
 }
 

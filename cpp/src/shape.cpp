@@ -1,5 +1,6 @@
 #include "burrlab/shape.hpp"
 
+#include <locale>
 #include <sstream>
 #include <stdexcept>
 
@@ -19,16 +20,14 @@ Shape Shape::parse(const std::string& name) {
   if (name == "quartic") return quartic();
   if (name.size() > 7 && name.rfind("power(", 0) == 0 && name.back() == ')') {
     const std::string number = name.substr(6, name.size() - 7);
-    std::size_t used = 0;
+    std::istringstream text(number);
+    text.imbue(std::locale::classic());
     double k = 0.0;
-    try {
-      k = std::stod(number, &used);
-    } catch (const std::exception&) {
-      used = 0;
-    }
-    if (used == number.size() && used > 0) return power(k);
+    if (number.find_first_not_of("0123456789.eE+-") == std::string::npos && text >> k && text.eof())
+      return power(k);
   }
-  throw std::invalid_argument("shape must be parabolic, linear, quartic, constant or power(k), got '" + name + "'");
+  throw std::invalid_argument("shape must be parabolic, linear, quartic, constant or power(k), got '" + name +
+                              "'");
 }
 
 std::string Shape::name() const {
@@ -36,10 +35,13 @@ std::string Shape::name() const {
   if (kind_ == Kind::linear) return "linear";
   if (order_ == 1.0) return "parabolic";
   if (order_ == 2.0) return "quartic";
-  std::ostringstream text;
-  text.precision(17);
-  text << "power(" << order_ << ")";
-  return text.str();
+  for (int digits = 1;; ++digits) {  // the shortest text that reads back as the same number
+    std::ostringstream text;
+    text.imbue(std::locale::classic());
+    text.precision(digits);
+    text << order_;
+    if (digits == 17 || std::stod(text.str()) == order_) return "power(" + text.str() + ")";
+  }
 }
 
 }  // namespace burrlab

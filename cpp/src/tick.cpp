@@ -20,8 +20,8 @@ Scheme parse_scheme(const std::string& name) {
 
 // The voxel nearest to the centre, the rest of the position, and the box that the sphere may touch.
 struct Tick::Placement {
-  std::int64_t base[3];   // (x, y, z)
-  double fraction[3];     // centre minus voxel `base` [voxel], a multiple of 2^-20
+  std::int64_t base[3];            // (x, y, z)
+  double fraction[3];              // centre minus voxel `base` [voxel], a multiple of 2^-20
   std::int64_t first[3], last[3];  // half-open box, clipped to the volume
 };
 
@@ -55,7 +55,8 @@ Tick::Tick(const VoxelBone& bone, double radius, Scheme scheme, const Shape& sha
          << " mm or finer would do";
     throw std::invalid_argument(text.str());
   }
-  if (scheme == Scheme::layer && shape.kind() != Shape::Kind::constant) depth_ = DepthTable::of_order(shape.order());
+  if (scheme == Scheme::layer && shape.kind() != Shape::Kind::constant)
+    depth_ = DepthTable::of_order(shape.order());
 }
 
 Tick::Placement Tick::place(const VoxelBone& bone, const Vec3& center) const {
@@ -159,7 +160,8 @@ TickSums Tick::visit(const VoxelBone& bone, std::uint8_t* levels, const Placemen
             } else {
               float d;
               if (w < 1.0f) {
-                const float tau = std::min(static_cast<float>(mass) / ((static_cast<float>(p) * 256.0f) * w), 1.0f);
+                const float tau =
+                    std::min(static_cast<float>(mass) / ((static_cast<float>(p) * 256.0f) * w), 1.0f);
                 d = (w * s) * (*depth_)(0.0f, tau);
               } else {
                 const float e = std::max(depth * inverse_s - 0.5f, 0.0f);
@@ -211,7 +213,8 @@ Moments Tick::to_moments(const VoxelBone& bone, const Placement& at, const TickS
   const double quantum = bone.voxel_volume() / 65280.0;  // volume of 1/256 level
   result.m0 = static_cast<double>(sums.mass) * quantum;  // Eq. 1
   for (int axis = 0; axis < 3; ++axis) {
-    const double index_sum = static_cast<double>(sums.first[axis]) - at.fraction[axis] * static_cast<double>(sums.mass);
+    const double index_sum =
+        static_cast<double>(sums.first[axis]) - at.fraction[axis] * static_cast<double>(sums.mass);
     result.m1[axis] = index_sum * (bone.spacing()[axis] * quantum);
   }
   return result;
@@ -225,6 +228,7 @@ Moments Tick::moments(const VoxelBone& bone, const Vec3& center, TickSums* sums)
 }
 
 Moments Tick::erode(VoxelBone& bone, const Vec3& center, double a, std::uint64_t tick, TickSums* sums) const {
+  if (!(a <= largest_step)) refuse("alpha dt", "at most 1000", a);
   const Placement at = place(bone, center);
   const ErodedFraction fraction(a);
   const Draws draws{seed_, tick, index_};

@@ -47,7 +47,7 @@ std::uint64_t bits(double value) {
 }  // namespace
 
 VoxelBone::VoxelBone(Index3 shape, std::vector<std::uint8_t> levels, const Vec3& spacing, const Vec3& origin)
-    : shape_(shape), spacing_(spacing), origin_(origin), density_(std::move(levels)) {
+    : shape_(shape), spacing_(spacing), origin_(origin + Vec3::Zero()), density_(std::move(levels)) {
   for (int axis = 0; axis < 3; ++axis) {
     if (shape_[axis] < 1) refuse("every side of the volume", "at least one voxel", double(shape_[axis]));
     require_positive("spacing", spacing_[axis]);
@@ -60,17 +60,15 @@ VoxelBone::VoxelBone(Index3 shape, std::vector<std::uint8_t> levels, const Vec3&
   level_sum_ = sum_levels(density_);
 }
 
-double VoxelBone::removed() const {
-  return (sum_levels(*pristine_) - level_sum_) * (voxel_volume() / 255.0);
-}
+double VoxelBone::removed() const { return (sum_levels(*pristine_) - level_sum_) * (voxel_volume() / 255.0); }
 
 void VoxelBone::write(const Index3& start, const Index3& shape, const std::uint8_t* levels) {
   for (int axis = 0; axis < 3; ++axis) {
-    if (start[axis] < 0 || shape[axis] < 0 || start[axis] + shape[axis] > shape_[axis]) {
+    if (start[axis] < 0 || shape[axis] < 0 || start[axis] > shape_[axis] ||
+        shape[axis] > shape_[axis] - start[axis]) {
       throw std::invalid_argument("values must lie inside the volume: along axis " + std::to_string(axis) +
-                                  " (z, y, x) they cover " + std::to_string(start[axis]) + " to " +
-                                  std::to_string(start[axis] + shape[axis]) + " of " +
-                                  std::to_string(shape_[axis]));
+                                  " (z, y, x) " + std::to_string(shape[axis]) + " voxels from " +
+                                  std::to_string(start[axis]) + " of " + std::to_string(shape_[axis]));
     }
   }
   if (pristine_.use_count() > 1) pristine_ = std::make_shared<std::vector<std::uint8_t>>(*pristine_);

@@ -214,7 +214,9 @@ class VelocityCurve:
             ax = pyplot.subplots(figsize=(4.8, 3.6), layout="constrained")[1]
         ok = self.ok
         force, velocity = self.force[ok], self.velocity[ok]
-        label = "synthetic data" if self.source.startswith("synthetic") else "data"
+        label = next(
+            (f"{kind} data" for kind in ("synthetic", "simulated") if self.source.startswith(kind)), "data"
+        )
         if self.sigma is not None:
             ax.errorbar(force, velocity, self.sigma[ok], fmt="none", ecolor="black", elinewidth=0.8, zorder=3)
         ax.plot(force, velocity, "s", color="black", mfc="white", ms=4.5, mew=0.9, label=label, zorder=3)

@@ -169,6 +169,8 @@ class Fit:
             raise ValueError(
                 f"alpha_lines must be above 0 and below alpha, {self.alpha:g} /ms: got {alpha_lines!r}"
             )
+        from burrlab.figures import VELOCITY
+
         ax = self.curve.plot(ax, log=log)
         used = self.curve.force[self.curve.ok]
         low = 0.85 * used.min() if log else 0.3 * used.min()
@@ -182,7 +184,7 @@ class Fit:
                 ax.plot(force, line, "--", color="0.4", linewidth=0.9, label=name)
         if self.engine == "voxel" or self.curve.window_start is not None:
             name = "voxel descents" if self.engine == "voxel" else "fit, over each row's window"
-            ax.plot(used, self.predicted, "o", color="tab:red", markersize=3, label=name, zorder=4)
+            ax.plot(used, self.predicted, "o", color=VELOCITY, markersize=3, label=name, zorder=4)
         if not log:
             ax.set(xlim=(0, 1.06 * used.max()), ylim=(0, None))
         ax.legend(frameon=False, fontsize="small")

@@ -94,7 +94,8 @@ def force_sweep(
     Returns
     -------
     VelocityCurve
-        One row a descent, by force and repeat; velocity NaN without a window. It does not depend on order or
+        One row a descent, by force and repeat; velocity NaN without a window. Windows are given where they
+        are not the default one, max(R/6, static contact) to R/3. It does not depend on order or
         number of workers. After Ctrl-C it holds what was done, the rest marked ``interrupted``.
 
     Raises
@@ -161,11 +162,15 @@ def force_sweep(
         if future.done() and not future.cancelled() and future.exception() is None:
             rows[i] = future.result()
     table = np.array([row[:3] for row in rows])
+    # With the force held exactly to R/3 the window is the default one, which a fit predicts from c_e; written
+    # out, its start would be taken as given and its information on c_e lost.
+    own_window = rig or stop is not None or specimen is not None
     return VelocityCurve(
         force=np.array([item.force for item in items]),
         velocity=table[:, 0],
-        window_start=table[:, 1],
-        window_end=table[:, 2],
+        window_start=table[:, 1] if own_window else None,
+        window_end=table[:, 2] if own_window else None,
+        radius=burr.radius,
         status=tuple(row[3] for row in rows),
         source=f"simulated voxel descents, {material.name}",
         provenance=provenance(

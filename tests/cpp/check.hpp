@@ -1,4 +1,5 @@
-// The smallest thing that serves as a C++ test framework: checks that count, print where they fail, and go on.
+// The smallest thing that serves as a C++ test framework: checks that count, print where they fail, and go
+// on.
 #pragma once
 
 #include <cmath>

@@ -34,9 +34,9 @@ void check_limits_and_windup() {
 
 void check_derivative() {
   ForceController raw(0.0, 0.0, 0.5, -100.0, 100.0, 0.0);
-  CHECK(raw.update(1.0, 2.0, 1.0) == 0.0);                 // no past, no slope
-  CHECK(raw.update(50.0, 2.0, 1.0) == 0.0);                // a step of the set-point is no kick
-  CHECK_NEAR(raw.update(50.0, 2.1, 1.0), -50.0, 1e-10);    // -kd 0.1 N/ms
+  CHECK(raw.update(1.0, 2.0, 1.0) == 0.0);               // no past, no slope
+  CHECK(raw.update(50.0, 2.0, 1.0) == 0.0);              // a step of the set-point is no kick
+  CHECK_NEAR(raw.update(50.0, 2.1, 1.0), -50.0, 1e-10);  // -kd 0.1 N/ms
   CHECK_NEAR(raw.update(50.0, 2.1, 1.0), 0.0, 1e-15);
 
   ForceController filtered(0.0, 0.0, 0.5, -100.0, 100.0, 4.0);
@@ -77,7 +77,8 @@ void check_refusals() {
   CHECK_THROWS(make(1.0, 0.0, -2.0, -1.0, 1.0, 0.0), "kd must be zero or positive and finite, got -2");
   CHECK_THROWS(make(1.0, 0.0, 0.0, 1.0, 1.0, 0.0), "lower output limit must be below the upper one, got 1");
   CHECK_THROWS(make(1.0, 0.0, 0.0, nan, 1.0, 0.0), "lower output limit must be below the upper one");
-  CHECK_THROWS(make(1.0, 0.0, 0.0, -1.0, 1.0, -1.0), "derivative_filter must be zero or positive and finite, got -1");
+  CHECK_THROWS(make(1.0, 0.0, 0.0, -1.0, 1.0, -1.0),
+               "derivative_filter must be zero or positive and finite, got -1");
 
   ForceController pid(1.0, 1.0, 1.0, -10.0, 10.0, 0.0);
   pid.update(1.0, 0.5, 1.0);

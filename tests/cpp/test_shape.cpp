@@ -12,7 +12,8 @@ int main() {
   CHECK_NEAR(Shape::power(1.5).at_radius(0.5), std::pow(0.75, 1.5), 1e-15);
   CHECK_NEAR(Shape::power(3.0).at_radius(0.5f), 0.421875f, 0.0);
 
-  for (const char* name : {"constant", "linear", "parabolic", "quartic", "power(0.5)", "power(3)", "power(8)"}) {
+  for (const char* name :
+       {"constant", "linear", "parabolic", "quartic", "power(0.5)", "power(3)", "power(8)"}) {
     const Shape f = Shape::parse(name);
     CHECK(f.name() == name);
     CHECK(Shape::parse(f.name()) == f);
@@ -26,12 +27,14 @@ int main() {
     }
   }
 
-  CHECK(Shape::constant().order() == 0.0 && Shape::linear().order() == 1.0 && Shape::quartic().order() == 2.0);
+  CHECK(Shape::constant().order() == 0.0 && Shape::linear().order() == 1.0 &&
+        Shape::quartic().order() == 2.0);
   CHECK(Shape::parse("power(1)") == Shape::parabolic());
   CHECK(!(Shape::linear() == Shape::parabolic()));  // one order, two functions
   CHECK(Shape::parse(Shape::power(1.0 / 3.0).name()) == Shape::power(1.0 / 3.0));
 
-  for (const char* name : {"", "cubic", "Parabolic", "power", "power()", "power(1", "power(x)", "power(1,5)", "power(1 )"}) {
+  for (const char* name :
+       {"", "cubic", "Parabolic", "power", "power()", "power(1", "power(x)", "power(1,5)", "power(1 )"}) {
     CHECK_THROWS(Shape::parse(name), "shape must be parabolic, linear, quartic, constant or power(k), got '");
   }
   for (const char* name : {"power(0)", "power(-1)", "power(8.1)", "power(nan)", "power(inf)"}) {

@@ -29,7 +29,8 @@ constexpr Scheme schemes[] = {Scheme::layer, Scheme::cell};
 /// A solid cube of n voxels a side about the origin, spacing s [mm].
 VoxelBone cube(int n, double s) {
   const Vec3 origin = Vec3::Constant(-0.5 * (n - 1) * s);
-  return VoxelBone({n, n, n}, std::vector<std::uint8_t>(std::size_t(n) * n * n, 255), Vec3::Constant(s), origin);
+  return VoxelBone({n, n, n}, std::vector<std::uint8_t>(std::size_t(n) * n * n, 255), Vec3::Constant(s),
+                   origin);
 }
 
 double sphere(double radius) { return 4.0 / 3.0 * pi * radius * radius * radius; }
@@ -58,10 +59,12 @@ void check_moments() {
   }
 
   const VoxelBone empty({40, 40, 40}, std::vector<std::uint8_t>(64000, 0), Vec3::Constant(0.1), Vec3::Zero());
-  const Moments none = Tick(empty, 1.0, Scheme::layer, Shape::parabolic(), 1, 0).moments(empty, Vec3(2.0, 2.0, 2.0));
+  const Moments none =
+      Tick(empty, 1.0, Scheme::layer, Shape::parabolic(), 1, 0).moments(empty, Vec3(2.0, 2.0, 2.0));
   CHECK(none.m0 == 0.0 && none.m1.norm() == 0.0);
 
-  const VoxelBone plate({40, 80, 160}, std::vector<std::uint8_t>(512000, 255), Vec3(0.05, 0.1, 0.2), Vec3::Zero());
+  const VoxelBone plate({40, 80, 160}, std::vector<std::uint8_t>(512000, 255), Vec3(0.05, 0.1, 0.2),
+                        Vec3::Zero());
   const Tick flat(plate, 2.0, Scheme::layer, Shape::parabolic(), 1, 0);
   CHECK_NEAR(flat.moments(plate, Vec3(4.0, 4.0, 4.0)).m0 / sphere(2.0), 1.0, 2e-3);
 }
@@ -72,7 +75,8 @@ void check_refusals() {
     return Tick(bone, radius, Scheme::layer, Shape::parabolic(), 1, index).resolution();
   };
   CHECK_NEAR(make(0.75, 0), 7.5, 1e-12);
-  CHECK_THROWS(make(0.3, 0), "radius must be at least 4 voxels, got 3; a spacing of 0.04 mm or finer would do");
+  CHECK_THROWS(make(0.3, 0),
+               "radius must be at least 4 voxels, got 3; a spacing of 0.04 mm or finer would do");
   CHECK_THROWS(make(0.0, 0), "radius must be positive and finite, got 0");
   CHECK_THROWS(make(1.0, 1u << 31), "index must be below 2^31, got 2147483648");
   CHECK(parse_scheme("layer") == Scheme::layer && parse_scheme("cell") == Scheme::cell);

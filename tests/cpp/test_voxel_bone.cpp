@@ -36,13 +36,16 @@ void check_construction() {
     return VoxelBone(s, std::vector<std::uint8_t>(n), step, first);
   };
   const double nan = std::nan(""), inf = std::numeric_limits<double>::infinity();
-  CHECK_THROWS(make({9, 0, 11}, 0, spacing, origin), "every side of the volume must be at least one voxel, got 0");
+  CHECK_THROWS(make({9, 0, 11}, 0, spacing, origin),
+               "every side of the volume must be at least one voxel, got 0");
   CHECK_THROWS(make(shape, count - 1, spacing, origin), "levels do not fill the shape");
   CHECK_THROWS(make(shape, count, Vec3(0.1, 0.0, 0.1), origin), "spacing must be positive and finite, got 0");
-  CHECK_THROWS(make(shape, count, Vec3(0.1, 0.1, -1.0), origin), "spacing must be positive and finite, got -1");
+  CHECK_THROWS(make(shape, count, Vec3(0.1, 0.1, -1.0), origin),
+               "spacing must be positive and finite, got -1");
   CHECK_THROWS(make(shape, count, Vec3(nan, 0.1, 0.1), origin), "spacing must be positive and finite");
   CHECK_THROWS(make(shape, count, spacing, Vec3(0.0, 0.0, inf)), "origin must be finite, got inf");
-  CHECK_THROWS(make({1 << 16, 1 << 16, 8}, 0, spacing, origin), "voxels / 8 of the volume must be below 2^32");
+  CHECK_THROWS(make({1 << 16, 1 << 16, 8}, 0, spacing, origin),
+               "voxels / 8 of the volume must be below 2^32");
 }
 
 void check_write_and_reset() {
@@ -78,7 +81,8 @@ void check_write_and_reset() {
   CHECK(bone.mass() == mass);
   CHECK_THROWS((bone.write({8, 0, 0}, {2, 2, 2}, box.data()), 0),
                "values must lie inside the volume: along axis 0 (z, y, x) they cover 8 to 10 of 9");
-  CHECK_THROWS((bone.write({0, 0, -1}, {2, 2, 2}, box.data()), 0), "along axis 2 (z, y, x) they cover -1 to 1 of 11");
+  CHECK_THROWS((bone.write({0, 0, -1}, {2, 2, 2}, box.data()), 0),
+               "along axis 2 (z, y, x) they cover -1 to 1 of 11");
   CHECK(bone.mass() == mass);
 }
 

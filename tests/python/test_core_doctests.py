@@ -23,7 +23,9 @@ def documented() -> Iterator[tuple[str, str]]:
 
 
 EXAMPLES = [
-    test for name, text in documented() if (test := doctest.DocTestParser().get_doctest(text, {}, name, None, 0)).examples
+    test
+    for name, text in documented()
+    if (test := doctest.DocTestParser().get_doctest(text, {}, name, None, 0)).examples
 ]
 
 
@@ -38,4 +40,12 @@ def test_example(example: doctest.DocTest, capsys: pytest.CaptureFixture[str]) -
 def test_examples_are_found() -> None:
     """An empty collection would pass in silence."""
     found = {example.name for example in EXAMPLES}
-    assert {"Shape", "Burr", "Material", "VoxelBone", "penetration", "BurrContact", "ForceController"} <= found
+    assert {
+        "Shape",
+        "Burr",
+        "Material",
+        "VoxelBone",
+        "penetration",
+        "BurrContact",
+        "ForceController",
+    } <= found

@@ -34,7 +34,7 @@ def test_commands(tmp_path, monkeypatch):
 
 def test_make_targets_exist():
     makefile = (ROOT / "Makefile").read_text()
-    targets = set(re.findall(r"make ([a-z-]+)", README))
+    targets = set(re.findall(r"(?:^ {4}|[`(;] ?)make ([a-z-]+)", README, re.MULTILINE))
     assert {"demo", "test", "test-slow", "figures"} <= targets
     for target in targets:
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), target

@@ -18,7 +18,7 @@ from reference.tick import ReferenceContact, ReferenceShape, bilinear, draw_lane
 
 SHAPES = ("parabolic", "linear", "quartic", "constant", "power(1.5)", "power(3)")
 SCHEMES = ("layer", "cell")
-FLAGS = ("contact", "ambiguous", "coarse", "faint")
+FLAGS = ("touching", "ambiguous", "coarse", "faint")
 FALSE_ALARM = 1e-6  # of each statistical test as a whole
 RELATIVE = 1e-12  # of m0, m1 and the force
 
@@ -98,14 +98,14 @@ def test_depth_table_at_its_nodes(order: float, accuracy: float) -> None:
 
 @pytest.mark.parametrize("order", [1.0, 2.0])
 def test_depth_table_between_its_nodes(order: float) -> None:
-    """Bilinear interpolation errs by less than 0.01 voxel for tau > 0.1, by less than 0.25 below."""
+    """Bilinear interpolation errs by less than 0.005 voxel from the second node of tau on, by 0.25 below it."""
     table = burrlab._core.depth_table(order)
     random = np.random.default_rng(3)
     e = random.uniform(0.0, 3.0, 300).astype(np.float32)
     tau = random.uniform(0.0, 1.0, 300).astype(np.float32)
     exact = np.array([effective_depth(float(a), float(b), order) for a, b in zip(e, tau, strict=True)])
     error = np.abs(bilinear(table, e, tau) - exact)
-    assert error[tau > 0.1].max() < 0.01
+    assert error[tau >= 1 / 40].max() < 0.005
     assert error.max() < 0.25
 
 
@@ -278,7 +278,7 @@ def test_tick_equals_reference_until_nothing_is_left(scheme: str) -> None:
     check_scene(scene_of(scheme, "parabolic", steps=steps, alpha=0.5, fill="solid"))
 
 
-@pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 60), marks=pytest.mark.slow)], ids=str)
+@pytest.mark.parametrize("seeds", [range(2), pytest.param(range(2, 30), marks=pytest.mark.slow)], ids=str)
 @pytest.mark.parametrize("spacing", [(0.1, 0.1, 0.1), (0.12, 0.1, 0.11)], ids=str)
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -406,14 +406,14 @@ def test_flags_at_their_thresholds() -> None:
     """faint: more than a twentieth of the mass below p = 32; coarse: R below 7.5 voxels."""
     one, other = (8, 8, 12), (8, 8, 11)
     assert flags_of({}) == set()
-    assert flags_of({one: 10, other: 190}) == {"contact"}
-    assert flags_of({one: 10, other: 189}) == {"contact", "faint"}
-    assert flags_of({one: 10, other: 189}, scheme="cell") == {"contact"}
-    assert flags_of({one: 31}) == {"contact", "faint"}
-    assert flags_of({one: 32}) == {"contact"}
-    assert flags_of({one: 255}, radius=1.875) == {"contact"}
-    assert flags_of({one: 255}, radius=1.874) == {"contact", "coarse"}
-    assert flags_of({(8, 8, 8): 255}) == {"contact", "ambiguous"}
+    assert flags_of({one: 10, other: 190}) == {"touching"}
+    assert flags_of({one: 10, other: 189}) == {"touching", "faint"}
+    assert flags_of({one: 10, other: 189}, scheme="cell") == {"touching"}
+    assert flags_of({one: 31}) == {"touching", "faint"}
+    assert flags_of({one: 32}) == {"touching"}
+    assert flags_of({one: 255}, radius=1.875) == {"touching"}
+    assert flags_of({one: 255}, radius=1.874) == {"touching", "coarse"}
+    assert flags_of({(8, 8, 8): 255}) == {"touching", "ambiguous"}
 
 
 # --- The law of the loss ----------------------------------------------------------------------------------

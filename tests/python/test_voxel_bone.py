@@ -53,12 +53,16 @@ def test_default_ranges() -> None:
     levels = some_levels()
     np.testing.assert_array_equal(VoxelBone(levels, 0.1).density, levels)
     np.testing.assert_array_equal(VoxelBone(levels > 99, 0.1).density, np.where(levels > 99, 255, 0))
-    np.testing.assert_array_equal(VoxelBone(levels.clip(0, 51), 0.1, range=(0, 51)).density, 5 * levels.clip(0, 51))
+    np.testing.assert_array_equal(
+        VoxelBone(levels.clip(0, 51), 0.1, range=(0, 51)).density, 5 * levels.clip(0, 51)
+    )
 
 
 @pytest.mark.parametrize("dtype", ["int8", "uint16", "int64", "float32", "float64"])
 def test_other_types_must_state_their_range(dtype: str) -> None:
-    with pytest.raises(ValueError, match=f"range must be given for densities of type {dtype}: the values of empty"):
+    with pytest.raises(
+        ValueError, match=f"range must be given for densities of type {dtype}: the values of empty"
+    ):
         VoxelBone(np.ones((2, 2, 2), dtype=dtype), 0.1)
 
 
@@ -104,11 +108,15 @@ def test_values_that_are_not_finite(dtype: str, value: float) -> None:
         VoxelBone(values, 0.1, range=(0, 1))
 
 
-@pytest.mark.parametrize(("dtype", "value"), [("int16", -1), ("uint64", 101), ("float32", 100.5), ("uint8", 101)])
+@pytest.mark.parametrize(
+    ("dtype", "value"), [("int16", -1), ("uint64", 101), ("float32", 100.5), ("uint8", 101)]
+)
 def test_values_out_of_range(dtype: str, value: float) -> None:
     values = np.zeros((2, 3, 4), dtype=dtype)
     values[0, 0, 0] = value
-    with pytest.raises(ValueError, match=rf"every density must be within the range 0.* to 100.*, got {value}"):
+    with pytest.raises(
+        ValueError, match=rf"every density must be within the range 0.* to 100.*, got {value}"
+    ):
         VoxelBone(values, 0.1, range=(0, 100))
 
 
@@ -126,7 +134,14 @@ def test_types_that_are_no_density(dtype: str) -> None:
 
 @pytest.mark.parametrize(
     ("spacing", "got"),
-    [(0.0, "0"), (-0.1, "-0.1"), (np.nan, "nan"), (np.inf, "inf"), ((0.1, 0.0, 0.1), "0"), ((0.1, 0.1, -2), "-2")],
+    [
+        (0.0, "0"),
+        (-0.1, "-0.1"),
+        (np.nan, "nan"),
+        (np.inf, "inf"),
+        ((0.1, 0.0, 0.1), "0"),
+        ((0.1, 0.1, -2), "-2"),
+    ],
 )
 def test_bad_spacing(spacing: Any, got: str) -> None:
     with pytest.raises(ValueError, match=f"spacing must be positive and finite, got {got}$"):
@@ -320,3 +335,24 @@ def test_digest_knows_where_a_level_is() -> None:
         levels.ravel()[i] = 1
         digests.add(VoxelBone(levels, 0.1).digest())
     assert len(digests) == 2 * 8**3
+
+
+def test_a_write_far_outside_is_refused():
+    bone = burrlab.VoxelBone.block((1, 1, 1), 0.25)
+    for start in ((2**63 - 1, 0, 0), (0, -(2**63), 0), (0, 0, 4)):
+        with pytest.raises(ValueError, match="values must lie inside the volume"):
+            bone.write(np.zeros((1, 1, 1), np.uint8), start=start)
+
+
+def test_single_precision_limits_and_a_tiny_range():
+    bone = burrlab.VoxelBone(np.full((1, 1, 1), 0.1, np.float32), spacing=1, range=(0, 0.1))
+    assert bone.density[0, 0, 0] == 255
+    with pytest.raises(ValueError, match="within the range 0 to 1e-09, got 0.5"):
+        burrlab.VoxelBone(np.full((1, 1, 1), 0.5), spacing=1, range=(0, 1e-9))
+    with pytest.raises(ValueError, match=r"empty below solid, got \(nan, 1.0\)"):
+        burrlab.VoxelBone(np.zeros((1, 1, 1)), spacing=1, range=(float("nan"), 1))
+
+
+def test_a_block_too_large_is_refused_before_it_is_made():
+    with pytest.raises(ValueError, match="below 2\\^32"):
+        burrlab.VoxelBone.block((9e5, 9e5, 9e5), 1.0)

@@ -344,7 +344,7 @@ class ReferenceContact:
         Returns
         -------
         dict
-            force [N], normal, penetration [mm], m0 [mm^3], m1 [mm^4], removed [mm^3], and the flags contact,
+            force [N], normal, penetration [mm], m0 [mm^3], m1 [mm^4], removed [mm^3], and the flags touching,
             ambiguous, coarse, faint.
         """
         sx, sy, sz = spacing = tuple(float(s) for s in np.broadcast_to(self.spacing, 3))
@@ -379,7 +379,7 @@ class ReferenceContact:
             "m0": m0,
             "m1": np.array(m1),
             "removed": dropped * (dV / 255),
-            "contact": S0 > 0,
+            "touching": S0 > 0,
             "ambiguous": S0 > 0 and length < floor,
             "coarse": R / max(spacing) < 7.5,
             "faint": self.scheme == "layer" and 20 * faint_mass > S0,

@@ -47,9 +47,10 @@ class BurrContact {
   Contact step(const Vec3& center, double dt, bool burr_on);
 
   /// Up to `ticks` ticks of dt [ms], each at the position start + s axis, s >= from, where the axial force is
-  /// `force` [N], until s reaches `travel` [mm]. `axis` is a unit vector into the bone.
+  /// `force` [N], until s reaches `travel` [mm]. `axis` is a unit vector into the bone. `now_and_then` is
+  /// called every 256 ticks and may throw.
   HeldDescent hold(double force, const Vec3& start, const Vec3& axis, double from, double travel, double dt,
-                   std::int64_t ticks);
+                   std::int64_t ticks, const std::function<void()>& now_and_then = {});
 
   const std::shared_ptr<VoxelBone>& bone() const { return bone_; }
   const Burr& burr() const { return burr_; }

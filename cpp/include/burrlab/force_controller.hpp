@@ -62,7 +62,7 @@ class ForceController {
   double kd() const { return kd_; }
   double lower() const { return lower_; }
   double upper() const { return upper_; }
-  double derivative_filter() const { return filter_; }   ///< time constant [ms]
+  double derivative_filter() const { return filter_; }        ///< time constant [ms]
   double proportional_term() const { return proportional_; }  ///< [mm/s], as are the next three
   double integral_term() const { return integral_; }
   double derivative_term() const { return derivative_; }

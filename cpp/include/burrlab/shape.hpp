@@ -55,7 +55,8 @@ class Shape {
   bool operator==(const Shape& other) const { return kind_ == other.kind_ && order_ == other.order_; }
 
  private:
-  Shape(Kind kind, double order) : kind_(kind), order_(order), whole_(order == static_cast<int>(order) ? static_cast<int>(order) : 0) {}
+  Shape(Kind kind, double order)
+      : kind_(kind), order_(order), whole_(order == static_cast<int>(order) ? static_cast<int>(order) : 0) {}
 
   template <class Real>
   Real raise(Real y) const {  // y^k

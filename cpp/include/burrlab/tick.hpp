@@ -37,17 +37,18 @@ struct ErodedFraction {
 
 /// What one pass over the sphere adds up; exact whatever the order.
 struct TickSums {
-  std::int64_t mass = 0;               ///< sum of M [1/256 level]
-  std::int64_t first[3] = {0, 0, 0};   ///< sum of M times voxel index from `base`, (x, y, z)
-  std::int64_t faint = 0;              ///< the part of `mass` in voxels with p < 32, where `layer` errs
-  std::int64_t lost = 0;               ///< levels removed
+  std::int64_t mass = 0;              ///< sum of M [1/256 level]
+  std::int64_t first[3] = {0, 0, 0};  ///< sum of M times voxel index from `base`, (x, y, z)
+  std::int64_t faint = 0;             ///< the part of `mass` in voxels with p < 32, where `layer` errs
+  std::int64_t lost = 0;              ///< levels removed
 };
 
 /// The sphere in one bone's grid.
 class Tick {
  public:
-  static constexpr double coarsest = 4.0;  ///< R/s below which a burr is refused
-  static constexpr double coarse = 7.5;    ///< R/s below which results are flagged
+  static constexpr double coarsest = 4.0;         ///< R/s below which a burr is refused
+  static constexpr double coarse = 7.5;           ///< R/s below which results are flagged
+  static constexpr double largest_step = 1000.0;  ///< alpha dt above which a tick is refused
 
   Tick(const VoxelBone& bone, double radius, Scheme scheme, const Shape& shape, std::uint64_t seed,
        std::uint32_t index);
@@ -65,8 +66,8 @@ class Tick {
 
   Placement place(const VoxelBone& bone, const Vec3& center) const;
   template <Scheme scheme, bool isotropic, bool eroding>
-  TickSums visit(const VoxelBone& bone, std::uint8_t* levels, const Placement& at, const ErodedFraction* fraction,
-                 const Draws* draws) const;
+  TickSums visit(const VoxelBone& bone, std::uint8_t* levels, const Placement& at,
+                 const ErodedFraction* fraction, const Draws* draws) const;
   template <bool eroding>
   TickSums dispatch(const VoxelBone& bone, std::uint8_t* levels, const Placement& at,
                     const ErodedFraction* fraction, const Draws* draws) const;

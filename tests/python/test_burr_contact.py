@@ -1,0 +1,372 @@
+"""A burr on a bone from Python: errors, runs, replay, flags, volume edges, Ctrl-C and threads."""
+
+from __future__ import annotations
+
+import _thread
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from burrlab import Burr, BurrContact, Material, VoxelBone, materials
+
+COLUMNS = (
+    "force",
+    "normal",
+    "m1",
+    "penetration",
+    "m0",
+    "removed",
+    "tick",
+    "touching",
+    "ambiguous",
+    "coarse",
+    "faint",
+)
+ABOVE = (0.0, 0.0, 1.3)  # 0.2 mm into the surface at z = 0 with R = 1.5 mm
+
+
+def block(spacing: float = 0.1, level: int = 255, size: tuple[float, float, float] = (4, 4, 2)) -> VoxelBone:
+    """A block under the plane z = 0, its axis through the origin."""
+    first = (spacing / 2 - size[0] / 2, spacing / 2 - size[1] / 2, spacing / 2 - size[2])
+    return VoxelBone.block(size, spacing, origin=first, level=level)
+
+
+def contact_on(bone: VoxelBone, radius: float = 1.5, **options: Any) -> BurrContact:
+    return BurrContact(bone, Burr(radius), materials["bone"], **({"seed": 3} | options))
+
+
+def wandering_path(n: int) -> NDArray[np.float64]:
+    """In, along, out and beside the bone."""
+    t = np.linspace(0, 1, n)
+    return np.column_stack([np.sin(7 * t), 0.5 * np.cos(11 * t), 1.3 - 0.6 * np.sin(9 * t)])
+
+
+# --- Construction -----------------------------------------------------------------------------------------
+
+
+def test_what_it_is_made_of() -> None:
+    bone, burr = block(), Burr(1.5)
+    contact = BurrContact(bone, burr, materials["pvc"], 2**64 - 1, 2**31 - 1, scheme="cell")
+    assert contact.bone is bone
+    assert (contact.burr, contact.material) == (burr, materials["pvc"])
+    assert (contact.seed, contact.index, contact.scheme, contact.tick) == (2**64 - 1, 2**31 - 1, "cell", 0)
+    assert contact_on(bone).scheme == "layer"
+
+
+def test_no_bone() -> None:
+    with pytest.raises(ValueError, match="bone must be a VoxelBone, got None"):
+        contact_on(None)  # type: ignore[arg-type]
+
+
+def test_radius_zero() -> None:
+    with pytest.raises(ValueError, match="radius must be positive and finite, got 0"):
+        contact_on(block(), radius=0.0)
+
+
+def test_too_few_voxels_names_a_spacing_that_would_do() -> None:
+    text = "radius must be at least 4 voxels, got 3.75; a spacing of 0.2 mm or finer would do"
+    with pytest.raises(ValueError, match=text):
+        contact_on(block(spacing=0.4))
+    assert not contact_on(block(spacing=0.2)).step(ABOVE, 1.0).coarse
+    anisotropic = VoxelBone.block((4, 4, 2), (0.1, 0.1, 0.5))
+    with pytest.raises(ValueError, match="radius must be at least 4 voxels, got 3;"):
+        contact_on(anisotropic)
+
+
+def test_unknown_scheme() -> None:
+    with pytest.raises(ValueError, match="scheme must be layer or cell, got 'both'"):
+        contact_on(block(), scheme="both")
+
+
+def test_index_out_of_range() -> None:
+    with pytest.raises(ValueError, match=r"index must be below 2\^31, got 2147483648"):
+        contact_on(block(), index=2**31)
+
+
+# --- Bad input --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("center", "dt", "text"),
+    [
+        ((0, 0, np.nan), 1.0, "center must be finite, got nan"),
+        ((np.inf, 0, 0), 1.0, "center must be finite, got inf"),
+        (ABOVE, -1.0, "dt must be positive and finite, got -1"),
+        (ABOVE, 0.0, "dt must be positive and finite, got 0"),
+        (ABOVE, np.nan, "dt must be positive and finite, got nan"),
+    ],
+)
+@pytest.mark.parametrize("burr_on", [True, False])
+def test_refused_steps_leave_no_trace(center: Any, dt: float, text: str, burr_on: bool) -> None:
+    bone = block()
+    contact, digest = contact_on(bone), bone.digest()
+    with pytest.raises(ValueError, match=text):
+        contact.step(center, dt, burr_on=burr_on)
+    assert (contact.tick, bone.digest()) == (0, digest)
+
+
+def test_probe_of_a_bad_centre() -> None:
+    with pytest.raises(ValueError, match="center must be finite, got nan"):
+        contact_on(block()).probe((np.nan, 0, 0))
+
+
+@pytest.mark.parametrize(
+    ("path", "dt", "text"),
+    [
+        (np.zeros(3), 1.0, r"path must have shape \(n, 3\), points \(x, y, z\) \[mm\], got \(3,\)"),
+        (np.zeros((4, 2)), 1.0, r"path must have shape \(n, 3\).*got \(4, 2\)"),
+        (np.zeros((2, 2, 3)), 1.0, r"path must have shape \(n, 3\).*got \(2, 2, 3\)"),
+        ([ABOVE, (0, np.nan, 0)], 1.0, "every point of path must be finite, got nan"),
+        ([ABOVE], 0.0, "dt must be positive and finite, got 0"),
+        ([ABOVE], -2.0, "dt must be positive and finite, got -2"),
+    ],
+)
+def test_refused_runs_erode_nothing(path: Any, dt: float, text: str) -> None:
+    bone = block()
+    contact, digest = contact_on(bone), bone.digest()
+    with pytest.raises(ValueError, match=text):
+        contact.run(path, dt)
+    assert (contact.tick, bone.digest()) == (0, digest)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"force": 0.0}, "force must be positive and finite, got 0"),
+        ({"dt": -1.0}, "dt must be positive and finite, got -1"),
+        ({"axis": (0, 0, -2)}, "length of axis must be 1, got 2"),
+        ({"start": (0, 0, np.nan)}, "center must be finite, got nan"),
+        ({"from_": np.nan}, "from must be finite, got nan"),
+        ({"travel": np.inf}, "travel must be finite, got inf"),
+    ],
+)
+def test_refused_holds(change: dict[str, Any], text: str) -> None:
+    arguments = {
+        "force": 1.0,
+        "start": (0, 0, 1.6),
+        "axis": (0, 0, -1),
+        "from_": 0.0,
+        "travel": 1.0,
+        "dt": 1.0,
+    }
+    contact = contact_on(block())
+    with pytest.raises(ValueError, match=text):
+        contact.hold(**(arguments | change), ticks=10)
+    assert contact.tick == 0
+
+
+# --- Runs and replay --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scheme", ["layer", "cell"])
+@pytest.mark.parametrize("burr_on", [True, False])
+def test_a_run_is_its_steps(scheme: str, burr_on: bool) -> None:
+    path = wandering_path(300)
+    bone, stepped_bone = block(), block()
+    contact, stepped = contact_on(bone, scheme=scheme), contact_on(stepped_bone, scheme=scheme)
+    series = contact.run(path, 0.5, burr_on=burr_on)
+    steps = [stepped.step(center, 0.5, burr_on=burr_on) for center in path]
+    assert len(series) == len(steps) == contact.tick == stepped.tick
+    for name in COLUMNS:
+        np.testing.assert_array_equal(
+            getattr(series, name), [getattr(step, name) for step in steps], err_msg=name
+        )
+    assert series[0].m0 == steps[0].m0
+    assert series[-1].m0 == steps[-1].m0
+    with pytest.raises(IndexError, match="tick 300 of 300"):
+        series[300]
+    assert bone.digest() == stepped_bone.digest()
+    assert (bone.removed > 0) == burr_on
+    assert bone.removed == pytest.approx(series.removed.sum(), rel=1e-9)
+    assert not np.all(series.touching)  # the path leaves the bone
+
+
+def test_an_empty_run() -> None:
+    contact = contact_on(block())
+    series = contact.run(np.zeros((0, 3)), 1.0)
+    assert len(series) == contact.tick == 0
+    assert series.force.shape == (0, 3)
+
+
+def test_a_replay_from_a_copy_removes_the_same_bone() -> None:
+    path, bone = wandering_path(200), block()
+    contact = contact_on(bone)
+    contact.run(path[:80], 1.0)
+    snapshot, tick = bone.copy(), contact.tick
+    first = contact.run(path[80:], 1.0)
+    replay = contact_on(snapshot)
+    replay.tick = tick
+    again = replay.run(path[80:], 1.0)
+    np.testing.assert_array_equal(again.force, first.force)
+    assert snapshot.digest() == bone.digest()
+
+
+def test_other_ticks_seeds_and_indices_draw_otherwise() -> None:
+    def digest(tick: int = 0, **options: Any) -> str:
+        bone = block()
+        contact = contact_on(bone, **options)
+        contact.tick = tick
+        contact.step(ABOVE, 1.0)
+        return bone.digest()
+
+    assert digest() == digest()
+    assert len({digest(), digest(tick=1), digest(tick=2**64 - 1), digest(seed=4), digest(index=1)}) == 5
+
+
+def test_probe_changes_nothing() -> None:
+    bone = block()
+    contact, digest = contact_on(bone), bone.digest()
+    felt = contact.probe(ABOVE)
+    assert (contact.tick, bone.digest(), felt.removed) == (0, digest, 0.0)
+    step = contact.step(ABOVE, 1.0)  # the force is that of the state before the erosion
+    np.testing.assert_array_equal(step.force, felt.force)
+    assert step.m0 == felt.m0
+    assert contact.probe(ABOVE).m0 < felt.m0
+
+
+def test_hold_keeps_the_force() -> None:
+    contact = contact_on(block())
+    descent = contact.hold(0.8, (0, 0, 1.6), (0, 0, -1), from_=0.0, travel=1.5, dt=1.0, ticks=100)
+    assert len(descent.position) == contact.tick == 100
+    assert not descent.reached
+    np.testing.assert_allclose(descent.force, 0.8, atol=1e-4)
+    assert np.all(np.diff(descent.position) >= 0)
+    assert contact.bone.removed == pytest.approx(descent.removed.sum(), rel=1e-9)
+
+
+def test_arrays_of_a_contact_are_copies() -> None:
+    contact = contact_on(block())
+    felt = contact.step(ABOVE, 1.0)
+    felt.force[:] = 7.0
+    assert felt.force[2] != 7.0
+    series = contact.run([ABOVE], 1.0)
+    series.force[:] = 7.0
+    assert series.force[0, 2] != 7.0
+    assert repr(felt).startswith("Contact(tick=0, force=(")
+
+
+# --- Flags ------------------------------------------------------------------------------------------------
+
+
+def flags(felt: Any) -> set[str]:
+    return {name for name in ("touching", "ambiguous", "coarse", "faint") if getattr(felt, name)}
+
+
+def test_a_usual_contact_has_no_flag() -> None:
+    assert flags(contact_on(block()).step(ABOVE, 1.0)) == {"touching"}
+    assert flags(contact_on(block()).step((0, 0, 1.6), 1.0)) == set()
+
+
+def test_coarse_voxels() -> None:
+    """A burr of 1 mm on a CT with voxels of 0.2 mm."""
+    felt = contact_on(block(spacing=0.2), radius=1.0).step((0, 0, 0.8), 1.0)
+    assert flags(felt) == {"touching", "coarse"}
+    assert "coarse" in repr(felt)
+
+
+def test_faint_bone() -> None:
+    """Occupancy of 8 %, as of marrow; `cell` does not err there."""
+    felt = contact_on(block(level=20)).step(ABOVE, 1.0)
+    assert flags(felt) == {"touching", "faint"}
+    assert "faint" in repr(felt)
+    assert flags(contact_on(block(level=20), scheme="cell").step(ABOVE, 1.0)) == {"touching"}
+    assert flags(contact_on(block(level=40)).step(ABOVE, 1.0)) == {"touching"}
+
+
+def test_ambiguous_in_a_plate() -> None:
+    """A burr breaks through a plate: the force fades to nothing midway and never flips at full strength."""
+    bone = VoxelBone.block((6, 6, 0.6), 0.1, origin=(-2.95, -2.95, -0.25))
+    contact = contact_on(bone)
+    heights = np.linspace(1.7, -1.7, 341)
+    path = np.column_stack([np.zeros_like(heights), np.zeros_like(heights), heights])
+    series = contact.run(path, 1.0, burr_on=False)
+    assert "ambiguous" in repr(series[170])
+    assert np.linalg.norm(series[170].force) < 1e-6
+    force = series.force[:, 2]
+    assert force.max() > 0.5
+    np.testing.assert_allclose(force, -force[::-1], atol=1e-6)
+    assert np.abs(np.diff(force)).max() < 0.2 * force.max()
+    np.testing.assert_array_equal(
+        series.ambiguous, series.touching & (np.linalg.norm(series.m1, axis=1) < 0.15 * series.m0)
+    )
+    assert np.all(np.linalg.norm(series.normal, axis=1)[series.ambiguous] < 1.0)
+
+
+# --- Volume edges -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scheme", ["layer", "cell"])
+@pytest.mark.parametrize("corner", [(-2, -2, -2), (-2, 0, 0), (2, 2, 0), (0, 2, -2)], ids=str)
+def test_outside_the_volume_is_empty(corner: tuple[int, int, int], scheme: str) -> None:
+    """A burr over an edge feels what it feels where the same bone lies within a larger, empty volume."""
+    bone = block(size=(4, 4, 4))
+    padded = np.pad(bone.density, 25)
+    within = VoxelBone(padded, 0.1, origin=tuple(x - 2.5 for x in bone.origin))
+    center = np.array([0.0, 0.0, -2.0]) + np.array(corner) + 0.037
+    at_edge = contact_on(bone, scheme=scheme).step(center, 1.0, burr_on=False)
+    inside = contact_on(within, scheme=scheme).step(center, 1.0, burr_on=False)
+    assert at_edge.touching
+    assert at_edge.m0 == pytest.approx(inside.m0, rel=1e-12)
+    np.testing.assert_allclose(at_edge.m1, inside.m1, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(at_edge.force, inside.force, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("center", [(0, 0, 1e3), (-1e9, 0, 0), (0, 1e300, -1e300)], ids=str)
+def test_far_away(center: tuple[float, float, float]) -> None:
+    bone = block()
+    felt = contact_on(bone).step(center, 1.0)
+    assert flags(felt) == set()
+    assert (felt.m0, felt.penetration, felt.removed, bone.removed) == (0.0, 0.0, 0.0, 0.0)
+    assert not np.any(felt.force)
+
+
+# --- Ctrl-C and threads -----------------------------------------------------------------------------------
+
+INERT = Material("inert", c_e=1.0, alpha=0.0)
+
+
+def test_ctrl_c_stops_a_run() -> None:
+    """Ticks done stay done, and `tick` tells how many."""
+    bone = block()
+    contact = contact_on(bone)
+    path = np.tile(wandering_path(1000), (400, 1))
+    timer = threading.Timer(0.1, _thread.interrupt_main)
+    timer.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            contact.run(path, 0.01)
+    finally:
+        timer.join()
+    assert 0 < contact.tick < len(path)
+    again = block()
+    contact_on(again).run(path[: contact.tick], 0.01)
+    assert again.digest() == bone.digest()
+
+
+def test_a_run_releases_the_interpreter() -> None:
+    """Another thread sees the run under way."""
+    contact = BurrContact(block(), Burr(1.5), INERT, seed=1)
+    path = np.tile(ABOVE, (40000, 1))
+    done, seen = threading.Event(), set()
+
+    def watch() -> None:
+        while not done.is_set():
+            seen.add(contact.tick)
+            done.wait(0.001)
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    contact.run(path, 1.0)
+    done.set()
+    watcher.join()
+    assert any(0 < tick < len(path) for tick in seen)
+
+
+def test_a_tick_without_end_is_refused():
+    bone = burrlab.VoxelBone.block((3, 3, 3), 0.2)
+    contact = burrlab.BurrContact(bone, burrlab.Burr(1.5), burrlab.Material("x", c_e=1, alpha=1e300), seed=1)
+    with pytest.raises(ValueError, match="alpha dt must be at most 1000, got inf"):
+        contact.step((1.0, 1.0, 1.0), 1e10)

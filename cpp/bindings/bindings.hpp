@@ -12,7 +12,7 @@
 #include "burrlab/shape.hpp"
 
 /// A shape or its name, so that a wrong name ends in its own sentence.
-using ShapeArgument = std::variant<burrlab::Shape, std::string>;
+using ShapeArgument = std::variant<std::string, burrlab::Shape>;
 inline burrlab::Shape to_shape(const ShapeArgument& shape) {
   if (const auto* name = std::get_if<std::string>(&shape)) return burrlab::Shape::parse(*name);
   return std::get<burrlab::Shape>(shape);

@@ -366,7 +366,7 @@ def test_a_run_releases_the_interpreter() -> None:
 
 
 def test_a_tick_without_end_is_refused():
-    bone = burrlab.VoxelBone.block((3, 3, 3), 0.2)
-    contact = burrlab.BurrContact(bone, burrlab.Burr(1.5), burrlab.Material("x", c_e=1, alpha=1e300), seed=1)
+    bone = VoxelBone.block((3, 3, 3), 0.2)
+    contact = BurrContact(bone, Burr(1.5), Material("x", c_e=1, alpha=1e300), seed=1)
     with pytest.raises(ValueError, match="alpha dt must be at most 1000, got inf"):
         contact.step((1.0, 1.0, 1.0), 1e10)

@@ -255,9 +255,9 @@ def test_write_sets_present_and_pristine_levels() -> None:
 @pytest.mark.parametrize(
     ("start", "text"),
     [
-        ((3, 0, 0), r"along axis 0 \(z, y, x\) they cover 3 to 5 of 4"),
-        ((0, 4, 0), r"along axis 1 \(z, y, x\) they cover 4 to 6 of 5"),
-        ((0, 0, -1), r"along axis 2 \(z, y, x\) they cover -1 to 1 of 6"),
+        ((3, 0, 0), r"along axis 0 \(z, y, x\) 2 voxels from 3 of 4"),
+        ((0, 4, 0), r"along axis 1 \(z, y, x\) 2 voxels from 4 of 5"),
+        ((0, 0, -1), r"along axis 2 \(z, y, x\) 2 voxels from -1 of 6"),
     ],
 )
 def test_write_outside(start: tuple[int, int, int], text: str) -> None:

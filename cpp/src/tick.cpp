@@ -171,7 +171,8 @@ TickSums Tick::visit(const VoxelBone& bone, std::uint8_t* levels, const Placemen
             }
 
             // Expected loss lambda [level]; its whole part, and one more with the probability of the rest.
-            const float expected = (static_cast<float>(mass) * 0.00390625f) * (*fraction)(f);
+            const int eroding_mass = scheme == Scheme::cell ? 256 * q : mass;  // a uniform voxel erodes whole
+            const float expected = (static_cast<float>(eroding_mass) * 0.00390625f) * (*fraction)(f);
             const int whole = static_cast<int>(expected);
             const float scaled = (expected - static_cast<float>(whole)) * 65536.0f;
             const int high = static_cast<int>(scaled);

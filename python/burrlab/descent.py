@@ -19,6 +19,8 @@ from burrlab.specimen import Specimen, Vector, half_space
 APPROACH_SPEED = 1.0
 #: Default gains from the stiffness k [N/mm] of the contact: Kp = 60/k [mm/s/N], Ti = 50 ms (ours).
 LOOP_BANDWIDTH, INTEGRAL_TIME = 60.0, 0.05
+#: Part of the set-point from which the integral of the default gains acts (ours).
+ARRIVED = 0.95
 _CHUNK = 256  # ticks between looks at progress and interrupts
 
 Progress = Callable[[float], object]
@@ -244,7 +246,7 @@ def _control(
     c_e = None if material is None else material.c_e
     surface = rig.surface
     rows: list[tuple[float, float, float]] = []
-    command, engaged, ending = APPROACH_SPEED, False, "stalled"
+    command, engaged, arrived, ending = APPROACH_SPEED, False, False, "stalled"
     limit = int(np.ceil(max_duration * 1e3 / rig.period))
     first: float | None = None
     try:
@@ -269,7 +271,9 @@ def _control(
                 assert c_e is not None
                 if scheduled:
                     kp = LOOP_BANDWIDTH / contact_stiffness(c_e, burr.radius, force, immersion)
-                    pid.set_gains(kp, kp / INTEGRAL_TIME)
+                    # The integral keeps its preset until the force arrives: else it winds up in the impact.
+                    arrived = arrived or reading.force >= ARRIVED * force
+                    pid.set_gains(kp, kp / INTEGRAL_TIME if arrived else 0.0)
                 command = pid.update(force, reading.force, rig.period)
                 rig.command(command)
             if immersion >= stop:

@@ -62,7 +62,7 @@ def test_unknown_shapes(name: str) -> None:
         Shape(name)
 
 
-@pytest.mark.parametrize("k", ["0", "-1", "8.001", "nan", "inf"])
+@pytest.mark.parametrize("k", ["0", "-1", "8.001"])
 def test_power_out_of_range(k: str) -> None:
     with pytest.raises(ValueError, match=rf"k of power\(k\) must be in \(0, 8\], got {k}"):
         Shape(f"power({k})")

@@ -397,7 +397,8 @@ class ReferenceContact:
             if table is None or table.dtype != f32 or table.shape != (25, 41):
                 raise ValueError("depth_table must be a (25, 41) float32 array")
             f = shape.at_depth(depth_fraction(at, self.q, self.p, m256, self.radius, table))
-        lam = (m256.astype(f32) * f32(2.0**-8)) * eroded_fraction(f, self.alpha * dt)
+        e256 = np.where(m256 > 0, 256 * self.q.astype(np.int64), 0) if self.scheme == "cell" else m256
+        lam = (e256.astype(f32) * f32(2.0**-8)) * eroded_fraction(f, self.alpha * dt)
         if lam.dtype != f32:
             raise AssertionError("a Python float or a double has slipped into the single-precision part")
         return lam

@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 import burrlab
 from burrlab.figures import REFERENCE, new_figure, tidy
-from burrlab.mean_field import penetration_velocity
+from burrlab.master_curve import penetration_velocity
 
 BURR = burrlab.Burr(3.0)
 BONE = burrlab.materials["bone"]
@@ -107,7 +107,9 @@ def main() -> None:
     left.set_ylim(0, 1.15)
     left.set_title("layer resolved inside the voxel (default)", fontsize=10)
     right.set_title("uniform voxels (the paper's)", fontsize=10)
-    left.legend(loc="lower left", frameon=False, fontsize=9, title="bone, R = 3 mm, dt = 1 ms", title_fontsize=9)
+    left.legend(
+        loc="lower left", frameon=False, fontsize=9, title="bone, R = 3 mm, dt = 1 ms", title_fontsize=9
+    )
     options.out.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(options.out, dpi=200)
 

@@ -19,7 +19,9 @@ from burrlab.curve import VelocityCurve
 from burrlab.descent import descend
 from burrlab.descent_result import Descent
 from burrlab.fit import Fit, fit
+from burrlab.master_curve import MasterCurve, penetration_velocity
 from burrlab.materials import materials
+from burrlab.mean_field import MeanFieldDescent, mean_field_descent, thin_layer_velocity
 from burrlab.rig import Rig, RigReading, VirtualRig
 from burrlab.specimen import Specimen, half_space, surface_along
 from burrlab.sweep import force_sweep
@@ -34,7 +36,9 @@ __all__ = [
     "Descent",
     "Fit",
     "ForceController",
+    "MasterCurve",
     "Material",
+    "MeanFieldDescent",
     "Rig",
     "RigReading",
     "Shape",
@@ -51,9 +55,12 @@ __all__ = [
     "force_sweep",
     "half_space",
     "materials",
+    "mean_field_descent",
     "moments",
     "penetration",
+    "penetration_velocity",
     "read_volume",
     "surface_along",
     "synthetic_curve",
+    "thin_layer_velocity",
 ]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from burrlab._core import Burr, Shape
 from burrlab.curve import VelocityCurve
 from burrlab.fit_search import Box
-from burrlab.mean_field import MasterCurve
+from burrlab.master_curve import MasterCurve
 
 Floats: TypeAlias = NDArray[np.float64]
 ResidualKind: TypeAlias = Literal["relative", "absolute", "sigma"]

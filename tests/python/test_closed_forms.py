@@ -113,7 +113,9 @@ def test_moments_scale_with_the_level() -> None:
 def centre_test_force(bone: burrlab.VoxelBone, center: Floats) -> float:
     """The force if a voxel counted whole where its centre is inside the sphere, and not at all elsewhere."""
     nz, ny, nx = bone.shape
-    x, y, z = (bone.origin[i] + bone.spacing[i] * np.arange(n) - center[i] for i, n in enumerate((nx, ny, nz)))
+    x, y, z = (
+        bone.origin[i] + bone.spacing[i] * np.arange(n) - center[i] for i, n in enumerate((nx, ny, nz))
+    )
     inside = z[:, None, None] ** 2 + y[:, None] ** 2 + x**2 <= RADIUS**2
     return force_of(float(inside.sum()) * math.prod(bone.spacing))
 

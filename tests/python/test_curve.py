@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from burrlab import Burr, VelocityCurve, materials, synthetic_curve
-from burrlab.mean_field import penetration_velocity
+from burrlab.master_curve import penetration_velocity
 
 mpl.use("Agg")
 

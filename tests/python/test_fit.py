@@ -16,7 +16,7 @@ from burrlab import Burr, Fit, Material, VelocityCurve, fit, materials, syntheti
 from burrlab.fit_problem import MeanFieldModel, Observations
 from burrlab.fit_search import Box, is_minimum, minimise, search
 from burrlab.fit_voxel import VoxelDescent
-from burrlab.mean_field import penetration_velocity
+from burrlab.master_curve import penetration_velocity
 
 mpl.use("Agg")
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.mean_field import penetration_velocity
+from burrlab.master_curve import penetration_velocity
 
 BURR = burrlab.Burr(3.0)
 BONE = burrlab.materials["bone"]
@@ -45,7 +45,14 @@ def material_of(case: Case) -> burrlab.Material:
 
 def _descend(case: Case, seed: int) -> float:
     run = burrlab.descend(
-        BURR, material_of(case), case.force, voxel=case.voxel, dt=case.dt, seed=seed, scheme=case.scheme, ideal=True
+        BURR,
+        material_of(case),
+        case.force,
+        voxel=case.voxel,
+        dt=case.dt,
+        seed=seed,
+        scheme=case.scheme,
+        ideal=True,
     )
     assert run.penetration_velocity is not None, run
     return run.penetration_velocity
@@ -98,7 +105,12 @@ def test_other_materials_on_a_coarse_grid(material: str, force: float) -> None:
 
 @pytest.mark.parametrize(
     ("shape", "force", "dt", "bound"),
-    [("linear", 1.0, 1.0, 0.04), ("quartic", 2.0, 1.0, 0.04), ("constant", 0.5, 1.0, 0.06), ("constant", 0.5, 0.25, 0.02)],
+    [
+        ("linear", 1.0, 1.0, 0.04),
+        ("quartic", 2.0, 1.0, 0.04),
+        ("constant", 0.5, 1.0, 0.06),
+        ("constant", 0.5, 0.25, 0.02),
+    ],
 )
 def test_other_shapes_on_a_coarse_grid(shape: str, force: float, dt: float, bound: float) -> None:
     assert abs(deviation(Case("bone", force, 0.2, dt, shape))) < bound
@@ -138,7 +150,9 @@ def test_step_independence(force: float, voxel: float) -> None:
         steps: tuple[float, ...] = (0.5, 2.0)  # minutes a case below
     else:
         steps = STEPS
-    means = [np.mean(velocities(Case("bone", force, voxel, dt, seeds=8 if voxel == 0.2 else 3))) for dt in steps]
+    means = [
+        np.mean(velocities(Case("bone", force, voxel, dt, seeds=8 if voxel == 0.2 else 3))) for dt in steps
+    ]
     assert max(means) / min(means) - 1 < 0.02
 
 
@@ -199,7 +213,16 @@ def compare_with_rig(material: str, force: float, voxel: float, seeds: int) -> N
 @pytest.mark.parametrize("voxel", [0.2, 0.1])
 @pytest.mark.parametrize(
     ("material", "force"),
-    [("bone", 0.5), ("bone", 0.75), ("bone", 1.0), ("bone", 1.25), ("bone", 1.5), ("pvc", 0.1), ("pvc", 0.15), ("pvc", 0.2)],
+    [
+        ("bone", 0.5),
+        ("bone", 0.75),
+        ("bone", 1.0),
+        ("bone", 1.25),
+        ("bone", 1.5),
+        ("pvc", 0.1),
+        ("pvc", 0.15),
+        ("pvc", 0.2),
+    ],
 )
 def test_controller(material: str, force: float, voxel: float) -> None:
     compare_with_rig(material, force, voxel, seeds=8 if voxel == 0.2 else 2)
@@ -207,7 +230,9 @@ def test_controller(material: str, force: float, voxel: float) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("voxel", [0.4, 0.2])
-@pytest.mark.parametrize(("material", "force"), [("bone", 2.25), ("bone", 2.5), ("bone", 3.0), ("pvc", 0.45), ("pvc", 0.6)])
+@pytest.mark.parametrize(
+    ("material", "force"), [("bone", 2.25), ("bone", 2.5), ("bone", 3.0), ("pvc", 0.45), ("pvc", 0.6)]
+)
 def test_never_settled(material: str, force: float, voxel: float) -> None:
     for seed in range(4):
         run, _ = rig_run(material, force, voxel, seed)

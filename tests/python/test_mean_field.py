@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 
 from burrlab import Burr, Material, Shape, _core
-from burrlab.mean_field import (
-    MasterCurve,
-    mean_field_descent,
-    penetration_velocity,
-    thin_layer_velocity,
-)
+from burrlab.master_curve import MasterCurve, penetration_velocity
+from burrlab.mean_field import mean_field_descent, thin_layer_velocity
 
 BURR = Burr(3.0)
 BONE = Material("bone", c_e=2.145, alpha=0.087)

@@ -124,7 +124,9 @@ def test_no_jump_above_the_reference_while_cutting(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["slide", "second_hole", "both_sides"])
-@pytest.mark.xfail(strict=True, reason="the force falls too early on retreat: 1.2 to 1.4 times as steeply at R/s = 15")
+@pytest.mark.xfail(
+    strict=True, reason="the force falls too early on retreat: 1.2 to 1.4 times as steeply at R/s = 15"
+)
 def test_no_jump_above_the_reference_on_the_whole_path(name: str) -> None:
     both = largest_jumps(name).values()
     assert max(coarse for coarse, _ in both) <= JUMP_MARGIN * max(reference for _, reference in both)
@@ -144,7 +146,10 @@ def test_retreat_and_return_are_too_steep_by_no_more_than_stated(name: str) -> N
 @pytest.mark.parametrize("name", PATHS)
 def test_direction_agrees_with_the_reference(name: str) -> None:
     found = np.concatenate(
-        [angles(felt_along(name, "layer", COARSE, seed), felt_along(name, "cell", FINE, seed)) for seed in SEEDS]
+        [
+            angles(felt_along(name, "layer", COARSE, seed), felt_along(name, "cell", FINE, seed))
+            for seed in SEEDS
+        ]
     )
     assert len(found) > 100
     assert np.percentile(found, 99) <= ANGLE

@@ -157,7 +157,10 @@ def test_same_seed_same_descent_and_other_seed_another() -> None:
 def test_a_replayed_tick_draws_the_same() -> None:
     """Erosion is a function of (seed, tick, index, place): a tick put back onto the same bone repeats itself."""
     bones = [block() for _ in range(3)]
-    contacts = [burrlab.BurrContact(bone, SMALL, BONE, seed=9, index=index) for bone, index in zip(bones, (0, 0, 1), strict=True)]
+    contacts = [
+        burrlab.BurrContact(bone, SMALL, BONE, seed=9, index=index)
+        for bone, index in zip(bones, (0, 0, 1), strict=True)
+    ]
     for contact, tick in zip(contacts, (41, 41, 41), strict=True):
         contact.tick = tick
         contact.step((0.0, 0.0, SMALL.radius - 0.5), 1.0)
@@ -182,8 +185,15 @@ def random_bone(seed: int, spacing: tuple[float, float, float], side: int = 14) 
 
 
 @QUICK
-@given(seeds, st.tuples(*[st.floats(-1, 1) for _ in range(3)]).filter(lambda v: math.hypot(*v) > 0.1), schemes, st.floats(0, 50))
-def test_no_contact_no_force(seed: int, direction: tuple[float, float, float], scheme: str, gap: float) -> None:
+@given(
+    seeds,
+    st.tuples(*[st.floats(-1, 1) for _ in range(3)]).filter(lambda v: math.hypot(*v) > 0.1),
+    schemes,
+    st.floats(0, 50),
+)
+def test_no_contact_no_force(
+    seed: int, direction: tuple[float, float, float], scheme: str, gap: float
+) -> None:
     bone = random_bone(seed, (0.2, 0.2, 0.2))
     corner = 0.5 * 14 * 0.2 * math.sqrt(3)
     center = np.array(direction) / math.hypot(*direction) * (corner + SMALL.radius + 0.2 + gap)
@@ -197,7 +207,12 @@ def test_no_contact_no_force(seed: int, direction: tuple[float, float, float], s
 
 
 @QUICK
-@given(seeds, schemes, st.floats(0.01, 20), st.sampled_from(["parabolic", "linear", "quartic", "constant", "power(3)"]))
+@given(
+    seeds,
+    schemes,
+    st.floats(0.01, 20),
+    st.sampled_from(["parabolic", "linear", "quartic", "constant", "power(3)"]),
+)
 def test_mass_never_grows(seed: int, scheme: str, dt: float, shape: str) -> None:
     bone = random_bone(seed, (0.2, 0.25, 0.3))
     material = burrlab.Material("some", c_e=2.0, alpha=0.1, shape=shape)
@@ -224,7 +239,9 @@ def test_whole_voxel_shifts_change_no_force(
     moved = burrlab.VoxelBone(np.roll(wide.density, shift[::-1], (0, 1, 2)), spacing, wide.origin)
     center = np.array(offset) * 2
     here = burrlab.BurrContact(wide, SMALL, BONE, seed=1, scheme=scheme).probe(center)
-    there = burrlab.BurrContact(moved, SMALL, BONE, seed=1, scheme=scheme).probe(center + np.array(shift) * spacing)
+    there = burrlab.BurrContact(moved, SMALL, BONE, seed=1, scheme=scheme).probe(
+        center + np.array(shift) * spacing
+    )
     # places are rounded to 2^-20 voxel; c - base may differ in its last bits and so round to the next of them
     np.testing.assert_allclose(there.force, here.force, atol=1e-5)
     assert there.m0 == pytest.approx(here.m0, rel=1e-5)

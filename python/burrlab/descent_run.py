@@ -15,8 +15,8 @@ from burrlab.specimen import Specimen
 
 #: Speed of the approach [mm/s] (ours).
 APPROACH_SPEED = 1.0
-#: Default gains from the stiffness k [N/mm] of the contact: Kp = 60/k [mm/s/N], Ti = 50 ms (ours).
-LOOP_BANDWIDTH, INTEGRAL_TIME = 60.0, 0.05
+#: Default gains from the stiffness k [N/mm] of the contact: Kp = 60/k [mm/s/N], Ti = 30 ms (ours).
+LOOP_BANDWIDTH, INTEGRAL_TIME = 60.0, 0.03
 #: Part of the set-point from which the integral of the default gains acts (ours).
 ARRIVED = 0.95
 _CHUNK = 256  # ticks between looks at progress and interrupts

@@ -80,9 +80,9 @@ void check_write_and_reset() {
   bone.write({0, 0, 0}, {0, 2, 2}, box.data());  // an empty box
   CHECK(bone.mass() == mass);
   CHECK_THROWS((bone.write({8, 0, 0}, {2, 2, 2}, box.data()), 0),
-               "values must lie inside the volume: along axis 0 (z, y, x) they cover 8 to 10 of 9");
+               "values must lie inside the volume: along axis 0 (z, y, x) 2 voxels from 8 of 9");
   CHECK_THROWS((bone.write({0, 0, -1}, {2, 2, 2}, box.data()), 0),
-               "along axis 2 (z, y, x) they cover -1 to 1 of 11");
+               "along axis 2 (z, y, x) 2 voxels from -1 of 11");
   CHECK(bone.mass() == mass);
 }
 

@@ -30,10 +30,15 @@ def main(folder: Path) -> None:
     fit.to_json(folder / "fit.json")
     print(fit.report(), "\n")
 
+    off = [fit.c_e / truth.c_e - 1, fit.alpha / truth.alpha - 1]
+    print(f"made with c_e {truth.c_e}, alpha {truth.alpha}: off by {off[0]:+.1%} and {off[1]:+.1%}\n")
+
     fitted = fit.material("fitted")
     descents = burrlab.force_sweep(
         burr, fitted, np.linspace(0.4, 2.4, 6), repeats=2, voxel=0.1, seed=1, progress=True
     )
+    if "interrupted" in (descents.status or ()):
+        sys.exit("interrupted")
     expected = fit.velocity(descents.force)
     print("voxel descents at the fitted values, force held exactly, 0.1 mm voxels:")
     for force, velocity, line in zip(descents.force, descents.velocity, expected, strict=True):

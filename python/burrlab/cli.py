@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -114,7 +116,7 @@ def _experiment_options(parser: argparse.ArgumentParser) -> None:
     volume = parser.add_argument_group(
         "a grey volume instead of a block (NRRD, NIfTI, MetaImage; extra medical)"
     )
-    volume.add_argument("--volume", metavar="FILE")
+    volume.add_argument("--volume", metavar="FILE", help="the grey volume")
     volume.add_argument("--map", type=_grey_map, metavar="LO:HI", help="grey values of empty and solid")
     volume.add_argument(
         "--entry", type=_vector, metavar="X,Y,Z", help="where the axis begins, volume's own coordinates [mm]"
@@ -162,6 +164,23 @@ def _save(axes: Axes, path: str) -> None:
     figure.savefig(path, dpi=200)
 
 
+def _check_outputs(options: Options) -> None:
+    """ValueError before any work if a result could not be written."""
+    for name in ("json", "plot", "out"):
+        path = getattr(options, name, None)
+        if path is None or path == "-":
+            continue
+        folder = Path(path).resolve().parent
+        if not folder.is_dir() or not os.access(folder, os.W_OK) or Path(path).is_dir():
+            raise ValueError(f"--{name}: {path} cannot be written")
+        if name == "plot":
+            from matplotlib.figure import Figure
+
+            kinds = Figure().canvas.get_supported_filetypes()
+            if Path(path).suffix[1:].lower() not in kinds:
+                raise ValueError(f"--plot: {path} must end in one of {', '.join(sorted(kinds))}")
+
+
 def _deliver(options: Options, result: dict[str, Any], text: str) -> None:
     if options.json == "-":
         print(json.dumps(result, allow_nan=False))
@@ -171,7 +190,7 @@ def _deliver(options: Options, result: dict[str, Any], text: str) -> None:
     print(text)
 
 
-def _descend(options: Options) -> None:
+def _descend(options: Options) -> int:
     burr, material = Burr(options.radius), _material(options)
     specimen = _specimen(options, burr)
     from tqdm import tqdm
@@ -184,10 +203,11 @@ def _descend(options: Options) -> None:
         )  # fmt: skip
     if options.plot is not None:
         _save(run.plot()[0], options.plot)
-    _deliver(options, run.to_dict(), repr(run))
+    _deliver(options, run.to_dict(), f"{run!r}\nseed {run.provenance['seed']}")
+    return 130 if run.status == "interrupted" else 0
 
 
-def _sweep(options: Options) -> None:
+def _sweep(options: Options) -> int:
     burr, material = Burr(options.radius), _material(options)
     curve = burrlab.force_sweep(
         burr, material, options.forces, repeats=options.repeats, voxel=options.voxel or 0.1, dt=options.dt,
@@ -204,12 +224,17 @@ def _sweep(options: Options) -> None:
         "n_ok": ok,
         "seed": curve.provenance["seed"],
         "version": burrlab.__version__,
+        "warnings": curve.provenance["warnings"],
         "status": list(curve.status or ()),
     }
-    _deliver(options, result, f"{len(curve)} descents, {ok} with a velocity, written to {options.out}")
+    lost = (curve.status or ()).count("interrupted")
+    text = f"{len(curve)} descents, {ok} with a velocity, written to {options.out}; seed {result['seed']}"
+    text += "".join(f"; {name}" for name in curve.provenance["warnings"])
+    _deliver(options, result, f"{text}; {lost} interrupted" if lost else text)
+    return 130 if lost else 0
 
 
-def _fit(options: Options) -> None:
+def _fit(options: Options) -> int:
     curve = burrlab.VelocityCurve.from_csv(options.file)
     result = burrlab.fit(
         curve, Burr(options.radius), shape=options.shape, engine=options.engine, residuals=options.residuals,
@@ -218,9 +243,10 @@ def _fit(options: Options) -> None:
     if options.plot is not None:
         _save(result.plot(alpha_lines=options.alpha_lines, log=options.log), options.plot)
     _deliver(options, result.to_dict(), result.report())
+    return 0
 
 
-def _materials(options: Options) -> None:
+def _materials(options: Options) -> int:
     table = {
         name: {"c_e": m.c_e, "alpha": m.alpha, "shape": m.shape.name, "source": m.source}
         for name, m in burrlab.materials.items()
@@ -230,21 +256,35 @@ def _materials(options: Options) -> None:
         f"{n:<10} {m['c_e']:>12} {m['alpha']:>12}  {m['shape']:<10} {m['source']}" for n, m in table.items()
     ]
     _deliver(options, table, "\n".join(lines))
+    return 0
 
 
-def _version(options: Options) -> None:
+def _version(options: Options) -> int:
     from burrlab.provenance import provenance
 
     _deliver(options, {"version": burrlab.__version__, **provenance()}, f"burrlab {burrlab.__version__}")
+    return 0
+
+
+def _join_vectors(arguments: Sequence[str]) -> list[str]:
+    """`--entry -1,2,3` as `--entry=-1,2,3`: argparse takes a leading minus for an option."""
+    joined: list[str] = []
+    for text in arguments:
+        if joined and joined[-1] in ("--entry", "--axis", "--map") and re.match(r"-[\d.]", text):
+            joined[-1] += f"={text}"
+        else:
+            joined.append(text)
+    return joined
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="burrlab", description="Virtual bone-burring experiments. Units: mm, N, s; dt in ms."
     )
+    parser.add_argument("--version", action="version", version=f"burrlab {burrlab.__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    def command(name: str, run: Callable[[Options], None], text: str) -> argparse.ArgumentParser:
+    def command(name: str, run: Callable[[Options], int], text: str) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=text, description=text)
         sub.set_defaults(run=run)
         return sub
@@ -263,7 +303,7 @@ def _parser() -> argparse.ArgumentParser:
     sweep.add_argument(
         "--forces", type=_forces, required=True, metavar="FIRST:LAST:COUNT", help="[N]; or F,F,..."
     )
-    sweep.add_argument("--repeats", type=_count, default=1)
+    sweep.add_argument("--repeats", type=_count, default=1, help="descents at each force, default 1")
     sweep.add_argument("--out", required=True, metavar="FILE.csv")
     sweep.add_argument(
         "--rig", action="store_true", help="through controller and virtual rig; else the force is exact"
@@ -294,9 +334,10 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; 0 done (a run without a number too), 2 wrong input, 130 interrupted."""
-    options = _parser().parse_args(arguments)
+    options = _parser().parse_args(_join_vectors(sys.argv[1:] if arguments is None else arguments))
     try:
-        options.run(options)
+        _check_outputs(options)
+        return int(options.run(options))
     except (ValueError, OSError, ImportError) as error:
         message = " ".join(str(error).split())
         print(f"burrlab {options.command}: {message}", file=sys.stderr)
@@ -304,7 +345,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"burrlab {options.command}: interrupted", file=sys.stderr)
         return 130
-    return 0
 
 
 if __name__ == "__main__":

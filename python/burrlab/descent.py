@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -107,7 +108,7 @@ def descend(
             spacing = np.broadcast_to(np.asarray(voxel, dtype=float), (3,))
             place = np.random.default_rng([seed & 0xFFFFFFFF, seed >> 32, 1]).uniform(-0.5, 0.5, 3)
             specimen = half_space(burr, voxel, depth=stop, offset=place * spacing)
-        specimen = Specimen(specimen.bone.copy(), specimen.surface, specimen.axis)
+        specimen = replace(specimen, bone=specimen.bone.copy())
         contact = BurrContact(specimen.bone, burr, material, seed=seed, scheme=scheme)
         if not ideal:
             rig = VirtualRig(contact, specimen, period=dt, clearance=free_clearance(contact, specimen, burr))
@@ -136,5 +137,11 @@ def descend(
             "scheme": contact.scheme,
             "spacing_mm": list(contact.bone.spacing),
             "digest": contact.bone.digest(),
+        }
+    if specimen is not None:
+        parameters |= {
+            "specimen": specimen.source,
+            "surface_mm": specimen.surface.tolist(),
+            "axis": specimen.axis.tolist(),
         }
     return evaluate(burr, material, force, stop, series, ending, provenance(**parameters))

@@ -214,14 +214,17 @@ class Descent:
             + "</table>"
         )
 
+    def _said(self) -> str:
+        return "".join(f"; {text}" for text in self.warnings)
+
     def __repr__(self) -> str:
         name = "unknown material" if self.material is None else self.material.name
         head = f"Descent({name}, {self.setpoint:g} N, R = {self.burr.radius:g} mm: {self.status}"
         if self.penetration_velocity is None or self.window is None:
-            return f"{head}, {self.reason})"
+            return f"{head}, {self.reason}{self._said()})"
         return (
             f"{head}, {self.penetration_velocity:.4g} mm/s between {self.window[0]:.3f} and {self.window[1]:.3f} mm, "
-            f"falling {self.velocity_fall or float('nan'):.2f} times)"
+            f"{self.velocity_fall or float('nan'):.2f} times faster in its first third than in its last{self._said()})"
         )
 
 
@@ -248,14 +251,21 @@ def evaluate(
     status, reason, window, velocity = ending, "", None, None
     if ending == "interrupted":
         reason = f"interrupted at an immersion of {h[-1] if len(h) else 0.0:.3f} mm"
+    elif ending == "overloaded" or (static is not None and static >= stop and ending != "never-touched"):
+        status = "overloaded"
+        bound = (
+            ""
+            if material is None
+            else f"; static contact carries at most {material.c_e * burr.radius**2 * (stop / burr.radius) ** 1.5:.4g} N there"
+        )
+        if static is None or static < stop:
+            bound = f"; the force reached {float(force.max(initial=0.0)):.4g} N"
+        reason = f"the set-point of {setpoint:g} N is not reached by static contact above the stop at {stop:.3f} mm{bound}"
     elif ending == "stalled":
         deepest = f"{h[-1]:.3f}" if len(h) else "no"
-        reason = f"at {deepest} mm of {stop:.3f} mm when the time was over"
+        reason = f"at {deepest} mm of {stop:.3f} mm after {series.time[-1] if len(h) else 0.0:.4g} s, when the run was given up"
     elif ending == "never-touched":
-        reason = "the burr met no bone on its way to the stop"
-    elif ending == "overloaded" or (static is not None and static >= stop):
-        status = "overloaded"
-        reason = f"the set-point of {setpoint:g} N is not reached by static contact above the stop at {stop:.3f} mm"
+        reason = "the burr met no bone on its way"
     elif settled is None:
         status = "never-settled"
         reason = f"the mean of {span} samples of the force left {setpoint:g} N by over 5 % up to the stop"

@@ -10,13 +10,15 @@ import numpy as np
 from burrlab._core import Burr, BurrContact, ForceController, Material
 from burrlab.descent_result import Series
 from burrlab.regime import contact_stiffness
-from burrlab.rig import Rig
+from burrlab.rig import Rig, RigReading
 from burrlab.specimen import Specimen
 
 #: Speed of the approach [mm/s] (ours).
 APPROACH_SPEED = 1.0
 #: Default gains from the stiffness k [N/mm] of the contact: Kp = 60/k [mm/s/N], Ti = 30 ms (ours).
 LOOP_BANDWIDTH, INTEGRAL_TIME = 60.0, 0.03
+#: Longest way without contact of a rig that does not know the surface, and longest retreat [mm] (ours).
+LONGEST_APPROACH, RETREAT = 20.0, 5.0
 #: Part of the set-point from which the integral of the default gains acts (ours).
 ARRIVED = 0.95
 _CHUNK = 256  # ticks between looks at progress and interrupts
@@ -126,8 +128,16 @@ def control(
         rig.command(command)
         for tick in range(limit):
             reading = rig.read()
+            _check_reading(reading, tick, force)
             rows.append((reading.position, reading.force, command))
             first = reading.position if first is None else first
+            if reading.force >= rig.force_limit:
+                ending = "overloaded"
+                break
+            travelled = reading.position - first
+            if travelled < -RETREAT or (surface is None and travelled > LONGEST_APPROACH):
+                ending = "stalled" if engaged else "never-touched"
+                break
             if not engaged:
                 threshold = _contact_threshold(force, rows)
                 if c_e is not None and surface is not None:
@@ -150,13 +160,11 @@ def control(
                 command = pid.update(force, reading.force, rig.period)
                 rig.command(command)
             if immersion >= stop:
-                ending = "stop" if engaged else "never-touched"
+                ending = "stop" if engaged or getattr(rig, "touched", False) else "never-touched"
                 break
             if tick % 64 == 0 and watch.interrupted(max(immersion, 0.0)):
                 ending = "interrupted"
                 break
-        else:
-            ending = "stalled" if engaged else "never-touched"
     except KeyboardInterrupt:
         ending = "interrupted"
     finally:
@@ -173,6 +181,19 @@ def control(
         ambiguous=int(getattr(rig, "ambiguous", 0)),
         faint=int(getattr(rig, "faint", 0)),
     ), ending
+
+
+def _check_reading(reading: RigReading, tick: int, setpoint: float) -> None:
+    """ValueError on a reading that no command may follow; the rig is stopped then."""
+    if not (np.isfinite(reading.position) and np.isfinite(reading.force)):
+        raise ValueError(
+            f"the rig's reading must be finite, got {tuple(reading)} at sample {tick}; it was stopped"
+        )
+    if reading.force < -max(0.5 * setpoint, 0.1):
+        raise ValueError(
+            f"the rig's force must be positive where bone pushes the burr out, got {reading.force:.4g} N at sample "
+            f"{tick}; it was stopped"
+        )
 
 
 def _contact_threshold(force: float, rows: list[tuple[float, float, float]]) -> float:

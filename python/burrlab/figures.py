@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
 
+from burrlab.window import samples_between
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -50,11 +52,10 @@ def plot_descent(run: Descent, figure: Figure | None = None) -> list[Axes]:
     bottom.set_ylabel("velocity [mm/s]")
     bottom.set_xlabel("time [s]")
     if len(run.time):
-        steady = run.velocity[len(run.time) // 4 :]
-        bottom.set_ylim(0, 1.6 * max(float(steady.max(initial=0.0)), 1e-6) if run.series.exact else None)
+        shown = samples_between(run.immersion, *run.window) if run.window is not None else slice(None)
+        steady = run.velocity[shown]
+        bottom.set_ylim(0, 1.2 * max(float(steady.max(initial=0.0)), 1e-6) if run.series.exact else None)
     if run.window is not None and run.penetration_velocity is not None:
-        from burrlab.window import samples_between
-
         rows = samples_between(run.immersion, *run.window)
         t = run.time[rows]
         for axes in (top, middle, bottom):

@@ -74,9 +74,9 @@ def verdict(
     """Status and reason of a fit, the gravest first."""
     if not np.isfinite(best.objective):
         return "not-converged", "No parameters tried gave every row a velocity: see the forces and the tick."
-    if not settled:
-        return "not-converged", f"The best search stopped short of a minimum (nlopt: {best.result})."
     at = bound_reached(observations, box, best.end)
+    if not settled and not at:
+        return "not-converged", f"The best search stopped short of a minimum (nlopt: {best.result})."
     if ridge.on_ridge or not ridge.excluded:
         combination = f"alpha/c_e^{ridge.exponent:.4g}"
         return "ridge", f"These data determine {combination}, but not c_e and alpha apart. {at}".strip()

@@ -13,8 +13,8 @@ from burrlab.specimen import Specimen
 class RigReading(NamedTuple):
     """What a rig measures at one sample."""
 
-    position: float  #: along the axis, into the bone positive [mm]
-    force: float  #: axial, pushing the burr out of the bone positive [N]
+    position: float  #: along the axis, growing into the bone [mm]
+    force: float  #: axial, positive where bone pushes the burr out [N]
 
 
 @runtime_checkable
@@ -104,6 +104,7 @@ class VirtualRig:
         self.lag, self.encoder_step, self.noise, self.force_filter = lag, encoder_step, noise, force_filter
         self.immersion = -clearance  #: true position of the tip [mm]
         self.velocity = 0.0  #: true velocity [mm/s]
+        self.touched = False  #: bone was met
         self.ambiguous = self.faint = 0  #: ticks so flagged (see `Contact`)
         self._command = 0.0
         self._filtered = 0.0
@@ -122,6 +123,7 @@ class VirtualRig:
         self.velocity += follow * (self._command - self.velocity)
         self.immersion += self.velocity * 1e-3 * dt
         felt = self.contact.step(self.specimen.center(self.immersion, self.contact.burr), dt)
+        self.touched = self.touched or felt.touching
         self.ambiguous += felt.ambiguous
         self.faint += felt.faint
         force = -float(felt.force @ self.specimen.axis)

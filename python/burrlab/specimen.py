@@ -11,6 +11,9 @@ from scipy.ndimage import map_coordinates
 
 from burrlab._core import Burr, VoxelBone
 
+#: Largest block that `half_space` makes [voxels]: some gigabytes while it is made (ours).
+MOST_VOXELS = 2e8
+
 Vector = Sequence[float] | NDArray[np.float64]
 
 
@@ -34,11 +37,14 @@ class Specimen:
         Point on the axis where immersion is 0, (x, y, z) [mm].
     axis : ndarray, shape (3,)
         Unit vector into the bone.
+    source : str
+        What it is, for the provenance of results.
     """
 
     bone: VoxelBone
     surface: NDArray[np.float64]
     axis: NDArray[np.float64]
+    source: str = ""
 
     def center(self, immersion: float, burr: Burr) -> NDArray[np.float64]:
         """Burr centre (x, y, z) [mm] when its tip is `immersion` [mm] below the surface."""
@@ -72,7 +78,7 @@ def half_space(
     Raises
     ------
     ValueError
-        If the spacing or depth is not positive, or the axis no direction.
+        If the spacing or depth is not positive, the block too large, or the axis no direction.
 
     Examples
     --------
@@ -98,6 +104,12 @@ def half_space(
     across = width * np.sqrt(np.maximum(1 - normal**2, 0.0)) + np.abs(shift)
     low = np.floor((np.minimum(0, bottom * normal) - across) / spacing + 1e-6)
     high = np.ceil((np.maximum(0, bottom * normal) + across) / spacing - 1e-6)
+    count = float(np.prod(high - low))
+    if count > MOST_VOXELS:
+        raise ValueError(
+            f"voxel must be coarser: a block for R = {burr.radius:g} mm at {spacing.min():g} mm has {count:.3g} voxels, "
+            f"above {MOST_VOXELS:.3g}"
+        )
     centers = [(np.arange(low[i], high[i]) + 0.5) * spacing[i] for i in range(3)]
     x, y, z = (normal[i] * centers[i] for i in range(3))
     below = (z[:, None, None] + y[None, :, None] + x[None, None, :]) / np.sqrt(
@@ -105,7 +117,7 @@ def half_space(
     )
     levels = np.rint(255 * np.clip(below + 0.5, 0, 1)).astype(np.uint8)
     bone = VoxelBone(levels, spacing=spacing, origin=[c[0] for c in centers])
-    return Specimen(bone, np.asarray(shift), normal)
+    return Specimen(bone, np.asarray(shift), normal, "half-space of solid bone")
 
 
 def surface_along(

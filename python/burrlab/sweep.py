@@ -41,16 +41,17 @@ def item_seed(seed: int, force: float, repeat: int) -> int:
     return int(sequence.generate_state(1, np.uint64)[0])
 
 
-def _run(
-    item: SweepItem, specimen: Specimen | None, cancel: threading.Event | None
-) -> tuple[float, float, float, str]:
+Row = tuple[float, float, float, str, tuple[str, ...]]  # velocity, window, status, warnings
+
+
+def _run(item: SweepItem, specimen: Specimen | None, cancel: threading.Event | None) -> Row:
     run = descend(
         item.burr, item.material, item.force, voxel=item.voxel, dt=item.dt, seed=item.seed, scheme=item.scheme,
         ideal=item.ideal, specimen=specimen, stop=item.stop, max_duration=item.max_duration, cancel=cancel,
     )  # fmt: skip
     if run.penetration_velocity is None or run.window is None:
-        return np.nan, np.nan, np.nan, run.status
-    return run.penetration_velocity, *run.window, run.status
+        return np.nan, np.nan, np.nan, run.status, run.warnings
+    return run.penetration_velocity, *run.window, run.status, run.warnings
 
 
 def force_sweep(
@@ -138,10 +139,10 @@ def force_sweep(
     ]
     own = ThreadPoolExecutor(os.cpu_count()) if executor is None else None
     cancel = threading.Event() if own is not None else None
-    rows: list[tuple[float, float, float, str]] = [(np.nan, np.nan, np.nan, "interrupted")] * len(items)
+    rows: list[Row] = [(np.nan, np.nan, np.nan, "interrupted", ())] * len(items)
     pool = executor if executor is not None else own
     assert pool is not None
-    futures: dict[Future[tuple[float, float, float, str]], int] = {}
+    futures: dict[Future[Row], int] = {}
     try:
         # Slow descents first: low forces sink for long.
         for i in sorted(range(len(items)), key=lambda i: items[i].force):
@@ -174,7 +175,9 @@ def force_sweep(
         status=tuple(row[3] for row in rows),
         source=f"simulated voxel descents, {material.name}",
         provenance=provenance(
-            seed=seed, voxel_mm=spacing, dt_ms=dt, scheme=scheme, rig=rig, radius_mm=burr.radius, repeats=repeats,
+            seed=seed, voxel_mm=list(specimen.bone.spacing) if specimen is not None else spacing,
+            specimen=specimen.source if specimen is not None else "half-space of solid bone",
+            warnings=sorted({text.split(":")[0] for row in rows for text in row[4]}), dt_ms=dt, scheme=scheme, rig=rig, radius_mm=burr.radius, repeats=repeats,
             c_e=material.c_e, alpha=material.alpha, shape=material.shape.name,
         ),
     )  # fmt: skip

@@ -84,11 +84,13 @@ class Volume:
         surface = surface_along(bone, start, direction)
         if surface is None:
             raise ValueError(
-                f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in {self.path}"
+                f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in {self.path}, "
+                f"whose grey values are {self.values.min():g} to {self.values.max():g}"
             )
         if np.array_equal(surface, start):
             raise ValueError(f"entry: {tuple(map(float, entry))} lies inside bone; begin outside it")
-        return Specimen(bone, surface, direction)
+        where = f"{self.path}, map {empty:g}:{solid:g}, entry {tuple(map(float, entry))}, axis {tuple(map(float, axis))}"
+        return Specimen(bone, surface, direction, where)
 
 
 def read_volume(path: str | os.PathLike[str]) -> Volume:

@@ -174,3 +174,54 @@ def test_descent_into_a_hand(capsys, shared_data, tmp_path):
     assert 0.0785 < result["penetration_velocity_mm_s"] < 0.4
     assert any("coarse" in text for text in result["warnings"])
     assert figure.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("option", ["--json", "--plot"])
+def test_an_output_that_cannot_be_written_is_said_before_the_work(capsys, tmp_path, option):
+    code, _, err = call(
+        capsys, "descend", "--force", 0.2, "--voxel", 0.05, option, tmp_path / "none" / "x.png"
+    )
+    assert code == 2
+    assert f"{option}: " in err
+    assert "cannot be written" in err
+
+
+def test_a_figure_of_unknown_kind_is_refused(capsys, tmp_path):
+    code, _, err = call(capsys, "descend", "--force", 1, "--plot", tmp_path / "x.xyz")
+    assert code == 2
+    assert "must end in one of" in err
+
+
+def test_negative_coordinates(capsys):
+    code, out, _ = call(
+        capsys,
+        "descend",
+        "--force",
+        1,
+        "--voxel",
+        0.4,
+        "--seed",
+        1,
+        "--ideal",
+        "--axis",
+        "-1,0,0",
+        "--json",
+        "-",
+    )
+    assert code == 0
+    assert json.loads(out)["provenance"]["axis"] == [-1.0, 0.0, 0.0]
+
+
+def test_an_interrupted_run_exits_130(capsys, monkeypatch):
+    import burrlab.descent_run as module
+
+    monkeypatch.setattr(module.Watch, "interrupted", lambda *_: True)
+    code, out, _ = call(capsys, "descend", "--force", 0.3, "--voxel", 0.4, "--ideal", "--seed", 1)
+    assert code == 130
+    assert "interrupted" in out
+
+
+def test_warnings_and_seed_are_printed(capsys):
+    _, out, _ = call(capsys, "descend", "--force", 1, "--voxel", 0.6, "--ideal", "--seed", 9)
+    assert "coarse" in out
+    assert "seed 9" in out

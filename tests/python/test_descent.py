@@ -275,3 +275,52 @@ def test_window_functions():
     assert settled == pytest.approx(h[35])
     assert settled_immersion(h, 2 * force, 1.0, span=11) is None
     assert settled_immersion(h[:5], force[:5], 1.0, span=11) is None
+
+
+class Faulty(Laboratory):
+    """A laboratory whose readings go wrong."""
+
+    def __init__(self, inner, fault):
+        super().__init__(inner)
+        self.fault, self.force_limit, self.last = fault, 5.0, None
+
+    def read(self):
+        return self.fault(super().read())
+
+    def command(self, velocity):
+        self.last = velocity
+        super().command(velocity)
+
+
+@pytest.mark.parametrize(
+    ("fault", "outcome"),
+    [
+        (lambda r: r._replace(force=-r.force), "force must be positive where bone pushes"),
+        (lambda r: r._replace(force=float("nan")), "reading must be finite"),
+        (lambda r: r._replace(position=float("nan")), "reading must be finite"),
+        (lambda r: r._replace(force=0.0), "never-touched"),
+        (lambda r: r._replace(force=5.0), "overloaded"),
+    ],
+)
+def test_a_faulty_rig_is_stopped(burr, bone, fault, outcome):
+    specimen = burrlab.half_space(burr, 0.4, depth=2.0)
+    rig = Faulty(burrlab.VirtualRig(burrlab.BurrContact(specimen.bone, burr, bone, seed=5), specimen), fault)
+    if " " in outcome:
+        with pytest.raises(ValueError, match=outcome):
+            burrlab.descend(burr, None, 0.8, rig=rig)
+    else:
+        run = burrlab.descend(burr, None, 0.8, rig=rig)
+        assert run.status == outcome
+    assert rig.last == 0.0
+    assert abs(rig.inner.immersion) < 21
+
+
+def test_time_over_before_contact_is_stalled_and_cut_bone_is_not_untouched(burr, bone):
+    assert burrlab.descend(burr, bone, 1.0, voxel=0.4, seed=1, max_duration=0.1).status == "stalled"
+    butter = burrlab.Material("butter", c_e=2.0, alpha=50.0)
+    assert burrlab.descend(burr, butter, 1.0, voxel=0.4, seed=1).status == "never-settled"
+
+
+def test_a_block_too_large_is_one_sentence(burr, bone):
+    with pytest.raises(ValueError, match=r"voxel must be coarser: a block for R = 3 mm at 0\.001 mm has"):
+        burrlab.descend(burr, bone, 1.0, voxel=0.001, seed=1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from matplotlib.figure import Figure
+from scipy.signal import savgol_filter
 
 from burrlab.window import samples_between
 
@@ -48,7 +49,9 @@ def plot_descent(run: Descent, figure: Figure | None = None) -> list[Axes]:
     middle.axhline(0, color=REFERENCE, linewidth=0.8, linestyle=":")
     middle.set_ylabel("immersion [mm]")
     middle.invert_yaxis()
-    bottom.plot(run.time, run.velocity, color=VELOCITY, linewidth=0.9)
+    bottom.plot(
+        run.time, run.velocity, color=VELOCITY, linewidth=0.7, alpha=0.6, label="slope over 51 samples"
+    )
     bottom.set_ylabel("velocity [mm/s]")
     bottom.set_xlabel("time [s]")
     if len(run.time):
@@ -58,6 +61,12 @@ def plot_descent(run: Descent, figure: Figure | None = None) -> list[Axes]:
     if run.window is not None and run.penetration_velocity is not None:
         rows = samples_between(run.immersion, *run.window)
         t = run.time[rows]
+        if not run.series.exact and len(t) > 2 * 51:
+            # The rig reads positions in steps: a longer slope shows the velocity under their ripple.
+            span = max(51, len(t) // 8) | 1
+            slope = savgol_filter(run.immersion[rows], span, 1, deriv=1, delta=float(t[1] - t[0]))
+            bottom.plot(t, slope, color=VELOCITY, linewidth=1.6, label=f"over {span} samples")
+            bottom.legend(fontsize=8, frameon=False)
         for axes in (top, middle, bottom):
             axes.axvspan(t[0], t[-1], color="0.93", zorder=0)
         line = run.immersion[rows].mean() + run.penetration_velocity * (t - t.mean())
@@ -75,6 +84,7 @@ def plot_descent(run: Descent, figure: Figure | None = None) -> list[Axes]:
                 fontsize=8,
             )
         top.axvline(begin, color="0.75", linewidth=0.6)
+    said = "".join(f"; {text.split(':')[0]}" for text in run.warnings)
     kind = "force held exactly" if run.series.exact else "controller and rig"
-    top.set_title(f"{name}, R = {run.burr.radius:g} mm, {kind}", fontsize=10)
+    top.set_title(f"{name}, R = {run.burr.radius:g} mm, {kind}{said}", fontsize=10)
     return [tidy(axes) for axes in (top, middle, bottom)]

@@ -49,9 +49,8 @@ def plot_descent(run: Descent, figure: Figure | None = None) -> list[Axes]:
     middle.axhline(0, color=REFERENCE, linewidth=0.8, linestyle=":")
     middle.set_ylabel("immersion [mm]")
     middle.invert_yaxis()
-    bottom.plot(
-        run.time, run.velocity, color=VELOCITY, linewidth=0.7, alpha=0.6, label="slope over 51 samples"
-    )
+    light: dict[str, float] = {"linewidth": 1.2} if run.series.exact else {"linewidth": 0.7, "alpha": 0.6}
+    bottom.plot(run.time, run.velocity, color=VELOCITY, label="slope over 51 samples", **light)
     bottom.set_ylabel("velocity [mm/s]")
     bottom.set_xlabel("time [s]")
     if len(run.time):
@@ -64,7 +63,7 @@ def plot_descent(run: Descent, figure: Figure | None = None) -> list[Axes]:
         if not run.series.exact and len(t) > 2 * 51:
             # The rig reads positions in steps: a longer slope shows the velocity under their ripple.
             span = max(51, len(t) // 8) | 1
-            slope = savgol_filter(run.immersion[rows], span, 1, deriv=1, delta=float(t[1] - t[0]))
+            slope = savgol_filter(run.immersion[rows], span, 2, deriv=1, delta=float(t[1] - t[0]))
             bottom.plot(t, slope, color=VELOCITY, linewidth=1.6, label=f"over {span} samples")
             bottom.legend(fontsize=8, frameon=False)
         for axes in (top, middle, bottom):

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from burrlab._core import Burr, BurrContact, ForceController, Material
+from burrlab.arguments import require_type
 from burrlab.descent_result import Descent, evaluate
 from burrlab.descent_run import Progress, Watch, control, free_clearance, hold
 from burrlab.provenance import provenance
@@ -76,6 +77,8 @@ def descend(
 
     Raises
     ------
+    TypeError
+        If burr or material is something else.
     ValueError
         If the force is not positive or above the rig's range, dt, stop or max_duration not positive, the seed
         out of range, the burr below 4 voxels, or `material` missing.
@@ -88,6 +91,9 @@ def descend(
     >>> run.status, 2.6 < run.penetration_velocity < 2.9
     ('ok', True)
     """
+    require_type("burr", burr, Burr, "Burr(3.0)")
+    if material is not None:
+        require_type("material", material, Material, "materials['bone']")
     stop = burr.radius / 3 if stop is None else float(stop)
     for name, value in {"force": force, "dt": dt, "stop": stop, "max_duration": max_duration}.items():
         if not (np.isfinite(value) and value > 0):

@@ -12,6 +12,7 @@ import nlopt
 import numpy as np
 
 from burrlab._core import Burr, Shape
+from burrlab.arguments import require_type
 from burrlab.curve import VelocityCurve
 from burrlab.fit_problem import (
     Bounds,
@@ -95,6 +96,8 @@ def fit(
 
     Raises
     ------
+    TypeError
+        If curve or burr is something else.
     ValueError
         If the curve has fewer than three distinct forces among its usable rows, is of another radius, lacks
         the sigma that ``"sigma"`` needs, or an argument is out of range.
@@ -131,6 +134,8 @@ def fit(
     ('ok', 2.15, 0.087)
     """
     begin = time.perf_counter()
+    require_type("curve", curve, VelocityCurve, "VelocityCurve.from_csv('data.csv')")
+    require_type("burr", burr, Burr, "Burr(3.0)")
     shape = shape if isinstance(shape, Shape) else Shape(shape)
     observations = Observations.of(curve, burr)
     _check(observations, engine, residuals, starts)

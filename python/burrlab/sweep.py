@@ -12,6 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from burrlab._core import Burr, Material
+from burrlab.arguments import require_type
 from burrlab.curve import VelocityCurve
 from burrlab.descent import descend
 from burrlab.provenance import provenance
@@ -111,6 +112,8 @@ def force_sweep(
     >>> curve.status
     ('ok', 'ok')
     """
+    require_type("burr", burr, Burr, "Burr(3.0)")
+    require_type("material", material, Material, "materials['bone']")
     values = np.asarray(forces, dtype=float)
     if values.ndim != 1 or values.size == 0:
         raise ValueError("forces must be a list of at least one force")

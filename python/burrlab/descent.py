@@ -49,7 +49,7 @@ def descend(
     dt : float
         Tick [ms]; a rig has its own period.
     seed : int, optional
-        Of erosion, load cell noise, and the burr's place within a voxel of the block. None draws one and
+        Not used with a rig of your own. Of erosion, load cell noise, and the burr's place within a voxel of the block. None draws one and
         records it.
     scheme : {"layer", "cell"}
         See `BurrContact`.
@@ -119,6 +119,7 @@ def descend(
         if not ideal:
             rig = VirtualRig(contact, specimen, period=dt, clearance=free_clearance(contact, specimen, burr))
     watch = Watch(stop, progress, cancel)
+    acted: int | None = seed
     if rig is None:
         assert contact is not None
         assert specimen is not None
@@ -130,10 +131,12 @@ def descend(
             )
         dt = rig.period
         series, ending = control(rig, burr, material, force, controller, stop, max_duration, watch)
-        if contact is None and isinstance(rig, VirtualRig):
-            contact = rig.contact
+        if contact is None:  # the caller's rig: its seed and bone acted, if it has them
+            contact = rig.contact if isinstance(rig, VirtualRig) else None
+            specimen = rig.specimen if isinstance(rig, VirtualRig) else None
+            acted = None if contact is None else contact.seed
     parameters: dict[str, Any] = {
-        "seed": seed,
+        "seed": acted,
         "dt_ms": dt,
         "mode": "exact" if ideal else "rig",
         "stop_mm": stop,

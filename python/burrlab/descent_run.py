@@ -209,13 +209,13 @@ def _first_contact(
 ) -> tuple[float, float]:
     """c_e [N/mm^2] and surface position [mm] from the approach: F^(2/3) = (c_e sqrt(R))^(2/3) (x - x_0)."""
     table = np.array(rows)
-    pressed = table[table[:, 1] > above]
-    if len(pressed) < 3 or np.ptp(pressed[:, 0]) == 0:
-        pressed = table[-3:]
-    slope, intercept = (
-        np.polyfit(pressed[:, 0], np.maximum(pressed[:, 1], 0.0) ** (2 / 3), 1)
-        if np.ptp(pressed[:, 0]) > 0
-        else (1.0, 1.0 - pressed[-1, 0])
-    )
+    first = int(np.argmax(table[:, 1] > above))
+    pressed = table[first:]
+    if np.ptp(pressed[:, 0]) == 0:  # within one step of the encoder: from the step before it
+        before = np.flatnonzero(table[:first, 0] < pressed[0, 0])
+        if before.size == 0:
+            raise ValueError("the rig's position must change before its force rises; it was stopped")
+        pressed = table[before[-1] :]
+    slope, intercept = np.polyfit(pressed[:, 0], np.maximum(pressed[:, 1], 0.0) ** (2 / 3), 1)
     slope = max(float(slope), 1e-3)
     return slope**1.5 / np.sqrt(radius), float(-intercept / slope)

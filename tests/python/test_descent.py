@@ -74,10 +74,11 @@ def test_never_settled(burr):
 
 
 def test_window_too_short_exact(burr):
-    # 1.1 ticks of 0.7 mm/ms: fewer than ten ticks between static contact and the stop.
     soft = burrlab.Material("soft", c_e=0.5, alpha=2.0)
     run = burrlab.descend(burr, soft, 0.8, voxel=0.2, seed=1, ideal=True)
     assert run.status == "window-too-short"
+    assert "10 are needed" in run.reason
+    assert len(run.time) < 10
     assert run.penetration_velocity is None
 
 
@@ -324,3 +325,35 @@ def test_time_over_before_contact_is_stalled_and_cut_bone_is_not_untouched(burr,
 def test_a_block_too_large_is_one_sentence(burr, bone):
     with pytest.raises(ValueError, match=r"voxel must be coarser: a block for R = 3 mm at 0\.001 mm has"):
         burrlab.descend(burr, bone, 1.0, voxel=0.001, seed=1)
+
+
+def test_first_contact_within_one_encoder_step(burr):
+    """A material so stiff that the force rises within 10 um: surface and run are still right."""
+    stiff = burrlab.Material("stiff", c_e=400.0, alpha=0.5)
+    specimen = burrlab.half_space(burr, 0.1)
+    contact = burrlab.BurrContact(specimen.bone, burr, stiff, seed=5)
+    run = burrlab.descend(
+        burr, None, 1.0, rig=Laboratory(burrlab.VirtualRig(contact, specimen)), max_duration=1.0
+    )
+    assert run.immersion[0] == pytest.approx(-0.2, abs=0.03), "zero of the immersion"
+
+
+def test_a_position_that_never_changes_is_said(burr, bone):
+    specimen = burrlab.half_space(burr, 0.4)
+    rig = Faulty(
+        burrlab.VirtualRig(burrlab.BurrContact(specimen.bone, burr, bone, seed=5), specimen),
+        lambda r: r._replace(position=1.0),
+    )
+    with pytest.raises(ValueError, match="position must change before its force rises"):
+        burrlab.descend(burr, None, 0.8, rig=rig)
+    assert rig.last == 0.0
+
+
+def test_the_seed_of_a_rig_is_the_one_that_acted(burr, bone):
+    specimen = burrlab.half_space(burr, 0.4)
+    rig = burrlab.VirtualRig(burrlab.BurrContact(specimen.bone, burr, bone, seed=77), specimen)
+    assert burrlab.descend(burr, bone, 1.5, rig=rig).provenance["seed"] == 77
+    hidden = burrlab.half_space(burr, 0.4)
+    contact = burrlab.BurrContact(hidden.bone, burr, bone, seed=77)
+    run = burrlab.descend(burr, None, 1.5, rig=Laboratory(burrlab.VirtualRig(contact, hidden)))
+    assert run.provenance["seed"] is None

@@ -1,4 +1,4 @@
-"""The core's tick against the slow reference, bit for bit, and against the law that it draws from."""
+"""The core's tick against the slow reference, bit for bit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from reference.tick import ReferenceContact, ReferenceShape, bilinear, draw_lane
 SHAPES = ("parabolic", "linear", "quartic", "constant", "power(1.5)", "power(3)")
 SCHEMES = ("layer", "cell")
 FLAGS = ("touching", "ambiguous", "coarse", "faint")
-FALSE_ALARM = 1e-6  # of each statistical test as a whole
 RELATIVE = 1e-12  # of m0, m1 and the force
 
 
@@ -414,124 +413,3 @@ def test_flags_at_their_thresholds() -> None:
     assert flags_of({one: 255}, radius=1.875) == {"touching"}
     assert flags_of({one: 255}, radius=1.874) == {"touching", "coarse"}
     assert flags_of({(8, 8, 8): 255}) == {"touching", "ambiguous"}
-
-
-# --- The law of the loss ----------------------------------------------------------------------------------
-
-
-def deviation_bound(variance: NDArray[np.float64] | float, tests: int) -> NDArray[np.float64]:
-    """Deviation of a sum of independent losses that has a probability below FALSE_ALARM/tests.
-
-    Bernstein's inequality, P(|S - E S| >= t) <= 2 exp(-t^2/(2 (V + t/3))) for terms that vary by at most one.
-    It holds for any number of voxels and any lambda, where a normal z-score fails in the tails.
-    """
-    log_odds = math.log(2.0 * tests / FALSE_ALARM)
-    return log_odds / 3.0 + np.sqrt(log_odds**2 / 9.0 + 2.0 * log_odds * np.asarray(variance))
-
-
-BLOCK_SPACING = 0.05  # [mm]
-
-
-def block_radius(p: NDArray[np.uint8]) -> float:
-    """Radius of a sphere that covers the whole block [mm]."""
-    return BLOCK_SPACING * (math.sqrt(3.0) * max(p.shape) / 2.0 + 2.0)
-
-
-def block_contact(
-    p: NDArray[np.uint8], alpha: float, scheme: str, seed: int
-) -> tuple[Any, Any, NDArray[np.float64]]:
-    """A cubic block wholly inside the sphere, so that with `constant` every voxel erodes alike."""
-    bone = burrlab.VoxelBone(p, spacing=BLOCK_SPACING)
-    material = burrlab.Material("any", c_e=1.5, alpha=alpha, shape="constant")
-    contact = burrlab.BurrContact(bone, burrlab.Burr(block_radius(p)), material, seed=seed, scheme=scheme)
-    return bone, contact, BLOCK_SPACING * (np.array(p.shape[::-1]) - 1.0) / 2.0
-
-
-@pytest.mark.parametrize("scheme", SCHEMES)
-def test_expected_loss_is_unbiased(scheme: str) -> None:
-    """Mean loss of every starting level is M (1 - exp(-alpha dt)), over the range of alpha and dt.
-
-    In one tick a voxel loses floor(lambda) or one more, so the sum over n voxels has the variance
-    n frac(lambda) (1 - frac(lambda)). Each level at each (alpha, dt) is a test, and so is their sum.
-    """
-    alphas, dts = (1e-4, 1e-3, 1e-2, 0.1, 1.0), (0.1, 0.5, 1.0, 5.0)
-    tests = len(alphas) * len(dts) * 256
-    p = (np.arange(64**3) % 256).astype(np.uint8).reshape(64, 64, 64)
-    np.random.default_rng(7).shuffle(p.reshape(-1))
-    level, count = np.arange(256), np.bincount(p.reshape(-1), minlength=256)
-    for i, alpha in enumerate(alphas):
-        for j, dt in enumerate(dts):
-            bone, contact, center = block_contact(p, alpha, scheme, seed=100 * i + j)
-            contact.step(center, dt)
-            drop = p.astype(np.int64) - bone.density
-            lost = np.bincount(p.reshape(-1), weights=drop.reshape(-1), minlength=256)
-            expected = level * -math.expm1(-alpha * dt)
-            part = expected - np.floor(expected)
-            variance = count * part * (1.0 - part)
-            rounding = count * expected * 2.0**-22  # lambda is computed in single precision
-            error = np.abs(lost - count * expected)
-            assert np.all(error <= deviation_bound(variance, tests) + rounding), (alpha, dt)
-            total = abs(float((lost - count * expected).sum()))
-            assert total <= deviation_bound(variance.sum(), tests) + rounding.sum(), (alpha, dt)
-            assert np.all(np.abs(drop - expected[p]) < 1.0 + 1e-4)  # never further than the next whole level
-
-
-def test_tiny_losses_are_drawn_from_the_second_number() -> None:
-    """Below 2^-16 level a loss needs U = 0 and V < lo; its rate is lambda still, its voxels the same."""
-    p = np.full((64, 64, 64), 1, dtype=np.uint8)
-    bone, contact, center = block_contact(p, alpha=1e-4, scheme="layer", seed=2**33 + 1)
-    ticks = 200
-    for _ in range(ticks):
-        contact.step(center, 0.1)
-    lost = int(p.sum(dtype=np.int64)) - int(bone.density.sum(dtype=np.int64))
-    rate = -math.expm1(-1e-5)
-    expected = p.size * -math.expm1(-rate * ticks)  # a voxel of level 1 can be lost only once
-    assert abs(lost - expected) <= deviation_bound(expected, 1)
-
-    q = p.copy()
-    reference = ReferenceContact(
-        q, p, BLOCK_SPACING, (0, 0, 0), block_radius(p), 1.5, 1e-4, "constant", seed=2**33 + 1
-    )
-    bone, contact, center = block_contact(p, alpha=1e-4, scheme="layer", seed=2**33 + 1)
-    for _ in range(8):
-        contact.step(center, 0.1)
-        reference.step(center, 0.1)
-    assert p.sum() > q.sum()
-    np.testing.assert_array_equal(bone.density, q)
-
-
-@pytest.mark.parametrize(("excess", "lost"), [(0.4, 0), (0.6, 1)])
-def test_loss_at_the_edge_of_its_draw(excess: float, lost: int) -> None:
-    """U = 0 and V = v: lambda = (v + 0.4)/2^32 rounds to v and keeps the level, (v + 0.6)/2^32 takes it."""
-    p = np.full((64, 64, 64), 1, dtype=np.uint8)
-    seed = 3
-    u, v = draw_lanes(p.shape, seed, 0, 0, 0), draw_lanes(p.shape, seed, 0, 0, 1)
-    voxels = np.argwhere((u == 0) & (v > 1000))
-    assert len(voxels) > 0
-    for voxel in map(tuple, voxels):
-        alpha = -math.log1p(-(int(v[voxel]) + excess) / 2.0**32)
-        bone, contact, center = block_contact(p, alpha, "layer", seed)
-        contact.step(center, 1.0)
-        assert 1 - bone.density[voxel] == lost
-        reference = ReferenceContact(
-            p.copy(), p, BLOCK_SPACING, (0, 0, 0), block_radius(p), 1.5, alpha, "constant", seed
-        )
-        reference.step(center, 1.0)
-        np.testing.assert_array_equal(bone.density, reference.q)
-
-
-def test_draws_of_ticks_burrs_and_seeds_are_unrelated() -> None:
-    """Where each voxel loses a level with probability 1/2, two patterns agree on half of the voxels."""
-    p = np.full((48, 48, 48), 1, dtype=np.uint8)
-    patterns = []
-    for seed, tick, index in [(0, 0, 0), (1, 0, 0), (2**32, 0, 0), (0, 1, 0), (0, 2**32, 0), (0, 0, 1)]:
-        bone = burrlab.VoxelBone(p, spacing=0.1)
-        material = burrlab.Material("any", c_e=1.5, alpha=math.log(2.0), shape="constant")
-        contact = burrlab.BurrContact(bone, burrlab.Burr(5.0), material, seed=seed, index=index)
-        contact.tick = tick
-        contact.step((2.35, 2.35, 2.35), 1.0)
-        patterns.append(bone.density.copy())
-    pairs = [(a, b) for i, a in enumerate(patterns) for b in patterns[:i]]
-    for a, b in pairs:
-        agree = int(np.count_nonzero(a == b))
-        assert abs(agree - p.size / 2) <= deviation_bound(p.size / 4, len(pairs))

@@ -1,12 +1,13 @@
-# make demo | test | test-slow | format | clean. Needs Python >= 3.11, make and a C++17 compiler; the rest goes into .venv.
+# make demo | test | test-slow | bench | format | clean. Needs Python >= 3.11, make and a C++17 compiler; the rest goes into .venv.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 SOURCES := $(shell find cpp python -type f -not -name '*.pyc') CMakeLists.txt pyproject.toml
 CTEST_DIR := build/tests
+BENCH_DIR := build/bench
 export MPLBACKEND := Agg
 
-.PHONY: demo test test-slow figures format clean machine
+.PHONY: demo test test-slow bench figures format clean machine
 
 machine:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "burrlab needs Python 3.11 or newer: set PYTHON=python3.x"; exit 1; }
@@ -46,13 +47,19 @@ test: $(VENV)/developed
 test-slow: $(VENV)/developed
 	$(BIN)/python -m pytest -m slow tests/python
 
+# BENCH=--quick for a look whether it runs
+bench: $(VENV)/developed
+	$(BIN)/cmake -S . -B $(BENCH_DIR) -G Ninja -DCMAKE_MAKE_PROGRAM=$(abspath $(BIN))/ninja -DCMAKE_BUILD_TYPE=Release -DBURRLAB_PYTHON=OFF -DBURRLAB_BENCH=ON -DPython_EXECUTABLE=$(abspath $(BIN))/python
+	$(BIN)/cmake --build $(BENCH_DIR) --target burrlab_bench
+	$(BIN)/python tests/bench/bench.py --library $(BENCH_DIR)/burrlab_bench.so --out bench $(BENCH)
+
 figures: $(VENV)/installed
 	$(BIN)/python examples/grid_independence.py docs/grid_independence.png
 
 format: $(VENV)/developed
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
-	$(BIN)/clang-format -i cpp/*/*.cpp cpp/include/burrlab/*.hpp tests/cpp/*.cpp tests/cpp/*.hpp
+	$(BIN)/clang-format -i cpp/*/*.cpp cpp/include/burrlab/*.hpp tests/cpp/*.cpp tests/cpp/*.hpp tests/bench/*.cpp tests/bench/*.hpp
 
 clean:
-	rm -rf build $(VENV) demo
+	rm -rf build $(VENV) demo bench

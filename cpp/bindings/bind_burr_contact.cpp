@@ -202,6 +202,26 @@ Raises
 ValueError
     If the centre is not finite or dt not positive.
 )")
+      .def("erode", &BurrContact::erode, py::arg("center"), py::arg("dt"), py::call_guard<py::gil_scoped_release>(),
+           R"(The erosion of a tick without its force; after `probe`, which gives the force sooner, the same as `step`.
+
+Parameters
+----------
+center : (x, y, z)
+    [mm]
+dt : float
+    [ms]
+
+Returns
+-------
+float
+    Solid bone removed [mm^3].
+
+Raises
+------
+ValueError
+    If the centre is not finite or dt not positive.
+)")
       .def("run", &run, py::arg("path"), py::arg("dt"), py::arg("burr_on") = true,
            R"(One tick at every point of a path, in one call; the same as `step` point by point.
 

@@ -78,10 +78,20 @@ Levels to_levels(const py::array& values, Range range) {
 
 Index3 shape_of(const py::array& values) { return {values.shape(0), values.shape(1), values.shape(2)}; }
 
-py::array read_only(const Index3& shape, const std::uint8_t* data, const py::handle& owner) {
-  py::array_t<std::uint8_t> view({shape[0], shape[1], shape[2]}, data, owner);
-  view.attr("flags").attr("writeable") = false;
-  return view;
+// A dense copy of a box of levels, (z, y, x).
+py::array_t<std::uint8_t> levels_of(const VoxelBone& bone, const Index3& start, const Index3& shape, bool pristine) {
+  bone.check_box(start, shape);
+  py::array_t<std::uint8_t> out({shape[0], shape[1], shape[2]});
+  std::uint8_t* to = out.mutable_data();
+  const py::gil_scoped_release release;
+  bone.read(start, shape, pristine, to);
+  return out;
+}
+
+py::array read_only(const VoxelBone& bone, bool pristine) {
+  py::array out = levels_of(bone, {0, 0, 0}, bone.shape(), pristine);
+  out.attr("flags").attr("writeable") = false;
+  return out;
 }
 
 std::shared_ptr<VoxelBone> block(const Vec3& size, const Spacing& spacing, const Vec3& origin, int level) {
@@ -94,11 +104,8 @@ std::shared_ptr<VoxelBone> block(const Vec3& size, const Spacing& spacing, const
     if (!(count < 1e6)) burrlab::refuse("voxels along a side", "below 1000000", count);
     shape[2 - axis] = static_cast<std::int64_t>(count);
   }
-  const double octets = double(shape[0]) * double(shape[1]) * double((shape[2] + 7) / 8);
-  if (octets >= 4294967296.0) burrlab::refuse("voxels / 8 of the volume", "below 2^32", octets);
   if (level < 0 || level > 255) burrlab::refuse("level", "0 to 255", level);
-  Levels levels(static_cast<std::size_t>(shape[0] * shape[1] * shape[2]), static_cast<std::uint8_t>(level));
-  return std::make_shared<VoxelBone>(shape, std::move(levels), s, origin);
+  return std::make_shared<VoxelBone>(shape, static_cast<std::uint8_t>(level), s, origin);
 }
 
 }  // namespace
@@ -108,7 +115,8 @@ void bind_voxel_bone(py::module_& m) {
       m, "VoxelBone", R"(Bone as occupancy levels on a regular grid: 0 empty, 255 solid.
 
 Two levels a voxel are kept: `density`, now, and `pristine`, as loaded or written. Outside the volume there is
-nothing. Copies share the pristine levels until one of them is written to.
+nothing. Inside, levels lie in bricks of 8^3 voxels with exact sums of their mass and first moment; pristine levels
+take memory only where erosion changed a brick that was not of one level.
 
 Parameters
 ----------
@@ -137,9 +145,8 @@ Examples
 )")
       .def(py::init(
                [](const py::array& density, const Spacing& spacing, const Vec3& origin, const Range& range) {
-                 Levels levels = to_levels(density, range);
-                 return std::make_shared<VoxelBone>(shape_of(density), std::move(levels), to_vector(spacing),
-                                                    origin);
+                 const Levels levels = to_levels(density, range);
+                 return std::make_shared<VoxelBone>(shape_of(density), levels, to_vector(spacing), origin);
                }),
            py::arg("density"), py::arg("spacing"), py::arg("origin") = Vec3::Zero().eval(), py::kw_only(),
            py::arg("range") = py::none())
@@ -185,21 +192,32 @@ ValueError
           [](const VoxelBone& b) { return py::make_tuple(b.origin()[0], b.origin()[1], b.origin()[2]); },
           "Centre of voxel (0, 0, 0), (x, y, z) [mm]")
       .def_property_readonly(
-          "density",
-          [](const py::object& self) {
-            const auto& bone = self.cast<const VoxelBone&>();
-            return read_only(bone.shape(), bone.density(), self);
-          },
-          "Levels now, (z, y, x) uint8, read-only. Whether it follows later erosion is not promised; copy "
-          "what you keep.")
+          "density", [](const VoxelBone& bone) { return read_only(bone, false); },
+          "Levels now, (z, y, x) uint8: a read-only copy, made at each call; `read` copies a part.")
       .def_property_readonly(
-          "pristine",
-          [](const VoxelBone& bone) {
-            auto* levels = new auto(bone.shared_pristine());
-            const py::capsule owner(levels, [](void* p) { delete static_cast<decltype(levels)>(p); });
-            return read_only(bone.shape(), bone.pristine(), owner);
-          },
-          "Levels as loaded or written, (z, y, x) uint8, read-only.")
+          "pristine", [](const VoxelBone& bone) { return read_only(bone, true); },
+          "Levels as loaded or written, (z, y, x) uint8: a read-only copy.")
+      .def("read", &levels_of, py::arg("start"), py::arg("shape"), py::kw_only(), py::arg("pristine") = false,
+           R"(Levels of a box, copied.
+
+Parameters
+----------
+start : (z, y, x)
+    Index of the box's first voxel.
+shape : (z, y, x)
+    Voxels along each side.
+pristine : bool
+    As loaded or written; else now.
+
+Returns
+-------
+ndarray, shape (z, y, x), uint8
+
+Raises
+------
+ValueError
+    If the box leaves the volume.
+)")
       .def_property_readonly("mass", &VoxelBone::mass, "Volume of solid bone that is left [mm^3].")
       .def_property_readonly("removed", &VoxelBone::removed,
                              "Volume of solid bone removed since it was loaded, written or reset [mm^3].")
@@ -238,8 +256,8 @@ ValueError
            })
       .def(py::pickle(
           [](const py::object& self) {
-            return py::make_tuple(self.attr("pristine").attr("copy")(), self.attr("density").attr("copy")(),
-                                  self.attr("spacing"), self.attr("origin"));
+            return py::make_tuple(self.attr("pristine"), self.attr("density"), self.attr("spacing"),
+                                  self.attr("origin"));
           },
           [](const py::tuple& t) {
             const auto pristine = t[0].cast<py::array_t<std::uint8_t, py::array::c_style>>();
@@ -247,10 +265,7 @@ ValueError
             auto bone = std::make_shared<VoxelBone>(
                 shape_of(pristine), Levels(pristine.data(), pristine.data() + pristine.size()),
                 t[2].cast<Vec3>(), t[3].cast<Vec3>());
-            std::int64_t lost = 0;
-            for (py::ssize_t i = 0; i < density.size(); ++i) lost += pristine.data()[i] - density.data()[i];
-            std::copy(density.data(), density.data() + density.size(), bone->eroded());
-            bone->account(lost);
+            bone->restore(density.data());
             return bone;
           }));
 }

@@ -50,11 +50,19 @@ Contact BurrContact::probe(const Vec3& center) const {
 Contact BurrContact::step(const Vec3& center, double dt, bool burr_on) {
   require_positive("dt", dt);
   TickSums sums;
-  const Moments moments = burr_on ? tick_.erode(*bone_, center, material_.alpha * dt, tick, &sums)
+  const Moments moments = burr_on ? tick_.moments_and_erode(*bone_, center, material_.alpha * dt, tick, &sums)
                                   : tick_.moments(*bone_, center, &sums);
   const Contact contact = felt(moments, sums);
   ++tick;
   return contact;
+}
+
+double BurrContact::erode(const Vec3& center, double dt) {
+  require_positive("dt", dt);
+  TickSums sums;
+  tick_.erode(*bone_, center, material_.alpha * dt, tick, &sums);
+  ++tick;
+  return static_cast<double>(sums.lost) * (bone_->voxel_volume() / 255.0);
 }
 
 HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis, double from, double travel,

@@ -68,6 +68,15 @@ DepthTable::DepthTable(double k) {
       node_[i * columns + j] = static_cast<float>(effective_depth(i / 8.0, j / 40.0, k));
     }
   }
+  float* cell = cell_.data();
+  for (int i = 0; i < rows - 1; ++i) {
+    for (int j = 0; j < columns - 1; ++j) {
+      for (const float* node : {&node_[i * columns + j], &node_[(i + 1) * columns + j]}) {
+        *cell++ = node[0];
+        *cell++ = node[1] - node[0];
+      }
+    }
+  }
 }
 
 std::shared_ptr<const DepthTable> DepthTable::of_order(double k) {

@@ -1,9 +1,8 @@
 #include "burrlab/voxel_bone.hpp"
 
 #include <algorithm>
-#include <cstdio>
 #include <cstring>
-#include <numeric>
+#include <new>
 #include <utility>
 
 #include "burrlab/check.hpp"
@@ -11,58 +10,110 @@
 namespace burrlab {
 namespace {
 
-std::int64_t sum_levels(const std::vector<std::uint8_t>& levels) {
-  return std::accumulate(levels.begin(), levels.end(), std::int64_t{0});
+std::int64_t product(const Index3& n) { return n[0] * n[1] * n[2]; }
+
+Index3 bricks_of(const Index3& shape) {
+  constexpr int s = brick_side;
+  return {(shape[0] + s - 1) / s, (shape[1] + s - 1) / s, (shape[2] + s - 1) / s};
 }
 
-struct Hash128 {
-  std::uint64_t a, b;
-
-  void mix(std::uint64_t word) {
-    a = (a ^ word) * 0x9E3779B97F4A7C15u;
-    a ^= a >> 29;
-    b = (b + word) * 0xBF58476D1CE4E5B9u;
-    b ^= b >> 32;
+Index3 checked(const Index3& shape, const Vec3& spacing, const Vec3& origin) {
+  for (int axis = 0; axis < 3; ++axis) {
+    if (shape[axis] < 1) refuse("every side of the volume", "at least one voxel", double(shape[axis]));
+    require_positive("spacing", spacing[axis]);
+    require_finite("origin", origin[axis]);
   }
-  void finish() {
-    for (int i = 0; i < 2; ++i) {
-      a = (a ^ (a >> 30) ^ b) * 0x94D049BB133111EBu;
-      b = (b ^ (b >> 27) ^ a) * 0xBF58476D1CE4E5B9u;
-    }
-    a ^= a >> 31;
-    b ^= b >> 31;
-  }
-  void add(const Hash128& other) {  // 128-bit sum
-    a += other.a;
-    b += other.b + (a < other.a ? 1 : 0);
-  }
-};
-
-std::uint64_t bits(double value) {
-  std::uint64_t word;
-  std::memcpy(&word, &value, sizeof word);
-  return word;
+  const double columns = double(shape[0]) * double((shape[1] + 7) / 8) * double(shape[2]);
+  if (columns >= 4294967296.0) refuse("voxels / 8 of the volume", "below 2^32", columns);
+  return shape;
 }
 
 }  // namespace
 
-VoxelBone::VoxelBone(Index3 shape, std::vector<std::uint8_t> levels, const Vec3& spacing, const Vec3& origin)
-    : shape_(shape), spacing_(spacing), origin_(origin + Vec3::Zero()), density_(std::move(levels)) {
-  for (int axis = 0; axis < 3; ++axis) {
-    if (shape_[axis] < 1) refuse("every side of the volume", "at least one voxel", double(shape_[axis]));
-    require_positive("spacing", spacing_[axis]);
-    require_finite("origin", origin_[axis]);
-  }
-  const double octets = double(shape_[0]) * double(shape_[1]) * double((shape_[2] + 7) / 8);
-  if (octets >= 4294967296.0) refuse("voxels / 8 of the volume", "below 2^32", octets);
-  if (std::int64_t(density_.size()) != size()) throw std::invalid_argument("levels do not fill the shape");
-  pristine_ = std::make_shared<std::vector<std::uint8_t>>(density_);
-  level_sum_ = sum_levels(density_);
+VoxelBone::Tiles::Tiles(std::size_t bricks)
+    : memory_(std::calloc(bricks * brick_voxels + 63, 1)),
+      first_(reinterpret_cast<std::uint8_t*>((reinterpret_cast<std::uintptr_t>(memory_.get()) + 63) & ~std::uintptr_t{63})) {
+  if (!memory_) throw std::bad_alloc();
 }
 
-double VoxelBone::removed() const { return (sum_levels(*pristine_) - level_sum_) * (voxel_volume() / 255.0); }
+VoxelBone::VoxelBone(const Index3& shape, const Vec3& spacing, const Vec3& origin)
+    : shape_(checked(shape, spacing, origin)),
+      bricks_(bricks_of(shape)),
+      spacing_(spacing),
+      origin_(origin + Vec3::Zero()),  // no minus zero
+      occupancy_(bricks_) {}
 
-void VoxelBone::write(const Index3& start, const Index3& shape, const std::uint8_t* levels) {
+VoxelBone::VoxelBone(const Index3& shape, const Levels& levels, const Vec3& spacing, const Vec3& origin)
+    : VoxelBone(shape, 0, spacing, origin) {
+  if (std::int64_t(levels.size()) != product(shape_)) throw std::invalid_argument("levels do not fill the shape");
+  write({0, 0, 0}, shape_, levels.data());
+}
+
+VoxelBone::VoxelBone(const Index3& shape, std::uint8_t level, const Vec3& spacing, const Vec3& origin)
+    : VoxelBone(shape, spacing, origin) {
+  const auto count = static_cast<std::size_t>(product(bricks_));
+  density_ = Tiles(count);
+  sums_.resize(count);
+  level_.resize(count, level);
+  state_.resize(count, level > 0 && level < 32 ? uniform | faint : uniform);
+  level_sum_ = pristine_sum_ = product(shape_) * level;
+  if (level == 0) return;
+  each_brick({0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
+    copy_pristine(at, brick, density_.tile(brick));
+    sums_[brick] = sum_brick(tile(brick));
+    occupancy_.set(at, true);
+  });
+}
+
+VoxelBone::VoxelBone(const VoxelBone& other)
+    : shape_(other.shape_),
+      bricks_(other.bricks_),
+      spacing_(other.spacing_),
+      origin_(other.origin_),
+      density_(other.sums_.size()),
+      sums_(other.sums_),
+      level_(other.level_),
+      state_(other.state_),
+      occupancy_(other.occupancy_),
+      level_sum_(other.level_sum_),
+      pristine_sum_(other.pristine_sum_) {
+  if (!other.pristine_.empty()) pristine_ = Tiles(sums_.size());
+  for (std::size_t brick = 0; brick < sums_.size(); ++brick) {
+    if (sums_[brick].mass) std::memcpy(density_.tile(brick), other.tile(brick), brick_voxels);
+    if (state_[brick] & saved) std::memcpy(pristine_.tile(brick), other.pristine_.tile(brick), brick_voxels);
+  }
+}
+
+VoxelBone& VoxelBone::operator=(VoxelBone other) {
+  std::swap(shape_, other.shape_);
+  std::swap(bricks_, other.bricks_);
+  std::swap(spacing_, other.spacing_);
+  std::swap(origin_, other.origin_);
+  std::swap(density_, other.density_);
+  std::swap(pristine_, other.pristine_);
+  std::swap(sums_, other.sums_);
+  std::swap(level_, other.level_);
+  std::swap(state_, other.state_);
+  std::swap(occupancy_, other.occupancy_);
+  std::swap(level_sum_, other.level_sum_);
+  std::swap(pristine_sum_, other.pristine_sum_);
+  return *this;
+}
+
+double VoxelBone::removed() const { return double(pristine_sum_ - level_sum_) * (voxel_volume() / 255.0); }
+
+std::size_t VoxelBone::hierarchy_bytes() const {
+  return sums_.size() * (sizeof(BrickSums) + sizeof level_[0] + sizeof state_[0]) + occupancy_.bytes();
+}
+
+Index3 VoxelBone::extent(const Index3& at) const {
+  Index3 n;
+  for (int axis = 0; axis < 3; ++axis)
+    n[axis] = std::min<std::int64_t>(brick_side, shape_[axis] - brick_side * at[axis]);
+  return n;
+}
+
+void VoxelBone::check_box(const Index3& start, const Index3& shape) const {
   for (int axis = 0; axis < 3; ++axis) {
     if (start[axis] < 0 || shape[axis] < 0 || start[axis] > shape_[axis] ||
         shape[axis] > shape_[axis] - start[axis]) {
@@ -71,58 +122,149 @@ void VoxelBone::write(const Index3& start, const Index3& shape, const std::uint8
                                   std::to_string(start[axis]) + " of " + std::to_string(shape_[axis]));
     }
   }
-  if (pristine_.use_count() > 1) pristine_ = std::make_shared<std::vector<std::uint8_t>>(*pristine_);
-  for (std::int64_t z = 0; z < shape[0]; ++z) {
-    for (std::int64_t y = 0; y < shape[1]; ++y) {
-      const std::int64_t at = ((start[0] + z) * shape_[1] + start[1] + y) * shape_[2] + start[2];
-      const std::uint8_t* row = levels + (z * shape[1] + y) * shape[2];
-      for (std::int64_t x = 0; x < shape[2]; ++x) level_sum_ += row[x] - density_[at + x];
-      std::copy(row, row + shape[2], density_.begin() + at);
-      std::copy(row, row + shape[2], pristine_->begin() + at);
-    }
-  }
 }
 
-void VoxelBone::reset() {
-  density_ = *pristine_;
-  level_sum_ = sum_levels(density_);
+// The pristine tile, zeros beyond the volume.
+void VoxelBone::copy_pristine(const Index3& at, std::size_t brick, std::uint8_t* tile) const {
+  if (const std::uint8_t* known = pristine_tile(brick)) {
+    if (known != tile) std::memcpy(tile, known, brick_voxels);
+    return;
+  }
+  std::memset(tile, 0, brick_voxels);
+  const Index3 n = extent(at);
+  for (std::int64_t z = 0; z < n[0]; ++z)
+    for (std::int64_t y = 0; y < n[1]; ++y)
+      std::memset(tile + (z * brick_side + y) * brick_side, level_[brick], std::size_t(n[2]));
 }
 
-std::string VoxelBone::digest() const {
-  constexpr std::int64_t side = 8;
-  Hash128 total{0x6275727230u, 0x6C616231u};
-  for (int axis = 0; axis < 3; ++axis) {
-    total.mix(std::uint64_t(shape_[axis]));
-    total.mix(bits(spacing_[axis]));
-    total.mix(bits(origin_[axis]));
-  }
-  total.finish();
-  std::uint64_t brick_index = 0;
-  for (std::int64_t z0 = 0; z0 < shape_[0]; z0 += side) {
-    for (std::int64_t y0 = 0; y0 < shape_[1]; y0 += side) {
-      for (std::int64_t x0 = 0; x0 < shape_[2]; x0 += side) {
-        Hash128 brick{0x243F6A8885A308D3u ^ brick_index, 0x13198A2E03707344u + brick_index};
-        ++brick_index;
-        const auto length = std::size_t(std::min(side, shape_[2] - x0));
-        for (std::int64_t z = z0; z < std::min(z0 + side, shape_[0]); ++z) {
-          for (std::int64_t y = y0; y < std::min(y0 + side, shape_[1]); ++y) {
-            const std::int64_t at = (z * shape_[1] + y) * shape_[2] + x0;
-            std::uint64_t now = 0, before = 0;  // rows past the edge hold zeros
-            std::memcpy(&now, density_.data() + at, length);
-            std::memcpy(&before, pristine_->data() + at, length);
-            brick.mix(now);
-            brick.mix(before);
-          }
-        }
-        brick.finish();
-        total.add(brick);
+// Everything that follows from the present and the pristine levels of a brick.
+void VoxelBone::settle(const Index3& at, std::size_t brick, const std::uint8_t* pristine) {
+  const Index3 n = extent(at);
+  bool same = true, some_faint = false;
+  for (std::int64_t z = 0; z < n[0]; ++z) {
+    for (std::int64_t y = 0; y < n[1]; ++y) {
+      for (std::int64_t x = 0; x < n[2]; ++x) {
+        const std::uint8_t p = pristine[(z * brick_side + y) * brick_side + x];
+        same &= p == pristine[0];
+        some_faint |= p > 0 && p < 32;
       }
     }
   }
-  char text[33];
-  std::snprintf(text, sizeof text, "%016llx%016llx", static_cast<unsigned long long>(total.b),
-                static_cast<unsigned long long>(total.a));
-  return text;
+  const bool differs = std::memcmp(pristine, tile(brick), brick_voxels) != 0;
+  state_[brick] = static_cast<std::uint8_t>((differs ? eroded : 0) | (some_faint ? faint : 0));
+  if (same) {
+    state_[brick] |= uniform;
+    level_[brick] = pristine[0];
+  } else {
+    if (pristine_.empty()) pristine_ = Tiles(sums_.size());
+    if (differs) {
+      std::memcpy(pristine_.tile(brick), pristine, brick_voxels);
+      state_[brick] |= saved;
+    }
+  }
+  level_sum_ -= sums_[brick].mass;
+  sums_[brick] = sum_brick(tile(brick));
+  level_sum_ += sums_[brick].mass;
+  occupancy_.set(at, sums_[brick].mass > 0);
+}
+
+void VoxelBone::read(const Index3& start, const Index3& shape, bool pristine, std::uint8_t* out) const {
+  check_box(start, shape);
+  each_brick(start, shape, [&](const Index3& at, std::size_t brick) {
+    std::uint8_t levels[brick_voxels];
+    const std::uint8_t* from = tile(brick);
+    if (pristine) copy_pristine(at, brick, levels), from = levels;
+    Index3 low, high;
+    for (int axis = 0; axis < 3; ++axis) {
+      low[axis] = std::max(start[axis], at[axis] * brick_side);
+      high[axis] = std::min(start[axis] + shape[axis], (at[axis] + 1) * brick_side);
+    }
+    for (std::int64_t z = low[0]; z < high[0]; ++z)
+      for (std::int64_t y = low[1]; y < high[1]; ++y)
+        std::memcpy(out + ((z - start[0]) * shape[1] + y - start[1]) * shape[2] + low[2] - start[2],
+                    from + ((z & 7) * brick_side + (y & 7)) * brick_side + (low[2] & 7),
+                    std::size_t(high[2] - low[2]));
+  });
+}
+
+VoxelBone::Levels VoxelBone::read(const Index3& start, const Index3& shape, bool pristine) const {
+  check_box(start, shape);
+  Levels out(static_cast<std::size_t>(product(shape)));
+  read(start, shape, pristine, out.data());
+  return out;
+}
+
+// The part of a box of levels that lies in a brick, into its tile.
+void VoxelBone::copy_in(const Index3& at, const Index3& start, const Index3& shape, const std::uint8_t* levels,
+                        std::uint8_t* tile) const {
+  Index3 low, high;
+  for (int axis = 0; axis < 3; ++axis) {
+    low[axis] = std::max(start[axis], at[axis] * brick_side);
+    high[axis] = std::min(start[axis] + shape[axis], (at[axis] + 1) * brick_side);
+  }
+  for (std::int64_t z = low[0]; z < high[0]; ++z)
+    for (std::int64_t y = low[1]; y < high[1]; ++y)
+      std::memcpy(tile + ((z & 7) * brick_side + (y & 7)) * brick_side + (low[2] & 7),
+                  levels + ((z - start[0]) * shape[1] + y - start[1]) * shape[2] + low[2] - start[2],
+                  std::size_t(high[2] - low[2]));
+}
+
+void VoxelBone::write(const Index3& start, const Index3& shape, const std::uint8_t* levels) {
+  check_box(start, shape);
+  each_brick(start, shape, [&](const Index3& at, std::size_t brick) {
+    std::uint8_t pristine[brick_voxels];
+    copy_pristine(at, brick, pristine);
+    pristine_sum_ -= sum_brick(pristine).mass;
+    copy_in(at, start, shape, levels, pristine);
+    copy_in(at, start, shape, levels, density_.tile(brick));
+    pristine_sum_ += sum_brick(pristine).mass;
+    settle(at, brick, pristine);
+  });
+}
+
+void VoxelBone::restore(const std::uint8_t* density) {
+  const Levels before = pristine();
+  for (std::size_t i = 0; i < before.size(); ++i) {
+    if (density[i] > before[i]) {
+      throw std::invalid_argument("density must be at most the pristine level, got " + std::to_string(density[i]) +
+                                  " over " + std::to_string(before[i]));
+    }
+  }
+  each_brick({0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
+    std::uint8_t pristine[brick_voxels];
+    copy_pristine(at, brick, pristine);
+    copy_in(at, {0, 0, 0}, shape_, density, density_.tile(brick));
+    settle(at, brick, pristine);
+  });
+}
+
+void VoxelBone::reset() {
+  each_brick({0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
+    if (!(state_[brick] & eroded)) return;
+    copy_pristine(at, brick, density_.tile(brick));
+    state_[brick] &= static_cast<std::uint8_t>(~eroded);
+    sums_[brick] = sum_brick(tile(brick));
+    occupancy_.set(at, sums_[brick].mass > 0);
+  });
+  level_sum_ = pristine_sum_;
+}
+
+std::uint8_t* VoxelBone::open(std::size_t brick) {
+  if (!(state_[brick] & (uniform | saved))) {
+    std::memcpy(pristine_.tile(brick), tile(brick), brick_voxels);
+    state_[brick] |= saved;
+  }
+  return density_.tile(brick);
+}
+
+std::int64_t VoxelBone::close(const Index3& at, std::size_t brick, const BrickSums& now) {
+  const std::int64_t lost = std::int64_t(sums_[brick].mass) - now.mass;
+  if (lost == 0) return 0;
+  sums_[brick] = now;
+  state_[brick] |= eroded;
+  level_sum_ -= lost;
+  if (now.mass == 0) occupancy_.set(at, false);
+  return lost;
 }
 
 }  // namespace burrlab

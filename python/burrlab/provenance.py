@@ -23,6 +23,6 @@ def provenance(**parameters: Any) -> dict[str, Any]:
         "python": platform.python_version(),
         "numpy": np.__version__,
         "machine": platform.machine(),
-        "cpu_path": _core.cpu_path,
+        "cpu_path": _core.cpu_path(),
         **parameters,
     }

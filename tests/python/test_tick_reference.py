@@ -14,45 +14,45 @@ from numpy.typing import NDArray
 
 import burrlab
 from reference.depth import depth_of_full_voxel, depth_of_thin_layer, effective_depth
-from reference.tick import ReferenceContact, ReferenceShape, bilinear, draw_lanes, philox4x32, portable_pow
+from reference.tick import WORD, ReferenceContact, ReferenceShape, bilinear, draw_lanes, philox4x32, portable_pow
 
 SHAPES = ("parabolic", "linear", "quartic", "constant", "power(1.5)", "power(3)")
 SCHEMES = ("layer", "cell")
 FLAGS = ("touching", "ambiguous", "coarse", "faint")
 RELATIVE = 1e-12  # of m0, m1 and the force
+PI_COUNTER, PI_KEY = (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344), (0xA4093822, 0x299F31D0)
 
 
 # --- The reference itself ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("counter", "key", "expected"),
+    ("rounds", "counter", "key", "expected"),
     [
-        ((0, 0, 0, 0), (0, 0), (0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8)),
-        ((0xFFFFFFFF,) * 4, (0xFFFFFFFF,) * 2, (0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD)),
-        (
-            (0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344),
-            (0xA4093822, 0x299F31D0),
-            (0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1),
-        ),
+        (7, (0, 0, 0, 0), (0, 0), (0x5F6FB709, 0x0D893F64, 0x4F121F81, 0x4F730A48)),
+        (7, (WORD,) * 4, (WORD,) * 2, (0x5207DDC2, 0x45165E59, 0x4D8EE751, 0x8C52F662)),
+        (7, PI_COUNTER, PI_KEY, (0x4DFCCABA, 0x190A87F0, 0xC47362BA, 0xB6B5242A)),
+        (10, (0, 0, 0, 0), (0, 0), (0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8)),
+        (10, (WORD,) * 4, (WORD,) * 2, (0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD)),
+        (10, PI_COUNTER, PI_KEY, (0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1)),
     ],
 )
 def test_philox_known_answers(
-    counter: tuple[int, ...], key: tuple[int, ...], expected: tuple[int, ...]
+    rounds: int, counter: tuple[int, ...], key: tuple[int, ...], expected: tuple[int, ...]
 ) -> None:
     """The vectors published with Random123."""
-    assert tuple(int(word) for word in philox4x32(counter, key)) == expected
+    assert tuple(int(word) for word in philox4x32(counter, key, rounds)) == expected
 
 
-def test_lanes_of_an_octet() -> None:
-    """Voxel x takes the low half of word l >> 1 for even l = x & 7, the high half for odd l."""
+def test_lanes_of_a_column() -> None:
+    """Voxel y takes the low half of word l >> 1 for even l = y & 7, the high half for odd l."""
     seed, tick, index = 2**40 + 3, 2**35 + 7, 5
-    lanes = draw_lanes((2, 3, 11), seed, tick, index, 1)
-    z, y, x = 1, 2, 9
-    octet = (z * 3 + y) * 2 + 1
-    words = philox4x32((octet, 7, 8, index + 2**31), (3, 2**8))
+    lanes = draw_lanes((2, 11, 3), seed, tick, index, 1)
+    z, y, x = 1, 9, 2
+    column = (z * 2 + 1) * 3 + x
+    words = philox4x32((column, 7, 8, index + 2**31), (3, 2**8))
     assert lanes[z, y, x] == int(words[0]) >> 16
-    assert lanes[z, y, x + 1] == int(words[1]) & 0xFFFF
+    assert lanes[z, y + 1, x] == int(words[1]) & 0xFFFF
 
 
 def test_portable_pow_is_a_power() -> None:

@@ -25,8 +25,8 @@ WORD = 0xFFFFFFFF
 # --- Random numbers ---------------------------------------------------------------------------------------
 
 
-def philox4x32(counter: Sequence[Word | int], key: Sequence[int]) -> list[Word]:
-    """Philox4x32-10 of Salmon, Moraes, Dror and Shaw (SC 2011).
+def philox4x32(counter: Sequence[Word | int], key: Sequence[int], rounds: int = 7) -> list[Word]:
+    """Philox4x32 of Salmon, Moraes, Dror and Shaw (SC 2011).
 
     Parameters
     ----------
@@ -34,6 +34,8 @@ def philox4x32(counter: Sequence[Word | int], key: Sequence[int]) -> list[Word]:
         Counter words, integers or arrays below 2^32.
     key : sequence of 2 int
         Key words below 2^32.
+    rounds : int
+        The tick draws with 7.
 
     Returns
     -------
@@ -43,7 +45,7 @@ def philox4x32(counter: Sequence[Word | int], key: Sequence[int]) -> list[Word]:
     word, low_bits = np.uint64(WORD), np.uint64(32)
     c0, c1, c2, c3 = (np.asarray(c, dtype=np.uint64) for c in counter)
     k0, k1 = key
-    for _ in range(10):
+    for _ in range(rounds):
         product0, product1 = np.uint64(0xD2511F53) * c0, np.uint64(0xCD9E8D57) * c2
         c0, c1, c2, c3 = (
             (product1 >> low_bits) ^ c1 ^ np.uint64(k0),
@@ -75,12 +77,12 @@ def draw_lanes(shape: tuple[int, int, int], seed: int, tick: int, index: int, dr
         0..65535.
     """
     nz, ny, nx = shape
-    octets_in_row = (nx + 7) // 8
-    octet = np.arange(nz * ny * octets_in_row, dtype=np.uint64).reshape(nz, ny, octets_in_row)
-    words = philox4x32((octet, tick & WORD, tick >> 32, index + 2**31 * draw), (seed & WORD, seed >> 32))
+    rows_of_columns = (ny + 7) // 8
+    column = np.arange(nz * rows_of_columns * nx, dtype=np.uint64).reshape(nz, rows_of_columns, nx)
+    words = philox4x32((column, tick & WORD, tick >> 32, index + 2**31 * draw), (seed & WORD, seed >> 32))
     half, low_bits = np.uint64(0xFFFF), np.uint64(16)
-    lanes = np.stack([lane for word in words for lane in (word & half, word >> low_bits)], axis=-1)
-    return lanes.reshape(nz, ny, octets_in_row * 8)[:, :, :nx].astype(np.int64)
+    lanes = np.stack([lane for word in words for lane in (word & half, word >> low_bits)], axis=2)
+    return lanes.reshape(nz, rows_of_columns * 8, nx)[:, :ny, :].astype(np.int64)
 
 
 # --- The erosion shape f ----------------------------------------------------------------------------------
@@ -145,20 +147,23 @@ class ReferenceShape:
             result = result * y
         return result
 
-    def at_depth(self, delta: Float) -> Float:
-        """f at the depth delta R below the sphere's surface (f32)."""
+    def at_depth(self, delta: Float, deep: NDArray[np.bool_], x2: Float) -> Float:
+        """f at the depth delta R below the sphere's surface; of deep voxels from x2 = (r/R)^2 (f32)."""
         if self.name == "constant":
             return np.ones_like(delta)
-        return delta if self.name == "linear" else self.raised(delta * (TWO - delta))
+        if self.name == "linear":
+            return delta
+        return self.raised(np.where(deep, ONE - np.where(deep, x2, ZERO), delta * (TWO - delta)))
 
-    def at_radius(self, x: Float) -> Float:
-        """f at the distance x R from the centre, zero beyond R (f32)."""
-        inside = np.where(x > ONE, ONE, x)
+    def at_radius(self, x: Float, x2: Float) -> Float:
+        """f at the distance x R from the centre, zero beyond R; x2 = x^2 (f32)."""
         if self.name == "constant":
             f = np.ones_like(x)
+        elif self.name == "linear":
+            f = np.maximum(ONE - x, ZERO)
         else:
-            f = ONE - inside if self.name == "linear" else self.raised(ONE - inside * inside)
-        return np.where(x > ONE, ZERO, f)
+            f = self.raised(ONE - np.where(x2 > ONE, ONE, x2))
+        return np.where(x2 > ONE, ZERO, f)
 
 
 # --- Geometry, mass, depth, loss: a section of docs/tick.md each -------------------------------------------
@@ -170,10 +175,13 @@ class Geometry:
 
     base: tuple[float, float, float]
     frac: tuple[float, float, float]
+    distance2: Float
     distance: Float
     width: Float
     inv_width: Float
     coverage: Float
+    deep: NDArray[np.bool_]
+    isotropic: bool
 
 
 def geometry(
@@ -183,7 +191,7 @@ def geometry(
     spacing: tuple[float, float, float],
     origin: tuple[float, float, float],
 ) -> Geometry:
-    """Position of the burr to 2^-20 voxel; distance r, width s and covered fraction w of every voxel."""
+    """Position of the burr to 2^-20 voxel; of every voxel distance r, width s, covered fraction w, whether deep."""
     base, frac, offset = [], [], []
     for c, o, s, n in zip(np.asarray(center, dtype=np.float64), origin, spacing, shape[::-1], strict=True):
         position = (float(c) - o) / s
@@ -194,17 +202,21 @@ def geometry(
         offset.append(((np.arange(n, dtype=np.float64) - whole).astype(f32) - f32(part)) * f32(s))
     dx, dy, dz = offset[0][None, None, :], offset[1][None, :, None], offset[2][:, None, None]
 
-    r = np.sqrt((dz * dz + dy * dy) + dx * dx)
+    r2 = (dz * dz + dy * dy) + dx * dx
+    r = np.sqrt(r2)
     width, inv_width = np.full_like(r, f32(spacing[0])), np.full_like(r, ONE / f32(spacing[0]))
-    if not spacing[0] == spacing[1] == spacing[2]:
+    isotropic = spacing[0] == spacing[1] == spacing[2]
+    if not isotropic:
         ax, ay, az = f32(spacing[0]) * dx, f32(spacing[1]) * dy, f32(spacing[2]) * dz
         g = np.sqrt((az * az + ay * ay) + ax * ax)
         off_centre = r > ZERO
         np.divide(g, r, out=width, where=off_centre)
         np.divide(r, g, out=inv_width, where=off_centre)
 
-    w = np.clip((f32(radius) - r) * inv_width + HALF, ZERO, ONE)
-    return Geometry(tuple(base), tuple(frac), r, width, inv_width, w)  # type: ignore[arg-type]
+    w = np.clip((f32(radius) - r) * inv_width + HALF, f32(2.0**-20), ONE)
+    D = f32(radius) - f32(3.5) * f32(max(spacing))
+    deep = r2 <= D * D
+    return Geometry(tuple(base), tuple(frac), r2, r, width, inv_width, w, deep, isotropic)  # type: ignore[arg-type]
 
 
 def truncated(x: Float) -> Integer:
@@ -235,17 +247,15 @@ def depth_fraction(
     """Depth d/R at which `layer` erodes a voxel; of no meaning where the voxel has no mass (f32)."""
     R, r, w = f32(radius), at.distance, at.coverage
     inv_R = ONE / R
-    covered, held = w == ONE, m256 > 0
-    level = np.where(held, p, 1).astype(f32)  # an empty voxel would divide by zero
-    b = np.where(covered, at.width, w * at.width)
-    e = np.where(covered, (R - r) * at.inv_width - HALF, ZERO)
-    tau = np.where(
-        covered, q.astype(f32) / level, m256.astype(f32) / ((level * f32(256)) * np.where(held, w, ONE))
-    )
-    deep = covered & (e >= f32(3))
-    e, tau = np.maximum(e, ZERO), np.minimum(tau, ONE)
-    d = np.where(deep, R - r, b * bilinear(table, np.where(deep, ZERO, e), tau))
-    return np.clip(d * inv_R, ZERO, ONE)
+    level = np.where(m256 > 0, p, 1).astype(f32)  # an empty voxel would divide by zero
+    tau = np.minimum((m256.astype(f32) * (ONE / (level * f32(256)))) / w, ONE)
+    e = np.maximum(((R - r) * at.inv_width + HALF) - ONE, ZERO)
+    if at.isotropic:
+        beyond, e = at.deep, np.minimum(e, f32(3))
+    else:
+        beyond = at.deep | (e >= f32(3))
+        e = np.where(beyond, ZERO, e)
+    return np.where(beyond, (R - r) * inv_R, (w * (at.width * inv_R)) * bilinear(table, e, tau))
 
 
 def eroded_fraction(f: Float, rate: float) -> Float:
@@ -254,19 +264,17 @@ def eroded_fraction(f: Float, rate: float) -> Float:
     while rate * 2.0**-k > 0.125:
         k += 1
     y = f32(rate * 2.0**-k) * f
-    P = y * (ONE - y * (HALF - y * (f32(1 / 6) - y * (f32(1 / 24) - y * f32(1 / 120)))))
+    P = y * (ONE - y * (f32(0.49999714) - y * (f32(0.16652727) - y * f32(0.03972289))))
     for _ in range(k):
         P = P * (TWO - P)
     return P
 
 
 def loss(expected: Float, u: Integer, v: Integer) -> Integer:
-    """Levels lost: the expected loss, rounded up or down by the draws u and v."""
-    whole = truncated(expected)
-    t = (expected - whole.astype(f32)) * f32(65536)
-    hi = truncated(t)
-    lo = truncated((t - hi.astype(f32)) * f32(65536) + HALF)
-    return whole + ((u < hi) | ((u == hi) & (v < lo)))
+    """Levels lost: the expected loss [2^-16 level], rounded up or down by the draws u and v."""
+    T = truncated(expected)
+    lo = truncated((expected - T.astype(f32)) * f32(65536) + HALF)
+    return ((T + u) >> 16) + (((T + u) & 0xFFFF == 0xFFFF) & (v < lo))
 
 
 # --- Force ------------------------------------------------------------------------------------------------
@@ -386,19 +394,22 @@ class ReferenceContact:
         }
 
     def expected_loss(self, at: Geometry, m256: Integer, dt: float) -> Float:
-        """Expected loss lambda of every voxel [level] (f32)."""
+        """Expected loss lambda of every voxel [2^-16 level] (f32)."""
         shape = ReferenceShape(self.shape_name)
+        inv_R = ONE / f32(self.radius)
+        x2 = at.distance2 * (inv_R * inv_R)
         if self.scheme == "cell":
-            f = shape.at_radius(at.distance * (ONE / f32(self.radius)))
+            f = shape.at_radius(at.distance * inv_R, x2)
         elif shape.name == "constant":
             f = np.ones_like(at.distance)
         else:
             table = self.depth_table
             if table is None or table.dtype != f32 or table.shape != (25, 41):
                 raise ValueError("depth_table must be a (25, 41) float32 array")
-            f = shape.at_depth(depth_fraction(at, self.q, self.p, m256, self.radius, table))
+            delta = depth_fraction(at, self.q, self.p, m256, self.radius, table)
+            f = shape.at_depth(delta, at.deep, x2)
         e256 = np.where(m256 > 0, 256 * self.q.astype(np.int64), 0) if self.scheme == "cell" else m256
-        lam = (e256.astype(f32) * f32(2.0**-8)) * eroded_fraction(f, self.alpha * dt)
+        lam = (e256.astype(f32) * f32(2.0**8)) * eroded_fraction(f, self.alpha * dt)
         if lam.dtype != f32:
             raise AssertionError("a Python float or a double has slipped into the single-precision part")
         return lam
@@ -407,6 +418,8 @@ class ReferenceContact:
         lam = self.expected_loss(at, m256, dt)
         u = draw_lanes(self.q.shape, self.seed, self.tick, self.index, 0)
         v = draw_lanes(self.q.shape, self.seed, self.tick, self.index, 1)
-        drop = np.minimum(loss(lam, u, v), self.q)
+        drop = loss(lam, u, v)
+        if np.any(drop > self.q):
+            raise AssertionError("a voxel would lose more than it holds")
         self.q -= drop.astype(np.uint8)
         return int(drop.sum())

@@ -45,6 +45,8 @@ class BurrContact {
   Contact probe(const Vec3& center) const;
   /// One tick of dt [ms] at `center` [mm].
   Contact step(const Vec3& center, double dt, bool burr_on);
+  /// The second half of a tick whose force `probe` gave: its erosion. Returns the solid bone removed [mm^3].
+  double erode(const Vec3& center, double dt);
 
   /// Up to `ticks` ticks of dt [ms], each at the position start + s axis, s >= from, where the axial force is
   /// `force` [N], until s reaches `travel` [mm]. `axis` is a unit vector into the bone. `now_and_then` is

@@ -23,6 +23,7 @@ class Shape {
   Kind kind() const { return kind_; }
   /// Order of the zero of f at x = 1: 0 for constant, 1 for linear, k for power(k).
   double order() const { return order_; }
+  int whole() const { return whole_; }  ///< the exponent k where it is a whole number, else 0
   std::string name() const;
 
   /// f at depth d below the sphere's surface, delta = d/R = 1 - x in [0, 1]. In the tick Real is float.

@@ -13,6 +13,11 @@
 
 namespace burrlab {
 
+namespace kernel {
+struct Kernel;
+struct Sphere;
+}  // namespace kernel
+
 /// How bone in a voxel meets the sphere. `cell` is the paper's: a voxel is uniform. `layer` resolves the
 /// layer in which a burr cuts inside the voxel, so that results do not depend on voxel size.
 enum class Scheme { layer, cell };
@@ -29,7 +34,7 @@ struct ErodedFraction {
   }
   float operator()(float f) const {
     const float y = scale * f;
-    float p = y * (1.0f - y * (0.5f - y * (1.0f / 6.0f - y * (1.0f / 24.0f - y * (1.0f / 120.0f)))));
+    float p = y * (1.0f - y * (0.49999714f - y * (0.16652727f - y * 0.03972289f)));
     for (int i = 0; i < doublings; ++i) p = p * (2.0f - p);
     return p;
   }
@@ -38,7 +43,7 @@ struct ErodedFraction {
 /// What one pass over the sphere adds up; exact whatever the order.
 struct TickSums {
   std::int64_t mass = 0;              ///< sum of M [1/256 level]
-  std::int64_t first[3] = {0, 0, 0};  ///< sum of M times voxel index from `base`, (x, y, z)
+  std::int64_t first[3] = {0, 0, 0};  ///< sum of M times voxel index from the nearest to the centre, (x, y, z)
   std::int64_t faint = 0;             ///< the part of `mass` in voxels with p < 32, where `layer` errs
   std::int64_t lost = 0;              ///< levels removed
 };
@@ -55,32 +60,39 @@ class Tick {
 
   /// Moments at `center` [mm], without erosion.
   Moments moments(const VoxelBone& bone, const Vec3& center, TickSums* sums = nullptr) const;
-  /// Moments before, and erosion by a = alpha dt with the draws of `tick`, in one pass.
-  Moments erode(VoxelBone& bone, const Vec3& center, double a, std::uint64_t tick, TickSums* sums) const;
+  /// Erosion by a = alpha dt with the draws of `tick`, without moments.
+  void erode(VoxelBone& bone, const Vec3& center, double a, std::uint64_t tick, TickSums* sums) const;
+  /// Both in one pass; the moments are those before the erosion.
+  Moments moments_and_erode(VoxelBone& bone, const Vec3& center, double a, std::uint64_t tick,
+                            TickSums* sums) const;
 
   double resolution() const { return resolution_; }  ///< R/s, s the largest spacing
 
  private:
   struct Placement;  // the sphere's place in the grid
-  struct Draws;      // the random numbers of one tick
 
   Placement place(const VoxelBone& bone, const Vec3& center) const;
-  template <Scheme scheme, bool isotropic, bool eroding>
-  TickSums visit(const VoxelBone& bone, std::uint8_t* levels, const Placement& at,
-                 const ErodedFraction* fraction, const Draws* draws) const;
-  template <bool eroding>
-  TickSums dispatch(const VoxelBone& bone, std::uint8_t* levels, const Placement& at,
-                    const ErodedFraction* fraction, const Draws* draws) const;
+  kernel::Sphere sphere(const Placement& at) const;
+  void prepare_erosion(kernel::Sphere& sphere, double a, std::uint64_t tick) const;
+  template <bool summing, bool eroding>
+  TickSums pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& at,
+                const kernel::Sphere& sphere) const;
   Moments to_moments(const VoxelBone& bone, const Placement& at, const TickSums& sums) const;
 
+  const kernel::Kernel* kernel_;
   double radius_;
   Scheme scheme_;
   Shape shape_;
   std::uint64_t seed_;
   std::uint32_t index_;
+  Vec3 spacing_;
   bool isotropic_;
   double resolution_;
   std::shared_ptr<const DepthTable> depth_;  // null where f needs no depth
 };
+
+/// U (draw 0) or V (draw 1) of every voxel of a volume of `shape`, (z, y, x), as a tick draws them; for tests.
+std::vector<std::uint16_t> random_field(const Index3& shape, std::uint64_t seed, std::uint64_t tick,
+                                        std::uint32_t index, std::uint32_t draw);
 
 }  // namespace burrlab

@@ -1,53 +1,135 @@
-// Voxel bone: occupancy levels now and as loaded, on a regular grid.
+// Voxel bone: occupancy levels now and as loaded, on a regular grid, stored in bricks (docs/hierarchy.md).
 #pragma once
 
+#include <cstdlib>
 #include <memory>
 #include <string>
 #include <vector>
 
+#include "burrlab/brick.hpp"
 #include "burrlab/types.hpp"
 
 namespace burrlab {
 
-/// Dense uint8 occupancy (z, y, x): 0 empty, 255 solid bone. Holds two levels a voxel, `density` q now and
+/// uint8 occupancy (z, y, x): 0 empty, 255 solid bone. Holds two levels a voxel, `density` q now and
 /// `pristine` p as loaded or written; q <= p. Outside the volume there is nothing.
 class VoxelBone {
  public:
+  using Levels = std::vector<std::uint8_t>;
+
   /// shape (z, y, x); spacing (x, y, z) [mm]; origin: centre of voxel (0, 0, 0), (x, y, z) [mm].
-  VoxelBone(Index3 shape, std::vector<std::uint8_t> levels, const Vec3& spacing, const Vec3& origin);
+  VoxelBone(const Index3& shape, const Levels& levels, const Vec3& spacing, const Vec3& origin);
+  /// One level throughout.
+  VoxelBone(const Index3& shape, std::uint8_t level, const Vec3& spacing, const Vec3& origin);
+  VoxelBone(const VoxelBone& other);
+  VoxelBone(VoxelBone&&) = default;
+  VoxelBone& operator=(VoxelBone other);
 
   const Index3& shape() const { return shape_; }
   const Vec3& spacing() const { return spacing_; }
   const Vec3& origin() const { return origin_; }
   double voxel_volume() const { return spacing_.prod(); }  ///< [mm^3]
 
-  const std::uint8_t* density() const { return density_.data(); }
-  const std::uint8_t* pristine() const { return pristine_->data(); }
-  std::shared_ptr<const std::vector<std::uint8_t>> shared_pristine() const { return pristine_; }
+  double mass() const { return double(level_sum_) * (voxel_volume() / 255.0); }  ///< [mm^3 of solid bone]
+  double removed() const;                                                        ///< pristine minus present [mm^3]
 
-  double mass() const { return level_sum_ * (voxel_volume() / 255.0); }  ///< [mm^3 of solid bone]
-  double removed() const;                                                ///< pristine minus present [mm^3]
+  Levels density() const { return read({0, 0, 0}, shape_, false); }  ///< dense copy, (z, y, x)
+  Levels pristine() const { return read({0, 0, 0}, shape_, true); }  ///< dense copy, (z, y, x)
+  /// Copy of the box that begins at `start` (z, y, x); throws if it leaves the volume.
+  Levels read(const Index3& start, const Index3& shape, bool pristine) const;
+  void read(const Index3& start, const Index3& shape, bool pristine, std::uint8_t* out) const;
 
+  /// Throws unless the box lies inside the volume.
+  void check_box(const Index3& start, const Index3& shape) const;
   /// Sets q and p of the box that begins at `start` (z, y, x); throws if it leaves the volume.
   void write(const Index3& start, const Index3& shape, const std::uint8_t* levels);
+  /// Sets q of the whole volume, as from a snapshot; throws if it is above p anywhere.
+  void restore(const std::uint8_t* density);
   void reset();  ///< q = p everywhere
 
   /// 128 bits as 32 hexadecimal digits: geometry plus the sum over 8^3 bricks of a hash of brick index,
   /// q and p. A sum, so that a brick that changed can be exchanged in it.
   std::string digest() const;
 
-  /// For the tick alone: levels to erode in place, and the number of levels it took.
-  std::uint8_t* eroded() { return density_.data(); }
-  void account(std::int64_t levels_lost) { level_sum_ -= levels_lost; }
+  /// Bytes of all that is kept beside the levels: sums, states and occupancy.
+  std::size_t hierarchy_bytes() const;
+
+  // For the tick: bricks by number, (z, y, x) in C order.
+  const Index3& bricks() const { return bricks_; }  ///< number of bricks (z, y, x)
+  const Occupancy& occupancy() const { return occupancy_; }
+  std::size_t brick_number(std::int64_t z, std::int64_t y, std::int64_t x) const {
+    return static_cast<std::size_t>((z * bricks_[1] + y) * bricks_[2] + x);
+  }
+  const BrickSums& sums(std::size_t brick) const { return sums_[brick]; }
+  const std::uint8_t* tile(std::size_t brick) const { return density_.tile(brick); }
+  /// Pristine levels of a brick; null where they are one level, `pristine_level`.
+  const std::uint8_t* pristine_tile(std::size_t brick) const {
+    if (state_[brick] & uniform) return nullptr;
+    return state_[brick] & saved ? pristine_.tile(brick) : density_.tile(brick);
+  }
+  std::uint8_t pristine_level(std::size_t brick) const { return level_[brick]; }
+  /// Whether it holds pristine levels 1..31, where the scheme `layer` errs.
+  bool has_faint(std::size_t brick) const { return state_[brick] & faint; }
+  /// The levels of a brick, to be eroded in place; saves the pristine ones if that is still to be done.
+  std::uint8_t* open(std::size_t brick);
+  /// After erosion: its sums now. Returns the levels lost.
+  std::int64_t close(const Index3& at, std::size_t brick, const BrickSums& now);
 
  private:
-  std::int64_t size() const { return shape_[0] * shape_[1] * shape_[2]; }
+  enum State : std::uint8_t {
+    uniform = 1,  // the pristine level is `level_` throughout
+    saved = 2,    // the pristine levels lie in `pristine_`; without both flags they equal the present ones
+    eroded = 4,   // the present levels may differ from the pristine ones
+    faint = 8     // some pristine levels lie in 1..31
+  };
 
-  Index3 shape_;
+  /// Tiles of zeros, aligned to cache lines; memory that is never written to is never used.
+  class Tiles {
+   public:
+    Tiles() = default;
+    explicit Tiles(std::size_t bricks);
+    std::uint8_t* tile(std::size_t brick) { return first_ + brick * brick_voxels; }
+    const std::uint8_t* tile(std::size_t brick) const { return first_ + brick * brick_voxels; }
+    bool empty() const { return first_ == nullptr; }
+
+   private:
+    struct Free {
+      void operator()(void* memory) const { std::free(memory); }
+    };
+    std::unique_ptr<void, Free> memory_;
+    std::uint8_t* first_ = nullptr;
+  };
+
+  VoxelBone(const Index3& shape, const Vec3& spacing, const Vec3& origin);
+  Index3 extent(const Index3& at) const;  // voxels of a brick within the volume
+  void copy_pristine(const Index3& at, std::size_t brick, std::uint8_t* tile) const;
+  void copy_in(const Index3& at, const Index3& start, const Index3& shape, const std::uint8_t* levels,
+               std::uint8_t* tile) const;
+  void settle(const Index3& at, std::size_t brick, const std::uint8_t* pristine);
+  template <class Visit>
+  void each_brick(const Index3& start, const Index3& shape, Visit visit) const;
+
+  Index3 shape_, bricks_;
   Vec3 spacing_, origin_;
-  std::vector<std::uint8_t> density_;
-  std::shared_ptr<std::vector<std::uint8_t>> pristine_;  // shared between copies until one is written to
-  std::int64_t level_sum_ = 0;
+  Tiles density_, pristine_;  // the second only where a brick is not uniform
+  std::vector<BrickSums> sums_;
+  Levels level_;  // pristine level of uniform bricks
+  Levels state_;
+  Occupancy occupancy_;
+  std::int64_t level_sum_ = 0, pristine_sum_ = 0;
 };
+
+template <class Visit>
+void VoxelBone::each_brick(const Index3& start, const Index3& shape, Visit visit) const {
+  if (shape[0] == 0 || shape[1] == 0 || shape[2] == 0) return;
+  Index3 first, last;
+  for (int axis = 0; axis < 3; ++axis) {
+    first[axis] = start[axis] / brick_side;
+    last[axis] = (start[axis] + shape[axis] - 1) / brick_side;
+  }
+  for (std::int64_t z = first[0]; z <= last[0]; ++z)
+    for (std::int64_t y = first[1]; y <= last[1]; ++y)
+      for (std::int64_t x = first[2]; x <= last[2]; ++x) visit(Index3{z, y, x}, brick_number(z, y, x));
+}
 
 }  // namespace burrlab

@@ -1,0 +1,51 @@
+// Bricks: the tiles of 8^3 voxels that a bone is stored in, and what is known of each without visiting it.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "burrlab/types.hpp"
+
+namespace burrlab {
+
+constexpr int brick_side = 8;      ///< voxels along an edge
+constexpr int brick_voxels = 512;  ///< voxels, and bytes of a tile; a z-slab of a tile is one cache line
+
+/// Exact sums over a brick: of q, and of q times the voxel's index 0..7 within it.
+struct BrickSums {
+  std::uint32_t mass = 0, x = 0, y = 0, z = 0;
+};
+
+/// The sums of a tile, (z, y, x) levels.
+BrickSums sum_brick(const std::uint8_t* tile);
+
+/// Which bricks hold bone: one bit a brick in 64-bit words over 4^3 bricks (a block), and one bit a block in
+/// words over 4^3 blocks, so that empty space is passed by in steps of 32 and of 128 voxels.
+class Occupancy {
+ public:
+  static constexpr int fan = 4;  ///< children along an edge
+
+  explicit Occupancy(const Index3& bricks);
+
+  void set(const Index3& brick, bool occupied);
+
+  const Index3& blocks() const { return blocks_; }              ///< number of blocks (z, y, x)
+  const Index3& blocks_of_blocks() const { return superblocks_; }
+  std::uint64_t block(std::int64_t z, std::int64_t y, std::int64_t x) const {
+    return block_[static_cast<std::size_t>((z * blocks_[1] + y) * blocks_[2] + x)];
+  }
+  std::uint64_t block_of_blocks(std::int64_t z, std::int64_t y, std::int64_t x) const {
+    return superblock_[static_cast<std::size_t>((z * superblocks_[1] + y) * superblocks_[2] + x)];
+  }
+  /// Bit of the child at (z, y, x) in its parent's word.
+  static int bit(std::int64_t z, std::int64_t y, std::int64_t x) {
+    return static_cast<int>((z & 3) << 4 | (y & 3) << 2 | (x & 3));
+  }
+  std::size_t bytes() const { return (block_.size() + superblock_.size()) * sizeof(std::uint64_t); }
+
+ private:
+  Index3 blocks_, superblocks_;
+  std::vector<std::uint64_t> block_, superblock_;
+};
+
+}  // namespace burrlab

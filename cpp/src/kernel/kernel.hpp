@@ -1,0 +1,76 @@
+// What the tick asks of one brick, and the choice of code that answers. Plain data only: the files that
+// include this are compiled for different CPUs, and an inline function of theirs must not reach another.
+#pragma once
+
+#include <cstdint>
+
+namespace burrlab::kernel {
+
+enum ShapeKind : int { shape_constant, shape_linear, shape_power };
+
+/// The random numbers of one tick: key schedule and counter words of Philox4x32 (docs/tick.md).
+struct Draws {
+  std::uint64_t key[7][2];                 // of each round, 32 bits in words that a load spreads over lanes
+  std::uint32_t tick_low, tick_high, who;  // counter words 1, 2, 3 of draw 0
+  // The first two rounds meet words that are the same for all voxels: what they leave of them.
+  std::uint64_t after0_x2, after1_x0, after1_x2, after1_x3;
+};
+
+/// One sphere in one tick, as docs/tick.md names things.
+struct Sphere {
+  float fraction[3];  // of the position, (x, y, z) [voxel]
+  float spacing[3];   // (x, y, z) [mm]
+  float spacing_inverse;
+  float radius, radius_inverse, radius2_inverse;  // R, 1/R, inv_R2
+  float outer2;                                   // a voxel beyond this r2 has w = 0
+  float deep2;                                    // a voxel within this r2 is deep
+  ShapeKind shape;
+  int whole;                                 // the exponent of y where it is a whole number, else 0
+  double exponent;
+  double (*power)(double y, double k);       // for exponents that are not whole
+  const float* depth;                        // DepthTable::cells(); null where f needs no depth
+  float fraction_scale;                      // a_k
+  int doublings;                             // k
+  Draws draws;
+};
+
+/// One brick: its levels and its place.
+struct Brick {
+  std::uint8_t* density;         // 512 levels (z, y, x)
+  const std::uint8_t* pristine;  // likewise, or null where they are all `level`
+  int level;
+  bool faint;                     // some p lie in 1..31
+  int x, y, z;                    // first voxel, from the voxel nearest to the centre
+  std::uint32_t column;           // number of its first column
+  std::uint32_t columns_in_slab;  // from one z to the next
+};
+
+/// Exact sums: of M, and of M times the voxel's index 0..7 within the brick, before the erosion; of the part of M
+/// where p < 32; and of the levels and levels times index after it.
+struct Sums {
+  std::int64_t mass, x, y, z, faint;
+  std::uint32_t after_mass, after_x, after_y, after_z;
+};
+
+enum Pass : int { moments, erosion, both };
+
+using Visit = void (*)(const Sphere&, const Brick&, Sums&);
+
+/// The code for one instruction set.
+struct Kernel {
+  const char* name;
+  int slabs;              // of a brick that it draws at a time
+  Visit visit[3][2][2];  // [pass][layer][isotropic]
+  /// U of the first `slabs` slabs of a brick, (z, y, x); for tests.
+  void (*draw)(const Draws&, std::uint32_t column, std::uint32_t columns_in_slab, std::uint16_t* out);
+};
+
+const Kernel& current_kernel();  // as burrlab::cpu_path() names it
+
+extern const Kernel scalar_kernel;
+#if defined(__x86_64__) || defined(_M_X64)
+#define BURRLAB_X86_64 1
+extern const Kernel sse2_kernel, avx2_kernel, avx512_kernel;
+#endif
+
+}  // namespace burrlab::kernel

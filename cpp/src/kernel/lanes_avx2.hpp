@@ -1,0 +1,147 @@
+// Eight lanes in AVX2 registers: a row of a brick.
+#pragma once
+
+#include <immintrin.h>
+
+#include "kernel.hpp"
+
+namespace burrlab::kernel {
+namespace {
+
+constexpr int lanes = 8;
+
+struct Float {
+  __m256 v;
+};
+struct Integer {
+  __m256i v;
+};
+struct Mask {
+  __m256 v;
+};
+
+inline Float set(float a) { return {_mm256_set1_ps(a)}; }
+inline Integer set(int a) { return {_mm256_set1_epi32(a)}; }
+inline Float set_slabs(float a, float) { return set(a); }
+inline Float load(const float* a) { return {_mm256_load_ps(a)}; }
+inline void store(float* to, Float a) { _mm256_store_ps(to, a.v); }
+inline void store(std::int32_t* to, Integer a) { _mm256_store_si256(reinterpret_cast<__m256i*>(to), a.v); }
+inline void store(std::uint32_t* to, Integer a) { store(reinterpret_cast<std::int32_t*>(to), a); }
+inline Integer load(const std::int32_t* a) { return {_mm256_load_si256(reinterpret_cast<const __m256i*>(a))}; }
+inline Integer index_in_row() { return {_mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7)}; }
+
+inline Float operator+(Float a, Float b) { return {_mm256_add_ps(a.v, b.v)}; }
+inline Float operator-(Float a, Float b) { return {_mm256_sub_ps(a.v, b.v)}; }
+inline Float operator*(Float a, Float b) { return {_mm256_mul_ps(a.v, b.v)}; }
+inline Float operator/(Float a, Float b) { return {_mm256_div_ps(a.v, b.v)}; }
+inline Float square_root(Float a) { return {_mm256_sqrt_ps(a.v)}; }
+inline Float smaller(Float a, Float b) { return {_mm256_min_ps(a.v, b.v)}; }
+inline Float larger(Float a, Float b) { return {_mm256_max_ps(a.v, b.v)}; }
+inline Mask operator<=(Float a, Float b) { return {_mm256_cmp_ps(a.v, b.v, _CMP_LE_OQ)}; }
+inline Mask operator>(Float a, Float b) { return {_mm256_cmp_ps(a.v, b.v, _CMP_GT_OQ)}; }
+inline Float select(Mask m, Float a, Float b) { return {_mm256_blendv_ps(b.v, a.v, m.v)}; }
+
+inline Integer operator+(Integer a, Integer b) { return {_mm256_add_epi32(a.v, b.v)}; }
+inline Integer operator-(Integer a, Integer b) { return {_mm256_sub_epi32(a.v, b.v)}; }
+inline Mask operator>(Integer a, Integer b) { return {_mm256_castsi256_ps(_mm256_cmpgt_epi32(a.v, b.v))}; }
+inline Mask operator==(Integer a, Integer b) { return {_mm256_castsi256_ps(_mm256_cmpeq_epi32(a.v, b.v))}; }
+inline Integer times256(Integer a) { return {_mm256_slli_epi32(a.v, 8)}; }
+inline Integer low16(Integer a) { return {_mm256_and_si256(a.v, _mm256_set1_epi32(0xFFFF))}; }
+inline Integer high16(Integer a) { return {_mm256_srli_epi32(a.v, 16)}; }
+inline Integer positive(Integer a) { return {_mm256_max_epi32(a.v, _mm256_setzero_si256())}; }
+inline Integer only(Mask m, Integer a) { return {_mm256_and_si256(_mm256_castps_si256(m.v), a.v)}; }
+inline Integer plus_one_where(Mask m, Integer a) { return {_mm256_sub_epi32(a.v, _mm256_castps_si256(m.v))}; }
+
+inline Float to_float(Integer a) { return {_mm256_cvtepi32_ps(a.v)}; }
+inline Integer truncate(Float a) { return {_mm256_cvttps_epi32(a.v)}; }
+inline unsigned bits(Mask m) { return static_cast<unsigned>(_mm256_movemask_ps(m.v)); }
+
+/// The levels of a row.
+inline Integer load_row(const std::uint8_t* row) {
+  return {_mm256_cvtepu8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(row)))};
+}
+/// Takes 0..255 levels from each voxel of a row.
+inline void take_from_row(std::uint8_t* row, Integer loss) {
+  const __m128i words = _mm_packs_epi32(_mm256_castsi256_si128(loss.v), _mm256_extracti128_si256(loss.v, 1));
+  auto* to = reinterpret_cast<__m128i*>(row);
+  _mm_storel_epi64(to, _mm_sub_epi8(_mm_loadl_epi64(to), _mm_packus_epi16(words, words)));
+}
+/// One bit a row of a slab that holds anything.
+inline unsigned rows_that_hold(const std::uint8_t* slab) {
+  const auto* half = reinterpret_cast<const __m256i*>(slab);
+  const __m256i zero = _mm256_setzero_si256();
+  const auto low = _mm256_movemask_pd(_mm256_castsi256_pd(_mm256_cmpeq_epi64(_mm256_load_si256(half), zero)));
+  const auto high = _mm256_movemask_pd(_mm256_castsi256_pd(_mm256_cmpeq_epi64(_mm256_load_si256(half + 1), zero)));
+  return static_cast<unsigned>((low | high << 4) ^ 0xFF);
+}
+
+/// Four consecutive floats a lane, from quads[i].
+inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float& b, Float& c, Float& d) {
+  const auto pair = [&](int low, int high) {
+    return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_load_ps(quads + i[low])), _mm_load_ps(quads + i[high]), 1);
+  };
+  const __m256 r0 = pair(0, 4), r1 = pair(1, 5), r2 = pair(2, 6), r3 = pair(3, 7);
+  const __m256 t0 = _mm256_unpacklo_ps(r0, r1), t1 = _mm256_unpackhi_ps(r0, r1);
+  const __m256 t2 = _mm256_unpacklo_ps(r2, r3), t3 = _mm256_unpackhi_ps(r2, r3);
+  a.v = _mm256_shuffle_ps(t0, t2, 0x44);
+  b.v = _mm256_shuffle_ps(t0, t2, 0xEE);
+  c.v = _mm256_shuffle_ps(t1, t3, 0x44);
+  d.v = _mm256_shuffle_ps(t1, t3, 0xEE);
+}
+
+/// 32-bit counter words of eight columns as two vectors of 64-bit lanes, even columns and odd; the upper
+/// halves of the lanes mean nothing. So a product needs no shuffle.
+struct Words {
+  __m256i even, odd;
+};
+inline Words first_words(std::uint32_t column, std::uint32_t) {
+  const __m256i at = _mm256_set1_epi64x(column);
+  return {_mm256_add_epi32(at, _mm256_setr_epi64x(0, 2, 4, 6)), _mm256_add_epi32(at, _mm256_setr_epi64x(1, 3, 5, 7))};
+}
+inline Words all_words(std::uint64_t a) {
+  const __m256i v = _mm256_set1_epi64x(static_cast<long long>(a));
+  return {v, v};
+}
+inline Words product(Words a, Words b) { return {_mm256_mul_epu32(a.even, b.even), _mm256_mul_epu32(a.odd, b.odd)}; }
+inline Words high(Words a) { return {_mm256_srli_epi64(a.even, 32), _mm256_srli_epi64(a.odd, 32)}; }
+inline Words operator^(Words a, Words b) {
+  return {_mm256_xor_si256(a.even, b.even), _mm256_xor_si256(a.odd, b.odd)};
+}
+inline Integer in_order(Words a) { return {_mm256_blend_epi32(a.even, _mm256_slli_epi64(a.odd, 32), 0xAA)}; }
+
+inline void sum_levels(const std::uint8_t* tile, Sums& sums) {
+  const __m256i zero = _mm256_setzero_si256(), weight = _mm256_set1_epi64x(0x0706050403020100);
+  __m256i low = zero, high = zero, z = zero;  // by row, 64-bit lanes
+  __m256i x_low = zero, x_high = zero;        // in 16-bit lanes, at most 8 * 13 * 255
+  for (int slab = 7; slab >= 0; --slab) {
+    const auto* half = reinterpret_cast<const __m256i*>(tile + 64 * slab);
+    const __m256i a = _mm256_load_si256(half), b = _mm256_load_si256(half + 1);
+    low = _mm256_add_epi64(low, _mm256_sad_epu8(a, zero));
+    high = _mm256_add_epi64(high, _mm256_sad_epu8(b, zero));
+    x_low = _mm256_add_epi16(x_low, _mm256_maddubs_epi16(a, weight));
+    x_high = _mm256_add_epi16(x_high, _mm256_maddubs_epi16(b, weight));
+    if (slab > 0) z = _mm256_add_epi64(z, _mm256_add_epi64(low, high));  // sum of z q as a sum of sums from above
+  }
+  alignas(32) std::uint64_t row[8], at_z[4];
+  alignas(32) std::int32_t at_x[8];
+  _mm256_store_si256(reinterpret_cast<__m256i*>(row), low);
+  _mm256_store_si256(reinterpret_cast<__m256i*>(row + 4), high);
+  _mm256_store_si256(reinterpret_cast<__m256i*>(at_z), z);
+  const __m256i one = _mm256_set1_epi16(1);
+  _mm256_store_si256(reinterpret_cast<__m256i*>(at_x),
+                     _mm256_add_epi32(_mm256_madd_epi16(x_low, one), _mm256_madd_epi16(x_high, one)));
+  std::uint64_t mass = 0, y = 0;
+  std::int32_t sum_x = 0;
+  for (unsigned i = 0; i < 8; ++i) {
+    mass += row[i];
+    y += i * row[i];
+    sum_x += at_x[i];
+  }
+  sums.after_mass = static_cast<std::uint32_t>(mass);
+  sums.after_x = static_cast<std::uint32_t>(sum_x);
+  sums.after_y = static_cast<std::uint32_t>(y);
+  sums.after_z = static_cast<std::uint32_t>(at_z[0] + at_z[1] + at_z[2] + at_z[3]);
+}
+
+}  // namespace
+}  // namespace burrlab::kernel

@@ -1,0 +1,6 @@
+#include "kernel/lanes_avx2.hpp"
+#include "kernel/brick_visit.hpp"
+
+namespace burrlab::kernel {
+const Kernel avx2_kernel = BURRLAB_KERNEL("avx2");
+}

@@ -1,0 +1,6 @@
+#include "kernel/lanes_avx512.hpp"
+#include "kernel/brick_visit.hpp"
+
+namespace burrlab::kernel {
+const Kernel avx512_kernel = BURRLAB_KERNEL("avx512");
+}

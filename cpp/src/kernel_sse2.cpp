@@ -1,0 +1,6 @@
+#include "kernel/lanes_sse2.hpp"
+#include "kernel/brick_visit.hpp"
+
+namespace burrlab::kernel {
+const Kernel sse2_kernel = BURRLAB_KERNEL("portable");
+}

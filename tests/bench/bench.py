@@ -1,0 +1,109 @@
+"""Cost of a tick: the core beside a plain C++ loop, Numba and NumPy, on one thread, with the same random bits.
+
+    python tests/bench/bench.py --library build/bench/burrlab_bench.so [--out bench] [--quick]
+
+Writes results.json and tick.png. First all implementations are held against tests/reference/tick.py: the run ends
+with an error where one differs in a bit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # for `reference`
+
+import experiments
+import report
+from check import check_all
+from machine import machine, pin, unpin
+from measure import Measured, measure
+from native import Native
+from plot import draw
+from scenes import growing
+
+SPLIT_SCENES = ("slide 50", "buried 50")  # also timed in two passes, and held against the memory's bandwidth
+
+
+def say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def run(native: Native, quick: bool) -> tuple[list[Measured], dict[str, Any], str]:
+    """All that is measured, and the CPU path that baselines are compared with."""
+    paths = native.cpu_paths
+    reference = "avx2" if "avx2" in paths else paths[-1]
+    split = ("slide 25", "buried 25") if quick else SPLIT_SCENES
+    where = pin()
+    found = []
+    for scene in growing(quick):
+        say(f"  {scene.name}")
+        found.append(measure(native, scene, passes=reference if scene.name in split else None))
+    say("  descent")
+    found.append(experiments.descent_scene(native, quick))
+    once: dict[str, Any] = {}
+    say("  call from Python, bandwidth")
+    once["python_step"] = experiments.python_step(native, quick)
+    once["bandwidth"] = experiments.bandwidth(native, quick)
+    once["limits"] = report.limits(found, once["bandwidth"], reference)
+    say("  volume")
+    once["volume"] = experiments.volume_scaling(native, reference, quick)
+    unpin(where)
+    say("  sweep")
+    once["sweep"] = experiments.sweep(quick)
+    return found, once, reference
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--library", type=Path, required=True, help="the built bench library")
+    parser.add_argument("--out", type=Path, default=Path("bench"), help="folder of results.json and tick.png")
+    parser.add_argument("--quick", action="store_true", help="small scenes, few ticks: does it run?")
+    options = parser.parse_args()
+    begun = time.perf_counter()
+    native = Native(options.library)
+    say("Equal to the reference, bit for bit?")
+    comparisons = check_all(native)
+    say(f"yes, in {comparisons} comparisons\nScenes:")
+    found, once, reference = run(native, options.quick)
+    rows = report.targets(found, once)
+    here = machine(native)
+    print(f"{here['cpu']}, {here['compiler']} {here['flags']}, burrlab {here['burrlab']}")
+    missing = [path for path in ("portable", "avx2", "avx512") if path not in native.cpu_paths]
+    if missing:
+        print(f"Left out, as this CPU has none: {', '.join(missing)}")
+    print(report.table(found, reference))
+    print(report.summary(found, once, rows, reference))
+    options.out.mkdir(parents=True, exist_ok=True)
+    results = {
+        "machine": here,
+        "quick": options.quick,
+        "compared_with_reference": comparisons,
+        "reference_path": reference,
+        "left_out": missing,
+        "scenes": {one.scene.name: one.summary(reference) for one in found},
+        "exponents": {
+            kind: {
+                name: value
+                for name, curve in report.growth(found, kind).items()
+                if isfinite(value := report.exponent(*curve))
+            }
+            for kind in ("slide", "buried")
+        },
+        **once,
+        "targets": report.target_rows(rows),
+        "seconds": time.perf_counter() - begun,
+    }
+    (options.out / "results.json").write_text(json.dumps(results, indent=2, allow_nan=False) + "\n")
+    about = f"median over ticks, one thread; {here['cpu']}, {here['compiler']}, burrlab {here['burrlab']}"
+    draw(found, once["volume"], about, options.out / "tick.png")
+    say(f"{options.out}/results.json, {options.out}/tick.png; {results['seconds']:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

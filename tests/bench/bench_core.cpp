@@ -1,0 +1,126 @@
+// The benchmark's library for ctypes: bones and burrs of the core on a CPU path of choice.
+
+#include <algorithm>
+#include <cstring>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "bench_lib.hpp"
+#include "burrlab/burr_contact.hpp"
+#include "burrlab/cpu_path.hpp"
+#include "burrlab/voxel_bone.hpp"
+
+using namespace burrlab;
+using namespace burrlab::bench;
+
+namespace {
+
+// A bone with one burr.
+struct Core {
+  std::shared_ptr<VoxelBone> bone;
+  std::unique_ptr<BurrContact> contact;
+
+  Core(std::shared_ptr<VoxelBone> bone_, const Burr& burr, const Material& material, std::uint64_t seed,
+       Scheme scheme, const std::string& path, std::uint64_t tick)
+      : bone(std::move(bone_)) {
+    use_cpu_path(path);
+    contact = std::make_unique<BurrContact>(bone, burr, material, seed, 0, scheme);
+    contact->tick = tick;
+  }
+};
+
+// How a tick is made: in one pass, moments and erosion in two, or one of these alone.
+enum Pass { fused, split, probe, erode };
+
+Contact one_tick(BurrContact& contact, const Vec3& center, double dt, int pass) {
+  if (pass == fused) return contact.step(center, dt, true);
+  Contact felt;
+  if (pass != erode) felt = contact.probe(center);
+  if (pass != probe) contact.erode(center, dt);
+  return felt;
+}
+
+}  // namespace
+
+extern "C" {
+
+// `density` may be null: as pristine.
+Core* core_new(const std::int64_t* shape, const std::uint8_t* pristine, const std::uint8_t* density,
+               double spacing, const double* origin, double radius, double c_e, double alpha, int layer,
+               std::uint64_t seed, const char* path, std::uint64_t tick) {
+  return guarded([&] {
+    std::vector<std::uint8_t> levels(pristine, pristine + shape[0] * shape[1] * shape[2]);
+    auto bone =
+        std::make_shared<VoxelBone>(index3(shape), std::move(levels), Vec3::Constant(spacing), vec3(origin));
+    if (density) bone->restore(density);
+    return new Core(std::move(bone), Burr(radius), Material("bone", c_e, alpha, Shape::parabolic(), ""), seed,
+                    layer ? Scheme::layer : Scheme::cell, path, tick);
+  });
+}
+
+Core* core_clone(const Core* core, const char* path) {
+  return guarded([&] {
+    const BurrContact& c = *core->contact;
+    return new Core(std::make_shared<VoxelBone>(*core->bone), c.burr(), c.material(), c.seed(), c.scheme(),
+                    path, c.tick);
+  });
+}
+
+void core_free(Core* core) { delete core; }
+
+int core_reset(Core* core) {
+  return guarded([&] { return core->bone->reset(), 0; });
+}
+
+// n ticks at `centers` (n, 3), timed by `batch` at a time: seconds a tick (n / batch), interrupted (n /
+// batch). moments (n, 4), m0 and m1 of each tick, or null.
+int core_run(Core* core, const double* centers, std::int64_t n, double dt, int pass, std::int64_t batch,
+             double* seconds, std::uint8_t* interrupted, double* moments) {
+  return guarded([&] {
+    for (std::int64_t first = 0; first < n; first += batch) {
+      const Stopwatch watch;
+      for (std::int64_t i = first; i < first + batch; ++i) {
+        const Contact felt = one_tick(*core->contact, vec3(centers + 3 * i), dt, pass);
+        if (!moments) continue;
+        moments[4 * i] = felt.m0;
+        for (int axis = 0; axis < 3; ++axis) moments[4 * i + 1 + axis] = felt.m1[axis];
+      }
+      watch.stop(double(batch), seconds + first / batch, interrupted + first / batch);
+    }
+    return 0;
+  });
+}
+
+// The force held exactly; returns the number of ticks, with positions (ticks) and the seconds of all.
+std::int64_t core_hold(Core* core, double force, const double* start, const double* axis, double from,
+                       double travel, double dt, std::int64_t ticks, double* positions, double* seconds) {
+  return guarded([&] {
+    std::uint8_t interrupted = 0;
+    const Stopwatch watch;
+    const HeldDescent held = core->contact->hold(force, vec3(start), vec3(axis), from, travel, dt, ticks);
+    watch.stop(1.0, seconds, &interrupted);
+    std::copy(held.position.begin(), held.position.end(), positions);
+    return static_cast<std::int64_t>(held.position.size());
+  });
+}
+
+int core_density(const Core* core, std::uint8_t* out) {
+  return guarded([&] {
+    const auto levels = core->bone->density();
+    std::memcpy(out, levels.data(), levels.size());
+    return 0;
+  });
+}
+
+const char* core_digest(const Core* core) {
+  static std::string digest;
+  return guarded([&] { return (digest = core->bone->digest()).c_str(); });
+}
+
+std::int64_t core_hierarchy_bytes(const Core* core) {
+  return static_cast<std::int64_t>(core->bone->hierarchy_bytes());
+}
+
+std::uint64_t core_tick(const Core* core) { return core->contact->tick; }
+}

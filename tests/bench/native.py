@@ -1,0 +1,231 @@
+"""The benchmark's library (bench_lib.cpp) from Python: bones and burrs of the core, and the plain loop."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from ctypes import c_char_p, c_double, c_int, c_int64, c_uint64, c_void_p
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from times import Numbers, Times
+
+Levels = NDArray[np.uint8]
+
+FUSED, SPLIT, PROBE, ERODE = range(4)  # how a tick is made, as in bench_lib.cpp
+
+
+@dataclass(frozen=True)
+class Burring:
+    """What stays the same over the ticks of a scene.
+
+    Parameters
+    ----------
+    spacing : float
+        [mm]
+    radius : float
+        [mm]
+    scheme : {"layer", "cell"}
+    c_e : float
+        [N/mm^2]
+    alpha : float
+        [1/ms]
+    dt : float
+        [ms]
+    seed : int
+    origin : (x, y, z)
+        [mm]
+    """
+
+    spacing: float
+    radius: float
+    scheme: str = "layer"
+    c_e: float = 2.145
+    alpha: float = 0.087
+    dt: float = 1.0
+    seed: int = 1
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def address(array: NDArray[np.generic] | None) -> int | None:
+    """Of a C-contiguous array."""
+    if array is None:
+        return None
+    if not array.flags.c_contiguous:
+        raise ValueError("array must be C-contiguous")
+    return array.ctypes.data
+
+
+class Native:
+    """The loaded library."""
+
+    def __init__(self, path: Path) -> None:
+        library = ctypes.CDLL(str(path))
+        for name, result, arguments in (
+            ("bench_error", c_char_p, []),
+            ("bench_cpu_paths", c_char_p, []),
+            ("bench_compiler", c_char_p, []),
+            ("bench_flags", c_char_p, []),
+            ("bench_depth_table", None, [c_void_p]),
+            ("bench_bandwidth", c_double, [c_int64, c_int, c_int]),
+            ("bench_clock", c_double, [c_int]),
+            ("bench_interruptions", c_int64, []),
+            ("core_new", c_void_p, [c_void_p, c_void_p, c_void_p, c_double, c_void_p, c_double, c_double, c_double,
+                                    c_int, c_uint64, c_char_p, c_uint64]),
+            ("core_clone", c_void_p, [c_void_p, c_char_p]),
+            ("core_free", None, [c_void_p]),
+            ("core_reset", c_int, [c_void_p]),
+            ("core_run", c_int, [c_void_p, c_void_p, c_int64, c_double, c_int, c_int64, c_void_p, c_void_p, c_void_p]),
+            ("core_hold", c_int64, [c_void_p, c_double, c_void_p, c_void_p, c_double, c_double, c_double, c_int64,
+                                    c_void_p, c_void_p]),
+            ("core_density", c_int, [c_void_p, c_void_p]),
+            ("core_digest", c_char_p, [c_void_p]),
+            ("core_hierarchy_bytes", c_int64, [c_void_p]),
+            ("core_tick", c_uint64, [c_void_p]),
+            ("plain_run", c_int, [c_void_p, c_void_p, c_void_p, c_double, c_void_p, c_double, c_int, c_uint64,
+                                  c_uint64, c_double, c_void_p, c_int64, c_void_p, c_void_p, c_void_p]),
+        ):  # fmt: skip
+            function = getattr(library, name)
+            function.restype, function.argtypes = result, arguments
+        self.library = library
+
+    def check(self, done: int | None) -> int:
+        """The result of a call, or its error."""
+        if done is None or done < 0:
+            raise RuntimeError(self.library.bench_error().decode())
+        return done
+
+    @property
+    def cpu_paths(self) -> list[str]:
+        return self.library.bench_cpu_paths().decode().split(",")
+
+    @property
+    def compiler(self) -> str:
+        return self.library.bench_compiler().decode()
+
+    @property
+    def flags(self) -> str:
+        return self.library.bench_flags().decode()
+
+    @property
+    def depth_table(self) -> NDArray[np.float32]:
+        """G(e, tau) of order 1, shape (25, 41)."""
+        table = np.empty((25, 41), dtype=np.float32)
+        self.library.bench_depth_table(address(table))
+        return table
+
+    def bandwidth(self, size: int, *, copy: bool, repeats: int = 3) -> float:
+        """Best of some passes over `size` bytes [byte/s]."""
+        return self.library.bench_bandwidth(size, repeats, copy)
+
+    def clock(self) -> float:
+        """Cost of a look at the clock [s]."""
+        return self.library.bench_clock(1000)
+
+    def interruptions(self) -> int:
+        """How often another process took this thread's core so far."""
+        return self.library.bench_interruptions()
+
+    def plain_run(
+        self, q: Levels, p: Levels, burring: Burring, tick: int, centers: Numbers
+    ) -> tuple[Times, NDArray[np.int64]]:
+        """Ticks of the plain loop, one a centre; erodes `q`. Their times, and sums (n, 5)."""
+        shape, origin = np.array(q.shape, dtype=np.int64), np.array(burring.origin)
+        times, sums = Times.empty(len(centers)), np.empty((len(centers), 5), dtype=np.int64)
+        self.check(
+            self.library.plain_run(
+                address(shape), address(q), address(p), burring.spacing, address(origin), burring.radius,
+                burring.scheme == "layer", burring.seed, tick, burring.alpha * burring.dt,
+                address(centers), len(centers), address(times.seconds), address(times.interrupted), address(sums),
+            )
+        )  # fmt: skip
+        return times, sums
+
+
+class Core:
+    """A bone of the core with one burr on one CPU path."""
+
+    def __init__(self, native: Native, handle: int | None, shape: Sequence[int], burring: Burring) -> None:
+        if handle is None:
+            native.check(handle)
+        self.native, self.handle, self.shape, self.burring = native, handle, tuple(shape), burring
+
+    @classmethod
+    def of(
+        cls, native: Native, p: Levels, burring: Burring, path: str, *, q: Levels | None = None, tick: int = 0
+    ) -> Core:
+        """From pristine levels, and present ones where these differ."""
+        shape, origin = np.array(p.shape, dtype=np.int64), np.array(burring.origin)
+        handle = native.library.core_new(
+            address(shape), address(p), address(q), burring.spacing, address(origin), burring.radius,
+            burring.c_e, burring.alpha, burring.scheme == "layer", burring.seed, path.encode(), tick,
+        )  # fmt: skip
+        return cls(native, handle, p.shape, burring)
+
+    def clone(self, path: str) -> Core:
+        """The same state on another CPU path."""
+        handle = self.native.library.core_clone(self.handle, path.encode())
+        return Core(self.native, handle, self.shape, self.burring)
+
+    def __del__(self) -> None:
+        if self.handle is not None:
+            self.native.library.core_free(self.handle)
+
+    def run(self, centers: Numbers, *, how: int = FUSED, batch: int = 1) -> Times:
+        """Ticks, one a centre; times a tick, means over `batch` ticks."""
+        return self._run(centers, how, batch, None)
+
+    def moments(self, centers: Numbers) -> Numbers:
+        """Ticks, one a centre; m0 [mm^3] and m1 (x, y, z) [mm^4] of each, shape (n, 4)."""
+        found = np.empty((len(centers), 4))
+        self._run(centers, FUSED, 1, found)
+        return found
+
+    def _run(self, centers: Numbers, how: int, batch: int, moments: Numbers | None) -> Times:
+        if len(centers) % batch:
+            raise ValueError("the number of ticks must be a multiple of batch")
+        times = Times.empty(len(centers) // batch)
+        centers = np.ascontiguousarray(centers)
+        self.native.check(
+            self.native.library.core_run(
+                self.handle, address(centers), len(centers), self.burring.dt, how, batch,
+                address(times.seconds), address(times.interrupted), address(moments),
+            )
+        )  # fmt: skip
+        return times
+
+    def hold(
+        self, force: float, start: Numbers, axis: Numbers, *, begin: float, travel: float, ticks: int
+    ) -> tuple[Numbers, float]:
+        """Sinks at an exactly held force [N]; positions along the axis [mm], and seconds of all ticks."""
+        positions, seconds = np.empty(ticks), np.empty(1)
+        done = self.native.check(
+            self.native.library.core_hold(
+                self.handle, force, address(start), address(axis), begin, travel, self.burring.dt, ticks,
+                address(positions), address(seconds),
+            )
+        )  # fmt: skip
+        return positions[:done].copy(), float(seconds[0])
+
+    def reset(self) -> None:
+        self.native.check(self.native.library.core_reset(self.handle))
+
+    def density(self) -> Levels:
+        """Dense copy of the present levels."""
+        q = np.empty(self.shape, dtype=np.uint8)
+        self.native.check(self.native.library.core_density(self.handle, address(q)))
+        return q
+
+    @property
+    def digest(self) -> str:
+        return self.native.library.core_digest(self.handle).decode()
+
+    @property
+    def hierarchy_bytes(self) -> int:
+        return self.native.library.core_hierarchy_bytes(self.handle)
+
+    @property
+    def tick(self) -> int:
+        return self.native.library.core_tick(self.handle)

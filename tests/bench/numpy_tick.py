@@ -1,0 +1,170 @@
+"""The tick in whole arrays over the sphere's box: a baseline of the benchmark, docs/tick.md to the bit.
+
+Cubic voxels, f parabolic. Voxels that hold bone inside the sphere are selected first; all that is expensive is
+done for these alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+f32 = np.float32
+Float = NDArray[np.float32]
+Integer = NDArray[np.int64]
+Levels = NDArray[np.uint8]
+
+ZERO, HALF, ONE, TWO = f32(0), f32(0.5), f32(1), f32(2)
+P_2, P_3, P_4 = f32(0.49999714), f32(0.16652727), f32(0.03972289)  # of the eroded fraction
+WORD, LOW = np.uint64(0xFFFFFFFF), np.uint64(32)
+
+
+def draw_words(column: Integer, tick: int, index: int, draw: int, seed: int) -> NDArray[np.uint32]:
+    """Philox4x32-7: the eight 16-bit numbers of every column, in four words; shape (n, 4)."""
+    c0, c1 = column.astype(np.uint64), np.uint64(tick & 0xFFFFFFFF)
+    c2, c3 = np.uint64(tick >> 32), np.uint64(index + (draw << 31))
+    k0, k1 = seed & 0xFFFFFFFF, seed >> 32
+    for _ in range(7):
+        product_0, product_1 = np.uint64(0xD2511F53) * c0, np.uint64(0xCD9E8D57) * c2
+        c0, c1, c2, c3 = (
+            (product_1 >> LOW) ^ c1 ^ np.uint64(k0),
+            product_1 & WORD,
+            (product_0 >> LOW) ^ c3 ^ np.uint64(k1),
+            product_0 & WORD,
+        )
+        k0, k1 = (k0 + 0x9E3779B9) & 0xFFFFFFFF, (k1 + 0xBB67AE85) & 0xFFFFFFFF
+    return np.stack([c0, c1, c2, c3], axis=-1).astype(np.uint32)
+
+
+def effective_depth(table: Float, e: Float, tau: Float) -> Float:
+    """G(e, tau), bilinear in its table."""
+    te, tt = e * f32(8), tau * f32(40)
+    i, j = np.minimum(te.astype(np.int32), 23), np.minimum(tt.astype(np.int32), 39)
+    fe, ft = te - i.astype(f32), tt - j.astype(f32)
+    lo = table[i, j] + (table[i, j + 1] - table[i, j]) * ft
+    hi = table[i + 1, j] + (table[i + 1, j + 1] - table[i + 1, j]) * ft
+    return lo + (hi - lo) * fe
+
+
+def eroded_fraction(f: Float, a: float) -> Float:
+    """1 - exp(-a f)."""
+    doublings = 0
+    while a > 0.125:
+        a *= 0.5
+        doublings += 1
+    y = f32(a) * f
+    fraction = y * (ONE - y * (P_2 - y * (P_3 - y * P_4)))
+    for _ in range(doublings):
+        fraction = fraction * (TWO - fraction)
+    return fraction
+
+
+def mass_and_shape(
+    level: Integer, pristine: Levels, r2: Float, radius: float, spacing: float, layer: bool, table: Float
+) -> tuple[Integer, Float]:
+    """M [1/256 level] of every voxel, and the erosion shape f where that mass lies."""
+    R, s = f32(radius), f32(spacing)
+    inv_R, inv_s = ONE / R, ONE / s
+    inv_R2 = inv_R * inv_R
+    deep = R - f32(3.5) * s
+    mass, f = 256 * level, ONE - r2 * inv_R2
+    rim = np.flatnonzero(r2 > deep * deep)
+    depth = R - np.sqrt(r2[rim])
+    w = np.clip(depth * inv_s + HALF, ZERO, ONE)
+    if not layer:
+        mass[rim] = (level[rim].astype(f32) * (w * f32(256)) + HALF).astype(np.int64)
+        f[r2 * inv_R2 > ONE] = ZERO
+        return mass, f
+    p = pristine[rim].astype(f32)
+    m = np.maximum(mass[rim] - (p * ((ONE - w) * f32(256)) + HALF).astype(np.int64), 0)
+    mass[rim] = m
+    held = np.flatnonzero(m)
+    rim, depth, w, p, m = rim[held], depth[held], w[held], p[held], m[held]
+    tau = np.minimum((m.astype(f32) * (ONE / (p * f32(256)))) / w, ONE)
+    e = np.maximum((depth * inv_s + HALF) - ONE, ZERO)
+    beyond = e >= f32(3)
+    d = np.where(beyond, depth, (w * s) * effective_depth(table, np.where(beyond, ZERO, e), tau))
+    delta = np.clip(d * inv_R, ZERO, ONE)
+    f[rim] = delta * (TWO - delta)
+    return mass, f
+
+
+def draw_lanes(
+    z: Integer, y: Integer, x: Integer, shape: tuple[int, ...], tick: int, index: int, draw: int, seed: int
+) -> NDArray[np.uint32]:
+    """The 16-bit random number of every voxel (z, y, x); a block is drawn once for all voxels of its column."""
+    if z.size == 0:
+        return np.empty(0, dtype=np.uint32)
+    _, ny, nx = shape
+    group = y >> 3
+    z0, g0, x0 = (int(i.min()) for i in (z, group, x))
+    size = (int(z.max()) + 1 - z0, int(group.max()) + 1 - g0, int(x.max()) + 1 - x0)
+    held = np.zeros(size, dtype=bool)
+    held[z - z0, group - g0, x - x0] = True
+    zs, gs, xs = np.nonzero(held)
+    words = np.zeros((*size, 4), dtype=np.uint32)
+    words[held] = draw_words(((zs + z0) * ((ny + 7) // 8) + gs + g0) * nx + xs + x0, tick, index, draw, seed)
+    lane = y & 7
+    word = words[z - z0, group - g0, x - x0, lane >> 1]
+    return (word >> (16 * (lane & 1)).astype(np.uint32)) & np.uint32(0xFFFF)
+
+
+def select(
+    q: Levels,
+    spacing: float,
+    origin: tuple[float, float, float],
+    radius: float,
+    center: tuple[float, float, float],
+) -> tuple[list[int], list[Integer], Float]:
+    """Voxels within the sphere's reach that hold bone: base (x, y, z), their indices (z, y, x), and r^2 [mm^2]."""
+    reach = radius + 0.501 * spacing  # beyond it no voxel is covered
+    base, offset, box = [], [], []
+    for axis in range(3):
+        c = (center[axis] - origin[axis]) / spacing
+        whole = np.rint(c)
+        frac = np.rint((c - whole) * 2.0**20) / 2.0**20
+        extent, count = reach / spacing + 1.0, q.shape[2 - axis]
+        begin, end = (min(max(int(limit), 0), count) for limit in (c - extent, c + extent + 1.0))
+        base.append(int(whole))
+        box.append(slice(begin, end))
+        offset.append(
+            (np.arange(begin - int(whole), end - int(whole)).astype(f32) - f32(frac)) * f32(spacing)
+        )
+    dx, dy, dz = offset
+    r2 = ((dz * dz)[:, None] + dy * dy)[:, :, None] + dx * dx
+    local = np.nonzero((q[box[2], box[1], box[0]] > 0) & (r2 < f32(reach * reach)))
+    return base, [i + side.start for i, side in zip(local, reversed(box), strict=True)], r2[local]
+
+
+def step(
+    q: Levels,
+    p: Levels,
+    spacing: float,
+    origin: tuple[float, float, float],
+    radius: float,
+    layer: bool,
+    a: float,
+    seed: int,
+    index: int,
+    tick: int,
+    table: Float,
+    center: tuple[float, float, float],
+) -> tuple[int, int, int, int, int]:
+    """One tick; erodes `q` in place. Parameters and result as of `numba_tick.step`."""
+    base, (z, y, x), r2 = select(q, spacing, origin, radius, center)
+    level = q[z, y, x].astype(np.int64)
+    mass, f = mass_and_shape(level, p[z, y, x], r2, radius, spacing, layer, table)
+    held = np.flatnonzero(mass)
+    z, y, x, mass, level, f = z[held], y[held], x[held], mass[held], level[held], f[held]
+    first = [int(mass @ (i - b)) for i, b in zip((x, y, z), base, strict=True)]
+
+    eroding = mass if layer else 256 * level
+    expected = (eroding.astype(f32) * f32(256)) * eroded_fraction(f, a)
+    whole = expected.astype(np.int64)
+    total = whole + draw_lanes(z, y, x, q.shape, tick, index, 0, seed)
+    loss = total >> 16
+    tie = np.flatnonzero(total & 0xFFFF == 0xFFFF)
+    lo = ((expected[tie] - whole[tie].astype(f32)) * f32(65536) + HALF).astype(np.int64)
+    loss[tie] += draw_lanes(z[tie], y[tie], x[tie], q.shape, tick, index, 1, seed) < lo
+    q[z, y, x] = (level - loss).astype(np.uint8)
+    return int(mass.sum()), first[0], first[1], first[2], int(loss.sum())

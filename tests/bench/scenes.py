@@ -1,0 +1,214 @@
+"""The reference scenes: bones, burrs and paths. Bone of solid voxels below a surface, air above, all in the volume."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from native import Burring, Levels, Numbers
+
+SPEED = 20.0  # of a slide [mm/s]
+SLIDE_TICKS = 3000
+#: R/voxel of the scenes that show how the cost grows; R = 5 mm.
+RESOLUTIONS = (12.5, 25.0, 50.0, 100.0)
+LARGE_RADIUS = 5.0  # [mm]
+OFF_GRID = np.array([0.137, 0.291, 0.0])  # place within a voxel [voxel], so that no symmetry helps
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How often each implementation is timed.
+
+    Parameters
+    ----------
+    samples : int
+        States of a run at which all implementations are compared side by side.
+    numpy_samples : int
+        How many of these NumPy takes part in.
+    burst : int
+        Ticks at each.
+    warm : int
+        Of these the first that are not counted: caches and branch prediction settle.
+    """
+
+    samples: int = 20
+    numpy_samples: int = 5
+    burst: int = 8
+    warm: int = 4
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A bone, a burr and its path.
+
+    Parameters
+    ----------
+    name : str
+    about : str
+    burring : Burring
+    shape : (nz, ny, nx)
+    surface : int
+        Layers along z that hold bone.
+    path : ndarray, shape (n, 3)
+        Burr centres (x, y, z) [mm].
+    varied : bool
+        Levels drawn from 64..255 in place of solid bone.
+    fresh : bool
+        Every tick meets the bone as loaded.
+    batch : int
+        Ticks a look at the clock.
+    effort : Effort
+    """
+
+    name: str
+    about: str
+    burring: Burring
+    shape: tuple[int, int, int]
+    surface: int
+    path: Numbers
+    varied: bool = False
+    fresh: bool = False
+    batch: int = 1
+    effort: Effort = field(default_factory=Effort)
+
+    def levels(self) -> Levels:
+        """Pristine levels."""
+        p = np.zeros(self.shape, dtype=np.uint8)
+        p[: self.surface] = 255
+        if self.varied:
+            p[: self.surface] = np.random.default_rng(1).integers(
+                64, 256, p[: self.surface].shape, dtype=np.uint8
+            )
+        return p
+
+    @property
+    def resolution(self) -> float:
+        """R/voxel."""
+        return self.burring.radius / self.burring.spacing
+
+
+def effort_at(resolution: float, quick: bool, *, deep: bool = False) -> Effort:
+    """Fewer comparisons where a tick takes long; `deep` for a burr wholly in bone."""
+    if quick:
+        return Effort(samples=2, numpy_samples=1, burst=3, warm=1)
+    if resolution <= 25:
+        return Effort()
+    if resolution <= 50:
+        return Effort(samples=20, numpy_samples=3 if deep else 5)
+    return Effort(samples=6, numpy_samples=1 if deep else 3, burst=5, warm=2)
+
+
+def voxels(length: float, spacing: float) -> int:
+    """Voxels along a length [mm]."""
+    return int(np.ceil(length / spacing - 1e-6))
+
+
+def surface_at(layers: int, spacing: float) -> float:
+    """Height of the surface of so many layers of bone [mm]."""
+    return (layers - 0.5) * spacing
+
+
+def slide(
+    radius: float,
+    spacing: float,
+    *,
+    scheme: str = "layer",
+    varied: bool = False,
+    ticks: int = SLIDE_TICKS,
+    quick: bool = False,
+) -> Scene:
+    """Burr sunk to R/3 that moves at 20 mm/s through fresh bone, cutting."""
+    burring = Burring(spacing, radius, scheme)
+    layers = voxels(radius / 3, spacing) + 4
+    travel = SPEED * 1e-3 * burring.dt * np.arange(ticks)
+    start = np.full(3, radius + 2 * spacing) + OFF_GRID * spacing
+    path = np.tile(start, (ticks, 1))
+    path[:, 0] += travel
+    path[:, 2] = surface_at(layers, spacing) + 2 * radius / 3
+    side = voxels(2 * radius, spacing) + 6
+    shape = (layers + voxels(5 * radius / 3, spacing) + 3, side, side + voxels(float(travel[-1]), spacing))
+    resolution = radius / spacing
+    name = f"slide {resolution:g}" + (f" R {radius:g}" if radius != LARGE_RADIUS else "")
+    name += ("" if scheme == "layer" else f" {scheme}") + (" varied" if varied else "")
+    about = "sunk to R/3, 20 mm/s through fresh bone, cutting" + (
+        ", levels 64..255 at random" if varied else ""
+    )
+    return Scene(name, about, burring, shape, layers, path, varied, effort=effort_at(resolution, quick))
+
+
+def buried(radius: float, spacing: float, *, quick: bool = False) -> Scene:
+    """Sphere wholly in solid bone, fresh at every tick, at places that differ by parts of a voxel."""
+    resolution = radius / spacing
+    ticks = 20 if quick else int(np.clip(4e7 / resolution**3, 40, 400))
+    side = voxels(2 * radius, spacing) + 6
+    shift = np.random.default_rng(1).uniform(-0.5, 0.5, (ticks, 3))
+    path = (0.5 * (side - 1) + shift) * spacing
+    return Scene(f"buried {resolution:g}", "wholly in solid bone, fresh at every tick", Burring(spacing, radius),
+                 (side, side, side), side, path, fresh=True,
+                 effort=effort_at(resolution, quick, deep=True))  # fmt: skip
+
+
+def air(radius: float, spacing: float, *, near: bool, quick: bool = False) -> Scene:
+    """Burr that touches nothing: a radius above the bone, or just above its surface."""
+    ticks = 1000 if quick else 4000
+    layers = voxels(radius, spacing)
+    side = voxels(2 * radius, spacing) + 6
+    across = voxels(3.2 * radius, spacing)
+    travel = SPEED * 1e-3 * np.arange(ticks) % (across * spacing - 2 * (radius + 3 * spacing))
+    path = np.tile(np.full(3, radius + 2 * spacing) + OFF_GRID * spacing, (ticks, 1))
+    path[:, 0] += travel
+    path[:, 2] = surface_at(layers, spacing) + (radius + 0.01 * spacing if near else 2 * radius)
+    shape = (layers + voxels((2 if near else 3) * radius, spacing) + 4, side, across)
+    kind = "near" if near else "far"
+    about = "just above the surface, no contact" if near else "a radius above the surface, no contact"
+    return Scene(f"air {kind} {radius / spacing:g}", about, Burring(spacing, radius), shape, layers, path, batch=20,
+                 effort=effort_at(radius / spacing, quick))  # fmt: skip
+
+
+def descent(*, quick: bool = False) -> tuple[Scene, Numbers, Numbers]:
+    """Where a descent at held force begins: a scene without a path, start (x, y, z) [mm] and axis."""
+    radius, spacing = 3.0, 0.2 if quick else 0.1
+    burring = Burring(spacing, radius)
+    layers = voxels(radius / 3, spacing) + 6
+    side = voxels(2 * radius, spacing) + 6
+    start = (0.5 * (side - 1) + OFF_GRID) * spacing
+    start[2] = surface_at(layers, spacing) + radius
+    scene = Scene("descent", "1 N held exactly, R = 3 mm, to R/3", burring,
+                  (layers + voxels(2 * radius, spacing) + 6, side, side), layers, np.empty((0, 3)),
+                  effort=effort_at(radius / spacing, quick))  # fmt: skip
+    return scene, start, np.array([0.0, 0.0, -1.0])
+
+
+def volume(side: int, *, quick: bool = False) -> Scene:
+    """A slide in a cube of `side` voxels of 0.1 mm, bone below a surface, the same place within the bricks."""
+    radius, spacing = (2.5, 0.2) if quick else (LARGE_RADIUS, 0.1)
+    small = 64 if quick else 256
+    burring = Burring(spacing, radius)
+    layers = side - voxels(5 * radius / 3, spacing) - 8
+    ticks = 200 if quick else 600
+    offset = (side - small) // 2 // 64 * 64  # whole blocks of bricks
+    path = np.tile(np.full(3, radius + 2 * spacing + offset * spacing) + OFF_GRID * spacing, (ticks, 1))
+    path[:, 0] += SPEED * 1e-3 * burring.dt * np.arange(ticks)
+    path[:, 1] = (offset + 0.5 * small + OFF_GRID[1]) * spacing
+    path[:, 2] = surface_at(layers, spacing) + 2 * radius / 3
+    return Scene(f"volume {side}", f"slide in {side}^3 voxels", burring, (side, side, side), layers, path)
+
+
+def growing(quick: bool) -> list[Scene]:
+    """All scenes that are timed alike: those that grow with R/voxel, and the named targets."""
+    resolutions = (12.5, 25.0) if quick else RESOLUTIONS
+    ticks = 200 if quick else SLIDE_TICKS
+    scenes = []
+    for resolution in resolutions:
+        spacing = LARGE_RADIUS / resolution
+        scenes += [
+            slide(LARGE_RADIUS, spacing, ticks=ticks, quick=quick),
+            buried(LARGE_RADIUS, spacing, quick=quick),
+            air(LARGE_RADIUS, spacing, near=True, quick=quick),
+            air(LARGE_RADIUS, spacing, near=False, quick=quick),
+        ]
+    fine = LARGE_RADIUS / (resolutions[-1] if quick else 50.0)
+    scenes.append(slide(2.5, 0.2, ticks=ticks, quick=quick))
+    scenes.append(slide(LARGE_RADIUS, fine, scheme="cell", ticks=ticks, quick=quick))
+    scenes.append(slide(LARGE_RADIUS, fine, varied=True, ticks=ticks, quick=quick))
+    return scenes

@@ -1,23 +1,8 @@
-// The tick: moments of known bodies, erosion and its bookkeeping, determinism, and no allocation.
+// The tick: moments of known bodies, erosion and its bookkeeping, and determinism, on every CPU path.
 #include "burrlab/tick.hpp"
 
-#include <cstdlib>
-#include <new>
-
-#include "burrlab/burr_contact.hpp"
+#include "burrlab/cpu_path.hpp"
 #include "check.hpp"
-
-namespace {
-long allocations = 0;
-}
-
-void* operator new(std::size_t size) {
-  ++allocations;
-  if (void* memory = std::malloc(size)) return memory;
-  throw std::bad_alloc();
-}
-void operator delete(void* memory) noexcept { std::free(memory); }
-void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
 
 using namespace burrlab;
 
@@ -102,8 +87,9 @@ void check_erosion() {
       VoxelBone bone = fresh;
       TickSums sums;
       Tick(bone, 1.5, scheme, Shape::parabolic(), seed, index).erode(bone, center, 0.1, number, &sums);
-      std::int64_t lost = 0, size = 48 * 48 * 48;
-      for (std::int64_t i = 0; i < size; ++i) lost += fresh.density()[i] - bone.density()[i];
+      const VoxelBone::Levels left = bone.density();
+      std::int64_t lost = 0;
+      for (const std::uint8_t level : left) lost += 255 - level;
       CHECK(sums.lost > 0 && sums.lost == lost);
       CHECK_NEAR(bone.removed(), static_cast<double>(lost) / 255.0 * bone.voxel_volume(), 1e-12);
       CHECK_NEAR(fresh.mass() - bone.mass(), bone.removed(), 1e-9);
@@ -123,32 +109,47 @@ void check_erosion() {
   const Tick tick(bone, 1.5, Scheme::layer, Shape::parabolic(), 1, 0);
   const Moments before = tick.moments(bone, center);
   TickSums sums;
-  CHECK(tick.erode(bone, center, 0.0, 0, &sums).m0 == before.m0);
+  CHECK(tick.moments_and_erode(bone, center, 0.0, 0, &sums).m0 == before.m0);
   CHECK(sums.lost == 0 && bone.digest() == fresh.digest());
-  CHECK(tick.erode(bone, center, 0.1, 0, &sums).m0 == before.m0);
+  CHECK(tick.moments_and_erode(bone, center, 0.1, 0, &sums).m0 == before.m0);
   CHECK(tick.moments(bone, center).m0 < before.m0);
+  const std::string digest = bone.digest();
+  const auto too_much = [&] { return tick.erode(bone, center, 1000.5, 1, &sums), 0; };
+  CHECK_THROWS(too_much(), "alpha dt must be at most 1000, got 1000.5");
+  CHECK(bone.digest() == digest);
 }
 
-void check_no_allocation() {
-  const auto bone = std::make_shared<VoxelBone>(cube(48, 0.1));
+/// One pass over the sphere or two: the same sums, the same bone.
+void check_passes() {
+  const VoxelBone fresh = cube(48, 0.1);
+  const Vec3 center(0.013, -0.02, 2.0);
   for (const Scheme scheme : schemes) {
-    BurrContact contact(bone, Burr(1.5), Material("any", 2.0, 0.1, Shape::power(1.5), ""), 1, 0, scheme);
-    double removed = 0.0;
-    const long before = allocations;
-    for (int i = 0; i < 50; ++i) removed += contact.step(Vec3(0.01 * i, 0.0, 2.0), 1.0, true).removed;
-    CHECK(allocations == before);
-    CHECK(removed > 0.0);
+    VoxelBone fused = fresh, split = fresh;
+    const Tick tick(fresh, 1.5, scheme, Shape::quartic(), 3, 2);
+    for (std::uint64_t number = 0; number < 5; ++number) {
+      TickSums both, moments, erosion;
+      const Moments once = tick.moments_and_erode(fused, center, 0.5, number, &both);
+      const Moments first = tick.moments(split, center, &moments);
+      tick.erode(split, center, 0.5, number, &erosion);
+      CHECK(once.m0 == first.m0 && once.m1 == first.m1);
+      CHECK(both.mass == moments.mass && both.faint == moments.faint && moments.lost == 0);
+      for (int axis = 0; axis < 3; ++axis) CHECK(both.first[axis] == moments.first[axis]);
+      CHECK(both.lost == erosion.lost && both.lost > 0 && erosion.mass == 0);
+    }
+    CHECK(fused.digest() == split.digest());
   }
-  CHECK(allocations > 0);  // the counter counts
 }
 
 }  // namespace
 
 int main() {
-  check_moments();
   check_refusals();
   check_eroded_fraction();
-  check_erosion();
-  check_no_allocation();
+  for (const std::string& path : cpu_paths()) {
+    use_cpu_path(path);
+    check_moments();
+    check_erosion();
+    check_passes();
+  }
   return check::report();
 }

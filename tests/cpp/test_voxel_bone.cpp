@@ -1,4 +1,4 @@
-// Voxel bone: construction, writing, copies, mass and digest.
+// Voxel bone: construction, reading, writing, copies, mass and digest.
 #include "burrlab/voxel_bone.hpp"
 
 #include <limits>
@@ -22,6 +22,13 @@ std::vector<std::uint8_t> some_levels() {
 }
 
 VoxelBone some_bone() { return VoxelBone(shape, some_levels(), spacing, origin); }
+
+/// Takes levels from a voxel of brick 0, as a tick does.
+void erode(VoxelBone& bone, std::size_t voxel, int levels) {
+  std::uint8_t* tile = bone.open(0);
+  tile[voxel] = static_cast<std::uint8_t>(tile[voxel] - levels);
+  CHECK(bone.close({0, 0, 0}, 0, burrlab::sum_brick(tile)) == levels);
+}
 
 void check_construction() {
   const VoxelBone bone = some_bone();
@@ -51,17 +58,17 @@ void check_construction() {
 void check_write_and_reset() {
   VoxelBone bone = some_bone();
   const double before = bone.mass();
-  bone.eroded()[5] -= 100;  // level 185
-  bone.account(100);
+  erode(bone, 5, 100);  // level 185
   CHECK_NEAR(bone.removed(), 100 / 255.0 * 0.008, 1e-15);
   CHECK_NEAR(bone.mass() + bone.removed(), before, 1e-12);
 
   const VoxelBone copy = bone;
-  CHECK(copy.pristine() == bone.pristine());  // shared
-  CHECK(copy.density() != bone.density());
+  CHECK(copy.pristine() == bone.pristine() && copy.pristine() == some_levels());
+  CHECK(copy.density() == bone.density() && copy.density()[5] == 85);
   const std::vector<std::uint8_t> box{1, 2, 3, 4, 5, 6, 7, 8};
   bone.write({7, 8, 9}, {2, 2, 2}, box.data());
-  CHECK(copy.pristine() != bone.pristine());
+  CHECK(copy.pristine() == some_levels() && copy.pristine() != bone.pristine());
+  CHECK(copy.density() != bone.density());
   const std::size_t first = (7 * 10 + 8) * 11 + 9, last = count - 1;
   CHECK(bone.density()[first] == 1 && bone.pristine()[first] == 1);
   CHECK(bone.density()[last] == 8 && bone.pristine()[last] == 8);
@@ -73,8 +80,8 @@ void check_write_and_reset() {
 
   bone.reset();
   CHECK(bone.removed() == 0.0);
-  CHECK(bone.density()[5] == 185);
-  CHECK(copy.density()[5] == 85);
+  CHECK(bone.density()[5] == 185 && bone.density() == bone.pristine());
+  CHECK(copy.density()[5] == 85);  // of the erosion, the copy keeps what it had
 
   const double mass = bone.mass();
   bone.write({0, 0, 0}, {0, 2, 2}, box.data());  // an empty box
@@ -86,6 +93,54 @@ void check_write_and_reset() {
   CHECK(bone.mass() == mass);
 }
 
+void check_read_and_restore() {
+  const VoxelBone fresh = some_bone();
+  VoxelBone bone = fresh;
+  erode(bone, 5, 100);
+  CHECK(fresh.density() == some_levels() && fresh.pristine() == some_levels());
+
+  // A box that touches eight bricks, now and as loaded.
+  const Index3 start{0, 7, 3}, size{9, 3, 7};
+  const std::vector<std::uint8_t> now = bone.read(start, size, false), before = bone.read(start, size, true);
+  CHECK(now.size() == 9 * 3 * 7 && before.size() == now.size());
+  bool same = true;
+  for (std::int64_t i = 0; i < 9 * 3 * 7; ++i) {
+    const std::int64_t z = i / 21, y = 7 + i / 7 % 3, x = 3 + i % 7;
+    const auto at = static_cast<std::size_t>((z * 10 + y) * 11 + x);
+    same = same && now[std::size_t(i)] == bone.density()[at] && before[std::size_t(i)] == some_levels()[at];
+  }
+  CHECK(same);
+  CHECK(bone.read({0, 0, 5}, {1, 1, 1}, false)[0] == 85 && bone.read({0, 0, 5}, {1, 1, 1}, true)[0] == 185);
+  CHECK(bone.read({9, 10, 11}, {0, 0, 0}, false).empty());  // an empty box at the far corner
+  CHECK_THROWS(bone.read({0, 0, 5}, {1, 1, 7}, false),
+               "must lie inside the volume: along axis 2 (z, y, x) 7 voxels from 5 of 11");
+  CHECK_THROWS(bone.read({0, -1, 0}, {1, 1, 1}, true), "along axis 1 (z, y, x) 1 voxels from -1 of 10");
+
+  // A snapshot: levels now are replaced, those as loaded stay, and none may exceed them.
+  VoxelBone other = fresh;
+  other.restore(bone.density().data());
+  CHECK(other.digest() == bone.digest() && other.removed() == bone.removed() && other.mass() == bone.mass());
+  std::vector<std::uint8_t> above = some_levels();
+  ++above[count - 1];
+  const auto refused = [&] { return other.restore(above.data()), 0; };
+  CHECK_THROWS(refused(), "density must be at most the pristine level, got 242 over 241");
+  CHECK(other.digest() == bone.digest());
+  other.restore(fresh.density().data());
+  CHECK(other.digest() == fresh.digest() && other.removed() == 0.0);
+}
+
+void check_assignment() {
+  VoxelBone bone = some_bone();
+  erode(bone, 5, 100);
+  VoxelBone other({8, 8, 8}, 255, Vec3::Constant(1.0), Vec3::Zero());
+  other = bone;
+  CHECK(other.shape() == shape && other.digest() == bone.digest());
+  erode(other, 6, 1);
+  CHECK(other.digest() != bone.digest());
+  other.reset();
+  CHECK(other.digest() == some_bone().digest() && bone.removed() > 0.0);
+}
+
 void check_digest() {
   const VoxelBone bone = some_bone();
   const std::string digest = bone.digest();
@@ -94,11 +149,11 @@ void check_digest() {
   CHECK(digest == VoxelBone(bone).digest());
 
   VoxelBone eroded = bone;
-  eroded.eroded()[5] -= 1;
-  eroded.account(1);
+  erode(eroded, 5, 1);
   CHECK(eroded.digest() != digest);  // q
   VoxelBone rewritten = eroded;
-  rewritten.write({0, 0, 5}, {1, 1, 1}, eroded.density() + 5);
+  rewritten.write({0, 0, 5}, {1, 1, 1}, eroded.density().data() + 5);
+  CHECK(rewritten.density() == eroded.density());
   CHECK(rewritten.digest() != eroded.digest());  // p
   eroded.reset();
   CHECK(eroded.digest() == digest);
@@ -122,6 +177,8 @@ void check_digest() {
 int main() {
   check_construction();
   check_write_and_reset();
+  check_read_and_restore();
+  check_assignment();
   check_digest();
   return check::report();
 }

@@ -8,6 +8,9 @@ from pathlib import Path
 import pytest
 
 import burrlab
+from burrlab import _core
+
+pytest.register_assert_rewrite("tick_scenes")
 
 ROOT = Path(__file__).parents[2]
 
@@ -20,6 +23,34 @@ def burr():
 @pytest.fixture
 def bone():
     return burrlab.materials["bone"]
+
+
+@pytest.fixture(params=_core.cpu_paths())
+def cpu_path(request):
+    """Every path of the tick's code in turn; afterwards the one that was in use."""
+    before = _core.cpu_path()
+    _core.use_cpu_path(request.param)
+    yield request.param
+    _core.use_cpu_path(before)
+
+
+@pytest.fixture
+def keep_cpu_path():
+    """A test may choose paths as it likes: the one in use before comes back."""
+    before = _core.cpu_path()
+    yield before
+    _core.use_cpu_path(before)
+
+
+@pytest.fixture
+def eroded_bone():
+    """A small block with a dent in it."""
+    bone = burrlab.VoxelBone.block((3, 3, 2), 0.1, origin=(-1.45, -1.45, -1.95))
+    contact = burrlab.BurrContact(bone, burrlab.Burr(1.0), burrlab.materials["bone"], seed=1)
+    for _ in range(10):
+        contact.step((0.0, 0.0, 0.8), 1.0)
+    assert bone.removed > 0
+    return bone
 
 
 @pytest.fixture

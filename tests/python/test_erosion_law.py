@@ -74,7 +74,7 @@ def test_expected_loss_is_unbiased(scheme: str) -> None:
 
 
 def test_tiny_losses_are_drawn_from_the_second_number() -> None:
-    """Below 2^-16 level a loss needs U = 0 and V < lo; its rate is lambda still, its voxels the same."""
+    """Below 2^-16 level a loss needs U = 65535 and V < lo; its rate is lambda still, its voxels the same."""
     p = np.full((64, 64, 64), 1, dtype=np.uint8)
     bone, contact, center = block_contact(p, alpha=1e-4, scheme="layer", seed=2**33 + 1)
     ticks = 200
@@ -97,24 +97,54 @@ def test_tiny_losses_are_drawn_from_the_second_number() -> None:
     np.testing.assert_array_equal(bone.density, q)
 
 
-@pytest.mark.parametrize(("excess", "lost"), [(0.4, 0), (0.6, 1)])
-def test_loss_at_the_edge_of_its_draw(excess: float, lost: int) -> None:
-    """U = 0 and V = v: lambda = (v + 0.4)/2^32 rounds to v and keeps the level, (v + 0.6)/2^32 takes it."""
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize(
+    ("whole", "excess", "lost"), [(0, 0.4, 0), (0, 0.6, 1), (3, 0.25, 0), (3, 0.75, 1)], ids=str
+)
+def test_loss_at_the_edge_of_its_draw(whole: int, excess: float, lost: int, scheme: str) -> None:
+    """Where T + U ends in sixteen ones and V = v, the rest of lambda decides: v/2^16 keeps the level, (v + 1)/2^16
+    takes it.
+
+    The excess over v is rounded to one of these; in single precision it is uncertain by 0.1 where T = 3.
+    """
     p = np.full((64, 64, 64), 1, dtype=np.uint8)
     seed = 3
     u, v = draw_lanes(p.shape, seed, 0, 0, 0), draw_lanes(p.shape, seed, 0, 0, 1)
-    voxels = np.argwhere((u == 0) & (v > 1000))
+    voxels = np.argwhere((u == 65535 - whole) & (v > 1000))
     assert len(voxels) > 0
     for voxel in map(tuple, voxels):
-        alpha = -math.log1p(-(int(v[voxel]) + excess) / 2.0**32)
-        bone, contact, center = block_contact(p, alpha, "layer", seed)
+        expected = whole * 2.0**-16 + (int(v[voxel]) + excess) * 2.0**-32  # [level]
+        alpha = -math.log1p(-expected)
+        bone, contact, center = block_contact(p, alpha, scheme, seed)
         contact.step(center, 1.0)
         assert 1 - bone.density[voxel] == lost
         reference = ReferenceContact(
-            p.copy(), p, BLOCK_SPACING, (0, 0, 0), block_radius(p), 1.5, alpha, "constant", seed
+            p.copy(),
+            p,
+            BLOCK_SPACING,
+            (0, 0, 0),
+            block_radius(p),
+            1.5,
+            alpha,
+            "constant",
+            seed,
+            scheme=scheme,
         )
         reference.step(center, 1.0)
         np.testing.assert_array_equal(bone.density, reference.q)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_draw_besides_the_edge_never_draws_again(scheme: str) -> None:
+    """U = 65534 keeps the level and, at T = 1, U = 65535 takes it, whatever V is."""
+    p = np.full((64, 64, 64), 1, dtype=np.uint8)
+    seed = 3
+    u = draw_lanes(p.shape, seed, 0, 0, 0)
+    for expected, draw, lost in ((0.999 * 2.0**-16, 65534, 0), (1.001 * 2.0**-16, 65535, 1)):
+        bone, contact, center = block_contact(p, -math.log1p(-expected), scheme, seed)
+        contact.step(center, 1.0)
+        assert np.any(u == draw)
+        assert np.all(1 - bone.density[u == draw] == lost)
 
 
 def test_draws_of_ticks_burrs_and_seeds_are_unrelated() -> None:

@@ -65,9 +65,10 @@ def chi_square(counts: NDArray[np.int64]) -> Probabilities:
     return two_sided(law.cdf(statistic), law.sf(statistic)).ravel()
 
 
-def fair_coin(heads: NDArray[np.int64], throws: int) -> Probabilities:
-    """Exact binomial test of bits that are set with probability 1/2."""
-    return two_sided(stats.binom.cdf(np.minimum(heads, throws - heads), throws, 0.5), 1.0).ravel()
+def binomial(counts: NDArray[np.int64], throws: NDArray[np.int64] | int, chance: float) -> Probabilities:
+    """Exact test of how often something of a known probability happened."""
+    law = stats.binom(throws, chance)
+    return two_sided(law.cdf(counts), law.sf(counts - 1)).ravel()
 
 
 def normal(z: float) -> Probabilities:
@@ -90,16 +91,18 @@ def false_alarm(probabilities: Probabilities) -> float:
 
 
 def uniformity(source: Source, repeats: int) -> Probabilities:
-    """All 65536 values, high bytes, low bytes and each bit, in each of the eight lanes of a block."""
+    """All 65536 values, high bytes, low bytes and each bit, in each of a block's eight lanes and in all; each value."""
     lane = (np.arange(VOLUME[1], dtype=np.int32) % 8)[:, None] << 16
-    counts = np.zeros((8, 65536), dtype=np.int64)
+    counts = np.zeros((9, 65536), dtype=np.int64)
     for tick in range(repeats):
         cell = lane | source(VOLUME, 1, tick)
-        counts += np.bincount(cell.ravel(), minlength=counts.size).reshape(counts.shape)
-    square, value = counts.reshape(8, 256, 256), np.arange(65536)
+        counts[:8] += np.bincount(cell.ravel(), minlength=8 * 65536).reshape(8, 65536)
+    counts[8] = counts[:8].sum(axis=0)
+    square, throws, value = counts.reshape(9, 256, 256), counts.sum(axis=1), np.arange(65536)
     ones = np.stack([counts[:, value >> bit & 1 == 1].sum(axis=1) for bit in range(16)])
-    bins = (counts, counts.sum(axis=0), square.sum(axis=1), square.sum(axis=2))
-    return np.concatenate([*map(chi_square, bins), fair_coin(ones, int(counts[0].sum()))])
+    bins = map(chi_square, (counts, square.sum(axis=1), square.sum(axis=2)))
+    worst_value = false_alarm(binomial(counts[8], int(throws[8]), 1 / 65536))
+    return np.concatenate([*bins, binomial(ones, throws, 0.5), [min(1.0, worst_value)]])
 
 
 def unrelated(pairs: Iterable[tuple[Lanes, Lanes]]) -> Probabilities:
@@ -131,11 +134,12 @@ RELATED: dict[str, list[tuple[Key, Key]]] = {
     "seeds": [((1, 0, 0, 0), (2, 0, 0, 0)), ((2**32 - 1, 0, 0, 0), (2**32, 0, 0, 0))],
     "seed bits": [((1, 0, 0, 0), (1 ^ 1 << bit, 0, 0, 0)) for bit in range(64)],
     "U and V": [((1, 0, 0, 0), (1, 0, 0, 1)), ((1, 0, 1, 0), (1, 0, 0, 1))],
+    "crossed": [((2, 0, 0, 0), (1, 1, 0, 0)), ((1, 1, 0, 0), (1, 0, 1, 0)), ((2, 0, 0, 0), (1, 0, 1, 0))],
 }
 
 
 def related(name: str, source: Source, repeats: int) -> Probabilities:
-    """The same voxel in two fields that differ by tick, burr index, seed or draw."""
+    """The same voxel in two fields that differ by tick, burr index, seed, draw, or by two of these."""
     shape = (16, 64, 64) if name == "seed bits" else VOLUME
 
     def field(key: Key, repeat: int) -> Lanes:
@@ -156,7 +160,7 @@ def flips(pairs: Iterable[tuple[Lanes, Lanes]]) -> Probabilities:
         heads += bits.sum(axis=0, dtype=np.int64)
         weight.append(bits.sum(axis=1, dtype=np.int64))
     z = (np.concatenate(weight) - 64.0) / 32.0**0.5
-    return np.concatenate([fair_coin(heads, z.size), sum_of_squares(z)])
+    return np.concatenate([binomial(heads, z.size, 0.5), sum_of_squares(z)])
 
 
 def avalanche(source: Source, repeats: int) -> Probabilities:
@@ -247,6 +251,7 @@ STATISTICS: dict[str, tuple[Callable[[Source, int], Probabilities], int]] = {
     "seeds": (partial(related, "seeds"), 5),
     "seed bits": (partial(related, "seed bits"), 5),
     "U and V": (partial(related, "U and V"), 5),
+    "crossed": (partial(related, "crossed"), 5),
     "avalanche": (avalanche, 6),
     "voxel over ticks": (voxel_over_ticks, 5),
     "bricks": (bricks, 4),

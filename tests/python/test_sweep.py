@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -65,6 +69,46 @@ def test_ctrl_c_keeps_what_is_done(monkeypatch):
     curve = sweep(forces=(0.3, 1.0, 2.0), repeats=1)
     assert "ok" in curve.status
     assert set(curve.status) <= {"ok", "interrupted"}
+
+
+# Descents of a few ticks, each on its copy of a bone of 24 MB.
+PEAKS = """
+import json
+from concurrent.futures import ThreadPoolExecutor
+import numpy as np
+import burrlab
+
+def peak():
+    lines = open("/proc/self/status").read().splitlines()
+    return next(int(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM"))
+
+bone = burrlab.VoxelBone.block((32, 32, 24), 0.1, origin=(-16, -16, -24))
+specimen = burrlab.Specimen(bone, np.zeros(3), np.array([0.0, 0.0, -1.0]), "a block")
+
+def sweep(descents, workers):
+    with ThreadPoolExecutor(workers) as pool:
+        curve = burrlab.force_sweep(burrlab.Burr(3.0), burrlab.materials["bone"], [1.0], repeats=descents, seed=1,
+                                    specimen=specimen, max_duration=0.02, executor=pool)
+    assert len(curve.status) == descents
+    return peak()
+
+print(json.dumps([peak(), sweep(1, 1), sweep(4, 1), sweep(24, 1), sweep(24, 3)]))
+"""
+
+
+@pytest.mark.skipif(
+    not Path("/proc/self/status").exists(), reason="the peak of memory is read from Linux's /proc"
+)
+def test_memory_grows_with_workers_not_with_descents():
+    """Peak of a process of its own (ru_maxrss would begin at that of the process that started it)."""
+    process = subprocess.run([sys.executable, "-c", PEAKS], capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
+    before, one, four, many, threefold = json.loads(process.stdout)  # [MB]
+    a_copy = 240 * 320 * 320 / 2**20
+    assert one - before > 0.5 * a_copy  # a copy is seen
+    assert four - one < 0.5 * a_copy
+    assert many - four < 0.5 * a_copy
+    assert threefold - many < 2.5 * a_copy  # two more workers
 
 
 def test_an_executor_that_fails_says_so():

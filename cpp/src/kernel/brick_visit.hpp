@@ -5,19 +5,25 @@
 namespace burrlab::kernel {
 namespace {
 
+#ifdef _MSC_VER
+#define BURRLAB_RARE __declspec(noinline)
+#else
+#define BURRLAB_RARE __attribute__((noinline, cold))
+#endif
+
 constexpr int slabs = lanes / 8;  // rows (z, y) and, with 16 lanes, (z + 1, y) side by side
 
 constexpr int units = 512 / lanes;  // vectors in a brick; unit i is the row y = i % 8 at z = slabs (i / 8)
 
 using Units = std::uint64_t;  // one bit a unit
 
-inline int lowest(Units bits) {
+inline unsigned lowest(Units bits) {
 #if defined(_MSC_VER)
   unsigned long i;
   _BitScanForward64(&i, bits);
-  return static_cast<int>(i);
+  return static_cast<unsigned>(i);
 #else
-  return __builtin_ctzll(bits);
+  return static_cast<unsigned>(__builtin_ctzll(bits));
 #endif
 }
 
@@ -34,9 +40,9 @@ inline Draw draw(const Draws& d, std::uint32_t column, std::uint32_t columns_in_
   Words x2 = first ^ all_words(d.after1_x2), x3 = all_words(d.after1_x3);
   for (int round = 2; round < 7; ++round) {
     const Words a = product(x0, m0), b = product(x2, m1);
-    x0 = high(b) ^ x1 ^ all_words(d.key[round][0]);
+    x0 = exclusive_or(x1, all_words(d.key[round][0]), high(b));  // the last comes latest
     x1 = b;
-    x2 = high(a) ^ x3 ^ all_words(d.key[round][1]);
+    x2 = exclusive_or(x3, all_words(d.key[round][1]), high(a));
     x3 = a;
   }
   return {{in_order(x0), in_order(x1), in_order(x2), in_order(x3)}};
@@ -62,7 +68,7 @@ struct Constants {
   Float least = set(0x1p-20f);  // w: never 0, so that it divides
   Float spacing, spacing_inverse, relative_spacing, radius, radius_inverse, radius2_inverse, deep2, fraction_scale;
   Integer p;                  // pristine level of a brick of one level
-  Float p_levels, p_inverse;  // 256 p, and its inverse
+  Float p_levels, p_inverse;  // 256 p, and 1/(65536 p)
 
   Constants(const Sphere& at, const Brick& brick)
       : spacing(set(at.spacing[0])),
@@ -78,7 +84,7 @@ struct Constants {
   void set_pristine(Integer level) {
     p = level;
     p_levels = larger(to_float(level), one) * levels;  // an empty voxel would divide by zero
-    p_inverse = one / p_levels;
+    p_inverse = one / (p_levels * levels);
   }
 };
 
@@ -140,28 +146,22 @@ inline Wanted wanted_units(const Sphere& at, const Brick& brick, const Rows& row
 /// What the steps of the erosion hand on, unit by unit. Each step goes through all units before the next
 /// begins: one voxel's arithmetic is a long chain, and only many of them side by side keep the CPU busy.
 struct Steps {
-  alignas(64) float mass[units][lanes];    // that erodes [2^-16 level]
-  alignas(64) float f[units][lanes];       // first y of f = y^k
-  alignas(64) float e_part[units][lanes];  // of e and tau within a cell of the table
-  alignas(64) float tau_part[units][lanes];
-  alignas(64) float width[units][lanes];  // w s/R
-  alignas(64) float depth[units][lanes];  // R - r
-  alignas(64) float r2[units][lanes];
-  alignas(64) float e[units][lanes];
-  alignas(64) std::uint32_t cell[units][lanes];  // offset in the table
-  alignas(64) std::int32_t u[units][lanes];      // by unit, not by position in the list
-};
-
-/// Units as a list: the shallow ones, then the deep.
-struct List {
-  unsigned char unit[units];
-  int shallow = 0, all = 0;
-
-  explicit List(const Wanted& wanted) {
-    for (Units left = wanted.shallow; left; left &= left - 1) unit[shallow++] = static_cast<unsigned char>(lowest(left));
-    all = shallow;
-    for (Units left = wanted.deep; left; left &= left - 1) unit[all++] = static_cast<unsigned char>(lowest(left));
-  }
+  struct alignas(64) Row {
+    float mass[lanes];     // that erodes [2^-16 level]
+    float covered[lanes];  // before it is clamped to w
+    float r2[lanes];
+    float e_part[lanes];  // of e and tau within a cell of the table
+    float tau_part[lanes];
+    std::uint32_t cell[lanes];  // offset in the table
+    float width[lanes];         // w s/R
+    float f[lanes];             // first y of f = y^k
+    std::uint32_t unit;
+    alignas(64) float depth[lanes];  // R - r; the rest as a rule not needed
+    float p_inverse[lanes];
+    float relative_spacing[lanes];  // s/R
+    float e[lanes];
+  } row[units];
+  alignas(64) std::int32_t u[units][lanes];  // by unit, not by position in the list
 };
 
 /// First byte of a unit in a tile.
@@ -187,7 +187,8 @@ inline Float squared_distance(const float* rows, Float x2, unsigned unit) {
 }
 
 /// Mass inside the sphere of a unit at its boundary, and what its erosion needs of the geometry.
-template <bool layer, bool isotropic, bool summing, bool eroding>
+/// `plain`: the brick has one pristine level, not a faint one, and f is a power.
+template <bool layer, bool isotropic, bool summing, bool eroding, bool plain>
 inline void meet(const Sphere& at, const Brick& brick, const Rows& rows, Constants& c, int i, unsigned unit,
                  Steps& steps, Mass& sum) {
   const Integer q = load_row(brick.density + tile_offset(unit));
@@ -209,43 +210,33 @@ inline void meet(const Sphere& at, const Brick& brick, const Rows& rows, Constan
   // Mass inside the sphere [1/256 level]; in `layer` what is left lies outside the sphere first.
   Integer mass;
   if (layer) {
-    if (brick.pristine) c.set_pristine(load_row(brick.pristine + tile_offset(unit)));
+    if (!plain && brick.pristine) c.set_pristine(load_row(brick.pristine + tile_offset(unit)));
     mass = positive(times256(q) - truncate(c.p_levels * (c.one - w) + c.half));
   } else {
     mass = truncate(to_float(q) * (w * c.levels) + c.half);
   }
   if (summing) {
     sum.add(unit, mass);
-    if (layer && brick.faint) sum.faint = sum.faint + only(set(32) > c.p, mass);
+    if (layer && !plain && brick.faint) sum.faint = sum.faint + only(set(32) > c.p, mass);
   }
 
+  if (eroding) steps.row[i].unit = unit;
   if (eroding && layer) {
-    const Float m = to_float(mass);
-    store(steps.mass[i], m * c.levels);
-    if (at.shape == shape_constant) {
-      store(steps.f[i], c.one);
-      return;
-    }
-    // The fraction left tau and the depth e of the outer face of the covered part; their cell in the table of G.
-    const Float tau = smaller((m * c.p_inverse) / w, c.one);
-    const Float e = larger(covered - c.one, c.zero);
-    const Float te = (isotropic ? smaller(e, set(3.0f)) : e) * set(8.0f), tt = tau * set(40.0f);
-    const Float row = smaller(to_float(truncate(te)), set(23.0f)), column = smaller(to_float(truncate(tt)), set(39.0f));
-    store(steps.e_part[i], te - row);
-    store(steps.tau_part[i], tt - column);
-    store(steps.cell[i], truncate(row * set(160.0f) + column * set(4.0f)));
-    store(steps.width[i], w * relative_spacing);
-    store(steps.r2[i], r2);
-    if (!isotropic) store(steps.e[i], e);
-    if (!isotropic || at.shape == shape_linear) store(steps.depth[i], depth);
+    auto& step = steps.row[i];
+    store(step.mass, to_float(mass) * c.levels);
+    store(step.covered, covered);
+    store(step.r2, r2);
+    if (!plain) store(step.p_inverse, c.p_inverse);
+    if (!isotropic) store(step.relative_spacing, relative_spacing);
+    if (!isotropic || !plain) store(step.depth, depth);
   }
   if (eroding && !layer) {  // a uniform voxel erodes whole, at f(r/R)
     const Float x2 = r2 * c.radius2_inverse;
     Float f = c.one;
     if (at.shape == shape_linear) f = larger(c.one - r * c.radius_inverse, c.zero);
     if (at.shape == shape_power) f = c.one - x2;
-    store(steps.mass[i], select(mass > set(0), to_float(q) * set(65536.0f), c.zero));
-    store(steps.f[i], select(x2 > c.one, c.zero, f));
+    store(steps.row[i].mass, select(mass > set(0), to_float(q) * set(65536.0f), c.zero));
+    store(steps.row[i].f, select(x2 > c.one, c.zero, f));
   }
 }
 
@@ -269,8 +260,30 @@ inline void meet_deep(const Sphere& at, const Brick& brick, const Rows& rows, co
       const Float r = square_root(r2);
       f = layer ? (c.radius - r) * c.radius_inverse : c.one - r * c.radius_inverse;
     }
-    store(steps.mass[i], to_float(q) * set(65536.0f));
-    store(steps.f[i], f);
+    steps.row[i].unit = unit;
+    store(steps.row[i].mass, to_float(q) * set(65536.0f));
+    store(steps.row[i].f, f);
+  }
+}
+
+/// The fraction left tau and the depth e of the outer face of the covered part (`layer`); their cell in the table of G.
+template <bool isotropic, bool plain>
+inline void find_cells(const Constants& c, Steps& steps, int count) {
+  const Float rows_per_voxel = set(8.0f), columns_per_unit = set(40.0f), last_row = set(23.0f), last_column = set(39.0f);
+  const Float row_size = set(160.0f), cell_size = set(4.0f), deepest = set(3.0f);
+  for (int i = 0; i < count; ++i) {
+    auto& step = steps.row[i];
+    const Float covered = load(step.covered), w = smaller(larger(covered, c.least), c.one);
+    const Float p_inverse = plain ? c.p_inverse : load(step.p_inverse);
+    const Float tau = smaller((load(step.mass) * p_inverse) / w, c.one);
+    const Float e = larger(covered - c.one, c.zero);
+    const Float te = (isotropic ? smaller(e, deepest) : e) * rows_per_voxel, tt = tau * columns_per_unit;
+    const Float row = smaller(to_float(truncate(te)), last_row), column = smaller(to_float(truncate(tt)), last_column);
+    store(step.e_part, te - row);
+    store(step.tau_part, tt - column);
+    store(step.cell, truncate(row * row_size + column * cell_size));
+    store(step.width, w * (isotropic ? c.relative_spacing : load(step.relative_spacing)));
+    if (!isotropic) store(step.e, e);
   }
 }
 
@@ -281,38 +294,41 @@ inline void find_f(const Sphere& at, const Constants& c, Steps& steps, int count
   const float* depth_table = at.depth;
   const bool power = at.shape == shape_power;
   for (int i = 0; i < count; ++i) {
-    const Float fe = load(steps.e_part[i]), ft = load(steps.tau_part[i]);
+    const Float fe = load(steps.row[i].e_part), ft = load(steps.row[i].tau_part);
     Float low, low_rise, high, high_rise;
-    look_up(depth_table, steps.cell[i], low, low_rise, high, high_rise);
+    look_up(depth_table, steps.row[i].cell, low, low_rise, high, high_rise);
     const Float lo = low + low_rise * ft, hi = high + high_rise * ft;
-    Float delta = load(steps.width[i]) * (lo + (hi - lo) * fe);
+    Float delta = load(steps.row[i].width) * (lo + (hi - lo) * fe);
     if (!isotropic)
-      delta = select(deepest <= load(steps.e[i]), load(steps.depth[i]) * c.radius_inverse, delta);
-    const Float r2 = load(steps.r2[i]);
+      delta = select(deepest <= load(steps.row[i].e), load(steps.row[i].depth) * c.radius_inverse, delta);
+    const Float r2 = load(steps.row[i].r2);
     const Mask deep = r2 <= c.deep2;
-    store(steps.f[i], power ? select(deep, c.one - r2 * c.radius2_inverse, delta * (c.two - delta))
-                            : select(deep, load(steps.depth[i]) * c.radius_inverse, delta));
+    store(steps.row[i].f, power ? select(deep, c.one - r2 * c.radius2_inverse, delta * (c.two - delta))
+                            : select(deep, load(steps.row[i].depth) * c.radius_inverse, delta));
   }
 }
 
 inline void raise(const Sphere& at, Steps& steps, int count) {  // y to y^k
   for (int i = 0; i < count; ++i) {
     if (at.whole == 0) {
-      for (float& y : steps.f[i]) y = static_cast<float>(at.power(static_cast<double>(y), at.exponent));
+      for (float& y : steps.row[i].f) y = static_cast<float>(at.power(static_cast<double>(y), at.exponent));
     } else {
-      const Float y = load(steps.f[i]);
+      const Float y = load(steps.row[i].f);
       Float f = y;
       for (int k = 1; k < at.whole; ++k) f = f * y;
-      store(steps.f[i], f);
+      store(steps.row[i].f, f);
     }
   }
 }
 
 /// U of the slabs that the units lie in.
 inline void draw_slabs(const Sphere& at, const Brick& brick, Units wanted, Steps& steps) {
-  for (int z = 0; z < 8 / slabs; ++z) {
-    if (!(wanted >> (8 * z) & 0xFF)) continue;
-    const std::uint32_t column = brick.column + static_cast<std::uint32_t>(slabs * z) * brick.columns_in_slab;
+  Units by_slab = wanted | wanted >> 4;
+  by_slab |= by_slab >> 2;
+  by_slab = (by_slab | by_slab >> 1) & 0x0101010101010101u;
+  for (; by_slab; by_slab &= by_slab - 1) {
+    const unsigned z = lowest(by_slab) / 8;
+    const std::uint32_t column = brick.column + slabs * z * brick.columns_in_slab;
     const Draw u = draw(at.draws, column, brick.columns_in_slab);
     for (int i = 0; i < 4; ++i) {
       store(steps.u[8 * z + 2 * i], low16(u.word[i]));
@@ -322,14 +338,15 @@ inline void draw_slabs(const Sphere& at, const Brick& brick, Units wanted, Steps
 }
 
 /// Draws V where the low 16 bits of lambda + U are all ones: whether the rest of lambda carries.
-inline Integer settle_ties(const Sphere& at, const Brick& brick, unsigned unit, Float scaled, Integer lost, unsigned tie) {
+BURRLAB_RARE Integer settle_ties(const Sphere& at, const Brick& brick, unsigned unit, Float scaled, Integer lost,
+                                 unsigned tie) {
   const int z = slabs * static_cast<int>(unit >> 3), y = unit & 7;
   const Float rest = (scaled - to_float(truncate(scaled))) * set(65536.0f) + set(0.5f);
   alignas(64) std::int32_t each[lanes], low[lanes];
   store(each, lost);
   store(low, truncate(rest));
   for (; tie; tie &= tie - 1) {
-    const int lane = lowest(tie);
+    const int lane = static_cast<int>(lowest(tie));
     const std::uint32_t column = brick.column + static_cast<std::uint32_t>(z + lane / 8) * brick.columns_in_slab +
                                  static_cast<std::uint32_t>(lane % 8);
     each[lane] += draw_one(at, column, y, 1) < static_cast<std::uint32_t>(low[lane]);
@@ -338,26 +355,26 @@ inline Integer settle_ties(const Sphere& at, const Brick& brick, unsigned unit, 
 }
 
 /// Takes from every unit the loss that its expected loss lambda and U give.
-inline void lose(const Sphere& at, const Brick& brick, const List& list, const Constants& c, const Steps& steps) {
+inline void lose(const Sphere& at, const Brick& brick, const Constants& c, const Steps& steps, int count) {
   const Float c1 = set(0.49999714f), c2 = set(0.16652727f), c3 = set(0.03972289f);
   const int doublings = at.doublings;
-  for (int i = 0; i < list.all; ++i) {
-    const unsigned unit = list.unit[i];
-    const Float y = c.fraction_scale * load(steps.f[i]);
+  for (int i = 0; i < count; ++i) {
+    const auto& step = steps.row[i];
+    const Float y = c.fraction_scale * load(step.f);
     Float eroded = y * (c.one - y * (c1 - y * (c2 - y * c3)));  // 1 - exp(-a f)
     for (int k = 0; k < doublings; ++k) eroded = eroded * (c.two - eroded);
-    const Float scaled = load(steps.mass[i]) * eroded;
-    const Integer with_draw = truncate(scaled) + load(steps.u[unit]);
-    Integer lost = high16(with_draw);
-    if (const unsigned tie = bits(low16(with_draw) == set(0xFFFF)))
-      lost = settle_ties(at, brick, unit, scaled, lost, tie);
-    take_from_row(brick.density + tile_offset(unit), lost);
+    const Float scaled = load(step.mass) * eroded;
+    const Integer sum = truncate(scaled) + load(steps.u[step.unit]);
+    Integer lost = high16(sum);
+    if (const unsigned tie = bits(low16(sum) == set(0xFFFF)))
+      lost = settle_ties(at, brick, step.unit, scaled, lost, tie);
+    take_from_row(brick.density + tile_offset(step.unit), lost);
   }
 }
 
-inline void add_up(const Mass& sum, Sums& sums) {
-  Integer total = sum.by_y[0], above = set(0), by_y = set(0), by_z = set(0);
-  for (int y = 7; y > 0; --y) {  // sum of y M as a sum of sums from above
+inline void add_up(const Mass& sum, bool faint, Sums& sums) {
+  Integer total = sum.by_y[0], above = sum.by_y[7], by_y = above, by_z = set(0);
+  for (int y = 6; y > 0; --y) {  // sum of y M as a sum of sums from above
     above = above + sum.by_y[y];
     by_y = by_y + above;
   }
@@ -367,18 +384,15 @@ inline void add_up(const Mass& sum, Sums& sums) {
     above = above + sum.by_z[z];
     by_z = by_z + above;
   }
-  alignas(64) std::int32_t all[lanes], weighted_y[lanes], weighted_z[lanes], faint[lanes];
-  store(all, total);
-  store(weighted_y, by_y);
-  store(weighted_z, by_z);
-  store(faint, sum.faint);
-  sums.mass = sums.x = sums.y = sums.z = sums.faint = 0;
-  for (int i = 0; i < lanes; ++i) {
-    sums.mass += all[i];
-    sums.x += std::int64_t{i % 8} * all[i];
-    sums.y += weighted_y[i];
-    sums.z += std::int64_t{slabs} * weighted_z[i] + std::int64_t{i / 8} * all[i];
-    sums.faint += faint[i];
+  std::int32_t each[4];
+  horizontal_sums(total, times_index(total), by_y, by_z, each);
+  sums.mass = each[0];
+  sums.x = each[1];
+  sums.y = each[2];
+  sums.z = slabs * each[3] + (slabs == 2 ? upper_sum(total) : 0);
+  if (faint) {
+    horizontal_sums(sum.faint, sum.faint, sum.faint, sum.faint, each);
+    sums.faint = each[0];
   }
 }
 
@@ -387,21 +401,36 @@ void visit(const Sphere& at, const Brick& brick, Sums& sums) {
   Rows rows;
   measure<isotropic>(at, brick, rows);
   const Wanted wanted = wanted_units(at, brick, rows);
-  const List list(wanted);
   Constants c(at, brick);
   Steps steps;
   Mass sum;
-  for (int i = 0; i < list.shallow; ++i)
-    meet<layer, isotropic, summing, eroding>(at, brick, rows, c, i, list.unit[i], steps, sum);
-  for (int i = list.shallow; i < list.all; ++i)
-    meet_deep<layer, summing, eroding>(at, brick, rows, c, i, list.unit[i], steps, sum);
-  if (summing) add_up(sum, sums);
+  int count = 0;
+  const bool plain = layer && !brick.pristine && !brick.faint && at.shape == shape_power;
+  if (plain) {
+    for (Units left = wanted.shallow; left; left &= left - 1)
+      meet<layer, isotropic, summing, eroding, true>(at, brick, rows, c, count++, lowest(left), steps, sum);
+  } else {
+    for (Units left = wanted.shallow; left; left &= left - 1)
+      meet<layer, isotropic, summing, eroding, false>(at, brick, rows, c, count++, lowest(left), steps, sum);
+  }
+  const int shallow = count;
+  for (Units left = wanted.deep; left; left &= left - 1)
+    meet_deep<layer, summing, eroding>(at, brick, rows, c, count++, lowest(left), steps, sum);
+  if (summing) add_up(sum, layer && brick.faint, sums);
 
   if (eroding) {
-    if (layer && at.shape != shape_constant) find_f<isotropic>(at, c, steps, list.shallow);
-    if (at.shape == shape_power && at.whole != 1) raise(at, steps, list.all);
+    if (layer && at.shape == shape_constant) {
+      for (int i = 0; i < shallow; ++i) store(steps.row[i].f, c.one);
+    } else if (layer) {
+      if (plain)
+        find_cells<isotropic, true>(c, steps, shallow);
+      else
+        find_cells<isotropic, false>(c, steps, shallow);
+      find_f<isotropic>(at, c, steps, shallow);
+    }
+    if (at.shape == shape_power && at.whole != 1) raise(at, steps, count);
     draw_slabs(at, brick, wanted.shallow | wanted.deep, steps);
-    lose(at, brick, list, c, steps);
+    lose(at, brick, c, steps, count);
     sum_levels(brick.density, sums);
   }
 }

@@ -49,7 +49,7 @@ struct Brick {
 /// where p < 32; and of the levels and levels times index after it.
 struct Sums {
   std::int64_t mass, x, y, z, faint;
-  std::uint32_t after_mass, after_x, after_y, after_z;
+  std::uint32_t after_mass, after_x, after_y, after_z;  // side by side, for vector stores
 };
 
 enum Pass : int { moments, erosion, both };

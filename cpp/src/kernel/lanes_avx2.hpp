@@ -56,6 +56,16 @@ inline Float to_float(Integer a) { return {_mm256_cvtepi32_ps(a.v)}; }
 inline Integer truncate(Float a) { return {_mm256_cvttps_epi32(a.v)}; }
 inline unsigned bits(Mask m) { return static_cast<unsigned>(_mm256_movemask_ps(m.v)); }
 
+/// Each lane times its place 0..7.
+inline Integer times_index(Integer a) { return {_mm256_mullo_epi32(a.v, index_in_row().v)}; }
+/// The sums over the lanes of four vectors.
+inline void horizontal_sums(Integer a, Integer b, Integer c, Integer d, std::int32_t* out) {
+  const __m256i pairs = _mm256_hadd_epi32(_mm256_hadd_epi32(a.v, b.v), _mm256_hadd_epi32(c.v, d.v));
+  _mm_storeu_si128(reinterpret_cast<__m128i*>(out),
+                   _mm_add_epi32(_mm256_castsi256_si128(pairs), _mm256_extracti128_si256(pairs, 1)));
+}
+inline std::int32_t upper_sum(Integer) { return 0; }
+
 /// The levels of a row.
 inline Integer load_row(const std::uint8_t* row) {
   return {_mm256_cvtepu8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(row)))};
@@ -107,6 +117,7 @@ inline Words high(Words a) { return {_mm256_srli_epi64(a.even, 32), _mm256_srli_
 inline Words operator^(Words a, Words b) {
   return {_mm256_xor_si256(a.even, b.even), _mm256_xor_si256(a.odd, b.odd)};
 }
+inline Words exclusive_or(Words a, Words b, Words c) { return a ^ b ^ c; }
 inline Integer in_order(Words a) { return {_mm256_blend_epi32(a.even, _mm256_slli_epi64(a.odd, 32), 0xAA)}; }
 
 inline void sum_levels(const std::uint8_t* tile, Sums& sums) {
@@ -122,25 +133,17 @@ inline void sum_levels(const std::uint8_t* tile, Sums& sums) {
     x_high = _mm256_add_epi16(x_high, _mm256_maddubs_epi16(b, weight));
     if (slab > 0) z = _mm256_add_epi64(z, _mm256_add_epi64(low, high));  // sum of z q as a sum of sums from above
   }
-  alignas(32) std::uint64_t row[8], at_z[4];
-  alignas(32) std::int32_t at_x[8];
-  _mm256_store_si256(reinterpret_cast<__m256i*>(row), low);
-  _mm256_store_si256(reinterpret_cast<__m256i*>(row + 4), high);
-  _mm256_store_si256(reinterpret_cast<__m256i*>(at_z), z);
-  const __m256i one = _mm256_set1_epi16(1);
-  _mm256_store_si256(reinterpret_cast<__m256i*>(at_x),
-                     _mm256_add_epi32(_mm256_madd_epi16(x_low, one), _mm256_madd_epi16(x_high, one)));
-  std::uint64_t mass = 0, y = 0;
-  std::int32_t sum_x = 0;
-  for (unsigned i = 0; i < 8; ++i) {
-    mass += row[i];
-    y += i * row[i];
-    sum_x += at_x[i];
-  }
-  sums.after_mass = static_cast<std::uint32_t>(mass);
-  sums.after_x = static_cast<std::uint32_t>(sum_x);
-  sums.after_y = static_cast<std::uint32_t>(y);
-  sums.after_z = static_cast<std::uint32_t>(at_z[0] + at_z[1] + at_z[2] + at_z[3]);
+  // Each sum is below 2^32: two share the 64-bit lanes of one vector.
+  const __m256i one = _mm256_set1_epi16(1), lower = _mm256_set1_epi64x(0xFFFFFFFF);
+  const __m256i x = _mm256_add_epi32(_mm256_madd_epi16(x_low, one), _mm256_madd_epi16(x_high, one));
+  const __m256i y = _mm256_add_epi64(_mm256_mul_epu32(low, _mm256_setr_epi64x(0, 1, 2, 3)),
+                                     _mm256_mul_epu32(high, _mm256_setr_epi64x(4, 5, 6, 7)));
+  const __m256i mass_x = _mm256_add_epi64(
+      _mm256_add_epi64(low, high), _mm256_slli_epi64(_mm256_add_epi32(_mm256_and_si256(x, lower), _mm256_srli_epi64(x, 32)), 32));
+  const __m256i y_z = _mm256_add_epi64(y, _mm256_slli_epi64(z, 32));
+  const __m256i pairs = _mm256_add_epi64(_mm256_unpacklo_epi64(mass_x, y_z), _mm256_unpackhi_epi64(mass_x, y_z));
+  _mm_storeu_si128(reinterpret_cast<__m128i*>(&sums.after_mass),
+                   _mm_add_epi64(_mm256_castsi256_si128(pairs), _mm256_extracti128_si256(pairs, 1)));
 }
 
 }  // namespace

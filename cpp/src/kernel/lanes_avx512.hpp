@@ -60,6 +60,21 @@ inline Float to_float(Integer a) { return {_mm512_cvtepi32_ps(a.v)}; }
 inline Integer truncate(Float a) { return {_mm512_cvttps_epi32(a.v)}; }
 inline unsigned bits(Mask m) { return m.v; }
 
+/// Each lane times its place 0..7.
+inline Integer times_index(Integer a) { return {_mm512_mullo_epi32(a.v, index_in_row().v)}; }
+/// The sums over the lanes of four vectors.
+inline void horizontal_sums(Integer a, Integer b, Integer c, Integer d, std::int32_t* out) {
+  const auto halves = [](Integer x) {
+    return _mm256_add_epi32(_mm512_castsi512_si256(x.v), _mm512_extracti64x4_epi64(x.v, 1));
+  };
+  const __m256i pairs =
+      _mm256_hadd_epi32(_mm256_hadd_epi32(halves(a), halves(b)), _mm256_hadd_epi32(halves(c), halves(d)));
+  _mm_storeu_si128(reinterpret_cast<__m128i*>(out),
+                   _mm_add_epi32(_mm256_castsi256_si128(pairs), _mm256_extracti128_si256(pairs, 1)));
+}
+/// The sum over the lanes of the upper row.
+inline std::int32_t upper_sum(Integer a) { return _mm512_mask_reduce_add_epi32(0xFF00, a.v); }
+
 /// The levels of both rows.
 inline __m128i load_bytes(const std::uint8_t* row) {
   const __m128i low = _mm_loadl_epi64(reinterpret_cast<const __m128i*>(row));
@@ -113,6 +128,10 @@ inline Words product(Words a, Words b) { return {_mm512_mul_epu32(a.even, b.even
 inline Words high(Words a) { return {_mm512_srli_epi64(a.even, 32), _mm512_srli_epi64(a.odd, 32)}; }
 inline Words operator^(Words a, Words b) {
   return {_mm512_xor_si512(a.even, b.even), _mm512_xor_si512(a.odd, b.odd)};
+}
+inline Words exclusive_or(Words a, Words b, Words c) {
+  constexpr int odd = 0x96;  // truth table of a ^ b ^ c
+  return {_mm512_ternarylogic_epi64(a.even, b.even, c.even, odd), _mm512_ternarylogic_epi64(a.odd, b.odd, c.odd, odd)};
 }
 inline Integer in_order(Words a) {
   return {_mm512_mask_blend_epi32(0xAAAA, a.even, _mm512_slli_epi64(a.odd, 32))};

@@ -107,6 +107,17 @@ inline unsigned bits(const Mask& m) {
   return all;
 }
 
+/// Each lane times its place 0..7.
+inline Integer times_index(const Integer& a) {
+  return each<Integer>([&](int i) { return a.v[i] * i; });
+}
+/// The sums over the lanes of four vectors.
+inline void horizontal_sums(const Integer& a, const Integer& b, const Integer& c, const Integer& d, std::int32_t* out) {
+  out[0] = out[1] = out[2] = out[3] = 0;
+  for (int i = 0; i < 8; ++i) out[0] += a.v[i], out[1] += b.v[i], out[2] += c.v[i], out[3] += d.v[i];
+}
+inline std::int32_t upper_sum(const Integer&) { return 0; }
+
 /// The levels of a row.
 inline Integer load_row(const std::uint8_t* row) {
   return each<Integer>([=](int i) { return static_cast<std::int32_t>(row[i]); });
@@ -149,6 +160,7 @@ inline Words high(const Words& a) {
 inline Words operator^(const Words& a, const Words& b) {
   return each<Words>([&](int i) { return a.v[i] ^ b.v[i]; });
 }
+inline Words exclusive_or(const Words& a, const Words& b, const Words& c) { return a ^ b ^ c; }
 inline Integer in_order(const Words& a) {
   return each<Integer>([&](int i) { return static_cast<std::int32_t>(static_cast<std::uint32_t>(a.v[i])); });
 }

@@ -73,6 +73,27 @@ inline Float to_float(Integer x) { return {_mm_cvtepi32_ps(x.a), _mm_cvtepi32_ps
 inline Integer truncate(Float x) { return {_mm_cvttps_epi32(x.a), _mm_cvttps_epi32(x.b)}; }
 inline unsigned bits(Mask m) { return static_cast<unsigned>(_mm_movemask_ps(m.a) | _mm_movemask_ps(m.b) << 4); }
 
+/// Each lane times its place 0..7.
+inline Integer times_index(Integer a) {
+  const auto bit = [](__m128i lanes_with, __m128i x) { return _mm_and_si128(lanes_with, x); };
+  const __m128i odd = _mm_set_epi32(-1, 0, -1, 0), upper = _mm_set_epi32(-1, -1, 0, 0);
+  const auto times = [&](__m128i x) {  // 0..3
+    return _mm_add_epi32(bit(odd, x), _mm_slli_epi32(bit(upper, x), 1));
+  };
+  return {times(a.a), _mm_add_epi32(times(a.b), _mm_slli_epi32(a.b, 2))};
+}
+/// The sums over the lanes of four vectors.
+inline void horizontal_sums(Integer a, Integer b, Integer c, Integer d, std::int32_t* out) {
+  const auto halves = [](Integer x) { return _mm_add_epi32(x.a, x.b); };
+  const auto pairs = [](__m128i x, __m128i y) {
+    return _mm_add_epi32(_mm_unpacklo_epi32(x, y), _mm_unpackhi_epi32(x, y));
+  };
+  const __m128i ab = pairs(halves(a), halves(b)), cd = pairs(halves(c), halves(d));
+  _mm_storeu_si128(reinterpret_cast<__m128i*>(out),
+                   _mm_add_epi32(_mm_unpacklo_epi64(ab, cd), _mm_unpackhi_epi64(ab, cd)));
+}
+inline std::int32_t upper_sum(Integer) { return 0; }
+
 /// The levels of a row.
 inline Integer load_row(const std::uint8_t* row) {
   const __m128i zero = _mm_setzero_si128();
@@ -132,6 +153,7 @@ inline Words operator^(Words a, Words b) {
   for (int i = 0; i < 4; ++i) a.v[i] = _mm_xor_si128(a.v[i], b.v[i]);
   return a;
 }
+inline Words exclusive_or(Words a, Words b, Words c) { return a ^ b ^ c; }
 inline Integer in_order(Words a) {
   const __m128i low = _mm_set1_epi64x(0xFFFFFFFF);
   return {_mm_or_si128(_mm_and_si128(a.v[0], low), _mm_slli_epi64(a.v[2], 32)),

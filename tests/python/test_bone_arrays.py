@@ -1,0 +1,101 @@
+"""Arrays that a voxel bone hands out: read-only copies of the whole, and copies of a box."""
+
+from __future__ import annotations
+
+import gc
+
+import numpy as np
+import pytest
+
+import burrlab
+from burrlab import VoxelBone
+
+SOLID = np.full((4, 5, 6), 255, dtype=np.uint8)
+
+
+@pytest.mark.parametrize("name", ["density", "pristine"])
+def test_arrays_are_read_only_copies_that_outlive_their_bone(name: str) -> None:
+    levels = np.random.default_rng(1).integers(0, 256, (40, 41, 42)).astype(np.uint8)
+    bone = VoxelBone(levels, 0.1)
+    array = getattr(bone, name)
+    assert array.dtype == np.uint8
+    assert array.flags.c_contiguous
+    assert not array.flags.writeable
+    with pytest.raises(ValueError, match="read-only"):
+        array[0, 0, 0] = 1
+    assert not np.shares_memory(array, getattr(bone, name))
+    del bone
+    gc.collect()
+    _ = [np.full(levels.shape, 7, dtype=np.uint8) for _ in range(20)]  # would land in freed memory
+    np.testing.assert_array_equal(array, levels)
+
+
+@pytest.mark.parametrize("name", ["density", "pristine"])
+def test_no_array_leads_back_into_the_bone(name: str, eroded_bone: VoxelBone) -> None:
+    """Whoever makes a copy writeable changes the copy alone."""
+    bone = eroded_bone
+    digest, mass = bone.digest(), bone.mass
+    for array in (getattr(bone, name), bone.read((0, 0, 0), bone.shape, pristine=name == "pristine")):
+        array.flags.writeable = True
+        array[...] = 1
+    assert (bone.digest(), bone.mass) == (digest, mass)
+
+
+def test_arrays_stay_as_they_were(eroded_bone: VoxelBone) -> None:
+    """A tick, a write and a reset change the bone, not what was handed out before."""
+    bone = eroded_bone
+    present, pristine = bone.density, bone.pristine
+    before = present.copy(), pristine.copy()
+    assert np.any(present != pristine)
+    burrlab.BurrContact(bone, burrlab.Burr(1.0), burrlab.materials["bone"], seed=2).step((0.0, 0.0, 0.5), 1.0)
+    assert np.any(bone.density != present)
+    bone.write(SOLID // 2)
+    bone.reset()
+    assert np.all(bone.pristine[:4, :5, :6] == 127)
+    np.testing.assert_array_equal(present, before[0])
+    np.testing.assert_array_equal(pristine, before[1])
+
+
+@pytest.mark.parametrize(
+    ("start", "size"),
+    [((0, 0, 0), (20, 30, 30)), ((7, 8, 9), (2, 1, 8)), ((19, 29, 29), (1, 1, 1)), ((3, 0, 5), (17, 16, 3))],
+)
+def test_read_is_a_part_of_the_dense_arrays(
+    start: tuple[int, int, int], size: tuple[int, int, int], eroded_bone: VoxelBone
+) -> None:
+    bone = eroded_bone
+    box = tuple(slice(a, a + n) for a, n in zip(start, size, strict=True))
+    for pristine, whole in ((False, bone.density), (True, bone.pristine)):
+        part = bone.read(start, size, pristine=pristine)
+        assert part.dtype == np.uint8
+        np.testing.assert_array_equal(part, whole[box])
+    np.testing.assert_array_equal(bone.read(start, size), bone.density[box])
+
+
+def test_read_of_an_empty_box() -> None:
+    assert VoxelBone(SOLID, 0.1).read((4, 5, 6), (0, 0, 0)).shape == (0, 0, 0)
+    assert VoxelBone(SOLID, 0.1).read((1, 1, 1), (3, 0, 2)).shape == (3, 0, 2)
+
+
+@pytest.mark.parametrize("pristine", [False, True])
+@pytest.mark.parametrize(
+    ("start", "size", "text"),
+    [
+        ((3, 0, 0), (2, 1, 1), r"along axis 0 \(z, y, x\) 2 voxels from 3 of 4"),
+        ((0, 6, 0), (1, 0, 1), r"along axis 1 \(z, y, x\) 0 voxels from 6 of 5"),
+        ((0, 0, -1), (1, 1, 2), r"along axis 2 \(z, y, x\) 2 voxels from -1 of 6"),
+        ((0, 0, 0), (1, -1, 1), r"along axis 1 \(z, y, x\) -1 voxels from 0 of 5"),
+        ((2**63 - 1, 0, 0), (2, 1, 1), r"along axis 0 \(z, y, x\) 2 voxels from 9223372036854775807 of 4"),
+        ((0, 1, 0), (1, 2**63 - 1, 1), r"along axis 1 \(z, y, x\) 9223372036854775807 voxels from 1 of 5"),
+    ],
+)
+def test_read_outside(
+    start: tuple[int, int, int], size: tuple[int, int, int], text: str, pristine: bool
+) -> None:
+    with pytest.raises(ValueError, match=f"values must lie inside the volume: {text}"):
+        VoxelBone(SOLID, 0.1).read(start, size, pristine=pristine)
+
+
+def test_read_takes_its_option_by_keyword() -> None:
+    with pytest.raises(TypeError):
+        VoxelBone(SOLID, 0.1).read((0, 0, 0), (1, 1, 1), True)  # type: ignore[misc]

@@ -1,0 +1,104 @@
+"""Threads, which the core lets run side by side: each on a bone of its own, or all feeling one."""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import burrlab
+from burrlab import VoxelBone
+
+WORKERS = 6
+
+
+@pytest.fixture(scope="module")
+def fresh() -> VoxelBone:
+    levels = np.random.default_rng(4).integers(0, 256, (50, 60, 70)).astype(np.uint8)
+    return VoxelBone(levels, spacing=0.1)
+
+
+def contact_on(bone: VoxelBone, worker: int) -> burrlab.BurrContact:
+    material = burrlab.Material("any", c_e=2.0, alpha=0.3, shape="power(1.5)")
+    scheme = ("layer", "cell")[worker % 2]
+    return burrlab.BurrContact(bone, burrlab.Burr(1.5), material, seed=worker, scheme=scheme)
+
+
+def path(ticks: int) -> NDArray[np.float64]:
+    t = np.linspace(0.0, 1.0, ticks)
+    return np.stack([1.0 + 5.0 * t, 3.0 + np.sin(6.0 * t), 5.0 - 2.0 * t], axis=1)
+
+
+def erode_a_copy(fresh: VoxelBone, worker: int, ready: threading.Barrier | None = None) -> tuple[str, float]:
+    """Digest and removed volume after a run, steps, and ticks in halves."""
+    bone = fresh.copy()
+    contact = contact_on(bone, worker)
+    if ready is not None:
+        ready.wait()
+    contact.run(path(60), 1.0)
+    for center in path(20):
+        contact.step(center, 1.0)
+        contact.probe(center)
+        contact.erode(center, 1.0)
+    return bone.digest(), bone.removed
+
+
+def test_threads_on_copies_give_what_serial_runs_give(cpu_path: str, fresh: VoxelBone) -> None:
+    digest = fresh.digest()
+    alone = [erode_a_copy(fresh, worker) for worker in range(WORKERS)]
+    assert len(set(alone)) == WORKERS
+    ready = threading.Barrier(WORKERS)
+    with ThreadPoolExecutor(WORKERS) as pool:
+        for _ in range(2):
+            together = pool.map(lambda worker: erode_a_copy(fresh, worker, ready), range(WORKERS))
+            assert list(together) == alone
+    assert fresh.digest() == digest
+
+
+def test_threads_may_feel_one_bone(cpu_path: str, fresh: VoxelBone) -> None:
+    """Through one contact or several; copies may be taken, levels read and digests made at the same time."""
+    bone = fresh.copy()
+    contact = contact_on(bone, 0)
+    contact.run(path(40), 1.0)  # some bricks hold saved levels
+    digest, density, pristine = bone.digest(), bone.density, bone.pristine
+    ready = threading.Barrier(WORKERS)
+
+    def feel(worker: int) -> list[list[float]]:
+        own = contact if worker % 2 else contact_on(bone, 0)
+        ready.wait()
+        felt = [list(own.probe(center).force) for center in path(200)]
+        assert bone.copy().digest() == bone.digest() == digest
+        np.testing.assert_array_equal(bone.density, density)
+        np.testing.assert_array_equal(
+            bone.read((3, 4, 5), (40, 50, 60), pristine=True), pristine[3:43, 4:54, 5:65]
+        )
+        return felt
+
+    expected = [list(contact.probe(center).force) for center in path(200)]
+    with ThreadPoolExecutor(WORKERS) as pool:
+        for felt in pool.map(feel, range(WORKERS)):
+            assert felt == expected
+    assert np.any(expected)
+    assert contact.tick == 40
+
+
+def test_other_threads_run_while_the_core_works(fresh: VoxelBone) -> None:
+    """The interpreter is let go of: a thread counts on during one long call."""
+    bone = fresh.copy()
+    contact = contact_on(bone, 0)
+    counted, done = 0, threading.Event()
+
+    def work() -> None:
+        contact.run(np.repeat(path(10), 100, axis=0), 1.0)
+        done.set()
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    while not done.is_set():
+        counted += 1
+        done.wait(0.001)
+    thread.join()
+    assert counted > 3

@@ -1,0 +1,246 @@
+"""Every code path of the tick gives the same bits: against the reference, and against one another for long."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from tick_scenes import SCHEMES, Scene, assert_same_contact, check_scene, make_pair, scene_of
+
+import burrlab
+from burrlab import _core
+from reference.tick import draw_lanes
+
+PATHS = tuple(_core.cpu_paths())
+ALL_SHAPES = ("parabolic", "quartic", "power(7.3)", "power(0.5)", "linear", "constant")
+SKEW = (0.13, 0.2, 0.17)  # spacing (x, y, z) [mm]
+LARGE = 2**64 - 1
+
+pytestmark = pytest.mark.usefixtures("keep_cpu_path")
+
+
+# --- Against the reference ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("spacing", [(0.2, 0.2, 0.2), SKEW], ids=["equal", "skew"])
+@pytest.mark.parametrize("shape", ALL_SHAPES)
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_shapes_and_spacings(
+    cpu_path: str, scheme: str, shape: str, spacing: tuple[float, float, float]
+) -> None:
+    """Eight ticks in a bone of all levels, at the largest seed, while the tick passes 2^32."""
+    scene = scene_of(scheme, shape, spacing=spacing, fill="random", seed=LARGE, index=2**31 - 1)
+    assert check_scene(scene) > 0.0
+
+
+@pytest.mark.parametrize("fill", ["solid", "faint", "sparse", "half"])
+@pytest.mark.parametrize("product", [1e-4, 0.087, 2.0, 40.0])
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_rates_and_fills(cpu_path: str, scheme: str, product: float, fill: str) -> None:
+    """alpha dt from a rate that nearly always keeps a level to one that leaves nothing."""
+    scene = scene_of(scheme, "power(1.5)", alpha=product, fill=fill, tick=2**64 - 9, size=(17, 25, 31))
+    assert check_scene(scene) > 0.0
+
+
+@pytest.mark.parametrize(
+    "size", [(1, 1, 1), (7, 9, 15), (8, 8, 8), (9, 17, 5), (3, 40, 2), (5, 6, 300), (300, 6, 5), (6, 150, 7)]
+)
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_clipped_volumes(cpu_path: str, scheme: str, size: tuple[int, int, int]) -> None:
+    """Sides that are no multiples of a brick, shorter than one, and longer than a block of blocks (128 voxels)."""
+    for snap in (0.0, 1.0):
+        places = [(i / 7, 0.3, 0.9) for i in range(8)]
+        steps = tuple((share[k:] + share[:k], True) for share in places for k in range(3))
+        scene = scene_of(scheme, "quartic", size=size, steps=steps, snap=snap, ratio=5.0, alpha=0.5)
+        assert check_scene(scene) > 0.0
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_sphere_of_many_bricks(cpu_path: str, scheme: str) -> None:
+    """Bricks that lie wholly inside give their stored sums; written ones and faint ones among them."""
+    steps = tuple(((0.5 + 0.02 * i, 0.5, 0.5 - 0.03 * i), i != 2) for i in range(5))
+    scene = scene_of(
+        scheme, "parabolic", size=(61, 62, 67), spacing=(0.1, 0.1, 0.1), ratio=28.0, steps=steps, fill="solid"
+    )
+    bone, core, reference = make_pair(scene)
+    random = np.random.default_rng(3)
+    for start, low, high in (((20, 20, 20), 0, 256), ((33, 17, 30), 1, 40), ((40, 40, 8), 100, 101)):
+        values = random.integers(low, high, (13, 11, 17)).astype(np.uint8)
+        box = tuple(slice(a, a + n) for a, n in zip(start, values.shape, strict=True))
+        bone.write(values, start=start)
+        reference.p[box] = reference.q[box] = values
+    for center, (_, burr_on) in zip(scene.centers(), steps, strict=True):
+        assert_same_contact(
+            core.step(center, 1.0, burr_on), reference.step(center, 1.0, burr_on), reference.radius
+        )
+        np.testing.assert_array_equal(bone.density, reference.q)
+
+
+@st.composite
+def any_scene(draw: st.DrawFn) -> Scene:
+    share = st.floats(-0.3, 1.3)
+    return scene_of(
+        draw(st.sampled_from(SCHEMES)),
+        draw(st.sampled_from(ALL_SHAPES)),
+        size=draw(st.tuples(*[st.integers(1, 26)] * 3)),
+        spacing=draw(st.sampled_from([(0.2, 0.2, 0.2), (0.2, 0.2, 0.1), SKEW])),
+        ratio=draw(st.floats(4.0, 9.0)),
+        fill=draw(st.sampled_from(["solid", "random", "faint", "sparse", "half"])),
+        steps=tuple((place, True) for place in draw(st.lists(st.tuples(share, share, share), min_size=1, max_size=4))),
+        snap=draw(st.sampled_from([0.0, 0.5, 1.0])),
+        alpha=10.0 ** draw(st.floats(-4.0, 2.5)),
+        seed=draw(st.integers(0, LARGE)),
+        tick=draw(st.integers(0, LARGE - 9)),
+    )  # fmt: skip
+
+
+@settings(
+    max_examples=60,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+@given(any_scene())
+def test_any_scene(cpu_path: str, scene: Scene) -> None:
+    check_scene(scene)
+
+
+def test_draws(cpu_path: str) -> None:
+    """The numbers themselves, both draws, at keys whose words all differ and all carry."""
+    for seed, tick, index in (
+        (0x9E3779B97F4A7C15, 0x243F6A8885A308D3, 0x13198A2E),
+        (LARGE, LARGE, 2**31 - 1),
+    ):
+        for draw in (0, 1):
+            for size in ((3, 21, 5), (2, 8, 16), (1, 1, 1)):
+                np.testing.assert_array_equal(
+                    _core.draws(size, seed, tick, index, draw), draw_lanes(size, seed, tick, index, draw)
+                )
+
+
+# --- Against one another ------------------------------------------------------------------------------------
+
+
+def long_run(path: str, scene: Scene, ticks: int) -> tuple[str, list[Any]]:
+    """Digest and contacts of a winding path through the scene's bone."""
+    _core.use_cpu_path(path)
+    bone, contact, _ = make_pair(replace(scene, steps=()))
+    t = np.linspace(0.0, 1.0, ticks)[:, None]
+    share = 0.5 + np.hstack([0.4 * np.cos(9 * t), 0.3 * np.sin(7 * t), 0.5 - 0.7 * t])
+    extent = (np.array(bone.shape[::-1]) - 1.0) * bone.spacing
+    felt = contact.run(np.array(bone.origin) + share * extent, scene.dt)
+    assert felt.removed.sum() > 0.0
+    assert contact.tick == scene.tick + ticks
+    columns = (
+        felt.force,
+        felt.normal,
+        felt.m1,
+        felt.m0,
+        felt.penetration,
+        felt.removed,
+        felt.faint,
+        felt.ambiguous,
+    )
+    return bone.digest(), [column.tolist() for column in columns]  # fmt: skip
+
+
+@pytest.mark.skipif(len(PATHS) < 2, reason="this CPU has one path only")
+@pytest.mark.parametrize("fill", ["solid", "random", "sparse"])
+@pytest.mark.parametrize("spacing", [(0.1, 0.1, 0.1), (0.1, 0.13, 0.08)], ids=["equal", "skew"])
+@pytest.mark.parametrize(
+    ("scheme", "shape", "alpha"),
+    [("layer", "parabolic", 0.087), ("layer", "power(7.3)", 2.0), ("layer", "constant", 0.02), ("layer", "linear", 0.3),
+     ("cell", "parabolic", 0.087), ("cell", "power(0.5)", 0.02), ("cell", "linear", 2.0)],
+)  # fmt: skip
+def test_two_hundred_ticks(
+    scheme: str, shape: str, alpha: float, spacing: tuple[float, float, float], fill: str
+) -> None:
+    """Digests, and every number of every contact, are equal to the last bit."""
+    scene = scene_of(
+        scheme, shape, size=(45, 52, 59), spacing=spacing, ratio=11.3, fill=fill, alpha=alpha, seed=7, tick=2**32 - 100
+    )  # fmt: skip
+    plainest = long_run(PATHS[0], scene, 200)
+    for path in PATHS[1:]:
+        assert long_run(path, scene, 200) == plainest, path
+
+
+def test_paths_may_change_from_contact_to_contact() -> None:
+    """A bone begun on one path goes on with another."""
+    digests = set()
+    for order in (PATHS, PATHS[::-1], PATHS[:1] * len(PATHS)):
+        bone = burrlab.VoxelBone.block((5, 5, 3), 0.1, level=200)
+        for tick, path in enumerate(order):
+            _core.use_cpu_path(path)
+            contact = burrlab.BurrContact(bone, burrlab.Burr(1.5), burrlab.materials["bone"], seed=1)
+            contact.tick = tick
+            contact.step((2.5, 2.5, 3.5 - 0.1 * tick), 1.0)
+        digests.add(bone.digest())
+    assert len(digests) == 1
+
+
+# --- The choice ---------------------------------------------------------------------------------------------
+
+SCRIPT = """
+import json
+import burrlab
+from burrlab import _core
+from burrlab.provenance import provenance
+run = burrlab.descend(burrlab.Burr(3.0), burrlab.materials["bone"], 2.0, voxel=0.4, seed=1, ideal=True)
+print(json.dumps([_core.cpu_path(), provenance()["cpu_path"], run.provenance["cpu_path"], run.provenance["digest"],
+                  run.penetration_velocity]))
+"""
+
+
+def import_with(name: str | None, script: str = SCRIPT) -> subprocess.CompletedProcess[str]:
+    environment = {key: value for key, value in os.environ.items() if key != "BURRLAB_CPU_PATH"}
+    if name is not None:
+        environment["BURRLAB_CPU_PATH"] = name
+    return subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
+
+
+def test_environment_variable_chooses_the_path() -> None:
+    """Without it, or with it empty, the fastest; the digest of a descent is the same with all."""
+    results = set()
+    for name, path in [(None, PATHS[-1]), ("", PATHS[-1]), *zip(PATHS, PATHS, strict=True)]:
+        process = import_with(name)
+        assert process.returncode == 0, process.stderr
+        *named, digest, velocity = json.loads(process.stdout)
+        assert named == [path] * 3
+        results.add((digest, velocity))
+    assert len(results) == 1
+
+
+@pytest.mark.parametrize("name", ["sse9", "AVX2", "scalar "])
+def test_a_wrong_environment_variable_ends_the_import(name: str) -> None:
+    """In one sentence, which names the paths that this CPU runs."""
+    process = import_with(name, "import burrlab")
+    assert process.returncode == 1
+    sentence = f"BURRLAB_CPU_PATH must be one that this CPU runs, {', '.join(PATHS)}; got '{name}'"
+    assert process.stderr.splitlines()[-1] == f"ImportError: {sentence}"
+
+
+@pytest.mark.parametrize("name", ["x", "", "AVX2"])
+def test_use_of_an_unknown_path(name: str) -> None:
+    before = _core.cpu_path()
+    with pytest.raises(
+        ValueError, match=f"cpu_path must be one that this CPU runs, {', '.join(PATHS)}; got '{name}'$"
+    ):
+        _core.use_cpu_path(name)
+    assert _core.cpu_path() == before
+
+
+def test_paths_are_named_plainest_first() -> None:
+    known = ("scalar", "portable", "avx2", "avx512")
+    assert [name for name in known if name in PATHS] == list(PATHS)
+    assert "portable" in PATHS
+    for name in PATHS:
+        _core.use_cpu_path(name)
+        assert _core.cpu_path() == name

@@ -1,0 +1,89 @@
+"""A tick in two halves, `probe` then `erode`, is `step`; and what `erode` refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tick_scenes import SCHEMES, make_pair, scene_of
+
+import burrlab
+
+FELT = ("force", "normal", "m1", "m0", "penetration", "tick", "touching", "ambiguous", "coarse", "faint")
+
+
+@pytest.mark.parametrize("spacing", [(0.2, 0.2, 0.2), (0.13, 0.2, 0.17)], ids=["equal", "skew"])
+@pytest.mark.parametrize("fill", ["solid", "random", "faint"])
+@pytest.mark.parametrize("shape", ["parabolic", "power(1.5)", "linear", "constant"])
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_probe_and_erode_are_a_step(
+    cpu_path: str, scheme: str, shape: str, fill: str, spacing: tuple[float, float, float]
+) -> None:
+    """Contacts, removed volume, tick and bone, to the last bit."""
+    scene = scene_of(scheme, shape, fill=fill, spacing=spacing)
+    whole_bone, whole, _ = make_pair(scene)
+    bone, halves, _ = make_pair(scene)
+    removed = 0.0
+    for center in scene.centers():
+        expected = whole.step(center, scene.dt)
+        got = halves.probe(center)
+        for name in FELT:
+            np.testing.assert_array_equal(getattr(got, name), getattr(expected, name), err_msg=name)
+        assert got.removed == 0.0
+        assert halves.tick == expected.tick
+        assert halves.erode(center, scene.dt) == expected.removed
+        assert halves.tick == whole.tick == expected.tick + 1
+        assert bone.digest() == whole_bone.digest()
+        removed += expected.removed
+    assert removed > 0.0
+    assert bone.removed == whole_bone.removed
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_force_and_erosion_may_act_in_different_places(cpu_path: str, scheme: str) -> None:
+    """`erode` takes nothing over from the probe before it."""
+    scene = scene_of(scheme, "quartic")
+    first, second = scene.centers()[:2]
+    bones = []
+    for probed in (None, first, second):
+        bone, contact, _ = make_pair(scene)
+        if probed is not None:
+            contact.probe(probed)
+        contact.erode(second, 1.0)
+        bones.append(bone.digest())
+    assert len(set(bones)) == 1
+
+
+@pytest.fixture
+def contact() -> burrlab.BurrContact:
+    bone = burrlab.VoxelBone.block((4, 4, 3), 0.2)
+    return burrlab.BurrContact(bone, burrlab.Burr(1.5), burrlab.materials["bone"], seed=1)
+
+
+@pytest.mark.parametrize("dt", [0.0, -1.0, np.nan, np.inf])
+def test_bad_dt(contact: burrlab.BurrContact, dt: float) -> None:
+    """Nothing is eroded then, and the tick does not count."""
+    digest = contact.bone.digest()
+    with pytest.raises(ValueError, match=f"dt must be positive and finite, got {dt:g}$"):
+        contact.erode((2.0, 2.0, 3.0), dt)
+    assert (contact.tick, contact.bone.digest()) == (0, digest)
+
+
+@pytest.mark.parametrize("center", [(np.nan, 2.0, 3.0), (2.0, np.inf, 3.0), (2.0, 2.0, -np.inf)])
+def test_bad_center(contact: burrlab.BurrContact, center: tuple[float, float, float]) -> None:
+    digest = contact.bone.digest()
+    with pytest.raises(ValueError, match=r"center must be finite, got (nan|inf|-inf)$"):
+        contact.erode(center, 1.0)
+    assert (contact.tick, contact.bone.digest()) == (0, digest)
+
+
+def test_too_long_a_tick(contact: burrlab.BurrContact) -> None:
+    dt = 1001.0 / contact.material.alpha
+    with pytest.raises(ValueError, match="alpha dt must be at most 1000, got 1001"):
+        contact.erode((2.0, 2.0, 3.0), dt)
+    assert contact.tick == 0
+
+
+def test_away_from_the_bone_the_tick_counts(contact: burrlab.BurrContact) -> None:
+    digest = contact.bone.digest()
+    assert contact.erode((2.0, 2.0, 30.0), 1.0) == 0.0
+    assert (contact.tick, contact.bone.digest()) == (1, digest)

@@ -55,6 +55,7 @@ bench: $(VENV)/developed
 
 figures: $(VENV)/installed
 	$(BIN)/python examples/grid_independence.py docs/grid_independence.png
+	$(BIN)/python examples/hierarchy.py docs/hierarchy.png
 
 format: $(VENV)/developed
 	$(BIN)/ruff format .

@@ -13,7 +13,8 @@ from numba import njit
 f32 = np.float32
 u64 = np.uint64
 
-ZERO, HALF, ONE, TWO = f32(0), f32(0.5), f32(1), f32(2)
+ZERO, HALF, ONE, TWO, THREE = f32(0), f32(0.5), f32(1), f32(2), f32(3)
+LEAST_W = f32(2.0**-20)
 P_2, P_3, P_4 = f32(0.49999714), f32(0.16652727), f32(0.03972289)  # of the eroded fraction
 LEVEL = f32(256)
 DRAWS = f32(65536)
@@ -155,16 +156,15 @@ def step(q, p, spacing, origin, radius, layer, a, seed, index, tick, table, cent
                 f = ONE - r2 * inv_R2
                 if r2 > deep2:
                     depth = R - math.sqrt(r2)
-                    w = min(max(depth * inv_s + HALF, ZERO), ONE)
+                    w = min(max(depth * inv_s + HALF, LEAST_W), ONE)
                     if layer:
                         pristine = f32(p[z, y, x])
                         m -= int(pristine * ((ONE - w) * LEVEL) + HALF)
                         if m <= 0:
                             continue
                         tau = min((f32(m) * (ONE / (pristine * LEVEL))) / w, ONE)
-                        e = max((depth * inv_s + HALF) - ONE, ZERO)
-                        d = depth if e >= f32(3) else (w * s) * effective_depth(table, e, tau)
-                        delta = min(max(d * inv_R, ZERO), ONE)
+                        e = min(max((depth * inv_s + HALF) - ONE, ZERO), THREE)
+                        delta = (w * (s * inv_R)) * effective_depth(table, e, tau)
                         f = delta * (TWO - delta)
                     else:
                         m = int(f32(level) * (w * LEVEL) + HALF)

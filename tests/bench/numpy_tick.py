@@ -14,7 +14,8 @@ Float = NDArray[np.float32]
 Integer = NDArray[np.int64]
 Levels = NDArray[np.uint8]
 
-ZERO, HALF, ONE, TWO = f32(0), f32(0.5), f32(1), f32(2)
+ZERO, HALF, ONE, TWO, THREE = f32(0), f32(0.5), f32(1), f32(2), f32(3)
+LEAST_W = f32(2.0**-20)
 P_2, P_3, P_4 = f32(0.49999714), f32(0.16652727), f32(0.03972289)  # of the eroded fraction
 WORD, LOW = np.uint64(0xFFFFFFFF), np.uint64(32)
 
@@ -70,7 +71,7 @@ def mass_and_shape(
     mass, f = 256 * level, ONE - r2 * inv_R2
     rim = np.flatnonzero(r2 > deep * deep)
     depth = R - np.sqrt(r2[rim])
-    w = np.clip(depth * inv_s + HALF, ZERO, ONE)
+    w = np.clip(depth * inv_s + HALF, LEAST_W, ONE)
     if not layer:
         mass[rim] = (level[rim].astype(f32) * (w * f32(256)) + HALF).astype(np.int64)
         f[r2 * inv_R2 > ONE] = ZERO
@@ -81,10 +82,8 @@ def mass_and_shape(
     held = np.flatnonzero(m)
     rim, depth, w, p, m = rim[held], depth[held], w[held], p[held], m[held]
     tau = np.minimum((m.astype(f32) * (ONE / (p * f32(256)))) / w, ONE)
-    e = np.maximum((depth * inv_s + HALF) - ONE, ZERO)
-    beyond = e >= f32(3)
-    d = np.where(beyond, depth, (w * s) * effective_depth(table, np.where(beyond, ZERO, e), tau))
-    delta = np.clip(d * inv_R, ZERO, ONE)
+    e = np.clip((depth * inv_s + HALF) - ONE, ZERO, THREE)
+    delta = (w * (s * inv_R)) * effective_depth(table, e, tau)
     f[rim] = delta * (TWO - delta)
     return mass, f
 

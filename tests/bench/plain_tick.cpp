@@ -83,6 +83,7 @@ PlainSums PlainTick::visit(std::uint8_t* density, const std::uint8_t* pristine, 
   const float R = static_cast<float>(radius_), inv_R = 1.0f / R, inv_R2 = inv_R * inv_R;
   const float s = static_cast<float>(spacing_), inv_s = 1.0f / s;
   const float deep = R - 3.5f * s, deep2 = deep * deep;
+  const float least_w = 0x1p-20f;
   const DepthTable& effective_depth = *depth_;
   const ErodedFraction eroded_fraction(a);
   Draws draws(*this, tick, static_cast<std::size_t>(std::max<std::int64_t>(at.end[0] - at.begin[0], 0)));
@@ -114,7 +115,7 @@ PlainSums PlainTick::visit(std::uint8_t* density, const std::uint8_t* pristine, 
         float f = 1.0f - r2 * inv_R2;
         if (r2 > deep2) {
           const float depth = R - std::sqrt(r2);
-          const float w = std::min(std::max(depth * inv_s + 0.5f, 0.0f), 1.0f);
+          const float w = std::min(std::max(depth * inv_s + 0.5f, least_w), 1.0f);
           if constexpr (scheme == Scheme::cell) {
             mass = static_cast<int>(static_cast<float>(q) * (w * 256.0f) + 0.5f);
             if (mass == 0) continue;
@@ -124,9 +125,8 @@ PlainSums PlainTick::visit(std::uint8_t* density, const std::uint8_t* pristine, 
             mass -= static_cast<int>(p * ((1.0f - w) * 256.0f) + 0.5f);
             if (mass <= 0) continue;
             const float tau = std::min((static_cast<float>(mass) * (1.0f / (p * 256.0f))) / w, 1.0f);
-            const float e = std::max((depth * inv_s + 0.5f) - 1.0f, 0.0f);
-            const float d = e >= 3.0f ? depth : (w * s) * effective_depth(e, tau);
-            const float delta = std::min(std::max(d * inv_R, 0.0f), 1.0f);
+            const float e = std::min(std::max((depth * inv_s + 0.5f) - 1.0f, 0.0f), 3.0f);
+            const float delta = (w * (s * inv_R)) * effective_depth(e, tau);
             f = delta * (2.0f - delta);
           }
         }

@@ -202,8 +202,10 @@ Raises
 ValueError
     If the centre is not finite or dt not positive.
 )")
-      .def("erode", &BurrContact::erode, py::arg("center"), py::arg("dt"), py::call_guard<py::gil_scoped_release>(),
-           R"(The erosion of a tick without its force; after `probe`, which gives the force sooner, the same as `step`.
+      .def(
+          "erode", &BurrContact::erode, py::arg("center"), py::arg("dt"),
+          py::call_guard<py::gil_scoped_release>(),
+          R"(The erosion of a tick without its force; after `probe`, which gives the force sooner, the same as `step`.
 
 Parameters
 ----------

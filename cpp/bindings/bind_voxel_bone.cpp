@@ -79,7 +79,8 @@ Levels to_levels(const py::array& values, Range range) {
 Index3 shape_of(const py::array& values) { return {values.shape(0), values.shape(1), values.shape(2)}; }
 
 // A dense copy of a box of levels, (z, y, x).
-py::array_t<std::uint8_t> levels_of(const VoxelBone& bone, const Index3& start, const Index3& shape, bool pristine) {
+py::array_t<std::uint8_t> levels_of(const VoxelBone& bone, const Index3& start, const Index3& shape,
+                                    bool pristine) {
   bone.check_box(start, shape);
   py::array_t<std::uint8_t> out({shape[0], shape[1], shape[2]});
   std::uint8_t* to = out.mutable_data();

@@ -10,17 +10,20 @@ PYBIND11_MODULE(_core, m) {
   burrlab::cpu_path();  // a wrong BURRLAB_CPU_PATH ends the import
   m.def("cpu_paths", &burrlab::cpu_paths, "The tick's code paths that this CPU runs, plainest first.");
   m.def("cpu_path", &burrlab::cpu_path,
-        "The path in use: the fastest, or what the environment variable BURRLAB_CPU_PATH names. All give equal bits.");
+        "The path in use: the fastest, or what the environment variable BURRLAB_CPU_PATH names. All give "
+        "equal bits.");
   m.def("use_cpu_path", &burrlab::use_cpu_path, py::arg("name"),
         "Path of the contacts made from now on. ValueError unless one of `cpu_paths()`.");
   m.def(
       "draws",
-      [](const burrlab::Index3& shape, std::uint64_t seed, std::uint64_t tick, std::uint32_t index, std::uint32_t draw) {
+      [](const burrlab::Index3& shape, std::uint64_t seed, std::uint64_t tick, std::uint32_t index,
+         std::uint32_t draw) {
         const auto field = burrlab::random_field(shape, seed, tick, index, draw);
         return py::array_t<std::uint16_t>({shape[0], shape[1], shape[2]}, field.data());
       },
       py::arg("shape"), py::arg("seed"), py::arg("tick"), py::arg("index") = 0, py::arg("draw") = 0,
-      "The 16-bit random numbers of a tick, one a voxel, (nz, ny, nx) uint16; draw 0 is U, 1 is V (docs/tick.md).");
+      "The 16-bit random numbers of a tick, one a voxel, (nz, ny, nx) uint16; draw 0 is U, 1 is V "
+      "(docs/tick.md).");
   bind_shape(m);
   bind_material(m);
   bind_voxel_bone(m);

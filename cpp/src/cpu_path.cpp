@@ -22,7 +22,8 @@ bool bit(int leaf, int word, int index) {
 bool saved_by_system(unsigned long long state) { return bit(1, 2, 27) && (_xgetbv(0) & state) == state; }
 bool has_avx2() { return saved_by_system(0x06) && bit(7, 1, 5); }
 bool has_avx512() {
-  return has_avx2() && saved_by_system(0xE6) && bit(7, 1, 16) && bit(7, 1, 17) && bit(7, 1, 30) && bit(7, 1, 31);
+  return has_avx2() && saved_by_system(0xE6) && bit(7, 1, 16) && bit(7, 1, 17) && bit(7, 1, 30) &&
+         bit(7, 1, 31);
 }
 #else
 bool has_avx2() { return __builtin_cpu_supports("avx2"); }
@@ -54,7 +55,8 @@ const kernel::Kernel* named(const std::string& name, const char* who) {
     if (name == k->name) return k;
     known += (known.empty() ? "" : ", ") + std::string(k->name);
   }
-  throw std::invalid_argument(std::string(who) + " must be one that this CPU runs, " + known + "; got '" + name + "'");
+  throw std::invalid_argument(std::string(who) + " must be one that this CPU runs, " + known + "; got '" +
+                              name + "'");
 }
 
 std::atomic<const kernel::Kernel*>& chosen() {

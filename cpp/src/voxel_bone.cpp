@@ -32,7 +32,8 @@ Index3 checked(const Index3& shape, const Vec3& spacing, const Vec3& origin) {
 
 VoxelBone::Tiles::Tiles(std::size_t bricks)
     : memory_(std::calloc(bricks * brick_voxels + 63, 1)),
-      first_(reinterpret_cast<std::uint8_t*>((reinterpret_cast<std::uintptr_t>(memory_.get()) + 63) & ~std::uintptr_t{63})) {
+      first_(reinterpret_cast<std::uint8_t*>((reinterpret_cast<std::uintptr_t>(memory_.get()) + 63) &
+                                             ~std::uintptr_t{63})) {
   if (!memory_) throw std::bad_alloc();
 }
 
@@ -45,7 +46,8 @@ VoxelBone::VoxelBone(const Index3& shape, const Vec3& spacing, const Vec3& origi
 
 VoxelBone::VoxelBone(const Index3& shape, const Levels& levels, const Vec3& spacing, const Vec3& origin)
     : VoxelBone(shape, 0, spacing, origin) {
-  if (std::int64_t(levels.size()) != product(shape_)) throw std::invalid_argument("levels do not fill the shape");
+  if (std::int64_t(levels.size()) != product(shape_))
+    throw std::invalid_argument("levels do not fill the shape");
   write({0, 0, 0}, shape_, levels.data());
 }
 
@@ -195,8 +197,8 @@ VoxelBone::Levels VoxelBone::read(const Index3& start, const Index3& shape, bool
 }
 
 // The part of a box of levels that lies in a brick, into its tile.
-void VoxelBone::copy_in(const Index3& at, const Index3& start, const Index3& shape, const std::uint8_t* levels,
-                        std::uint8_t* tile) const {
+void VoxelBone::copy_in(const Index3& at, const Index3& start, const Index3& shape,
+                        const std::uint8_t* levels, std::uint8_t* tile) const {
   Index3 low, high;
   for (int axis = 0; axis < 3; ++axis) {
     low[axis] = std::max(start[axis], at[axis] * brick_side);
@@ -226,8 +228,8 @@ void VoxelBone::restore(const std::uint8_t* density) {
   const Levels before = pristine();
   for (std::size_t i = 0; i < before.size(); ++i) {
     if (density[i] > before[i]) {
-      throw std::invalid_argument("density must be at most the pristine level, got " + std::to_string(density[i]) +
-                                  " over " + std::to_string(before[i]));
+      throw std::invalid_argument("density must be at most the pristine level, got " +
+                                  std::to_string(density[i]) + " over " + std::to_string(before[i]));
     }
   }
   each_brick({0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {

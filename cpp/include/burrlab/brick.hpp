@@ -29,7 +29,7 @@ class Occupancy {
 
   void set(const Index3& brick, bool occupied);
 
-  const Index3& blocks() const { return blocks_; }              ///< number of blocks (z, y, x)
+  const Index3& blocks() const { return blocks_; }  ///< number of blocks (z, y, x)
   const Index3& blocks_of_blocks() const { return superblocks_; }
   std::uint64_t block(std::int64_t z, std::int64_t y, std::int64_t x) const {
     return block_[static_cast<std::size_t>((z * blocks_[1] + y) * blocks_[2] + x)];

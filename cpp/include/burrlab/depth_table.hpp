@@ -31,8 +31,8 @@ class DepthTable {
   }
 
   const std::array<float, rows * columns>& nodes() const { return node_; }
-  /// The same by cells, (24, 40, 4): value at (i, j), rise to j + 1, value at i + 1, its rise to j + 1; aligned
-  /// to 16 bytes, so that a cell is one load.
+  /// The same by cells, (24, 40, 4): value at (i, j), rise to j + 1, value at i + 1, its rise to j + 1;
+  /// aligned to 16 bytes, so that a cell is one load.
   const float* cells() const { return cell_.data(); }
 
  private:

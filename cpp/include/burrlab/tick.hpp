@@ -42,10 +42,11 @@ struct ErodedFraction {
 
 /// What one pass over the sphere adds up; exact whatever the order.
 struct TickSums {
-  std::int64_t mass = 0;              ///< sum of M [1/256 level]
-  std::int64_t first[3] = {0, 0, 0};  ///< sum of M times voxel index from the nearest to the centre, (x, y, z)
-  std::int64_t faint = 0;             ///< the part of `mass` in voxels with p < 32, where `layer` errs
-  std::int64_t lost = 0;              ///< levels removed
+  std::int64_t mass = 0;  ///< sum of M [1/256 level]
+  std::int64_t first[3] = {0, 0,
+                           0};  ///< sum of M times voxel index from the nearest to the centre, (x, y, z)
+  std::int64_t faint = 0;       ///< the part of `mass` in voxels with p < 32, where `layer` errs
+  std::int64_t lost = 0;        ///< levels removed
 };
 
 /// The sphere in one bone's grid.
@@ -91,7 +92,8 @@ class Tick {
   std::shared_ptr<const DepthTable> depth_;  // null where f needs no depth
 };
 
-/// U (draw 0) or V (draw 1) of every voxel of a volume of `shape`, (z, y, x), as a tick draws them; for tests.
+/// U (draw 0) or V (draw 1) of every voxel of a volume of `shape`, (z, y, x), as a tick draws them; for
+/// tests.
 std::vector<std::uint16_t> random_field(const Index3& shape, std::uint64_t seed, std::uint64_t tick,
                                         std::uint32_t index, std::uint32_t draw);
 

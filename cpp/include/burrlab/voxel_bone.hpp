@@ -31,7 +31,7 @@ class VoxelBone {
   double voxel_volume() const { return spacing_.prod(); }  ///< [mm^3]
 
   double mass() const { return double(level_sum_) * (voxel_volume() / 255.0); }  ///< [mm^3 of solid bone]
-  double removed() const;                                                        ///< pristine minus present [mm^3]
+  double removed() const;  ///< pristine minus present [mm^3]
 
   Levels density() const { return read({0, 0, 0}, shape_, false); }  ///< dense copy, (z, y, x)
   Levels pristine() const { return read({0, 0, 0}, shape_, true); }  ///< dense copy, (z, y, x)

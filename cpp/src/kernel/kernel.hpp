@@ -16,6 +16,8 @@ struct Draws {
   std::uint64_t after0_x2, after1_x0, after1_x2, after1_x3;
 };
 
+Draws draws(std::uint64_t seed, std::uint64_t tick, std::uint32_t who);  // who: burr index + 2^31 draw
+
 /// One sphere in one tick, as docs/tick.md names things.
 struct Sphere {
   float fraction[3];  // of the position, (x, y, z) [voxel]
@@ -25,12 +27,12 @@ struct Sphere {
   float outer2;                                   // a voxel beyond this r2 has w = 0
   float deep2;                                    // a voxel within this r2 is deep
   ShapeKind shape;
-  int whole;                                 // the exponent of y where it is a whole number, else 0
+  int whole;  // the exponent of y where it is a whole number, else 0
   double exponent;
-  double (*power)(double y, double k);       // for exponents that are not whole
-  const float* depth;                        // DepthTable::cells(); null where f needs no depth
-  float fraction_scale;                      // a_k
-  int doublings;                             // k
+  double (*power)(double y, double k);  // for exponents that are not whole
+  const float* depth;                   // DepthTable::cells(); null where f needs no depth
+  float fraction_scale;                 // a_k
+  int doublings;                        // k
   Draws draws;
 };
 
@@ -45,8 +47,8 @@ struct Brick {
   std::uint32_t columns_in_slab;  // from one z to the next
 };
 
-/// Exact sums: of M, and of M times the voxel's index 0..7 within the brick, before the erosion; of the part of M
-/// where p < 32; and of the levels and levels times index after it.
+/// Exact sums: of M, and of M times the voxel's index 0..7 within the brick, before the erosion; of the part
+/// of M where p < 32; and of the levels and levels times index after it.
 struct Sums {
   std::int64_t mass, x, y, z, faint;
   std::uint32_t after_mass, after_x, after_y, after_z;  // side by side, for vector stores
@@ -59,7 +61,7 @@ using Visit = void (*)(const Sphere&, const Brick&, Sums&);
 /// The code for one instruction set.
 struct Kernel {
   const char* name;
-  int slabs;              // of a brick that it draws at a time
+  int slabs;             // of a brick that it draws at a time
   Visit visit[3][2][2];  // [pass][layer][isotropic]
   /// U of the first `slabs` slabs of a brick, (z, y, x); for tests.
   void (*draw)(const Draws&, std::uint32_t column, std::uint32_t columns_in_slab, std::uint16_t* out);

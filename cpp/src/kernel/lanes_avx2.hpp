@@ -27,7 +27,9 @@ inline Float load(const float* a) { return {_mm256_load_ps(a)}; }
 inline void store(float* to, Float a) { _mm256_store_ps(to, a.v); }
 inline void store(std::int32_t* to, Integer a) { _mm256_store_si256(reinterpret_cast<__m256i*>(to), a.v); }
 inline void store(std::uint32_t* to, Integer a) { store(reinterpret_cast<std::int32_t*>(to), a); }
-inline Integer load(const std::int32_t* a) { return {_mm256_load_si256(reinterpret_cast<const __m256i*>(a))}; }
+inline Integer load(const std::int32_t* a) {
+  return {_mm256_load_si256(reinterpret_cast<const __m256i*>(a))};
+}
 inline Integer index_in_row() { return {_mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7)}; }
 
 inline Float operator+(Float a, Float b) { return {_mm256_add_ps(a.v, b.v)}; }
@@ -81,14 +83,16 @@ inline unsigned rows_that_hold(const std::uint8_t* slab) {
   const auto* half = reinterpret_cast<const __m256i*>(slab);
   const __m256i zero = _mm256_setzero_si256();
   const auto low = _mm256_movemask_pd(_mm256_castsi256_pd(_mm256_cmpeq_epi64(_mm256_load_si256(half), zero)));
-  const auto high = _mm256_movemask_pd(_mm256_castsi256_pd(_mm256_cmpeq_epi64(_mm256_load_si256(half + 1), zero)));
+  const auto high =
+      _mm256_movemask_pd(_mm256_castsi256_pd(_mm256_cmpeq_epi64(_mm256_load_si256(half + 1), zero)));
   return static_cast<unsigned>((low | high << 4) ^ 0xFF);
 }
 
 /// Four consecutive floats a lane, from quads[i].
 inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float& b, Float& c, Float& d) {
   const auto pair = [&](int low, int high) {
-    return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_load_ps(quads + i[low])), _mm_load_ps(quads + i[high]), 1);
+    return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_load_ps(quads + i[low])),
+                                _mm_load_ps(quads + i[high]), 1);
   };
   const __m256 r0 = pair(0, 4), r1 = pair(1, 5), r2 = pair(2, 6), r3 = pair(3, 7);
   const __m256 t0 = _mm256_unpacklo_ps(r0, r1), t1 = _mm256_unpackhi_ps(r0, r1);
@@ -106,13 +110,16 @@ struct Words {
 };
 inline Words first_words(std::uint32_t column, std::uint32_t) {
   const __m256i at = _mm256_set1_epi64x(column);
-  return {_mm256_add_epi32(at, _mm256_setr_epi64x(0, 2, 4, 6)), _mm256_add_epi32(at, _mm256_setr_epi64x(1, 3, 5, 7))};
+  return {_mm256_add_epi32(at, _mm256_setr_epi64x(0, 2, 4, 6)),
+          _mm256_add_epi32(at, _mm256_setr_epi64x(1, 3, 5, 7))};
 }
 inline Words all_words(std::uint64_t a) {
   const __m256i v = _mm256_set1_epi64x(static_cast<long long>(a));
   return {v, v};
 }
-inline Words product(Words a, Words b) { return {_mm256_mul_epu32(a.even, b.even), _mm256_mul_epu32(a.odd, b.odd)}; }
+inline Words product(Words a, Words b) {
+  return {_mm256_mul_epu32(a.even, b.even), _mm256_mul_epu32(a.odd, b.odd)};
+}
 inline Words high(Words a) { return {_mm256_srli_epi64(a.even, 32), _mm256_srli_epi64(a.odd, 32)}; }
 inline Words operator^(Words a, Words b) {
   return {_mm256_xor_si256(a.even, b.even), _mm256_xor_si256(a.odd, b.odd)};
@@ -131,7 +138,8 @@ inline void sum_levels(const std::uint8_t* tile, Sums& sums) {
     high = _mm256_add_epi64(high, _mm256_sad_epu8(b, zero));
     x_low = _mm256_add_epi16(x_low, _mm256_maddubs_epi16(a, weight));
     x_high = _mm256_add_epi16(x_high, _mm256_maddubs_epi16(b, weight));
-    if (slab > 0) z = _mm256_add_epi64(z, _mm256_add_epi64(low, high));  // sum of z q as a sum of sums from above
+    if (slab > 0)
+      z = _mm256_add_epi64(z, _mm256_add_epi64(low, high));  // sum of z q as a sum of sums from above
   }
   // Each sum is below 2^32: two share the 64-bit lanes of one vector.
   const __m256i one = _mm256_set1_epi16(1), lower = _mm256_set1_epi64x(0xFFFFFFFF);
@@ -139,9 +147,11 @@ inline void sum_levels(const std::uint8_t* tile, Sums& sums) {
   const __m256i y = _mm256_add_epi64(_mm256_mul_epu32(low, _mm256_setr_epi64x(0, 1, 2, 3)),
                                      _mm256_mul_epu32(high, _mm256_setr_epi64x(4, 5, 6, 7)));
   const __m256i mass_x = _mm256_add_epi64(
-      _mm256_add_epi64(low, high), _mm256_slli_epi64(_mm256_add_epi32(_mm256_and_si256(x, lower), _mm256_srli_epi64(x, 32)), 32));
+      _mm256_add_epi64(low, high),
+      _mm256_slli_epi64(_mm256_add_epi32(_mm256_and_si256(x, lower), _mm256_srli_epi64(x, 32)), 32));
   const __m256i y_z = _mm256_add_epi64(y, _mm256_slli_epi64(z, 32));
-  const __m256i pairs = _mm256_add_epi64(_mm256_unpacklo_epi64(mass_x, y_z), _mm256_unpackhi_epi64(mass_x, y_z));
+  const __m256i pairs =
+      _mm256_add_epi64(_mm256_unpacklo_epi64(mass_x, y_z), _mm256_unpackhi_epi64(mass_x, y_z));
   _mm_storeu_si128(reinterpret_cast<__m128i*>(&sums.after_mass),
                    _mm_add_epi64(_mm256_castsi256_si128(pairs), _mm256_extracti128_si256(pairs, 1)));
 }

@@ -124,14 +124,17 @@ inline Words all_words(std::uint64_t a) {
   const __m512i v = _mm512_set1_epi64(static_cast<long long>(a));
   return {v, v};
 }
-inline Words product(Words a, Words b) { return {_mm512_mul_epu32(a.even, b.even), _mm512_mul_epu32(a.odd, b.odd)}; }
+inline Words product(Words a, Words b) {
+  return {_mm512_mul_epu32(a.even, b.even), _mm512_mul_epu32(a.odd, b.odd)};
+}
 inline Words high(Words a) { return {_mm512_srli_epi64(a.even, 32), _mm512_srli_epi64(a.odd, 32)}; }
 inline Words operator^(Words a, Words b) {
   return {_mm512_xor_si512(a.even, b.even), _mm512_xor_si512(a.odd, b.odd)};
 }
 inline Words exclusive_or(Words a, Words b, Words c) {
   constexpr int odd = 0x96;  // truth table of a ^ b ^ c
-  return {_mm512_ternarylogic_epi64(a.even, b.even, c.even, odd), _mm512_ternarylogic_epi64(a.odd, b.odd, c.odd, odd)};
+  return {_mm512_ternarylogic_epi64(a.even, b.even, c.even, odd),
+          _mm512_ternarylogic_epi64(a.odd, b.odd, c.odd, odd)};
 }
 inline Integer in_order(Words a) {
   return {_mm512_mask_blend_epi32(0xAAAA, a.even, _mm512_slli_epi64(a.odd, 32))};
@@ -148,7 +151,8 @@ inline void sum_levels(const std::uint8_t* tile, Sums& sums) {
   }
   const __m512i y = _mm512_mullo_epi64(rows, _mm512_setr_epi64(0, 1, 2, 3, 4, 5, 6, 7));
   sums.after_mass = static_cast<std::uint32_t>(_mm512_reduce_add_epi64(rows));
-  sums.after_x = static_cast<std::uint32_t>(_mm512_reduce_add_epi32(_mm512_madd_epi16(x, _mm512_set1_epi16(1))));
+  sums.after_x =
+      static_cast<std::uint32_t>(_mm512_reduce_add_epi32(_mm512_madd_epi16(x, _mm512_set1_epi16(1))));
   sums.after_y = static_cast<std::uint32_t>(_mm512_reduce_add_epi64(y));
   sums.after_z = static_cast<std::uint32_t>(_mm512_reduce_add_epi64(z));
 }

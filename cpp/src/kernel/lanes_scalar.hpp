@@ -53,9 +53,9 @@ inline Integer index_in_row() {
   return each<Integer>([](int i) { return i; });
 }
 
-#define BURRLAB_EACH(result, name, type, expression)             \
-  inline result name(const type& a, const type& b) {             \
-    return each<result>([&](int i) { return expression; });      \
+#define BURRLAB_EACH(result, name, type, expression)        \
+  inline result name(const type& a, const type& b) {        \
+    return each<result>([&](int i) { return expression; }); \
   }
 BURRLAB_EACH(Float, operator+, Float, a.v[i] + b.v[i])
 BURRLAB_EACH(Float, operator-, Float, a.v[i] - b.v[i])
@@ -84,7 +84,8 @@ inline Integer low16(const Integer& a) {
   return each<Integer>([&](int i) { return a.v[i] & 0xFFFF; });
 }
 inline Integer high16(const Integer& a) {
-  return each<Integer>([&](int i) { return static_cast<std::int32_t>(static_cast<std::uint32_t>(a.v[i]) >> 16); });
+  return each<Integer>(
+      [&](int i) { return static_cast<std::int32_t>(static_cast<std::uint32_t>(a.v[i]) >> 16); });
 }
 inline Integer positive(const Integer& a) {
   return each<Integer>([&](int i) { return a.v[i] > 0 ? a.v[i] : 0; });
@@ -112,7 +113,8 @@ inline Integer times_index(const Integer& a) {
   return each<Integer>([&](int i) { return a.v[i] * i; });
 }
 /// The sums over the lanes of four vectors.
-inline void horizontal_sums(const Integer& a, const Integer& b, const Integer& c, const Integer& d, std::int32_t* out) {
+inline void horizontal_sums(const Integer& a, const Integer& b, const Integer& c, const Integer& d,
+                            std::int32_t* out) {
   out[0] = out[1] = out[2] = out[3] = 0;
   for (int i = 0; i < 8; ++i) out[0] += a.v[i], out[1] += b.v[i], out[2] += c.v[i], out[3] += d.v[i];
 }

@@ -31,7 +31,8 @@ inline void store(std::int32_t* to, Integer x) {
 }
 inline void store(std::uint32_t* to, Integer a) { store(reinterpret_cast<std::int32_t*>(to), a); }
 inline Integer load(const std::int32_t* p) {
-  return {_mm_load_si128(reinterpret_cast<const __m128i*>(p)), _mm_load_si128(reinterpret_cast<const __m128i*>(p) + 1)};
+  return {_mm_load_si128(reinterpret_cast<const __m128i*>(p)),
+          _mm_load_si128(reinterpret_cast<const __m128i*>(p) + 1)};
 }
 inline Integer index_in_row() { return {_mm_setr_epi32(0, 1, 2, 3), _mm_setr_epi32(4, 5, 6, 7)}; }
 
@@ -44,7 +45,9 @@ inline Float smaller(Float x, Float y) { return {_mm_min_ps(x.a, y.a), _mm_min_p
 inline Float larger(Float x, Float y) { return {_mm_max_ps(x.a, y.a), _mm_max_ps(x.b, y.b)}; }
 inline Mask operator<=(Float x, Float y) { return {_mm_cmple_ps(x.a, y.a), _mm_cmple_ps(x.b, y.b)}; }
 inline Mask operator>(Float x, Float y) { return {_mm_cmpgt_ps(x.a, y.a), _mm_cmpgt_ps(x.b, y.b)}; }
-inline __m128 choose(__m128 m, __m128 x, __m128 y) { return _mm_or_ps(_mm_and_ps(m, x), _mm_andnot_ps(m, y)); }
+inline __m128 choose(__m128 m, __m128 x, __m128 y) {
+  return _mm_or_ps(_mm_and_ps(m, x), _mm_andnot_ps(m, y));
+}
 inline Float select(Mask m, Float x, Float y) { return {choose(m.a, x.a, y.a), choose(m.b, x.b, y.b)}; }
 
 inline Integer operator+(Integer x, Integer y) { return {_mm_add_epi32(x.a, y.a), _mm_add_epi32(x.b, y.b)}; }
@@ -71,7 +74,9 @@ inline Integer plus_one_where(Mask m, Integer x) {
 
 inline Float to_float(Integer x) { return {_mm_cvtepi32_ps(x.a), _mm_cvtepi32_ps(x.b)}; }
 inline Integer truncate(Float x) { return {_mm_cvttps_epi32(x.a), _mm_cvttps_epi32(x.b)}; }
-inline unsigned bits(Mask m) { return static_cast<unsigned>(_mm_movemask_ps(m.a) | _mm_movemask_ps(m.b) << 4); }
+inline unsigned bits(Mask m) {
+  return static_cast<unsigned>(_mm_movemask_ps(m.a) | _mm_movemask_ps(m.b) << 4);
+}
 
 /// Each lane times its place 0..7.
 inline Integer times_index(Integer a) {
@@ -171,7 +176,8 @@ inline void sum_levels(const std::uint8_t* tile, Sums& sums) {
       const __m128i one = _mm_sad_epu8(_mm_and_si128(q, _mm_set1_epi16(-256)), zero);
       const __m128i two = _mm_sad_epu8(_mm_and_si128(q, _mm_set1_epi32(-65536)), zero);
       const __m128i four = _mm_sad_epu8(_mm_and_si128(q, _mm_set1_epi64x(-4294967296)), zero);
-      x = _mm_add_epi64(x, _mm_add_epi64(one, _mm_add_epi64(_mm_slli_epi64(two, 1), _mm_slli_epi64(four, 2))));
+      x = _mm_add_epi64(x,
+                        _mm_add_epi64(one, _mm_add_epi64(_mm_slli_epi64(two, 1), _mm_slli_epi64(four, 2))));
     }
     if (slab > 0) {  // sum of z q as a sum of sums from above
       z = _mm_add_epi64(z, _mm_add_epi64(_mm_add_epi64(rows[0], rows[1]), _mm_add_epi64(rows[2], rows[3])));

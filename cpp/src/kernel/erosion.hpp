@@ -1,0 +1,133 @@
+// The erosion of the rows of a brick, step by step.
+#pragma once
+
+#include "random.hpp"
+#include "rows.hpp"
+
+namespace burrlab::kernel {
+namespace {
+
+#ifdef _MSC_VER
+#define BURRLAB_RARE __declspec(noinline)
+#else
+#define BURRLAB_RARE __attribute__((noinline, cold))
+#endif
+
+/// What the steps of the erosion hand on, unit by unit. Each step goes through all units before the next
+/// begins: one voxel's arithmetic is a long chain, and only many of them side by side keep the CPU busy.
+struct Steps {
+  struct alignas(64) Row {
+    float mass[lanes];     // that erodes [2^-16 level]
+    float covered[lanes];  // before it is clamped to w
+    float r2[lanes];
+    float e_part[lanes];  // of e and tau within a cell of the table
+    float tau_part[lanes];
+    std::uint32_t cell[lanes];  // offset in the table
+    float width[lanes];         // w s/R
+    float f[lanes];             // first y of f = y^k
+    std::uint32_t unit;
+    alignas(64) float depth[lanes];  // R - r; the rest as a rule not needed
+    float p_inverse[lanes];
+    float relative_spacing[lanes];  // s/R
+    float e[lanes];
+  } row[units];
+  alignas(64) std::int32_t u[units][lanes];  // by unit, not by position in the list
+};
+
+/// The fraction left tau and the depth e of the outer face of the covered part (`layer`); their cell in the
+/// table of G.
+template <bool isotropic, bool plain>
+inline void find_cells(const Constants& c, Steps& steps, int count) {
+  const Float rows_per_voxel = set(8.0f), columns_per_unit = set(40.0f), last_row = set(23.0f),
+              last_column = set(39.0f);
+  const Float row_size = set(160.0f), cell_size = set(4.0f), deepest = set(3.0f);
+  for (int i = 0; i < count; ++i) {
+    auto& step = steps.row[i];
+    const Float covered = load(step.covered), w = smaller(larger(covered, c.least), c.one);
+    const Float p_inverse = plain ? c.p_inverse : load(step.p_inverse);
+    const Float tau = smaller((load(step.mass) * p_inverse) / w, c.one);
+    const Float e = larger(covered - c.one, c.zero);
+    const Float te = (isotropic ? smaller(e, deepest) : e) * rows_per_voxel, tt = tau * columns_per_unit;
+    const Float row = smaller(to_float(truncate(te)), last_row),
+                column = smaller(to_float(truncate(tt)), last_column);
+    store(step.e_part, te - row);
+    store(step.tau_part, tt - column);
+    store(step.cell, truncate(row * row_size + column * cell_size));
+    store(step.width, w * (isotropic ? c.relative_spacing : load(step.relative_spacing)));
+    if (!isotropic) store(step.e, e);
+  }
+}
+
+/// f, or y of f = y^k, at the effective depth delta = w s/R G(e, tau) of what the voxels hold (`layer`); G
+/// bilinear.
+template <bool isotropic>
+inline void find_f(const Sphere& at, const Constants& c, Steps& steps, int count) {
+  const Float deepest = set(3.0f);
+  const float* depth_table = at.depth;
+  const bool power = at.shape == shape_power;
+  for (int i = 0; i < count; ++i) {
+    const Float fe = load(steps.row[i].e_part), ft = load(steps.row[i].tau_part);
+    Float low, low_rise, high, high_rise;
+    look_up(depth_table, steps.row[i].cell, low, low_rise, high, high_rise);
+    const Float lo = low + low_rise * ft, hi = high + high_rise * ft;
+    Float delta = load(steps.row[i].width) * (lo + (hi - lo) * fe);
+    if (!isotropic)
+      delta = select(deepest <= load(steps.row[i].e), load(steps.row[i].depth) * c.radius_inverse, delta);
+    const Float r2 = load(steps.row[i].r2);
+    const Mask deep = r2 <= c.deep2;
+    store(steps.row[i].f, power ? select(deep, c.one - r2 * c.radius2_inverse, delta * (c.two - delta))
+                                : select(deep, load(steps.row[i].depth) * c.radius_inverse, delta));
+  }
+}
+
+inline void raise(const Sphere& at, Steps& steps, int count) {  // y to y^k
+  for (int i = 0; i < count; ++i) {
+    if (at.whole == 0) {
+      for (float& y : steps.row[i].f) y = static_cast<float>(at.power(static_cast<double>(y), at.exponent));
+    } else {
+      const Float y = load(steps.row[i].f);
+      Float f = y;
+      for (int k = 1; k < at.whole; ++k) f = f * y;
+      store(steps.row[i].f, f);
+    }
+  }
+}
+
+/// Draws V where the low 16 bits of lambda + U are all ones: whether the rest of lambda carries.
+BURRLAB_RARE Integer settle_ties(const Sphere& at, const Brick& brick, unsigned unit, Float scaled,
+                                 Integer lost, unsigned tie) {
+  const int z = slabs * static_cast<int>(unit >> 3), y = unit & 7;
+  const Float rest = (scaled - to_float(truncate(scaled))) * set(65536.0f) + set(0.5f);
+  alignas(64) std::int32_t each[lanes], low[lanes];
+  store(each, lost);
+  store(low, truncate(rest));
+  for (; tie; tie &= tie - 1) {
+    const int lane = static_cast<int>(lowest(tie));
+    const std::uint32_t column = brick.column +
+                                 static_cast<std::uint32_t>(z + lane / 8) * brick.columns_in_slab +
+                                 static_cast<std::uint32_t>(lane % 8);
+    each[lane] += draw_one(at, column, y, 1) < static_cast<std::uint32_t>(low[lane]);
+  }
+  return load(each);
+}
+
+/// Takes from every unit the loss that its expected loss lambda and U give.
+inline void lose(const Sphere& at, const Brick& brick, const Constants& c, const Steps& steps, int count) {
+  const Float c1 = set(0.49999714f), c2 = set(0.16652727f), c3 = set(0.03972289f);
+  const int doublings = at.doublings;
+  for (int i = 0; i < count; ++i) {
+    const auto& step = steps.row[i];
+    const Float y = c.fraction_scale * load(step.f);
+    Float eroded = y * (c.one - y * (c1 - y * (c2 - y * c3)));  // 1 - exp(-a f)
+    for (int k = 0; k < doublings; ++k) eroded = eroded * (c.two - eroded);
+    const Float scaled = load(step.mass) * eroded;
+    const Integer sum = truncate(scaled) + load(steps.u[step.unit]);
+    Integer lost = high16(sum);
+    if (const unsigned tie = bits(low16(sum) == set(0xFFFF)))
+      lost = settle_ties(at, brick, step.unit, scaled, lost, tie);
+    take_from_row(brick.density + tile_offset(step.unit), lost);
+  }
+}
+
+}  // namespace
+}  // namespace burrlab::kernel

@@ -1,0 +1,118 @@
+// The rows of a brick: where they lie about the sphere, and which of them a tick has to visit. Included once
+// by the file of each instruction set, after its lanes_*.hpp; everything is local to that file.
+#pragma once
+
+namespace burrlab::kernel {
+namespace {
+
+constexpr int slabs = lanes / 8;  // rows (z, y) and, with 16 lanes, (z + 1, y) side by side
+
+constexpr int units = 512 / lanes;  // vectors in a brick; unit i is the row y = i % 8 at z = slabs (i / 8)
+
+using Units = std::uint64_t;  // one bit a unit
+
+inline unsigned lowest(Units bits) {
+#if defined(_MSC_VER)
+  unsigned long i;
+  _BitScanForward64(&i, bits);
+  return static_cast<unsigned>(i);
+#else
+  return static_cast<unsigned>(__builtin_ctzll(bits));
+#endif
+}
+
+/// First byte of a unit in a tile.
+inline unsigned tile_offset(unsigned unit) {
+  return slabs == 1 ? 8 * unit : 128 * (unit >> 3) + 8 * (unit & 7);
+}
+
+/// What every voxel of the tick needs, in lanes. Local to a visit, so that no store to the bone can reach it
+/// and the compiler keeps it in registers.
+struct Constants {
+  Float zero = set(0.0f), one = set(1.0f), half = set(0.5f), two = set(2.0f), levels = set(256.0f);
+  Float least = set(0x1p-20f);  // w: never 0, so that it divides
+  Float spacing, spacing_inverse, relative_spacing, radius, radius_inverse, radius2_inverse, deep2,
+      fraction_scale;
+  Integer p;                  // pristine level of a brick of one level
+  Float p_levels, p_inverse;  // 256 p, and 1/(65536 p)
+
+  Constants(const Sphere& at, const Brick& brick)
+      : spacing(set(at.spacing[0])),
+        spacing_inverse(set(at.spacing_inverse)),
+        relative_spacing(set(at.spacing[0] * at.radius_inverse)),
+        radius(set(at.radius)),
+        radius_inverse(set(at.radius_inverse)),
+        radius2_inverse(set(at.radius2_inverse)),
+        deep2(set(at.deep2)),
+        fraction_scale(set(at.fraction_scale)) {
+    set_pristine(set(brick.level));
+  }
+  void set_pristine(Integer level) {
+    p = level;
+    p_levels = larger(to_float(level), one) * levels;  // an empty voxel would divide by zero
+    p_inverse = one / (p_levels * levels);
+  }
+};
+
+/// The brick's distances, row by row.
+struct Rows {
+  alignas(64) float r2[64];  // dz dz + dy dy
+  alignas(64) float a2[64];  // likewise of spacing times offset; anisotropic voxels only
+  Float x2, ax2;             // the same along a row
+  float x2_least, x2_most;
+};
+
+template <bool isotropic>
+inline void measure(const Sphere& at, const Brick& brick, Rows& rows) {
+  const auto offset = [&](int first, int axis) {
+    return (to_float(set(first) + index_in_row()) - set(at.fraction[axis])) * set(at.spacing[axis]);
+  };
+  const Float dx = offset(brick.x, 0), dy = offset(brick.y, 1), dz = offset(brick.z, 2);
+  alignas(64) float x2[lanes], z2[lanes];
+  rows.x2 = dx * dx;
+  store(x2, rows.x2);
+  store(z2, dz * dz);
+  const bool beside = brick.x > 0 || brick.x < -7;
+  rows.x2_most = x2[0] > x2[7] ? x2[0] : x2[7];
+  rows.x2_least = !beside ? 0.0f : x2[0] < x2[7] ? x2[0] : x2[7];
+  const Float y2 = dy * dy;
+  for (int z = 0; z < 8; z += slabs) store(rows.r2 + 8 * z, set_slabs(z2[z], z2[z + slabs - 1]) + y2);
+  if (!isotropic) {
+    const Float ax = set(at.spacing[0]) * dx, ay = set(at.spacing[1]) * dy, az = set(at.spacing[2]) * dz;
+    rows.ax2 = ax * ax;
+    store(z2, az * az);
+    const Float ay2 = ay * ay;
+    for (int z = 0; z < 8; z += slabs) store(rows.a2 + 8 * z, set_slabs(z2[z], z2[z + slabs - 1]) + ay2);
+  }
+}
+
+/// The units that hold something within reach, and of these the ones that are deep throughout.
+struct Wanted {
+  Units shallow = 0, deep = 0;
+};
+
+inline Wanted wanted_units(const Sphere& at, const Brick& brick, const Rows& rows) {
+  const Float reach2 = set(at.outer2 - rows.x2_least), deep2 = set(at.deep2), most = set(rows.x2_most);
+  Wanted wanted;
+  for (int z = 0; z < 8; z += slabs) {
+    const Float r2 = load(rows.r2 + 8 * z);
+    unsigned held = rows_that_hold(brick.density + 64 * z);
+    if (slabs == 2) held |= rows_that_hold(brick.density + 64 * (z + slabs - 1)) << 8;
+    unsigned any = held & bits(r2 <= reach2), shallow = held & ~bits(r2 + most <= deep2);
+    if (slabs == 2) {
+      any = (any | any >> 8) & 0xFF;
+      shallow |= shallow >> 8;
+    }
+    wanted.shallow |= Units{any & shallow} << (8 * (z / slabs));
+    wanted.deep |= Units{any & ~shallow} << (8 * (z / slabs));
+  }
+  return wanted;
+}
+
+inline Float squared_distance(const float* rows, Float x2, unsigned unit) {
+  const float* row = rows + tile_offset(unit) / 8;
+  return set_slabs(row[0], row[8 * (slabs - 1)]) + x2;
+}
+
+}  // namespace
+}  // namespace burrlab::kernel

@@ -29,6 +29,10 @@ $(VENV)/developed: $(VENV)/installed
 	$(BIN)/python -m pip install -q --disable-pip-version-check --no-build-isolation -C build-dir=build/python ".[dev]"
 	touch $@
 
+$(VENV)/benched: $(VENV)/installed
+	$(BIN)/python -m pip install -q --disable-pip-version-check --no-build-isolation -C build-dir=build/python ".[bench]"
+	touch $@
+
 demo: $(VENV)/installed
 	$(BIN)/python examples/demo.py demo
 
@@ -48,7 +52,7 @@ test-slow: $(VENV)/developed
 	$(BIN)/python -m pytest -m slow tests/python
 
 # BENCH=--quick for a look whether it runs
-bench: $(VENV)/developed
+bench: $(VENV)/benched
 	$(BIN)/cmake -S . -B $(BENCH_DIR) -G Ninja -DCMAKE_MAKE_PROGRAM=$(abspath $(BIN))/ninja -DCMAKE_BUILD_TYPE=Release -DBURRLAB_PYTHON=OFF -DBURRLAB_BENCH=ON -DPython_EXECUTABLE=$(abspath $(BIN))/python
 	$(BIN)/cmake --build $(BENCH_DIR) --target burrlab_bench
 	$(BIN)/python tests/bench/bench.py --library $(BENCH_DIR)/burrlab_bench.so --out bench $(BENCH)

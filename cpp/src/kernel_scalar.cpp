@@ -1,5 +1,7 @@
-#include "kernel/brick_visit.hpp"
+// clang-format off: the lanes come first
 #include "kernel/lanes_scalar.hpp"
+#include "kernel/brick_visit.hpp"
+// clang-format on
 
 namespace burrlab::kernel {
 #ifdef BURRLAB_X86_64

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -126,14 +127,30 @@ def bandwidth(native: Native, quick: bool) -> dict[str, float]:
 
 
 def sweep(quick: bool) -> dict[str, Any]:
-    """Seconds of a sweep of voxel descents on all cores of this machine."""
+    """Seconds of a sweep of voxel descents on all cores of this machine, and with one worker."""
     forces, repeats, voxel = ((2.0, 3.0), 1, 0.2) if quick else (SWEEP_FORCES, 4, 0.1)
-    start = time.perf_counter()
-    curve = burrlab.force_sweep(
-        burrlab.Burr(3.0), burrlab.materials["bone"], forces, repeats=repeats, voxel=voxel, seed=1
-    )
+
+    def run(executor: ThreadPoolExecutor | None) -> tuple[float, burrlab.VelocityCurve]:
+        start = time.perf_counter()
+        curve = burrlab.force_sweep(
+            burrlab.Burr(3.0),
+            burrlab.materials["bone"],
+            forces,
+            repeats=repeats,
+            voxel=voxel,
+            seed=1,
+            executor=executor,
+        )
+        return time.perf_counter() - start, curve
+
+    with ThreadPoolExecutor(1) as one:
+        alone, single = run(one)
+    seconds, curve = run(None)
+    if not np.array_equal(single.velocity, curve.velocity, equal_nan=True):
+        raise RuntimeError("the sweep depends on the number of workers")
     return {
-        "seconds": time.perf_counter() - start,
+        "seconds": seconds,
+        "seconds_one_worker": alone,
         "forces_N": list(forces),
         "repeats": repeats,
         "voxel_mm": voxel,

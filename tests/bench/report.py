@@ -188,7 +188,7 @@ def summary(found: list[Measured], once: dict[str, Any], rows: list[Target], ref
     sweep = once["sweep"]
     lines.append(
         f"sweep of {len(sweep['forces_N'])} forces x {sweep['repeats']}, {sweep['voxel_mm']:g} mm, {sweep['workers']} cores: "
-        f"{sweep['seconds']:.3g} s"
+        f"{sweep['seconds']:.3g} s; with one worker {sweep['seconds_one_worker']:.3g} s"
     )
     lines += ["", "Targets:"]
     for row in rows:

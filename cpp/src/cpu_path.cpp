@@ -20,13 +20,15 @@ bool bit(int leaf, int word, int index) {
   return registers[word] >> index & 1;
 }
 bool saved_by_system(unsigned long long state) { return bit(1, 2, 27) && (_xgetbv(0) & state) == state; }
-bool has_avx2() { return saved_by_system(0x06) && bit(7, 1, 5); }
+bool has_avx2() { return saved_by_system(0x06) && bit(7, 1, 5) && bit(7, 1, 3) && bit(7, 1, 8); }
 bool has_avx512() {
   return has_avx2() && saved_by_system(0xE6) && bit(7, 1, 16) && bit(7, 1, 17) && bit(7, 1, 30) &&
          bit(7, 1, 31);
 }
 #else
-bool has_avx2() { return __builtin_cpu_supports("avx2"); }
+bool has_avx2() {
+  return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
+}
 bool has_avx512() {
   return has_avx2() && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
          __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl");

@@ -56,16 +56,16 @@ Tick::Placement Tick::place(const VoxelBone& bone, const Vec3& center) const {
   for (int axis = 0; axis < 3; ++axis) {
     require_finite("center", center[axis]);
     const double s = spacing_[axis];
-    const std::int64_t n = bone.shape()[2 - axis];
+    const auto n = static_cast<double>(bone.shape()[2 - axis]);
     // Far outside, any position without contact does as well.
     const double c = std::clamp((center[axis] - bone.origin()[axis]) / s, -1e9, 1e9);
     const double base = std::rint(c);
     at.base[axis] = static_cast<std::int64_t>(base);
     at.fraction[axis] = std::rint((c - base) * 1048576.0) / 1048576.0;
-    const auto low = static_cast<std::int64_t>(std::ceil(c - reach / s));
-    const auto high = static_cast<std::int64_t>(std::floor(c + reach / s));
-    at.first[axis] = std::max<std::int64_t>(low, 0) / brick_side;
-    at.last[axis] = high < 0 ? -1 : std::min(high, n - 1) / brick_side;
+    const double low = std::clamp(std::ceil(c - reach / s), 0.0, n),
+                 high = std::clamp(std::floor(c + reach / s), -1.0, n - 1.0);
+    at.first[axis] = static_cast<std::int64_t>(low) / brick_side;
+    at.last[axis] = high < 0.0 ? -1 : static_cast<std::int64_t>(high) / brick_side;
   }
   return at;
 }

@@ -13,8 +13,8 @@ from numba import njit
 f32 = np.float32
 u64 = np.uint64
 
-ZERO, HALF, ONE, TWO, THREE = f32(0), f32(0.5), f32(1), f32(2), f32(3)
-LEAST_W = f32(2.0**-20)
+ZERO, HALF, ONE, TWO = f32(0), f32(0.5), f32(1), f32(2)
+LEAST_W, MOST_E, MOST_TAU = f32(2.0**-20), f32(3 - 2.0**-22), f32(1 - 2.0**-24)
 P_2, P_3, P_4 = f32(0.49999714), f32(0.16652727), f32(0.03972289)  # of the eroded fraction
 LEVEL = f32(256)
 DRAWS = f32(65536)
@@ -162,8 +162,8 @@ def step(q, p, spacing, origin, radius, layer, a, seed, index, tick, table, cent
                         m -= int(pristine * ((ONE - w) * LEVEL) + HALF)
                         if m <= 0:
                             continue
-                        tau = min((f32(m) * (ONE / (pristine * LEVEL))) / w, ONE)
-                        e = min(max((depth * inv_s + HALF) - ONE, ZERO), THREE)
+                        tau = min((f32(m) * (ONE / (pristine * LEVEL))) / w, MOST_TAU)
+                        e = min(max((depth * inv_s + HALF) - ONE, ZERO), MOST_E)
                         delta = (w * (s * inv_R)) * effective_depth(table, e, tau)
                         f = delta * (TWO - delta)
                     else:

@@ -14,8 +14,8 @@ Float = NDArray[np.float32]
 Integer = NDArray[np.int64]
 Levels = NDArray[np.uint8]
 
-ZERO, HALF, ONE, TWO, THREE = f32(0), f32(0.5), f32(1), f32(2), f32(3)
-LEAST_W = f32(2.0**-20)
+ZERO, HALF, ONE, TWO = f32(0), f32(0.5), f32(1), f32(2)
+LEAST_W, MOST_E, MOST_TAU = f32(2.0**-20), f32(3 - 2.0**-22), f32(1 - 2.0**-24)
 P_2, P_3, P_4 = f32(0.49999714), f32(0.16652727), f32(0.03972289)  # of the eroded fraction
 WORD, LOW = np.uint64(0xFFFFFFFF), np.uint64(32)
 
@@ -81,8 +81,8 @@ def mass_and_shape(
     mass[rim] = m
     held = np.flatnonzero(m)
     rim, depth, w, p, m = rim[held], depth[held], w[held], p[held], m[held]
-    tau = np.minimum((m.astype(f32) * (ONE / (p * f32(256)))) / w, ONE)
-    e = np.clip((depth * inv_s + HALF) - ONE, ZERO, THREE)
+    tau = np.minimum((m.astype(f32) * (ONE / (p * f32(256)))) / w, MOST_TAU)
+    e = np.clip((depth * inv_s + HALF) - ONE, ZERO, MOST_E)
     delta = (w * (s * inv_R)) * effective_depth(table, e, tau)
     f[rim] = delta * (TWO - delta)
     return mass, f

@@ -83,7 +83,7 @@ PlainSums PlainTick::visit(std::uint8_t* density, const std::uint8_t* pristine, 
   const float R = static_cast<float>(radius_), inv_R = 1.0f / R, inv_R2 = inv_R * inv_R;
   const float s = static_cast<float>(spacing_), inv_s = 1.0f / s;
   const float deep = R - 3.5f * s, deep2 = deep * deep;
-  const float least_w = 0x1p-20f;
+  const float least_w = 0x1p-20f, most_e = 3.0f - 0x1p-22f, most_tau = 1.0f - 0x1p-24f;
   const DepthTable& effective_depth = *depth_;
   const ErodedFraction eroded_fraction(a);
   Draws draws(*this, tick, static_cast<std::size_t>(std::max<std::int64_t>(at.end[0] - at.begin[0], 0)));
@@ -124,8 +124,8 @@ PlainSums PlainTick::visit(std::uint8_t* density, const std::uint8_t* pristine, 
             const auto p = static_cast<float>(pristine[voxel]);
             mass -= static_cast<int>(p * ((1.0f - w) * 256.0f) + 0.5f);
             if (mass <= 0) continue;
-            const float tau = std::min((static_cast<float>(mass) * (1.0f / (p * 256.0f))) / w, 1.0f);
-            const float e = std::min(std::max((depth * inv_s + 0.5f) - 1.0f, 0.0f), 3.0f);
+            const float tau = std::min((static_cast<float>(mass) * (1.0f / (p * 256.0f))) / w, most_tau);
+            const float e = std::min(std::max((depth * inv_s + 0.5f) - 1.0f, 0.0f), most_e);
             const float delta = (w * (s * inv_R)) * effective_depth(e, tau);
             f = delta * (2.0f - delta);
           }

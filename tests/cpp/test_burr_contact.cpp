@@ -66,7 +66,8 @@ void check_erode() {
       const Vec3 center(0.02 * i, 0.01 * i, 1.8 - 0.01 * i);
       const Contact whole = stepped.step(center, 1.0, true), first = halved.probe(center);
       CHECK(first.force == whole.force && first.m0 == whole.m0 && first.m1 == whole.m1);
-      CHECK(first.normal == whole.normal && first.penetration == whole.penetration && first.tick == whole.tick);
+      CHECK(first.normal == whole.normal && first.penetration == whole.penetration &&
+            first.tick == whole.tick);
       CHECK(halved.erode(center, 1.0) == whole.removed && whole.removed > 0.0);
       CHECK(halved.tick == stepped.tick);
     }

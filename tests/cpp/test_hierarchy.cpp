@@ -1,4 +1,5 @@
-// What is kept of each brick: sums, occupancy bits and pristine levels agree with the voxels, whatever was done.
+// What is kept of each brick: sums, occupancy bits and pristine levels agree with the voxels, whatever was
+// done.
 #include <algorithm>
 #include <random>
 
@@ -75,8 +76,8 @@ void check_occupancy(const VoxelBone& bone) {
   each({4 * above[0], 4 * above[1], 4 * above[2]}, [&](std::int64_t z, std::int64_t y, std::int64_t x) {
     const bool inside = z < blocks[0] && y < blocks[1] && x < blocks[2];
     const bool holds = inside && occupancy.block(z, y, x) != 0;
-    right_above =
-        right_above && (occupancy.block_of_blocks(z / 4, y / 4, x / 4) >> Occupancy::bit(z, y, x) & 1) == holds;
+    right_above = right_above &&
+                  (occupancy.block_of_blocks(z / 4, y / 4, x / 4) >> Occupancy::bit(z, y, x) & 1) == holds;
   });
   CHECK(right_above);
 }
@@ -89,9 +90,8 @@ void check_all(const VoxelBone& bone) {
 bool nothing_set(const VoxelBone& bone) {
   bool none = true;
   const Occupancy& occupancy = bone.occupancy();
-  each(occupancy.blocks(), [&](std::int64_t z, std::int64_t y, std::int64_t x) {
-    none = none && occupancy.block(z, y, x) == 0;
-  });
+  each(occupancy.blocks(),
+       [&](std::int64_t z, std::int64_t y, std::int64_t x) { none = none && occupancy.block(z, y, x) == 0; });
   each(occupancy.blocks_of_blocks(), [&](std::int64_t z, std::int64_t y, std::int64_t x) {
     none = none && occupancy.block_of_blocks(z, y, x) == 0;
   });
@@ -147,7 +147,8 @@ void check_eroding_everything_away() {
       const Tick tick(bone, 3.0, Scheme::cell, Shape::constant(), 1, 0);
       for (int i = 0; i <= 150; ++i) {
         const double along = 0.5 * i;
-        tick.erode(bone, along_x ? Vec3(along, 1.0, 0.5) : Vec3(0.5, 1.0, along), 100.0, std::uint64_t(i), nullptr);
+        tick.erode(bone, along_x ? Vec3(along, 1.0, 0.5) : Vec3(0.5, 1.0, along), 100.0, std::uint64_t(i),
+                   nullptr);
         if (i % 30 == 0) check_all(bone);
       }
       check_all(bone);
@@ -176,6 +177,7 @@ void check_pristine_copies() {
         for (std::size_t brick = 0; brick < count(one->bricks()); ++brick)
           CHECK(one->pristine_tile(brick) == nullptr && one->pristine_level(brick) == level);
         CHECK(one->pristine() == same);
+        check_all(*one);
       }
     }
     CHECK(bone.digest() == written.digest());

@@ -41,7 +41,8 @@ std::vector<VoxelBone> bones() {
   mixed.restore(VoxelBone::Levels(box.size(), 0).data());
   mixed.reset();
   all.push_back(mixed);
-  all.push_back(VoxelBone({side, side, side}, 255, Vec3(spacing, 0.8 * spacing, 1.2 * spacing), Vec3::Zero()));
+  all.push_back(
+      VoxelBone({side, side, side}, 255, Vec3(spacing, 0.8 * spacing, 1.2 * spacing), Vec3::Zero()));
   return all;
 }
 
@@ -106,7 +107,8 @@ void check_counter() {
 
 int main() {
   check_counter();
-  std::printf("counted: operator new%s\n", counts_malloc ? " and malloc" : " alone: no glibc, or a sanitizer");
+  std::printf("counted: operator new%s\n",
+              counts_malloc ? " and malloc" : " alone: no glibc, or a sanitizer");
   const std::vector<VoxelBone> all = bones();
   for (const std::string& path : cpu_paths()) {
     use_cpu_path(path);

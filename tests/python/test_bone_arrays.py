@@ -60,15 +60,19 @@ def test_arrays_stay_as_they_were(eroded_bone: VoxelBone) -> None:
     ("start", "size"),
     [((0, 0, 0), (20, 30, 30)), ((7, 8, 9), (2, 1, 8)), ((19, 29, 29), (1, 1, 1)), ((3, 0, 5), (17, 16, 3))],
 )
-def test_read_is_a_part_of_the_dense_arrays(
-    start: tuple[int, int, int], size: tuple[int, int, int], eroded_bone: VoxelBone
-) -> None:
-    bone = eroded_bone
+def test_read_is_a_part_of_the_dense_arrays(start: tuple[int, int, int], size: tuple[int, int, int]) -> None:
+    """And these are the levels given; the dent's centre lies in every box."""
+    levels = np.random.default_rng(1).integers(0, 256, (20, 30, 30)).astype(np.uint8)
+    bone = VoxelBone(levels, 0.1)
+    center = [0.1 * (a + n / 2) for a, n in zip(start[::-1], size[::-1], strict=True)]
+    burrlab.BurrContact(bone, burrlab.Burr(1.0), burrlab.materials["bone"], seed=1).erode(center, 10.0)
+    np.testing.assert_array_equal(bone.pristine, levels)
     box = tuple(slice(a, a + n) for a, n in zip(start, size, strict=True))
     for pristine, whole in ((False, bone.density), (True, bone.pristine)):
         part = bone.read(start, size, pristine=pristine)
         assert part.dtype == np.uint8
         np.testing.assert_array_equal(part, whole[box])
+    assert np.any(bone.read(start, size) < levels[box])
     np.testing.assert_array_equal(bone.read(start, size), bone.density[box])
 
 

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from typing import Any
 
@@ -63,13 +59,14 @@ def test_clipped_volumes(cpu_path: str, scheme: str, size: tuple[int, int, int])
         assert check_scene(scene) > 0.0
 
 
+@pytest.mark.parametrize("shape", ALL_SHAPES)
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_a_sphere_of_many_bricks(cpu_path: str, scheme: str) -> None:
-    """Bricks that lie wholly inside give their stored sums; written ones and faint ones among them."""
-    steps = tuple(((0.5 + 0.02 * i, 0.5, 0.5 - 0.03 * i), i != 2) for i in range(5))
+def test_a_sphere_of_many_bricks(cpu_path: str, scheme: str, shape: str) -> None:
+    """Bricks and rows that lie wholly inside; written ones and faint ones among them."""
+    steps = tuple(((0.5 + 0.02 * i, 0.5, 0.5 - 0.03 * i), i != 1) for i in range(4))
     scene = scene_of(
-        scheme, "parabolic", size=(61, 62, 67), spacing=(0.1, 0.1, 0.1), ratio=28.0, steps=steps, fill="solid"
-    )
+        scheme, shape, size=(61, 62, 67), spacing=(0.1, 0.1, 0.1), ratio=28.0, steps=steps, fill="solid", alpha=0.9
+    )  # fmt: skip
     bone, core, reference = make_pair(scene)
     random = np.random.default_rng(3)
     for start, low, high in (((20, 20, 20), 0, 256), ((33, 17, 30), 1, 40), ((40, 40, 8), 100, 101)):
@@ -82,6 +79,24 @@ def test_a_sphere_of_many_bricks(cpu_path: str, scheme: str) -> None:
             core.step(center, 1.0, burr_on), reference.step(center, 1.0, burr_on), reference.radius
         )
         np.testing.assert_array_equal(bone.density, reference.q)
+
+
+@pytest.mark.parametrize("level", [31, 32])
+@pytest.mark.parametrize("made_of", ["one level", "levels", "a block"])
+@pytest.mark.parametrize("height", [6.4, 0.0])
+def test_faint_levels_end_at_32(cpu_path: str, height: float, made_of: str, level: int) -> None:
+    """In bricks of one level and of several, that the sphere covers whole, deep or at its boundary."""
+    levels = np.full((64, 64, 64), level, dtype=np.uint8)
+    if made_of == "levels":  # every brick holds some below the limit and some above it
+        levels[::8, ::8, ::8] = 1 if level == 32 else 255
+    origin = (-3.15, -3.15, -3.15)
+    bone = burrlab.VoxelBone(levels, spacing=0.1, origin=origin)
+    if made_of == "a block":
+        bone = burrlab.VoxelBone.block((6.4, 6.4, 6.4), 0.1, origin=origin, level=level)
+    contact = burrlab.BurrContact(bone, burrlab.Burr(4.0), burrlab.materials["bone"], seed=1)
+    for felt in (contact.probe((0.0, 0.0, height)), contact.step((0.0, 0.0, height), 1.0)):
+        assert felt.touching
+        assert felt.faint == (level < 32)
 
 
 @st.composite
@@ -184,63 +199,3 @@ def test_paths_may_change_from_contact_to_contact() -> None:
             contact.step((2.5, 2.5, 3.5 - 0.1 * tick), 1.0)
         digests.add(bone.digest())
     assert len(digests) == 1
-
-
-# --- The choice ---------------------------------------------------------------------------------------------
-
-SCRIPT = """
-import json
-import burrlab
-from burrlab import _core
-from burrlab.provenance import provenance
-run = burrlab.descend(burrlab.Burr(3.0), burrlab.materials["bone"], 2.0, voxel=0.4, seed=1, ideal=True)
-print(json.dumps([_core.cpu_path(), provenance()["cpu_path"], run.provenance["cpu_path"], run.provenance["digest"],
-                  run.penetration_velocity]))
-"""
-
-
-def import_with(name: str | None, script: str = SCRIPT) -> subprocess.CompletedProcess[str]:
-    environment = {key: value for key, value in os.environ.items() if key != "BURRLAB_CPU_PATH"}
-    if name is not None:
-        environment["BURRLAB_CPU_PATH"] = name
-    return subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
-
-
-def test_environment_variable_chooses_the_path() -> None:
-    """Without it, or with it empty, the fastest; the digest of a descent is the same with all."""
-    results = set()
-    for name, path in [(None, PATHS[-1]), ("", PATHS[-1]), *zip(PATHS, PATHS, strict=True)]:
-        process = import_with(name)
-        assert process.returncode == 0, process.stderr
-        *named, digest, velocity = json.loads(process.stdout)
-        assert named == [path] * 3
-        results.add((digest, velocity))
-    assert len(results) == 1
-
-
-@pytest.mark.parametrize("name", ["sse9", "AVX2", "scalar "])
-def test_a_wrong_environment_variable_ends_the_import(name: str) -> None:
-    """In one sentence, which names the paths that this CPU runs."""
-    process = import_with(name, "import burrlab")
-    assert process.returncode == 1
-    sentence = f"BURRLAB_CPU_PATH must be one that this CPU runs, {', '.join(PATHS)}; got '{name}'"
-    assert process.stderr.splitlines()[-1] == f"ImportError: {sentence}"
-
-
-@pytest.mark.parametrize("name", ["x", "", "AVX2"])
-def test_use_of_an_unknown_path(name: str) -> None:
-    before = _core.cpu_path()
-    with pytest.raises(
-        ValueError, match=f"cpu_path must be one that this CPU runs, {', '.join(PATHS)}; got '{name}'$"
-    ):
-        _core.use_cpu_path(name)
-    assert _core.cpu_path() == before
-
-
-def test_paths_are_named_plainest_first() -> None:
-    known = ("scalar", "portable", "avx2", "avx512")
-    assert [name for name in known if name in PATHS] == list(PATHS)
-    assert "portable" in PATHS
-    for name in PATHS:
-        _core.use_cpu_path(name)
-        assert _core.cpu_path() == name

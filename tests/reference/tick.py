@@ -248,13 +248,10 @@ def depth_fraction(
     R, r, w = f32(radius), at.distance, at.coverage
     inv_R = ONE / R
     level = np.where(m256 > 0, p, 1).astype(f32)  # an empty voxel would divide by zero
-    tau = np.minimum((m256.astype(f32) * (ONE / (level * f32(256)))) / w, ONE)
+    tau = np.minimum((m256.astype(f32) * (ONE / (level * f32(256)))) / w, ONE - f32(2.0**-24))
     e = np.maximum(((R - r) * at.inv_width + HALF) - ONE, ZERO)
-    if at.isotropic:
-        beyond, e = at.deep, np.minimum(e, f32(3))
-    else:
-        beyond = at.deep | (e >= f32(3))
-        e = np.where(beyond, ZERO, e)
+    beyond = at.deep if at.isotropic else at.deep | (e >= f32(3))
+    e = np.minimum(e, f32(3) - f32(2.0**-22))
     return np.where(beyond, (R - r) * inv_R, (w * (at.width * inv_R)) * bilinear(table, e, tau))
 
 

@@ -38,21 +38,20 @@ struct Steps {
 /// table of G.
 template <bool isotropic, bool plain>
 inline void find_cells(const Constants& c, Steps& steps, int count) {
-  const Float rows_per_voxel = set(8.0f), columns_per_unit = set(40.0f), last_row = set(23.0f),
-              last_column = set(39.0f);
-  const Float row_size = set(160.0f), cell_size = set(4.0f), deepest = set(3.0f);
+  // Below the last row and column, so that every cell has a neighbour.
+  const Float most_e = set(3.0f - 0x1p-22f), most_tau = set(1.0f - 0x1p-24f);
+  const Float rows_per_voxel = set(8.0f), columns_per_unit = set(40.0f);
   for (int i = 0; i < count; ++i) {
     auto& step = steps.row[i];
     const Float covered = load(step.covered), w = smaller(larger(covered, c.least), c.one);
     const Float p_inverse = plain ? c.p_inverse : load(step.p_inverse);
-    const Float tau = smaller((load(step.mass) * p_inverse) / w, c.one);
+    const Float tau = smaller((load(step.mass) * p_inverse) / w, most_tau);
     const Float e = larger(covered - c.one, c.zero);
-    const Float te = (isotropic ? smaller(e, deepest) : e) * rows_per_voxel, tt = tau * columns_per_unit;
-    const Float row = smaller(to_float(truncate(te)), last_row),
-                column = smaller(to_float(truncate(tt)), last_column);
-    store(step.e_part, te - row);
-    store(step.tau_part, tt - column);
-    store(step.cell, truncate(row * row_size + column * cell_size));
+    const Float te = smaller(e, most_e) * rows_per_voxel, tt = tau * columns_per_unit;
+    const Integer row = truncate(te), column = truncate(tt);
+    store(step.e_part, te - to_float(row));
+    store(step.tau_part, tt - to_float(column));
+    store(step.cell, cell_offset(row, column));
     store(step.width, w * (isotropic ? c.relative_spacing : load(step.relative_spacing)));
     if (!isotropic) store(step.e, e);
   }

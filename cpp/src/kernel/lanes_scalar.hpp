@@ -135,6 +135,10 @@ inline unsigned rows_that_hold(const std::uint8_t* slab) {
   return held;
 }
 
+/// Offset of a cell in DepthTable::cells(), 160 row + 4 column.
+inline Integer cell_offset(const Integer& row, const Integer& column) {
+  return each<Integer>([&](int i) { return 160 * row.v[i] + 4 * column.v[i]; });
+}
 /// Four consecutive floats a lane, from quads[i].
 inline void look_up(const float* quads, const std::uint32_t* index, Float& a, Float& b, Float& c, Float& d) {
   for (int i = 0; i < 8; ++i) {

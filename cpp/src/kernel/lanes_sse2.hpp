@@ -122,6 +122,13 @@ inline unsigned rows_that_hold(const std::uint8_t* slab) {
   return held;
 }
 
+/// Offset of a cell in DepthTable::cells(), 160 row + 4 column.
+inline Integer cell_offset(Integer row, Integer column) {
+  const auto offset = [](__m128i r, __m128i c) {
+    return _mm_madd_epi16(_mm_or_si128(r, _mm_slli_epi32(c, 16)), _mm_set1_epi32(4 << 16 | 160));
+  };
+  return {offset(row.a, column.a), offset(row.b, column.b)};
+}
 /// Four consecutive floats a lane, from quads[i].
 inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float& b, Float& c, Float& d) {
   a.a = _mm_load_ps(quads + i[0]), b.a = _mm_load_ps(quads + i[1]);

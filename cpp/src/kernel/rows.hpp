@@ -88,25 +88,30 @@ inline void measure(const Sphere& at, const Brick& brick, Rows& rows) {
 
 /// The units that hold something within reach, and of these the ones that are deep throughout.
 struct Wanted {
-  Units shallow = 0, deep = 0;
+  Units shallow, deep;
 };
 
 inline Wanted wanted_units(const Sphere& at, const Brick& brick, const Rows& rows) {
   const Float reach2 = set(at.outer2 - rows.x2_least), deep2 = set(at.deep2), most = set(rows.x2_most);
-  Wanted wanted;
-  for (int z = 0; z < 8; z += slabs) {
+  Units held = 0, reached = 0, deep = 0;
+  for (int z = 8 - slabs; z >= 0; z -= slabs) {
     const Float r2 = load(rows.r2 + 8 * z);
-    unsigned held = rows_that_hold(brick.density + 64 * z);
-    if (slabs == 2) held |= rows_that_hold(brick.density + 64 * (z + slabs - 1)) << 8;
-    unsigned any = held & bits(r2 <= reach2), shallow = held & ~bits(r2 + most <= deep2);
-    if (slabs == 2) {
-      any = (any | any >> 8) & 0xFF;
-      shallow |= shallow >> 8;
+    unsigned some = rows_that_hold(brick.density + 64 * z), near = bits(r2 <= reach2),
+             within = bits(r2 + most <= deep2);
+    if (slabs ==
+        2) {  // a unit of two rows is reached where one of them is, and deep where both are or hold nothing
+      some |= rows_that_hold(brick.density + 64 * (z + 1)) << 8;
+      near &= some;
+      within |= ~some;
+      some = 0xFF;
+      near |= near >> 8;
+      within &= within >> 8;
     }
-    wanted.shallow |= Units{any & shallow} << (8 * (z / slabs));
-    wanted.deep |= Units{any & ~shallow} << (8 * (z / slabs));
+    held = held << 8 | some;
+    reached = reached << 8 | (near & 0xFF);
+    deep = deep << 8 | (within & 0xFF);
   }
-  return wanted;
+  return {held & reached & ~deep, held & reached & deep};
 }
 
 inline Float squared_distance(const float* rows, Float x2, unsigned unit) {

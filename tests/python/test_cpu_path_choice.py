@@ -1,0 +1,73 @@
+"""Which code path the tick takes: the environment variable, the function, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from burrlab import _core
+
+PATHS = tuple(_core.cpu_paths())
+
+pytestmark = pytest.mark.usefixtures("keep_cpu_path")
+
+SCRIPT = """
+import json
+import burrlab
+from burrlab import _core
+from burrlab.provenance import provenance
+run = burrlab.descend(burrlab.Burr(3.0), burrlab.materials["bone"], 2.0, voxel=0.4, seed=1, ideal=True)
+print(json.dumps([_core.cpu_path(), provenance()["cpu_path"], run.provenance["cpu_path"], run.provenance["digest"],
+                  run.penetration_velocity]))
+"""
+
+
+def import_with(name: str | None, script: str = SCRIPT) -> subprocess.CompletedProcess[str]:
+    environment = {key: value for key, value in os.environ.items() if key != "BURRLAB_CPU_PATH"}
+    if name is not None:
+        environment["BURRLAB_CPU_PATH"] = name
+    return subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
+
+
+def test_environment_variable_chooses_the_path() -> None:
+    """Without it, or with it empty, the fastest; the digest of a descent is the same with all."""
+    results = set()
+    for name, path in [(None, PATHS[-1]), ("", PATHS[-1]), *zip(PATHS, PATHS, strict=True)]:
+        process = import_with(name)
+        assert process.returncode == 0, process.stderr
+        *named, digest, velocity = json.loads(process.stdout)
+        assert named == [path] * 3
+        results.add((digest, velocity))
+    assert len(results) == 1
+
+
+@pytest.mark.parametrize("name", ["sse9", "AVX2", "scalar "])
+def test_a_wrong_environment_variable_ends_the_import(name: str) -> None:
+    """In one sentence, which names the paths that this CPU runs."""
+    process = import_with(name, "import burrlab")
+    assert process.returncode == 1
+    sentence = f"BURRLAB_CPU_PATH must be one that this CPU runs, {', '.join(PATHS)}; got '{name}'"
+    assert process.stderr.splitlines()[-1] == f"ImportError: {sentence}"
+
+
+@pytest.mark.parametrize("name", ["x", "", "AVX2"])
+def test_use_of_an_unknown_path(name: str) -> None:
+    before = _core.cpu_path()
+    with pytest.raises(
+        ValueError, match=f"cpu_path must be one that this CPU runs, {', '.join(PATHS)}; got '{name}'$"
+    ):
+        _core.use_cpu_path(name)
+    assert _core.cpu_path() == before
+
+
+def test_paths_are_named_plainest_first() -> None:
+    known = ("scalar", "portable", "avx2", "avx512")
+    assert [name for name in known if name in PATHS] == list(PATHS)
+    assert "portable" in PATHS
+    for name in PATHS:
+        _core.use_cpu_path(name)
+        assert _core.cpu_path() == name

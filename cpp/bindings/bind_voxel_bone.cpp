@@ -33,6 +33,9 @@ template <class T>
 Levels scale(const py::array& values, double lo, double hi) {
   const auto dense = py::array_t<T, py::array::c_style>::ensure(values);
   const T* in = dense.data();
+  if constexpr (std::is_same_v<T, std::uint8_t>) {
+    if (lo == 0.0 && hi == 255.0) return Levels(in, in + dense.size());
+  }
   constexpr bool single = std::is_same_v<T, float>;  // its values were rounded; so are its limits
   const double low = single ? static_cast<float>(lo) : lo, high = single ? static_cast<float>(hi) : hi;
   Levels out(static_cast<std::size_t>(dense.size()));

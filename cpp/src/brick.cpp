@@ -1,5 +1,7 @@
 #include "burrlab/brick.hpp"
 
+#include "kernel/kernel.hpp"
+
 namespace burrlab {
 namespace {
 
@@ -20,23 +22,9 @@ bool change(std::uint64_t& word, int bit, bool on) {
 }  // namespace
 
 BrickSums sum_brick(const std::uint8_t* tile) {
-  BrickSums sums;
-  for (unsigned z = 0; z < 8; ++z) {
-    std::uint32_t slab = 0;
-    for (unsigned y = 0; y < 8; ++y) {
-      std::uint32_t row = 0;
-      for (unsigned x = 0; x < 8; ++x) {
-        const std::uint32_t q = *tile++;
-        row += q;
-        sums.x += q * x;
-      }
-      slab += row;
-      sums.y += row * y;
-    }
-    sums.mass += slab;
-    sums.z += slab * z;
-  }
-  return sums;
+  kernel::Sums sums;
+  kernel::current_kernel().sum(tile, sums);
+  return {sums.after_mass, sums.after_x, sums.after_y, sums.after_z};
 }
 
 Occupancy::Occupancy(const Index3& bricks)

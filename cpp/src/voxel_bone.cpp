@@ -132,8 +132,10 @@ void VoxelBone::copy_pristine(const Index3& at, std::size_t brick, std::uint8_t*
     if (known != tile) std::memcpy(tile, known, brick_voxels);
     return;
   }
-  std::memset(tile, 0, brick_voxels);
   const Index3 n = extent(at);
+  const bool whole = product(n) == brick_voxels;
+  std::memset(tile, whole ? level_[brick] : 0, brick_voxels);
+  if (whole) return;
   for (std::int64_t z = 0; z < n[0]; ++z)
     for (std::int64_t y = 0; y < n[1]; ++y)
       std::memset(tile + (z * brick_side + y) * brick_side, level_[brick], std::size_t(n[2]));
@@ -141,20 +143,24 @@ void VoxelBone::copy_pristine(const Index3& at, std::size_t brick, std::uint8_t*
 
 // Everything that follows from the present and the pristine levels of a brick.
 void VoxelBone::settle(const Index3& at, std::size_t brick, const std::uint8_t* pristine) {
+  pristine_sum_ -= pristine_mass(at, brick);
   const Index3 n = extent(at);
-  bool same = true, some_faint = false;
-  for (std::int64_t z = 0; z < n[0]; ++z) {
-    for (std::int64_t y = 0; y < n[1]; ++y) {
-      for (std::int64_t x = 0; x < n[2]; ++x) {
-        const std::uint8_t p = pristine[(z * brick_side + y) * brick_side + x];
-        same &= p == pristine[0];
-        some_faint |= p > 0 && p < 32;
-      }
+  unsigned other = 0, some_faint = 0;
+  const auto look = [&](const std::uint8_t* p, std::int64_t count) {
+    for (std::int64_t i = 0; i < count; ++i) {
+      other |= static_cast<unsigned>(p[i] ^ pristine[0]);
+      some_faint |= static_cast<std::uint8_t>(p[i] - 1) < 31;
     }
+  };
+  if (product(n) == brick_voxels) {
+    look(pristine, brick_voxels);
+  } else {
+    for (std::int64_t z = 0; z < n[0]; ++z)
+      for (std::int64_t y = 0; y < n[1]; ++y) look(pristine + (z * brick_side + y) * brick_side, n[2]);
   }
   const bool differs = std::memcmp(pristine, tile(brick), brick_voxels) != 0;
   state_[brick] = static_cast<std::uint8_t>((differs ? eroded : 0) | (some_faint ? faint : 0));
-  if (same) {
+  if (!other) {
     state_[brick] |= uniform;
     level_[brick] = pristine[0];
   } else {
@@ -167,7 +173,14 @@ void VoxelBone::settle(const Index3& at, std::size_t brick, const std::uint8_t* 
   level_sum_ -= sums_[brick].mass;
   sums_[brick] = sum_brick(tile(brick));
   level_sum_ += sums_[brick].mass;
+  pristine_sum_ += pristine_mass(at, brick);
   occupancy_.set(at, sums_[brick].mass > 0);
+}
+
+std::int64_t VoxelBone::pristine_mass(const Index3& at, std::size_t brick) const {
+  if (!(state_[brick] & eroded)) return sums_[brick].mass;
+  return state_[brick] & uniform ? product(extent(at)) * level_[brick]
+                                 : sum_brick(pristine_.tile(brick)).mass;
 }
 
 void VoxelBone::read(const Index3& start, const Index3& shape, bool pristine, std::uint8_t* out) const {
@@ -216,10 +229,8 @@ void VoxelBone::write(const Index3& start, const Index3& shape, const std::uint8
   each_brick(start, shape, [&](const Index3& at, std::size_t brick) {
     std::uint8_t pristine[brick_voxels];
     copy_pristine(at, brick, pristine);
-    pristine_sum_ -= sum_brick(pristine).mass;
     copy_in(at, start, shape, levels, pristine);
     copy_in(at, start, shape, levels, density_.tile(brick));
-    pristine_sum_ += sum_brick(pristine).mass;
     settle(at, brick, pristine);
   });
 }

@@ -16,7 +16,7 @@ struct BrickSums {
   std::uint32_t mass = 0, x = 0, y = 0, z = 0;
 };
 
-/// The sums of a tile, (z, y, x) levels.
+/// The sums of a tile, (z, y, x) levels, aligned to a cache line.
 BrickSums sum_brick(const std::uint8_t* tile);
 
 /// Which bricks hold bone: one bit a brick in 64-bit words over 4^3 bricks (a block), and one bit a block in

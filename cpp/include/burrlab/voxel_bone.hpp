@@ -106,6 +106,7 @@ class VoxelBone {
   void copy_in(const Index3& at, const Index3& start, const Index3& shape, const std::uint8_t* levels,
                std::uint8_t* tile) const;
   void settle(const Index3& at, std::size_t brick, const std::uint8_t* pristine);
+  std::int64_t pristine_mass(const Index3& at, std::size_t brick) const;
   template <class Visit>
   void each_brick(const Index3& start, const Index3& shape, Visit visit) const;
 

@@ -178,6 +178,7 @@ void visit(const Sphere& at, const Brick& brick, Sums& sums) {
   {name,                                                                                   \
    slabs,                                                                                  \
    {BURRLAB_VISITS(true, false), BURRLAB_VISITS(false, true), BURRLAB_VISITS(true, true)}, \
+   sum_levels,                                                                             \
    draw_field}
 
 }  // namespace burrlab::kernel

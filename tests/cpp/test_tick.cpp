@@ -68,6 +68,32 @@ void check_refusals() {
   CHECK_THROWS(parse_scheme("Layer"), "scheme must be layer or cell, got 'Layer'");
 }
 
+/// The part of the mass in voxels of pristine level 1 to 31, in bricks of one level and of several.
+void check_faint() {
+  const Vec3 center = Vec3::Constant(2.01), spacing = Vec3::Constant(0.1);
+  const auto sums_of = [&](VoxelBone bone) {
+    const Tick tick(bone, 1.5, Scheme::layer, Shape::parabolic(), 1, 0);
+    TickSums felt, fused;
+    tick.moments(bone, center, &felt);
+    tick.moments_and_erode(bone, center, 0.1, 0, &fused);
+    CHECK(felt.mass > 0 && felt.mass == fused.mass && felt.faint == fused.faint);
+    return felt;
+  };
+  for (const int level : {1, 31, 32, 255}) {
+    const TickSums sums =
+        sums_of(VoxelBone({40, 40, 40}, static_cast<std::uint8_t>(level), spacing, Vec3::Zero()));
+    CHECK(sums.faint == (level < 32 ? sums.mass : 0));
+  }
+  std::vector<std::uint8_t> mixed(64000), low(64000);
+  for (std::size_t i = 0; i < mixed.size(); ++i) {
+    mixed[i] = i % 3 ? 32 : 31;
+    low[i] = i % 3 ? 0 : 31;
+  }
+  const TickSums all = sums_of(VoxelBone({40, 40, 40}, mixed, spacing, Vec3::Zero()));
+  CHECK(all.faint == sums_of(VoxelBone({40, 40, 40}, low, spacing, Vec3::Zero())).mass &&
+        all.faint < all.mass);
+}
+
 void check_eroded_fraction() {
   for (double a = 1e-6; a < 40.0; a *= 1.3) {
     const ErodedFraction fraction(a);
@@ -144,6 +170,7 @@ void check_passes() {
 
 int main() {
   check_refusals();
+  check_faint();
   check_eroded_fraction();
   for (const std::string& path : cpu_paths()) {
     use_cpu_path(path);

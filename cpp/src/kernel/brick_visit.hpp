@@ -158,11 +158,17 @@ void visit(const Sphere& at, const Brick& brick, Sums& sums) {
         find_cells<isotropic, true>(c, steps, shallow);
       else
         find_cells<isotropic, false>(c, steps, shallow);
-      find_f<isotropic>(at, c, steps, shallow);
+      if (at.shape == shape_power)
+        find_f<isotropic, true>(at.depth, c, steps, shallow);
+      else
+        find_f<isotropic, false>(at.depth, c, steps, shallow);
     }
     if (at.shape == shape_power && at.whole != 1) raise(at, steps, count);
     draw_slabs(at, brick, wanted.shallow | wanted.deep, steps.u);
-    lose(at, brick, c, steps, count);
+    if (at.doublings)
+      lose<true>(at, brick, c, steps, count);
+    else
+      lose<false>(at, brick, c, steps, count);
     sum_levels(brick.density, sums);
   }
 }

@@ -59,23 +59,21 @@ inline void find_cells(const Constants& c, Steps& steps, int count) {
 
 /// f, or y of f = y^k, at the effective depth delta = w s/R G(e, tau) of what the voxels hold (`layer`); G
 /// bilinear.
-template <bool isotropic>
-inline void find_f(const Sphere& at, const Constants& c, Steps& steps, int count) {
+template <bool isotropic, bool power>
+inline void find_f(const float* depth_table, const Constants& c, Steps& steps, int count) {
   const Float deepest = set(3.0f);
-  const float* depth_table = at.depth;
-  const bool power = at.shape == shape_power;
   for (int i = 0; i < count; ++i) {
-    const Float fe = load(steps.row[i].e_part), ft = load(steps.row[i].tau_part);
+    auto& step = steps.row[i];
+    const Float fe = load(step.e_part), ft = load(step.tau_part);
     Float low, low_rise, high, high_rise;
-    look_up(depth_table, steps.row[i].cell, low, low_rise, high, high_rise);
+    look_up(depth_table, step.cell, low, low_rise, high, high_rise);
     const Float lo = low + low_rise * ft, hi = high + high_rise * ft;
-    Float delta = load(steps.row[i].width) * (lo + (hi - lo) * fe);
-    if (!isotropic)
-      delta = select(deepest <= load(steps.row[i].e), load(steps.row[i].depth) * c.radius_inverse, delta);
-    const Float r2 = load(steps.row[i].r2);
+    Float delta = load(step.width) * (lo + (hi - lo) * fe);
+    if (!isotropic) delta = select(deepest <= load(step.e), load(step.depth) * c.radius_inverse, delta);
+    const Float r2 = load(step.r2);
     const Mask deep = r2 <= c.deep2;
-    store(steps.row[i].f, power ? select(deep, c.one - r2 * c.radius2_inverse, delta * (c.two - delta))
-                                : select(deep, load(steps.row[i].depth) * c.radius_inverse, delta));
+    store(step.f, power ? select(deep, c.one - r2 * c.radius2_inverse, delta * (c.two - delta))
+                        : select(deep, load(step.depth) * c.radius_inverse, delta));
   }
 }
 
@@ -111,20 +109,23 @@ BURRLAB_RARE Integer settle_ties(const Sphere& at, const Brick& brick, unsigned 
 }
 
 /// Takes from every unit the loss that its expected loss lambda and U give.
+template <bool doubling>
 inline void lose(const Sphere& at, const Brick& brick, const Constants& c, const Steps& steps, int count) {
   const Float c1 = set(0.49999714f), c2 = set(0.16652727f), c3 = set(0.03972289f);
   const int doublings = at.doublings;
+  std::uint8_t* tile = brick.density;
   for (int i = 0; i < count; ++i) {
     const auto& step = steps.row[i];
     const Float y = c.fraction_scale * load(step.f);
     Float eroded = y * (c.one - y * (c1 - y * (c2 - y * c3)));  // 1 - exp(-a f)
-    for (int k = 0; k < doublings; ++k) eroded = eroded * (c.two - eroded);
+    if (doubling)
+      for (int k = 0; k < doublings; ++k) eroded = eroded * (c.two - eroded);
     const Float scaled = load(step.mass) * eroded;
     const Integer sum = truncate(scaled) + load(steps.u[step.unit]);
     Integer lost = high16(sum);
     if (const unsigned tie = bits(low16(sum) == set(0xFFFF)))
       lost = settle_ties(at, brick, step.unit, scaled, lost, tie);
-    take_from_row(brick.density + tile_offset(step.unit), lost);
+    take_from_row(tile + tile_offset(step.unit), lost);
   }
 }
 

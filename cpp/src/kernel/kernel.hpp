@@ -61,8 +61,8 @@ using Visit = void (*)(const Sphere&, const Brick&, Sums&);
 /// The code for one instruction set.
 struct Kernel {
   const char* name;
-  int slabs;             // of a brick that it draws at a time
-  Visit visit[3][2][2];  // [pass][layer][isotropic]
+  int slabs;                                     // of a brick that it draws at a time
+  Visit visit[3][2][2];                          // [pass][layer][isotropic]
   void (*sum)(const std::uint8_t* tile, Sums&);  // the four sums after
   /// U of the first `slabs` slabs of a brick, (z, y, x); for tests.
   void (*draw)(const Draws&, std::uint32_t column, std::uint32_t columns_in_slab, std::uint16_t* out);

@@ -56,10 +56,16 @@ void free(void* memory) { __libc_free(memory); }
 constexpr bool counts_malloc = false;
 #endif
 
-void* operator new(std::size_t size) {
+#ifdef __GNUC__  // inlined, GCC takes the pair for a new without its delete
+#define NOT_INLINED __attribute__((noinline))
+#else
+#define NOT_INLINED
+#endif
+
+NOT_INLINED void* operator new(std::size_t size) {
   if (!counts_malloc) ++allocations;
   if (void* memory = std::malloc(size)) return memory;
   throw std::bad_alloc();
 }
-void operator delete(void* memory) noexcept { std::free(memory); }
-void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
+NOT_INLINED void operator delete(void* memory) noexcept { std::free(memory); }
+NOT_INLINED void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }

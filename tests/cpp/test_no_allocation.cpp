@@ -81,11 +81,13 @@ void check_counter() {
     seen = allocations;
     return more;
   };
-  const std::unique_ptr<int> object(new int(3));
+  static int* volatile object;  // not to be optimised away
+  object = new int(3);
   CHECK(counted());
+  delete object;
 #ifdef __GLIBC__
   if (!counts_malloc) return;
-  static void* volatile memory;  // not to be optimised away
+  static void* volatile memory;
   memory = std::malloc(100);
   CHECK(counted());
   memory = std::realloc(memory, 1000);

@@ -102,4 +102,4 @@ def test_read_outside(
 
 def test_read_takes_its_option_by_keyword() -> None:
     with pytest.raises(TypeError):
-        VoxelBone(SOLID, 0.1).read((0, 0, 0), (1, 1, 1), True)  # type: ignore[misc]
+        VoxelBone(SOLID, 0.1).read((0, 0, 0), (1, 1, 1), True)  # type: ignore[call-arg]

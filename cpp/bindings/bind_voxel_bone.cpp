@@ -266,6 +266,9 @@ ValueError
           [](const py::tuple& t) {
             const auto pristine = t[0].cast<py::array_t<std::uint8_t, py::array::c_style>>();
             const auto density = t[1].cast<py::array_t<std::uint8_t, py::array::c_style>>();
+            if (density.ndim() != 3 || pristine.ndim() != 3 || shape_of(density) != shape_of(pristine))
+              throw std::invalid_argument(
+                  "density and pristine of a pickled bone must have one shape (z, y, x)");
             auto bone = std::make_shared<VoxelBone>(
                 shape_of(pristine), Levels(pristine.data(), pristine.data() + pristine.size()),
                 t[2].cast<Vec3>(), t[3].cast<Vec3>());

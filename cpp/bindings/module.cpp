@@ -1,4 +1,5 @@
 #include "bindings.hpp"
+#include "burrlab/check.hpp"
 #include "burrlab/cpu_path.hpp"
 #include "burrlab/tick.hpp"
 
@@ -18,6 +19,9 @@ PYBIND11_MODULE(_core, m) {
       "draws",
       [](const burrlab::Index3& shape, std::uint64_t seed, std::uint64_t tick, std::uint32_t index,
          std::uint32_t draw) {
+        for (const std::int64_t n : shape)
+          if (n < 0) burrlab::refuse("every side of shape", "at least 0", double(n));
+        if (draw > 1) burrlab::refuse("draw", "0 or 1", draw);
         const auto field = burrlab::random_field(shape, seed, tick, index, draw);
         return py::array_t<std::uint16_t>({shape[0], shape[1], shape[2]}, field.data());
       },

@@ -103,3 +103,10 @@ def test_read_outside(
 def test_read_takes_its_option_by_keyword() -> None:
     with pytest.raises(TypeError):
         VoxelBone(SOLID, 0.1).read((0, 0, 0), (1, 1, 1), True)  # type: ignore[call-arg]
+
+
+def test_a_state_of_two_shapes() -> None:
+    bone = VoxelBone.__new__(VoxelBone)
+    state = (np.full((16, 16, 16), 255, np.uint8), np.zeros((1, 1, 1), np.uint8), (1.0,) * 3, (0.0,) * 3)
+    with pytest.raises(ValueError, match="density and pristine of a pickled bone must have one shape"):
+        bone.__setstate__(state)  # type: ignore[attr-defined]

@@ -2,6 +2,9 @@
 #pragma once
 
 #include <math.h>
+#ifdef _MSC_VER
+#include <intrin.h>
+#endif
 
 #include "kernel.hpp"
 

@@ -1,8 +1,8 @@
-// The hot path: the bricks that the sphere touches. No allocation, lock, virtual call or libm beyond sqrt.
-// A brick that is covered whole gives its stored sums, an empty one is never seen, the rest is visited row by
-// row by the code of the CPU's instruction set (kernel/brick_visit.hpp). Budget: 1 ms with the largest burr
-// on the finest volume; measured by tests/bench (`make bench`). Design: docs/hierarchy.md; every line that
-// decides a bit follows docs/tick.md: change both or neither.
+// The hot path: the bricks that the sphere touches. No allocation, lock, virtual call, or libm beyond what is
+// exact. A brick that is covered whole gives its stored sums, an empty one is never seen, the rest is visited
+// row by row by the code of the CPU's instruction set (kernel/brick_visit.hpp). Budget: 1 ms with the largest
+// burr on the finest volume; measured by tests/bench (`make bench`). Design: docs/hierarchy.md; every line
+// that decides a bit follows docs/tick.md: change both or neither.
 
 #include "burrlab/tick.hpp"
 
@@ -14,6 +14,11 @@
 #include "kernel/kernel.hpp"
 
 namespace burrlab {
+
+static_assert(kernel::depth_row == kernel::depth_cell * (DepthTable::columns - 1) &&
+              kernel::depth_rows_per_voxel == DepthTable::rows_per_voxel &&
+              kernel::depth_columns_per_unit == DepthTable::columns_per_unit);
+
 Scheme parse_scheme(const std::string& name) {
   if (name == "layer") return Scheme::layer;
   if (name == "cell") return Scheme::cell;

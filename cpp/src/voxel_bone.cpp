@@ -28,6 +28,21 @@ Index3 checked(const Index3& shape, const Vec3& spacing, const Vec3& origin) {
   return shape;
 }
 
+// Calls visit(offset in the tile, offset in the box, length) for every row of a box of levels within a brick.
+template <class Visit>
+void each_row(const Index3& at, const Index3& start, const Index3& shape, Visit visit) {
+  Index3 low, high;
+  for (int axis = 0; axis < 3; ++axis) {
+    low[axis] = std::max(start[axis], at[axis] * brick_side);
+    high[axis] = std::min(start[axis] + shape[axis], (at[axis] + 1) * brick_side);
+  }
+  for (std::int64_t z = low[0]; z < high[0]; ++z)
+    for (std::int64_t y = low[1]; y < high[1]; ++y)
+      visit(((z & 7) * brick_side + (y & 7)) * brick_side + (low[2] & 7),
+            ((z - start[0]) * shape[1] + y - start[1]) * shape[2] + low[2] - start[2],
+            std::size_t(high[2] - low[2]));
+}
+
 }  // namespace
 
 VoxelBone::Tiles::Tiles(std::size_t bricks)
@@ -187,18 +202,11 @@ void VoxelBone::read(const Index3& start, const Index3& shape, bool pristine, st
   check_box(start, shape);
   each_brick(start, shape, [&](const Index3& at, std::size_t brick) {
     std::uint8_t levels[brick_voxels];
-    const std::uint8_t* from = tile(brick);
-    if (pristine) copy_pristine(at, brick, levels), from = levels;
-    Index3 low, high;
-    for (int axis = 0; axis < 3; ++axis) {
-      low[axis] = std::max(start[axis], at[axis] * brick_side);
-      high[axis] = std::min(start[axis] + shape[axis], (at[axis] + 1) * brick_side);
-    }
-    for (std::int64_t z = low[0]; z < high[0]; ++z)
-      for (std::int64_t y = low[1]; y < high[1]; ++y)
-        std::memcpy(out + ((z - start[0]) * shape[1] + y - start[1]) * shape[2] + low[2] - start[2],
-                    from + ((z & 7) * brick_side + (y & 7)) * brick_side + (low[2] & 7),
-                    std::size_t(high[2] - low[2]));
+    if (pristine) copy_pristine(at, brick, levels);
+    const std::uint8_t* from = pristine ? levels : tile(brick);
+    each_row(at, start, shape, [&](std::int64_t in_tile, std::int64_t in_box, std::size_t length) {
+      std::memcpy(out + in_box, from + in_tile, length);
+    });
   });
 }
 
@@ -209,28 +217,15 @@ VoxelBone::Levels VoxelBone::read(const Index3& start, const Index3& shape, bool
   return out;
 }
 
-// The part of a box of levels that lies in a brick, into its tile.
-void VoxelBone::copy_in(const Index3& at, const Index3& start, const Index3& shape,
-                        const std::uint8_t* levels, std::uint8_t* tile) const {
-  Index3 low, high;
-  for (int axis = 0; axis < 3; ++axis) {
-    low[axis] = std::max(start[axis], at[axis] * brick_side);
-    high[axis] = std::min(start[axis] + shape[axis], (at[axis] + 1) * brick_side);
-  }
-  for (std::int64_t z = low[0]; z < high[0]; ++z)
-    for (std::int64_t y = low[1]; y < high[1]; ++y)
-      std::memcpy(tile + ((z & 7) * brick_side + (y & 7)) * brick_side + (low[2] & 7),
-                  levels + ((z - start[0]) * shape[1] + y - start[1]) * shape[2] + low[2] - start[2],
-                  std::size_t(high[2] - low[2]));
-}
-
 void VoxelBone::write(const Index3& start, const Index3& shape, const std::uint8_t* levels) {
   check_box(start, shape);
   each_brick(start, shape, [&](const Index3& at, std::size_t brick) {
     std::uint8_t pristine[brick_voxels];
     copy_pristine(at, brick, pristine);
-    copy_in(at, start, shape, levels, pristine);
-    copy_in(at, start, shape, levels, density_.tile(brick));
+    each_row(at, start, shape, [&](std::int64_t in_tile, std::int64_t in_box, std::size_t length) {
+      std::memcpy(pristine + in_tile, levels + in_box, length);
+      std::memcpy(density_.tile(brick) + in_tile, levels + in_box, length);
+    });
     settle(at, brick, pristine);
   });
 }
@@ -246,7 +241,9 @@ void VoxelBone::restore(const std::uint8_t* density) {
   each_brick({0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
     std::uint8_t pristine[brick_voxels];
     copy_pristine(at, brick, pristine);
-    copy_in(at, {0, 0, 0}, shape_, density, density_.tile(brick));
+    each_row(at, {0, 0, 0}, shape_, [&](std::int64_t in_tile, std::int64_t in_box, std::size_t length) {
+      std::memcpy(density_.tile(brick) + in_tile, density + in_box, length);
+    });
     settle(at, brick, pristine);
   });
 }

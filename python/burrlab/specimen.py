@@ -146,8 +146,15 @@ def surface_along(
     length = float(np.linalg.norm(extent) + np.linalg.norm(start - (origin + extent / 2)))
     along = np.arange(0.0, length, 0.1 * spacing.min())
     points = (start + along[:, None] * direction - origin) / spacing
+    inside = np.all((points > -1) & (points < bone.shape[::-1]), axis=1)
+    if not inside.any():
+        return None
+    first, last = points[inside].min(axis=0), points[inside].max(axis=0)  # the ray's box, with neighbours
+    low = np.maximum(np.floor(first) - 1, 0).astype(int)
+    high = np.minimum(np.ceil(last) + 2, bone.shape[::-1]).astype(int)
+    levels = bone.read(low[::-1].tolist(), (high - low)[::-1].tolist())
     occupancy = map_coordinates(
-        bone.density, points[:, ::-1].T, output=float, order=1, mode="constant", cval=0.0
+        levels, (points - low)[:, ::-1].T, output=float, order=1, mode="constant", cval=0.0
     )
     solid = np.flatnonzero(occupancy >= level)
     if solid.size == 0:

@@ -25,7 +25,7 @@ from machine import machine, pin, unpin
 from measure import Measured, measure
 from native import Native
 from plot import draw
-from scenes import growing
+from scenes import RESOLUTIONS, growing
 
 SPLIT_SCENES = ("slide 50", "buried 50")  # also timed in two passes, and held against the memory's bandwidth
 
@@ -44,8 +44,9 @@ def run(native: Native, quick: bool) -> tuple[list[Measured], dict[str, Any], st
     for scene in growing(quick):
         say(f"  {scene.name}")
         found.append(measure(native, scene, passes=reference if scene.name in split else None))
-    say("  descent")
-    found.append(experiments.descent_scene(native, quick))
+    for resolution in (12.5,) if quick else RESOLUTIONS:
+        say(f"  descent {resolution:g}")
+        found.append(experiments.descent_scene(native, resolution, quick))
     once: dict[str, Any] = {}
     say("  call from Python, bandwidth")
     once["python_step"] = experiments.python_step(native, quick)

@@ -62,9 +62,9 @@ def volume_scaling(native: Native, path: str, quick: bool) -> dict[str, Any]:
             "left_out_for_memory": left_out}  # fmt: skip
 
 
-def descent_scene(native: Native, quick: bool) -> Measured:
+def descent_scene(native: Native, resolution: float, quick: bool) -> Measured:
     """A whole descent at held force on every CPU path; then its path replayed, baselines beside it."""
-    scene, start, axis = descent(quick=quick)
+    scene, start, axis = descent(resolution, quick=quick)
     limit, travel = 200_000, scene.burring.radius / 3
     totals, positions = {}, {}
     p = scene.levels()
@@ -73,7 +73,7 @@ def descent_scene(native: Native, quick: bool) -> Measured:
         positions[path], totals[path] = core.hold(FORCE, start, axis, begin=0.0, travel=travel, ticks=limit)
     first = positions[native.cpu_paths[-1]]
     if not all(np.array_equal(first, own) for own in positions.values()):
-        raise RuntimeError("descent: the CPU paths took different ways")
+        raise RuntimeError(f"{scene.name}: the CPU paths took different ways")
     found = measure(native, replace(scene, path=start + first[:, None] * axis))
     found.extra |= {
         "force_N": FORCE,

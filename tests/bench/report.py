@@ -179,7 +179,7 @@ def summary(found: list[Measured], once: dict[str, Any], rows: list[Target], ref
             for path, seconds in one.extra["total_s"].items():
                 each = one.extra["total_us_per_tick"][path]
                 lines.append(
-                    f"descent, {path}: {seconds:.3g} s in all, {each:.4g} us a tick with the search for the force"
+                    f"{one.scene.name}, {path}: {seconds:.3g} s in all, {each:.4g} us a tick with the search for the force"
                 )
     call = once["python_step"]
     lines.append(

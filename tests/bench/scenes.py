@@ -165,17 +165,17 @@ def air(radius: float, spacing: float, *, near: bool, quick: bool = False) -> Sc
                  effort=effort_at(radius / spacing, quick))  # fmt: skip
 
 
-def descent(*, quick: bool = False) -> tuple[Scene, Numbers, Numbers]:
+def descent(resolution: float, *, quick: bool = False) -> tuple[Scene, Numbers, Numbers]:
     """Where a descent at held force begins: a scene without a path, start (x, y, z) [mm] and axis."""
-    radius, spacing = 3.0, 0.2 if quick else 0.1
+    radius, spacing = 3.0, 3.0 / resolution
     burring = Burring(spacing, radius)
     layers = voxels(radius / 3, spacing) + 6
     side = voxels(2 * radius, spacing) + 6
     start = (0.5 * (side - 1) + OFF_GRID) * spacing
     start[2] = surface_at(layers, spacing) + radius
-    scene = Scene("descent", "1 N held exactly, R = 3 mm, to R/3", burring,
+    scene = Scene(f"descent {resolution:g}", "1 N held exactly, R = 3 mm, to R/3", burring,
                   (layers + voxels(2 * radius, spacing) + 6, side, side), layers, np.empty((0, 3)),
-                  effort=effort_at(radius / spacing, quick))  # fmt: skip
+                  effort=effort_at(resolution, quick))  # fmt: skip
     return scene, start, np.array([0.0, 0.0, -1.0])
 
 

@@ -7,6 +7,7 @@
 #include <string>
 
 #include "burrlab/depth_table.hpp"
+#include "burrlab/eroded_fraction.hpp"
 #include "burrlab/force.hpp"
 #include "burrlab/shape.hpp"
 #include "burrlab/voxel_bone.hpp"
@@ -22,23 +23,6 @@ struct Sphere;
 /// layer in which a burr cuts inside the voxel, so that results do not depend on voxel size.
 enum class Scheme { layer, cell };
 Scheme parse_scheme(const std::string& name);  ///< throws std::invalid_argument
-
-/// 1 - exp(-a f) as a short polynomial of a f 2^-k, doubled k times; a = alpha dt.
-struct ErodedFraction {
-  float scale = 0.0f;  ///< a 2^-k <= 1/8
-  int doublings = 0;   ///< k
-
-  explicit ErodedFraction(double a) {
-    for (; a > 0.125; a *= 0.5) ++doublings;
-    scale = static_cast<float>(a);
-  }
-  float operator()(float f) const {
-    const float y = scale * f;
-    float p = y * (1.0f - y * (0.49999714f - y * (0.16652727f - y * 0.03972289f)));
-    for (int i = 0; i < doublings; ++i) p = p * (2.0f - p);
-    return p;
-  }
-};
 
 /// What one pass over the sphere adds up; exact whatever the order.
 struct TickSums {

@@ -103,8 +103,6 @@ class VoxelBone {
   VoxelBone(const Index3& shape, const Vec3& spacing, const Vec3& origin);
   Index3 extent(const Index3& at) const;  // voxels of a brick within the volume
   void copy_pristine(const Index3& at, std::size_t brick, std::uint8_t* tile) const;
-  void copy_in(const Index3& at, const Index3& start, const Index3& shape, const std::uint8_t* levels,
-               std::uint8_t* tile) const;
   void settle(const Index3& at, std::size_t brick, const std::uint8_t* pristine);
   std::int64_t pristine_mass(const Index3& at, std::size_t brick) const;
   template <class Visit>

@@ -1,6 +1,7 @@
 // The erosion of the rows of a brick, step by step.
 #pragma once
 
+#include "burrlab/eroded_fraction.hpp"
 #include "random.hpp"
 #include "rows.hpp"
 
@@ -40,7 +41,7 @@ template <bool isotropic, bool plain>
 inline void find_cells(const Constants& c, Steps& steps, int count) {
   // Below the last row and column, so that every cell has a neighbour.
   const Float most_e = set(3.0f - 0x1p-22f), most_tau = set(1.0f - 0x1p-24f);
-  const Float rows_per_voxel = set(8.0f), columns_per_unit = set(40.0f);
+  const Float rows_per_voxel = set(depth_rows_per_voxel), columns_per_unit = set(depth_columns_per_unit);
   for (int i = 0; i < count; ++i) {
     auto& step = steps.row[i];
     const Float covered = load(step.covered), w = smaller(larger(covered, c.least), c.one);
@@ -111,7 +112,7 @@ BURRLAB_RARE Integer settle_ties(const Sphere& at, const Brick& brick, unsigned 
 /// Takes from every unit the loss that its expected loss lambda and U give.
 template <bool doubling>
 inline void lose(const Sphere& at, const Brick& brick, const Constants& c, const Steps& steps, int count) {
-  const Float c1 = set(0.49999714f), c2 = set(0.16652727f), c3 = set(0.03972289f);
+  const Float c1 = set(ErodedFraction::c1), c2 = set(ErodedFraction::c2), c3 = set(ErodedFraction::c3);
   const int doublings = at.doublings;
   std::uint8_t* tile = brick.density;
   for (int i = 0; i < count; ++i) {

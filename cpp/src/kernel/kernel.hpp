@@ -8,6 +8,10 @@ namespace burrlab::kernel {
 
 enum ShapeKind : int { shape_constant, shape_linear, shape_power };
 
+/// How DepthTable::cells() is laid out [floats]; held against it in tick.cpp.
+constexpr float depth_rows_per_voxel = 8.0f, depth_columns_per_unit = 40.0f;
+constexpr int depth_cell = 4, depth_row = 160;
+
 /// The random numbers of one tick: key schedule and counter words of Philox4x32 (docs/tick.md).
 struct Draws {
   std::uint64_t key[7][2];                 // of each round, 32 bits in words that a load spreads over lanes

@@ -88,10 +88,10 @@ inline unsigned rows_that_hold(const std::uint8_t* slab) {
   return static_cast<unsigned>((low | high << 4) ^ 0xFF);
 }
 
-/// Offset of a cell in DepthTable::cells(), 160 row + 4 column.
+/// Offset of a cell in DepthTable::cells().
 inline Integer cell_offset(Integer row, Integer column) {
   const __m256i both = _mm256_or_si256(row.v, _mm256_slli_epi32(column.v, 16));
-  return {_mm256_madd_epi16(both, _mm256_set1_epi32(4 << 16 | 160))};
+  return {_mm256_madd_epi16(both, _mm256_set1_epi32(depth_cell << 16 | depth_row))};
 }
 /// Four consecutive floats a lane, from quads[i].
 inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float& b, Float& c, Float& d) {

@@ -93,10 +93,10 @@ inline unsigned rows_that_hold(const std::uint8_t* slab) {
   return _mm512_test_epi64_mask(rows, rows);
 }
 
-/// Offset of a cell in DepthTable::cells(), 160 row + 4 column.
+/// Offset of a cell in DepthTable::cells().
 inline Integer cell_offset(Integer row, Integer column) {
   const __m512i both = _mm512_or_si512(row.v, _mm512_slli_epi32(column.v, 16));
-  return {_mm512_madd_epi16(both, _mm512_set1_epi32(4 << 16 | 160))};
+  return {_mm512_madd_epi16(both, _mm512_set1_epi32(depth_cell << 16 | depth_row))};
 }
 /// Four consecutive floats a lane, from quads[i].
 inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float& b, Float& c, Float& d) {

@@ -2,9 +2,6 @@
 #pragma once
 
 #include <math.h>
-#ifdef _MSC_VER
-#include <intrin.h>
-#endif
 
 #include "kernel.hpp"
 
@@ -138,9 +135,9 @@ inline unsigned rows_that_hold(const std::uint8_t* slab) {
   return held;
 }
 
-/// Offset of a cell in DepthTable::cells(), 160 row + 4 column.
+/// Offset of a cell in DepthTable::cells().
 inline Integer cell_offset(const Integer& row, const Integer& column) {
-  return each<Integer>([&](int i) { return 160 * row.v[i] + 4 * column.v[i]; });
+  return each<Integer>([&](int i) { return depth_row * row.v[i] + depth_cell * column.v[i]; });
 }
 /// Four consecutive floats a lane, from quads[i].
 inline void look_up(const float* quads, const std::uint32_t* index, Float& a, Float& b, Float& c, Float& d) {

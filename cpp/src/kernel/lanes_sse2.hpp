@@ -122,10 +122,11 @@ inline unsigned rows_that_hold(const std::uint8_t* slab) {
   return held;
 }
 
-/// Offset of a cell in DepthTable::cells(), 160 row + 4 column.
+/// Offset of a cell in DepthTable::cells().
 inline Integer cell_offset(Integer row, Integer column) {
   const auto offset = [](__m128i r, __m128i c) {
-    return _mm_madd_epi16(_mm_or_si128(r, _mm_slli_epi32(c, 16)), _mm_set1_epi32(4 << 16 | 160));
+    return _mm_madd_epi16(_mm_or_si128(r, _mm_slli_epi32(c, 16)),
+                          _mm_set1_epi32(depth_cell << 16 | depth_row));
   };
   return {offset(row.a, column.a), offset(row.b, column.b)};
 }

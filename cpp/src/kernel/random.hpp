@@ -1,6 +1,7 @@
 // Random numbers of a brick, Philox4x32-7 (docs/tick.md), eight columns a slab side by side.
 #pragma once
 
+#include "burrlab/philox.hpp"
 #include "rows.hpp"
 
 namespace burrlab::kernel {
@@ -12,12 +13,12 @@ struct Draw {
 };
 
 inline Draw draw(const Draws& d, std::uint32_t column, std::uint32_t columns_in_slab) {
-  const Words m0 = all_words(0xD2511F53u), m1 = all_words(0xCD9E8D57u);
+  const Words m0 = all_words(philox_multiplier[0]), m1 = all_words(philox_multiplier[1]);
   const Words first = product(first_words(column, column + columns_in_slab), m0);
   const Words second = product(high(first) ^ all_words(d.after0_x2), m1);
   Words x0 = high(second) ^ all_words(d.after1_x0), x1 = second;
   Words x2 = first ^ all_words(d.after1_x2), x3 = all_words(d.after1_x3);
-  for (int round = 2; round < 7; ++round) {
+  for (int round = 2; round < philox_rounds; ++round) {
     const Words a = product(x0, m0), b = product(x2, m1);
     x0 = exclusive_or(x1, all_words(d.key[round][0]), high(b));  // the last comes latest
     x1 = b;
@@ -30,8 +31,9 @@ inline Draw draw(const Draws& d, std::uint32_t column, std::uint32_t columns_in_
 /// U (draw 0) or V (draw 1) of one voxel.
 inline std::uint32_t draw_one(const Sphere& at, std::uint32_t column, int y, std::uint32_t which) {
   std::uint32_t x[4] = {column, at.draws.tick_low, at.draws.tick_high, at.draws.who + (which << 31)};
-  for (int round = 0; round < 7; ++round) {
-    const std::uint64_t a = std::uint64_t{0xD2511F53u} * x[0], b = std::uint64_t{0xCD9E8D57u} * x[2];
+  for (int round = 0; round < philox_rounds; ++round) {
+    const std::uint64_t a = std::uint64_t{philox_multiplier[0]} * x[0],
+                        b = std::uint64_t{philox_multiplier[1]} * x[2];
     x[0] = static_cast<std::uint32_t>((b >> 32) ^ x[1] ^ at.draws.key[round][0]);
     x[1] = static_cast<std::uint32_t>(b);
     x[2] = static_cast<std::uint32_t>((a >> 32) ^ x[3] ^ at.draws.key[round][1]);

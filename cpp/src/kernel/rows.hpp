@@ -2,6 +2,10 @@
 // by the file of each instruction set, after its lanes_*.hpp; everything is local to that file.
 #pragma once
 
+#ifdef _MSC_VER
+#include <intrin.h>
+#endif
+
 namespace burrlab::kernel {
 namespace {
 

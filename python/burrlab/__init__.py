@@ -18,7 +18,7 @@ from burrlab._core import (
 from burrlab.curve import VelocityCurve
 from burrlab.descent import descend
 from burrlab.descent_result import Descent
-from burrlab.fit import Fit, fit
+from burrlab.fitting.fit import Fit, fit
 from burrlab.master_curve import MasterCurve, penetration_velocity
 from burrlab.materials import materials
 from burrlab.mean_field import MeanFieldDescent, mean_field_descent, thin_layer_velocity

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from burrlab._core import Burr, Material
 from burrlab.curve import VelocityCurve
-from burrlab.fit_problem import master_curve
+from burrlab.master_curve import MasterCurve
 from burrlab.provenance import provenance
 
 
@@ -67,7 +67,7 @@ def synthetic_curve(
     seed = secrets.randbits(32) if seed is None else int(seed)
 
     phi = force / (material.c_e * burr.radius**2)
-    mean = 1e3 * material.alpha * burr.radius * master_curve(material.shape.name).velocity_ratio(phi)
+    mean = 1e3 * material.alpha * burr.radius * MasterCurve(material.shape).velocity_ratio(phi)
     rows = [(i, k) for i in range(len(force)) for k in range(repeats)]
     z = np.array([np.random.default_rng([seed, i, k]).standard_normal() for i, k in rows])
     velocity = np.repeat(mean, repeats) * np.exp(scatter * z)

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from burrlab import Burr, Fit, Material, VelocityCurve, fit, materials, synthetic_curve
-from burrlab.fit_problem import MeanFieldModel, Observations
-from burrlab.fit_search import Box, is_minimum, minimise, search
-from burrlab.fit_voxel import VoxelDescent
+from burrlab.fitting.problem import MeanFieldModel, Observations
+from burrlab.fitting.search import Box, is_minimum, minimise, search
+from burrlab.fitting.voxel import VoxelDescent
 from burrlab.master_curve import penetration_velocity
 
 mpl.use("Agg")

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from burrlab import fit_verdict
+from burrlab.fitting import verdict
 
 if TYPE_CHECKING:
-    from burrlab.fit_result import Fit
+    from burrlab.fitting.result import Fit
 
 _RESIDUALS = {
     "relative": "relative, ln(v/v_predicted)",
@@ -119,7 +119,7 @@ def ridge(fit: Fit) -> str:
 def agreement(fit: Fit) -> str:
     """Whether the local searches ended in one place, in a sentence."""
     n_local = sum(s.origin != "global" for s in fit.starts)
-    equal, c_e, alpha = fit_verdict.agreement(fit.starts, fit.best, fit.n_points)
+    equal, c_e, alpha = verdict.agreement(fit.starts, fit.best, fit.n_points)
     line = f"{len(equal)} of {n_local} local searches ended equally well"
     if len(equal) > 1:
         line += f", within {100 * (c_e - 1):.2g} % in c_e and {100 * (alpha - 1):.2g} % in alpha"

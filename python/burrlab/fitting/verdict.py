@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from burrlab._core import Shape
-from burrlab.fit_problem import MeanFieldModel, Observations, ResidualKind
-from burrlab.fit_search import Box, Start
+from burrlab.fitting.problem import MeanFieldModel, Observations, ResidualKind
+from burrlab.fitting.search import Box, Start
 
 _RIDGE_PHI = 0.7  # the ridge is tried where the largest phi is 0.7 of the one where it ends
 _RIDGE_F = 4.0  # it is excluded where it raises the sum of squares by over 4 residual variances (about 95 %)

@@ -14,7 +14,7 @@ import numpy as np
 from burrlab._core import Burr, Shape
 from burrlab.arguments import require_type
 from burrlab.curve import VelocityCurve
-from burrlab.fit_problem import (
+from burrlab.fitting.problem import (
     Bounds,
     MeanFieldModel,
     Observations,
@@ -22,10 +22,10 @@ from burrlab.fit_problem import (
     ResidualKind,
     bounds_of,
 )
-from burrlab.fit_result import Fit
-from burrlab.fit_search import Box, Floats, Objective, Start, is_minimum, minimise, search
-from burrlab.fit_verdict import ridge_of, verdict
-from burrlab.fit_voxel import VoxelModel
+from burrlab.fitting.result import Fit
+from burrlab.fitting.search import Box, Floats, Objective, Start, is_minimum, minimise, search
+from burrlab.fitting.verdict import ridge_of, verdict
+from burrlab.fitting.voxel import VoxelModel
 from burrlab.provenance import provenance
 
 __all__ = ["Fit", "fit"]

@@ -11,12 +11,13 @@ from typing import IO, TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from burrlab import fit_json, fit_report
 from burrlab._core import Material, Shape
 from burrlab.curve import VelocityCurve
-from burrlab.fit_problem import Bounds, ResidualKind, master_curve
-from burrlab.fit_search import Start
-from burrlab.fit_verdict import Ridge
+from burrlab.fitting import plain, report
+from burrlab.fitting.problem import Bounds, ResidualKind
+from burrlab.fitting.search import Start
+from burrlab.fitting.verdict import Ridge
+from burrlab.master_curve import MasterCurve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -134,11 +135,11 @@ class Fit:
     ) -> np.float64 | Floats:
         window = [None if end is None else end / self.radius for end in (start_mm, end_mm)]
         phi = np.asarray(force, dtype=np.float64) / (self.c_e * self.radius**2)
-        return 1e3 * alpha * self.radius * master_curve(self.shape.name).velocity_ratio(phi, *window)
+        return 1e3 * alpha * self.radius * MasterCurve(self.shape).velocity_ratio(phi, *window)
 
     def report(self) -> str:
         """The fit as aligned text blocks."""
-        return fit_report.text(self)
+        return report.text(self)
 
     def plot(self, ax: Axes | None = None, *, alpha_lines: float | None = None, log: bool = False) -> Axes:
         """Data as squares and the fitted line, as in Fig. 5 of the paper.
@@ -192,12 +193,12 @@ class Fit:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain Python objects, ready for JSON; what is not finite is None."""
-        return fit_json.to_dict(self)
+        return plain.to_dict(self)
 
     @classmethod
-    def from_dict(cls, plain: Mapping[str, Any]) -> Fit:
+    def from_dict(cls, values: Mapping[str, Any]) -> Fit:
         """The fit that `to_dict` described."""
-        return cls(**fit_json.from_dict(plain))
+        return cls(**plain.from_dict(values))
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Write the fit, data included, as JSON that `from_json` reads back without loss."""
@@ -233,4 +234,4 @@ class Fit:
         )
 
     def _repr_html_(self) -> str:
-        return fit_report.html(self)
+        return report.html(self)

@@ -11,11 +11,11 @@ import numpy as np
 
 from burrlab._core import Shape
 from burrlab.curve import VelocityCurve
-from burrlab.fit_search import Start
-from burrlab.fit_verdict import Ridge
+from burrlab.fitting.search import Start
+from burrlab.fitting.verdict import Ridge
 
 if TYPE_CHECKING:
-    from burrlab.fit_result import Fit
+    from burrlab.fitting.result import Fit
 
 _RENAMED = {"radius": "radius_mm", "residual_norm": "residual"}
 _CURVE_NUMBERS = ("force", "velocity", "sigma", "window_start", "window_end")
@@ -47,7 +47,7 @@ def from_dict(plain: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _fields() -> list[str]:
-    from burrlab.fit_result import Fit
+    from burrlab.fitting.result import Fit
 
     return [f.name for f in fields(Fit)]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from burrlab._core import Burr, Shape
 from burrlab.curve import VelocityCurve
-from burrlab.fit_search import Box
+from burrlab.fitting.search import Box
 from burrlab.master_curve import MasterCurve
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -160,7 +159,7 @@ class MeanFieldModel:
 
     def __init__(self, observations: Observations, shape: Shape) -> None:
         self._radius, self._n = observations.radius, len(observations)
-        self._curve = master_curve(shape.name)
+        self._curve = MasterCurve(shape)
         self._groups: list[tuple[float | None, float | None, Floats, NDArray[np.intp], NDArray[np.intp]]] = []
         for (start, end), rows in observations.by_window().items():
             force, inverse = np.unique(observations.force[rows], return_inverse=True)
@@ -176,9 +175,3 @@ class MeanFieldModel:
     def predict(self, c_e: float, alpha: float) -> Floats:
         """Velocity [mm/s] of every row at c_e [N/mm^2], alpha [1/ms]."""
         return alpha * self.unit(c_e)
-
-
-@lru_cache(maxsize=32)
-def master_curve(shape: str) -> MasterCurve:
-    """One curve a shape for the whole process: its tables take longer than a fit."""
-    return MasterCurve(Shape(shape))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from burrlab._core import Burr, Material, Shape
 from burrlab.descent import descend
 from burrlab.descent_result import FEWEST_TICKS, Descent
-from burrlab.fit_problem import WINDOW_END, WINDOW_START, Observations
+from burrlab.fitting.problem import WINDOW_END, WINDOW_START, Observations
 from burrlab.sweep import item_seed
 from burrlab.window import samples_between
 

@@ -1,10 +1,10 @@
-"""The fit of c_e and alpha to a velocity-force curve."""
+"""The fit of c_e and alpha to velocities, traces and indentations."""
 
 from __future__ import annotations
 
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from typing import Any, Literal, get_args
 
@@ -13,33 +13,38 @@ import numpy as np
 
 from burrlab._core import Burr, Shape
 from burrlab.arguments import require_type
+from burrlab.bone_field import BoneField
 from burrlab.curve import VelocityCurve
-from burrlab.fitting.problem import (
+from burrlab.depth_trace import DepthTrace
+from burrlab.fitting.evidence import describe, weigh
+from burrlab.fitting.likelihood import Likelihood
+from burrlab.fitting.mean_field import MeanFieldModel
+from burrlab.fitting.observations import (
     Bounds,
-    MeanFieldModel,
+    Data,
+    Floats,
     Observations,
-    Predict,
     ResidualKind,
     bounds_of,
 )
 from burrlab.fitting.result import Fit
-from burrlab.fitting.search import Box, Floats, Objective, Start, is_minimum, minimise, search
-from burrlab.fitting.verdict import ridge_of, verdict
-from burrlab.fitting.voxel import VoxelModel
+from burrlab.fitting.search import Box, Objective, Start, is_minimum, minimise, search
+from burrlab.fitting.verdict import status_of
+from burrlab.fitting.voxel import VoxelEngine, VoxelModel, VoxelSettings
+from burrlab.indentation import Indentation
 from burrlab.provenance import provenance
+from burrlab.specimen import Specimen
+from burrlab.store import Store
 
 __all__ = ["Fit", "fit"]
 
 Engine = Literal["mean-field", "voxel"]
 Progress = Callable[[int, int], object]
-Record = list[tuple[float, float, float]]
-
-_VOXEL_STEP, _VOXEL_XTOL, _VOXEL_MAXEVAL = 0.1, 2e-3, 30  # first step and stop, in logarithms
 
 
 def fit(
-    curve: VelocityCurve,
-    burr: Burr,
+    data: Data | Sequence[Data],
+    burr: Burr | None = None,
     *,
     shape: Shape | str = "parabolic",
     engine: Engine = "mean-field",
@@ -49,29 +54,35 @@ def fit(
     bounds: Bounds | None = None,
     progress: Progress | None = None,
     executor: Executor | None = None,
+    store: Store | None = None,
     voxel: float = 0.1,
     dt: float = 1.0,
+    rig: bool = False,
+    specimen: Specimen | BoneField | None = None,
+    replicates: int = 4,
 ) -> Fit:
-    """Fit the elastic constant c_e and the erosion rate alpha to a velocity-force curve.
+    """Fit the elastic constant c_e and the erosion rate alpha, and say what the data determine.
 
-    The sum of squared residuals is minimised over log c_e and log alpha, with
+    The likelihood is maximised over log c_e and log alpha, the scatter estimated with them, for
 
-    * ``"relative"``  r = ln(v/v_predicted),
-    * ``"absolute"``  r = v - v_predicted [mm/s], the paper's,
-    * ``"sigma"``     r = (v - v_predicted)/sigma.
+    * ``"relative"``  log-normal velocities, r = ln(v/v_predicted),
+    * ``"absolute"``  normal velocities of one scatter, r = v - v_predicted [mm/s], the paper's least squares,
+    * ``"sigma"``     normal velocities of given sigma, r = (v - v_predicted)/sigma.
 
     Parameters
     ----------
-    curve : VelocityCurve
-        Rows without a velocity are skipped and counted. Repeats count as they are. Rows with windows of their
-        own are compared over these.
-    burr : Burr
-        The burr that the curve was taken with.
+    data : VelocityCurve, Indentation, DepthTrace or a sequence of them
+        Rows of a curve without a velocity are skipped and counted; those of status ``"overloaded"`` are
+        censored: they bound c_e from above. Repeats are rows of their own. Rows with windows of their own are
+        compared over these, a trace in five parts of equal depth. Velocities of all curves, and of the runs of
+        all traces, share one scatter; indentations have another.
+    burr : Burr, optional
+        The burr of the data sets that do not say their radius.
     shape : Shape or str
         Erosion shape function f; alpha is a number for one f.
     engine : {"mean-field", "voxel"}
-        What predicts the velocity: the scaling law of the axisymmetric mean-field descent, or descents into a
-        voxel bone with the force held exactly. The voxel engine begins at the mean-field fit.
+        What predicts the velocity: the scaling law of the axisymmetric mean-field descent, or descents into
+        voxels. The voxel engine begins at the mean-field fit.
     residuals : {"relative", "absolute", "sigma"}
         See above.
     starts : int
@@ -80,15 +91,25 @@ def fit(
         Of the starts and of the voxel engine's erosion; None draws one, which the result records.
     bounds : dict, optional
         ``{"c_e": (low, high), "alpha": (low, high)}`` [N/mm^2], [1/ms]. By default c_e runs from its hard
-        bound to 100 times that, alpha from 1e-5 to 10.
+        bound to 100 times that, alpha from 1e-5 to 10 in the search, and both without end in the intervals.
+        An interval that reaches a bound given here is open there.
     progress : callable, optional
-        Voxel engine: called with (evaluations done, most that will be done).
+        Voxel engine: called with (descents done, descents in all).
     executor : concurrent.futures.Executor, optional
         Voxel engine: runs the descents; threads over the cores by default.
+    store : Store, optional
+        Voxel engine: keeps every descent, so that an interrupted fit goes on where it stopped.
     voxel : float
         Voxel engine: voxel size [mm].
     dt : float
         Voxel engine: tick [ms].
+    rig : bool
+        Voxel engine: descents through controller and virtual rig; else the force is held exactly.
+    specimen : Specimen or BoneField, optional
+        Voxel engine: what is burred; of a BoneField every replicate has its own realisation. Default: solid
+        bone.
+    replicates : int
+        Voxel engine: descents at each force and point, at least 2; their differences give its Monte Carlo error.
 
     Returns
     -------
@@ -97,30 +118,40 @@ def fit(
     Raises
     ------
     TypeError
-        If curve or burr is something else.
+        If data or burr is something else.
     ValueError
-        If the curve has fewer than three distinct forces among its usable rows, is of another radius, lacks
-        the sigma that ``"sigma"`` needs, or an argument is out of range.
+        If the data have fewer than three distinct forces among their usable rows, are of another radius, or
+        contradict one another; lack the sigma that ``"sigma"`` needs; or an argument is out of range.
+    StudyInterrupted
+        If the executor dies.
 
     Notes
     -----
     `relative` is the default because the scatter of such measurements grows with the velocity, which spans
-    decades: a log-normal scatter makes these residuals alike, and to first order they equal
-    (v - v_predicted)/v_predicted. `absolute`, the paper's, lets the fastest points decide.
+    decades. `absolute`, the paper's, lets the fastest points decide.
 
     The hard bound of c_e: a window at force F shows that static contact lies above the window's end, so
-    c_e > F/(0.1925 R^2) for the default end R/3.
+    c_e > F/(0.1925 R^2) for the default end R/3; and an overloaded run shows the contrary. Both belong to the
+    likelihood, which is zero beyond.
 
     While every window begins above static contact (phi = F/(c_e R^2) < 0.068), predictions depend on
-    alpha/c_e^(8/3) alone: a ridge. `status` is then ``"ridge"``, as it is where the best point lies elsewhere
-    but a point on the ridge raises the sum of squares by less than four times the residual variance.
+    alpha/c_e^(8/3) alone: a ridge. `status` is ``"ridge"`` where the fit lies there, or where the 95 % interval
+    of c_e is open above.
+
+    Intervals and regions are profile likelihoods with limits from the F distribution
+    (`burrlab.fitting.likelihood.Calibration`). The voxel engine predicts v = alpha times a function of c_e that is
+    tabulated by descents near the best alpha, with common random numbers at all points; the Monte Carlo
+    error of the fit widens the limits by 1 + SE_mc^2/SE_stat^2, as Ionides et al. do.
 
     Global stage: CRS2 of nlopt; local: BOBYQA. nlopt's return code tells nothing about the fit, so the best
-    end is compared with its neighbours, and the ends with one another.
+    end is compared with its neighbours, the ends with one another, and with the walk along c_e that the
+    intervals come from.
 
     References
     ----------
     Agus et al., Physics-based burr haptic simulation: tuning and evaluation, HAPTICS 2004, section 4.
+    Ionides, Breto, Park, Smith, King, Monte Carlo profile confidence intervals for dynamic systems,
+    J. R. Soc. Interface 14 (2017) 20170126.
     Kaelo and Ali, Some variants of the controlled random search algorithm, JOTA 130 (2006).
     Powell, The BOBYQA algorithm for bound constrained optimization without derivatives, Cambridge 2009.
 
@@ -128,69 +159,79 @@ def fit(
     --------
     >>> import burrlab
     >>> burr, bone = burrlab.Burr(3.0), burrlab.materials["bone"]
-    >>> curve = burrlab.synthetic_curve(burr, bone, [0.3, 0.6, 1.2, 2.4], repeats=1, scatter=0.0, seed=1)
+    >>> curve = burrlab.synthetic_curve(burr, bone, [0.3, 0.6, 1.2, 2.4], scatter=0.05, seed=1)
     >>> result = burrlab.fit(curve, burr)
-    >>> result.status, round(result.c_e, 2), round(result.alpha, 4)
-    ('ok', 2.15, 0.087)
+    >>> result.status, result.separately_identified
+    ('ok', True)
+    >>> few = burrlab.synthetic_curve(burr, bone, [0.3, 0.4, 0.5, 0.6], scatter=0.05, seed=1)
+    >>> print(burrlab.fit(few).intervals["c_e"]["95"].upper)  # no upper end
+    None
     """
     begin = time.perf_counter()
-    require_type("curve", curve, VelocityCurve, "VelocityCurve.from_csv('data.csv')")
-    require_type("burr", burr, Burr, "Burr(3.0)")
+    sets = _sets(data)
+    if burr is not None:
+        require_type("burr", burr, Burr, "Burr(3.0)")
     shape = shape if isinstance(shape, Shape) else Shape(shape)
-    observations = Observations.of(curve, burr)
-    _check(observations, engine, residuals, starts)
+    _check(engine, residuals, starts, replicates)
+    observations = Observations.of(sets, burr)
+    if residuals == "sigma" and not observations.has_sigma:
+        raise ValueError("residuals 'sigma' need a sigma in every row that has a velocity")
     seed = secrets.randbits(32) if seed is None else int(seed)
     box = bounds_of(observations, bounds)
 
-    mean_field = MeanFieldModel(observations, shape)
-    objective = _objective(observations, residuals, mean_field.predict)
-
-    def on_ridge(c_e: float) -> float:
-        return observations.best_alpha(residuals, mean_field.unit(c_e))
-
-    ends = search(objective, box, on_ridge, starts=starts, seed=seed)
-    predict: Predict = mean_field.predict
+    likelihood = Likelihood(observations, residuals, MeanFieldModel(observations, shape))
+    ends = search(_objective(likelihood), box, _ridge_alpha(likelihood), starts=starts, seed=seed)
     settings: dict[str, Any] = {}
-    record: Record = []
+    table, record, made = None, (), None
     if engine == "voxel":
-        settings = {"voxel_mm": voxel, "dt_ms": dt}
-        predict = VoxelModel(observations, shape, voxel=voxel, dt=dt, seed=seed, executor=executor).predict
-        objective = _recorded(_objective(observations, residuals, predict), record, progress)
-        ends = (_voxel_search(objective, box, _best(ends)),)
+        given = VoxelSettings(voxel, dt, rig, specimen, replicates)
+        settings = given.described()
+        voxels = VoxelEngine(
+            observations, shape, given, seed=seed, executor=executor, store=store, progress=progress
+        )
+        made = voxels.tabulate(likelihood, box, _best(ends).end)
+        ends = (Start("from mean-field", _best(ends).end, _best(ends).end, np.inf, "FAILURE", 0),)
+        if not isinstance(made, str):
+            table, record = made
+            likelihood = Likelihood(observations, residuals, VoxelModel(observations, shape, table))
+            ends = (_local(likelihood, box, ends[0].end, "from mean-field"),)
 
     best = _best(ends)
-    predicted = predict(*best.end)
-    ridge = ridge_of(observations, residuals, mean_field, shape, box, best.end)
-    directions = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, ridge.exponent]])
-    settled = best.converged and (engine == "voxel" or is_minimum(objective, box, best, directions))
-    status, reason = verdict(observations, box, ends, best, ridge, settled)
-    final = observations.residuals(residuals, predicted)
+    evidence = weigh(likelihood, shape, box, bounds, best.end, table) if np.isfinite(best.objective) else None
+    if evidence is not None and evidence.better is not None:  # the walk along c_e found what the searches missed
+        ends = (*ends, _local(likelihood, box, evidence.better, "walk along c_e"))
+        best = _best(ends)
+        evidence = weigh(likelihood, shape, box, bounds, best.end, table)
+    if evidence is None:
+        status, reason = "not-converged", str(made)
+    else:
+        exponent = evidence.ridge.exponent
+        directions = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, exponent]])
+        settled = best.converged and is_minimum(_objective(likelihood), box, best, directions)
+        status, reason = status_of(observations, box, ends, best, evidence.ridge, settled)
     return Fit(
         c_e=best.end[0],
         alpha=best.end[1],
         shape=shape,
-        radius=burr.radius,
+        radius=_radius(observations),
         residual_kind=residuals,
-        residual_norm=float(np.sqrt(np.mean(final**2))),
-        residuals=final,
-        predicted=predicted,
-        chi2_reduced=_chi2_reduced(observations, predicted),
-        n_points=len(observations),
-        n_skipped=observations.n_skipped,
         status=status,
         reason=reason,
         starts=ends,
         bounds={"c_e": (box.lower[0], box.upper[0]), "alpha": (box.lower[1], box.upper[1])},
-        ridge=ridge,
+        given_bounds=tuple(bounds or ()),
+        evidence=evidence,
+        **describe(likelihood, best.end, sets),
         engine=engine,
+        table=table,
         seed=seed,
         evaluations=sum(end.evaluations for end in ends),
         seconds=time.perf_counter() - begin,
-        record=tuple(record),
-        curve=curve,
+        record=record,
+        data=sets,
         provenance=provenance(
             shape=shape.name,
-            radius_mm=burr.radius,
+            radius_mm=sorted(set(observations.radius.tolist())),
             engine=engine,
             residuals=residuals,
             starts=starts,
@@ -201,58 +242,50 @@ def fit(
     )
 
 
-def _check(observations: Observations, engine: str, residuals: str, starts: int) -> None:
+def _sets(data: Data | Sequence[Data]) -> tuple[Data, ...]:
+    sets = tuple(data) if isinstance(data, (list, tuple)) else (data,)
+    for one in sets:
+        if not isinstance(one, (VelocityCurve, Indentation, DepthTrace)):
+            raise TypeError(
+                "data must be a VelocityCurve, Indentation or DepthTrace or several of them, such as "
+                f"VelocityCurve.from_csv('data.csv'), got {one!r}"
+            )
+    if not sets:
+        raise ValueError("data must hold at least one data set: got none")
+    return sets
+
+
+def _radius(observations: Observations) -> float | None:
+    radii = set(observations.radius.tolist())
+    return radii.pop() if len(radii) == 1 else None
+
+
+def _check(engine: str, residuals: str, starts: int, replicates: int) -> None:
     for name, value, allowed in (("engine", engine, Engine), ("residuals", residuals, ResidualKind)):
         if value not in get_args(allowed):
             raise ValueError(f"{name} must be one of {', '.join(get_args(allowed))}: got {value!r}")
     if starts < 0:
         raise ValueError(f"starts must not be negative: got {starts!r}")
-    if residuals == "sigma" and not observations.has_sigma:
-        raise ValueError("residuals 'sigma' need a sigma in every row that has a velocity")
+    if replicates < 2:
+        raise ValueError(f"replicates must be at least 2, to show their scatter: got {replicates!r}")
 
 
-def _objective(observations: Observations, residuals: ResidualKind, predict: Predict) -> Objective:
-    """Sum of squared residuals over (log c_e, log alpha); NaN where a row has no prediction."""
+def _objective(likelihood: Likelihood) -> Objective:
+    """What the searches minimise over (log c_e, log alpha); NaN where a row has no prediction."""
 
     def objective(logarithms: Floats) -> float:
-        c_e, alpha = np.exp(logarithms).tolist()
-        return float(np.sum(observations.residuals(residuals, predict(c_e, alpha)) ** 2))
+        return likelihood.objective(*np.exp(logarithms).tolist())
 
     return objective
 
 
-def _recorded(objective: Objective, record: Record, progress: Progress | None) -> Objective:
-    """The objective, every evaluation kept and told to `progress`."""
-
-    def recorded(logarithms: Floats) -> float:
-        value = objective(logarithms)
-        c_e, alpha = np.exp(logarithms).tolist()
-        record.append((c_e, alpha, value))
-        if progress is not None:
-            progress(len(record), _VOXEL_MAXEVAL)
-        return value
-
-    return recorded
+def _ridge_alpha(likelihood: Likelihood) -> Callable[[float], float]:
+    return lambda c_e: float(likelihood.at(c_e).best_alpha[0])
 
 
-def _voxel_search(objective: Objective, box: Box, mean_field: Start) -> Start:
-    return minimise(
-        objective,
-        box,
-        np.log(mean_field.end),
-        origin="from mean-field",
-        step=_VOXEL_STEP,
-        xtol=_VOXEL_XTOL,
-        maxeval=_VOXEL_MAXEVAL,
-    )
+def _local(likelihood: Likelihood, box: Box, start: tuple[float, float], origin: str) -> Start:
+    return minimise(_objective(likelihood), box, np.log(start), origin=origin)
 
 
-def _best(ends: tuple[Start, ...]) -> Start:
+def _best(ends: Sequence[Start]) -> Start:
     return min(ends, key=lambda end: end.objective)
-
-
-def _chi2_reduced(observations: Observations, predicted: Floats) -> float | None:
-    if not observations.has_sigma:
-        return None
-    chi = observations.residuals("sigma", predicted)
-    return float(np.sum(chi**2) / (len(observations) - 2))

@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from burrlab.fitting import verdict
+from burrlab.fitting.likelihood import Scatter
+from burrlab.fitting.verdict import Ridge
 
 if TYPE_CHECKING:
     from burrlab.fitting.result import Fit
 
 _RESIDUALS = {
-    "relative": "relative, ln(v/v_predicted)",
-    "absolute": "absolute, v - v_predicted [mm/s]",
-    "sigma": "by sigma, (v - v_predicted)/sigma",
+    "relative": "log-normal, r = ln(v/v_predicted)",
+    "absolute": "normal, r = v - v_predicted [mm/s]",
+    "sigma": "normal of given sigma, r = (v - v_predicted)/sigma",
 }
 _UNITS = {"c_e": "N/mm^2", "alpha": "1/ms"}
 
@@ -24,19 +26,23 @@ def text(fit: Fit) -> str:
     """The fit as aligned text blocks."""
     blocks = {
         "Fit Statistics": _aligned(statistics(fit)),
-        "Variables": _aligned(variables(fit)),
+        "Variables": variables(fit),
+        "Identification": _aligned(identification(fit)),
         "Starts": starts(fit),
         "Notes": [f"- {note}" for note in notes(fit)],
     }
-    return "\n".join("\n    ".join([f"[[{title}]]", *lines]) for title, lines in blocks.items())
+    return "\n".join("\n    ".join([f"[[{title}]]", *lines]) for title, lines in blocks.items() if lines)
 
 
 def html(fit: Fit) -> str:
     """The fit as HTML for a notebook."""
-    parts = [f"<p><b>{escape(repr(fit))}</b></p>"]
-    for pairs in (variables(fit), statistics(fit)):
-        rows = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in pairs.items())
-        parts.append(f"<table>{''.join(rows)}</table>")
+    parts = [f"<p><b>{escape(repr(fit))}</b></p>", f"<p>{escape(fit.verdict)}</p>"]
+    cells = [["", "value", "68 %", "95 %", "99.7 %", "start", "bounds"], *variable_rows(fit)]
+    rows = ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in cells]
+    parts.append(f"<table>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>")
+    for pairs in (identification(fit), statistics(fit)):
+        lines = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in pairs.items())
+        parts.append(f"<table>{''.join(lines)}</table>")
     parts.append("<ul>" + "".join(f"<li>{escape(note)}</li>" for note in notes(fit)) + "</ul>")
     table = escape("\n".join(starts(fit)))
     parts.append(f"<details><summary>starts</summary><pre>{table}</pre></details>")
@@ -45,26 +51,79 @@ def html(fit: Fit) -> str:
 
 def statistics(fit: Fit) -> dict[str, str]:
     chi2 = "unknown, the data have no sigma" if fit.chi2_reduced is None else f"{fit.chi2_reduced:.4g}"
-    distinct = len(np.unique(fit.curve.force[fit.curve.ok]))
-    return {
-        "data": fit.curve.source or "unnamed",
-        "engine": f"{fit.engine}, shape {fit.shape.name}, burr radius {fit.radius:g} mm",
-        "residuals": _RESIDUALS[fit.residual_kind],
-        "data points": f"{fit.n_points} at {distinct} forces; rows skipped: {fit.n_skipped}",
-        "variables": "2",
+    o = fit.observations
+    radius = ", ".join(f"{R:g}" for R in sorted(set(o.radius.tolist())))
+    distinct = len(np.unique(np.stack([o.force, o.radius]), axis=1).T)
+    points = f"{fit.n_points}, velocities at {distinct} forces"
+    if len(o.pressed):
+        points += f", {len(o.pressed)} pairs of an indentation"
+    rows = {
+        "data": "; ".join(one.source or "unnamed" for one in fit.data),
+        "engine": f"{fit.engine}, shape {fit.shape.name}, burr radius {radius} mm",
+        "likelihood": _RESIDUALS[fit.residual_kind],
+        "data points": f"{points}; rows skipped: {fit.n_skipped}, of these censored: {fit.n_censored}",
+        "variables": f"{fit.n_parameters}, scatters included",
         "RMS residual": rms(fit, fit.residual_norm),
         "reduced chi-square": chi2,
+    }
+    if fit.evidence is not None:
+        rows["scatter"] = "; ".join(scatter(fit, s) for s in fit.evidence.scatters)
+        rows["log-likelihood"] = f"{fit.log_likelihood:.6g}"
+        rows["AIC, BIC"] = f"{fit.aic:.6g}, {fit.bic:.6g}"
+    return rows | {
         "function evals": f"{fit.evaluations} in {fit.seconds:.2g} s; seed {fit.seed}",
+        "method": "CRS2 and BOBYQA (nlopt); intervals by profile likelihood, limits by F",
         "status": fit.status,
     }
 
 
-def variables(fit: Fit) -> dict[str, str]:
+def scatter(fit: Fit, one: Scatter) -> str:
+    """A scatter in words."""
+    if one.known:
+        return f"{one.name} as given"
+    unit = " mm/s" if one.name == "velocity" and fit.residual_kind == "absolute" else " %"
+    value = one.value if unit == " mm/s" else 100 * one.value
+    return f"{one.name} {value:.3g}{unit} estimated from {one.n} rows"
+
+
+def variable_rows(fit: Fit) -> list[list[str]]:
+    """Name, value, the three intervals, start and bounds of each variable."""
     begin = dict(zip(_UNITS, fit.best.start, strict=True))
-    return {
-        name: f"{value:<9.5g} {unit:<6}  (start {begin[name]:.4g}, bounds {low:.4g} .. {high:.4g})"
+    return [
+        [
+            name,
+            f"{getattr(fit, name):.5g} {unit}",
+            *(verdict.span(interval) for interval in fit.intervals[name].values()),
+            f"{begin[name]:.4g}",
+            f"{low:.4g} .. {high:.4g}",
+        ]
         for name, unit in _UNITS.items()
-        for value, (low, high) in [(getattr(fit, name), fit.bounds[name])]
+        for low, high in [fit.bounds[name]]
+    ]
+
+
+def variables(fit: Fit) -> list[str]:
+    """The variables as a table of text."""
+    rows = [["", "value", "68 %", "95 %", "99.7 %", "start", "bounds"], *variable_rows(fit)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    return ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def identification(fit: Fit) -> dict[str, str]:
+    """What the data determine, and how well."""
+    identified = fit.identified
+    if identified is None:
+        return {}
+    p = f"{identified.exponent:.4g}"
+    separate = "yes" if fit.separately_identified else "no"
+    return {
+        "determined best": f"alpha/c_e^{p} = {identified.value:.4g} (1/ms)/(N/mm^2)^{p}",
+        "its intervals": ", ".join(
+            f"{level} %: {verdict.span(interval)}" for level, interval in identified.intervals.items()
+        ),
+        "correlation": f"{fit.correlation:.5f} (of log c_e and log alpha)",
+        "condition": f"{fit.condition:.3g} (of the Fisher information)",
+        "separately identified": f"{separate} (c_e's 95 % interval closed and within a factor of {verdict.SEPARATE:g})",
     }
 
 
@@ -83,21 +142,24 @@ def starts(fit: Fit) -> list[str]:
 
 def notes(fit: Fit) -> list[str]:
     """Plain sentences on what the numbers mean."""
-    lines = [fit.reason, ridge(fit)]
+    lines = [fit.reason]
+    if fit.evidence is not None:
+        lines += [fit.verdict, ridge(fit.evidence.ridge, fit)]
+        lines += [test.sentence for test in (fit.lack_of_fit, fit.fall) if test is not None]
     if len(fit.starts) > 1:
         lines.append(agreement(fit))
-    if fit.engine == "voxel":
+    if fit.table is not None and fit.evidence is not None:
         lines.append(
-            "The voxel engine is stochastic: all evaluations used the same seeds, another seed moves them."
+            f"The voxel engine is stochastic: its descents scatter by {100 * fit.table.noise:.2g} % and lie within "
+            f"{100 * fit.table.error:.2g} % (RMS) of the table; the Monte Carlo error of the fit widens the limits by "
+            f"{100 * fit.evidence.monte_carlo:.2g} %."
         )
-    lines.append("No intervals are given, and c_e and alpha are correlated: the digits are not a precision.")
     lines.append(f"alpha holds for f = {fit.shape.name} and for one drill, burr type and speed.")
     return lines
 
 
-def ridge(fit: Fit) -> str:
+def ridge(r: Ridge, fit: Fit) -> str:
     """What the forces can determine, in a sentence."""
-    r = fit.ridge
     combination = f"alpha/c_e^{r.exponent:.4g} = {r.value:.4g} (1/ms)/(N/mm^2)^{r.exponent:.4g}"
     largest = f"The largest phi = F/(c_e R^2) is {r.max_phi:.3g}"
     if r.on_ridge:

@@ -1,33 +1,44 @@
-"""The result of a fit: parameters, every start's end, residuals, data and provenance."""
+"""The result of a fit: parameters, intervals, every start's end, residuals, data and provenance."""
 
 from __future__ import annotations
 
 import json
 import os
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import IO, TYPE_CHECKING, Any, TypeAlias
+from functools import cached_property
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from burrlab._core import Material, Shape
+from burrlab._core import Burr, Material, Shape
 from burrlab.curve import VelocityCurve
-from burrlab.fitting import plain, report
-from burrlab.fitting.problem import Bounds, ResidualKind
+from burrlab.fitting import hypotheses, plain, report
+from burrlab.fitting.evidence import Evidence
+from burrlab.fitting.hypotheses import HypothesisTest
+from burrlab.fitting.likelihood import Likelihood
+from burrlab.fitting.mean_field import MeanFieldModel
+from burrlab.fitting.observations import Bounds, Data, Floats, Observations, ResidualKind
+from burrlab.fitting.profile import LEVELS, Combination, Interval, Region
 from burrlab.fitting.search import Start
-from burrlab.fitting.verdict import Ridge
+from burrlab.fitting.verdict import Ridge, separately_identified
+from burrlab.fitting.voxel import VoxelModel, VoxelTable
 from burrlab.master_curve import MasterCurve
+from burrlab.store import Store
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Floats: TypeAlias = NDArray[np.float64]
+    from burrlab.fitting.bootstrap import Bootstrap
+
+_OPEN = Interval(None, None)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit:
-    """c_e and alpha fitted to a velocity-force curve. Made by `burrlab.fit`.
+    """c_e and alpha fitted to data, and what the data determine. Made by `burrlab.fit`.
 
     Attributes
     ----------
@@ -37,18 +48,19 @@ class Fit:
         Erosion rate [1/ms]: a number for this `shape`, drill, burr type and speed.
     shape : Shape
         Erosion shape function f that alpha belongs to.
-    radius : float
-        Burr radius R [mm].
+    radius : float or None
+        Burr radius R [mm]; None where the data are of several.
     residual_kind : str
         ``"relative"``, ``"absolute"`` or ``"sigma"``.
     residual_norm : float
         RMS residual: 1 for ``"relative"`` (0.08 is 8 %) and ``"sigma"``, [mm/s] for ``"absolute"``.
     residuals, predicted : ndarray, shape (n_points,)
-        Residuals, and predicted velocities [mm/s], of the rows used (``curve.ok``), in the curve's order.
+        Residuals, and predicted velocities [mm/s] or, of an indentation, forces [N], of the rows used, in the
+        order of the data: usable rows of a curve, the five segments of a trace, pairs of an indentation.
     chi2_reduced : float or None
-        Chi-square over degrees of freedom; None where the curve has no sigma.
-    n_points, n_skipped : int
-        Rows used, and rows without a number.
+        Chi-square over degrees of freedom; None where a velocity has no sigma.
+    n_points, n_skipped, n_censored : int
+        Rows used, rows without a number, and those of them that bound c_e from above.
     status : str
         ``"ok"``; ``"ridge"``: only a combination of c_e and alpha is determined; ``"at-bound"``;
         ``"disagreement"``: starts ended equally well at different parameters; ``"not-converged"``.
@@ -58,10 +70,18 @@ class Fit:
         Every search: begin, end, objective (sum of squared residuals), nlopt's result, evaluations.
     bounds : dict
         Bounds of ``c_e`` and ``alpha`` in the search.
-    ridge : Ridge
-        What is determined where c_e and alpha are not.
+    given_bounds : tuple of str
+        Those of them that were asked for.
+    evidence : Evidence or None
+        Profiles, regions, information, scatters; None where nothing could be fitted.
+    lack_of_fit : HypothesisTest or None
+        Whether the model misses the means of repeats; None without repeats.
+    fall : HypothesisTest or None
+        Whether velocity falls with depth as the model says; None without traces.
     engine : str
         ``"mean-field"`` or ``"voxel"``.
+    table : VoxelTable or None
+        Voxel engine: its predictions over c_e.
     seed : int
         Of the starts and of the voxel engine's descents.
     evaluations : int
@@ -69,9 +89,9 @@ class Fit:
     seconds : float
         Duration of the fit [s].
     record : tuple
-        Voxel engine: (c_e, alpha, sum of squared residuals) of every evaluation; empty otherwise.
-    curve : VelocityCurve
-        The data.
+        Voxel engine: (c_e, alpha) of every point that descents were made at; empty otherwise.
+    data : tuple
+        The data sets.
     provenance : dict
         Package version, parameters and platform.
     """
@@ -79,7 +99,7 @@ class Fit:
     c_e: float
     alpha: float
     shape: Shape
-    radius: float
+    radius: float | None
     residual_kind: ResidualKind
     residual_norm: float
     residuals: Floats
@@ -87,18 +107,167 @@ class Fit:
     chi2_reduced: float | None
     n_points: int
     n_skipped: int
+    n_censored: int
     status: str
     reason: str
     starts: tuple[Start, ...]
     bounds: Bounds
-    ridge: Ridge
+    given_bounds: tuple[str, ...]
+    evidence: Evidence | None
+    lack_of_fit: HypothesisTest | None
+    fall: HypothesisTest | None
     engine: str
+    table: VoxelTable | None
     seed: int
     evaluations: int
     seconds: float
-    record: tuple[tuple[float, float, float], ...]
-    curve: VelocityCurve
+    record: tuple[tuple[float, float], ...]
+    data: tuple[Data, ...]
     provenance: Mapping[str, Any]
+
+    @property
+    def curve(self) -> VelocityCurve:
+        """The first velocity curve of the data; ValueError without one."""
+        for one in self.data:
+            if isinstance(one, VelocityCurve):
+                return one
+        raise ValueError("the data of this fit hold no velocity curve")
+
+    @property
+    def intervals(self) -> Mapping[str, Mapping[str, Interval]]:
+        """``c_e``, ``alpha`` -> ``68``, ``95``, ``99.7`` -> Interval, by profile likelihood; None is open."""
+        if self.evidence is None:
+            return {name: dict.fromkeys(LEVELS, _OPEN) for name in ("c_e", "alpha")}
+        return self.evidence.profile.intervals
+
+    @property
+    def identified(self) -> Combination | None:
+        """alpha/c_e^p, the combination that the data determine best."""
+        return None if self.evidence is None else self.evidence.profile.identified
+
+    @property
+    def separately_identified(self) -> bool:
+        """Whether c_e's 95 % interval has two ends within a factor of 2 of one another."""
+        return separately_identified(self.intervals["c_e"]["95"])
+
+    @property
+    def verdict(self) -> str:
+        """What the data determine, in plain words, at 95 %."""
+        return self.reason if self.evidence is None else self.evidence.verdict
+
+    @property
+    def ridge(self) -> Ridge | None:
+        """Where the data stand to the ridge."""
+        return None if self.evidence is None else self.evidence.ridge
+
+    @property
+    def correlation(self) -> float:
+        """Of the estimates of log c_e and log alpha, from the Fisher information at the fit."""
+        if self.evidence is None:
+            return np.nan
+        information = self.evidence.information
+        return float(-information[0, 1] / np.sqrt(information[0, 0] * information[1, 1]))
+
+    @property
+    def condition(self) -> float:
+        """Condition number of the Fisher information in (log c_e, log alpha): large along a ridge."""
+        return np.nan if self.evidence is None else float(np.linalg.cond(self.evidence.information))
+
+    @property
+    def n_parameters(self) -> int:
+        """c_e, alpha and the scatters that were estimated."""
+        return 2 if self.evidence is None else 2 + sum(not s.known for s in self.evidence.scatters)
+
+    @property
+    def log_likelihood(self) -> float:
+        """At the fit, all constants in."""
+        return np.nan if self.evidence is None else self.evidence.log_likelihood
+
+    @property
+    def aic(self) -> float:
+        """2 k - 2 log L, k the number of parameters."""
+        return 2 * self.n_parameters - 2 * self.log_likelihood
+
+    @property
+    def bic(self) -> float:
+        """k log n - 2 log L."""
+        return self.n_parameters * float(np.log(self.n_points)) - 2 * self.log_likelihood
+
+    def region(self, level: str = "95") -> Region:
+        """The joint region of c_e and alpha.
+
+        Parameters
+        ----------
+        level : {"68", "95", "99.7"}
+
+        Raises
+        ------
+        ValueError
+            If the level is another, or the fit gave nothing.
+        """
+        evidence = self._evidence()
+        if level not in LEVELS:
+            raise ValueError(f"level must be one of {', '.join(LEVELS)}: got {level!r}")
+        return evidence.profile.regions[level]
+
+    def test(self, c_e: float, alpha: float) -> HypothesisTest:
+        """Whether given values lie in the joint region: the rise of -2 log L, judged as the regions are.
+
+        Parameters
+        ----------
+        c_e : float
+            [N/mm^2]
+        alpha : float
+            [1/ms], for this fit's `shape`.
+
+        Raises
+        ------
+        ValueError
+            If a value is not positive and finite, or the fit gave nothing.
+        """
+        evidence = self._evidence()
+        for name, value in (("c_e", c_e), ("alpha", alpha)):
+            if not (np.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be positive and finite: got {value!r}")
+        return hypotheses.given_values(
+            self.likelihood, evidence.calibration, evidence.profile.base, float(c_e), float(alpha)
+        )
+
+    def bootstrap(
+        self,
+        n: int = 1000,
+        *,
+        kind: str = "parametric",
+        seed: int | None = None,
+        executor: Executor | None = None,
+        store: Store | None = None,
+    ) -> Bootstrap:
+        """Fits to n data sets made from this one; see `burrlab.fitting.bootstrap.bootstrap`."""
+        from burrlab.fitting.bootstrap import bootstrap
+
+        return bootstrap(self, n, kind=kind, seed=seed, executor=executor, store=store)
+
+    def _evidence(self) -> Evidence:
+        if self.evidence is None:
+            raise ValueError(f"this fit gave nothing to judge by: {self.reason}")
+        return self.evidence
+
+    @cached_property
+    def observations(self) -> Observations:
+        """The rows of the data, as they were compared."""
+        burr = Burr(self.radius) if any(one.radius is None for one in self.data) and self.radius else None
+        return Observations.of(self.data, burr)
+
+    @cached_property
+    def likelihood(self) -> Likelihood:
+        """-2 log L of the data, with the model that was fitted."""
+        return Likelihood(self.observations, self.residual_kind, self.model_of(self.observations))
+
+    def model_of(self, observations: Observations) -> MeanFieldModel | VoxelModel:
+        """The engine of this fit; for the voxels' only with the rows of its own data."""
+        if self.table is not None:
+            return VoxelModel(observations, self.shape, self.table)
+        return MeanFieldModel(observations, self.shape)
 
     @property
     def best(self) -> Start:
@@ -107,12 +276,17 @@ class Fit:
 
     def material(self, name: str) -> Material:
         """The fitted material, its source telling where the numbers come from."""
-        data = self.curve.source or "a velocity-force curve"
+        data = "; ".join(one.source for one in self.data if one.source) or "a velocity-force curve"
         source = f"fit to {data} ({self.engine}, status {self.status})"
         return Material(name, c_e=self.c_e, alpha=self.alpha, shape=self.shape, source=source)
 
     def velocity(
-        self, force: ArrayLike, start_mm: float | None = None, end_mm: float | None = None
+        self,
+        force: ArrayLike,
+        start_mm: float | None = None,
+        end_mm: float | None = None,
+        *,
+        radius: float | None = None,
     ) -> np.float64 | Floats:
         """Mean-field penetration velocity at the fitted parameters.
 
@@ -122,30 +296,46 @@ class Fit:
             F [N].
         start_mm, end_mm : float, optional
             Window [mm]; max(R/6, static immersion) .. R/3 by default.
+        radius : float, optional
+            Burr radius [mm], needed where the data are of several.
 
         Returns
         -------
         ndarray of the shape of `force`
             [mm/s]; NaN where the force leaves no window.
+
+        Raises
+        ------
+        ValueError
+            If the data are of several radii and none is given.
         """
-        return self._velocity(force, self.alpha, start_mm, end_mm)
+        return self._velocity(force, self.alpha, start_mm, end_mm, radius)
 
     def _velocity(
-        self, force: ArrayLike, alpha: float, start_mm: float | None = None, end_mm: float | None = None
+        self,
+        force: ArrayLike,
+        alpha: float,
+        start_mm: float | None = None,
+        end_mm: float | None = None,
+        radius: float | None = None,
     ) -> np.float64 | Floats:
-        window = [None if end is None else end / self.radius for end in (start_mm, end_mm)]
-        phi = np.asarray(force, dtype=np.float64) / (self.c_e * self.radius**2)
-        return 1e3 * alpha * self.radius * MasterCurve(self.shape).velocity_ratio(phi, *window)
+        R = self.radius if radius is None else radius
+        if R is None:
+            raise ValueError("radius must be given: the data are of several radii")
+        window = [None if end is None else end / R for end in (start_mm, end_mm)]
+        phi = np.asarray(force, dtype=np.float64) / (self.c_e * R**2)
+        return 1e3 * alpha * R * MasterCurve(self.shape).velocity_ratio(phi, *window)
 
     def report(self) -> str:
         """The fit as aligned text blocks."""
         return report.text(self)
 
     def plot(self, ax: Axes | None = None, *, alpha_lines: float | None = None, log: bool = False) -> Axes:
-        """Data as squares and the fitted line, as in Fig. 5 of the paper.
+        """Velocities as squares, the fitted line and its 95 % band, as in Fig. 5 of the paper.
 
-        The line is the mean-field prediction over the default window. Where rows have windows of their own,
-        or the engine is voxel, the prediction of each row is drawn as a dot besides.
+        The line is the mean-field prediction over the default window, one each radius; the band is the range
+        of the lines with parameters in the joint 95 % region, so it holds for all forces at once. Where rows have windows of their own, or
+        the engine is voxel, the prediction of each row is drawn as a dot besides.
 
         Parameters
         ----------
@@ -166,30 +356,54 @@ class Fit:
         ValueError
             If `alpha_lines` is not between 0 and alpha.
         """
+        from burrlab.fitting.plots import plot_fit
+
         if alpha_lines is not None and not 0 < alpha_lines < self.alpha:
             raise ValueError(
                 f"alpha_lines must be above 0 and below alpha, {self.alpha:g} /ms: got {alpha_lines!r}"
             )
-        from burrlab.figures import VELOCITY
+        return plot_fit(self, ax, alpha_lines, log)
 
-        ax = self.curve.plot(ax, log=log)
-        used = self.curve.force[self.curve.ok]
-        low = 0.85 * used.min() if log else 0.3 * used.min()
-        high = min(1.04 * used.max(), 0.999 * self.c_e * self.radius**2 / 27**0.5)
-        force = np.geomspace(low, high, 300)
-        label = f"fit: $c_e$ = {self.c_e:#.3g} N/mm², $\\alpha$ = {self.alpha:#.3g} /ms"
-        ax.plot(force, self.velocity(force), color="black", linewidth=1.2, label=label)
-        if alpha_lines is not None:
-            for sign, name in ((-1, f"$\\alpha$ ± {alpha_lines:g} /ms"), (1, None)):
-                line = self._velocity(force, self.alpha + sign * alpha_lines)
-                ax.plot(force, line, "--", color="0.4", linewidth=0.9, label=name)
-        if self.engine == "voxel" or self.curve.window_start is not None:
-            name = "voxel descents" if self.engine == "voxel" else "fit, over each row's window"
-            ax.plot(used, self.predicted, "o", color=VELOCITY, markersize=3, label=name, zorder=4)
-        if not log:
-            ax.set(xlim=(0, 1.06 * used.max()), ylim=(0, None))
-        ax.legend(frameon=False, fontsize="small")
-        return ax
+    def plot_profile(self, name: str = "c_e", ax: Axes | None = None) -> Axes:
+        """Rise of -2 log L over c_e or alpha, the other at its best, with the limits of the three levels.
+
+        Parameters
+        ----------
+        name : {"c_e", "alpha"}
+        ax : matplotlib Axes, optional
+
+        Raises
+        ------
+        ValueError
+            If the name is another, or the fit gave nothing.
+        """
+        from burrlab.fitting.plots import plot_profile
+
+        self._evidence()
+        if name not in ("c_e", "alpha"):
+            raise ValueError(f"name must be 'c_e' or 'alpha': got {name!r}")
+        return plot_profile(self, name, ax)
+
+    def plot_region(
+        self, ax: Axes | None = None, *, points: Mapping[str, tuple[float, float]] | None = None
+    ) -> Axes:
+        """Joint regions of c_e and alpha at 68, 95 and 99.7 %, logarithmic axes.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+        points : mapping, optional
+            Name -> (c_e, alpha) to mark, such as given values.
+
+        Raises
+        ------
+        ValueError
+            If the fit gave nothing.
+        """
+        from burrlab.fitting.plots import plot_region
+
+        self._evidence()
+        return plot_region(self, ax, points)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain Python objects, ready for JSON; what is not finite is None."""

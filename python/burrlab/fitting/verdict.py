@@ -1,4 +1,4 @@
-"""What a fit may claim: the ridge of c_e and alpha, the agreement of the starts, and the status."""
+"""What a fit may claim: its status, and in plain words what the data determine."""
 
 from __future__ import annotations
 
@@ -7,15 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from burrlab._core import Shape
-from burrlab.fitting.problem import MeanFieldModel, Observations, ResidualKind
+from burrlab.fitting.likelihood import Likelihood
+from burrlab.fitting.observations import Observations
+from burrlab.fitting.profile import Combination, Interval, Profile
 from burrlab.fitting.search import Box, Start
 
-_RIDGE_PHI = 0.7  # the ridge is tried where the largest phi is 0.7 of the one where it ends
-_RIDGE_F = 4.0  # it is excluded where it raises the sum of squares by over 4 residual variances (about 95 %)
+_RIDGE_PHI = 0.7  # a point on the ridge is taken where the largest phi is 0.7 of the one where it ends
 _AT_BOUND = 1e-3  # ends closer to a bound than this, relatively, are at it
 _ONE_PLACE = 1.05  # equally good ends that differ by more than 5 % disagree; a kink alone makes 1 %
 _EQUAL = 1e-3  # ends are equally good where their RMS residuals differ by less than this, relatively
+#: c_e and alpha are separately identified where c_e's closed 95 % interval spans less than this factor (ours).
+SEPARATE = 2.0
 
 
 @dataclass(frozen=True)
@@ -28,52 +30,41 @@ class Ridge:
 
     max_phi: float  #: largest F/(c_e R^2) of the fitted rows, at the fitted c_e
     on_ridge: bool  #: the fitted point lies on the ridge: all phi < 0.068 in the default window
-    excluded: bool  #: the bounds, or the data, exclude every point on the ridge, see `ridge_of`
+    excluded: bool  #: c_e's 95 % interval, or its bounds, end before the ridge goes on without end
     exponent: float  #: 4 (k + 1)/3 for f with a zero of order k: 8/3 for parabolic
     value: float  #: alpha/c_e^exponent on the ridge [1/ms (mm^2/N)^exponent]
-    residual: float  #: RMS residual on the ridge, in the unit of the fit's
+    residual: float  #: RMS residual of the velocities on the ridge, in the unit of the fit's
 
 
-def ridge_of(
-    observations: Observations,
-    residuals: ResidualKind,
-    model: MeanFieldModel,
-    shape: Shape,
-    box: Box,
-    best: tuple[float, float],
-) -> Ridge:
-    """Compare the best point with the ridge.
-
-    A fitted point off the ridge may be there by scatter alone. So one point on the ridge, with its best
-    alpha, stands for all of it: it is excluded where the sum of squares rises by more than four residual
-    variances, S/(n - 2) or 1 with sigma. This is a guard, not an interval.
-    """
-    exponent = 4 * (shape.order + 1) / 3
-    entry = float(observations.ridge_entries().max())
+def ridge_of(likelihood: Likelihood, exponent: float, best: tuple[float, float], profile: Profile) -> Ridge:
+    """Compare the best point with the ridge; whether it is excluded says the profile."""
+    o = likelihood.observations
+    entry = float(o.ridge_entries().max())
     c_e, alpha = best
+    max_phi = float(o.phi(c_e).max())
+    if not np.isfinite(entry):  # a window from immersion 0 begins at static contact whatever c_e: no ridge
+        return Ridge(max_phi, False, True, exponent, alpha / c_e**exponent, np.inf)
     on_ridge = c_e > entry
     at = c_e if on_ridge else entry / _RIDGE_PHI
-    max_phi = float(observations.phi(c_e).max())
-    if not np.isfinite(at):  # a window from immersion 0 begins at static contact whatever c_e: no ridge
-        return Ridge(max_phi, False, True, exponent, alpha / c_e**exponent, np.inf)
-    unit = model.unit(at)
-    alpha_there = observations.best_alpha(residuals, unit)
-    value = alpha_there / at**exponent
-    here = np.sum(observations.residuals(residuals, model.predict(c_e, alpha)) ** 2)
-    there = np.sum(observations.residuals(residuals, alpha_there * unit) ** 2)
-    variance = 1.0 if residuals == "sigma" else here / (len(observations) - 2)
-    lowest = max(entry, box.lower[0], (box.lower[1] / value) ** (1 / exponent))
-    highest = min(box.upper[0], (box.upper[1] / value) ** (1 / exponent))
-    excluded = not on_ridge and bool(lowest >= highest or there - here > _RIDGE_F * variance)
-    return Ridge(max_phi, on_ridge, excluded, exponent, value, float(np.sqrt(there / len(observations))))
+    alpha_there = float(likelihood.at(at).best_alpha[0])
+    r = likelihood.velocity_residuals(likelihood.model.unit(at), alpha_there)
+    excluded = not on_ridge and profile.intervals["c_e"]["95"].upper is not None
+    if profile.c_e[-1] <= entry:  # bounds end below it
+        excluded = True
+    return Ridge(
+        max_phi, on_ridge, excluded, exponent, alpha_there / at**exponent, float(np.sqrt(np.mean(r**2)))
+    )
 
 
-def verdict(
-    observations: Observations, box: Box, ends: Sequence[Start], best: Start, ridge: Ridge, settled: bool
+def status_of(
+    observations: Observations,
+    box: Box,
+    ends: Sequence[Start],
+    best: Start,
+    ridge: Ridge,
+    settled: bool,
 ) -> tuple[str, str]:
     """Status and reason of a fit, the gravest first."""
-    if not np.isfinite(best.objective):
-        return "not-converged", "No parameters tried gave every row a velocity: see the forces and the tick."
     at = bound_reached(observations, box, best.end)
     if not settled and not at:
         return "not-converged", f"The best search stopped short of a minimum (nlopt: {best.result})."
@@ -89,7 +80,7 @@ def verdict(
             f"alpha by {alpha:.3g}."
         )
     agree = ", its best ends agree," if len(ends) > 1 else ""
-    return "ok", f"The search converged{agree} and c_e and alpha are determined apart."
+    return "ok", f"The search converged{agree} and c_e's 95 % interval has two ends."
 
 
 def bound_reached(observations: Observations, box: Box, end: tuple[float, float]) -> str:
@@ -104,6 +95,8 @@ def bound_reached(observations: Observations, box: Box, end: tuple[float, float]
             why = ""
             if name == "c_e" and side == "lower" and low <= hard[row] * (1 + _AT_BOUND):
                 why = f", below which the run at {observations.force[row]:g} N would have had no window"
+            if name == "c_e" and side == "upper" and high >= observations.ceiling * (1 - _AT_BOUND):
+                why = ", above which an overloaded run would have had a window"
             return f"{name} ended at its {side} bound of {low if side == 'lower' else high:.4g} {unit}{why}."
     return ""
 
@@ -116,3 +109,49 @@ def agreement(ends: Sequence[Start], best: Start, n: int) -> tuple[list[Start], 
         return [], 1.0, 1.0
     c_e, alpha = (max(values) / min(values) for values in zip(*(end.end for end in equal), strict=True))
     return equal, c_e, alpha
+
+
+def separately_identified(c_e: Interval) -> bool:
+    """Whether c_e's 95 % interval is closed and spans less than a factor of 2."""
+    return c_e.closed and c_e.ratio() < SEPARATE
+
+
+def sentence(
+    n: int, forces: tuple[float, float], c_e: Interval, alpha: Interval, identified: Combination
+) -> str:
+    """The verdict in plain words, at 95 %."""
+    rows = f"these {n} points ({forces[0]:g} to {forces[1]:g} N)"
+    if separately_identified(c_e):
+        return (
+            f"c_e and alpha are separately identified: {rows} determine c_e within {span(c_e)} N/mm^2 and "
+            f"alpha within {span(alpha)} /ms (95 %)."
+        )
+    return (
+        f"c_e and alpha are not separately identified: {rows} determine alpha/c_e^{identified.exponent:.3g} "
+        f"{accuracy(identified)}, but c_e only {within(c_e)} (95 %)."
+    )
+
+
+def span(interval: Interval) -> str:
+    """An interval in words; an open end is called open."""
+    low = "open" if interval.lower is None else f"{interval.lower:.3g}"
+    high = "open" if interval.upper is None else f"{interval.upper:.3g}"
+    return f"{low} to {high}"
+
+
+def within(c_e: Interval) -> str:
+    if c_e.closed:
+        return f"within {span(c_e)} N/mm^2"
+    if c_e.lower is not None:
+        return f"from {c_e.lower:.3g} N/mm^2 up, with no upper end"
+    return f"up to {c_e.upper:.3g} N/mm^2, with no lower end" if c_e.upper is not None else "not at all"
+
+
+def accuracy(identified: Combination) -> str:
+    """How well the combination is known: half the relative width of its 95 % interval."""
+    interval = identified.interval
+    if not interval.closed:
+        return "with an open end"
+    assert interval.lower is not None
+    assert interval.upper is not None
+    return f"to {50 * (interval.upper - interval.lower) / identified.value:.2g} %"

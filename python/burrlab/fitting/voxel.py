@@ -1,27 +1,62 @@
-"""The voxel engine of a fit: descents into a voxel bone at the curve's forces."""
+"""The voxel engine of a fit: descents at the forces of the data, tabulated over c_e."""
 
 from __future__ import annotations
 
-import os
-import threading
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from burrlab._core import Burr, Material, Shape
+from burrlab.bone_field import BoneField
 from burrlab.descent import descend
 from burrlab.descent_result import FEWEST_TICKS, Descent
-from burrlab.fitting.problem import WINDOW_END, WINDOW_START, Observations
+from burrlab.fitting.likelihood import Likelihood
+from burrlab.fitting.mean_field import MeanFieldModel
+from burrlab.fitting.observations import WINDOW_END, WINDOW_START, Floats, Observations, Rows
+from burrlab.fitting.search import Box
+from burrlab.specimen import Specimen
+from burrlab.store import Store
+from burrlab.study import run_items
 from burrlab.sweep import item_seed
 from burrlab.window import samples_between
 
-Floats: TypeAlias = NDArray[np.float64]
 Window: TypeAlias = tuple[float | None, float | None]  # in radii; None is the default end
 
 _LONGEST = 3600.0  # a descent that takes longer than this is stalled [s of simulated time]
+_NODES, _DEGREE = 10, 3  # points in log c_e, and the polynomial through the deviations from mean-field there
+_ROUNDS = 4  # of tables, while the best alpha or c_e moves away from the table's
+_MOVED = 0.2  # in log alpha: there the velocity is no longer proportional to alpha within the scatter
+_RIDGE_PART = 2.0  # the table ends at twice the c_e at which the ridge begins: further on nothing changes
+_LARGEST_STEP = 1.0  # alpha dt at most: beyond, a tick removes what it should erode
+
+
+@dataclass(frozen=True)
+class VoxelSettings:
+    """What is simulated."""
+
+    voxel: float  # [mm]
+    dt: float  # [ms]
+    rig: bool
+    specimen: Specimen | BoneField | None
+    replicates: int
+
+    def described(self) -> dict[str, Any]:
+        """For the provenance."""
+        specimen = self.specimen
+        name = "solid bone" if specimen is None else repr(specimen)
+        if isinstance(specimen, Specimen):
+            name = f"{specimen.source}, digest {specimen.bone.digest()}"
+        return {
+            "voxel_mm": self.voxel,
+            "dt_ms": self.dt,
+            "rig": self.rig,
+            "specimen": name,
+            "replicates": self.replicates,
+        }
 
 
 @dataclass(frozen=True)
@@ -32,32 +67,44 @@ class VoxelDescent:
     material: Material
     force: float  # [N]
     windows: tuple[Window, ...]
-    voxel: float  # [mm]
-    dt: float  # [ms]
+    settings: VoxelSettings
     seed: int
 
-    def velocities(self, cancel: threading.Event | None = None) -> list[float]:
+    def velocities(self) -> list[float]:
         """Penetration velocity [mm/s] over each window; NaN where there is no number."""
-        R = self.burr.radius
+        R, given = self.burr.radius, self.settings
         windows = [
             (R * (WINDOW_START if start is None else start), R * (WINDOW_END if end is None else end))
             for start, end in self.windows
         ]
+        stop = max(end for _, end in windows)
+        specimen = given.specimen
+        if isinstance(specimen, BoneField):
+            specimen = specimen.specimen(self.burr, given.voxel, depth=stop, seed=self.seed)
         run = descend(
             self.burr,
             self.material,
             self.force,
-            voxel=self.voxel,
-            dt=self.dt,
+            voxel=given.voxel,
+            dt=given.dt,
             seed=self.seed,
-            ideal=True,
-            stop=max(end for _, end in windows),
+            ideal=not given.rig,
+            specimen=specimen,
+            stop=stop,
             max_duration=_LONGEST,
-            cancel=cancel,
         )
-        if run.status not in ("ok", "window-too-short"):
+        if run.status not in ("ok", "window-too-short", "never-settled"):
             return [np.nan] * len(windows)
-        return [_velocity(run, start, end) for start, end in windows]
+        numbers = []
+        for window, (start, end) in zip(self.windows, windows, strict=True):
+            own = window == (None, None) and given.rig
+            numbers.append((run.penetration_velocity or np.nan) if own else _velocity(run, start, end))
+        return numbers
+
+
+def sink(descent: VoxelDescent) -> list[float]:
+    """The item function of a study: `VoxelDescent.velocities`."""
+    return descent.velocities()
 
 
 def _velocity(run: Descent, start: float, end: float) -> float:
@@ -67,56 +114,172 @@ def _velocity(run: Descent, start: float, end: float) -> float:
     return np.nan if velocity is None or velocity <= 0 else velocity
 
 
-class VoxelModel:
-    """Predictions by descents with the force held exactly, one for each distinct force of the curve.
+@dataclass(frozen=True)
+class VoxelTable:
+    """log of the voxels' velocity over the mean-field one, as a polynomial in log c_e.
 
-    Every call uses the same seeds, so the erosion draws the same random numbers, and predictions at
-    neighbouring parameters differ by little more than the parameters make them.
+    Attributes
+    ----------
+    low, high : float
+        Range of the descents' c_e [N/mm^2]. Below it some force has no number; above, the last value holds.
+    coefficients : ndarray, shape (replicates, rows, 4)
+        By rising power of log(c_e/low).
+    error : float
+        RMS deviation of the descents, averaged over replicates, from the polynomials.
+    noise : float
+        RMS deviation of one replicate from their mean.
+    """
+
+    low: float
+    high: float
+    coefficients: Floats
+    error: float
+    noise: float
+
+
+class VoxelModel:
+    """Velocity of the rows: the mean-field one times the table's deviation; see `mean_field.Model`."""
+
+    def __init__(
+        self, observations: Observations, shape: Shape, table: VoxelTable, replicate: int | None = None
+    ) -> None:
+        self._mean_field, self._table = MeanFieldModel(observations, shape), table
+        part = table.coefficients if replicate is None else table.coefficients[[replicate]]
+        self._coefficients = part.mean(axis=0).T
+
+    def unit(self, c_e: ArrayLike) -> Floats:
+        """See `mean_field.Model`."""
+        stiffness = np.asarray(c_e, dtype=np.float64)
+        x = np.log(np.minimum(stiffness, self._table.high) / self._table.low)[..., None]
+        deviation = np.zeros((*stiffness.shape, self._coefficients.shape[1]))
+        for coefficient in self._coefficients[::-1]:
+            deviation = deviation * x + coefficient
+        inside = (x >= -1e-9) & np.isfinite(deviation)
+        return np.where(inside, self._mean_field.unit(stiffness) * np.exp(deviation), np.nan)
+
+
+class VoxelEngine:
+    """Descents at the forces of an `Observations`, at several c_e.
+
+    Every point uses the same seeds, so the erosion draws the same random numbers, and predictions at
+    neighbouring points differ by little more than the parameters make them.
     """
 
     def __init__(
         self,
         observations: Observations,
         shape: Shape,
+        settings: VoxelSettings,
         *,
-        voxel: float,
-        dt: float,
         seed: int,
         executor: Executor | None,
+        store: Store | None,
+        progress: Callable[[int, int], object] | None,
     ) -> None:
-        self._shape, self._voxel, self._dt, self._seed, self._executor = shape, voxel, dt, seed, executor
-        self._burr, self._n = Burr(observations.radius), len(observations)
-        self._rows: dict[float, dict[Window, NDArray[np.intp]]] = {}
+        self._observations, self._shape, self._settings, self._seed = observations, shape, settings, seed
+        self._executor, self._store, self._progress = executor, store, progress
+        self._rows: dict[tuple[float, float], dict[Window, Rows]] = {}
         for window, rows in observations.by_window().items():
-            for force in np.unique(observations.force[rows]).tolist():
-                self._rows.setdefault(force, {})[window] = rows[observations.force[rows] == force]
-        self._known: dict[tuple[float, float], Floats] = {}
+            pairs = np.stack([observations.radius[rows], observations.force[rows]], axis=1)
+            for radius, force in np.unique(pairs, axis=0).tolist():
+                here = rows[(pairs == (radius, force)).all(axis=1)]
+                self._rows.setdefault((radius, force), {})[window] = here
 
-    def predict(self, c_e: float, alpha: float) -> Floats:
-        """Velocity [mm/s] of every row at c_e [N/mm^2], alpha [1/ms]; NaN where a descent gave no number."""
-        if (c_e, alpha) not in self._known:
+    def velocities(self, points: list[tuple[float, float]]) -> Floats:
+        """Velocity [mm/s] of every row at each (c_e, alpha): shape (points, replicates, rows)."""
+        items, places = [], []
+        for i, (c_e, alpha) in enumerate(points):
             material = Material("trial", c_e=c_e, alpha=alpha, shape=self._shape)
-            descents = []
-            for force, windows in sorted(self._rows.items()):  # small forces first: they sink for long
-                seed = item_seed(self._seed, force, 0)
-                descents.append(
-                    VoxelDescent(self._burr, material, force, tuple(windows), self._voxel, self._dt, seed)
-                )
-            velocity = np.empty(self._n)
-            for descent, found in zip(descents, self._run(descents), strict=True):
-                for rows, value in zip(self._rows[descent.force].values(), found, strict=True):
-                    velocity[rows] = value
-            self._known[c_e, alpha] = velocity
-        return self._known[c_e, alpha]
+            for (radius, force), windows in self._rows.items():
+                for k in range(self._settings.replicates):
+                    seed = item_seed(self._seed, force, k)
+                    items.append(
+                        VoxelDescent(Burr(radius), material, force, tuple(windows), self._settings, seed)
+                    )
+                    places.append((i, k, list(windows.values())))
+        order = sorted(range(len(items)), key=lambda j: items[j].force)  # small forces first: they sink for long
+        found = run_items(
+            sink, [items[j] for j in order], executor=self._executor, store=self._store, progress=self._progress
+        )
+        velocity = np.full((len(points), self._settings.replicates, len(self._observations.force)), np.nan)
+        for j, values in zip(order, found, strict=True):
+            i, k, windows = places[j]
+            for rows, value in zip(windows, values, strict=True):
+                velocity[i, k, rows] = value
+        return velocity
 
-    def _run(self, descents: list[VoxelDescent]) -> list[list[float]]:
-        if self._executor is not None:
-            return list(self._executor.map(VoxelDescent.velocities, descents))
-        cancel = threading.Event()
-        with ThreadPoolExecutor(os.cpu_count()) as threads:
-            try:
-                return list(threads.map(lambda descent: descent.velocities(cancel), descents))
-            except BaseException:  # Ctrl-C: end the descents that run, or the pool waits for them
-                cancel.set()
-                threads.shutdown(wait=True, cancel_futures=True)
-                raise
+    def tabulate(
+        self, mean_field: Likelihood, box: Box, start: tuple[float, float]
+    ) -> tuple[VoxelTable, tuple[tuple[float, float], ...]] | str:
+        """The table and the points it was made from; or a sentence, where too few points have a number."""
+        o, likelihood, seen = self._observations, mean_field, []
+        base = MeanFieldModel(o, self._shape)
+        entry = float(o.ridge_entries().max())
+        top = _RIDGE_PART * entry if np.isfinite(entry) else 4 * start[0]
+        top = min(max(top, 1.3 * start[0]), box.upper[0])
+        for _ in range(_ROUNDS):
+            nodes = np.geomspace(box.lower[0] * 1.002, top, _NODES)
+            alphas = np.clip(likelihood.at(nodes).best_alpha, box.lower[1], box.upper[1])
+            if not np.isfinite(alphas).all():  # the last table began above these c_e
+                alphas = np.clip(mean_field.at(nodes).best_alpha, box.lower[1], box.upper[1])
+            keep = alphas * self._settings.dt <= _LARGEST_STEP
+            keep[: _DEGREE + 2] = True
+            points = list(zip(nodes[keep].tolist(), alphas[keep].tolist(), strict=True))
+            seen += points
+            velocity = self.velocities(points)
+            complete = np.isfinite(velocity).all(axis=(1, 2))
+            if complete.sum() < _DEGREE + 2:
+                return "No parameters tried gave every row a velocity: see the forces and the tick."
+            c_e = np.array([c for c, _ in points])[complete]
+            unit = base.unit(c_e) * np.array([a for _, a in points])[complete, None]
+            table = _table(c_e, np.log(velocity[complete]) - np.log(unit)[:, None, :])
+            likelihood = Likelihood(o, mean_field.kind, VoxelModel(o, self._shape, table))
+            there = likelihood.at(c_e)
+            moved = np.max(np.abs(np.log(there.best_alpha / np.array([a for _, a in points])[complete])))
+            best = c_e[int(np.nanargmin(there.profile))]
+            if best == c_e[-1] and c_e[-1] < 0.99 * box.upper[0] and top < entry:
+                top *= 2
+            elif moved < _MOVED:
+                break
+        return table, tuple(seen)
+
+
+def _table(c_e: Floats, deviation: Floats) -> VoxelTable:
+    """Least-squares polynomials through deviations of shape (points, replicates, rows)."""
+    V = np.vander(np.log(c_e / c_e[0]), _DEGREE + 1, increasing=True)
+    n, k, rows = deviation.shape
+    coefficients = np.linalg.lstsq(V, deviation.reshape(n, -1), rcond=None)[0].reshape(_DEGREE + 1, k, rows)
+    mean = deviation.mean(axis=1)
+    fitted = np.einsum("np,pr->nr", V, coefficients.mean(axis=1))
+    error = np.sqrt(np.sum((mean - fitted) ** 2) / (rows * max(n - _DEGREE - 1, 1)))
+    noise = np.sqrt(np.sum((deviation - mean[:, None, :]) ** 2) / (n * rows * max(k - 1, 1)))
+    return VoxelTable(
+        float(c_e[0]), float(c_e[-1]), np.moveaxis(coefficients, 0, 2).copy(), float(error), float(noise)
+    )
+
+
+def monte_carlo_share(
+    likelihood: Likelihood, shape: Shape, table: VoxelTable, best: tuple[float, float], c_e_open: bool
+) -> float:
+    """SE_mc^2/SE_stat^2, the larger of c_e's and of the best-determined combination's.
+
+    Each replicate is a table of its own, with a best point one Newton step from the fit; the covariance of
+    these over their number is the Monte Carlo error, the inverse of the information the statistical one.
+    Where c_e is open only the combination counts.
+
+    References
+    ----------
+    Ionides et al., J. R. Soc. Interface 14 (2017) 20170126: the cutoff of the profile grows by a SE_mc^2, with
+    a its curvature, 1/(2 a) = SE_stat^2.
+    """
+    total, _, _ = likelihood.information(*best)
+    inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
+    o, replicates = likelihood.observations, table.coefficients.shape[0]
+    scores = [
+        Likelihood(o, likelihood.kind, VoxelModel(o, shape, table, k)).score(*best) for k in range(replicates)
+    ]
+    spread = inverse @ np.cov(np.array(scores).T) @ inverse / replicates
+    directions = [np.array([total[0, 1] / total[1, 1], 1.0])]  # alpha/c_e^p, uncorrelated with c_e
+    if not c_e_open:
+        directions.append(np.array([1.0, 0.0]))
+    return float(max((d @ spread @ d) / (d @ inverse @ d) for d in directions))

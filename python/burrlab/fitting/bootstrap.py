@@ -1,0 +1,249 @@
+"""The bootstrap: fits to data sets like the one measured."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from burrlab._core import Shape
+from burrlab.fitting.likelihood import Likelihood
+from burrlab.fitting.mean_field import MeanFieldModel
+from burrlab.fitting.observations import Floats, Observations, ResidualKind
+from burrlab.fitting.profile import LEVELS, Domain, Interval, best_point
+from burrlab.fitting.search import Box
+from burrlab.fitting.voxel import VoxelModel, VoxelTable
+from burrlab.store import Store
+from burrlab.study import run_items
+
+if TYPE_CHECKING:
+    from burrlab.fitting.result import Fit
+
+KINDS = ("parametric", "residual")
+_CHUNK = 25  # fits a submission: one takes milliseconds
+
+
+@dataclass(frozen=True)
+class BootstrapItem:
+    """One replicate: small, picklable, and a function of itself alone."""
+
+    observations: Observations
+    shape: Shape
+    residual_kind: ResidualKind
+    table: VoxelTable | None
+    box: Box
+    given_bounds: tuple[str, ...]
+    c_e: float
+    alpha: float
+    scatters: tuple[tuple[str, float, float], ...]  # name, value, residuals' inflation
+    kind: str
+    seed: int
+    replicate: int
+
+
+def replicate(item: BootstrapItem) -> tuple[float, float]:
+    """c_e [N/mm^2] and alpha [1/ms] fitted to data made from the fit and its scatter."""
+    o = item.observations
+    model = MeanFieldModel(o, item.shape) if item.table is None else VoxelModel(o, item.shape, item.table)
+    fitted = Likelihood(o, item.residual_kind, model)
+    unit = model.unit(item.c_e)
+    random = np.random.default_rng([item.seed, item.replicate])
+    scatter = {name: (value, inflation) for name, value, inflation in item.scatters}
+
+    def drawn(name: str, residuals: Floats) -> Floats:
+        value, inflation = scatter[name]
+        if item.kind == "parametric":
+            return value * random.standard_normal(len(residuals))
+        return inflation * random.choice(residuals - residuals.mean(), len(residuals))
+
+    ends = drawn("velocity", fitted.velocity_residuals(unit, item.alpha))
+    v = item.alpha * unit
+    if item.residual_kind == "relative":
+        single = o.run < 0
+        log = np.zeros(len(v))
+        log[single] = ends[: int(single.sum())]
+        if fitted.n_within:
+            log += _runs(o, ends[int(single.sum()) :], drawn("segments", fitted.within_residuals(unit)))
+        v = v * np.exp(log)
+    else:
+        v = v + ends * (o.sigma if fitted.known else 1.0)
+    pressed = item.c_e * o.pressed_unit
+    if len(pressed):
+        r = drawn("force", fitted.pressed_residuals(item.c_e))
+        pressed = pressed + r * o.pressed_sigma if fitted.pressed_known else pressed * np.exp(r)
+    again = Likelihood(o.with_outcomes(v, pressed), item.residual_kind, model)
+    domain = Domain.of(again, item.box, dict.fromkeys(item.given_bounds))
+    return best_point(again, domain)
+
+
+def _runs(o: Observations, means: Floats, within: Floats) -> Floats:
+    """Deviation of log velocity of every segment: its run's, and its own, of mean 0 in the run."""
+    log = np.zeros(len(o.force))
+    begin = 0
+    for i, mean in enumerate(means):
+        rows = np.flatnonzero(o.run == i)
+        own = within[begin : begin + len(rows)]
+        # taking the mean off leaves (K - 1)/K of the variance, which the residuals have lost already
+        log[rows] = mean + own - own.mean()
+        begin += len(rows)
+    return log
+
+
+@dataclass(frozen=True, repr=False)
+class Bootstrap:
+    """Fits to replicates of the data.
+
+    Attributes
+    ----------
+    c_e, alpha : ndarray, shape (n,)
+        Fitted values [N/mm^2], [1/ms], by replicate; infinite where the fit lies on the ridge, which sets them
+        no upper limit.
+    combination : ndarray, shape (n,)
+        alpha/c_e^exponent, with the exponent of the fit's best-determined combination.
+    exponent : float
+    kind : str
+        ``"parametric"`` or ``"residual"``.
+    seed : int
+        Replicate k depends on (seed, k) and the data alone.
+    """
+
+    c_e: Floats
+    alpha: Floats
+    combination: Floats
+    exponent: float
+    kind: str
+    seed: int
+
+    @property
+    def intervals(self) -> Mapping[str, Mapping[str, Interval]]:
+        """``c_e``, ``alpha``, ``combination`` -> level -> percentile interval; None is open."""
+        return {
+            name: {level: _percentiles(getattr(self, name), p) for level, p in LEVELS.items()}
+            for name in ("c_e", "alpha", "combination")
+        }
+
+    @property
+    def on_ridge(self) -> float:
+        """Part of the replicates whose fit lies on the ridge."""
+        return float(np.mean(np.isinf(self.c_e)))
+
+    def __repr__(self) -> str:
+        ends = ", ".join(
+            f"{name} {_text(levels['95'])}" for name, levels in self.intervals.items() if name != "combination"
+        )
+        return (
+            f"Bootstrap({self.kind}, {len(self.c_e)} replicates, seed {self.seed}: 95 % percentiles {ends}; "
+            f"{100 * self.on_ridge:.3g} % on the ridge)"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Kind, seed and intervals as plain objects, ready for JSON."""
+        return {
+            "kind": self.kind,
+            "seed": self.seed,
+            "n": len(self.c_e),
+            "exponent": self.exponent,
+            "on_ridge": self.on_ridge,
+            "intervals": {
+                name: {level: [interval.lower, interval.upper] for level, interval in levels.items()}
+                for name, levels in self.intervals.items()
+            },
+        }
+
+
+def _percentiles(values: Floats, level: float) -> Interval:
+    ends = np.sort(values)[
+        np.clip(np.round(np.array([0.5 - level / 2, 0.5 + level / 2]) * (len(values) - 1)), 0, None).astype(int)
+    ]
+    lower, upper = (float(end) if np.isfinite(end) else None for end in ends)
+    return Interval(lower, upper)
+
+
+def _text(interval: Interval) -> str:
+    lower = "open" if interval.lower is None else f"{interval.lower:.3g}"
+    return f"{lower}..{'open' if interval.upper is None else f'{interval.upper:.3g}'}"
+
+
+def bootstrap(
+    fit: Fit,
+    n: int = 1000,
+    *,
+    kind: str = "parametric",
+    seed: int | None = None,
+    executor: Executor | None = None,
+    store: Store | None = None,
+) -> Bootstrap:
+    """Fits to n data sets made from a fit.
+
+    Parameters
+    ----------
+    fit : Fit
+    n : int
+        Replicates.
+    kind : {"parametric", "residual"}
+        Outcomes drawn from the fitted model with the fitted scatter, or with the fit's residuals, centred,
+        drawn with replacement and enlarged by sqrt(n/(n - p)) for the parameters that they were fitted with.
+    seed : int, optional
+        None draws one, which the result records.
+    executor : concurrent.futures.Executor, optional
+        Threads over the cores by default; a process pool is faster, for a fit holds the interpreter.
+    store : Store, optional
+        Keeps every replicate, so that an interrupted study goes on where it stopped.
+
+    Returns
+    -------
+    Bootstrap
+
+    Raises
+    ------
+    ValueError
+        If n is below 2, the kind is another, or the fit gave nothing.
+    StudyInterrupted
+        If the executor dies.
+
+    Notes
+    -----
+    Forces, windows and censored runs stay as they are. Percentile intervals: those of the profile likelihood
+    are to be preferred along a ridge, where a replicate's c_e is anything.
+
+    References
+    ----------
+    Davison and Hinkley, Bootstrap Methods and their Application, Cambridge 1997, section 6.3.
+    """
+    if n < 2:
+        raise ValueError(f"n must be at least 2: got {n!r}")
+    if kind not in KINDS:
+        raise ValueError(f"kind must be one of {', '.join(KINDS)}: got {kind!r}")
+    evidence = fit._evidence()
+    identified = evidence.profile.identified
+    seed = secrets.randbits(32) if seed is None else int(seed)
+    low, high = zip(*(fit.bounds[name] for name in ("c_e", "alpha")), strict=True)
+    scatters = tuple(
+        (s.name, s.value, float(np.sqrt(s.n / max(s.n - s.parameters, 0.5)))) for s in evidence.scatters
+    )
+    items = [
+        BootstrapItem(
+            fit.observations,
+            fit.shape,
+            fit.residual_kind,
+            fit.table,
+            Box((low[0], low[1]), (high[0], high[1])),
+            fit.given_bounds,
+            fit.c_e,
+            fit.alpha,
+            scatters,
+            kind,
+            seed,
+            k,
+        )
+        for k in range(n)
+    ]
+    ends = np.array(run_items(replicate, items, executor=executor, store=store, chunk=_CHUNK))
+    combination = ends[:, 1] / ends[:, 0] ** identified.exponent
+    on_ridge = ends[:, 0] > float(fit.observations.ridge_entries().max())
+    c_e, alpha = (np.where(on_ridge, np.inf, column) for column in ends.T)
+    return Bootstrap(c_e, alpha, combination, identified.exponent, kind, seed)

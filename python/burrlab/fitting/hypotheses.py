@@ -1,0 +1,161 @@
+"""Tests of what a fit takes for granted, and of given values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from burrlab.fitting.likelihood import Calibration, Likelihood
+from burrlab.fitting.observations import Floats
+
+
+@dataclass(frozen=True)
+class HypothesisTest:
+    """The outcome of a test.
+
+    Attributes
+    ----------
+    name : str
+    statistic : float
+        F, or chi-square where the scatter is known; for given values the rise of -2 log L.
+    freedom : tuple of float
+        Degrees of freedom: (numerator, denominator), or one of a chi-square.
+    p_value : float
+        Probability of so large a statistic or a larger one if the hypothesis holds.
+    sentence : str
+        The outcome in plain words.
+    """
+
+    name: str
+    statistic: float
+    freedom: tuple[float, ...]
+    p_value: float
+    sentence: str
+
+    def __str__(self) -> str:
+        return self.sentence
+
+
+def p_text(p: float) -> str:
+    """A p-value as it is printed."""
+    return "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
+
+
+def lack_of_fit(likelihood: Likelihood, residuals: Floats) -> HypothesisTest | None:
+    """Whether the scatter about the fit is larger than the repeats' own.
+
+    With known sigma the chi-square of the velocities. Else the F test of the sum of squares about the fit
+    less that about the mean of each group of repeats (same force, radius and window), over the latter; None
+    without repeats.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    residuals : ndarray
+        Of the curves' rows and the runs' means at the fit; see `Likelihood.velocity_residuals`.
+
+    References
+    ----------
+    Seber and Wild, Nonlinear Regression, Wiley 1989, section 2.1.3 (replicated data).
+    """
+    name = "lack of fit"
+    S = float(np.sum(residuals**2))
+    if likelihood.known:
+        nu = likelihood.n - 2
+        p = float(stats.chi2.sf(S, nu))
+        agree = "agrees with" if p >= 0.05 else "contradicts"
+        return HypothesisTest(
+            name, S, (nu,), p, f"The scatter {agree} the given sigma: chi-square {S:.3g} of {nu}, {p_text(p)}."
+        )
+    o = likelihood.observations
+    single = o.run < 0
+    columns = np.stack([o.force, o.radius, o.window_start, o.window_end], axis=1)[single]
+    groups = np.unique(np.nan_to_num(columns, nan=-1.0), axis=0, return_inverse=True)[1].ravel()
+    if not len(groups):
+        return None
+    r = residuals[: len(groups)]
+    count = np.bincount(groups)
+    pure = float(np.sum((r - (np.bincount(groups, r) / count)[groups]) ** 2))
+    above, below = len(count) - 2, len(groups) - len(count)
+    if above < 1 or below < 1 or pure == 0:
+        return None
+    F = (max(float(np.sum(r**2)) - pure, 0.0) / above) / (pure / below)
+    p = float(stats.f.sf(F, above, below))
+    agree = "the model fits within the scatter of the repeats" if p >= 0.05 else "the model misses the means"
+    return HypothesisTest(
+        name, F, (above, below), p, f"Lack of fit: {agree}, F({above}, {below}) = {F:.3g}, {p_text(p)}."
+    )
+
+
+def fall_with_depth(likelihood: Likelihood, unit: Floats, errors: Floats) -> HypothesisTest | None:
+    """Whether the velocity falls with depth within the runs as the model says; None without traces.
+
+    The segments' residuals about their run's mean, averaged over the runs, should be 0. With several runs
+    they are compared with their scatter from run to run (F); with one, with the standard errors of the
+    segments' velocities (chi-square).
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    unit : ndarray, shape (n,)
+        The model's velocities at the fit, any alpha.
+    errors : ndarray, shape (n,)
+        Standard errors of the log of the velocity of each row, from the record itself; NaN for a curve's.
+    """
+    o = likelihood.observations
+    runs = int(o.run.max(initial=-1)) + 1
+    if not runs:
+        return None
+    name = "fall with depth"
+    table = likelihood.within_residuals(unit).reshape(runs, -1)
+    segments = table.shape[1]
+    pattern = table.mean(axis=0)
+    expected = np.log(unit[o.run == 0])
+    measured = float(np.exp(pattern[0] + expected[0] - pattern[-1] - expected[-1]))
+    said = f"first over last segment {measured:.3g}, {np.exp(expected[0] - expected[-1]):.3g} by the model"
+    if runs > 1:
+        above, below = segments - 1, (runs - 1) * (segments - 1)
+        F = float(
+            (runs * np.sum(pattern**2) / above) / max(np.sum((table - pattern) ** 2) / below, 1e-12)
+        )
+        p, freedom = float(stats.f.sf(F, above, below)), (float(above), float(below))
+        number = f"F({above}, {below}) = {F:.3g}"
+    else:
+        weight = errors[o.run == 0] ** -2
+        r = np.log(o.velocity[o.run == 0]) - expected
+        F = float(np.sum(weight * (r - np.sum(weight * r) / np.sum(weight)) ** 2))
+        p, freedom = float(stats.chi2.sf(F, segments - 1)), (float(segments - 1),)
+        number = f"chi-square {F:.3g} of {segments - 1}"
+    agree = "agrees with" if p >= 0.05 else "contradicts"
+    return HypothesisTest(
+        name, F, freedom, p, f"The fall of velocity with depth {agree} the model ({said}): {number}, {p_text(p)}."
+    )
+
+
+def given_values(
+    likelihood: Likelihood, calibration: Calibration, base: float, c_e: float, alpha: float
+) -> HypothesisTest:
+    """Whether (c_e, alpha) lies in the joint region."""
+    at = likelihood.at(c_e)
+    rise = float(at.minus2(alpha)[0]) - base
+    name = f"c_e = {c_e:g} N/mm^2, alpha = {alpha:g} /ms"
+    freedom = (2.0, float(likelihood.n - 2))
+    if np.isnan(rise):
+        o = likelihood.observations
+        return HypothesisTest(
+            name, np.inf, freedom, 0.0, f"({c_e:g} N/mm^2, {alpha:g} /ms) is excluded: at {o.force.max():g} N there "
+            "would have been no window."
+        )  # fmt: skip
+    if c_e > likelihood.observations.ceiling:
+        return HypothesisTest(
+            name, np.inf, freedom, 0.0, f"({c_e:g} N/mm^2, {alpha:g} /ms) is excluded: the overloaded run would "
+            "have had a window."
+        )  # fmt: skip
+    p = calibration.probability(max(rise, 0.0))
+    where = "inside" if p >= 0.05 else "outside"
+    return HypothesisTest(
+        name, rise, freedom, p, f"({c_e:g} N/mm^2, {alpha:g} /ms) lies {where} the joint 95 % region: -2 log L rises by "
+        f"{rise:.3g}, {p_text(p)}."
+    )  # fmt: skip

@@ -1,0 +1,329 @@
+"""The likelihood of c_e and alpha, its information, and how its drops are judged.
+
+Velocities of curves, and of the runs of traces, share one scatter; the segments within the runs have another,
+the pressed rows a third. A scatter is estimated unless sigma is given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+
+from burrlab.fitting.mean_field import Model
+from burrlab.fitting.observations import Floats, Observations, ResidualKind
+
+#: A scatter below this [1] cannot be told from the error of the master curve, 0.2 % of single descents.
+MODEL_ERROR = 2e-3
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Rows that share one scatter."""
+
+    name: str  #: "velocity", "segments" or "force"
+    n: int
+    known: bool  #: sigma was given
+    parameters: float  #: how many of the two parameters these rows determine, in sum 2
+    value: float  #: standard deviation about the fit, 1, or [mm/s] for absolute residuals; of 1 if known
+
+
+class Likelihood:
+    """-2 log L over c_e and alpha, without constants; alpha enters in closed form.
+
+    Parameters
+    ----------
+    observations : Observations
+    kind : {"relative", "absolute", "sigma"}
+        Log-normal scatter of the velocities, normal scatter, or normal with the given sigma.
+    model : Model
+
+    Notes
+    -----
+    v is alpha times the model's velocity at alpha = 1, so at given c_e the sum of squares of the velocities is
+
+        S = A + B (g - m)^2,   g = log alpha (relative) or alpha (absolute, sigma),
+
+    and -2 log L = n log(S/n + e^2) + the same of the rows that depend on c_e alone, S itself where sigma is
+    known. e, the model's own error (0.2 %), keeps data without scatter finite.
+    """
+
+    def __init__(self, observations: Observations, kind: ResidualKind, model: Model) -> None:
+        self.observations, self.kind, self.model = observations, kind, model
+        run = observations.run
+        self._single = np.flatnonzero(run < 0)
+        self._runs = [np.flatnonzero(run == i) for i in range(int(run.max(initial=-1)) + 1)]
+        if self._runs and kind != "relative":
+            raise ValueError(f"residuals must be 'relative' with depth traces: got {kind!r}")
+        self.n = len(self._single) + len(self._runs)
+        self.n_within = sum(len(rows) - 1 for rows in self._runs)
+        self.known = kind == "sigma"
+        pressed = observations.pressed
+        self.pressed_known = self.known and bool(np.isfinite(observations.pressed_sigma).all())
+        if len(pressed) and not self.pressed_known:
+            self._pressed_log = np.log(pressed / observations.pressed_unit)  # log c_e of every pair (Eq. 3)
+        level = np.mean(observations.velocity**2) if kind == "absolute" else 1.0
+        self._floor = 0.0 if self.known else MODEL_ERROR**2 * float(level)
+
+    def velocity_residuals(self, unit: Floats, alpha: float = 1.0) -> Floats:
+        """Residuals of the rows that alpha moves, curves' rows first, then the runs' means; last axis (n,)."""
+        o = self.observations
+        if self.kind == "relative":
+            raw = np.log(o.velocity) - np.log(unit) - np.log(alpha)
+            means = [raw[..., rows].mean(axis=-1, keepdims=True) for rows in self._runs]
+            return np.concatenate([raw[..., self._single], *means], axis=-1)
+        sigma = o.sigma if self.known else 1.0
+        return (o.velocity - alpha * unit) / sigma
+
+    def within_residuals(self, unit: Floats) -> Floats:
+        """Deviations of the segments of each run from the run's mean; they do not depend on alpha."""
+        raw = np.log(self.observations.velocity) - np.log(unit)
+        parts = [raw[..., rows] - raw[..., rows].mean(axis=-1, keepdims=True) for rows in self._runs]
+        return np.concatenate(parts, axis=-1) if parts else np.empty((*unit.shape[:-1], 0))
+
+    def pressed_residuals(self, c_e: ArrayLike) -> Floats:
+        """Residuals of the pressed rows: log of the force, or by sigma where that is known."""
+        stiffness = np.asarray(c_e, dtype=np.float64)[..., None]
+        o = self.observations
+        if not len(o.pressed):
+            return np.empty((*stiffness.shape[:-1], 0))
+        if self.pressed_known:
+            return (o.pressed - stiffness * o.pressed_unit) / o.pressed_sigma
+        return self._pressed_log - np.log(stiffness)
+
+    def at(self, c_e: ArrayLike) -> Slices:
+        """The likelihood as a function of alpha, at each c_e [N/mm^2]."""
+        stiffness = np.atleast_1d(np.asarray(c_e, dtype=np.float64))
+        with np.errstate(invalid="ignore"):
+            unit = self.model.unit(stiffness)
+            if self.kind == "relative":
+                r = self.velocity_residuals(unit)
+                m, B = r.mean(axis=-1), np.full(len(stiffness), float(self.n))
+                A = np.sum((r - m[:, None]) ** 2, axis=-1)
+            else:
+                sigma = self.observations.sigma if self.known else 1.0
+                u, v = unit / sigma, self.observations.velocity / sigma
+                B = np.sum(u**2, axis=-1)
+                m = np.sum(u * v, axis=-1) / B
+                A = np.sum((v - m[:, None] * u) ** 2, axis=-1)
+            other = np.zeros(len(stiffness))
+            if self.n_within:
+                other += self._minus2(np.sum(self.within_residuals(unit) ** 2, axis=-1), self.n_within)
+        if len(self.observations.pressed):
+            S = np.sum(self.pressed_residuals(stiffness) ** 2, axis=-1)
+            other += S if self.pressed_known else self._minus2(S, len(self.observations.pressed))
+        return Slices(stiffness, A, B, m, other, self.n, self.known, self._floor, self.kind == "relative")
+
+    @staticmethod
+    def _minus2(S: Floats, n: int) -> Floats:
+        return np.asarray(n * np.log(S / n + MODEL_ERROR**2))
+
+    def objective(self, c_e: float, alpha: float) -> float:
+        """What a search minimises, rising with -2 log L: the sum of squared residuals of the velocities.
+
+        With other rows besides, n exp(-2 log L/n), the geometric mean of the sums of squares. NaN without a
+        window.
+        """
+        slices = self.at(c_e)
+        g = np.log(alpha) if slices.log else alpha
+        S = float(slices.A[0] + slices.B[0] * (g - slices.m[0]) ** 2)
+        other = float(slices.other[0])
+        if self.known:
+            return S + other
+        n = self.n + self.n_within + len(self.observations.pressed)
+        with np.errstate(divide="ignore"):
+            return float(n * np.exp((self.n * np.log(S / self.n) + other) / n))
+
+    def information(self, c_e: float, alpha: float) -> tuple[Floats, tuple[Scatter, ...], Floats]:
+        """Fisher information in (log c_e, log alpha) at a point, shape (2, 2), the scatters, and their shares.
+
+        The shares, shape (number of scatters, 2, 2), are the information of each.
+        """
+        tables = self._derivatives(c_e, alpha)
+        shares = np.array(
+            [J.T @ J / (1.0 if known else np.sum(r**2) / n + MODEL_ERROR**2) for _, known, J, r, n in tables]
+        )
+        total = shares.sum(axis=0)
+        inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
+        scatters = []
+        for (name, known, _, r, n), share in zip(tables, shares, strict=True):
+            p = 2.0 if len(tables) == 1 else float(np.trace(inverse @ share))
+            value = 1.0 if known else float(np.sqrt(np.sum(r**2) / max(n - p, 0.5)))
+            scatters.append(Scatter(name, n, known, p, value))
+        return total, tuple(scatters), shares
+
+    def score(self, c_e: float, alpha: float) -> Floats:
+        """Derivative of log L by (log c_e, log alpha), shape (2,)."""
+        return np.asarray(
+            -sum(
+                J.T @ r / (1.0 if known else np.sum(r**2) / n + MODEL_ERROR**2)
+                for _, known, J, r, n in self._derivatives(c_e, alpha)
+            )
+        )
+
+    def _derivatives(self, c_e: float, alpha: float) -> list[tuple[str, bool, Floats, Floats, int]]:
+        """Name, known, derivatives of the residuals by (log c_e, log alpha), residuals, and n, of each scatter.
+
+        Central differences over 0.2 % of c_e, so that the kink of the window counts with its mean slope.
+        """
+        steps = np.log(c_e) + np.array([-1e-3, 0.0, 1e-3])
+        stiffness = np.exp(np.maximum(steps, np.log(self._lowest(c_e))))
+        unit = self.model.unit(stiffness)
+        width = float(np.log(stiffness[2] / stiffness[0]))
+        tables: list[tuple[str, bool, Floats, Floats, int]] = []
+        r = self.velocity_residuals(unit, alpha)
+        by_alpha = (
+            np.full(self.n, -1.0) if self.kind == "relative" else r[1] - self.velocity_residuals(unit[1], 2 * alpha)
+        )
+        if self.kind != "relative":
+            by_alpha = -by_alpha  # v is linear in alpha: one doubling is the derivative by log alpha
+        J = np.stack([(r[2] - r[0]) / width, by_alpha], axis=1)
+        tables.append(("velocity", self.known, J, r[1], self.n))
+        if self.n_within:
+            r = self.within_residuals(unit)
+            J = np.stack([(r[2] - r[0]) / width, np.zeros(r.shape[1])], axis=1)
+            tables.append(("segments", False, J, r[1], self.n_within))
+        if len(self.observations.pressed):
+            r = self.pressed_residuals(stiffness)
+            J = np.stack([(r[2] - r[0]) / width, np.zeros(r.shape[1])], axis=1)
+            tables.append(("force", self.pressed_known, J, r[1], r.shape[1]))
+        return tables
+
+    def _lowest(self, c_e: float) -> float:
+        """c_e [N/mm^2], not below the hard bound of the windows."""
+        return min(float(self.observations.c_e_bounds().max()) * (1 + 1e-9), c_e)
+
+    def log_likelihood(self, c_e: float, alpha: float) -> float:
+        """With all constants, the estimated scatters at their best: the density of the data [their units]."""
+        unit = self.model.unit(c_e)
+        total = self._normal(self.velocity_residuals(unit, alpha), self.n, self.known)
+        o = self.observations
+        if self.kind == "relative":  # the density is of v, not of log v
+            total -= float(np.sum(np.log(o.velocity)))
+        elif self.known:
+            total -= float(np.sum(np.log(o.sigma)))
+        if self.n_within:
+            total += self._normal(self.within_residuals(unit), self.n_within, False)
+        if len(o.pressed):
+            total += self._normal(self.pressed_residuals(c_e), len(o.pressed), self.pressed_known)
+            total -= float(np.sum(np.log(o.pressed_sigma if self.pressed_known else o.pressed)))
+        return total
+
+    @staticmethod
+    def _normal(r: Floats, n: int, known: bool) -> float:
+        S = float(np.sum(r**2))
+        if known:
+            return -0.5 * (S + n * np.log(2 * np.pi))
+        return -0.5 * n * float(np.log(2 * np.pi * (S / n + 1e-30)) + 1)
+
+
+@dataclass(frozen=True)
+class Slices:
+    """-2 log L over alpha at each of several c_e; arrays of shape (m,)."""
+
+    c_e: Floats
+    A: Floats
+    B: Floats
+    m: Floats
+    other: Floats
+    n: int
+    known: bool
+    floor: float
+    log: bool
+
+    @property
+    def best_alpha(self) -> Floats:
+        """alpha [1/ms] of the lowest -2 log L."""
+        return np.exp(self.m) if self.log else np.maximum(self.m, 1e-300)
+
+    @property
+    def profile(self) -> Floats:
+        """-2 log L at the best alpha; NaN where c_e leaves no window."""
+        return self._minus2(self.A)
+
+    def minus2(self, alpha: ArrayLike) -> Floats:
+        """-2 log L at alpha [1/ms], one each c_e."""
+        g = np.log(alpha) if self.log else np.asarray(alpha, dtype=np.float64)
+        return self._minus2(self.A + self.B * (g - self.m) ** 2)
+
+    def alpha_below(self, target: float) -> tuple[Floats, Floats]:
+        """The alphas [1/ms] between which -2 log L is below a target; NaN where it never is."""
+        rest = target - self.other
+        with np.errstate(invalid="ignore", over="ignore"):
+            S = rest if self.known else self.n * (np.exp(rest / self.n) - self.floor)
+            half = np.sqrt((S - self.A) / self.B)
+            if self.log:
+                return np.exp(self.m - half), np.exp(self.m + half)
+            return np.maximum(self.m - half, 0.0), self.m + half
+
+    def _minus2(self, S: Floats) -> Floats:
+        return self.other + (S if self.known else self.n * np.log(S / self.n + self.floor))
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """How far -2 log L may rise above its minimum, from the F distribution.
+
+    For one estimated scatter and a model that is linear near the fit, S/S_min - 1 of q parameters is
+    q/nu F(q, nu), nu = n - 2, so the limit is n log(1 + q F/nu): wider than chi-square in small samples, and
+    chi-square where sigma is known. Several scatters count by their share of the information in the direction
+    asked for, nu by the rule of Welch and Satterthwaite.
+
+    References
+    ----------
+    Seber and Wild, Nonlinear Regression, Wiley 1989, section 5.3 (regions by the sum of squares).
+    Satterthwaite, An approximate distribution of estimates of variance components, Biometrics 2 (1946).
+    """
+
+    scatters: tuple[Scatter, ...]
+    total: Floats  # information, shape (2, 2)
+    shares: Floats  # by scatter
+    monte_carlo: float = 0.0  # variance of the stochastic engine's log c_e over that of the data
+
+    def limit(self, level: float, direction: Floats | None = None) -> float:
+        """Largest rise of -2 log L inside `level`.
+
+        Parameters
+        ----------
+        level : float
+            0.95 for 95 %.
+        direction : ndarray, shape (2,), optional
+            Gradient of one quantity over (log c_e, log alpha); None: both parameters jointly.
+        """
+        q = 2 if direction is None else 1
+        weights = self._weights(direction)
+        freedom = np.array([np.inf if s.known else max(s.n - s.parameters, 0.5) for s in self.scatters])
+        inflation = sum(
+            w * (1.0 if s.known else s.n / f) for w, s, f in zip(weights, self.scatters, freedom, strict=True)
+        )
+        nu = 1 / max(float(np.sum(weights**2 / freedom)), 1e-12)
+        F = float(stats.f.ppf(level, q, nu)) if nu < 1e9 else float(stats.chi2.ppf(level, q)) / q
+        rise = nu * np.log1p(q * F / nu) if nu < 1e9 else q * F
+        return float(inflation * rise * (1 + self.monte_carlo))
+
+    def probability(self, rise: float, q: int = 2) -> float:
+        """p-value of a rise of -2 log L, q parameters: the inverse of `limit`."""
+        if len(self.scatters) == 1 and not self.scatters[0].known:
+            n = self.scatters[0].n
+            F = np.expm1(rise / (1 + self.monte_carlo) / n) * (n - 2) / q
+            return float(stats.f.sf(F, q, n - 2))
+        if all(s.known for s in self.scatters):
+            return float(stats.chi2.sf(rise / (1 + self.monte_carlo), q))
+        direction = None if q == 2 else np.array([1.0, 0.0])
+        low, high = 0.0, 1.0
+        for _ in range(60):  # the limit rises with the level
+            middle = (low + high) / 2
+            low, high = (middle, high) if self.limit(middle, direction) < rise else (low, middle)
+        return 1 - low
+
+    def _weights(self, direction: Floats | None) -> Floats:
+        if len(self.scatters) == 1:
+            return np.ones(1)
+        inverse = np.linalg.inv(self.total + 1e-10 * np.trace(self.total) * np.eye(2))
+        if direction is None:
+            return np.array([np.trace(inverse @ share) / 2 for share in self.shares])
+        column = inverse @ direction
+        weights = np.array([column @ share @ column for share in self.shares])
+        return np.asarray(weights / weights.sum())

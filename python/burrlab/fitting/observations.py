@@ -1,0 +1,223 @@
+"""What a fit compares: the numbers of one or several data sets, as rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias, Union
+
+import numpy as np
+from numpy.typing import NDArray
+
+from burrlab._core import Burr
+from burrlab.curve import VelocityCurve
+from burrlab.depth_trace import DepthTrace
+from burrlab.fitting.search import Box
+from burrlab.indentation import Indentation
+
+Floats: TypeAlias = NDArray[np.float64]
+Rows: TypeAlias = NDArray[np.intp]
+ResidualKind: TypeAlias = Literal["relative", "absolute", "sigma"]
+Bounds: TypeAlias = dict[str, tuple[float, float]]
+Data: TypeAlias = Union[VelocityCurve, Indentation, DepthTrace]
+
+WINDOW_START, WINDOW_END = 1 / 6, 1 / 3  # of the default window, in radii (model, section 4)
+SEGMENTS = 5  # parts of equal depth that a trace is compared in
+C_E_RANGE = 100.0  # upper bound of c_e over its lower one, see `bounds_of`
+ALPHA_BOUNDS = (1e-5, 10.0)  # [1/ms], see `bounds_of`
+_MARGIN = 1e-4  # the hard bound of c_e is open: at it the window has no length
+
+
+@dataclass(frozen=True)
+class Observations:
+    """The rows that a fit uses, in the order of the data; NaN as window is the default one.
+
+    A velocity row is a row of a curve, or one segment of a trace; `run` numbers the traces, -1 for a curve's
+    row. A pressed row is a pair of a static indentation.
+    """
+
+    force: Floats  # [N], of velocity rows, as the next five
+    velocity: Floats  # [mm/s]
+    sigma: Floats  # [mm/s], NaN where unknown
+    window_start: Floats  # [mm]
+    window_end: Floats  # [mm]
+    radius: Floats  # [mm]
+    run: Rows
+    pressed: Floats  # [N], of pressed rows, as the next two
+    pressed_sigma: Floats  # [N], NaN where unknown
+    pressed_unit: Floats  # R^2 (h/R)^(3/2) [mm^2], the force at c_e = 1 N/mm^2 (Eq. 3)
+    rows: tuple[tuple[str, Rows], ...]  # of each data set: which table, and its rows there
+    ceiling: float  # [N/mm^2]: a run whose static contact passed its window's end needs c_e below this
+    n_skipped: int
+    n_censored: int
+
+    @classmethod
+    def of(cls, data: Sequence[Data], burr: Burr | None) -> Observations:
+        """The usable rows of data sets.
+
+        Raises
+        ------
+        ValueError
+            If a radius is missing or contradicts the burr's, fewer than three distinct forces have a
+            velocity, or runs contradict one another about c_e.
+        """
+        empty = np.empty(0)
+        velocity: list[tuple[Floats, ...]] = []
+        pressed: list[tuple[Floats, ...]] = []
+        rows: list[tuple[str, Rows]] = []
+        ceilings, n_skipped, n_censored, n_runs, n_rows, n_pressed = [np.inf], 0, 0, 0, 0, 0
+        for one in data:
+            radius = _radius(one, burr)
+            if isinstance(one, Indentation):
+                unit = radius**2 * (one.depth / radius) ** 1.5
+                sigma = np.full(len(one), np.nan) if one.sigma is None else one.sigma
+                pressed.append((one.force, sigma, unit))
+                rows.append(("pressed", np.arange(n_pressed, n_pressed + len(one))))
+                n_pressed += len(one)
+                continue
+            if isinstance(one, DepthTrace):
+                parts = one.segments(SEGMENTS)
+                n = len(parts.velocity)
+                columns = [np.full(n, one.force), parts.velocity, np.full(n, np.nan)]
+                columns += [parts.start, parts.end, np.full(n, radius), np.full(n, n_runs)]
+                n_runs += 1
+            else:
+                ok, n = one.ok, int(one.ok.sum())
+                absent = np.full(len(one), np.nan)
+                table = [
+                    absent if c is None else c for c in (one.sigma, one.window_start, one.window_end)
+                ]
+                columns = [c[ok] for c in (one.force, one.velocity, *table)]
+                columns += [np.full(n, radius), np.full(n, -1)]
+                over = np.array([s == "overloaded" for s in one.status or len(one) * ("",)])
+                if over.any():
+                    ceilings.append(_static_c_e(one.force[over], table[2][over], radius).min())
+                n_skipped, n_censored = n_skipped + len(one) - n, n_censored + int(over.sum())
+            velocity.append(tuple(columns))
+            rows.append(("velocity", np.arange(n_rows, n_rows + n)))
+            n_rows += n
+        tables = [np.concatenate(c) for c in zip(*velocity, strict=True)] if velocity else [empty] * 7
+        presses = [np.concatenate(c) for c in zip(*pressed, strict=True)] if pressed else [empty] * 3
+        made = cls(
+            *tables[:6],
+            tables[6].astype(np.intp),
+            *presses,
+            rows=tuple(rows),
+            ceiling=float(min(ceilings)),
+            n_skipped=n_skipped,
+            n_censored=n_censored,
+        )
+        made._check()
+        return made
+
+    def _check(self) -> None:
+        distinct = len(set(zip(self.force.tolist(), self.radius.tolist(), strict=True)))
+        if distinct < 3:
+            all_rows = len(self.force) + self.n_skipped
+            raise ValueError(
+                f"a fit needs velocities at three or more distinct forces: got {distinct} in {len(self.force)} "
+                f"usable of {all_rows} rows"
+            )
+        floors = self.c_e_bounds()
+        if floors.max() >= self.ceiling:
+            row = int(np.argmax(floors))
+            raise ValueError(
+                f"the data contradict one another: the window at {self.force[row]:g} N needs c_e > "
+                f"{floors[row]:.4g} N/mm^2, an 'overloaded' run needs c_e < {self.ceiling:.4g} N/mm^2"
+            )
+
+    def __len__(self) -> int:
+        return len(self.force) + len(self.pressed)
+
+    @property
+    def has_sigma(self) -> bool:
+        return bool(np.isfinite(self.sigma).all())
+
+    def with_outcomes(self, velocity: Floats, pressed: Floats) -> Observations:
+        """The same experiment with other outcomes."""
+        return replace(self, velocity=velocity, pressed=pressed)
+
+    def by_window(self) -> dict[tuple[float | None, float | None], Rows]:
+        """Velocity rows by window in radii; (None, None) is the default window."""
+        windows: dict[tuple[float | None, float | None], list[int]] = {}
+        ends = zip(self.window_start / self.radius, self.window_end / self.radius, strict=True)
+        for row, (start, end) in enumerate(ends):
+            key = (None, None) if np.isnan(start) else (float(start), float(end))
+            windows.setdefault(key, []).append(row)
+        return {key: np.array(rows, dtype=np.intp) for key, rows in windows.items()}
+
+    def phi(self, c_e: float) -> Floats:
+        """F/(c_e R^2) of every velocity row."""
+        return self.force / (c_e * self.radius**2)
+
+    def c_e_bounds(self) -> Floats:
+        """Lower bound of c_e [N/mm^2] that each velocity row's window implies.
+
+        Static contact alone sinks the burr to H = R phi^(2/3); a window that ends at H_end exists only below
+        that: c_e > F/(R^2 (H_end/R)^(3/2)), 0.1925 R^2 for the default end R/3 (model, section 5 iv).
+        """
+        return _static_c_e(self.force, self.window_end, self.radius)
+
+    def ridge_entries(self) -> Floats:
+        """c_e [N/mm^2] above which each row's window starts above its static contact: phi < 0.068 by default.
+
+        There v is a power law of phi and only alpha/c_e^p is determined (model, section 5 iii).
+        """
+        start = np.where(np.isnan(self.window_start), WINDOW_START * self.radius, self.window_start)
+        with np.errstate(divide="ignore"):
+            return self.force / (self.radius**2 * (start / self.radius) ** 1.5)
+
+
+def _static_c_e(force: Floats, end: Floats, radius: Floats | float) -> Floats:
+    """c_e [N/mm^2] at which static contact alone ends at `end` [mm], NaN for R/3."""
+    relative = np.where(np.isnan(end), WINDOW_END, end / radius)
+    return np.asarray(force / (radius**2 * relative**1.5))
+
+
+def _radius(data: Data, burr: Burr | None) -> float:
+    if burr is not None and data.radius is not None and data.radius != burr.radius:
+        name = "curve" if isinstance(data, VelocityCurve) else "data set"
+        raise ValueError(
+            f"the {name} was taken with a burr of radius {data.radius:g} mm, the fit is for {burr.radius:g} mm"
+        )
+    if data.radius is not None:
+        return data.radius
+    if burr is None:
+        raise ValueError(f"a burr must be given for data without a radius: got none for {data!r}")
+    return burr.radius
+
+
+def bounds_of(observations: Observations, given: Bounds | None) -> Box:
+    """The box of the search.
+
+    c_e begins at the hard bound of `Observations.c_e_bounds` and ends at 100 times it, or where an overloaded
+    run ends it: at 100 times the largest phi is 0.0019 and even alpha = 10 /ms cuts slower than 10 um/s at
+    R = 3 mm, so data that reach further are on the ridge, and it goes on unchanged. alpha runs from 1e-5 /ms
+    (a time constant of 100 s: nothing erodes in an experiment) to 10 /ms (solid bone is gone in a tenth of a
+    tick, no layer is left).
+
+    Raises
+    ------
+    ValueError
+        If a bound names no parameter, or leaves no room.
+    """
+    hard = float(observations.c_e_bounds().max()) * (1 + _MARGIN)
+    ceiling = observations.ceiling * (1 - _MARGIN)
+    box = {"c_e": (min(hard, ceiling), min(C_E_RANGE * hard, ceiling)), "alpha": ALPHA_BOUNDS}
+    for name, pair in (given or {}).items():
+        if name not in box:
+            raise ValueError(f"bounds are for 'c_e' and 'alpha': got {name!r}")
+        low, high = (float(end) for end in pair)
+        if not 0 < low < high < np.inf:
+            raise ValueError(f"bounds of {name} must be two finite numbers 0 < low < high: got {pair!r}")
+        if name == "c_e" and high <= hard:
+            raise ValueError(
+                f"bounds of c_e end at {high:g} N/mm^2, but the window at {observations.force.max():g} N "
+                f"needs c_e > {hard:g} N/mm^2"
+            )
+        if name == "c_e" and low >= ceiling:
+            raise ValueError(
+                f"bounds of c_e begin at {low:g} N/mm^2, but an 'overloaded' run needs c_e < {ceiling:g} N/mm^2"
+            )
+        box[name] = (max(low, hard), min(high, ceiling)) if name == "c_e" else (low, high)
+    return Box((box["c_e"][0], box["alpha"][0]), (box["c_e"][1], box["alpha"][1]))

@@ -1,0 +1,332 @@
+"""Profile likelihoods: intervals of c_e, alpha and of what is determined best, and the joint region.
+
+alpha has a closed form at each c_e, so one walk along c_e gives everything: the interval of any quantity at a
+level is its range over the points whose -2 log L has risen by less than the level's limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from burrlab.fitting.likelihood import Calibration, Likelihood, Slices
+from burrlab.fitting.observations import Floats
+from burrlab.fitting.search import Box
+
+LEVELS: Mapping[str, float] = {"68": 0.68, "95": 0.95, "99.7": 0.997}
+C_E, ALPHA = np.array([1.0, 0.0]), np.array([0.0, 1.0])  # directions in (log c_e, log alpha)
+
+_POINTS, _SUBPOINTS = 240, 12
+_BEYOND = 30.0  # the walk is dense to this many times the c_e at which the ridge begins
+_FAR = (1e2, 1e3, 1e4, 1e6)  # and has these points besides: there v is a power law of c_e
+_SHOWN = 160  # points of a curve that the result keeps
+_LONGEST_EXPONENT = 3.0  # exponents of the combination are sought to 3 times the ridge's
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A range at one level; None is an open end: the data set no limit there."""
+
+    lower: float | None
+    upper: float | None
+
+    @property
+    def closed(self) -> bool:
+        return self.lower is not None and self.upper is not None
+
+    def __contains__(self, value: float) -> bool:
+        return (self.lower is None or value >= self.lower) and (self.upper is None or value <= self.upper)
+
+    def ratio(self) -> float:
+        """Upper over lower end; infinite where one is open."""
+        return self.upper / self.lower if self.upper is not None and self.lower else np.inf
+
+
+@dataclass(frozen=True)
+class Region:
+    """The joint region of a level: at each c_e [N/mm^2] the alphas [1/ms] inside it, shape (m,)."""
+
+    c_e: Floats
+    lower: Floats
+    upper: Floats
+    open_above: bool  #: it goes on to any c_e
+
+    def __contains__(self, point: tuple[float, float]) -> bool:
+        c_e, alpha = point
+        if not len(self.c_e) or not self.c_e[0] <= c_e <= self.c_e[-1]:
+            return False
+        x = np.log(self.c_e)
+        with np.errstate(divide="ignore"):
+            low, high = (np.interp(np.log(c_e), x, np.log(edge)) for edge in (self.lower, self.upper))
+        return bool(low <= np.log(alpha) <= high)
+
+
+@dataclass(frozen=True)
+class Combination:
+    """alpha/c_e^exponent, the combination of this kind that the data determine best.
+
+    The exponent makes the 95 % profile interval shortest; where c_e is open above it is the ridge's,
+    4 (k + 1)/3, the only one with a closed interval.
+    """
+
+    exponent: float
+    value: float  #: [1/ms (mm^2/N)^exponent]
+    intervals: Mapping[str, Interval]
+
+    @property
+    def interval(self) -> Interval:
+        """At 95 %."""
+        return self.intervals["95"]
+
+
+@dataclass(frozen=True)
+class Profile:
+    """What the likelihood says: intervals, regions and the curves they come from.
+
+    Attributes
+    ----------
+    c_e, c_e_rise : ndarray, shape (m,)
+        c_e [N/mm^2] and the rise of -2 log L over its minimum, alpha at its best.
+    best_alpha : ndarray, shape (m,)
+        That alpha [1/ms].
+    alpha, alpha_rise : ndarray, shape (k,)
+        alpha [1/ms] and the rise, c_e at its best.
+    limits : mapping
+        Level -> rise that bounds c_e's interval; see `Calibration`.
+    intervals : mapping
+        ``c_e``, ``alpha`` -> level ``68``, ``95``, ``99.7`` -> Interval.
+    identified : Combination
+    regions : mapping
+        Level -> Region.
+    at_infinity : float
+        Rise of -2 log L at the far end of the ridge, c_e without limit; NaN where c_e has a hard upper end.
+    base : float
+        The minimum of -2 log L, without constants.
+    """
+
+    c_e: Floats
+    c_e_rise: Floats
+    best_alpha: Floats
+    alpha: Floats
+    alpha_rise: Floats
+    limits: Mapping[str, float]
+    intervals: Mapping[str, Mapping[str, Interval]]
+    identified: Combination
+    regions: Mapping[str, Region]
+    at_infinity: float
+    base: float = 0.0
+
+
+@dataclass(frozen=True)
+class Domain:
+    """Where the walk goes; an end that is not hard is where the search was told to end, or infinity."""
+
+    low: float
+    high: float
+    low_hard: bool
+    high_hard: bool
+    entry: float  # c_e at which the ridge begins; infinite where there is none
+    alpha: tuple[float, float]
+
+    @classmethod
+    def of(cls, likelihood: Likelihood, box: Box, given: Mapping[str, object]) -> Domain:
+        """The whole range of c_e, or that of bounds given by the user."""
+        o = likelihood.observations
+        entry = float(o.ridge_entries().max())
+        low, high = box.lower[0], box.upper[0]
+        low_hard, high_hard = True, bool(np.isfinite(o.ceiling))
+        if "c_e" in given:
+            low_hard = low <= float(o.c_e_bounds().max()) * (1 + 2e-4)
+            high_hard = high >= o.ceiling * (1 - 2e-4)
+        else:
+            high = o.ceiling * (1 - 1e-4) if high_hard else _FAR[-1] * (entry if np.isfinite(entry) else low)
+        alpha = (box.lower[1], box.upper[1]) if "alpha" in given else (0.0, np.inf)
+        return cls(low, high, low_hard, high_hard, entry, alpha)
+
+    def grid(self) -> Floats:
+        """First points: even in log c_e, with the far ones."""
+        begin = self.entry if np.isfinite(self.entry) else self.low
+        top = min(self.high, _BEYOND * begin)
+        far = [begin * factor for factor in _FAR if top < begin * factor < self.high]
+        even = np.geomspace(self.low, max(top, self.low * 1.0001), _POINTS)
+        return np.unique(np.concatenate([even, far, [self.high]]))
+
+
+class _Walk:
+    """Points along c_e, with alpha kept inside the domain."""
+
+    def __init__(self, likelihood: Likelihood, domain: Domain, c_e: Floats) -> None:
+        self.slices: Slices = likelihood.at(c_e)
+        self.c_e = c_e
+        self.low, self.high = domain.alpha
+        self.alpha = np.clip(self.slices.best_alpha, max(self.low, 1e-300), self.high)
+        clipped = self.low > 0 or np.isfinite(self.high)
+        self.minus2 = self.slices.minus2(self.alpha) if clipped else self.slices.profile
+        self.minus2 = np.where(np.isfinite(self.minus2), self.minus2, np.inf)
+
+    def band(self, target: float) -> tuple[Floats, Floats]:
+        """Lowest and highest alpha below a target; NaN where none."""
+        lower, upper = self.slices.alpha_below(target)
+        inside = self.minus2 <= target
+        lower, upper = np.maximum(lower, self.low), np.minimum(upper, self.high)
+        inside &= lower <= upper
+        return np.where(inside, lower, np.nan), np.where(inside, upper, np.nan)
+
+
+def profile(
+    likelihood: Likelihood, calibration: Calibration, domain: Domain, best: tuple[float, float], ridge: float
+) -> Profile:
+    """Walk along c_e, closer where a level is crossed, and read everything off.
+
+    Parameters
+    ----------
+    likelihood, calibration, domain
+    best : (float, float)
+        The fit's c_e [N/mm^2] and alpha [1/ms].
+    ridge : float
+        Exponent of the ridge, 4 (k + 1)/3 for an f with a zero of order k.
+    """
+    limits = {name: calibration.limit(level, C_E) for name, level in LEVELS.items()}
+    joint = {name: calibration.limit(level) for name, level in LEVELS.items()}
+    walk = _walk(likelihood, domain, best[0], [*limits.values(), *joint.values()])
+    base = float(walk.minus2.min())
+    rise = walk.minus2 - base
+
+    def reach(direction: Floats, level: str) -> float:
+        return base + calibration.limit(LEVELS[level], direction)
+
+    open_above = {name: bool(rise[-1] <= limit) and not domain.high_hard for name, limit in limits.items()}
+    intervals = {
+        "c_e": {name: _range_of_c_e(walk, domain, base + limit) for name, limit in limits.items()},
+        "alpha": {name: _range_of_alpha(walk, domain, reach(ALPHA, name)) for name in LEVELS},
+    }
+    exponent = ridge if open_above["95"] else _exponent(walk, reach(ALPHA, "95"), ridge)
+    along = np.array([-exponent, 1.0])
+    combination = Combination(
+        exponent,
+        best[1] / best[0] ** exponent,
+        {
+            name: _range_of_combination(walk, exponent, reach(along, name), open_above[name] and exponent != ridge)
+            for name in LEVELS
+        },
+    )
+    alphas = _alphas(walk, base, max(joint.values()))
+    with np.errstate(invalid="ignore"):
+        table = np.array([np.nanmin(walk.slices.minus2(alpha)) for alpha in alphas]) - base
+    shown = _thin(rise <= 2 * max(joint.values()), int(np.argmin(rise)))
+    return Profile(
+        c_e=walk.c_e[shown],
+        c_e_rise=rise[shown],
+        best_alpha=walk.alpha[shown],
+        alpha=alphas,
+        alpha_rise=np.maximum(table, 0.0),
+        limits=limits,
+        intervals=intervals,
+        identified=combination,
+        regions={name: _region(walk, domain, base + limit) for name, limit in joint.items()},
+        at_infinity=np.nan if domain.high_hard else float(rise[-1]),
+        base=base,
+    )
+
+
+def best_point(likelihood: Likelihood, domain: Domain) -> tuple[float, float]:
+    """c_e [N/mm^2] and alpha [1/ms] of the lowest -2 log L in the domain, by the walk alone."""
+    walk = _walk(likelihood, domain, domain.low, [])
+    i = int(np.argmin(walk.minus2))
+    ends = np.log(walk.c_e[[max(i - 1, 0), min(i + 1, len(walk.c_e) - 1)]])
+
+    def height(x: float) -> float:
+        return float(_Walk(likelihood, domain, np.exp([x])).minus2[0])
+
+    found = minimize_scalar(height, bounds=tuple(ends), method="bounded", options={"xatol": 1e-7})
+    if found.fun > walk.minus2[i]:
+        return float(walk.c_e[i]), float(walk.alpha[i])
+    c_e = np.exp([found.x])
+    return float(c_e[0]), float(_Walk(likelihood, domain, c_e).alpha[0])
+
+
+def _walk(likelihood: Likelihood, domain: Domain, best: float, limits: list[float]) -> _Walk:
+    c_e = domain.grid()
+    for _ in range(3):
+        walk = _Walk(likelihood, domain, c_e)
+        i = int(np.argmin(walk.minus2))
+        inside = walk.minus2 - walk.minus2[i]
+        edges = {i - 1, i}
+        for limit in limits:
+            crossing = np.flatnonzero(np.diff(inside <= limit))
+            edges |= set(crossing.tolist())
+        finer = [
+            np.geomspace(c_e[k], c_e[k + 1], _SUBPOINTS + 2)[1:-1] for k in edges if 0 <= k < len(c_e) - 1
+        ]
+        c_e = np.unique(np.concatenate([c_e, *finer, np.clip([best], domain.low, domain.high)]))
+    return _Walk(likelihood, domain, c_e)
+
+
+def _range_of_c_e(walk: _Walk, domain: Domain, target: float) -> Interval:
+    inside = np.flatnonzero(walk.minus2 <= target)
+    first, last = int(inside[0]), int(inside[-1])
+    lower = None if first == 0 and not domain.low_hard else float(walk.c_e[first])
+    upper = None if last == len(walk.c_e) - 1 and not domain.high_hard else float(walk.c_e[last])
+    return Interval(lower, upper)
+
+
+def _range_of_alpha(walk: _Walk, domain: Domain, target: float) -> Interval:
+    low, high = walk.band(target)
+    c_e = _range_of_c_e(walk, domain, target)
+    # alpha rises with c_e along the likelihood: it is open where c_e is
+    lower = None if c_e.lower is None else float(np.nanmin(low))
+    upper = None if c_e.upper is None else float(np.nanmax(high))
+    return Interval(lower, upper)
+
+
+def _band(walk: _Walk, target: float) -> tuple[Floats, Floats, Floats]:
+    low, high = walk.band(target)
+    inside = np.isfinite(low)
+    with np.errstate(divide="ignore"):
+        return np.log(walk.c_e[inside]), np.log(low[inside]), np.log(high[inside])
+
+
+def _exponent(walk: _Walk, target: float, ridge: float) -> float:
+    x, low, high = _band(walk, target)
+
+    def width(p: float) -> float:
+        return float(np.max(high - p * x) - np.min(low - p * x))
+
+    if not np.isfinite(low).all():  # alpha reaches 0: no lower end to shorten
+        return ridge
+    return float(minimize_scalar(width, bounds=(0.0, _LONGEST_EXPONENT * ridge), method="bounded").x)
+
+
+def _range_of_combination(walk: _Walk, exponent: float, target: float, unbounded: bool) -> Interval:
+    x, low, high = _band(walk, target)
+    lower, upper = np.min(low - exponent * x), np.max(high - exponent * x)
+    if unbounded:  # along the ridge the combination goes to 0 or infinity with c_e
+        rising = (low - exponent * x)[-1] > (low - exponent * x)[0]
+        return Interval(float(np.exp(lower)), None) if rising else Interval(None, float(np.exp(upper)))
+    return Interval(float(np.exp(lower)), float(np.exp(upper)))
+
+
+def _alphas(walk: _Walk, base: float, rise: float) -> Floats:
+    low, high = walk.band(base + rise)
+    near = walk.c_e <= _BEYOND * walk.c_e[int(np.argmin(walk.minus2))]
+    low, high = low[near & np.isfinite(low)], high[near & np.isfinite(high)]
+    return np.geomspace(max(low.min(), 1e-3 * high.max()), high.max(), 120)
+
+
+def _region(walk: _Walk, domain: Domain, target: float) -> Region:
+    low, high = walk.band(target)
+    inside = np.isfinite(low)
+    is_open = bool(inside[-1]) and not domain.high_hard
+    shown = _thin(inside, int(np.argmin(walk.minus2)))
+    return Region(walk.c_e[shown], low[shown], high[shown], is_open)
+
+
+def _thin(inside: NDArray[np.bool_], best: int) -> NDArray[np.intp]:
+    """At most some 160 of the points inside, the first, the last and the best among them."""
+    rows = np.flatnonzero(inside)
+    picked = rows[np.unique(np.linspace(0, len(rows) - 1, _SHOWN).round().astype(int))]
+    return np.unique(np.append(picked, best))

@@ -61,8 +61,10 @@ class BoneField:
     g is Gaussian white noise on a lattice of spacing L/2, smoothed by a Gaussian of standard deviation L/sqrt(2) that
     is evaluated at the voxel centres themselves, and divided by the root of the sum of its squared weights. Thus
     it is a function of (seed, position): no voxel size, block or interpolation enters, and a larger block
-    continues a smaller one. Weights are products over the axes, so that a block costs milliseconds; a sum of
-    random cosines, as independent of the grid, costs modes times voxels and is Gaussian only in the limit.
+    continues a smaller one. Weights are products over the axes, so that a block for R = 3 mm at 0.1 mm takes 5 ms; a
+    sum of 1000 random cosines, as independent of the grid, takes 50 times that and is only nearly Gaussian.
+    In one bone (contrast 0.1 and 0.2, L = 0.25 to 1 mm, 0.5 and 2 N) the mean velocity at 0.05, 0.2 and 0.25 mm is
+    within 1.3 % of that at 0.1 mm, which is what homogeneous bone shows too, L = one voxel included.
     Noise comes from a counter-based generator (Philox, key seed, counter the node's place).
 
     Examples

@@ -51,6 +51,67 @@ class Specimen:
         return np.asarray(self.surface + (immersion - burr.radius) * self.axis)
 
 
+@dataclass(frozen=True)
+class Block:
+    """Voxels around a descent into the space below a plane, before they are filled.
+
+    Parameters
+    ----------
+    centers : tuple of ndarray
+        Coordinates x, y and z of the voxel centres [mm].
+    fraction : ndarray, shape (z, y, x)
+        Part of each voxel that lies below the plane, 0..1.
+    spacing, surface, axis : ndarray, shape (3,)
+        (x, y, z); see `Specimen`.
+    """
+
+    centers: tuple[NDArray[np.float64], ...]
+    fraction: NDArray[np.float64]
+    spacing: NDArray[np.float64]
+    surface: NDArray[np.float64]
+    axis: NDArray[np.float64]
+
+    def filled(self, levels: NDArray[np.uint8], source: str) -> Specimen:
+        """The specimen with these levels, shape (z, y, x)."""
+        bone = VoxelBone(levels, spacing=self.spacing, origin=[float(c[0]) for c in self.centers])
+        return Specimen(bone, self.surface, self.axis, source)
+
+
+def block_below_plane(
+    burr: Burr, voxel: float | Vector, *, depth: float | None, axis: Vector, offset: Vector
+) -> Block:
+    """The block of `half_space`, with its parameters and errors."""
+    spacing = np.broadcast_to(np.asarray(voxel, dtype=float), (3,)).copy()
+    if not (np.all(np.isfinite(spacing)) and np.all(spacing > 0)):
+        raise ValueError(f"voxel must be positive and finite, got {voxel!r}")
+    depth = burr.radius / 3 if depth is None else float(depth)
+    if not (np.isfinite(depth) and depth > 0):
+        raise ValueError(f"depth must be positive and finite, got {depth!r}")
+    normal = unit_vector(axis)
+    s = spacing.max()
+    reach, bottom = burr.radius + s, depth + 3 * s
+    width = (
+        np.sqrt(max(2 * reach * (depth + s) - (depth + s) ** 2, 0.0)) if depth + s < reach else reach
+    ) + 2 * s
+    shift = np.asarray(offset, dtype=float)
+    shift = shift - (shift @ normal) * normal
+    across = width * np.sqrt(np.maximum(1 - normal**2, 0.0)) + np.abs(shift)
+    low = np.floor((np.minimum(0, bottom * normal) - across) / spacing + 1e-6)
+    high = np.ceil((np.maximum(0, bottom * normal) + across) / spacing - 1e-6)
+    count = float(np.prod(high - low))
+    if count > MOST_VOXELS:
+        raise ValueError(
+            f"voxel must be coarser: a block for R = {burr.radius:g} mm at {spacing.min():g} mm has {count:.3g} voxels, "
+            f"above {MOST_VOXELS:.3g}"
+        )
+    centers = tuple((np.arange(low[i], high[i]) + 0.5) * spacing[i] for i in range(3))
+    x, y, z = (normal[i] * centers[i] for i in range(3))
+    below = (z[:, None, None] + y[None, :, None] + x[None, None, :]) / np.sqrt(
+        np.sum((spacing * normal) ** 2)
+    )
+    return Block(centers, np.clip(below + 0.5, 0, 1), spacing, np.asarray(shift), normal)
+
+
 def half_space(
     burr: Burr,
     voxel: float | Vector,
@@ -87,37 +148,8 @@ def half_space(
     >>> float(specimen.bone.density.max()), [float(c) for c in specimen.center(0.0, burrlab.Burr(3.0))]
     (255.0, [0.0, 0.0, 3.0])
     """
-    spacing = np.broadcast_to(np.asarray(voxel, dtype=float), (3,)).copy()
-    if not (np.all(np.isfinite(spacing)) and np.all(spacing > 0)):
-        raise ValueError(f"voxel must be positive and finite, got {voxel!r}")
-    depth = burr.radius / 3 if depth is None else float(depth)
-    if not (np.isfinite(depth) and depth > 0):
-        raise ValueError(f"depth must be positive and finite, got {depth!r}")
-    normal = unit_vector(axis)
-    s = spacing.max()
-    reach, bottom = burr.radius + s, depth + 3 * s
-    width = (
-        np.sqrt(max(2 * reach * (depth + s) - (depth + s) ** 2, 0.0)) if depth + s < reach else reach
-    ) + 2 * s
-    shift = np.asarray(offset, dtype=float)
-    shift = shift - (shift @ normal) * normal
-    across = width * np.sqrt(np.maximum(1 - normal**2, 0.0)) + np.abs(shift)
-    low = np.floor((np.minimum(0, bottom * normal) - across) / spacing + 1e-6)
-    high = np.ceil((np.maximum(0, bottom * normal) + across) / spacing - 1e-6)
-    count = float(np.prod(high - low))
-    if count > MOST_VOXELS:
-        raise ValueError(
-            f"voxel must be coarser: a block for R = {burr.radius:g} mm at {spacing.min():g} mm has {count:.3g} voxels, "
-            f"above {MOST_VOXELS:.3g}"
-        )
-    centers = [(np.arange(low[i], high[i]) + 0.5) * spacing[i] for i in range(3)]
-    x, y, z = (normal[i] * centers[i] for i in range(3))
-    below = (z[:, None, None] + y[None, :, None] + x[None, None, :]) / np.sqrt(
-        np.sum((spacing * normal) ** 2)
-    )
-    levels = np.rint(255 * np.clip(below + 0.5, 0, 1)).astype(np.uint8)
-    bone = VoxelBone(levels, spacing=spacing, origin=[c[0] for c in centers])
-    return Specimen(bone, np.asarray(shift), normal, "half-space of solid bone")
+    block = block_below_plane(burr, voxel, depth=depth, axis=axis, offset=offset)
+    return block.filled(np.rint(255 * block.fraction).astype(np.uint8), "half-space of solid bone")
 
 
 def surface_along(

@@ -1,0 +1,354 @@
+"""Inhomogeneous bone: moments and correlation of the field, independence of the grid, and the scatter it predicts."""
+
+from __future__ import annotations
+
+import pickle
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import burrlab
+from burrlab.bone_field import BoneField
+from burrlab.bone_scatter import Scatter, predicted_scatter
+from burrlab.sweep import item_seed
+
+#: Two-sided normal quantile of a false-alarm rate of 1e-6.
+Z = 4.9
+
+
+def sparse(field, n, seed, lags=(0.0, 0.0, 0.0)):
+    """Occupancies at n^3 places 5 L apart (correlation 4e-6), and at those places moved by the lags (x, y, z)."""
+    at = 5 * field.correlation_length * np.arange(n)
+    grids = [np.concatenate([at, at + lag]) if lag else at for lag in lags]
+    values = field.levels(*grids, seed=seed) / 255
+    here = values[:n, :n, :n]
+    there = values[tuple(slice(n, None) if lag else slice(None) for lag in lags[::-1])]
+    return here.ravel(), there.ravel()
+
+
+def velocity(burr, material, force, specimen, seed=1):
+    return burrlab.descend(
+        burr, material, force, specimen=specimen, seed=seed, ideal=True
+    ).penetration_velocity
+
+
+@pytest.mark.parametrize(("mean", "contrast"), [(0.8, 0.1), (0.8, 0.45), (0.3, 0.5), (0.5, 0.2)])
+def test_mean_deviation_and_distribution_are_those_asked_for(mean, contrast):
+    """False-alarm rate 1e-6 a check."""
+    field = BoneField(mean, contrast, 0.4)
+    values, _ = sparse(field, 16, seed=11)
+    sd, n = mean * contrast, values.size
+    total = (1 - mean) / (mean * contrast**2) - 1
+    beta = stats.beta(mean * total, (1 - mean) * total)
+    assert abs(values.mean() - mean) < Z * sd / n**0.5 + 1e-4, "1e-4: rounding to levels"
+    kurtosis = 3 + float(beta.stats(moments="k"))
+    assert abs(values.var() / sd**2 - 1) < Z * ((kurtosis - 1) / n) ** 0.5 + 2e-3, "2e-3: rounding to levels"
+    for k in (0.1, 0.5, 0.9):
+        edge = (np.floor(255 * beta.ppf(k)) + 0.5) / 255
+        share = beta.cdf(edge)
+        assert abs(np.mean(values < edge) - share) <= Z * (share * (1 - share) / n) ** 0.5
+    np.testing.assert_allclose(field.realised, (mean, sd), rtol=2e-3)
+
+
+@pytest.mark.parametrize("contrast", [0.1, 0.4])
+@pytest.mark.parametrize("direction", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)])
+def test_correlation_is_the_one_defined_in_every_direction(contrast, direction):
+    """False-alarm rate 1e-6 a lag."""
+    field = BoneField(0.8, contrast, 0.5)
+    for distance in (0.25, 0.5, 1.0):
+        lags = distance * np.array(direction) / np.linalg.norm(direction)
+        here, there = sparse(field, 14, seed=5, lags=lags)
+        product = (here - 0.8) * (there - 0.8) / (0.8 * contrast) ** 2
+        assert abs(product.mean() - field.correlation(distance)) < Z * product.std() / product.size**0.5
+
+
+def test_correlation_of_the_occupancy_by_its_double_integral():
+    """A beta distribution skews the correlation: the Hermite series against the integral itself."""
+    field = BoneField(0.8, 0.4, 1.0)
+    total = 0.2 / (0.8 * 0.16) - 1
+    node, weight = np.polynomial.hermite_e.hermegauss(80)
+    weight = weight / weight.sum()
+    for distance in (0.3, 1.0, 2.0):
+        rho = np.exp(-(distance**2) / 2)
+        second = rho * node[:, None] + np.sqrt(1 - rho**2) * node
+        values = stats.beta.isf(stats.norm.sf(np.stack(np.broadcast_arrays(node[:, None], second))),
+                                0.8 * total, 0.2 * total) - 0.8  # fmt: skip
+        integral = weight @ (values[0] * values[1]) @ weight / 0.32**2
+        assert field.correlation(distance) == pytest.approx(integral, abs=2e-3)
+    assert field.correlation(0.0) == pytest.approx(1.0)
+    assert BoneField(0.8, 0.0, 1.0).correlation([1.0])[0] == pytest.approx(np.exp(-0.5))
+
+
+def test_same_seed_same_bone_and_others_are_unrelated():
+    """False-alarm rate 1e-6 a pair."""
+    field = BoneField()
+    first = sparse(field, 12, seed=7)[0]
+    assert np.array_equal(first, sparse(field, 12, seed=7)[0])
+    for seed in (0, 8, 7 + 2**32, 2**64 - 1):
+        other = sparse(field, 12, seed=seed)[0]
+        assert abs(np.corrcoef(first, other)[0, 1]) < Z / first.size**0.5
+
+
+def test_field_depends_on_position_alone():
+    field = BoneField(0.7, 0.2, 0.45)
+    x, y, z = (0.1 * np.arange(low, low + 40) + 0.05 for low in (-33, -7, -39))
+    whole = field.levels(x, y, z, seed=3)
+    for cut in (np.s_[5:9, 17:38, 0:3], np.s_[39:40, 1:2, 20:40]):
+        assert np.array_equal(field.levels(x[cut[2]], y[cut[1]], z[cut[0]], seed=3), whole[cut])
+    # A voxel of three times the size has its centre where every third fine one has.
+    assert np.array_equal(field.levels(x[1::3], y[1::3], z[1::3], seed=3), whole[1::3, 1::3, 1::3])
+    assert field.levels([], y, z, seed=3).shape == (40, 40, 0)
+
+
+def test_block_offset_depth_and_voxel_change_nothing_in_the_bone(burr):
+    field = BoneField()
+    plain = field.specimen(burr, 0.1, seed=4)
+    for other in (
+        field.specimen(burr, 0.1, seed=4, offset=(0.73, -0.4, 0.0)),
+        field.specimen(burr, 0.1, seed=4, depth=1.6),
+        field.specimen(burr, 0.3, seed=4),
+    ):
+        step = round(other.bone.spacing[0] / 0.1)
+        fine, coarse = (np.asarray(s.bone.density) for s in (plain, other))
+        shift = (np.array(other.bone.origin) - plain.bone.origin)[::-1] / 0.1
+        at = [np.rint(shift[i]).astype(int) + step * np.arange(coarse.shape[i]) for i in range(3)]
+        inside = [(a >= 0) & (a < n) for a, n in zip(at, fine.shape, strict=True)]
+        common = coarse[np.ix_(*inside)]
+        same = fine[np.ix_(*(a[k] for a, k in zip(at, inside, strict=True)))]
+        assert np.array_equal(common, same)
+        assert common.size > 1000
+        assert common.std() > 10
+
+
+def test_bone_is_below_the_surface_only(burr):
+    field, axis = BoneField(0.6, 0.1, 0.6), (1.0, -0.5, -2.0)
+    solid = burrlab.half_space(burr, 0.2, axis=axis, offset=(0.1, 0.0, 0.0))
+    bone = field.specimen(burr, 0.2, seed=1, axis=axis, offset=(0.1, 0.0, 0.0))
+    full, levels = np.asarray(solid.bone.density), np.asarray(bone.bone.density)
+    assert np.array_equal(bone.surface, solid.surface)
+    assert np.array_equal(bone.axis, solid.axis)
+    assert bone.bone.origin == solid.bone.origin
+    assert not levels[full == 0].any()
+    assert levels[full == 255].mean() == pytest.approx(0.6 * 255, rel=0.05)
+    half = (full > 0) & (full < 255)
+    assert half.any()
+    assert levels[half].mean() == pytest.approx(0.6 * full[half].mean(), rel=0.05)
+
+
+def test_no_contrast_is_the_homogeneous_block(burr):
+    solid = np.asarray(burrlab.half_space(burr, 0.2).bone.density)
+    for mean in (1.0, 0.8, 0.3):
+        specimen = BoneField(mean, 0.0, 0.01).specimen(burr, 0.2, seed=1)
+        levels = np.asarray(specimen.bone.density)
+        assert np.array_equal(levels, np.where(solid == 255, np.rint(255 * mean), 0))
+        assert BoneField(mean, 0.0).realised == (np.rint(255 * mean) / 255, 0.0)
+    assert specimen.source.startswith("half-space of uneven bone, mean 0.3, contrast 0, ")
+
+
+def test_a_field_longer_than_the_block_is_one_level(burr, bone):
+    specimen = BoneField(0.8, 0.1, 1e6).specimen(burr, 0.2, seed=2)
+    levels = np.unique(np.asarray(specimen.bone.density))
+    assert levels.size == 1
+    even = BoneField(float(levels[0]) / 255, 0.0).specimen(burr, 0.2, seed=2)
+    assert velocity(burr, bone, 2.0, specimen) == velocity(burr, bone, 2.0, even)
+
+
+@pytest.mark.parametrize("length", [0.25, 0.6])
+def test_velocity_in_one_bone_does_not_depend_on_the_voxel(burr, bone, length):
+    """Measured: 0.2 mm within 1.4 % of 0.1 mm, though the bones differ by more."""
+    field = BoneField(0.8, 0.2, length)
+    pairs = [
+        [velocity(burr, bone, 2.0, field.specimen(burr, voxel, seed=seed)) for voxel in (0.1, 0.2)]
+        for seed in range(6)
+    ]
+    fine, coarse = np.log(np.array(pairs)).T
+    assert np.abs(coarse - fine).max() < 0.025
+    assert fine.std(ddof=1) > 0.025
+
+
+def test_field_is_small_frozen_and_pickles():
+    field = BoneField(0.7, 0.2, 0.3)
+    assert pickle.loads(pickle.dumps(field)) == field
+    assert len(pickle.dumps(field)) < 300
+    with pytest.raises(AttributeError):
+        field.mean = 0.5
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"mean": 0.0}, "mean must be above 0 and at most 1, got 0.0"),
+        ({"mean": 1.1}, "mean must be above 0 and at most 1, got 1.1"),
+        ({"mean": np.nan}, "mean must be above 0 and at most 1, got nan"),
+        ({"contrast": -0.1}, r"contrast must be 0 or between 0 and sqrt\(\(1 - mean\)/mean\) = 0.5, got -0.1"),
+        ({"contrast": 0.5}, r"contrast must be 0 or between 0 and .* = 0.5, got 0.5"),
+        ({"mean": 1.0}, r"contrast must be 0 or between 0 and .* = 0, got 0.1"),
+        ({"contrast": np.nan}, "contrast must be 0 or between .* got nan"),
+        ({"contrast": 0.004}, "contrast must be 0 or give a standard deviation of at least one level, .* = 0.004902, got 0.004"),
+        ({"correlation_length": 0.0}, "correlation_length must be positive and finite, got 0.0"),
+        ({"correlation_length": np.inf}, "correlation_length must be positive and finite, got inf"),
+    ],
+)  # fmt: skip
+def test_field_parameters_are_checked(parameters, message):
+    with pytest.raises(ValueError, match=message):
+        BoneField(**parameters)
+
+
+def test_specimen_parameters_are_checked(burr):
+    field = BoneField(correlation_length=0.3)
+    for seed in (-1, 2**64):
+        with pytest.raises(ValueError, match=rf"seed must be in 0..2\^64 - 1, got {seed}"):
+            field.specimen(burr, 0.2, seed=seed)
+    with pytest.raises(
+        ValueError, match=r"correlation_length must be at least one voxel, 0\.4 mm, got 0\.3 mm"
+    ):
+        field.specimen(burr, (0.1, 0.1, 0.4), seed=1)
+    with pytest.raises(ValueError, match="voxel must be positive and finite, got 0"):
+        field.specimen(burr, 0.0, seed=1)
+    with pytest.raises(ValueError, match="depth must be positive"):
+        field.specimen(burr, 0.2, depth=-1.0, seed=1)
+    with pytest.raises(ValueError, match="axis must be three finite numbers"):
+        field.specimen(burr, 0.2, seed=1, axis=(0, 0, 0))
+
+
+def predict(field=None, forces=(1.0, 2.0), **options):
+    defaults = {"repeats": 4, "voxel": 0.4, "seed": 3}
+    field = BoneField() if field is None else field
+    burr, bone = burrlab.Burr(3.0), burrlab.materials["bone"]
+    return predicted_scatter(burr, bone, forces, field, **{**defaults, **options})
+
+
+def test_prediction_does_not_depend_on_workers_or_other_forces():
+    alone = predict()
+    with ThreadPoolExecutor(1) as one, ProcessPoolExecutor(2) as many:
+        for other in (predict(executor=one), predict(executor=many)):
+            assert np.array_equal(other.log_velocity, alone.log_velocity)
+            assert np.array_equal(other.homogeneous, alone.homogeneous)
+    assert np.array_equal(predict(forces=(2.0,), repeats=2).log_velocity[0], alone.log_velocity[1, :2])
+    assert len(np.unique(alone.log_velocity)) == 8, "every force and repeat has a bone of its own"
+    again = predict(seed=predict(seed=None, repeats=2, forces=(2.0,)).provenance["seed"], repeats=2)
+    assert again.log_velocity.shape == (2, 2)
+
+
+def test_one_descent_can_be_rerun_by_itself(burr, bone):
+    seed = item_seed(3, 2.0, 1)
+    place = np.random.default_rng([seed & 0xFFFFFFFF, seed >> 32, 1]).uniform(-0.5, 0.5, 3)
+    specimen = BoneField().specimen(burr, 0.4, seed=seed, offset=0.4 * place)
+    assert np.log(velocity(burr, bone, 2.0, specimen, seed)) == predict().log_velocity[1, 1]
+
+
+def test_scatter_grows_with_contrast_and_correlation_length():
+    """The same normal fields at both contrasts; variances at both lengths are 14 times apart, and 3e-8 the chance that 22
+    and 22 degrees of freedom bring them into the wrong order."""
+    options = {"repeats": 12, "voxel": 0.25}
+    weak, strong = (predict(BoneField(0.8, c, 0.5), **options) for c in (0.1, 0.2))
+    assert 1.7 < strong.pooled / weak.pooled < 2.3
+    short, long = (predict(BoneField(0.8, 0.1, length), **options) for length in (0.25, 1.0))
+    assert long.pooled > short.pooled > 5 * short.without_field
+    assert weak.without_field == strong.without_field < 0.01
+
+
+def test_no_contrast_no_shift():
+    even = predict(BoneField(0.8, 0.0))
+    assert np.array_equal(even.shift, [0.0, 0.0])
+    assert np.array_equal(even.shift_error, [0.0, 0.0])
+    assert even.pooled == even.without_field
+
+
+def test_descents_without_a_velocity_are_left_out_and_counted():
+    scatter = predict(forces=(2.0, 5.0))
+    assert scatter.status == ("ok",) * 4 + ("overloaded",) * 4
+    assert list(scatter.n_dof) == [3, 0]
+    assert scatter.pooled == scatter.sd[0]
+    assert np.isnan(scatter.sd[1])
+    assert np.isnan(scatter.interval[1]).all()
+    assert np.isnan(scatter.shift[1])
+    assert np.isnan(scatter.shift_error[1])
+    assert "4 of 8 descents without a velocity are left out" in repr(scatter)
+    scatter.plot()
+    with pytest.raises(ValueError, match="compare needs a force with at least two velocities, got none"):
+        predict(forces=(5.0,)).compare(0.08, 28)
+
+
+def normal_scatter(rng, sd=0.05, shape=(3, 5)):
+    burr, bone = burrlab.Burr(3.0), burrlab.materials["bone"]
+    log = rng.normal(0, sd, shape)
+    return Scatter(np.arange(1.0, 1 + shape[0]), log, 0 * log, ("ok",) * log.size, BoneField(), burr, bone)
+
+
+def test_intervals_and_p_values_are_honest():
+    """Of 1000 predictions from normal ln v: coverage of both intervals and rejections; false-alarm rate 1e-6 each."""
+    rng = np.random.default_rng(1)
+    one = pooled = rejected = 0
+    for _ in range(1000):
+        scatter = normal_scatter(rng)
+        low, high = scatter.pooled_interval
+        pooled += low < 0.05 < high
+        one += scatter.interval[0, 0] < 0.05 < scatter.interval[0, 1]
+        rejected += scatter.compare(rng.normal(0, 0.05, 29).std(ddof=1), 28).p_value < 0.05
+    for misses in (1000 - pooled, 1000 - one, rejected):
+        assert abs(misses - 50) < Z * (1000 * 0.05 * 0.95) ** 0.5
+
+
+def test_verdicts():
+    scatter = normal_scatter(np.random.default_rng(2), shape=(3, 12))
+    low, high = scatter.pooled_interval
+    said = f"the field predicts {100 * scatter.pooled:.1f} % ({100 * low:.1f}..{100 * high:.1f} %), measured "
+    assert scatter.compare(0.2, 28).text.startswith(said + "20.0 %: more than the field explains (p = ")
+    assert "less than the field predicts" in scatter.compare(0.01, 28).text
+    equal = scatter.compare(scatter.pooled, scatter.pooled_n_dof)
+    assert equal.p_value == pytest.approx(1.0)
+    assert "no difference is shown" in equal.text
+    for sd in (0.0, np.nan):
+        with pytest.raises(ValueError, match=f"sd must be positive and finite, got {sd}"):
+            scatter.compare(sd, 28)
+    with pytest.raises(ValueError, match="n_dof must be at least 1, got 0"):
+        scatter.compare(0.08, 0)
+
+
+def test_repr_dict_and_plot():
+    scatter = predict()
+    assert repr(scatter).startswith(
+        "Scatter(bone, R = 3 mm, mean 0.8, contrast 0.1, correlation length 0.5 mm, 1..2 N: sd of"
+    )
+    assert scatter.provenance["seed"] == 3
+    assert scatter.to_dict()["sd_ln_v"] == list(scatter.sd)
+    axes = scatter.plot()
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("force [N]", "standard deviation of ln v [%]")
+    assert scatter.plot(axes) is axes
+    assert pickle.loads(pickle.dumps(scatter)).pooled == scatter.pooled
+
+
+def test_prediction_parameters_are_checked(burr, bone):
+    for forces in ([], 1.0):
+        with pytest.raises(ValueError, match="forces must be a list of at least one force"):
+            predict(forces=forces)
+    for forces in ([1.0, -1.0], [1.0, np.nan], [1.0, 1.0]):
+        with pytest.raises(ValueError, match="every force must be positive and finite, and given once"):
+            predict(forces=forces)
+    with pytest.raises(ValueError, match="repeats must be at least 2, got 1"):
+        predict(repeats=1)
+    with pytest.raises(ValueError, match=r"seed must be in 0..2\^64 - 1, got -1"):
+        predict(seed=-1)
+    with pytest.raises(ValueError, match="dt must be positive and finite, got 0"):
+        predict(dt=0.0)
+    with pytest.raises(ValueError, match="correlation_length must be at least one voxel"):
+        predict(voxel=0.6)
+    for arguments, name in (((3.0, bone, [1.0], BoneField()), "burr"), ((burr, "bone", [1.0], BoneField()), "material"),
+                            ((burr, bone, [1.0], 0.8), "field")):  # fmt: skip
+        with pytest.raises(TypeError, match=f"{name} must be a "):
+            predicted_scatter(*arguments)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("contrast", "length"), [(0.1, 0.25), (0.1, 1.0), (0.2, 0.5)])
+def test_scatter_does_not_depend_on_voxel_or_tick(burr, bone, contrast, length):
+    """The same bones at 0.1 and 0.2 mm, 1 and 0.5 ms: measured, standard deviations within 5 %."""
+    field = BoneField(0.8, contrast, length)
+    fine, coarse = (
+        predicted_scatter(burr, bone, [0.5, 1.0, 2.0], field, voxel=voxel, dt=dt, seed=5)
+        for voxel, dt in ((0.1, 0.5), (0.2, 1.0))
+    )
+    assert coarse.pooled == pytest.approx(fine.pooled, rel=0.1)

@@ -212,7 +212,7 @@ def _sweep(options: Options) -> int:
     curve = burrlab.force_sweep(
         burr, material, options.forces, repeats=options.repeats, voxel=options.voxel or 0.1, dt=options.dt,
         seed=options.seed, scheme=options.scheme, rig=options.rig, specimen=_specimen(options, burr),
-        stop=options.stop, max_duration=options.max_duration, progress=sys.stderr.isatty(),
+        stop=options.stop, max_duration=options.max_duration, store=options.store, progress=sys.stderr.isatty(),
     )  # fmt: skip
     curve.to_csv(options.out)
     if options.plot is not None:
@@ -230,7 +230,10 @@ def _sweep(options: Options) -> int:
     lost = (curve.status or ()).count("interrupted")
     text = f"{len(curve)} descents, {ok} with a velocity, written to {options.out}; seed {result['seed']}"
     text += "".join(f"; {name}" for name in curve.provenance["warnings"])
-    _deliver(options, result, f"{text}; {lost} interrupted" if lost else text)
+    if lost:
+        text += f"; {lost} interrupted"
+        text += "" if options.store is None else f", the same command goes on from {options.store}"
+    _deliver(options, result, text)
     return 130 if lost else 0
 
 
@@ -308,6 +311,10 @@ def _parser() -> argparse.ArgumentParser:
     sweep.add_argument(
         "--rig", action="store_true", help="through controller and virtual rig; else the force is exact"
     )
+    sweep.add_argument(
+        "--store", metavar="FILE", help="keep every descent as it ends (JSON lines), and take from there what an earlier sweep of "
+        "the same parameters and seed has done: an interrupted one goes on; needs --seed",
+    )  # fmt: skip
     _experiment_options(sweep)
     _output_options(sweep)
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from concurrent.futures import Executor
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from tqdm import tqdm
@@ -17,11 +18,40 @@ from burrlab.curve import VelocityCurve
 from burrlab.descent import descend
 from burrlab.provenance import provenance
 from burrlab.specimen import Specimen, Vector
+from burrlab.store import Store
+from burrlab.study import Study, cancel_event
+
+
+@runtime_checkable
+class SpecimenSource(Protocol):
+    """What each descent of a sweep draws a specimen of its own from: small, picklable, a frozen dataclass."""
+
+    def specimen(self, burr: Burr, voxel: float | tuple[float, ...], *, depth: float, seed: int) -> Specimen:
+        """A specimen for a descent to `depth` [mm] on voxels of `voxel` [mm], a function of its arguments alone."""
+        ...
+
+
+@dataclass(frozen=True)
+class _Given:
+    """One specimen for all descents; a store knows it by its numbers."""
+
+    digest: str
+    surface: tuple[float, ...]
+    axis: tuple[float, ...]
+    whole: Specimen = field(compare=False, repr=False)
+
+    @classmethod
+    def of(cls, specimen: Specimen) -> _Given:
+        surface, axis = tuple(specimen.surface.tolist()), tuple(specimen.axis.tolist())
+        return cls(specimen.bone.digest(), surface, axis, specimen)
+
+    def specimen(self, burr: Burr, voxel: float | tuple[float, ...], *, depth: float, seed: int) -> Specimen:
+        return self.whole
 
 
 @dataclass(frozen=True)
 class SweepItem:
-    """One descent of a sweep: small, picklable, and a function of its own parameters and seed alone."""
+    """One descent of a sweep: picklable, and a function of its own parameters and seed alone."""
 
     burr: Burr
     material: Material
@@ -31,6 +61,7 @@ class SweepItem:
     dt: float
     scheme: str
     ideal: bool
+    specimen: SpecimenSource | None
     stop: float | None
     max_duration: float
 
@@ -42,14 +73,27 @@ def item_seed(seed: int, force: float, repeat: int) -> int:
     return int(sequence.generate_state(1, np.uint64)[0])
 
 
+def specimen_seed(seed: int) -> int:
+    """Seed of the specimen that a descent of this seed draws: independent of its erosion and place."""
+    return int(np.random.SeedSequence(seed, spawn_key=(2,)).generate_state(1, np.uint64)[0])
+
+
 Row = tuple[float, float, float, str, tuple[str, ...]]  # velocity, window, status, warnings
+_INTERRUPTED: Row = (np.nan, np.nan, np.nan, "interrupted", ())
 
 
-def _run(item: SweepItem, specimen: Specimen | None, cancel: threading.Event | None) -> Row:
+def run_item(item: SweepItem) -> Row:
+    """Velocity [mm/s], window [mm], status and warnings of one descent of a sweep."""
+    specimen = None
+    if item.specimen is not None:
+        depth = item.burr.radius / 3 if item.stop is None else item.stop
+        specimen = item.specimen.specimen(item.burr, item.voxel, depth=depth, seed=specimen_seed(item.seed))
     run = descend(
         item.burr, item.material, item.force, voxel=item.voxel, dt=item.dt, seed=item.seed, scheme=item.scheme,
-        ideal=item.ideal, specimen=specimen, stop=item.stop, max_duration=item.max_duration, cancel=cancel,
+        ideal=item.ideal, specimen=specimen, stop=item.stop, max_duration=item.max_duration, cancel=cancel_event(),
     )  # fmt: skip
+    if run.status == "interrupted":
+        raise KeyboardInterrupt  # no result: a store must not keep it
     if run.penetration_velocity is None or run.window is None:
         return np.nan, np.nan, np.nan, run.status, run.warnings
     return run.penetration_velocity, *run.window, run.status, run.warnings
@@ -66,10 +110,11 @@ def force_sweep(
     seed: int | None = None,
     scheme: str = "layer",
     rig: bool = False,
-    specimen: Specimen | None = None,
+    specimen: Specimen | SpecimenSource | None = None,
     stop: float | None = None,
     max_duration: float = 120.0,
     executor: Executor | None = None,
+    store: Store | str | os.PathLike[str] | None = None,
     progress: bool = False,
 ) -> VelocityCurve:
     """Penetration velocity at every force, `repeats` times each, in parallel.
@@ -82,14 +127,19 @@ def force_sweep(
         Set-points [N].
     repeats : int
         Descents at each force; each has its own seed and place within the voxel grid.
-    voxel, dt, scheme, specimen, stop, max_duration
+    voxel, dt, scheme, stop, max_duration
         As for `descend`.
+    specimen : Specimen or SpecimenSource, optional
+        Burred by every descent, each on its copy; or what each descent draws its own from, with a seed from its own:
+        an object with a method ``specimen(burr, voxel, *, depth, seed)``. Default: a half-space of solid bone.
     seed : int, optional
         Of the whole sweep; None draws one and records it.
     rig : bool
         Through controller and virtual rig; else the force is held exactly.
     executor : concurrent.futures.Executor, optional
         Default: threads over the cores.
+    store : Store or path, optional
+        Keeps every descent as it ends; those that it knows are not run again. It needs a seed.
     progress : bool
         Show a progress bar on standard error.
 
@@ -102,8 +152,13 @@ def force_sweep(
 
     Raises
     ------
+    TypeError
+        If burr, material, specimen or executor is something else.
     ValueError
-        If no force is given, one is not positive, or repeats is below 1; else as `descend`.
+        If no force is given, one is not positive, repeats is below 1, a store comes without a seed or its file is
+        no store; else as `descend`.
+    StudyInterrupted
+        If the executor died.
 
     Examples
     --------
@@ -121,9 +176,16 @@ def force_sweep(
         raise ValueError(f"every force must be positive and finite, got {forces!r}")
     if repeats < 1:
         raise ValueError(f"repeats must be at least 1, got {repeats}")
+    if specimen is not None and not isinstance(specimen, Specimen | SpecimenSource):
+        raise TypeError(
+            f"specimen must be a Specimen or have a method specimen(burr, voxel, *, depth, seed), got {specimen!r}"
+        )
     if seed is None:
+        if store is not None:
+            raise ValueError("seed must be given with a store, which finds results by it, got None")
         seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
     spacing = voxel if isinstance(voxel, int | float) else tuple(float(v) for v in voxel)
+    drawn = _Given.of(specimen) if isinstance(specimen, Specimen) else specimen
     items = [
         SweepItem(
             burr,
@@ -134,40 +196,28 @@ def force_sweep(
             dt,
             scheme,
             not rig,
+            drawn,
             stop,
             max_duration,
         )
         for f in values
         for k in range(repeats)
     ]
-    own = ThreadPoolExecutor(os.cpu_count()) if executor is None else None
-    cancel = threading.Event() if own is not None else None
-    rows: list[Row] = [(np.nan, np.nan, np.nan, "interrupted", ())] * len(items)
-    pool = executor if executor is not None else own
-    assert pool is not None
-    futures: dict[Future[Row], int] = {}
-    try:
-        # Slow descents first: low forces sink for long.
-        for i in sorted(range(len(items)), key=lambda i: items[i].force):
-            futures[pool.submit(_run, items[i], specimen, cancel)] = i
-        for future in tqdm(as_completed(futures), total=len(items), desc="descents", disable=not progress):
-            rows[futures[future]] = future.result()
-    except KeyboardInterrupt:
-        if cancel is not None:
-            cancel.set()
-    finally:
-        for future in futures:
-            future.cancel()
-        if own is not None:
-            if cancel is not None and any(not f.done() for f in futures):
-                cancel.set()
-            own.shutdown(wait=True)
-    for future, i in futures.items():  # what was done when Ctrl-C came
-        if future.done() and not future.cancelled() and future.exception() is None:
-            rows[i] = future.result()
+    # Slow descents first: low forces sink for long.
+    order = sorted(range(len(items)), key=lambda i: items[i].force)
+    study = Study(run_item, [items[i] for i in order], executor=executor, store=store)
+    with suppress(KeyboardInterrupt):
+        for _ in tqdm(study, total=len(items), desc="descents", disable=not progress):
+            pass
+    rows = [_INTERRUPTED] * len(items)
+    for place, row in study.results.items():
+        rows[order[place]] = row
     table = np.array([row[:3] for row in rows])
     # With the force held exactly to R/3 the window is the default one, which a fit predicts from c_e; written
     # out, its start would be taken as given and its information on c_e lost.
+    about = "half-space of solid bone" if specimen is None else repr(specimen)
+    if isinstance(specimen, Specimen):
+        about = specimen.source
     own_window = rig or stop is not None or specimen is not None
     return VelocityCurve(
         force=np.array([item.force for item in items]),
@@ -178,8 +228,8 @@ def force_sweep(
         status=tuple(row[3] for row in rows),
         source=f"simulated voxel descents, {material.name}",
         provenance=provenance(
-            seed=seed, voxel_mm=list(specimen.bone.spacing) if specimen is not None else spacing,
-            specimen=specimen.source if specimen is not None else "half-space of solid bone",
+            seed=seed, voxel_mm=list(specimen.bone.spacing) if isinstance(specimen, Specimen) else spacing,
+            specimen=about,
             warnings=sorted({text.split(":")[0] for row in rows for text in row[4]}), dt_ms=dt, scheme=scheme, rig=rig, radius_mm=burr.radius, repeats=repeats,
             c_e=material.c_e, alpha=material.alpha, shape=material.shape.name,
         ),

@@ -1,0 +1,268 @@
+"""Results on disk: keys, exact round trips, torn lines, writers side by side."""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+import struct
+import subprocess
+import sys
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import burrlab
+from burrlab.store import Store, key_of
+from burrlab.sweep import SweepItem, run_item
+
+
+@dataclass(frozen=True)
+class Item:
+    number: float
+    parts: tuple = ()
+    note: str = field(default="", compare=False)
+
+
+ITEM = SweepItem(
+    burrlab.Burr(3.0), burrlab.materials["bone"], 1.0, 7, 0.2, 1.0, "layer", True, None, None, 120.0
+)
+
+
+def same(a, b):
+    """Of one type and equal to the bit, through and through."""
+    if type(a) is not type(b):
+        return False
+    if isinstance(a, list | tuple):
+        return len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, dict):
+        return list(a) == list(b) and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, np.ndarray | np.generic):
+        return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+    if isinstance(a, float):
+        return (math.isnan(a) and math.isnan(b)) or struct.pack("d", a) == struct.pack("d", b)
+    return a == b
+
+
+def through(folder, value):
+    path = folder / f"{len(list(folder.iterdir()))}.jsonl"
+    Store(path).add("a", value)
+    return Store(path).get("a")
+
+
+CHANGES = {
+    "burr": burrlab.Burr(math.nextafter(3.0, 4.0)), "force": math.nextafter(1.0, 2.0), "seed": 8, "voxel": (0.2, 0.2, 0.2),
+    "dt": 0.5, "scheme": "cell", "ideal": False, "stop": 1.0, "max_duration": 121.0,
+    "material": burrlab.Material("bone", c_e=2.145, alpha=0.087, shape="linear", source=ITEM.material.source),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_every_parameter_of_a_descent_is_in_its_key(name):
+    assert key_of(run_item, replace(ITEM, **{name: CHANGES[name]})) != key_of(run_item, ITEM)
+
+
+def test_a_key_says_function_item_and_version(monkeypatch):
+    key = key_of(run_item, ITEM)
+    assert key == key_of(run_item, replace(ITEM)), "equal items, equal keys"
+    assert key != key_of(burrlab.descend, ITEM)
+    monkeypatch.setattr("burrlab.store.__version__", "0.0.0")
+    assert key != key_of(run_item, ITEM)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (0.1, math.nextafter(0.1, 1)), (0.0, -0.0), (1, 1.0), (1, True), (1, "1"), ((1, 2), ((1, 2),)), ((), None),
+        (np.zeros(2), np.zeros((2, 1))), (np.zeros(2), np.zeros(2, np.float32)), (np.array([1]), np.array([2])),
+        ({"a": 1}, {"b": 1}), (Item(1.0), (1.0,)), (float("nan"), float("inf")), ("x", ["x"]),
+    ],
+)  # fmt: skip
+def test_what_differs_has_another_key(one, other):
+    assert key_of(run_item, one) != key_of(run_item, other)
+
+
+def test_what_is_the_same_has_the_same_key():
+    assert key_of(run_item, {"a": 1, "b": 2}) == key_of(run_item, {"b": 2, "a": 1})
+    assert key_of(run_item, np.float64(0.1)) == key_of(run_item, 0.1)
+    assert key_of(run_item, Item(1.0, note="x")) == key_of(run_item, Item(1.0, note="y")), "not compared"
+    bone = burrlab.VoxelBone.block((1, 1, 1), 0.1)
+    other = burrlab.VoxelBone.block((1, 1, 1), 0.1, level=254)
+    assert key_of(run_item, bone) == key_of(run_item, bone.copy())
+    assert key_of(run_item, bone) != key_of(run_item, other)
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.lists(inner, max_size=3).map(tuple)
+        | st.dictionaries(st.text(), inner, max_size=3)
+    ),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(value=VALUES)
+def test_results_come_back_to_the_bit(tmp_path_factory, value):
+    assert same(through(tmp_path_factory.mktemp("s"), value), value)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        np.array([0.1, np.nan, -np.inf, -0.0]), np.zeros((2, 0, 3), np.int8), np.array(3.5), np.arange(6).reshape(2, 3).T,
+        np.float32(0.1), np.bool_(True), np.int64(-(2**63)), np.array([1 + 2j]), {"tuple": ({"float": [float("nan")]},)},
+    ],
+)  # fmt: skip
+def test_arrays_and_awkward_results_come_back(tmp_path, value):
+    assert same(through(tmp_path, value), value)
+
+
+def test_a_result_handed_out_can_be_changed(tmp_path):
+    store = Store(tmp_path / "s.jsonl")
+    store.add("a", np.zeros(3))
+    store.get("a")[:] = 1
+    assert not store.get("a").any()
+
+
+@pytest.mark.parametrize(
+    "value", [{1: 2}, {1, 2}, b"x", Item(1.0), np.array([None]), np.array(["x"]), object(), 1 + 2j, [lambda: 1]]
+)  # fmt: skip
+def test_other_results_are_refused(tmp_path, value):
+    store = Store(tmp_path / "s.jsonl")
+    with pytest.raises(TypeError, match="a result that is stored must be made of None, bool"):
+        store.add("a", value)
+    assert len(Store(store.path)) == 0
+
+
+@pytest.mark.parametrize("item", [{1: 2}, b"x", object(), np.array([None]), (1, {2}), Item])
+def test_other_items_are_refused(item):
+    with pytest.raises(TypeError, match="item must be made of None, bool"):
+        key_of(run_item, item)
+
+
+@pytest.mark.parametrize("function", [lambda x: x, functools.partial(round, ndigits=2)])
+def test_functions_without_a_name_are_refused(function):
+    with pytest.raises(TypeError, match="function must be one of a module"):
+        key_of(function, 1)
+
+
+def test_a_store_is_appended_to(tmp_path):
+    path = tmp_path / "s.jsonl"
+    store = Store(path)
+    store.add("a", 1)
+    store.add("a", 2)
+    assert store.get("a") == 1, "the first is kept"
+    before = path.read_bytes()
+    again = Store(path)
+    again.add("b", 2)
+    assert path.read_bytes().startswith(before)
+    assert "a" in again
+    assert "c" not in again
+    assert len(again) == 2
+    assert repr(again) == f"Store({str(path)!r}, 2 results)"
+    with pytest.raises(KeyError, match="c"):
+        again.get("c")
+
+
+def test_a_line_torn_anywhere_is_left_out_and_harms_no_other(tmp_path):
+    """As a kill may leave it, with another process that goes on writing, at every byte."""
+    path = tmp_path / "s.jsonl"
+    Store(path)
+    header = path.stat().st_size
+    Store(path).add("a", (0.5, "é\n"))
+    first = path.stat().st_size
+    Store(path).add("b", [1.5])
+    whole = path.read_bytes()
+    for size in range(len(whole)):
+        path.write_bytes(whole[:size])
+        store = Store(path)
+        assert ("a" in store, "b" in store) == (size >= first, False), size
+        assert ("torn lines left out" in repr(store)) == (
+            size not in (0, header - 1, header, header + 1, first, first + 1)
+        ), size
+        store.add("c", 3)
+        store.add("d", 4)
+        again = Store(path)
+        assert (again.get("c"), again.get("d"), len(again)) == (3, 4, 2 + (size >= first)), size
+
+
+WRITER = """
+import sys
+from burrlab.store import Store
+store = Store(sys.argv[1])
+print("ready", flush=True)
+sys.stdin.readline()
+for i in range(200):
+    store.add(f"{sys.argv[2]}{i}", [i] * (i * 37 % 4000))
+"""
+
+
+def test_processes_may_write_into_one_store(tmp_path):
+    path = tmp_path / "s.jsonl"
+    writers = [
+        subprocess.Popen(
+            [sys.executable, "-c", WRITER, path, name], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        for name in "xyz"
+    ]  # fmt: skip
+    for writer in writers:
+        assert writer.stdout.readline() == "ready\n"
+    for writer in writers:  # all at once
+        writer.stdin.write("\n")
+        writer.stdin.flush()
+    for writer in writers:
+        with writer:
+            assert writer.wait(60) == 0
+    store = Store(path)
+    assert "torn" not in repr(store)
+    assert len(store) == 600
+    for name in "xyz":
+        for i in range(200):
+            assert store.get(f"{name}{i}") == [i] * (i * 37 % 4000)
+
+
+@pytest.mark.parametrize(
+    "content", [b"force_N,velocity_mm_s\n", b"{}\n", b"[1]\n", b"1\n", b"\x93NUMPY\x01\x00", b"{\n"]
+)
+def test_another_file_is_refused_and_left_as_it_is(tmp_path, content):
+    path = tmp_path / "s.csv"
+    path.write_bytes(content + b"x" * (content == b"{\n"))
+    before = path.read_bytes()
+    with pytest.raises(
+        ValueError, match=r"store must be a file of burrlab results or a new one, got .*s\.csv"
+    ):
+        Store(path)
+    assert path.read_bytes() == before
+
+
+def test_another_format_is_refused(tmp_path):
+    path = tmp_path / "s.jsonl"
+    Store(path)
+    path.write_text(path.read_text().replace("1", "2"))
+    with pytest.raises(ValueError, match=r"store must be of format 1, got .* of format 2"):
+        Store(path)
+
+
+def test_a_store_that_cannot_be_written_says_so_at_once(tmp_path):
+    with pytest.raises(OSError, match="none"):
+        Store(tmp_path / "none" / "s.jsonl")
+    with pytest.raises(IsADirectoryError):
+        Store(tmp_path)
+
+
+def test_a_full_disk_is_an_error_and_the_store_goes_on(tmp_path, monkeypatch):
+    store = Store(tmp_path / "s.jsonl")
+    write = os.write
+    monkeypatch.setattr(os, "write", lambda file, text: write(file, text[:20]))
+    with pytest.raises(OSError, match=r"took 20 of \d+ bytes: is the disk full"):
+        store.add("a", 1)
+    assert "a" not in store
+    monkeypatch.undo()
+    store.add("a", 2)
+    assert Store(store.path).get("a") == 2

@@ -1,0 +1,273 @@
+"""Studies: order, executors, interrupts, resuming."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from burrlab.store import Store
+from burrlab.study import Study, StudyInterrupted, cancel_event, cores, run_items
+
+
+@dataclass(frozen=True)
+class Item:
+    number: int
+    folder: str = ""  # where calls are counted, and where a file "poison" makes item 7 fail
+    how: str = ""
+
+
+def work(item: Item) -> tuple[int, float]:
+    """Counts its calls in a file; draws from its own seed."""
+    if item.folder:
+        with open(f"{item.folder}/calls", "a") as file:
+            file.write(f"{item.number}\n")
+        if item.number == 7 and os.path.exists(f"{item.folder}/poison"):
+            if item.how == "kill":
+                time.sleep(0.3)  # so that some are finished
+                os.kill(os.getpid(), signal.SIGKILL)
+            raise ZeroDivisionError("item seven")
+    return item.number, float(np.random.default_rng(item.number).normal())
+
+
+def wait_for_the_end(number: int) -> int:
+    """All but the first three take until the study is over."""
+    if number >= 3:
+        event = cancel_event()
+        assert event is not None
+        assert event.wait(60)
+        raise KeyboardInterrupt
+    return number
+
+
+def calls(folder) -> list[int]:
+    file = folder / "calls"
+    return [int(line) for line in file.read_text().split()] if file.exists() else []
+
+
+def processes(n: int = 2) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(n, mp_context=multiprocessing.get_context("spawn"))
+
+
+class Backwards(ThreadPoolExecutor):
+    """Runs everything when the last item has been handed in, the last first."""
+
+    def __init__(self, expected):
+        super().__init__(1)
+        self.expected, self.waiting = expected, []
+
+    def submit(self, function, /, *arguments):
+        future = Future()
+        self.waiting.append((future, function, arguments))
+        if len(self.waiting) == self.expected:
+            for future, function, arguments in reversed(self.waiting):
+                future.set_result(function(*arguments))
+        return self.waiting[-1][0]
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 1000])
+@pytest.mark.parametrize("workers", [None, 1, 3])
+def test_results_are_in_item_order_whatever_the_workers(chunk, workers):
+    items = [Item(i) for i in range(40)]
+    expected = [work(item) for item in items]
+    if workers is None:
+        assert run_items(work, items, chunk=chunk) == expected
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        assert run_items(work, items, executor=pool, chunk=chunk) == expected
+
+
+def test_order_of_completion_does_not_matter():
+    with Backwards(10) as pool:
+        study = Study(work, [Item(i) for i in range(10)], executor=pool)
+        assert list(study) == list(range(9, -1, -1))
+        assert [study.results[i][0] for i in range(10)] == list(range(10))
+
+
+def test_processes_give_the_same(tmp_path):
+    items = [Item(i) for i in range(20)]
+    expected = [work(item) for item in items]
+    with processes() as pool:
+        assert run_items(work, items, executor=pool) == expected
+        assert run_items(work, items, executor=pool, chunk=6, store=tmp_path / "s.jsonl") == expected
+    assert run_items(work, items, store=tmp_path / "s.jsonl") == expected
+
+
+def test_no_items():
+    assert run_items(work, []) == []
+
+
+def test_progress_counts_what_the_store_has(tmp_path):
+    seen = []
+    items = [Item(i, str(tmp_path)) for i in range(6)]
+    run_items(work, items[:4], store=tmp_path / "s.jsonl")
+    run_items(work, items, store=tmp_path / "s.jsonl", progress=lambda *of: seen.append(of))
+    assert seen == [(i, 6) for i in range(1, 7)]
+    assert sorted(calls(tmp_path)) == list(range(6)), "none twice"
+
+
+def test_another_function_or_item_is_run(tmp_path):
+    store = Store(tmp_path / "s.jsonl")
+    run_items(abs, [-1.0], store=store)
+    assert run_items(round, [-1.0], store=store) == [-1]
+    assert run_items(abs, [-1.5], store=store) == [1.5]
+    assert len(store) == 3
+
+
+@pytest.mark.parametrize("chunk", [1, 5])
+def test_an_error_of_the_function_passes_and_what_is_done_is_kept(tmp_path, chunk):
+    (tmp_path / "poison").touch()
+    items = [Item(i, str(tmp_path)) for i in range(20)]
+    store = Store(tmp_path / "s.jsonl")
+    with ThreadPoolExecutor(1) as pool, pytest.raises(ZeroDivisionError, match="^item seven$"):
+        run_items(work, items, executor=pool, store=store, chunk=chunk)
+    assert len(store) >= 7, "the part of the chunk before it too"
+    done = len(store)
+    (tmp_path / "poison").unlink()
+    before = len(calls(tmp_path))
+    assert run_items(work, items, store=store) == [work(Item(i)) for i in range(20)]
+    assert len(calls(tmp_path)) - before == 20 - done
+
+
+def test_an_error_in_another_process_tells_where(tmp_path):
+    (tmp_path / "poison").touch()
+    with processes(1) as pool, pytest.raises(ZeroDivisionError, match="item seven") as caught:
+        run_items(work, [Item(7, str(tmp_path))], executor=pool)
+    assert any("in work" in note for note in caught.value.__notes__)
+
+
+@pytest.mark.parametrize("chunk", [1, 2])
+def test_a_worker_that_is_killed_loses_nothing_finished(tmp_path, chunk):
+    (tmp_path / "poison").touch()
+    items = [Item(i, str(tmp_path), "kill") for i in range(30)]
+    path = tmp_path / "s.jsonl"
+    with processes() as pool, pytest.raises(StudyInterrupted) as caught:
+        run_items(work, items, executor=pool, store=path, chunk=chunk)
+    done = len(Store(path))
+    assert done >= 6
+    message = (
+        rf"^the executor died after {done} of 30 items \(BrokenProcessPool: .*\); what was finished is in "
+    )
+    assert caught.match(message)
+    assert caught.match(r"s\.jsonl, run again with the same store to go on$")
+    (tmp_path / "poison").unlink()
+    before = len(calls(tmp_path))
+    assert run_items(work, items, store=path) == [work(Item(i)) for i in range(30)]
+    assert len(calls(tmp_path)) - before == 30 - done, "only what is missing"
+
+
+def test_an_executor_that_is_shut_down():
+    with ThreadPoolExecutor(1) as pool:
+        pool.shutdown()
+        with pytest.raises(
+            StudyInterrupted, match=r"died after 0 of 1 items \(RuntimeError: cannot schedule .*with a store"
+        ):
+            run_items(work, [Item(1)], executor=pool)
+
+
+def test_an_executor_that_is_shut_down_in_mid_study(tmp_path):
+    store = Store(tmp_path / "s.jsonl")
+    with (
+        ThreadPoolExecutor(1) as pool,
+        pytest.raises(StudyInterrupted, match=r"died after \d+ of 50 items \(CancelledError\)"),
+    ):
+        run_items(
+            work, [Item(i) for i in range(50)], executor=pool, store=store,
+            progress=lambda done, _: pool.shutdown(wait=False, cancel_futures=True) if done == 1 else time.sleep(0.01),
+        )  # fmt: skip
+    assert len(store) >= 1
+
+
+def test_ctrl_c_ends_the_threads_and_keeps_what_is_done(tmp_path):
+    """A real signal, while all cores are busy with what would take for ever."""
+    store = Store(tmp_path / "s.jsonl")
+    killer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
+    killer.start()
+    with pytest.raises(KeyboardInterrupt):
+        run_items(wait_for_the_end, range(1000), store=store)
+    killer.join()
+    assert len(store) == 3
+    assert threading.active_count() == 1, "the threads made here are gone"
+
+
+@pytest.mark.parametrize("chunk", [1, 4])
+def test_cancel_does_as_ctrl_c_with_threads_of_the_caller(tmp_path, chunk):
+    store, event = Store(tmp_path / "s.jsonl"), threading.Event()
+    with ThreadPoolExecutor(2) as pool, pytest.raises(KeyboardInterrupt):
+        threading.Timer(0.3, event.set).start()
+        run_items(wait_for_the_end, range(1000), executor=pool, store=store, cancel=event, chunk=chunk)
+        pool.shutdown(wait=True)
+    assert len(store) == 3 if chunk == 1 else len(store) <= 3
+
+
+def test_ctrl_c_in_the_progress_keeps_what_is_done(tmp_path):
+    def stop(done, total):
+        if done == 3:
+            raise KeyboardInterrupt
+
+    store = Store(tmp_path / "s.jsonl")
+    items = [Item(i, str(tmp_path)) for i in range(1000)]
+    with processes(1) as pool, pytest.raises(KeyboardInterrupt):
+        run_items(work, items, executor=pool, store=store, progress=stop)
+    assert len(store) >= 3
+    assert len(calls(tmp_path)) < 1000, "what was not begun is not run"
+
+
+KILLED = """
+import sys
+from test_study import Item, processes, slowly
+from burrlab.study import run_items
+if __name__ == "__main__":
+    run_items(slowly, [Item(i, sys.argv[1]) for i in range(200)], store=sys.argv[1] + "/s.jsonl")
+"""
+
+
+def slowly(item: Item) -> tuple[int, float]:
+    time.sleep(0.02)
+    return work(item)
+
+
+def test_a_study_that_is_killed_goes_on(tmp_path):
+    """SIGKILL to the process that runs it: as a time limit, an empty battery, a full memory do."""
+    path = tmp_path / "s.jsonl"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([p for p in sys.path if p])}
+    with subprocess.Popen([sys.executable, "-c", KILLED, tmp_path], env=environment) as process:
+        deadline = time.monotonic() + 60
+        while len(calls(tmp_path)) < 20 and time.monotonic() < deadline:
+            time.sleep(0.02)
+        process.kill()
+    done, begun = len(Store(path)), len(calls(tmp_path))
+    assert 20 - cores() <= done <= begun <= done + 2 * cores()
+    items = [Item(i, str(tmp_path)) for i in range(200)]
+    assert run_items(slowly, items, store=path, executor=None, chunk=10) == [
+        work(Item(i)) for i in range(200)
+    ]
+    assert len(calls(tmp_path)) - begun == 200 - done
+
+
+def unstorable(number: int) -> set[int]:
+    return {number}
+
+
+def test_bad_arguments(tmp_path):
+    with pytest.raises(TypeError, match=r"of a dask client its client\.get_executor\(\), got 'threads'"):
+        run_items(work, [Item(1)], executor="threads")
+    for chunk in (0, 1.5):
+        with pytest.raises(ValueError, match=f"chunk must be a whole number from 1, got {chunk}"):
+            run_items(work, [Item(1)], chunk=chunk)
+    with pytest.raises(TypeError, match="a result that is stored"):
+        run_items(unstorable, [1, 2], store=tmp_path / "s.jsonl")
+    with pytest.raises(TypeError, match="item must be made of"):
+        run_items(unstorable, [object()], store=tmp_path / "s.jsonl")
+    (tmp_path / "other").write_text("text")
+    with pytest.raises(ValueError, match="store must be a file of burrlab results"):
+        run_items(work, [Item(1)], store=tmp_path / "other")

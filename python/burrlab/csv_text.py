@@ -51,9 +51,7 @@ def positive_problem(value: float, unit: str, *, or_zero: bool = False) -> str |
     return f"must be a finite number {'at least 0' if or_zero else 'above 0'}, in {unit}: got {value!r}"
 
 
-def read(
-    file: Path | IO[str] | IO[bytes], layout: Layout
-) -> tuple[str, dict[str, str], dict[str, list[Any]]]:
+def read(file: Path | IO[str] | IO[bytes], layout: Layout) -> tuple[str, dict[str, str], dict[str, Any]]:
     """The file's name, the comments above its table, and its columns by the names of their fields."""
     name, text = _text(file)
     comments: dict[str, str] = {}

@@ -16,16 +16,18 @@ from burrlab._core import (
     penetration,
 )
 from burrlab.curve import VelocityCurve
+from burrlab.depth_trace import DepthTrace
 from burrlab.descent import descend
 from burrlab.descent_result import Descent
 from burrlab.fitting.fit import Fit, fit
+from burrlab.indentation import Indentation
 from burrlab.master_curve import MasterCurve, penetration_velocity
 from burrlab.materials import materials
 from burrlab.mean_field import MeanFieldDescent, mean_field_descent, thin_layer_velocity
 from burrlab.rig import Rig, RigReading, VirtualRig
 from burrlab.specimen import Specimen, half_space, surface_along
 from burrlab.sweep import force_sweep
-from burrlab.synthetic import synthetic_curve
+from burrlab.synthetic import synthetic_curve, synthetic_indentation, synthetic_trace
 from burrlab.volume import Volume, read_volume
 
 __all__ = [
@@ -33,9 +35,11 @@ __all__ = [
     "BurrContact",
     "Contact",
     "ContactSeries",
+    "DepthTrace",
     "Descent",
     "Fit",
     "ForceController",
+    "Indentation",
     "MasterCurve",
     "Material",
     "MeanFieldDescent",
@@ -62,5 +66,7 @@ __all__ = [
     "read_volume",
     "surface_along",
     "synthetic_curve",
+    "synthetic_indentation",
+    "synthetic_trace",
     "thin_layer_velocity",
 ]

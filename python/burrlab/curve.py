@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import html
-import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from typing import IO, TYPE_CHECKING, Any, TypeAlias
+from dataclasses import dataclass, field
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from burrlab import curve_csv
+from burrlab import curve_csv, dataset
+from burrlab.csv_text import Path, plain
+from burrlab.dataset import Floats
 
 if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
-
-Floats: TypeAlias = NDArray[np.float64]
-Path: TypeAlias = str | os.PathLike[str]
 
 _NUMBERS = ("force", "velocity", "sigma", "window_start", "window_end")
 
@@ -94,10 +91,10 @@ class VelocityCurve:
     ) -> None:
         arrays = (force, velocity, sigma, window_start, window_end)
         for name, values in zip(_NUMBERS, arrays, strict=True):
-            object.__setattr__(self, name, None if values is None else _frozen(name, values))
+            object.__setattr__(self, name, None if values is None else dataset.frozen(name, values))
         object.__setattr__(self, "status", None if status is None else tuple(map(str, status)))
         object.__setattr__(self, "source", " ".join(str(source).split()))
-        object.__setattr__(self, "provenance", curve_csv.plain(provenance or {}))
+        object.__setattr__(self, "provenance", plain(provenance or {}))
         object.__setattr__(self, "radius", None if radius is None else float(radius))
         self._check()
 
@@ -184,11 +181,7 @@ class VelocityCurve:
         ImportError
             If pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError:
-            raise ImportError("to_frame needs pandas: pip install 'burrlab[pandas]'") from None
-        return pandas.DataFrame(curve_csv.table(self))
+        return dataset.frame(curve_csv.table(self))
 
     def plot(self, ax: Axes | None = None, *, log: bool = False) -> Axes:
         """Draw the velocities as squares over the force, with error bars where sigma is known.
@@ -204,8 +197,6 @@ class VelocityCurve:
         -------
         matplotlib Axes
         """
-        from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
-
         from burrlab.figures import tidy
 
         if ax is None:
@@ -214,17 +205,12 @@ class VelocityCurve:
             ax = pyplot.subplots(figsize=(4.8, 3.6), layout="constrained")[1]
         ok = self.ok
         force, velocity = self.force[ok], self.velocity[ok]
-        label = next(
-            (f"{kind} data" for kind in ("synthetic", "simulated") if self.source.startswith(kind)), "data"
-        )
+        label = dataset.data_label(self.source)
         if self.sigma is not None:
             ax.errorbar(force, velocity, self.sigma[ok], fmt="none", ecolor="black", elinewidth=0.8, zorder=3)
         ax.plot(force, velocity, "s", color="black", mfc="white", ms=4.5, mew=0.9, label=label, zorder=3)
         if log:
-            ax.set(xscale="log", yscale="log")
-            ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            ax.xaxis.set_major_formatter(FormatStrFormatter("%g"))
-            ax.xaxis.set_minor_formatter(NullFormatter())
+            dataset.log_axes(ax)
         ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")
         return tidy(ax)
 
@@ -234,7 +220,7 @@ class VelocityCurve:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, VelocityCurve):
             return NotImplemented
-        return all(_same(getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        return dataset.equal(self, other)
 
     __hash__ = None  # type: ignore[assignment]  # it holds arrays
 
@@ -244,31 +230,4 @@ class VelocityCurve:
         return f"VelocityCurve({len(self)} rows, {self.ok.sum()} with a velocity, {forces}{source})"
 
     def _repr_html_(self) -> str:
-        table = curve_csv.table(self)
-        head = "".join(f"<th>{name}</th>" for name in table)
-        rows = zip(*table.values(), strict=True)
-        body = "".join(
-            "<tr>" + "".join(f"<td>{_cell(value)}</td>" for value in row) + "</tr>" for row in rows
-        )
-        title = f"<p>{html.escape(repr(self))}</p>"
-        return f"{title}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-
-
-def _frozen(name: str, values: ArrayLike) -> Floats:
-    array = np.array(values, dtype=np.float64)
-    if array.ndim != 1:
-        raise ValueError(f"{name} must have one dimension: got shape {array.shape}")
-    array.flags.writeable = False
-    return array
-
-
-def _same(a: object, b: object) -> bool:
-    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
-        return np.array_equal(a, b, equal_nan=True)
-    return a is b if a is None or b is None else bool(a == b)
-
-
-def _cell(value: object) -> str:
-    if isinstance(value, float):
-        return "" if np.isnan(value) else f"{value:.5g}"
-    return html.escape(str(value))
+        return dataset.html_table(repr(self), curve_csv.table(self))

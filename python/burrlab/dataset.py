@@ -1,0 +1,76 @@
+"""What data sets have in common: read-only columns, equality, tables for pandas and notebooks."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.axes import Axes
+
+Floats: TypeAlias = NDArray[np.float64]
+
+
+def frozen(name: str, values: ArrayLike) -> Floats:
+    """A read-only copy of a column; ValueError unless it has one dimension."""
+    array = np.array(values, dtype=np.float64)
+    if array.ndim != 1:
+        raise ValueError(f"{name} must have one dimension: got shape {array.shape}")
+    array.flags.writeable = False
+    return array
+
+
+def equal(one: Any, other: Any) -> bool:
+    """Whether all fields of two data sets of one class are the same; NaN is the same as NaN."""
+    return all(_same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
+
+
+def frame(columns: Mapping[str, Sequence[Any]]) -> pandas.DataFrame:
+    """The columns as a pandas DataFrame; ImportError with one sentence without pandas."""
+    try:
+        import pandas
+    except ImportError:
+        raise ImportError("to_frame needs pandas: pip install 'burrlab[pandas]'") from None
+    return pandas.DataFrame(dict(columns))
+
+
+def html_table(title: str, columns: Mapping[str, Sequence[Any]]) -> str:
+    """A title and a table for notebooks."""
+    head = "".join(f"<th>{html.escape(name)}</th>" for name in columns)
+    rows = zip(*columns.values(), strict=True)
+    body = "".join("<tr>" + "".join(f"<td>{_cell(value)}</td>" for value in row) + "</tr>" for row in rows)
+    title = f"<p>{html.escape(title)}</p>"
+    return f"{title}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def data_label(source: str) -> str:
+    """The name of data in a legend, which says where they were not measured."""
+    return next((f"{kind} data" for kind in ("synthetic", "simulated") if source.startswith(kind)), "data")
+
+
+def log_axes(ax: Axes) -> None:
+    """Both axes logarithmic, the lower one with plain numbers."""
+    from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+
+    ax.set(xscale="log", yscale="log")
+    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+    ax.xaxis.set_minor_formatter(NullFormatter())
+
+
+def _same(a: object, b: object) -> bool:
+    if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
+        return np.array_equal(a, b, equal_nan=True)
+    return a is b if a is None or b is None else bool(a == b)
+
+
+def _cell(value: object) -> str:
+    if isinstance(value, float):
+        return "" if np.isnan(value) else f"{value:.5g}"
+    return html.escape(str(value))

@@ -133,7 +133,9 @@ class Bootstrap:
 
     def __repr__(self) -> str:
         ends = ", ".join(
-            f"{name} {_text(levels['95'])}" for name, levels in self.intervals.items() if name != "combination"
+            f"{name} {_text(levels['95'])}"
+            for name, levels in self.intervals.items()
+            if name != "combination"
         )
         return (
             f"Bootstrap({self.kind}, {len(self.c_e)} replicates, seed {self.seed}: 95 % percentiles {ends}; "
@@ -157,7 +159,9 @@ class Bootstrap:
 
 def _percentiles(values: Floats, level: float) -> Interval:
     ends = np.sort(values)[
-        np.clip(np.round(np.array([0.5 - level / 2, 0.5 + level / 2]) * (len(values) - 1)), 0, None).astype(int)
+        np.clip(np.round(np.array([0.5 - level / 2, 0.5 + level / 2]) * (len(values) - 1)), 0, None).astype(
+            int
+        )
     ]
     lower, upper = (float(end) if np.isfinite(end) else None for end in ends)
     return Interval(lower, upper)

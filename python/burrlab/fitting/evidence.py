@@ -10,7 +10,7 @@ import numpy as np
 
 from burrlab._core import Shape
 from burrlab.depth_trace import DepthTrace
-from burrlab.fitting.hypotheses import HypothesisTest, fall_with_depth, lack_of_fit
+from burrlab.fitting.hypotheses import fall_with_depth, lack_of_fit
 from burrlab.fitting.likelihood import Calibration, Likelihood, Scatter
 from burrlab.fitting.observations import SEGMENTS, Data, Floats, Observations
 from burrlab.fitting.profile import Domain, Profile, profile
@@ -148,7 +148,9 @@ def describe(likelihood: Likelihood, best: tuple[float, float], data: Sequence[D
         "n_points": len(o),
         "n_skipped": o.n_skipped,
         "n_censored": o.n_censored,
-        "lack_of_fit": lack_of_fit(likelihood, likelihood.velocity_residuals(unit, alpha)) if usable else None,
+        "lack_of_fit": lack_of_fit(likelihood, likelihood.velocity_residuals(unit, alpha))
+        if usable
+        else None,
         "fall": fall_with_depth(likelihood, unit, _errors(o, data)) if usable else None,
     }
 
@@ -158,5 +160,5 @@ def _errors(o: Observations, data: Sequence[Data]) -> Floats:
     errors = np.full(len(o.force), np.nan)
     for one, (_, rows) in zip(data, o.rows, strict=True):
         if isinstance(one, DepthTrace):
-            errors[rows] = one.segments(SEGMENTS).error
+            errors[rows] = one.segments(SEGMENTS).log_sigma
     return errors

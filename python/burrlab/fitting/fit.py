@@ -135,8 +135,7 @@ def fit(
     likelihood, which is zero beyond.
 
     While every window begins above static contact (phi = F/(c_e R^2) < 0.068), predictions depend on
-    alpha/c_e^(8/3) alone: a ridge. `status` is ``"ridge"`` where the fit lies there, or where the 95 % interval
-    of c_e is open above.
+    alpha/c_e^(8/3) alone: a ridge. `status` is ``"ridge"`` where the 95 % interval of c_e is open above.
 
     Intervals and regions are profile likelihoods with limits from the F distribution
     (`burrlab.fitting.likelihood.Calibration`). The voxel engine predicts v = alpha times a function of c_e that is
@@ -182,7 +181,8 @@ def fit(
     likelihood = Likelihood(observations, residuals, MeanFieldModel(observations, shape))
     ends = search(_objective(likelihood), box, _ridge_alpha(likelihood), starts=starts, seed=seed)
     settings: dict[str, Any] = {}
-    table, record, made = None, (), None
+    table, made = None, None
+    record: tuple[tuple[float, float], ...] = ()
     if engine == "voxel":
         given = VoxelSettings(voxel, dt, rig, specimen, replicates)
         settings = given.described()
@@ -198,7 +198,9 @@ def fit(
 
     best = _best(ends)
     evidence = weigh(likelihood, shape, box, bounds, best.end, table) if np.isfinite(best.objective) else None
-    if evidence is not None and evidence.better is not None:  # the walk along c_e found what the searches missed
+    if (
+        evidence is not None and evidence.better is not None
+    ):  # the walk along c_e found what the searches missed
         ends = (*ends, _local(likelihood, box, evidence.better, "walk along c_e"))
         best = _best(ends)
         evidence = weigh(likelihood, shape, box, bounds, best.end, table)

@@ -67,7 +67,11 @@ def lack_of_fit(likelihood: Likelihood, residuals: Floats) -> HypothesisTest | N
         p = float(stats.chi2.sf(S, nu))
         agree = "agrees with" if p >= 0.05 else "contradicts"
         return HypothesisTest(
-            name, S, (nu,), p, f"The scatter {agree} the given sigma: chi-square {S:.3g} of {nu}, {p_text(p)}."
+            name,
+            S,
+            (nu,),
+            p,
+            f"The scatter {agree} the given sigma: chi-square {S:.3g} of {nu}, {p_text(p)}.",
         )
     o = likelihood.observations
     single = o.run < 0
@@ -117,10 +121,9 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats, errors: Floats) -> Hyp
     said = f"first over last segment {measured:.3g}, {np.exp(expected[0] - expected[-1]):.3g} by the model"
     if runs > 1:
         above, below = segments - 1, (runs - 1) * (segments - 1)
-        F = float(
-            (runs * np.sum(pattern**2) / above) / max(np.sum((table - pattern) ** 2) / below, 1e-12)
-        )
-        p, freedom = float(stats.f.sf(F, above, below)), (float(above), float(below))
+        F = float((runs * np.sum(pattern**2) / above) / max(np.sum((table - pattern) ** 2) / below, 1e-12))
+        p = float(stats.f.sf(F, above, below))
+        freedom: tuple[float, ...] = (float(above), float(below))
         number = f"F({above}, {below}) = {F:.3g}"
     else:
         weight = errors[o.run == 0] ** -2
@@ -130,7 +133,11 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats, errors: Floats) -> Hyp
         number = f"chi-square {F:.3g} of {segments - 1}"
     agree = "agrees with" if p >= 0.05 else "contradicts"
     return HypothesisTest(
-        name, F, freedom, p, f"The fall of velocity with depth {agree} the model ({said}): {number}, {p_text(p)}."
+        name,
+        F,
+        freedom,
+        p,
+        f"The fall of velocity with depth {agree} the model ({said}): {number}, {p_text(p)}.",
     )
 
 

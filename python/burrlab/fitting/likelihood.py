@@ -175,7 +175,9 @@ class Likelihood:
         tables: list[tuple[str, bool, Floats, Floats, int]] = []
         r = self.velocity_residuals(unit, alpha)
         by_alpha = (
-            np.full(self.n, -1.0) if self.kind == "relative" else r[1] - self.velocity_residuals(unit[1], 2 * alpha)
+            np.full(self.n, -1.0)
+            if self.kind == "relative"
+            else r[1] - self.velocity_residuals(unit[1], 2 * alpha)
         )
         if self.kind != "relative":
             by_alpha = -by_alpha  # v is linear in alpha: one doubling is the derivative by log alpha
@@ -215,7 +217,7 @@ class Likelihood:
     def _normal(r: Floats, n: int, known: bool) -> float:
         S = float(np.sum(r**2))
         if known:
-            return -0.5 * (S + n * np.log(2 * np.pi))
+            return -0.5 * (S + n * float(np.log(2 * np.pi)))
         return -0.5 * n * float(np.log(2 * np.pi * (S / n + 1e-30)) + 1)
 
 

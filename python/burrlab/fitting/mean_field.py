@@ -39,7 +39,8 @@ class MeanFieldModel:
         stiffness = np.asarray(c_e, dtype=np.float64)[..., None]
         ratio = np.empty((*stiffness.shape[:-1], len(self._radius)))
         for start, end, pressure, rows, inverse in self._groups:
-            ratio[..., rows] = self._curve.velocity_ratio(pressure / stiffness, start, end)[..., inverse]
+            distinct = np.asarray(self._curve.velocity_ratio(pressure / stiffness, start, end))
+            ratio[..., rows] = distinct[..., inverse]
         return 1e3 * self._radius * ratio  # 1/ms is 1000/s
 
     def predict(self, c_e: float, alpha: float) -> Floats:

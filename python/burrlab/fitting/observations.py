@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias, Union
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ Floats: TypeAlias = NDArray[np.float64]
 Rows: TypeAlias = NDArray[np.intp]
 ResidualKind: TypeAlias = Literal["relative", "absolute", "sigma"]
 Bounds: TypeAlias = dict[str, tuple[float, float]]
-Data: TypeAlias = Union[VelocityCurve, Indentation, DepthTrace]
+Data: TypeAlias = VelocityCurve | Indentation | DepthTrace
 
 WINDOW_START, WINDOW_END = 1 / 6, 1 / 3  # of the default window, in radii (model, section 4)
 SEGMENTS = 5  # parts of equal depth that a trace is compared in
@@ -79,14 +79,12 @@ class Observations:
                 parts = one.segments(SEGMENTS)
                 n = len(parts.velocity)
                 columns = [np.full(n, one.force), parts.velocity, np.full(n, np.nan)]
-                columns += [parts.start, parts.end, np.full(n, radius), np.full(n, n_runs)]
+                columns += [parts.start_mm, parts.end_mm, np.full(n, radius), np.full(n, n_runs)]
                 n_runs += 1
             else:
                 ok, n = one.ok, int(one.ok.sum())
                 absent = np.full(len(one), np.nan)
-                table = [
-                    absent if c is None else c for c in (one.sigma, one.window_start, one.window_end)
-                ]
+                table = [absent if c is None else c for c in (one.sigma, one.window_start, one.window_end)]
                 columns = [c[ok] for c in (one.force, one.velocity, *table)]
                 columns += [np.full(n, radius), np.full(n, -1)]
                 over = np.array([s == "overloaded" for s in one.status or len(one) * ("",)])
@@ -99,9 +97,16 @@ class Observations:
         tables = [np.concatenate(c) for c in zip(*velocity, strict=True)] if velocity else [empty] * 7
         presses = [np.concatenate(c) for c in zip(*pressed, strict=True)] if pressed else [empty] * 3
         made = cls(
-            *tables[:6],
-            tables[6].astype(np.intp),
-            *presses,
+            force=tables[0],
+            velocity=tables[1],
+            sigma=tables[2],
+            window_start=tables[3],
+            window_end=tables[4],
+            radius=tables[5],
+            run=tables[6].astype(np.intp),
+            pressed=presses[0],
+            pressed_sigma=presses[1],
+            pressed_unit=presses[2],
             rows=tuple(rows),
             ceiling=float(min(ceilings)),
             n_skipped=n_skipped,

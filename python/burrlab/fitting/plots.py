@@ -115,7 +115,7 @@ def plot_region(fit: Fit, ax: Axes | None, points: Mapping[str, tuple[float, flo
     ax = _axes(ax)
     assert fit.evidence is not None
     widest = 12 * fit.c_e
-    for level in reversed(LEVELS):
+    for level in reversed(list(LEVELS)):
         region = fit.evidence.profile.regions[level]
         near = region.c_e <= widest
         suffix = ", open above" if region.open_above else ""

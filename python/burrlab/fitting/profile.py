@@ -210,7 +210,9 @@ def profile(
         exponent,
         best[1] / best[0] ** exponent,
         {
-            name: _range_of_combination(walk, exponent, reach(along, name), open_above[name] and exponent != ridge)
+            name: _range_of_combination(
+                walk, exponent, reach(along, name), open_above[name] and exponent != ridge
+            )
             for name in LEVELS
         },
     )

@@ -163,10 +163,12 @@ def ridge(r: Ridge, fit: Fit) -> str:
     combination = f"alpha/c_e^{r.exponent:.4g} = {r.value:.4g} (1/ms)/(N/mm^2)^{r.exponent:.4g}"
     largest = f"The largest phi = F/(c_e R^2) is {r.max_phi:.3g}"
     if r.on_ridge:
-        return (
-            f"{largest}, and every window begins above static contact: only {combination} is determined, "
-            "c_e and alpha may be moved together along it."
+        alone = (
+            "only that is determined, c_e and alpha may be moved together along it"
+            if not r.excluded
+            else "what tells c_e from alpha is how the exponent departs from that, or the other data"
         )
+        return f"{largest}, every window begins above static contact, and velocities go with {combination}: {alone}."
     if not r.excluded:
         return (
             f"{largest} at the fitted c_e, but larger c_e with {combination} fit nearly as well "

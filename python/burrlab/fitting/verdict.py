@@ -29,8 +29,8 @@ class Ridge:
     """
 
     max_phi: float  #: largest F/(c_e R^2) of the fitted rows, at the fitted c_e
-    on_ridge: bool  #: the fitted point lies on the ridge: all phi < 0.068 in the default window
-    excluded: bool  #: c_e's 95 % interval, or its bounds, end before the ridge goes on without end
+    on_ridge: bool  #: at the fit the velocities lie on the ridge: all phi < 0.068 in the default window
+    excluded: bool  #: c_e's 95 % interval has an upper end, or the bounds end before the ridge begins
     exponent: float  #: 4 (k + 1)/3 for f with a zero of order k: 8/3 for parabolic
     value: float  #: alpha/c_e^exponent on the ridge [1/ms (mm^2/N)^exponent]
     residual: float  #: RMS residual of the velocities on the ridge, in the unit of the fit's
@@ -48,7 +48,7 @@ def ridge_of(likelihood: Likelihood, exponent: float, best: tuple[float, float],
     at = c_e if on_ridge else entry / _RIDGE_PHI
     alpha_there = float(likelihood.at(at).best_alpha[0])
     r = likelihood.velocity_residuals(likelihood.model.unit(at), alpha_there)
-    excluded = not on_ridge and profile.intervals["c_e"]["95"].upper is not None
+    excluded = profile.intervals["c_e"]["95"].upper is not None
     if profile.c_e[-1] <= entry:  # bounds end below it
         excluded = True
     return Ridge(
@@ -68,7 +68,7 @@ def status_of(
     at = bound_reached(observations, box, best.end)
     if not settled and not at:
         return "not-converged", f"The best search stopped short of a minimum (nlopt: {best.result})."
-    if ridge.on_ridge or not ridge.excluded:
+    if not ridge.excluded:
         combination = f"alpha/c_e^{ridge.exponent:.4g}"
         return "ridge", f"These data determine {combination}, but not c_e and alpha apart. {at}".strip()
     if at:

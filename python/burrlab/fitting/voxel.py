@@ -28,6 +28,8 @@ Window: TypeAlias = tuple[float | None, float | None]  # in radii; None is the d
 
 _LONGEST = 3600.0  # a descent that takes longer than this is stalled [s of simulated time]
 _NODES, _DEGREE = 10, 3  # points in log c_e, and the polynomial through the deviations from mean-field there
+_CLOSE = (1.002, 1.05, 1.12)  # points above the bound of c_e, where windows get short
+_HALVINGS = 5  # of the gap below the lowest c_e at which every force has a window
 _ROUNDS = 4  # of tables, while the best alpha or c_e moves away from the table's
 _MOVED = 0.2  # in log alpha: there the velocity is no longer proportional to alpha within the scatter
 _RIDGE_PART = 2.0  # the table ends at twice the c_e at which the ridge begins: further on nothing changes
@@ -71,7 +73,7 @@ class VoxelDescent:
     seed: int
 
     def velocities(self) -> list[float]:
-        """Penetration velocity [mm/s] over each window; NaN where there is no number."""
+        """Penetration velocity [mm/s] over each window; NaN without a number, infinite without a window."""
         R, given = self.burr.radius, self.settings
         windows = [
             (R * (WINDOW_START if start is None else start), R * (WINDOW_END if end is None else end))
@@ -93,6 +95,8 @@ class VoxelDescent:
             stop=stop,
             max_duration=_LONGEST,
         )
+        if run.status == "overloaded":
+            return [np.inf] * len(windows)
         if run.status not in ("ok", "window-too-short", "never-settled"):
             return [np.nan] * len(windows)
         numbers = []
@@ -121,7 +125,7 @@ class VoxelTable:
     Attributes
     ----------
     low, high : float
-        Range of the descents' c_e [N/mm^2]. Below it some force has no number; above, the last value holds.
+        Range of the descents' c_e [N/mm^2]. Below it some force has no window; above, the last value holds.
     coefficients : ndarray, shape (replicates, rows, 4)
         By rising power of log(c_e/low).
     error : float
@@ -185,10 +189,14 @@ class VoxelEngine:
                 here = rows[(pairs == (radius, force)).all(axis=1)]
                 self._rows.setdefault((radius, force), {})[window] = here
 
-    def velocities(self, points: list[tuple[float, float]]) -> Floats:
-        """Velocity [mm/s] of every row at each (c_e, alpha): shape (points, replicates, rows)."""
-        items, places = [], []
-        for i, (c_e, alpha) in enumerate(points):
+    def velocities(self, points: Floats) -> Floats:
+        """Velocity [mm/s] of every row at each (c_e, alpha): shape (points, replicates, rows).
+
+        NaN where a descent gave no number, infinite where static contact passed the window's end.
+        """
+        items: list[VoxelDescent] = []
+        places: list[tuple[int, int, list[Rows]]] = []
+        for i, (c_e, alpha) in enumerate(points.tolist()):
             material = Material("trial", c_e=c_e, alpha=alpha, shape=self._shape)
             for (radius, force), windows in self._rows.items():
                 for k in range(self._settings.replicates):
@@ -197,14 +205,20 @@ class VoxelEngine:
                         VoxelDescent(Burr(radius), material, force, tuple(windows), self._settings, seed)
                     )
                     places.append((i, k, list(windows.values())))
-        order = sorted(range(len(items)), key=lambda j: items[j].force)  # small forces first: they sink for long
+        order = sorted(
+            range(len(items)), key=lambda j: items[j].force
+        )  # small forces first: they sink for long
         found = run_items(
-            sink, [items[j] for j in order], executor=self._executor, store=self._store, progress=self._progress
+            sink,
+            [items[j] for j in order],
+            executor=self._executor,
+            store=self._store,
+            progress=self._progress,
         )
         velocity = np.full((len(points), self._settings.replicates, len(self._observations.force)), np.nan)
         for j, values in zip(order, found, strict=True):
-            i, k, windows = places[j]
-            for rows, value in zip(windows, values, strict=True):
+            i, k, tables = places[j]
+            for rows, value in zip(tables, values, strict=True):
                 velocity[i, k, rows] = value
         return velocity
 
@@ -212,49 +226,78 @@ class VoxelEngine:
         self, mean_field: Likelihood, box: Box, start: tuple[float, float]
     ) -> tuple[VoxelTable, tuple[tuple[float, float], ...]] | str:
         """The table and the points it was made from; or a sentence, where too few points have a number."""
-        o, likelihood, seen = self._observations, mean_field, []
+        o, likelihood = self._observations, mean_field
+        seen: list[tuple[float, float]] = []
         base = MeanFieldModel(o, self._shape)
         entry = float(o.ridge_entries().max())
         top = _RIDGE_PART * entry if np.isfinite(entry) else 4 * start[0]
         top = min(max(top, 1.3 * start[0]), box.upper[0])
+        low = box.lower[0]
         for _ in range(_ROUNDS):
-            nodes = np.geomspace(box.lower[0] * 1.002, top, _NODES)
+            close = [low * factor for factor in _CLOSE if low * factor < top]
+            nodes = np.unique(np.concatenate([close, np.geomspace(1.2 * low, max(top, 1.3 * low), _NODES)]))
             alphas = np.clip(likelihood.at(nodes).best_alpha, box.lower[1], box.upper[1])
             if not np.isfinite(alphas).all():  # the last table began above these c_e
                 alphas = np.clip(mean_field.at(nodes).best_alpha, box.lower[1], box.upper[1])
             keep = alphas * self._settings.dt <= _LARGEST_STEP
-            keep[: _DEGREE + 2] = True
-            points = list(zip(nodes[keep].tolist(), alphas[keep].tolist(), strict=True))
-            seen += points
+            keep[: _DEGREE + 4] = True
+            points = np.stack([nodes, alphas], axis=1)[keep]
             velocity = self.velocities(points)
-            complete = np.isfinite(velocity).all(axis=(1, 2))
-            if complete.sum() < _DEGREE + 2:
+            points, velocity = self._down_to_the_bound(points, velocity)
+            seen += [(float(c_e), float(alpha)) for c_e, alpha in points]
+            loaded = np.isinf(velocity).any(axis=(1, 2))
+            points, velocity = points[~loaded], velocity[~loaded]
+            if (np.isfinite(velocity).all(axis=1).sum(axis=0) < _DEGREE + 2).any():
                 return "No parameters tried gave every row a velocity: see the forces and the tick."
-            c_e = np.array([c for c, _ in points])[complete]
-            unit = base.unit(c_e) * np.array([a for _, a in points])[complete, None]
-            table = _table(c_e, np.log(velocity[complete]) - np.log(unit)[:, None, :])
+            c_e, alpha = points.T
+            table = _table(c_e, np.log(velocity) - np.log(alpha[:, None] * base.unit(c_e))[:, None, :])
             likelihood = Likelihood(o, mean_field.kind, VoxelModel(o, self._shape, table))
             there = likelihood.at(c_e)
-            moved = np.max(np.abs(np.log(there.best_alpha / np.array([a for _, a in points])[complete])))
-            best = c_e[int(np.nanargmin(there.profile))]
-            if best == c_e[-1] and c_e[-1] < 0.99 * box.upper[0] and top < entry:
+            moved = float(np.max(np.abs(np.log(there.best_alpha / alpha))))
+            if np.nanargmin(there.profile) == len(c_e) - 1 and top < min(entry, box.upper[0]):
                 top *= 2
             elif moved < _MOVED:
                 break
         return table, tuple(seen)
 
+    def _down_to_the_bound(self, points: Floats, velocity: Floats) -> tuple[Floats, Floats]:
+        """Points between the highest c_e without a window and the lowest with one, where there is a gap."""
+        for _ in range(_HALVINGS):
+            loaded = np.isinf(velocity).any(axis=(1, 2))
+            if not loaded.any() or loaded.all():
+                break
+            i = int(np.flatnonzero(loaded)[-1])
+            if i + 1 >= len(points):
+                break
+            middle = np.sqrt(points[i] * points[i + 1])
+            points = np.insert(points, i + 1, middle, axis=0)
+            velocity = np.insert(velocity, i + 1, self.velocities(middle[None])[0], axis=0)
+        return points, velocity
+
 
 def _table(c_e: Floats, deviation: Floats) -> VoxelTable:
-    """Least-squares polynomials through deviations of shape (points, replicates, rows)."""
+    """Least-squares polynomials through deviations of shape (points, replicates, rows), NaN where missing.
+
+    A force whose window is too short at some points, close to its bound, is continued from the others.
+    """
     V = np.vander(np.log(c_e / c_e[0]), _DEGREE + 1, increasing=True)
-    n, k, rows = deviation.shape
-    coefficients = np.linalg.lstsq(V, deviation.reshape(n, -1), rcond=None)[0].reshape(_DEGREE + 1, k, rows)
-    mean = deviation.mean(axis=1)
-    fitted = np.einsum("np,pr->nr", V, coefficients.mean(axis=1))
-    error = np.sqrt(np.sum((mean - fitted) ** 2) / (rows * max(n - _DEGREE - 1, 1)))
-    noise = np.sqrt(np.sum((deviation - mean[:, None, :]) ** 2) / (n * rows * max(k - 1, 1)))
+    _, k, rows = deviation.shape
+    coefficients = np.empty((k, rows, _DEGREE + 1))
+    errors, noises = [], []
+    for row in range(rows):
+        part = deviation[:, :, row]
+        known = np.isfinite(part).all(axis=1)
+        found = np.linalg.lstsq(V[known], part[known], rcond=None)[0]
+        coefficients[:, row] = found.T
+        mean = part[known].mean(axis=1)
+        errors.append(np.sum((mean - V[known] @ found.mean(axis=1)) ** 2) / (known.sum() - _DEGREE - 1))
+        noises.append(np.mean((part[known] - mean[:, None]) ** 2) * k / (k - 1))
     return VoxelTable(
-        float(c_e[0]), float(c_e[-1]), np.moveaxis(coefficients, 0, 2).copy(), float(error), float(noise)
+        float(c_e[0]),
+        float(c_e[-1]),
+        coefficients,
+        float(np.sqrt(np.mean(errors))),
+        float(np.sqrt(np.mean(noises))),
     )
 
 

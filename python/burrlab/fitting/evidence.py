@@ -115,11 +115,13 @@ def weigh(
     )
 
 
-def describe(likelihood: Likelihood, best: tuple[float, float], data: Sequence[Data]) -> dict[str, Any]:
-    """Predictions, residuals and tests at the fit, as fields of a `Fit`."""
+def describe(
+    likelihood: Likelihood, best: tuple[float, float], data: Sequence[Data], usable: bool
+) -> dict[str, Any]:
+    """Predictions, residuals and tests at the fit, as fields of a `Fit`; NaN and None if it is not usable."""
     o = likelihood.observations
-    c_e, alpha = best
-    unit = likelihood.model.unit(c_e)
+    c_e, alpha = best if usable else (np.nan, np.nan)
+    unit = likelihood.model.unit(c_e) if usable else np.full(len(o.force), np.nan)
     predicted, residuals = [], []
     with np.errstate(invalid="ignore"):
         for kind, rows in o.rows:
@@ -136,9 +138,8 @@ def describe(likelihood: Likelihood, best: tuple[float, float], data: Sequence[D
                 residuals.append(v - model)
             else:
                 residuals.append(np.log(v / model))
-    usable = bool(np.isfinite(unit).all())
     chi2 = None
-    if o.has_sigma:
+    if o.has_sigma and usable:
         chi2 = float(np.sum(((o.velocity - alpha * unit) / o.sigma) ** 2) / (len(o.force) - 2))
     return {
         "predicted": np.concatenate(predicted),

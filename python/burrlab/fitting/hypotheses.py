@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from scipy import stats
 
 from burrlab.fitting.likelihood import Calibration, Likelihood
 from burrlab.fitting.observations import Floats
+
+Point: TypeAlias = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -138,6 +142,40 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats, errors: Floats) -> Hyp
         freedom,
         p,
         f"The fall of velocity with depth {agree} the model ({said}): {number}, {p_text(p)}.",
+    )
+
+
+def one_material(a: Likelihood, b: Likelihood, both: Likelihood, points: Sequence[Point]) -> HypothesisTest:
+    """Whether two experiments have one c_e and alpha: their fits against the common one.
+
+    The sums of squares add up over the experiments, so they are taken to scatter alike; the drop of -2 log L
+    by two parameters more is judged by F(2, n - 4), by chi-square where every scatter is known.
+
+    Parameters
+    ----------
+    a, b, both : Likelihood
+        Of either experiment, and of all rows together.
+    points : sequence of (c_e, alpha)
+        Their best points [N/mm^2], [1/ms].
+    """
+    name = "one material"
+    parts = [one.squares(*point) for one, point in zip((a, b, both), points, strict=True)]
+    rise, n = 0.0, 0
+    freedom: tuple[float, ...]
+    for kind, (_, rows, known) in parts[2].items():
+        apart = sum(part[kind][0] for part in parts[:2] if kind in part)
+        together = parts[2][kind][0]
+        rise += together - apart if known else rows * float(np.log(together / apart))
+        n += 0 if known else rows
+    rise = max(rise, 0.0)
+    if n:
+        F = float(np.expm1(rise / n)) * (n - 4) / 2
+        p, freedom, number = float(stats.f.sf(F, 2, n - 4)), (2.0, float(n - 4)), f"F(2, {n - 4}) = {F:.3g}"
+    else:
+        F, p, freedom, number = rise, float(stats.chi2.sf(rise, 2)), (2.0,), f"chi-square {rise:.3g} of 2"
+    differ = "differ" if p < 0.05 else "can be of one material"
+    return HypothesisTest(
+        name, F, freedom, p, f"The two {differ} (one c_e and alpha): {number}, {p_text(p)}."
     )
 
 

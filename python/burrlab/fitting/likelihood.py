@@ -154,6 +154,12 @@ class Likelihood:
             scatters.append(Scatter(name, n, known, p, value))
         return total, tuple(scatters), shares
 
+    def squares(self, c_e: float, alpha: float) -> dict[str, tuple[float, int, bool]]:
+        """Sum of squared residuals, rows, and whether sigma is known, by the name of the scatter."""
+        return {
+            name: (float(np.sum(r**2)), n, known) for name, known, _, r, n in self._derivatives(c_e, alpha)
+        }
+
     def score(self, c_e: float, alpha: float) -> Floats:
         """Derivative of log L by (log c_e, log alpha), shape (2,)."""
         return np.asarray(

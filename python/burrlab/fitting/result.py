@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import IO, TYPE_CHECKING, Any
 
@@ -20,8 +20,15 @@ from burrlab.fitting.evidence import Evidence
 from burrlab.fitting.hypotheses import HypothesisTest
 from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.mean_field import MeanFieldModel
-from burrlab.fitting.observations import Bounds, Data, Floats, Observations, ResidualKind
-from burrlab.fitting.profile import LEVELS, Combination, Interval, Region
+from burrlab.fitting.observations import (
+    Bounds,
+    Data,
+    Floats,
+    Observations,
+    ResidualKind,
+    bounds_of,
+)
+from burrlab.fitting.profile import LEVELS, Combination, Domain, Interval, Region, best_point
 from burrlab.fitting.search import Start
 from burrlab.fitting.verdict import Ridge, separately_identified
 from burrlab.fitting.voxel import VoxelModel, VoxelTable
@@ -232,6 +239,46 @@ class Fit:
         return hypotheses.given_values(
             self.likelihood, evidence.calibration, evidence.profile.base, float(c_e), float(alpha)
         )
+
+    def differs_from(self, other: Fit) -> HypothesisTest:
+        """Whether the data of two fits can be of one material: one c_e and alpha.
+
+        Parameters
+        ----------
+        other : Fit
+            Of the same shape and kind of residuals, both of the mean-field engine.
+
+        Returns
+        -------
+        HypothesisTest
+            Its hypothesis is that they are of one: a small p-value says that they differ.
+
+        Raises
+        ------
+        ValueError
+            If the fits differ in shape, kind of residuals or engine.
+
+        Notes
+        -----
+        The experiments are taken to scatter alike. Where overloaded runs of one contradict the windows of the
+        other, no common c_e exists and p is 0.
+        """
+        mine = (self.shape, self.residual_kind, self.engine)
+        if mine != (other.shape, other.residual_kind, other.engine) or self.engine != "mean-field":
+            raise ValueError("both fits must be mean-field ones with the same shape and kind of residuals")
+        own = [
+            replace(one, radius=fit.radius) if one.radius is None else one
+            for fit in (self, other)
+            for one in fit.data
+        ]
+        try:
+            observations = Observations.of(own, None)
+        except ValueError as error:
+            return HypothesisTest("one material", np.inf, (), 0.0, f"The two differ: {error}.")
+        both = Likelihood(observations, self.residual_kind, MeanFieldModel(observations, self.shape))
+        common = best_point(both, Domain.of(both, bounds_of(observations, None), {}))
+        points = [(self.c_e, self.alpha), (other.c_e, other.alpha), common]
+        return hypotheses.one_material(self.likelihood, other.likelihood, both, points)
 
     def bootstrap(
         self,

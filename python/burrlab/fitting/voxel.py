@@ -28,6 +28,7 @@ Window: TypeAlias = tuple[float | None, float | None]  # in radii; None is the d
 
 _LONGEST = 3600.0  # a descent that takes longer than this is stalled [s of simulated time]
 _NODES, _DEGREE = 10, 3  # points in log c_e, and the polynomial through the deviations from mean-field there
+_FEWEST = 3  # points at which every force must have a number; fewer than five lower the degree
 _CLOSE = (1.002, 1.05, 1.12)  # points above the bound of c_e, where windows get short
 _HALVINGS = 5  # of the gap below the lowest c_e at which every force has a window
 _ROUNDS = 4  # of tables, while the best alpha or c_e moves away from the table's
@@ -231,23 +232,24 @@ class VoxelEngine:
         base = MeanFieldModel(o, self._shape)
         entry = float(o.ridge_entries().max())
         top = _RIDGE_PART * entry if np.isfinite(entry) else 4 * start[0]
-        top = min(max(top, 1.3 * start[0]), box.upper[0])
         low = box.lower[0]
+        tried = np.geomspace(low, top, 200)
+        slow = tried[mean_field.at(tried).best_alpha * self._settings.dt <= _LARGEST_STEP]
+        top = min(top, float(slow.max(initial=low)))
+        top = min(max(top, 1.3 * start[0]), box.upper[0])
         for _ in range(_ROUNDS):
             close = [low * factor for factor in _CLOSE if low * factor < top]
             nodes = np.unique(np.concatenate([close, np.geomspace(1.2 * low, max(top, 1.3 * low), _NODES)]))
             alphas = np.clip(likelihood.at(nodes).best_alpha, box.lower[1], box.upper[1])
             if not np.isfinite(alphas).all():  # the last table began above these c_e
                 alphas = np.clip(mean_field.at(nodes).best_alpha, box.lower[1], box.upper[1])
-            keep = alphas * self._settings.dt <= _LARGEST_STEP
-            keep[: _DEGREE + 4] = True
-            points = np.stack([nodes, alphas], axis=1)[keep]
+            points = np.stack([nodes, alphas], axis=1)
             velocity = self.velocities(points)
             points, velocity = self._down_to_the_bound(points, velocity)
             seen += [(float(c_e), float(alpha)) for c_e, alpha in points]
             loaded = np.isinf(velocity).any(axis=(1, 2))
             points, velocity = points[~loaded], velocity[~loaded]
-            if (np.isfinite(velocity).all(axis=1).sum(axis=0) < _DEGREE + 2).any():
+            if (np.isfinite(velocity).all(axis=1).sum(axis=0) < _FEWEST).any():
                 return "No parameters tried gave every row a velocity: see the forces and the tick."
             c_e, alpha = points.T
             table = _table(c_e, np.log(velocity) - np.log(alpha[:, None] * base.unit(c_e))[:, None, :])
@@ -287,10 +289,12 @@ def _table(c_e: Floats, deviation: Floats) -> VoxelTable:
     for row in range(rows):
         part = deviation[:, :, row]
         known = np.isfinite(part).all(axis=1)
-        found = np.linalg.lstsq(V[known], part[known], rcond=None)[0]
+        terms = min(_DEGREE + 1, int(known.sum()) - 1)
+        found = np.zeros((_DEGREE + 1, k))
+        found[:terms] = np.linalg.lstsq(V[known, :terms], part[known], rcond=None)[0]
         coefficients[:, row] = found.T
         mean = part[known].mean(axis=1)
-        errors.append(np.sum((mean - V[known] @ found.mean(axis=1)) ** 2) / (known.sum() - _DEGREE - 1))
+        errors.append(np.sum((mean - V[known] @ found.mean(axis=1)) ** 2) / (known.sum() - terms))
         noises.append(np.mean((part[known] - mean[:, None]) ** 2) * k / (k - 1))
     return VoxelTable(
         float(c_e[0]),

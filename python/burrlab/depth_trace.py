@@ -284,7 +284,7 @@ class DepthTrace:
         -------
         matplotlib Axes
         """
-        from burrlab.figures import POSITION, REFERENCE, tidy
+        from burrlab.figures import POSITION, VELOCITY, tidy
 
         if ax is None:
             from matplotlib import pyplot
@@ -301,7 +301,7 @@ class DepthTrace:
             if i % 2 == 0:
                 ax.axvspan(t[0], t[-1], color="0.93", zorder=0)
             line = level[rows].mean() + segments.velocity[i] * (t - t.mean())
-            ax.plot(t, line, color=REFERENCE, linewidth=1.0, linestyle="--")
+            ax.plot(t, line, color=VELOCITY, linewidth=1.4)
         ax.set(xlabel="time [s]", ylabel="immersion [mm]")
         if not ax.yaxis_inverted():
             ax.invert_yaxis()

@@ -127,7 +127,9 @@ def slope_error(time: Floats, immersion: Floats) -> float:
     rho is the residuals' lag-one correlation plus its bias, (3 + 5 rho)/n for residuals about a quadratic
     [1]_, not below 0; s^2 makes up for what the quadratic took from correlated noise. Without the two, the
     error is a third too small at rho = 0.9 and 200 samples. Readings in steps without noise have
-    residuals that cancel period by period, which a first-order model does not know: their error is too large.
+    residuals that cancel period by period, which a first-order model does not know: with ten steps of 10 um
+    a segment it says 2 %, and the velocity is known to 0.3 % or better. With noise of a fifth of a step it
+    is right within a third.
 
     References
     ----------

@@ -126,7 +126,8 @@ def slope_error(time: Floats, immersion: Floats) -> float:
     -----
     rho is the residuals' lag-one correlation plus its bias, (3 + 5 rho)/n for residuals about a quadratic
     [1]_, not below 0; s^2 makes up for what the quadratic took from correlated noise. Without the two, the
-    error is a third too small at rho = 0.9 and 200 samples. Readings in steps without noise have
+    error is a quarter too small at rho = 0.9 and 200 samples. 1.96 errors cover the slope in 95 % of the
+    cases of white noise, in 94 % at rho = 0.9 and 1000 samples, in 91 % at rho = 0.9 and 200. Readings in steps without noise have
     residuals that cancel period by period, which a first-order model does not know: with ten steps of 10 um
     a segment it says 2 %, and the velocity is known to 0.3 % or better. With noise of a fifth of a step it
     is right within a third.

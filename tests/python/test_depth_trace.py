@@ -366,6 +366,21 @@ class TestSlopeError:
         # neither does it exaggerate: a variance of 1500 draws has a relative deviation of sqrt(2/1500)
         assert np.mean(told**2) < 2 * np.mean(error**2) * (1 + 4.9 * math.sqrt(2 / repeats))
 
+    def test_makes_up_for_what_the_quadratic_took(self):
+        repeats = 6000
+        error, told = slopes(200, 0.9, repeats)
+        # within a tenth; both deviate by about 1 % from draw to draw: z-limit 4.9
+        limit = 4.9 * math.hypot(
+            1 / math.sqrt(2 * repeats), 1.25 * told.std() / told.mean() / math.sqrt(repeats)
+        )
+        assert abs(np.median(told) / error.std() - 1) < 0.1 + limit
+
+    def test_gives_no_credit_for_neighbours_that_differ(self):
+        time = np.arange(100) * 1e-3
+        told = slope_error(time, 1e-3 * (-1.0) ** np.arange(100))
+        x = time - time.mean()
+        assert told == pytest.approx(1e-3 * math.sqrt(100 / 97) / math.sqrt(x @ x), rel=1e-3)
+
     def test_is_the_ordinary_one_for_white_noise(self):
         n = 4000
         told = slopes(n, 0.0, 20)[1]

@@ -127,15 +127,16 @@ def slope_error(time: Floats, immersion: Floats) -> float:
     rho is the residuals' lag-one correlation plus its bias, (3 + 5 rho)/n for residuals about a quadratic
     [1]_, not below 0; s^2 makes up for what the quadratic took from correlated noise. Without the two, the
     error is a quarter too small at rho = 0.9 and 200 samples. 1.96 errors cover the slope in 95 % of the
-    cases of white noise, in 94 % at rho = 0.9 and 1000 samples, in 91 % at rho = 0.9 and 200. Readings in steps without noise have
-    residuals that cancel period by period, which a first-order model does not know: with ten steps of 10 um
-    a segment it says 2 %, and the velocity is known to 0.3 % or better. With noise of a fifth of a step it
-    is right within a third.
+    cases of white noise, in 94 % at rho = 0.9 and 1000 samples, in 91 % at rho = 0.9 and 200.
+
+    Readings in steps without noise have residuals that cancel period by period, which a first-order model
+    does not know: with ten steps of 10 um a segment it says 2 %, where the velocity is known to 0.3 % if a
+    step holds ten samples. With noise of a fifth of a step the error is up to 40 % too large.
 
     References
     ----------
-    .. [1] F. H. C. Marriott, J. A. Pope, Bias in the estimation of autocorrelations, Biometrika 41, 1954; the
-       constants for a mean are theirs, for a quadratic ours by the same expansion, checked by simulation.
+    .. [1] F. H. C. Marriott, J. A. Pope, Bias in the estimation of autocorrelations, Biometrika 41, 1954. It
+       is (1 + 3 rho)/n about a mean; about a quadratic we take the series on and check it by simulation.
     """
     n = len(time)
     centred = time - time.mean()

@@ -210,7 +210,8 @@ class VelocityCurve:
             ax.errorbar(force, velocity, self.sigma[ok], fmt="none", ecolor="black", elinewidth=0.8, zorder=3)
         ax.plot(force, velocity, "s", color="black", mfc="white", ms=4.5, mew=0.9, label=label, zorder=3)
         if log:
-            dataset.log_axes(ax)
+            ax.set(xscale="log", yscale="log")
+            dataset.log_ticks(ax.xaxis)
         ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")
         return tidy(ax)
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -54,14 +54,13 @@ def data_label(source: str) -> str:
     return next((f"{kind} data" for kind in ("synthetic", "simulated") if source.startswith(kind)), "data")
 
 
-def log_axes(ax: Axes) -> None:
-    """Both axes logarithmic, the lower one with plain numbers."""
+def log_ticks(axis: Axis) -> None:
+    """Plain numbers at 1, 2 and 5 of every decade of a logarithmic axis."""
     from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
-    ax.set(xscale="log", yscale="log")
-    ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.xaxis.set_major_formatter(FormatStrFormatter("%g"))
-    ax.xaxis.set_minor_formatter(NullFormatter())
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _same(a: object, b: object) -> bool:

@@ -198,7 +198,9 @@ class Indentation:
             self.depth, self.force, "s", color="black", mfc="white", ms=4.5, mew=0.9, label=label, zorder=3
         )
         if log:
-            dataset.log_axes(ax)
+            ax.set(xscale="log", yscale="log")
+            dataset.log_ticks(ax.xaxis)
+            dataset.log_ticks(ax.yaxis)
         ax.set(xlabel="depth [mm]", ylabel="force [N]")
         return tidy(ax)
 

@@ -94,14 +94,24 @@ def cut(trace: DepthTrace, n: int) -> TraceSegments:
 def rising(immersion: Floats) -> Floats:
     """The record made monotone: its readings in rising order, steps of the encoder joined by straight lines.
 
-    As many samples lie before a depth as read less. Without noise and steps it is the record itself. Noise
-    would let the first sample at a depth come early, by several standard deviations in a slow descent, and
-    steps would move the ends of a segment by up to half a step: 1 % to 3 % in the velocity of a segment of
-    0.1 mm in a burr of 3 mm. Here both average out.
+    As many samples lie before a depth as read less. Without noise and steps it is the record itself, but for
+    its ends. Noise would let the first sample at a depth come early, by several standard deviations in a slow
+    descent, and steps would move the ends of a segment by up to half a step: 1 % to 3 % in the velocity of a
+    segment of 0.1 mm in a burr of 3 mm. Here both average out. The first and the last reading are steps cut
+    off by the record's ends, so that their middles say nothing: the record goes on there as the mirror image
+    of what lies inside.
     """
     readings, counts = np.unique(immersion, return_counts=True)
     middle = np.cumsum(counts) - (counts + 1) / 2
+    whole = (readings > immersion[0]) & (readings < immersion[-1])
+    if np.count_nonzero(whole) > 2:
+        readings, middle = _mirrored(readings[whole]), _mirrored(middle[whole])
     return np.interp(np.arange(len(immersion)), middle, readings)
+
+
+def _mirrored(x: Floats) -> Floats:
+    """x continued on both sides by its point reflections about its ends."""
+    return np.concatenate([2 * x[0] - x[:0:-1], x, 2 * x[-1] - x[-2::-1]])
 
 
 def slope_error(time: Floats, immersion: Floats) -> float:
@@ -116,13 +126,17 @@ def slope_error(time: Floats, immersion: Floats) -> float:
     -----
     rho is the residuals' lag-one correlation plus its bias, (3 + 5 rho)/n for residuals about a quadratic
     [1]_, not below 0; s^2 makes up for what the quadratic took from correlated noise. Without the two, the
-    error is a third too small at rho = 0.9 and 200 samples. Readings in steps without noise have
-    residuals that cancel period by period, which a first-order model does not know: their error is too large.
+    error is a quarter too small at rho = 0.9 and 200 samples. 1.96 errors cover the slope in 95 % of the
+    cases of white noise, in 94 % at rho = 0.9 and 1000 samples, in 91 % at rho = 0.9 and 200.
+
+    Readings in steps without noise have residuals that cancel period by period, which a first-order model
+    does not know: with ten steps of 10 um a segment it says 2 %, where the velocity is known to 0.3 % if a
+    step holds ten samples. With noise of a fifth of a step the error is up to 40 % too large.
 
     References
     ----------
-    .. [1] F. H. C. Marriott, J. A. Pope, Bias in the estimation of autocorrelations, Biometrika 41, 1954; the
-       constants for a mean are theirs, for a quadratic ours by the same expansion, checked by simulation.
+    .. [1] F. H. C. Marriott, J. A. Pope, Bias in the estimation of autocorrelations, Biometrika 41, 1954. It
+       is (1 + 3 rho)/n about a mean; about a quadratic we take the series on and check it by simulation.
     """
     n = len(time)
     centred = time - time.mean()

@@ -142,8 +142,9 @@ class Study(Generic[Item, Result]):
             places = missing[first : first + self._chunk]
             try:
                 future = executor.submit(_work, self._function, [self._items[i] for i in places], run, event)
-            except RuntimeError as error:  # broken, or shut down
-                self._keep_finished()
+            except Exception as error:
+                if not (isinstance(error, RuntimeError) or _has_died(error)):  # broken, or shut down
+                    raise
                 raise self._interrupted(error) from error
             self._open[future] = places
             future.add_done_callback(self._finished.put)
@@ -155,7 +156,10 @@ class Study(Generic[Item, Result]):
             try:
                 return self._finished.get(timeout=_LOOK)
             except queue.Empty:
-                continue
+                # What was on its way when a dask client lost its scheduler never arrives.
+                client = getattr(self._executor, "_client", None)
+                if getattr(client, "status", None) == "closed":
+                    raise self._interrupted(ConnectionError("the client is closed")) from None
 
     def _take(self, future: Future[Work]) -> Iterator[int]:
         error = CancelledError() if future.cancelled() else future.exception()
@@ -163,7 +167,6 @@ class Study(Generic[Item, Result]):
             del self._open[future]
             if not _has_died(error):
                 raise error
-            self._keep_finished()
             raise self._interrupted(error) from error
         results, failure, trace = future.result()
         places = self._open[future][: len(results)]
@@ -189,6 +192,7 @@ class Study(Generic[Item, Result]):
                     self._keep(i, result)
 
     def _interrupted(self, error: BaseException) -> StudyInterrupted:
+        self._keep_finished()
         cause = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         if self._store is None:
             rest = "with a store, what is finished is kept, and running again goes on from there"

@@ -6,7 +6,6 @@ import os
 import queue
 import threading
 import traceback
-import uuid
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
 from typing import Any, Generic, TypeVar
@@ -40,9 +39,7 @@ def cancel_event() -> threading.Event | None:
 Work = tuple[list[Any], BaseException | None, str]  # results, the error that ended them, its traceback
 
 
-def _work(
-    function: Callable[[Any], Any], items: Sequence[Any], run: str, event: threading.Event | None
-) -> Work:
+def _work(function: Callable[[Any], Any], items: Sequence[Any], event: threading.Event | None) -> Work:
     """Results of a chunk up to the first error, which comes with them: none that is finished is lost."""
     results: list[Any] = []
     _here.event = event
@@ -58,10 +55,15 @@ def _work(
     return results, None, ""
 
 
+def _is_dask(kind: type) -> bool:
+    return kind.__module__.partition(".")[0] == "distributed"  # without importing it
+
+
 def _has_died(error: BaseException) -> bool:
     """Whether an error is the executor's end rather than something that could not be sent."""
-    named = type(error).__module__.partition(".")[0]  # KilledWorker and the like, without importing dask
-    return isinstance(error, BrokenExecutor | CancelledError) or named == "distributed"
+    return isinstance(error, BrokenExecutor | CancelledError) or _is_dask(
+        type(error)
+    )  # KilledWorker and others
 
 
 def cores() -> int:
@@ -135,13 +137,15 @@ class Study(Generic[Item, Result]):
 
     def _submit(self, executor: Executor | None, missing: list[int], over: threading.Event) -> None:
         assert executor is not None
-        # Dask knows a task by its arguments: without a mark of this run it would answer with an earlier one's failure.
-        run = uuid.uuid4().hex
+        # Dask would know a task by its arguments, and answer with a failure that it remembers.
+        options: dict[str, Any] = {"pure": False} if _is_dask(type(executor)) else {}
         event = over if isinstance(executor, ThreadPoolExecutor) else None
         for first in range(0, len(missing), self._chunk):
             places = missing[first : first + self._chunk]
             try:
-                future = executor.submit(_work, self._function, [self._items[i] for i in places], run, event)
+                future = executor.submit(
+                    _work, self._function, [self._items[i] for i in places], event, **options
+                )
             except Exception as error:
                 if not (isinstance(error, RuntimeError) or _has_died(error)):  # broken, or shut down
                     raise

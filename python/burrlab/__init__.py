@@ -15,6 +15,8 @@ from burrlab._core import (
     moments,
     penetration,
 )
+from burrlab.bone_field import BoneField
+from burrlab.bone_scatter import predicted_scatter
 from burrlab.curve import VelocityCurve
 from burrlab.depth_trace import DepthTrace
 from burrlab.descent import descend
@@ -26,11 +28,14 @@ from burrlab.materials import materials
 from burrlab.mean_field import MeanFieldDescent, mean_field_descent, thin_layer_velocity
 from burrlab.rig import Rig, RigReading, VirtualRig
 from burrlab.specimen import Specimen, half_space, surface_along
+from burrlab.store import Store
+from burrlab.study import StudyInterrupted
 from burrlab.sweep import force_sweep
 from burrlab.synthetic import synthetic_curve, synthetic_indentation, synthetic_trace
 from burrlab.volume import Volume, read_volume
 
 __all__ = [
+    "BoneField",
     "Burr",
     "BurrContact",
     "Contact",
@@ -47,6 +52,8 @@ __all__ = [
     "RigReading",
     "Shape",
     "Specimen",
+    "Store",
+    "StudyInterrupted",
     "VelocityCurve",
     "VirtualRig",
     "Volume",
@@ -63,6 +70,7 @@ __all__ = [
     "moments",
     "penetration",
     "penetration_velocity",
+    "predicted_scatter",
     "read_volume",
     "surface_along",
     "synthetic_curve",

@@ -9,6 +9,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -56,6 +57,13 @@ def _seed(text: str) -> int:
     if not text.isdecimal() or int(text) >= 2**64:
         raise argparse.ArgumentTypeError(f"must be a whole number below 2^64, got '{text}'")
     return int(text)
+
+
+def _pair(text: str) -> tuple[float, float]:
+    values = [_positive(part) for part in text.split(",")]
+    if len(values) != 2:
+        raise argparse.ArgumentTypeError(f"must be C_E,ALPHA, got '{text}'")
+    return values[0], values[1]
 
 
 def _vector(text: str) -> tuple[float, ...]:
@@ -166,19 +174,19 @@ def _save(axes: Axes, path: str) -> None:
 
 def _check_outputs(options: Options) -> None:
     """ValueError before any work if a result could not be written."""
-    for name in ("json", "plot", "out"):
+    for name in ("json", "plot", "out", "region", "profile"):
         path = getattr(options, name, None)
         if path is None or path == "-":
             continue
         folder = Path(path).resolve().parent
         if not folder.is_dir() or not os.access(folder, os.W_OK) or Path(path).is_dir():
             raise ValueError(f"--{name}: {path} cannot be written")
-        if name == "plot":
+        if name in ("plot", "region", "profile"):
             from matplotlib.figure import Figure
 
             kinds = Figure().canvas.get_supported_filetypes()
             if Path(path).suffix[1:].lower() not in kinds:
-                raise ValueError(f"--plot: {path} must end in one of {', '.join(sorted(kinds))}")
+                raise ValueError(f"--{name}: {path} must end in one of {', '.join(sorted(kinds))}")
 
 
 def _deliver(options: Options, result: dict[str, Any], text: str) -> None:
@@ -238,15 +246,60 @@ def _sweep(options: Options) -> int:
 
 
 def _fit(options: Options) -> int:
-    curve = burrlab.VelocityCurve.from_csv(options.file)
     result = burrlab.fit(
-        curve, Burr(options.radius), shape=options.shape, engine=options.engine, residuals=options.residuals,
-        seed=options.seed, voxel=options.voxel,
+        _data(options), shape=options.shape, engine=options.engine, residuals=options.residuals,
+        seed=options.seed, voxel=options.voxel, store=_store(options), progress=_bar(options),
     )  # fmt: skip
+    given = {} if options.test is None else {"given": options.test}
     if options.plot is not None:
         _save(result.plot(alpha_lines=options.alpha_lines, log=options.log), options.plot)
-    _deliver(options, result.to_dict(), result.report())
+    if options.region is not None:
+        _save(result.plot_region(points=given), options.region)
+    if options.profile is not None:
+        _save(result.plot_profile(), options.profile)
+    plain, text = result.to_dict(), result.report()
+    if options.test is not None:
+        test = result.test(*options.test)
+        plain["test"] = {"c_e": options.test[0], "alpha": options.test[1], "p_value": test.p_value}
+        text += f"\n    - {test}"
+    _deliver(options, plain, text)
     return 0
+
+
+def _data(options: Options) -> list[burrlab.VelocityCurve | burrlab.Indentation | burrlab.DepthTrace]:
+    """The data sets of a fit, each with its radius: its own or --radius."""
+    found: list[burrlab.VelocityCurve | burrlab.Indentation | burrlab.DepthTrace] = []
+    for file in options.file:
+        curve = burrlab.VelocityCurve.from_csv(file)
+        if curve.radius is None and options.radius is None:
+            raise ValueError(f"--radius must be given: {file} does not say it")
+        if None not in (curve.radius, options.radius) and curve.radius != options.radius:
+            raise ValueError(
+                f"--radius is {options.radius:g} mm, but {file} was taken with {curve.radius:g} mm"
+            )
+        found.append(curve if curve.radius is not None else replace(curve, radius=options.radius))
+    found += [burrlab.Indentation.from_csv(file, radius=options.radius) for file in options.indentation]
+    found += [burrlab.DepthTrace.from_csv(file, radius=options.radius) for file in options.trace]
+    return found
+
+
+def _store(options: Options) -> burrlab.Store | None:
+    return None if options.store is None else burrlab.Store(options.store)
+
+
+def _bar(options: Options) -> Callable[[int, int], object] | None:
+    """A progress bar for the voxel engine, on a terminal."""
+    if options.engine != "voxel" or not sys.stderr.isatty():
+        return None
+    from tqdm import tqdm
+
+    bar = tqdm(desc="descents", leave=False)
+
+    def show(done: int, total: int) -> None:
+        bar.total = total
+        bar.update(done - bar.n)
+
+    return show
 
 
 def _materials(options: Options) -> int:
@@ -318,9 +371,19 @@ def _parser() -> argparse.ArgumentParser:
     _experiment_options(sweep)
     _output_options(sweep)
 
-    fit = command("fit", _fit, "Fit c_e and alpha to a velocity-force curve.")
-    fit.add_argument("file", metavar="FILE.csv")
-    fit.add_argument("--radius", type=_positive, required=True, help="burr radius R [mm]")
+    fit = command("fit", _fit, "Fit c_e and alpha, and say what the data determine.")
+    fit.add_argument("file", metavar="FILE.csv", nargs="+", help="velocity-force curves")
+    fit.add_argument("--radius", type=_positive, help="burr radius R of files that do not say it [mm]")
+    fit.add_argument(
+        "--indentation",
+        metavar="FILE.csv",
+        action="append",
+        default=[],
+        help="static indentation, repeatable",
+    )
+    fit.add_argument(
+        "--trace", metavar="FILE.csv", action="append", default=[], help="depth-time record, repeatable"
+    )
     fit.add_argument(
         "--shape", type=_shape, default=Shape("parabolic"), help="erosion shape f, default parabolic"
     )
@@ -332,6 +395,10 @@ def _parser() -> argparse.ArgumentParser:
         "--alpha-lines", type=_positive, metavar="D", help="also draw alpha +- D [1/ms], as the paper does"
     )
     fit.add_argument("--log", action="store_true", help="logarithmic axes in the figure")
+    fit.add_argument("--region", metavar="FILE", help="write a figure of the joint region of c_e and alpha")
+    fit.add_argument("--profile", metavar="FILE", help="write a figure of c_e's profile likelihood")
+    fit.add_argument("--test", type=_pair, metavar="C_E,ALPHA", help="are these in the joint region?")
+    fit.add_argument("--store", metavar="FILE", help="voxel engine: keeps descents, the same command goes on")
     _output_options(fit)
 
     _output_options(command("materials", _materials, "The paper's materials and their source."), plot=False)

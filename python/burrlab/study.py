@@ -6,7 +6,6 @@ import os
 import queue
 import threading
 import traceback
-import uuid
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
 from typing import Any, Generic, TypeVar
@@ -40,9 +39,7 @@ def cancel_event() -> threading.Event | None:
 Work = tuple[list[Any], BaseException | None, str]  # results, the error that ended them, its traceback
 
 
-def _work(
-    function: Callable[[Any], Any], items: Sequence[Any], run: str, event: threading.Event | None
-) -> Work:
+def _work(function: Callable[[Any], Any], items: Sequence[Any], event: threading.Event | None) -> Work:
     """Results of a chunk up to the first error, which comes with them: none that is finished is lost."""
     results: list[Any] = []
     _here.event = event
@@ -58,10 +55,15 @@ def _work(
     return results, None, ""
 
 
+def _is_dask(kind: type) -> bool:
+    return kind.__module__.partition(".")[0] == "distributed"  # without importing it
+
+
 def _has_died(error: BaseException) -> bool:
     """Whether an error is the executor's end rather than something that could not be sent."""
-    named = type(error).__module__.partition(".")[0]  # KilledWorker and the like, without importing dask
-    return isinstance(error, BrokenExecutor | CancelledError) or named == "distributed"
+    return isinstance(error, BrokenExecutor | CancelledError) or _is_dask(
+        type(error)
+    )  # KilledWorker and others
 
 
 def cores() -> int:
@@ -135,15 +137,18 @@ class Study(Generic[Item, Result]):
 
     def _submit(self, executor: Executor | None, missing: list[int], over: threading.Event) -> None:
         assert executor is not None
-        # Dask knows a task by its arguments: without a mark of this run it would answer with an earlier one's failure.
-        run = uuid.uuid4().hex
+        # Dask would know a task by its arguments, and answer with a failure that it remembers.
+        options: dict[str, Any] = {"pure": False} if _is_dask(type(executor)) else {}
         event = over if isinstance(executor, ThreadPoolExecutor) else None
         for first in range(0, len(missing), self._chunk):
             places = missing[first : first + self._chunk]
             try:
-                future = executor.submit(_work, self._function, [self._items[i] for i in places], run, event)
-            except RuntimeError as error:  # broken, or shut down
-                self._keep_finished()
+                future = executor.submit(
+                    _work, self._function, [self._items[i] for i in places], event, **options
+                )
+            except Exception as error:
+                if not (isinstance(error, RuntimeError) or _has_died(error)):  # broken, or shut down
+                    raise
                 raise self._interrupted(error) from error
             self._open[future] = places
             future.add_done_callback(self._finished.put)
@@ -155,7 +160,10 @@ class Study(Generic[Item, Result]):
             try:
                 return self._finished.get(timeout=_LOOK)
             except queue.Empty:
-                continue
+                # What was on its way when a dask client lost its scheduler never arrives.
+                client = getattr(self._executor, "_client", None)
+                if getattr(client, "status", None) == "closed":
+                    raise self._interrupted(ConnectionError("the client is closed")) from None
 
     def _take(self, future: Future[Work]) -> Iterator[int]:
         error = CancelledError() if future.cancelled() else future.exception()
@@ -163,7 +171,6 @@ class Study(Generic[Item, Result]):
             del self._open[future]
             if not _has_died(error):
                 raise error
-            self._keep_finished()
             raise self._interrupted(error) from error
         results, failure, trace = future.result()
         places = self._open[future][: len(results)]
@@ -189,6 +196,7 @@ class Study(Generic[Item, Result]):
                     self._keep(i, result)
 
     def _interrupted(self, error: BaseException) -> StudyInterrupted:
+        self._keep_finished()
         cause = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         if self._store is None:
             rest = "with a store, what is finished is kept, and running again goes on from there"

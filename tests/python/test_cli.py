@@ -225,3 +225,35 @@ def test_warnings_and_seed_are_printed(capsys):
     _, out, _ = call(capsys, "descend", "--force", 1, "--voxel", 0.6, "--ideal", "--seed", 9)
     assert "coarse" in out
     assert "seed 9" in out
+
+
+def test_an_interrupted_sweep_goes_on(capsys, tmp_path, monkeypatch):
+    import burrlab.study as module
+
+    command = [
+        "sweep", "--forces", "1,2", "--repeats", 2, "--voxel", 0.4, "--out", tmp_path / "c.csv", "--store",
+        tmp_path / "s.jsonl", "--seed",
+    ]  # fmt: skip
+    keep = module.Study._keep
+
+    def stop(study, i, row):
+        keep(study, i, row)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(module.Study, "_keep", stop)
+        code, out, _ = call(capsys, *command, 5)
+    assert code == 130
+    assert "interrupted, the same command goes on from" in out
+    whole = burrlab.force_sweep(
+        burrlab.Burr(3.0), burrlab.materials["bone"], [1.0, 2.0], repeats=2, voxel=0.4, seed=5
+    )
+    code, out, _ = call(capsys, *command, 5)
+    assert code == 0
+    assert list(burrlab.VelocityCurve.from_csv(tmp_path / "c.csv").velocity) == list(whole.velocity)
+    size = (tmp_path / "s.jsonl").stat().st_size
+    assert call(capsys, *command, 5)[0] == 0
+    assert (tmp_path / "s.jsonl").stat().st_size == size, "all of it was there"
+    code, _, err = call(capsys, *command[:-1])
+    assert code == 2
+    assert "seed must be given with a store" in err

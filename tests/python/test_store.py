@@ -209,7 +209,7 @@ def test_processes_may_write_into_one_store(tmp_path):
         subprocess.Popen(
             [sys.executable, "-c", WRITER, path, name], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
-        for name in "xyz"
+        for name in "xy"
     ]  # fmt: skip
     for writer in writers:
         assert writer.stdout.readline() == "ready\n"
@@ -221,8 +221,8 @@ def test_processes_may_write_into_one_store(tmp_path):
             assert writer.wait(60) == 0
     store = Store(path)
     assert "torn" not in repr(store)
-    assert len(store) == 600
-    for name in "xyz":
+    assert len(store) == 400
+    for name in "xy":
         for i in range(200):
             assert store.get(f"{name}{i}") == [i] * (i * 37 % 4000)
 

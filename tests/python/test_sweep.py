@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import subprocess
 import sys
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import burrlab
-from burrlab.sweep import item_seed
+from burrlab.store import Store
+from burrlab.sweep import SweepItem, item_seed, run_item
 
 
 def sweep(forces=(1.0, 1.5, 2.0), **options):
@@ -131,3 +134,95 @@ def test_an_executor_that_fails_says_so():
 def test_bad_input(change, message):
     with pytest.raises(ValueError, match=message):
         sweep(**change)
+
+
+@dataclass(frozen=True)
+class Fuller:
+    """Half-spaces of a level drawn from the seed, and a note of each: what a sweep may draw specimens from."""
+
+    lowest: int
+    notes: str
+
+    def specimen(self, burr, voxel, *, depth, seed):
+        with open(self.notes, "a") as file:
+            file.write(f"{seed} {depth} {voxel}\n")
+        specimen = burrlab.half_space(burr, voxel, depth=depth)
+        level = np.random.default_rng(seed).integers(self.lowest, 255)
+        levels = (specimen.bone.density > 0) * np.uint8(level)
+        bone = burrlab.VoxelBone(levels, spacing=specimen.bone.spacing, origin=specimen.bone.origin)
+        return replace(specimen, bone=bone)
+
+
+def test_each_descent_draws_a_specimen_of_its_own(tmp_path):
+    source = Fuller(120, str(tmp_path / "here"))
+    curve = sweep(repeats=3, specimen=source)
+    assert set(curve.status) == {"ok"}
+    drawn = [line.split() for line in (tmp_path / "here").read_text().splitlines()]
+    assert len({seed for seed, _, _ in drawn}) == 9
+    assert {tuple(rest) for _, *rest in drawn} == {("1.0", "0.4")}
+    assert "Fuller(lowest=120" in curve.provenance["specimen"]
+    one = SweepItem(
+        burrlab.Burr(3.0), burrlab.materials["bone"], 1.5, item_seed(7, 1.5, 2), 0.4, 1.0, "layer", True, source, None,
+        120.0,
+    )  # fmt: skip
+    assert run_item(one)[0] == curve.velocity[5], "one can be rerun by itself"
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(1, mp_context=spawn) as pool:
+        assert np.array_equal(sweep(repeats=3, specimen=source, executor=pool).velocity, curve.velocity)
+
+
+def test_an_interrupted_sweep_goes_on_from_its_store(tmp_path, monkeypatch):
+    import burrlab.study as module
+
+    path, notes = tmp_path / "s.jsonl", tmp_path / "notes"
+    options = {"specimen": Fuller(120, str(notes)), "store": path}
+    finished, keep = [], module.Study._keep
+
+    def stop_after_two(study, i, row):
+        keep(study, i, row)
+        finished.append(i)
+        if len(finished) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(module.Study, "_keep", stop_after_two)
+    part = sweep(**options)
+    assert 2 <= part.status.count("ok") == len(Store(path)) < 6
+    assert part.status.count("interrupted") == 6 - part.status.count("ok")
+    monkeypatch.undo()
+    notes.unlink()
+    curve = sweep(**options)
+    missing = 6 - part.status.count("ok")
+    assert len(notes.read_text().splitlines()) == missing, "only what is missing"
+    assert curve.status == ("ok",) * 6
+    notes.unlink()
+    assert np.array_equal(sweep(**options).velocity, curve.velocity)
+    assert not notes.exists()
+    assert np.array_equal(sweep(specimen=options["specimen"]).velocity, curve.velocity)
+
+
+def test_a_store_tells_specimens_apart(tmp_path):
+    store = Store(tmp_path / "s.jsonl")
+    given = burrlab.half_space(burrlab.Burr(3.0), 0.4)
+    bone = given.bone.copy()
+    bone.write(np.full(bone.shape, 200, np.uint8))
+    moved = given.surface + [0.1, 0, 0]
+    for i, specimen in enumerate(
+        [None, given, replace(given, bone=bone), replace(given, surface=moved)], start=1
+    ):
+        for _ in range(2):
+            sweep(forces=(1.0,), repeats=1, specimen=specimen, store=store)
+            assert len(store) == i
+
+
+def test_a_store_needs_a_seed(tmp_path):
+    with pytest.raises(
+        ValueError, match="seed must be given with a store, which finds results by it, got None"
+    ):
+        sweep(seed=None, store=tmp_path / "s.jsonl")
+
+
+def test_a_specimen_of_another_kind_is_refused():
+    with pytest.raises(
+        TypeError, match=r"specimen must be a Specimen or have a method specimen\(burr, voxel"
+    ):
+        sweep(specimen="bone")

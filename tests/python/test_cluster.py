@@ -1,0 +1,129 @@
+"""Studies on a dask cluster: real worker processes on this machine, some of them killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+from test_study import Item, calls, work
+
+import burrlab
+from burrlab.store import Store
+from burrlab.study import StudyInterrupted, run_items
+
+distributed = pytest.importorskip("distributed", reason="dask is not installed (extra cluster)")
+dask = pytest.importorskip("dask")
+
+
+@pytest.fixture(scope="module")
+def client():
+    # A free port for the dashboard: the default one warns where another cluster has it.
+    settings = {"distributed.scheduler.allowed-failures": 1, "distributed.worker.profile.enabled": False}
+    with (
+        dask.config.set(settings),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0"
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+@pytest.fixture
+def executor(client):
+    """Of two workers: one that an earlier test killed has come back."""
+    client.wait_for_workers(2, timeout=60)
+    return client.get_executor()
+
+
+def slowly(item: Item) -> tuple[int, float]:
+    time.sleep(0.05)
+    return work(item)
+
+
+ITEMS = [Item(i) for i in range(40)]
+
+
+@pytest.mark.parametrize("chunk", [1, 7])
+def test_items_give_the_same_as_on_one_thread(executor, tmp_path, chunk):
+    expected = [work(item) for item in ITEMS]
+    path = tmp_path / "s.jsonl"
+    assert run_items(work, ITEMS, executor=executor, chunk=chunk, store=path) == expected
+    assert len(Store(path)) == 40
+
+
+def test_a_sweep_gives_the_same_as_on_one_machine(executor):
+    def sweep(**options):
+        specimen = burrlab.half_space(burrlab.Burr(3.0), 0.4)
+        return [
+            burrlab.force_sweep(
+                burrlab.Burr(3.0), burrlab.materials["bone"], [1.0, 2.0, 5.0], repeats=2, voxel=0.4, seed=7,
+                specimen=given, **options,
+            )
+            for given in (None, specimen)
+        ]  # fmt: skip
+
+    for here, there in zip(sweep(), sweep(executor=executor), strict=True):
+        assert np.array_equal(here.velocity, there.velocity, equal_nan=True)
+        assert here.status == there.status == ("ok",) * 4 + ("overloaded",) * 2
+
+
+def test_an_error_of_the_function_comes_back(executor, tmp_path):
+    (tmp_path / "poison").touch()
+    with pytest.raises(ZeroDivisionError, match="item seven"):
+        run_items(work, [Item(i, str(tmp_path)) for i in range(10)], executor=executor)
+    (tmp_path / "poison").unlink()
+    # Dask must not answer with the failure it remembers.
+    assert run_items(work, [Item(7, str(tmp_path))], executor=executor) == [work(Item(7))]
+
+
+def test_a_worker_killed_from_outside_is_made_up_for(client, executor, tmp_path):
+    victims = [nanny.pid for nanny in client.cluster.workers.values()][:1]
+
+    def kill(done, total):
+        if done >= 3 and victims:
+            os.kill(victims.pop(), signal.SIGKILL)
+
+    path = tmp_path / "s.jsonl"
+    expected = [work(item) for item in ITEMS]
+    assert run_items(slowly, ITEMS, executor=executor, store=path, progress=kill) == expected
+    assert not victims
+    assert len(Store(path)) == 40
+
+
+def test_a_study_that_kills_its_workers_ends_and_goes_on(executor, tmp_path):
+    """Item 7 kills every worker that it is given to, so that dask gives up."""
+    (tmp_path / "poison").touch()
+    items = [Item(i, str(tmp_path), "kill") for i in range(40)]
+    path = tmp_path / "s.jsonl"
+    with pytest.raises(StudyInterrupted) as caught:
+        run_items(slowly, items, executor=executor, store=path)
+    done = len(Store(path))
+    assert caught.match(
+        rf"^the executor died after {done} of 40 items \(KilledWorker: .*run again with the same store"
+    )
+    assert 0 < done < 40
+    (tmp_path / "poison").unlink()
+    time.sleep(0.5)  # what the workers had begun when the study ended
+    before = len(calls(tmp_path))
+    assert run_items(slowly, items, executor=executor, store=path) == [work(Item(i)) for i in range(40)]
+    assert len(calls(tmp_path)) - before == 40 - done, "only what is missing"
+
+
+def test_a_closed_client_ends_the_study(client, tmp_path):
+    store = Store(tmp_path / "s.jsonl")
+    with distributed.Client(client.cluster.scheduler_address, set_as_default=False) as other:
+        executor = other.get_executor()
+        with pytest.raises(StudyInterrupted, match=r"died after \d+ of 40 items \(CancelledError\)"):
+            run_items(slowly, ITEMS, executor=executor, store=store, progress=lambda *_: other.close())
+        with pytest.raises(StudyInterrupted, match=r"died after \d+ of 40 items \(ClosedClientError: "):
+            run_items(slowly, ITEMS, executor=executor, store=store)
+    assert len(store) >= 1
+
+
+def test_a_client_is_told_what_to_hand_in(client):
+    with pytest.raises(TypeError, match=r"of a dask client its client\.get_executor\(\), got <Client"):
+        run_items(work, ITEMS, executor=client)

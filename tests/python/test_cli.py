@@ -133,7 +133,7 @@ def test_wrong_csv_exits_2_with_one_line(capsys, tmp_path, content, message):
         (["descend", "--force", "1", "--seed", "x"], "--seed"),
         (["sweep", "--forces", "1:2", "--out", "x.csv"], "--forces: must be FIRST:LAST:COUNT"),
         (["fit", "none.csv", "--radius", "3"], "none.csv"),
-        (["fit", "none.csv"], "--radius"),
+        (["fit", "none.csv", "--test", "2.1"], "--test: must be C_E,ALPHA"),
     ],
 )
 def test_wrong_options_exit_2_with_one_line(capsys, tmp_path, monkeypatch, arguments, message):

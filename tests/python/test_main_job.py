@@ -52,7 +52,7 @@ def test_examples_run(script, tmp_path, monkeypatch):
         (lambda: burrlab.force_sweep(burrlab.Burr(3.0), "bone", [1.0]), "material must be a Material"),
         (
             lambda: burrlab.fit("my.csv", burrlab.Burr(3.0)),
-            "curve must be a VelocityCurve, such as VelocityCurve.from_csv",
+            "data must be a VelocityCurve, Indentation or DepthTrace",
         ),
     ],
 )

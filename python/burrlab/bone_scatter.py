@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,6 +16,8 @@ from burrlab.arguments import require_type
 from burrlab.bone_field import BoneField
 from burrlab.descent import descend
 from burrlab.provenance import provenance
+from burrlab.store import Store
+from burrlab.study import run_items
 from burrlab.sweep import item_seed
 
 if TYPE_CHECKING:
@@ -56,15 +57,6 @@ def run_item(item: ScatterItem) -> tuple[float, str]:
         item.burr, item.material, item.force, dt=item.dt, seed=item.seed, specimen=specimen, ideal=True
     )
     return float(np.log(run.penetration_velocity or np.nan)), run.status
-
-
-def _run_items(
-    function: Callable[[ScatterItem], tuple[float, str]], items: list[ScatterItem], executor: Executor | None
-) -> list[tuple[float, str]]:
-    if executor is not None:
-        return list(executor.map(function, items))
-    with ThreadPoolExecutor(os.cpu_count()) as own:
-        return list(own.map(function, items))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -266,6 +258,8 @@ def predicted_scatter(
     dt: float = 1.0,
     seed: int | None = None,
     executor: Executor | None = None,
+    store: Store | None = None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> Scatter:
     """Scatter of the penetration velocity over bones that differ in their field alone, force held exactly.
 
@@ -287,6 +281,10 @@ def predicted_scatter(
         is ``burrlab.sweep.item_seed(seed, force, repeat)``.
     executor : concurrent.futures.Executor, optional
         Default: threads over the cores. The result does not depend on it.
+    store : Store, optional
+        Keeps every descent, so that an interrupted study goes on where it stopped.
+    progress : callable, optional
+        Called with (descents done, descents in all).
 
     Returns
     -------
@@ -299,6 +297,8 @@ def predicted_scatter(
     ValueError
         If no force is given, one is not positive or given twice, repeats is below 2, or the seed out of range;
         else as `BoneField.specimen` and `descend`.
+    StudyInterrupted
+        If the executor dies.
 
     Notes
     -----
@@ -335,7 +335,7 @@ def predicted_scatter(
         for f in force
         for k in range(repeats)
     ]
-    rows = _run_items(run_item, items, executor)
+    rows = run_items(run_item, items, executor=executor, store=store, progress=progress)
     table = np.array([row[0] for row in rows]).reshape(2, force.size, repeats)
     return Scatter(
         force, table[0], table[1], tuple(row[1] for row in rows[: len(rows) // 2]), field, burr, material,

@@ -40,7 +40,7 @@ def executor(client):
 
 
 def slowly(item: Item) -> tuple[int, float]:
-    time.sleep(0.05)
+    time.sleep(0.02)
     return work(item)
 
 

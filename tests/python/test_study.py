@@ -285,7 +285,7 @@ import sys
 from test_study import Item, slowly
 from burrlab.study import run_items
 if __name__ == "__main__":
-    run_items(slowly, [Item(i, sys.argv[1]) for i in range(200)], store=sys.argv[1] + "/s.jsonl")
+    run_items(slowly, [Item(i, sys.argv[1]) for i in range(100)], store=sys.argv[1] + "/s.jsonl")
 """
 
 
@@ -299,10 +299,10 @@ def test_a_study_that_is_killed_goes_on(tmp_path):
             time.sleep(0.02)
         process.kill()
     done, begun = len(Store(path)), len(calls(tmp_path))
-    assert 0 < done <= begun < 200
-    items = [Item(i, str(tmp_path)) for i in range(200)]
-    assert run_items(slowly, items, store=path, chunk=10) == [work(Item(i)) for i in range(200)]
-    assert len(calls(tmp_path)) - begun == 200 - done
+    assert 0 < done <= begun < 100
+    items = [Item(i, str(tmp_path)) for i in range(100)]
+    assert run_items(slowly, items, store=path, chunk=10) == [work(Item(i)) for i in range(100)]
+    assert len(calls(tmp_path)) - begun == 100 - done
 
 
 def unstorable(number: int) -> set[int]:

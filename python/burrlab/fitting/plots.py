@@ -92,12 +92,14 @@ def plot_profile(fit: Fit, name: str, ax: Axes | None) -> Axes:
     profile = fit.evidence.profile
     x, rise = (profile.c_e, profile.c_e_rise) if name == "c_e" else (profile.alpha, profile.alpha_rise)
     top = 1.6 * profile.limits["99.7"]
-    shown = (rise < 1.2 * top) & (x < 12 * getattr(fit, name))
+    near = np.flatnonzero((rise < top) & (x < 12 * getattr(fit, name)))
+    shown = slice(max(near[0] - 1, 0), near[-1] + 2)
     ax.plot(x[shown], rise[shown], color=FORCE, linewidth=1.4)
     for level, limit in profile.limits.items():
         ax.axhline(limit, color=REFERENCE, linewidth=0.8, linestyle="--")
         ax.annotate(f"{level} %", (0.995, limit), xycoords=("axes fraction", "data"), xytext=(0, 2),
-                    textcoords="offset points", ha="right", fontsize=8, color=REFERENCE)  # fmt: skip
+                    textcoords="offset points", ha="right", fontsize=8, color=REFERENCE,
+                    bbox={"boxstyle": "square,pad=0.1", "fc": "white", "ec": "none"})  # fmt: skip
     ax.axvline(getattr(fit, name), color="black", linewidth=0.8)
     interval = profile.intervals[name]["95"]
     for end in (interval.lower, interval.upper):
@@ -106,27 +108,35 @@ def plot_profile(fit: Fit, name: str, ax: Axes | None) -> Axes:
     if interval.upper is None:
         ax.annotate("open above", (0.99, 0.04), xycoords="axes fraction", ha="right", fontsize=8, color=FORCE)
     ax.set(xscale="log", xlabel=_UNITS[name], ylabel="rise of $-2 \\log L$", ylim=(0, top))
+    ax.set_xlim(0.97 * x[near[0]], 1.03 * x[near[-1]])
     _plain_ticks(ax)
     return tidy(ax)
 
 
-def plot_region(fit: Fit, ax: Axes | None, points: Mapping[str, tuple[float, float]] | None) -> Axes:
+def plot_region(
+    fit: Fit, ax: Axes | None, points: Mapping[str, tuple[float, float]] | None, combination: bool
+) -> Axes:
     """See `Fit.plot_region`."""
     ax = _axes(ax)
     assert fit.evidence is not None
     widest = 12 * fit.c_e
+    p = fit.evidence.profile.identified.exponent if combination else 0.0
     for level in reversed(list(LEVELS)):
         region = fit.evidence.profile.regions[level]
         near = region.c_e <= widest
         suffix = ", open above" if region.open_above else ""
-        ax.fill_between(region.c_e[near], region.lower[near], region.upper[near], color=_SHADES[level],
+        c_e = region.c_e[near]
+        ax.fill_between(c_e, region.lower[near] / c_e**p, region.upper[near] / c_e**p, color=_SHADES[level],
                         linewidth=0.6, edgecolor=FORCE, label=f"{level} %{suffix}")  # fmt: skip
-    ax.plot(fit.c_e, fit.alpha, "+", color="black", ms=8, mew=1.4, label="fit")
-    for marker, (name, point) in zip("osD^v*", (points or {}).items(), strict=False):
-        ax.plot(*point, marker, color=VELOCITY, mfc="white", mew=1.2, ms=5.5, label=name)
-    ax.set(xscale="log", yscale="log", xlabel=_UNITS["c_e"], ylabel=_UNITS["alpha"])
+    ax.plot(fit.c_e, fit.alpha / fit.c_e**p, "+", color="black", ms=8, mew=1.4, label="fit")
+    for marker, (name, (c_e_there, alpha)) in zip("osD^v*", (points or {}).items(), strict=False):
+        ax.plot(
+            c_e_there, alpha / c_e_there**p, marker, color=VELOCITY, mfc="white", mew=1.2, ms=5.5, label=name
+        )
+    power = f"$\\alpha/c_e^{{{p:.3g}}}$ [(1/ms) (mm²/N)$^{{{p:.3g}}}$]"
+    ax.set(xscale="log", yscale="log", xlabel=_UNITS["c_e"], ylabel=power if combination else _UNITS["alpha"])
     _plain_ticks(ax)
-    ax.legend(frameon=False, fontsize="small")
+    ax.legend(framealpha=0.8, edgecolor="none", fontsize="small")
     return tidy(ax)
 
 

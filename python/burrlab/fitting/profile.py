@@ -219,7 +219,7 @@ def profile(
     alphas = _alphas(walk, base, max(joint.values()))
     with np.errstate(invalid="ignore"):
         table = np.array([np.nanmin(walk.slices.minus2(alpha)) for alpha in alphas]) - base
-    shown = _thin(rise <= 2 * max(joint.values()), int(np.argmin(rise)))
+    shown = _thin(walk.c_e, rise <= 2 * max(joint.values()), int(np.argmin(rise)))
     return Profile(
         c_e=walk.c_e[shown],
         c_e_rise=rise[shown],
@@ -323,12 +323,14 @@ def _region(walk: _Walk, domain: Domain, target: float) -> Region:
     low, high = walk.band(target)
     inside = np.isfinite(low)
     is_open = bool(inside[-1]) and not domain.high_hard
-    shown = _thin(inside, int(np.argmin(walk.minus2)))
+    shown = _thin(walk.c_e, inside, int(np.argmin(walk.minus2)))
     return Region(walk.c_e[shown], low[shown], high[shown], is_open)
 
 
-def _thin(inside: NDArray[np.bool_], best: int) -> NDArray[np.intp]:
-    """At most some 160 of the points inside, the first, the last and the best among them."""
+def _thin(c_e: Floats, inside: NDArray[np.bool_], best: int) -> NDArray[np.intp]:
+    """Some 160 of the points inside, even in log c_e near the best, and all that lie far above it."""
     rows = np.flatnonzero(inside)
-    picked = rows[np.unique(np.linspace(0, len(rows) - 1, _SHOWN).round().astype(int))]
-    return np.unique(np.append(picked, best))
+    near, far = rows[c_e[rows] <= _BEYOND * c_e[best]], rows[c_e[rows] > _BEYOND * c_e[best]]
+    x = np.log(c_e[near])
+    picked = near[np.unique(np.searchsorted(x, np.linspace(x[0], x[-1], _SHOWN)))]
+    return np.unique(np.concatenate([picked, far, [best]]))

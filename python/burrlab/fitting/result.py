@@ -432,7 +432,11 @@ class Fit:
         return plot_profile(self, name, ax)
 
     def plot_region(
-        self, ax: Axes | None = None, *, points: Mapping[str, tuple[float, float]] | None = None
+        self,
+        ax: Axes | None = None,
+        *,
+        points: Mapping[str, tuple[float, float]] | None = None,
+        combination: bool = False,
     ) -> Axes:
         """Joint regions of c_e and alpha at 68, 95 and 99.7 %, logarithmic axes.
 
@@ -441,6 +445,8 @@ class Fit:
         ax : matplotlib Axes, optional
         points : mapping, optional
             Name -> (c_e, alpha) to mark, such as given values.
+        combination : bool
+            alpha/c_e^p, the combination that is determined best, instead of alpha: a long ridge lies flat then.
 
         Raises
         ------
@@ -450,7 +456,7 @@ class Fit:
         from burrlab.fitting.plots import plot_region
 
         self._evidence()
-        return plot_region(self, ax, points)
+        return plot_region(self, ax, points, combination)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain Python objects, ready for JSON; what is not finite is None."""

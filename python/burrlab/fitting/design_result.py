@@ -53,8 +53,8 @@ class Design:
     truths : int
         Parameters that the means and probabilities are taken over.
     c_e_end : float
-        Where the region and the truths end [N/mm^2]: an area, and with it the area ratio, of an open region is
-        the one up to here.
+        Upper end of what is counted [N/mm^2]: the area of an open region, and so its ratio, is the one up to here,
+        and no truth lies beyond.
     open_above : bool
         Whether the joint 95 % region of the fit is open above, and so cut off at `c_e_end`.
     seed : int
@@ -90,10 +90,10 @@ class Design:
         return dataset.html_table(self._title(), dict(zip(_HEADS, cells, strict=True)))
 
     def _title(self) -> str:
-        n, many = self.best.n, len(self.rows)
+        many = len(self.rows)
         cut = f", now open, counted up to c_e = {self.c_e_end:.4g} N/mm^2" if self.open_above else ""
         return (
-            f"Design: {many} candidate{'s' if many > 1 else ''} of {n} measurement{'s' if n > 1 else ''}; area of "
+            f"Design: {many} candidate{'s' if many > 1 else ''} of {_repeats(self.best.n)}; area of "
             f"the joint 95 % region{cut}, expected over {self.truths} truths"
         )
 
@@ -166,7 +166,7 @@ class Design:
         )
         if not velocities:
             ax.set_xticks([])
-        ax.legend(frameon=False, fontsize="small", title=f"{self.best.n} repeats", title_fontsize="small")
+        ax.legend(frameon=False, fontsize="small", title=_repeats(self.best.n), title_fontsize="small")
         return tidy(ax)
 
 
@@ -191,6 +191,10 @@ _HEADS = (
     "c_e hi/lo",
     "P(overloaded)",
 )
+
+
+def _repeats(n: int) -> str:
+    return f"{n} repeat{'s' if n > 1 else ''}"
 
 
 def _cells(one: Candidate) -> list[str]:

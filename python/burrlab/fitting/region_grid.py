@@ -15,7 +15,7 @@ from burrlab.fitting.search import Box
 if TYPE_CHECKING:
     from burrlab.fitting.result import Fit
 
-_COLUMNS = 49  # alphas at each c_e
+_STEP = 0.055  # between the alphas of a row, over the half width of the region, close to its middle
 _COARSE, _ROWS, _ZOOMS = 400, 200, 3  # values of c_e
 _FAR_ROWS = 12  # further c_e, which only show whether c_e has an upper end
 _BLOCK = 8  # truths at once, so that their tables stay in the cache
@@ -245,7 +245,9 @@ def _columns(fit: Fit, domain: Domain, c_e: Floats, limit: float, reach: float) 
     core = float(np.max(high - low)) / 2
     # a row out of reach keeps a width, so that its columns stay in order
     low, high = (end / core for end in reached(reach))
-    t = np.linspace(np.arcsinh(np.minimum(low, -1e-3)), np.arcsinh(np.maximum(high, 1e-3)), _COLUMNS, axis=1)
+    ends = np.arcsinh(np.minimum(low, -1e-3)), np.arcsinh(np.maximum(high, 1e-3))
+    columns = 1 + int(np.ceil(np.max(ends[1] - ends[0]) / _STEP))
+    t = np.linspace(*ends, columns, axis=1)
     log_alpha = best[:, None] + core * np.sinh(t)
     minus2 = np.stack([slices.minus2(column) for column in np.exp(log_alpha).T], axis=1)
     return log_alpha, minus2

@@ -109,9 +109,9 @@ def design(
     >>> import burrlab
     >>> burr, bone = burrlab.Burr(3.0), burrlab.materials["bone"]
     >>> curve = burrlab.synthetic_curve(burr, bone, [0.3, 0.4, 0.5, 0.6], seed=1)
-    >>> plan = burrlab.design(burrlab.fit(curve), [0.4, 3.0], [1.5, 3.0], 3)
-    >>> plan.best.force, plan.best.radius
-    (3.0, 1.5)
+    >>> plan = burrlab.design(burrlab.fit(curve), [0.4, 3.0], 3.0, 3)
+    >>> plan.best.force
+    3.0
     """
     require_type("fit", fit, Fit, "burrlab.fit(curve)")
     fit._evidence()

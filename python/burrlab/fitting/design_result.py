@@ -154,6 +154,10 @@ class Design:
                         force[rows], ratio[rows], marker, color=colour, mfc=face, mew=1.0, ms=4.5, label=label
                     )
                     label = None
+        if any(one.overloaded > 0.5 for one in velocities):
+            ax.plot(
+                [], [], "o", color=REFERENCE, mfc="white", mew=1.0, ms=4.5, label="more likely overloaded"
+            )
         static = [one for one in self.rows if one.force is None]
         if static:
             ax.axhline(

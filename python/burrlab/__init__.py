@@ -21,6 +21,8 @@ from burrlab.curve import VelocityCurve
 from burrlab.depth_trace import DepthTrace
 from burrlab.descent import descend
 from burrlab.descent_result import Descent
+from burrlab.fitting.design import design
+from burrlab.fitting.design_result import Design
 from burrlab.fitting.fit import Fit, fit
 from burrlab.indentation import Indentation
 from burrlab.master_curve import MasterCurve, penetration_velocity
@@ -42,6 +44,7 @@ __all__ = [
     "ContactSeries",
     "DepthTrace",
     "Descent",
+    "Design",
     "Fit",
     "ForceController",
     "Indentation",
@@ -60,6 +63,7 @@ __all__ = [
     "VoxelBone",
     "__version__",
     "descend",
+    "design",
     "elastic_force",
     "erode",
     "fit",

@@ -59,7 +59,7 @@ class Observations:
         ------
         ValueError
             If a radius is missing or contradicts the burr's, fewer than three distinct forces have a
-            velocity, or runs contradict one another about c_e.
+            velocity, a lone pair of an indentation has no sigma, or runs contradict one another about c_e.
         """
         empty = np.empty(0)
         velocity: list[tuple[Floats, ...]] = []
@@ -122,6 +122,10 @@ class Observations:
             raise ValueError(
                 f"a fit needs velocities at three or more distinct forces: got {distinct} in {len(self.force)} "
                 f"usable of {all_rows} rows"
+            )
+        if len(self.pressed) == 1 and np.isnan(self.pressed_sigma[0]):
+            raise ValueError(
+                "an indentation without sigma needs two pairs or more, to show its scatter: got one in all"
             )
         floors = self.c_e_bounds()
         if floors.max() >= self.ceiling:

@@ -19,6 +19,7 @@ from burrlab.curve import VelocityCurve
 from burrlab.depth_trace import DepthTrace
 from burrlab.descent import descend
 from burrlab.descent_result import Descent
+from burrlab.fitting.coverage import Experiment, coverage_study
 from burrlab.fitting.fit import Fit, fit
 from burrlab.indentation import Indentation
 from burrlab.master_curve import MasterCurve, penetration_velocity
@@ -37,6 +38,7 @@ __all__ = [
     "ContactSeries",
     "DepthTrace",
     "Descent",
+    "Experiment",
     "Fit",
     "ForceController",
     "Indentation",
@@ -52,6 +54,7 @@ __all__ = [
     "Volume",
     "VoxelBone",
     "__version__",
+    "coverage_study",
     "descend",
     "elastic_force",
     "erode",

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy import special, stats
 
 from burrlab.fitting.mean_field import Model
 from burrlab.fitting.observations import Floats, Observations, ResidualKind
@@ -301,7 +301,8 @@ class Calibration:
             w * (1.0 if s.known else s.n / f) for w, s, f in zip(weights, self.scatters, freedom, strict=True)
         )
         nu = 1 / max(float(np.sum(weights**2 / freedom)), 1e-12)
-        F = float(stats.f.ppf(level, q, nu)) if nu < 1e9 else float(stats.chi2.ppf(level, q)) / q
+        # special's, for the checks of stats.f take a hundred times as long
+        F = float(special.fdtri(q, nu, level) if nu < 1e9 else special.chdtri(q, 1 - level) / q)
         rise = nu * np.log1p(q * F / nu) if nu < 1e9 else q * F
         return float(inflation * rise * (1 + self.monte_carlo))
 

@@ -19,7 +19,8 @@ from burrlab.curve import VelocityCurve
 from burrlab.depth_trace import DepthTrace
 from burrlab.descent import descend
 from burrlab.descent_result import Descent
-from burrlab.fitting.coverage import Experiment, coverage_study
+from burrlab.fitting.coverage import coverage_study
+from burrlab.fitting.experiment import Experiment
 from burrlab.fitting.fit import Fit, fit
 from burrlab.indentation import Indentation
 from burrlab.master_curve import MasterCurve, penetration_velocity

@@ -21,8 +21,10 @@ from burrlab.curve import VelocityCurve
 from burrlab.depth_trace import DepthTrace
 from burrlab.descent import descend
 from burrlab.descent_result import Descent
+from burrlab.fitting.coverage import coverage_study
 from burrlab.fitting.design import design
 from burrlab.fitting.design_result import Design
+from burrlab.fitting.experiment import Experiment
 from burrlab.fitting.fit import Fit, fit
 from burrlab.indentation import Indentation
 from burrlab.master_curve import MasterCurve, penetration_velocity
@@ -45,6 +47,7 @@ __all__ = [
     "DepthTrace",
     "Descent",
     "Design",
+    "Experiment",
     "Fit",
     "ForceController",
     "Indentation",
@@ -62,6 +65,7 @@ __all__ = [
     "Volume",
     "VoxelBone",
     "__version__",
+    "coverage_study",
     "descend",
     "design",
     "elastic_force",

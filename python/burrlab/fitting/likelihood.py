@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy import special, stats
 
 from burrlab.fitting.mean_field import Model
 from burrlab.fitting.observations import Floats, Observations, ResidualKind
@@ -277,11 +277,14 @@ class Calibration:
     For one estimated scatter and a model that is linear near the fit, S/S_min - 1 of q parameters is
     q/nu F(q, nu), nu = n - 2, so the limit is n log(1 + q F/nu): wider than chi-square in small samples, and
     chi-square where sigma is known. Several scatters count by their share of the information in the direction
-    asked for, nu by the rule of Welch and Satterthwaite.
+    asked for, nu by the rule of Welch and Satterthwaite. For both parameters (q = 2) the limit of one scatter is
+    chi-square's times n/nu, its mean over chi-square's; several add their means,
+    n (psi(n/2) - psi((n - p)/2)) where the rows determine p of the parameters (Bartlett's correction).
 
     References
     ----------
     Seber and Wild, Nonlinear Regression, Wiley 1989, section 5.3 (regions by the sum of squares).
+    Bartlett, Properties of sufficiency and statistical tests, Proc. R. Soc. A 160 (1937).
     Satterthwaite, An approximate distribution of estimates of variance components, Biometrics 2 (1946).
     """
 
@@ -300,16 +303,28 @@ class Calibration:
         direction : ndarray, shape (2,), optional
             Gradient of one quantity over (log c_e, log alpha); None: both parameters jointly.
         """
-        q = 2 if direction is None else 1
+        if direction is None:
+            return float(-2 * np.log1p(-level) * self._joint_inflation() * (1 + self.monte_carlo))
         weights = self._weights(direction)
         freedom = np.array([np.inf if s.known else max(s.n - s.parameters, 0.5) for s in self.scatters])
         inflation = sum(
             w * (1.0 if s.known else s.n / f) for w, s, f in zip(weights, self.scatters, freedom, strict=True)
         )
         nu = 1 / max(float(np.sum(weights**2 / freedom)), 1e-12)
-        F = float(stats.f.ppf(level, q, nu)) if nu < 1e9 else float(stats.chi2.ppf(level, q)) / q
-        rise = nu * np.log1p(q * F / nu) if nu < 1e9 else q * F
+        # special's, for the checks of stats.f take a hundred times as long
+        F = float(special.fdtri(1, nu, level) if nu < 1e9 else special.chdtri(1, 1 - level))
+        rise = nu * np.log1p(F / nu) if nu < 1e9 else F
         return float(inflation * rise * (1 + self.monte_carlo))
+
+    def _joint_inflation(self) -> float:
+        """Mean rise of both parameters over chi-square's 2: n/(n - 2) for one scatter, exactly the F limit."""
+        mean = 0.0
+        for s in self.scatters:
+            freedom = max(s.n - s.parameters, 0.5)
+            mean += (
+                s.parameters if s.known else s.n * float(np.diff(special.digamma([freedom / 2, s.n / 2]))[0])
+            )
+        return mean / 2
 
     def probability(self, rise: float, q: int = 2) -> float:
         """p-value of a rise of -2 log L, q parameters: the inverse of `limit`."""
@@ -326,12 +341,10 @@ class Calibration:
             low, high = (middle, high) if self.limit(middle, direction) < rise else (low, middle)
         return 1 - low
 
-    def _weights(self, direction: Floats | None) -> Floats:
+    def _weights(self, direction: Floats) -> Floats:
         if len(self.scatters) == 1:
             return np.ones(1)
         inverse = np.linalg.inv(self.total + 1e-10 * np.trace(self.total) * np.eye(2))
-        if direction is None:
-            return np.array([np.trace(inverse @ share) / 2 for share in self.shares])
         column = inverse @ direction
         weights = np.array([column @ share @ column for share in self.shares])
         return np.asarray(weights / weights.sum())

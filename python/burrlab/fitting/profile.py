@@ -218,7 +218,7 @@ def profile(
     )
     alphas = _alphas(walk, base, max(joint.values()))
     with np.errstate(invalid="ignore"):
-        table = np.array([np.nanmin(walk.slices.minus2(alpha)) for alpha in alphas]) - base
+        table = np.nanmin(walk.slices.minus2(alphas[:, None]), axis=1) - base
     shown = _thin(walk.c_e, rise <= 2 * max(joint.values()), int(np.argmin(rise)))
     return Profile(
         c_e=walk.c_e[shown],
@@ -253,6 +253,7 @@ def best_point(likelihood: Likelihood, domain: Domain) -> tuple[float, float]:
 
 def _walk(likelihood: Likelihood, domain: Domain, best: float, limits: list[float]) -> _Walk:
     c_e = domain.grid()
+    part = np.arange(1, _SUBPOINTS + 1) / (_SUBPOINTS + 1)
     for _ in range(3):
         walk = _Walk(likelihood, domain, c_e)
         i = int(np.argmin(walk.minus2))
@@ -261,10 +262,9 @@ def _walk(likelihood: Likelihood, domain: Domain, best: float, limits: list[floa
         for limit in limits:
             crossing = np.flatnonzero(np.diff(inside <= limit))
             edges |= set(crossing.tolist())
-        finer = [
-            np.geomspace(c_e[k], c_e[k + 1], _SUBPOINTS + 2)[1:-1] for k in edges if 0 <= k < len(c_e) - 1
-        ]
-        c_e = np.unique(np.concatenate([c_e, *finer, np.clip([best], domain.low, domain.high)]))
+        left = np.array([k for k in edges if 0 <= k < len(c_e) - 1])
+        finer = np.exp(np.log(c_e[left, None]) + np.log(c_e[left + 1] / c_e[left])[:, None] * part)
+        c_e = np.unique(np.concatenate([c_e, finer.ravel(), np.clip([best], domain.low, domain.high)]))
     return _Walk(likelihood, domain, c_e)
 
 

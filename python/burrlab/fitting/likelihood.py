@@ -143,9 +143,7 @@ class Likelihood:
         The shares, shape (number of scatters, 2, 2), are the information of each.
         """
         tables = self._derivatives(c_e, alpha)
-        shares = np.array(
-            [J.T @ J / self._variance(name, r, n, known) for name, known, J, r, n in tables]
-        )
+        shares = np.array([J.T @ J / self._variance(name, r, n, known) for name, known, J, r, n in tables])
         total = shares.sum(axis=0)
         inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
         scatters = []

@@ -21,6 +21,9 @@ LEVELS: Mapping[str, float] = {"68": 0.68, "95": 0.95, "99.7": 0.997}
 C_E, ALPHA = np.array([1.0, 0.0]), np.array([0.0, 1.0])  # directions in (log c_e, log alpha)
 
 _POINTS, _SUBPOINTS = 240, 12
+_ACROSS = (
+    60  # points evenly over the range that each limit leaves, which may be narrower than the first cells
+)
 _BEYOND = 30.0  # the walk is dense to this many times the c_e at which the ridge begins
 _FAR = (1e2, 1e3, 1e4, 1e6)  # and has these points besides: there v is a power law of c_e
 _SHOWN = 160  # points of a curve that the result keeps
@@ -192,7 +195,8 @@ def profile(
     """
     limits = {name: calibration.limit(level, C_E) for name, level in LEVELS.items()}
     joint = {name: calibration.limit(level) for name, level in LEVELS.items()}
-    walk = _walk(likelihood, domain, best[0], [*limits.values(), *joint.values()])
+    of_alpha = [calibration.limit(level, ALPHA) for level in LEVELS.values()]
+    walk = _walk(likelihood, domain, best[0], [*limits.values(), *joint.values(), *of_alpha])
     base = float(walk.minus2.min())
     rise = walk.minus2 - base
 
@@ -219,7 +223,7 @@ def profile(
     alphas = _alphas(walk, base, max(joint.values()))
     with np.errstate(invalid="ignore"):
         table = np.array([np.nanmin(walk.slices.minus2(alpha)) for alpha in alphas]) - base
-    shown = _thin(rise <= 2 * max(joint.values()), int(np.argmin(rise)))
+    shown = _thin(walk.c_e, rise <= 2 * max(joint.values()), int(np.argmin(rise)))
     return Profile(
         c_e=walk.c_e[shown],
         c_e_rise=rise[shown],
@@ -264,7 +268,10 @@ def _walk(likelihood: Likelihood, domain: Domain, best: float, limits: list[floa
         finer = [
             np.geomspace(c_e[k], c_e[k + 1], _SUBPOINTS + 2)[1:-1] for k in edges if 0 <= k < len(c_e) - 1
         ]
-        c_e = np.unique(np.concatenate([c_e, *finer, np.clip([best], domain.low, domain.high)]))
+        last = min(domain.high, _BEYOND * (domain.entry if np.isfinite(domain.entry) else domain.low))
+        left = [np.minimum(c_e[inside <= limit][[0, -1]], last) for limit in limits]
+        across = [np.geomspace(*ends, _ACROSS) for ends in left if ends[1] > ends[0]]
+        c_e = np.unique(np.concatenate([c_e, *finer, *across, np.clip([best], domain.low, domain.high)]))
     return _Walk(likelihood, domain, c_e)
 
 
@@ -323,12 +330,16 @@ def _region(walk: _Walk, domain: Domain, target: float) -> Region:
     low, high = walk.band(target)
     inside = np.isfinite(low)
     is_open = bool(inside[-1]) and not domain.high_hard
-    shown = _thin(inside, int(np.argmin(walk.minus2)))
+    shown = _thin(walk.c_e, inside, int(np.argmin(walk.minus2)))
     return Region(walk.c_e[shown], low[shown], high[shown], is_open)
 
 
-def _thin(inside: NDArray[np.bool_], best: int) -> NDArray[np.intp]:
-    """At most some 160 of the points inside, the first, the last and the best among them."""
+def _thin(c_e: Floats, inside: NDArray[np.bool_], best: int) -> NDArray[np.intp]:
+    """At most some 160 of the points inside, the first, the last and the best among them.
+
+    Half of them by their number, so that ends stay sharp, half evenly in log c_e, so that no gap is left.
+    """
     rows = np.flatnonzero(inside)
-    picked = rows[np.unique(np.linspace(0, len(rows) - 1, _SHOWN).round().astype(int))]
-    return np.unique(np.append(picked, best))
+    by_number = np.linspace(0, len(rows) - 1, _SHOWN // 2).round().astype(int)
+    even = np.searchsorted(c_e[rows], np.geomspace(*c_e[rows[[0, -1]]], _SHOWN // 2)[1:-1])
+    return np.unique(np.append(rows[np.union1d(by_number, even)], best))

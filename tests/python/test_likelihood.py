@@ -53,7 +53,9 @@ def overloaded():
 
 
 PRESSED = synthetic_indentation(BURR, BONE, [0.05, 0.1, 0.2, 0.3], scatter=0.06, seed=2)
-TRACES = tuple(synthetic_trace(BURR, BONE, F, run_scatter=0.08, seed=i) for i, F in enumerate((0.5, 1.0, 2.0)))
+TRACES = tuple(
+    synthetic_trace(BURR, BONE, F, run_scatter=0.08, seed=i) for i, F in enumerate((0.5, 1.0, 2.0))
+)
 
 CASES = {
     "relative": ([curve_of()], {}),
@@ -80,6 +82,8 @@ CASES = {
     "constant": ([curve_of(np.geomspace(0.15, 1.6, 6), shape="constant")], {"shape": "constant"}),
     "power(1.5)": ([curve_of(shape="power(1.5)")], {"shape": "power(1.5)"}),
 }
+
+
 @cache
 def pair(name: str) -> tuple[Fit, Oracle, tuple[float, float, float]]:
     data, options = CASES[name]
@@ -159,6 +163,7 @@ class TestAgainstTheOracle:
         limit = found.evidence.calibration.limit(0.95)
         region = found.region("95")
         inside = 0
+        wide = np.log(region.upper / region.lower).max()
         ends = (0.97 * region.c_e[0], min(1.03 * region.c_e[-1], 4 * best))
         for c_e in np.geomspace(*ends, 25):
             unit = oracle.unit(c_e)
@@ -166,7 +171,7 @@ class TestAgainstTheOracle:
                 assert (c_e, found.alpha) not in region
                 continue
             middle, _ = oracle.best_alpha(c_e)
-            for alpha in middle * np.geomspace(0.7, 1.4, 25):
+            for alpha in middle * np.exp(np.linspace(-wide, wide, 25)):
                 rise = oracle.minus2(c_e, alpha, unit) - base
                 if abs(rise - limit) > 0.02 * limit:
                     assert ((c_e, alpha) in region) == (rise < limit), (c_e, alpha, rise, limit)

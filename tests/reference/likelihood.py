@@ -156,7 +156,9 @@ class Oracle:
         if self.kind == "relative":
             rows = [i for i in range(len(v)) if not any(i in run for run in self.runs)]
             total += float(stats.lognorm.logpdf(v[rows], scatter[0], scale=model[rows]).sum())
-            for run in self.runs:  # K segments: the mean scatters by scatter[0], what is about it by scatter[1]
+            for (
+                run
+            ) in self.runs:  # K segments: the mean scatters by scatter[0], what is about it by scatter[1]
                 K = len(run)
                 mean = np.full((K, K), 1 / K)
                 covariance = scatter[1] ** 2 * (np.eye(K) - mean) + K * scatter[0] ** 2 * mean

@@ -121,17 +121,18 @@ class Likelihood:
         return np.asarray(n * np.log(S / n + MODEL_ERROR**2))
 
     def objective(self, c_e: float, alpha: float) -> float:
-        """What a search minimises, rising with -2 log L: the sum of squared residuals of the velocities.
+        """What a search minimises, rising with -2 log L and not negative: the sum of squared residuals.
 
-        With other rows besides, n exp(-2 log L/n), the geometric mean of the sums of squares. NaN without a
-        window.
+        With other rows besides, n exp(-2 log L/n), the geometric mean of the sums of squares; with known sigma
+        the sum of squares plus n log(1 + S/(n e^2)) of the others. NaN without a window.
         """
         slices = self.at(c_e)
         g = np.log(alpha) if slices.log else alpha
         S = float(slices.A[0] + slices.B[0] * (g - slices.m[0]) ** 2)
         other = float(slices.other[0])
         if self.known:
-            return S + other
+            scattered = 0 if self.pressed_known else len(self.observations.pressed)
+            return S + other - scattered * float(np.log(MODEL_ERROR**2))
         n = self.n + self.n_within + len(self.observations.pressed)
         with np.errstate(divide="ignore"):
             return float(n * np.exp((self.n * np.log(S / self.n) + other) / n))
@@ -142,9 +143,7 @@ class Likelihood:
         The shares, shape (number of scatters, 2, 2), are the information of each.
         """
         tables = self._derivatives(c_e, alpha)
-        shares = np.array(
-            [J.T @ J / (1.0 if known else np.sum(r**2) / n + MODEL_ERROR**2) for _, known, J, r, n in tables]
-        )
+        shares = np.array([J.T @ J / self._variance(name, r, n, known) for name, known, J, r, n in tables])
         total = shares.sum(axis=0)
         inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
         scatters = []
@@ -164,10 +163,15 @@ class Likelihood:
         """Derivative of log L by (log c_e, log alpha), shape (2,)."""
         return np.asarray(
             -sum(
-                J.T @ r / (1.0 if known else np.sum(r**2) / n + MODEL_ERROR**2)
-                for _, known, J, r, n in self._derivatives(c_e, alpha)
+                J.T @ r / self._variance(name, r, n, known)
+                for name, known, J, r, n in self._derivatives(c_e, alpha)
             )
         )
+
+    def _variance(self, name: str, r: Floats, n: int, known: bool) -> float:
+        """Square of a scatter at its best, with the model's error, in the unit of the residuals."""
+        floor = self._floor if name == "velocity" else MODEL_ERROR**2
+        return 1.0 if known else float(np.sum(r**2)) / n + floor
 
     def _derivatives(self, c_e: float, alpha: float) -> list[tuple[str, bool, Floats, Floats, int]]:
         """Name, known, derivatives of the residuals by (log c_e, log alpha), residuals, and n, of each scatter.
@@ -214,6 +218,8 @@ class Likelihood:
             total -= float(np.sum(np.log(o.sigma)))
         if self.n_within:
             total += self._normal(self.within_residuals(unit), self.n_within, False)
+            # K rows are sqrt(K) times their mean and K - 1 contrasts, by a rotation
+            total -= 0.5 * sum(float(np.log(len(rows))) for rows in self._runs)
         if len(o.pressed):
             total += self._normal(self.pressed_residuals(c_e), len(o.pressed), self.pressed_known)
             total -= float(np.sum(np.log(o.pressed_sigma if self.pressed_known else o.pressed)))

@@ -21,6 +21,9 @@ LEVELS: Mapping[str, float] = {"68": 0.68, "95": 0.95, "99.7": 0.997}
 C_E, ALPHA = np.array([1.0, 0.0]), np.array([0.0, 1.0])  # directions in (log c_e, log alpha)
 
 _POINTS, _SUBPOINTS = 240, 12
+_ACROSS = (
+    60  # points evenly over the range that each limit leaves, which may be narrower than the first cells
+)
 _BEYOND = 30.0  # the walk is dense to this many times the c_e at which the ridge begins
 _FAR = (1e2, 1e3, 1e4, 1e6)  # and has these points besides: there v is a power law of c_e
 _SHOWN = 160  # points of a curve that the result keeps
@@ -192,7 +195,8 @@ def profile(
     """
     limits = {name: calibration.limit(level, C_E) for name, level in LEVELS.items()}
     joint = {name: calibration.limit(level) for name, level in LEVELS.items()}
-    walk = _walk(likelihood, domain, best[0], [*limits.values(), *joint.values()])
+    of_alpha = [calibration.limit(level, ALPHA) for level in LEVELS.values()]
+    walk = _walk(likelihood, domain, best[0], [*limits.values(), *joint.values(), *of_alpha])
     base = float(walk.minus2.min())
     rise = walk.minus2 - base
 
@@ -264,7 +268,12 @@ def _walk(likelihood: Likelihood, domain: Domain, best: float, limits: list[floa
             edges |= set(crossing.tolist())
         left = np.array([k for k in edges if 0 <= k < len(c_e) - 1])
         finer = np.exp(np.log(c_e[left, None]) + np.log(c_e[left + 1] / c_e[left])[:, None] * part)
-        c_e = np.unique(np.concatenate([c_e, finer.ravel(), np.clip([best], domain.low, domain.high)]))
+        last = min(domain.high, _BEYOND * (domain.entry if np.isfinite(domain.entry) else domain.low))
+        ends = [np.minimum(c_e[inside <= limit][[0, -1]], last) for limit in limits]
+        across = [np.geomspace(low, high, _ACROSS) for low, high in ends if high > low]
+        c_e = np.unique(
+            np.concatenate([c_e, finer.ravel(), *across, np.clip([best], domain.low, domain.high)])
+        )
     return _Walk(likelihood, domain, c_e)
 
 
@@ -328,9 +337,12 @@ def _region(walk: _Walk, domain: Domain, target: float) -> Region:
 
 
 def _thin(c_e: Floats, inside: NDArray[np.bool_], best: int) -> NDArray[np.intp]:
-    """Some 160 of the points inside, even in log c_e near the best, and all that lie far above it."""
+    """Some 160 of the points inside, the first, the last and the best among them, and all far above the best.
+
+    Half of them by their number, so that ends stay sharp, half evenly in log c_e, so that no gap is left.
+    """
     rows = np.flatnonzero(inside)
     near, far = rows[c_e[rows] <= _BEYOND * c_e[best]], rows[c_e[rows] > _BEYOND * c_e[best]]
-    x = np.log(c_e[near])
-    picked = near[np.unique(np.searchsorted(x, np.linspace(x[0], x[-1], _SHOWN)))]
-    return np.unique(np.concatenate([picked, far, [best]]))
+    by_number = np.linspace(0, len(near) - 1, _SHOWN // 2).round().astype(int)
+    even = np.searchsorted(c_e[near], np.geomspace(c_e[near[0]], c_e[near[-1]], _SHOWN // 2)[1:-1])
+    return np.unique(np.concatenate([near[np.union1d(by_number, even)], far, [best]]))

@@ -20,6 +20,8 @@ from burrlab.depth_trace import DepthTrace
 from burrlab.descent import descend
 from burrlab.descent_result import Descent
 from burrlab.fitting.fit import Fit, fit
+from burrlab.fitting.shape_comparison import ShapeComparison
+from burrlab.fitting.shapes import compare_shapes
 from burrlab.indentation import Indentation
 from burrlab.master_curve import MasterCurve, penetration_velocity
 from burrlab.materials import materials
@@ -46,12 +48,14 @@ __all__ = [
     "Rig",
     "RigReading",
     "Shape",
+    "ShapeComparison",
     "Specimen",
     "VelocityCurve",
     "VirtualRig",
     "Volume",
     "VoxelBone",
     "__version__",
+    "compare_shapes",
     "descend",
     "elastic_force",
     "erode",

@@ -167,7 +167,10 @@ class PowerFamily:
         weights /= weights.sum()
         used = [3.0] if len(shares) == 1 else [float(np.trace(inverse @ share)) for share in shares]
         freedom = np.array(
-            [np.inf if is_known else max(n - p, 0.5) for n, p, is_known in zip(counts, used, known, strict=True)]
+            [
+                np.inf if is_known else max(n - p, 0.5)
+                for n, p, is_known in zip(counts, used, known, strict=True)
+            ]
         )
         inflation = sum(
             w * (1.0 if is_known else n / f)

@@ -130,13 +130,25 @@ class ShapeComparison:
         return tuple(row.shape.name for row in self.rows if row.rejected)
 
     @property
-    def indistinguishable(self) -> tuple[Pair, ...]:
-        """Pairs that the data cannot tell apart, of the shapes that are not rejected."""
+    def kept(self) -> tuple[str, ...]:
+        """Shapes that are not rejected; without the family, those not told apart from the best."""
+        behind = {pair.worse for pair in self.pairs if pair.told_apart and pair.better == self._lowest}
         return tuple(
-            pair
-            for pair in self.pairs
-            if not (pair.told_apart or {pair.better, pair.worse} & set(self.rejected))
+            row.shape.name
+            for row in self.rows
+            if not (row.shape.name in behind if row.rejected is None else row.rejected)
         )
+
+    @property
+    def _lowest(self) -> str | None:
+        """The shape that no other is better than in the pairs."""
+        return next(iter({pair.better for pair in self.pairs} - {pair.worse for pair in self.pairs}), None)
+
+    @property
+    def indistinguishable(self) -> tuple[Pair, ...]:
+        """Pairs of the kept shapes that the data cannot tell apart."""
+        kept = set(self.kept)
+        return tuple(pair for pair in self.pairs if not pair.told_apart and {pair.better, pair.worse} <= kept)
 
     @property
     def sentences(self) -> tuple[str, ...]:

@@ -41,14 +41,14 @@ def plot_residuals(comparison: ShapeComparison, ax: Axes | None) -> Axes:
             label=f"data ({best.shape.name} fits best)", zorder=4)  # fmt: skip
     ax.set(xscale="log", xlabel="force [N]", ylabel=f"100 ln($v/v_\\mathrm{{{best.shape.name}}}$)")
     _plain_ticks(ax)
-    step = float(next(s for s in _TICKS if half / s < 3))
+    step = float(next((s for s in _TICKS if half / s < 3), _TICKS[-1]))
     inner = np.arange(0, half, step)
     outer = np.array([s for s in (*_TICKS, 1000, 3000) if 1.5 * half < s <= farthest and str(s)[0] in "13"])
     if farthest > half:
         ax.set_yscale("symlog", linthresh=half, linscale=2.0)
         ax.axhspan(-half, half, color="0.96", zorder=0)
     ticks = np.concatenate([inner, outer])
-    ax.yaxis.set_major_locator(FixedLocator([*-ticks, *ticks]))
+    ax.yaxis.set_major_locator(FixedLocator([*-ticks[1:], *ticks]))
     ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
     ax.yaxis.set_minor_locator(NullLocator())
     ax.set(ylim=(-1.1 * farthest, 1.1 * farthest), xlim=(0.93 * o.force.min(), 1.07 * o.force.max()))
@@ -89,7 +89,7 @@ def plot_power(comparison: ShapeComparison, ax: Axes | None) -> Axes:
         ax.annotate(
             name,
             (k, rise),
-            xytext=(7, -11 if k == 2 else 3),
+            xytext=(8, -11 if rise > largest else 3),
             textcoords="offset points",
             fontsize=8,
             color=VELOCITY,

@@ -138,8 +138,8 @@ def sentences(comparison: ShapeComparison) -> list[str]:
         lines.append(_free(comparison.power))
     lines += [_pair(comparison, pair) for pair in comparison.indistinguishable]
     reference = next((row for row in comparison.rows if row.shape == Shape("parabolic")), None)
-    if reference is not None and not reference.rejected:  # the alpha of a shape that misses says nothing
-        lines += [_alpha(reference, row) for row in comparison.rows if not row.rejected and row.alpha_ratio]
+    if reference is not None and reference.shape.name in comparison.kept:
+        lines += [_alpha(reference, row) for row in comparison.rows if row.shape.name in comparison.kept]
     lines += [
         f"Under {row.shape.name}, velocities are {words}."
         for row in comparison.rows
@@ -198,14 +198,19 @@ def _pair(comparison: ShapeComparison, pair: Pair) -> str:
 
 
 def _alpha(reference: ShapeRow, row: ShapeRow) -> str:
-    assert row.alpha_ratio is not None
-    if row is reference:
+    name = row.shape.name
+    if row.alpha_ratio is None:
+        line = f"Under {name} c_e is open above, or under parabolic, and so is the ratio of their alpha."
+    elif row is reference:
         return f"Under parabolic alpha is {row.fit.alpha:.4g} /ms and c_e {row.fit.c_e:.4g} N/mm^2."
-    line = (
-        f"Under {row.shape.name} alpha is {row.alpha_ratio:.3g} times that under parabolic, and c_e "
-        f"{row.fit.c_e / reference.fit.c_e:.3g} times."
-    )
-    if row.combination_ratio is None or row.shape.order != 1:
+    else:
+        line = (
+            f"Under {name} alpha is {row.alpha_ratio:.3g} times that under parabolic, and c_e "
+            f"{row.fit.c_e / reference.fit.c_e:.3g} times."
+        )
+    if row is reference:
+        return f"Under parabolic c_e is open above, and alpha with it: {row.fit.verdict}"
+    if row.combination_ratio is None:
         return line
     slope = kappa(reference.shape) / kappa(row.shape)
     return (
@@ -221,7 +226,8 @@ def _misfit(comparison: ShapeComparison, row: ShapeRow) -> str:
 
 
 def _words(comparison: ShapeComparison, part: Part) -> str:
-    where = f"at {part.forces[0]:.3g}..{part.forces[1]:.3g} N"
+    low, high = part.forces
+    where = f"at {low:.3g} N" if low == high else f"at {low:.3g}..{high:.3g} N"
     if not part.clear:
         return f"as predicted {where}"
     if comparison.residual_kind == "relative":

@@ -89,7 +89,7 @@ def plot_power(comparison: ShapeComparison, ax: Axes | None) -> Axes:
         ax.annotate(
             name,
             (k, rise),
-            xytext=(8, -11 if rise > largest else 3),
+            xytext=(8, -11 if rise > largest and k > power.k else 4),
             textcoords="offset points",
             fontsize=8,
             color=VELOCITY,

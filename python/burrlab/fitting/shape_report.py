@@ -48,12 +48,11 @@ def cells(comparison: ShapeComparison) -> list[list[str]]:
         against = "-" if row.p_value is None else p_text(row.p_value)
         if row.rejected:
             against += ", rejected"
-        is_open = one.intervals["c_e"]["95"].upper is None
         numbers = [f"{one.c_e:.4g}", f"{one.alpha:.4g}"]
         rows.append(
             [
                 row.shape.name,
-                *(f"{number} (open)" if is_open else number for number in numbers),
+                *(f"{number} (open)" if _is_open(row) else number for number in numbers),
                 f"{one.log_likelihood:.4g}",
                 f"{one.aic:.4g}",
                 f"{one.bic:.4g}",
@@ -65,6 +64,10 @@ def cells(comparison: ShapeComparison) -> list[list[str]]:
             ]
         )
     return rows
+
+
+def _is_open(row: ShapeRow) -> bool:
+    return row.fit.intervals["c_e"]["95"].upper is None
 
 
 def table(comparison: ShapeComparison) -> list[str]:
@@ -200,7 +203,8 @@ def _pair(comparison: ShapeComparison, pair: Pair) -> str:
 def _alpha(reference: ShapeRow, row: ShapeRow) -> str:
     name = row.shape.name
     if row.alpha_ratio is None:
-        line = f"Under {name} c_e is open above, or under parabolic, and so is the ratio of their alpha."
+        names = _listed([r.shape.name for r in (row, reference) if _is_open(r)])
+        line = f"{name} has no alpha of its own to compare with parabolic's: c_e is open above under {names}."
     elif row is reference:
         return f"Under parabolic alpha is {row.fit.alpha:.4g} /ms and c_e {row.fit.c_e:.4g} N/mm^2."
     else:

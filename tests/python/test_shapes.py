@@ -299,7 +299,6 @@ class TestRates:
     @pytest.mark.slow
     @pytest.mark.parametrize("truth", SHAPES)
     def test_a_thousand(self, truth):
-        # Measured [% of 1000, at 95 % and 99 %]: see the docstring of compare_shapes.
         n = 1000
         # constant at c_e = 3: the hard bound of c_e, 1.73, is then never reached
         with ProcessPoolExecutor(2) as executor:

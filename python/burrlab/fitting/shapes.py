@@ -166,6 +166,12 @@ def compare_shapes(
     best member lies there, the rise is smaller and the test keeps to its level or below. The tests let c_e
     and alpha go along the ridge beyond the box of the searches, where the fits of the table end.
 
+    Measured on synthetic data (10 forces over 0.3 .. 3 N, three repeats, 5 % scatter, c_e = 2.145 N/mm^2,
+    R = 3 mm; 1000 sets, quartic 500, constant 1500): a true shape is rejected at 95 and 99 % in 4.0 and 1.0 %
+    of the sets (parabolic), 3.9 and 1.1 % (linear), 4.4 and 1.2 % (quartic), 3.7 and 0.4 % (constant; 5.9
+    and 1.1 % at c_e = 3 N/mm^2, where the bound of c_e is out of reach). Under parabolic and linear data
+    quartic and constant are always rejected at 99 %; linear and parabolic are told apart in 0.3 %.
+
     References
     ----------
     Atkinson, A method for discriminating between models, J. R. Statist. Soc. B 32 (1970) 323.

@@ -26,6 +26,8 @@ from burrlab.fitting.design import design
 from burrlab.fitting.design_result import Design
 from burrlab.fitting.experiment import Experiment
 from burrlab.fitting.fit import Fit, fit
+from burrlab.fitting.shape_comparison import ShapeComparison
+from burrlab.fitting.shapes import compare_shapes
 from burrlab.indentation import Indentation
 from burrlab.master_curve import MasterCurve, penetration_velocity
 from burrlab.materials import materials
@@ -57,6 +59,7 @@ __all__ = [
     "Rig",
     "RigReading",
     "Shape",
+    "ShapeComparison",
     "Specimen",
     "Store",
     "StudyInterrupted",
@@ -65,6 +68,7 @@ __all__ = [
     "Volume",
     "VoxelBone",
     "__version__",
+    "compare_shapes",
     "coverage_study",
     "descend",
     "design",

@@ -1,0 +1,284 @@
+"""Model choice: fits under each erosion shape function, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from burrlab._core import Burr, Shape
+from burrlab.fitting.fit import fit
+from burrlab.fitting.likelihood import Likelihood
+from burrlab.fitting.mean_field import MeanFieldModel
+from burrlab.fitting.observations import Bounds, Data, Floats, Observations, ResidualKind, bounds_of
+from burrlab.fitting.profile import Domain
+from burrlab.fitting.result import Fit
+from burrlab.fitting.shape_comparison import Pair, Part, ShapeComparison, ShapeRow
+from burrlab.fitting.shape_family import PowerFamily, Threshold, lowest
+from burrlab.provenance import provenance
+
+SHAPES = ("parabolic", "linear", "quartic", "constant")
+REFERENCE = "parabolic"  # the shape that the others' alpha is compared with
+_SAME = 1e-6  # of -2 log L: a rise below this is none
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """Minima of -2 log L, without constants: all that the tests need.
+
+    Attributes
+    ----------
+    minus2 : mapping
+        Shape -> minimum over c_e and alpha.
+    points : mapping
+        Shape -> (c_e [N/mm^2], alpha [1/ms]) there.
+    threshold : Threshold or None
+        Of one more parameter; None where the rows leave no freedom for it.
+    k, free, free_point
+        Best k of the family, the minimum over k too, and its (c_e, alpha); None without the family.
+    """
+
+    minus2: Mapping[str, float]
+    points: Mapping[str, tuple[float, float]]
+    threshold: Threshold | None
+    k: float | None = None
+    free: float | None = None
+    free_point: tuple[float, float] | None = None
+
+    def p_value(self, shape: str) -> float | None:
+        """Of the shape against the family with k free; None where that cannot be judged.
+
+        k = 0 ends the family, so a true `constant` has k's estimate on one side only and a rise in half of
+        all data sets: its p-value is half of the other shapes'.
+        """
+        if self.free is None or self.threshold is None:
+            return None
+        rise = self.minus2[shape] - self.free
+        if rise <= _SAME:
+            return 1.0
+        return self.threshold.probability(rise) * (0.5 if Shape(shape).order == 0 else 1.0)
+
+    def pairs(self) -> tuple[Pair, ...]:
+        """Every two shapes, judged against one another."""
+        if self.threshold is None:
+            return ()
+        made = []
+        for pair in combinations(self.minus2, 2):
+            better, worse = sorted(pair, key=lambda name: self.minus2[name])
+            rise = self.minus2[worse] - self.minus2[better]
+            made.append(
+                Pair(better, worse, rise, self.threshold.limit(Pair.LEVEL), self.threshold.probability(rise))
+            )
+        return tuple(made)
+
+
+def weigh_shapes(
+    observations: Observations,
+    kind: ResidualKind,
+    shapes: Sequence[str],
+    *,
+    bounds: Bounds | None = None,
+    free: bool = True,
+) -> Weighed:
+    """Minima under every shape and over the family, without searches: tens of milliseconds."""
+    box = bounds_of(observations, bounds)
+    minus2, points = {}, {}
+    for name in shapes:
+        likelihood = Likelihood(observations, kind, MeanFieldModel(observations, Shape(name)))
+        domain = Domain.of(likelihood, box, bounds or {})
+        minus2[name], points[name] = lowest(likelihood, domain)
+    family = PowerFamily(observations, kind, domain)
+    if not free:
+        best = min(shapes, key=lambda name: minus2[name])
+        return Weighed(minus2, points, family.threshold(Shape(best).order, points[best]))
+    k, base, point = family.minimise()
+    return Weighed(minus2, points, family.threshold(k, point), k, base, point)
+
+
+def compare_shapes(
+    data: Data | Sequence[Data],
+    burr: Burr | None = None,
+    *,
+    shapes: Sequence[str] = SHAPES,
+    free: bool = True,
+    level: float = 0.99,
+    residuals: ResidualKind = "relative",
+    bounds: Bounds | None = None,
+    starts: int = 8,
+    seed: int | None = 0,
+) -> ShapeComparison:
+    """Fit data under several erosion shapes f, and say which are rejected and which cannot be told apart.
+
+    Each shape is tested against the family f = (1 - x^2)^k with k free:
+
+        F = (S_f - S_free)/(S_free/(n - 3))  on 1 and n - 3 degrees of freedom, 0 where negative,
+
+    and chi-square where sigma is known. parabolic, quartic and constant are k = 1, 2 and 0.
+
+    Parameters
+    ----------
+    data : VelocityCurve, Indentation, DepthTrace or a sequence of them
+        As for `fit`.
+    burr : Burr, optional
+        The burr of the data sets that do not say their radius.
+    shapes : sequence of str
+        Names of shapes, each once.
+    free : bool
+        Fit the family too. Its master curves, eight k each window, take seconds once a process. Without it
+        no shape is rejected, but pairs are judged.
+    level : float
+        At which a shape is rejected, between 0 and 1.
+    residuals : {"relative", "absolute", "sigma"}
+        As for `fit`.
+    bounds : dict, optional
+        As for `fit`.
+    starts : int
+        As for `fit`.
+    seed : int or None
+        Of the fits' starts; the tests draw nothing.
+
+    Returns
+    -------
+    ShapeComparison
+
+    Raises
+    ------
+    TypeError
+        If data or burr is something else.
+    ValueError
+        If shapes is empty, names one twice or none of the shapes; level is not between 0 and 1; or what
+        `fit` refuses.
+
+    Notes
+    -----
+    linear, 1 - x, is no member of the family. But where a layer is thin only f near r = R counts, and there
+    linear and parabolic both have a simple zero, of slope kappa = 1 and 2. So velocities at small forces
+    give kappa alpha/c_e^(8/3) and not f, and an alpha under linear is about twice that under parabolic.
+
+    Two shapes are told apart where -2 log L of the worse lies above that of the better by more than the
+    limit of one parameter at 95 %. With one more parameter that leads from the one to the other, the worse
+    would rise over the minimum by at least as much; so a true shape is set behind another in at most 5 % of
+    all data sets.
+
+    k = 0 is a boundary of the family: see `Weighed.p_value`. c_e is bounded too, by the windows; where the
+    best member lies there, the rise is smaller and the test keeps to its level or below. The tests let c_e
+    and alpha go along the ridge beyond the box of the searches, where the fits of the table end.
+
+    Measured on synthetic data (10 forces over 0.3 .. 3 N, three repeats, 5 % scatter, c_e = 2.145 N/mm^2,
+    R = 3 mm; 1000 sets, quartic 500, constant 1500): a true shape is rejected at 95 and 99 % in 4.0 and 1.0 %
+    of the sets (parabolic), 3.9 and 1.1 % (linear), 4.4 and 1.2 % (quartic), 3.7 and 0.4 % (constant; 5.9
+    and 1.1 % at c_e = 3 N/mm^2, where the bound of c_e is out of reach). Under parabolic and linear data
+    quartic and constant are always rejected at 99 %; linear and parabolic are told apart in 0.3 %.
+
+    References
+    ----------
+    Atkinson, A method for discriminating between models, J. R. Statist. Soc. B 32 (1970) 323.
+    Seber and Wild, Nonlinear Regression, Wiley 1989, section 5.3.
+    Self and Liang, Asymptotic properties of maximum likelihood estimators and likelihood ratio tests under
+    nonstandard conditions, J. Am. Statist. Assoc. 82 (1987) 605.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> burr, bone = burrlab.Burr(3.0), burrlab.materials["bone"]
+    >>> curve = burrlab.synthetic_curve(burr, bone, [0.3, 0.5, 1.0, 1.8, 3.0], scatter=0.05, seed=1)
+    >>> burrlab.compare_shapes(curve).rejected
+    ('quartic', 'constant')
+    """
+    names = tuple(Shape(name).name for name in shapes)
+    if not names or len(set(names)) < len(names):
+        raise ValueError(f"shapes must be one or more names, each once: got {shapes!r}")
+    if not 0 < level < 1:
+        raise ValueError(f"level must be between 0 and 1: got {level!r}")
+    fits = {
+        name: fit(data, burr, shape=name, residuals=residuals, bounds=bounds, starts=starts, seed=seed)
+        for name in names
+    }
+    first = fits[names[0]]
+    observations = first.observations
+    weighed = weigh_shapes(observations, residuals, names, bounds=bounds, free=free)
+    power = None
+    if weighed.k is not None and weighed.threshold is not None:
+        assert weighed.free is not None
+        assert weighed.free_point is not None
+        domain = Domain.of(first.likelihood, bounds_of(observations, bounds), bounds or {})
+        family = PowerFamily(observations, residuals, domain)
+        power = family.profile(weighed.k, weighed.free, weighed.free_point, weighed.threshold)
+    lowest_aic = min(one.aic for one in fits.values())
+    best = min(names, key=lambda name: weighed.minus2[name])
+    scatter = _scatter(fits[best])
+    reference = fits.get(REFERENCE)
+    rows = []
+    for name, one in fits.items():
+        p = weighed.p_value(name)
+        rows.append(
+            ShapeRow(
+                shape=one.shape,
+                fit=one,
+                delta_aic=one.aic - lowest_aic,
+                rise=None if weighed.free is None else weighed.minus2[name] - weighed.free,
+                p_value=p,
+                rejected=None if p is None else p < 1 - level,
+                pattern=_pattern(one, scatter),
+                alpha_ratio=None if reference is None else _ratio(one, reference, 0.0),
+                combination_ratio=None
+                if reference is None
+                else _ratio(one, reference, 4 * (one.shape.order + 1) / 3),
+            )
+        )
+    return ShapeComparison(
+        rows=tuple(rows),
+        power=power,
+        threshold=weighed.threshold,
+        pairs=weighed.pairs(),
+        level=level,
+        residual_kind=residuals,
+        provenance=provenance(
+            shapes=list(names), free=free, level=level, residuals=residuals, starts=starts, seed=first.seed
+        ),
+    )
+
+
+def _residuals(one: Fit) -> tuple[Floats, Floats, Floats]:
+    """F/R^2 [N/mm^2], force [N] and residual of the curves' rows and the runs' means."""
+    o = one.observations
+    residuals = one.likelihood.velocity_residuals(one.likelihood.model.unit(one.c_e), one.alpha)
+    runs = [int(np.flatnonzero(o.run == i)[0]) for i in range(int(o.run.max(initial=-1)) + 1)]
+    rows = np.concatenate([np.flatnonzero(o.run < 0), np.array(runs, dtype=np.intp)])
+    return o.force[rows] / o.radius[rows] ** 2, o.force[rows], residuals
+
+
+def _scatter(one: Fit) -> float:
+    """Standard deviation of one residual about a fit; 1 where sigma is known."""
+    evidence = one.evidence
+    return np.nan if evidence is None else evidence.scatters[0].value
+
+
+def _pattern(one: Fit, scatter: float) -> tuple[Part, ...]:
+    """Mean residual in the low, middle and high third of the forces."""
+    pressure, force, r = _residuals(one)
+    thirds = np.array_split(np.unique(pressure), 3)
+    parts = []
+    for name, third in zip(("low", "middle", "high"), thirds, strict=True):
+        rows = (
+            (pressure >= third[0]) & (pressure <= third[-1]) if len(third) else np.zeros(len(r), dtype=bool)
+        )
+        if rows.any():
+            ends = float(force[rows].min()), float(force[rows].max())
+            parts.append(Part(name, ends, float(r[rows].mean()), scatter / float(np.sqrt(rows.sum()))))
+    return tuple(parts)
+
+
+def _ratio(one: Fit, reference: Fit, exponent: float) -> float | None:
+    """alpha/c_e^exponent over the reference's; None where c_e, and alpha with it, is open above.
+
+    With the exponent of the ridge only shapes of the reference's order compare, but c_e may be open.
+    """
+    if exponent:
+        if one.shape.order != reference.shape.order:
+            return None
+    elif any(each.intervals["c_e"]["95"].upper is None for each in (one, reference)):
+        return None
+    return float(one.alpha / reference.alpha * (reference.c_e / one.c_e) ** exponent)

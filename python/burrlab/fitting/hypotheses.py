@@ -190,7 +190,7 @@ def given_values(
     if np.isnan(rise):
         o = likelihood.observations
         return HypothesisTest(
-            name, np.inf, freedom, 0.0, f"({c_e:g} N/mm^2, {alpha:g} /ms) is excluded: at {o.force.max():g} N there "
+            name, np.inf, freedom, 0.0, f"({c_e:g} N/mm^2, {alpha:g} /ms) is excluded: at {o.force.max():.4g} N there "
             "would have been no window."
         )  # fmt: skip
     if c_e > likelihood.observations.ceiling:

@@ -135,8 +135,10 @@ def plot_region(
         )
     power = f"$\\alpha/c_e^{{{p:.3g}}}$ [(1/ms) (mm²/N)$^{{{p:.3g}}}$]"
     ax.set(xscale="log", yscale="log", xlabel=_UNITS["c_e"], ylabel=power if combination else _UNITS["alpha"])
+    low, high = ax.get_ylim()
+    ax.set_ylim(low * (low / high) ** 0.3, high)  # room for the legend
     _plain_ticks(ax)
-    ax.legend(framealpha=0.8, edgecolor="none", fontsize="small")
+    ax.legend(loc="lower right", ncols=2, frameon=False, fontsize="small")
     return tidy(ax)
 
 

@@ -120,7 +120,7 @@ def sentence(
     n: int, forces: tuple[float, float], c_e: Interval, alpha: Interval, identified: Combination
 ) -> str:
     """The verdict in plain words, at 95 %."""
-    rows = f"these {n} points ({forces[0]:g} to {forces[1]:g} N)"
+    rows = f"these {n} points ({forces[0]:.3g} to {forces[1]:.3g} N)"
     if separately_identified(c_e):
         return (
             f"c_e and alpha are separately identified: {rows} determine c_e within {span(c_e)} N/mm^2 and "

@@ -18,7 +18,7 @@ def test_script(tmp_path, monkeypatch, capsys):
     (script,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     exec(compile(script, "README.md", "exec"), {})
     assert "[[Variables]]" in capsys.readouterr().out
-    assert {p.name for p in tmp_path.iterdir()} == {"descent.png", "curve.csv", "fit.png"}
+    assert {p.name for p in tmp_path.iterdir()} == {"descent.png", "curve.csv", "fit.png", "region.png"}
 
 
 def test_commands(tmp_path, monkeypatch):

@@ -175,7 +175,7 @@ def test_an_interrupted_sweep_goes_on_from_its_store(tmp_path, monkeypatch):
     import burrlab.study as module
 
     path, notes = tmp_path / "s.jsonl", tmp_path / "notes"
-    options = {"specimen": Fuller(120, str(notes)), "store": path}
+    options = {"repeats": 12, "specimen": Fuller(120, str(notes)), "store": path}
     finished, keep = [], module.Study._keep
 
     def stop_after_two(study, i, row):
@@ -186,12 +186,12 @@ def test_an_interrupted_sweep_goes_on_from_its_store(tmp_path, monkeypatch):
 
     monkeypatch.setattr(module.Study, "_keep", stop_after_two)
     part = sweep(**options)
-    assert 2 <= part.status.count("ok") == len(Store(path)) < 6
-    assert part.status.count("interrupted") == 6 - part.status.count("ok")
+    assert 2 <= part.status.count("ok") == len(Store(path)) < 36
+    assert part.status.count("interrupted") == 36 - part.status.count("ok")
     monkeypatch.undo()
     notes.unlink()
     curve = sweep(**options)
-    missing = 6 - part.status.count("ok")
+    missing = 36 - part.status.count("ok")
     assert len(notes.read_text().splitlines()) == missing, "only what is missing"
     assert curve.status == ("ok",) * 6
     notes.unlink()

@@ -12,7 +12,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 from burrlab.curve import VelocityCurve
 from burrlab.figures import FORCE, REFERENCE, VELOCITY, tidy
 from burrlab.fitting.observations import Floats
-from burrlab.fitting.profile import LEVELS
+from burrlab.fitting.profile import ALPHA, C_E, LEVELS
 from burrlab.master_curve import MasterCurve
 
 if TYPE_CHECKING:
@@ -91,10 +91,12 @@ def plot_profile(fit: Fit, name: str, ax: Axes | None) -> Axes:
     assert fit.evidence is not None
     profile = fit.evidence.profile
     x, rise = (profile.c_e, profile.c_e_rise) if name == "c_e" else (profile.alpha, profile.alpha_rise)
-    top = 1.6 * profile.limits["99.7"]
+    direction = {"c_e": C_E, "alpha": ALPHA}[name]
+    limits = {name: fit.evidence.calibration.limit(level, direction) for name, level in LEVELS.items()}
+    top = 1.6 * limits["99.7"]
     shown = (rise < 1.2 * top) & (x < 12 * getattr(fit, name))
     ax.plot(x[shown], rise[shown], color=FORCE, linewidth=1.4)
-    for level, limit in profile.limits.items():
+    for level, limit in limits.items():
         ax.axhline(limit, color=REFERENCE, linewidth=0.8, linestyle="--")
         ax.annotate(f"{level} %", (0.995, limit), xycoords=("axes fraction", "data"), xytext=(0, 2),
                     textcoords="offset points", ha="right", fontsize=8, color=REFERENCE)  # fmt: skip

@@ -269,8 +269,8 @@ def _walk(likelihood: Likelihood, domain: Domain, best: float, limits: list[floa
             np.geomspace(c_e[k], c_e[k + 1], _SUBPOINTS + 2)[1:-1] for k in edges if 0 <= k < len(c_e) - 1
         ]
         last = min(domain.high, _BEYOND * (domain.entry if np.isfinite(domain.entry) else domain.low))
-        left = [np.minimum(c_e[inside <= limit][[0, -1]], last) for limit in limits]
-        across = [np.geomspace(*ends, _ACROSS) for ends in left if ends[1] > ends[0]]
+        left = [np.minimum(c_e[inside <= limit], last) for limit in limits]
+        across = [np.geomspace(part[0], part[-1], _ACROSS) for part in left if part[-1] > part[0]]
         c_e = np.unique(np.concatenate([c_e, *finer, *across, np.clip([best], domain.low, domain.high)]))
     return _Walk(likelihood, domain, c_e)
 
@@ -287,8 +287,9 @@ def _range_of_alpha(walk: _Walk, domain: Domain, target: float) -> Interval:
     low, high = walk.band(target)
     c_e = _range_of_c_e(walk, domain, target)
     # alpha rises with c_e along the likelihood: it is open where c_e is
-    lower = None if c_e.lower is None else float(np.nanmin(low))
-    upper = None if c_e.upper is None else float(np.nanmax(high))
+    lowest, highest = float(np.nanmin(low)), float(np.nanmax(high))
+    lower = None if c_e.lower is None or 0 < domain.alpha[0] >= lowest else lowest
+    upper = None if c_e.upper is None or highest >= domain.alpha[1] else highest
     return Interval(lower, upper)
 
 
@@ -341,5 +342,5 @@ def _thin(c_e: Floats, inside: NDArray[np.bool_], best: int) -> NDArray[np.intp]
     """
     rows = np.flatnonzero(inside)
     by_number = np.linspace(0, len(rows) - 1, _SHOWN // 2).round().astype(int)
-    even = np.searchsorted(c_e[rows], np.geomspace(*c_e[rows[[0, -1]]], _SHOWN // 2)[1:-1])
+    even = np.searchsorted(c_e[rows], np.geomspace(c_e[rows[0]], c_e[rows[-1]], _SHOWN // 2)[1:-1])
     return np.unique(np.append(rows[np.union1d(by_number, even)], best))

@@ -239,9 +239,9 @@ class TestCalibration:
     def test_static_indentation_alone_gives_a_t(self):
         """c_e from five forces: log c_e is a mean of normals, and its interval Student's with 4 degrees.
 
-        3000 intervals of 95 and 68 %; a coverage beyond 4.9 standard errors has a probability of 1e-6.
+        600 intervals of 95 and 68 %; a coverage beyond 4.9 standard errors has a probability of 1e-6.
         """
-        depths, n = [0.05, 0.08, 0.12, 0.2, 0.3], 3000
+        depths, n = [0.05, 0.08, 0.12, 0.2, 0.3], 600
         curve = curve_of([0.2, 0.3, 0.4, 0.5], repeats=1, scatter=0.5, seed=1)  # on the ridge, and noisy
         covered = {"68": 0, "95": 0}
         for seed in range(n):

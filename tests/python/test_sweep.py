@@ -201,7 +201,6 @@ def test_an_interrupted_sweep_goes_on_from_its_store(tmp_path, monkeypatch):
     assert whole.status == curve.status
 
 
-
 def test_a_store_tells_specimens_apart(tmp_path):
     store = Store(tmp_path / "s.jsonl")
     given = burrlab.half_space(burrlab.Burr(3.0), 0.4)

@@ -58,7 +58,10 @@ def replicate(item: BootstrapItem) -> tuple[float, float]:
         value, inflation = scatter[name]
         if item.kind == "parametric":
             return value * random.standard_normal(len(residuals))
-        return inflation * random.choice(residuals - residuals.mean(), len(residuals))
+        centred = residuals - residuals.mean()
+        if name == "segments":  # a mean of each run has been taken off, and is taken off again
+            centred = centred * np.sqrt(len(residuals) / fitted.n_within)
+        return inflation * random.choice(centred, len(residuals))
 
     ends = drawn("velocity", fitted.velocity_residuals(unit, item.alpha))
     v = item.alpha * unit
@@ -87,7 +90,6 @@ def _runs(o: Observations, means: Floats, within: Floats) -> Floats:
     for i, mean in enumerate(means):
         rows = np.flatnonzero(o.run == i)
         own = within[begin : begin + len(rows)]
-        # taking the mean off leaves (K - 1)/K of the variance, which the residuals have lost already
         log[rows] = mean + own - own.mean()
         begin += len(rows)
     return log
@@ -248,6 +250,9 @@ def bootstrap(
     ]
     ends = np.array(run_items(replicate, items, executor=executor, store=store, chunk=_CHUNK))
     combination = ends[:, 1] / ends[:, 0] ** identified.exponent
-    on_ridge = ends[:, 0] > float(fit.observations.ridge_entries().max())
+    # an indentation tells c_e on the ridge too, and an overloaded run ends it
+    o = fit.observations
+    endless = not len(o.pressed) and np.isinf(o.ceiling)
+    on_ridge = ends[:, 0] > (float(o.ridge_entries().max()) if endless else np.inf)
     c_e, alpha = (np.where(on_ridge, np.inf, column) for column in ends.T)
     return Bootstrap(c_e, alpha, combination, identified.exponent, kind, seed)

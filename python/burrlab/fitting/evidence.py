@@ -149,9 +149,7 @@ def describe(
         "n_points": len(o),
         "n_skipped": o.n_skipped,
         "n_censored": o.n_censored,
-        "lack_of_fit": lack_of_fit(likelihood, likelihood.velocity_residuals(unit, alpha))
-        if usable
-        else None,
+        "lack_of_fit": lack_of_fit(likelihood, best) if usable else None,
         "fall": fall_with_depth(likelihood, unit, _errors(o, data)) if usable else None,
     }
 

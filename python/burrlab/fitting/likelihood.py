@@ -67,6 +67,15 @@ class Likelihood:
         level = np.mean(observations.velocity**2) if kind == "absolute" else 1.0
         self._floor = 0.0 if self.known else MODEL_ERROR**2 * float(level)
 
+    def own_residuals(self, c_e: float, alpha: float) -> Floats:
+        """Residuals of the curves' rows about the best fit to these rows alone, taken to be linear near the fit.
+
+        Other rows pull the fit away from it: what they do is taken off along the derivatives.
+        """
+        _, _, J, r, _ = self._derivatives(c_e, alpha)[0]
+        J, r = J[: len(self._single)], r[: len(self._single)]
+        return np.asarray(r - J @ (np.linalg.pinv(J, rcond=1e-6) @ r))
+
     def velocity_residuals(self, unit: Floats, alpha: float = 1.0) -> Floats:
         """Residuals of the rows that alpha moves, curves' rows first, then the runs' means; last axis (n,)."""
         o = self.observations
@@ -154,9 +163,13 @@ class Likelihood:
         return total, tuple(scatters), shares
 
     def squares(self, c_e: float, alpha: float) -> dict[str, tuple[float, int, bool]]:
-        """Sum of squared residuals, rows, and whether sigma is known, by the name of the scatter."""
+        """Sum of squared residuals, rows, and whether sigma is known, by the name of the scatter.
+
+        The model's error is in those of unknown scatter.
+        """
         return {
-            name: (float(np.sum(r**2)), n, known) for name, known, _, r, n in self._derivatives(c_e, alpha)
+            name: (float(np.sum(r**2)) if known else n * self._variance(name, r, n, known), n, known)
+            for name, known, _, r, n in self._derivatives(c_e, alpha)
         }
 
     def score(self, c_e: float, alpha: float) -> Floats:
@@ -347,10 +360,27 @@ class Calibration:
             low, high = (middle, high) if self.limit(middle, direction) < rise else (low, middle)
         return 1 - low
 
-    def _weights(self, direction: Floats) -> Floats:
+    def of_another_point(self, rise: float) -> tuple[float, float]:
+        """F and its denominator for a rise of -2 log L by one c_e and alpha more than two parameters.
+
+        Twice the parameters are taken from the rows of every scatter; without estimated ones the denominator is
+        infinite, and twice F a chi-square of 2.
+        """
+        freedom = np.array([np.inf if s.known else max(s.n - 2 * s.parameters, 0.5) for s in self.scatters])
+        weights = self._weights(None)
+        inflation = sum(
+            w * (1.0 if s.known else s.n / f) for w, s, f in zip(weights, self.scatters, freedom, strict=True)
+        )
+        nu = 1 / max(float(np.sum(weights**2 / freedom)), 1e-12)
+        scaled = rise / float(inflation)
+        return (float(np.expm1(scaled / nu) * nu / 2), nu) if nu < 1e9 else (scaled / 2, np.inf)
+
+    def _weights(self, direction: Floats | None) -> Floats:
         if len(self.scatters) == 1:
             return np.ones(1)
         inverse = np.linalg.inv(self.total + 1e-10 * np.trace(self.total) * np.eye(2))
+        if direction is None:
+            return np.array([np.trace(inverse @ share) / 2 for share in self.shares])
         column = inverse @ direction
         weights = np.array([column @ share @ column for share in self.shares])
         return np.asarray(weights / weights.sum())

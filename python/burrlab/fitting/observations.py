@@ -212,6 +212,7 @@ def bounds_of(observations: Observations, given: Bounds | None) -> Box:
     """
     hard = float(observations.c_e_bounds().max()) * (1 + _MARGIN)
     ceiling = observations.ceiling * (1 - _MARGIN)
+    deepest = float(observations.force[np.argmax(observations.c_e_bounds())])
     box = {"c_e": (min(hard, ceiling), min(C_E_RANGE * hard, ceiling)), "alpha": ALPHA_BOUNDS}
     for name, pair in (given or {}).items():
         if name not in box:
@@ -221,7 +222,7 @@ def bounds_of(observations: Observations, given: Bounds | None) -> Box:
             raise ValueError(f"bounds of {name} must be two finite numbers 0 < low < high: got {pair!r}")
         if name == "c_e" and high <= hard:
             raise ValueError(
-                f"bounds of c_e end at {high:g} N/mm^2, but the window at {observations.force.max():g} N "
+                f"bounds of c_e end at {high:g} N/mm^2, but the window at {deepest:g} N "
                 f"needs c_e > {hard:g} N/mm^2"
             )
         if name == "c_e" and low >= ceiling:

@@ -12,7 +12,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 from burrlab.curve import VelocityCurve
 from burrlab.figures import FORCE, REFERENCE, VELOCITY, tidy
 from burrlab.fitting.observations import Floats
-from burrlab.fitting.profile import LEVELS
+from burrlab.fitting.profile import ALPHA, C_E, LEVELS
 from burrlab.master_curve import MasterCurve
 
 if TYPE_CHECKING:
@@ -91,11 +91,13 @@ def plot_profile(fit: Fit, name: str, ax: Axes | None) -> Axes:
     assert fit.evidence is not None
     profile = fit.evidence.profile
     x, rise = (profile.c_e, profile.c_e_rise) if name == "c_e" else (profile.alpha, profile.alpha_rise)
-    top = 1.6 * profile.limits["99.7"]
+    direction = {"c_e": C_E, "alpha": ALPHA}[name]
+    limits = {level: fit.evidence.calibration.limit(p, direction) for level, p in LEVELS.items()}
+    top = 1.6 * limits["99.7"]
     near = np.flatnonzero((rise < top) & (x < 12 * getattr(fit, name)))
     shown = slice(max(near[0] - 1, 0), near[-1] + 2)
     ax.plot(x[shown], rise[shown], color=FORCE, linewidth=1.4)
-    for level, limit in profile.limits.items():
+    for level, limit in limits.items():
         ax.axhline(limit, color=REFERENCE, linewidth=0.8, linestyle="--")
         ax.annotate(f"{level} %", (0.995, limit), xycoords=("axes fraction", "data"), xytext=(0, 2),
                     textcoords="offset points", ha="right", fontsize=8, color=REFERENCE,

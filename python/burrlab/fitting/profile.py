@@ -289,8 +289,9 @@ def _range_of_alpha(walk: _Walk, domain: Domain, target: float) -> Interval:
     low, high = walk.band(target)
     c_e = _range_of_c_e(walk, domain, target)
     # alpha rises with c_e along the likelihood: it is open where c_e is
-    lower = None if c_e.lower is None else float(np.nanmin(low))
-    upper = None if c_e.upper is None else float(np.nanmax(high))
+    lowest, highest = float(np.nanmin(low)), float(np.nanmax(high))
+    lower = None if c_e.lower is None or 0 < domain.alpha[0] >= lowest else lowest
+    upper = None if c_e.upper is None or highest >= domain.alpha[1] else highest
     return Interval(lower, upper)
 
 

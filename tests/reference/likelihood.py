@@ -268,9 +268,10 @@ class Oracle:
         return np.array([[one, cross], [cross, two]]).transpose(2, 0, 1) / square[:, None, None]
 
     def limit(self, level: float, best: tuple[float, float], direction: Sequence[float] | None) -> float:
-        """Rise of -2 log L: n log(1 + q F/(n - 2)) or chi-square for one scatter, else by Satterthwaite's rule.
+        """Rise of -2 log L: n log(1 + q F/(n - 2)) or chi-square for one scatter.
 
-        A direction is a gradient over (log c_e, log alpha); None asks for both, q = 2.
+        With several, Satterthwaite's rule in a direction, a gradient over (log c_e, log alpha); for both
+        parameters (None) chi-square's limit times the mean rise over 2. S_min/S is Beta((n - p)/2, p/2).
         """
         q = 2 if direction is None else 1
         groups, shares = self.residuals(*best), self.information(*best)
@@ -281,10 +282,14 @@ class Oracle:
             return n * math.log(1 + q * float(stats.f.ppf(level, q, n - 2)) / (n - 2))
         inverse = np.linalg.inv(shares.sum(axis=0))
         taken = np.array([np.trace(inverse @ share) for share in shares])
-        weight = taken / 2
-        if direction is not None:
-            d = inverse @ np.array(direction)
-            weight = np.array([d @ share @ d for share in shares]) / float(np.array(direction) @ d)
+        if direction is None:
+            mean = 0.0
+            for (_, n, known, _), p in zip(groups, taken, strict=True):
+                ratio = stats.beta((n - p) / 2, p / 2)
+                mean += p if known else -n * float(ratio.expect(np.log))
+            return float(mean / 2 * stats.chi2.ppf(level, 2))
+        d = inverse @ np.array(direction)
+        weight = np.array([d @ share @ d for share in shares]) / float(np.array(direction) @ d)
         unknown = [k for k, group in enumerate(groups) if not group[2]]
         free = {k: max(groups[k][1] - taken[k], 0.5) for k in unknown}
         wider = sum(weight[k] * (groups[k][1] / free[k] if k in free else 1) for k in range(len(groups)))

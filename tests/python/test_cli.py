@@ -257,3 +257,99 @@ def test_an_interrupted_sweep_goes_on(capsys, tmp_path, monkeypatch):
     code, _, err = call(capsys, *command[:-1])
     assert code == 2
     assert "seed must be given with a store" in err
+
+
+class TestFitOptions:
+    @pytest.fixture
+    def files(self, tmp_path):
+        burr, bone = burrlab.Burr(3.0), burrlab.materials["bone"]
+        burrlab.synthetic_curve(burr, bone, [0.3, 0.6, 1.2], seed=1).to_csv(tmp_path / "a.csv")
+        burrlab.synthetic_curve(burr, bone, [0.8, 2.0, 2.6], seed=2).to_csv(tmp_path / "b.csv")
+        burrlab.synthetic_indentation(burr, bone, [0.1, 0.2, 0.3], seed=1).to_csv(tmp_path / "i.csv")
+        burrlab.synthetic_trace(burr, bone, 1.0, seed=1).to_csv(tmp_path / "t.csv")
+        return tmp_path
+
+    def test_several_sets(self, capsys, files):
+        names = [files / name for name in ("a.csv", "b.csv")]
+        code, out, err = call(
+            capsys, "fit", *names, "--indentation", files / "i.csv", "--trace", files / "t.csv", "--radius", 3,
+            "--test", "2.145,0.087", "--region", files / "r.png", "--profile", files / "p.png", "--json", "-",
+        )  # fmt: skip
+        result = json.loads(out)
+        assert (code, err) == (0, "")
+        assert [one["kind"] for one in result["data"]] == ["velocity", "velocity", "indentation", "trace"]
+        assert result["separately_identified"] is True
+        assert result["verdict"].startswith("c_e and alpha are separately identified")
+        assert set(result["intervals"]) == {"c_e", "alpha"}
+        assert set(result["identified"]) == {"exponent", "value", "interval"}
+        assert 0 <= result["test"]["p_value"] <= 1
+        for name in ("r.png", "p.png"):
+            assert (files / name).stat().st_size > 10_000
+
+    def test_open_ends_are_null(self, capsys, files):
+        bone = burrlab.materials["bone"]
+        burrlab.synthetic_curve(burrlab.Burr(3.0), bone, [0.3, 0.4, 0.5], seed=1).to_csv(files / "ridge.csv")
+        code, out, _ = call(capsys, "fit", files / "ridge.csv", "--radius", 3, "--json", "-")
+        result = json.loads(out)
+        assert code == 0
+        assert result["intervals"]["c_e"]["95"][1] is None
+        assert result["separately_identified"] is False
+        assert "no upper end" in result["verdict"]
+
+    def test_the_test_is_in_the_report(self, capsys, files):
+        code, out, _ = call(
+            capsys, "fit", files / "a.csv", files / "b.csv", "--radius", 3, "--test", "2.145,0.087"
+        )
+        assert code == 0
+        assert "(2.145 N/mm^2, 0.087 /ms) lies" in out
+
+    def test_voxel_engine_and_store(self, capsys, files):
+        pvc = burrlab.materials["pvc"]
+        burrlab.synthetic_curve(burrlab.Burr(3.0), pvc, [0.2, 0.35, 0.6], repeats=1, seed=1).to_csv(
+            files / "v.csv"
+        )
+        command = (
+            "fit",
+            files / "v.csv",
+            "--radius",
+            3,
+            "--engine",
+            "voxel",
+            "--voxel",
+            0.4,
+            "--store",
+            files / "s",
+        )
+        code, out, err = call(capsys, *command, "--json", "-")
+        assert (code, err) == (0, "")
+        first = json.loads(out)
+        assert first["engine"] == "voxel"
+        n = len(burrlab.Store(files / "s"))
+        assert n == 12 * len(first["record"])
+        assert json.loads(call(capsys, *command, "--json", "-")[1])["c_e"] == first["c_e"]
+        assert len(burrlab.Store(files / "s")) == n
+
+    @pytest.mark.parametrize(
+        ("options", "message"),
+        [
+            (["--test", "2.1"], "must be C_E,ALPHA"),
+            (["--test", "2.1,-1"], "must be positive"),
+            (["--indentation", "missing.csv"], "missing.csv"),
+            (["--trace", "missing.csv"], "missing.csv"),
+            (["--region", "figure.xyz"], "must end in one of"),
+            (["--profile", "/nowhere/p.png"], "cannot be written"),
+            (["--residuals", "sigma"], "need a sigma"),
+            (["--engine", "oracle"], "invalid choice"),
+        ],
+    )
+    def test_errors_are_one_line(self, capsys, files, options, message):
+        code, out, err = call(capsys, "fit", files / "a.csv", "--radius", 3, *options)
+        assert (code, out) == (2, "")
+        assert err.count("\n") == 1
+        assert message in err
+
+    def test_a_store_of_something_else(self, capsys, files):
+        (files / "s").write_text("no store\n")
+        code, _, err = call(capsys, "fit", files / "a.csv", "--radius", 3, "--store", files / "s")
+        assert code == 2
+        assert "store must be a file of burrlab results" in err

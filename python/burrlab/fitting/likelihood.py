@@ -6,6 +6,7 @@ the pressed rows a third. A scatter is estimated unless sigma is given.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from burrlab.fitting.observations import Floats, Observations, ResidualKind
 
 #: A scatter below this [1] cannot be told from the error of the master curve, 0.2 % of single descents.
 MODEL_ERROR = 2e-3
+_LARGEST = 500.0  # of |log alpha|: a limit beyond is none, but finite
 
 
 @dataclass(frozen=True)
@@ -172,13 +174,16 @@ class Likelihood:
             for name, known, _, r, n in self._derivatives(c_e, alpha)
         }
 
-    def score(self, c_e: float, alpha: float) -> Floats:
-        """Derivative of log L by (log c_e, log alpha), shape (2,)."""
+    def variances(self, c_e: float, alpha: float) -> dict[str, float]:
+        """Squares of the scatters at their best, by name, with the model's error."""
+        return {
+            name: self._variance(name, r, n, known) for name, known, _, r, n in self._derivatives(c_e, alpha)
+        }
+
+    def score(self, c_e: float, alpha: float, variances: Mapping[str, float]) -> Floats:
+        """Derivative of log L by (log c_e, log alpha) with scatters of given squares, shape (2,)."""
         return np.asarray(
-            -sum(
-                J.T @ r / self._variance(name, r, n, known)
-                for name, known, J, r, n in self._derivatives(c_e, alpha)
-            )
+            -sum(J.T @ r / variances[name] for name, _, J, r, _ in self._derivatives(c_e, alpha))
         )
 
     def _variance(self, name: str, r: Floats, n: int, known: bool) -> float:
@@ -282,8 +287,9 @@ class Slices:
             S = rest if self.known else self.n * (np.exp(rest / self.n) - self.floor)
             half = np.sqrt((S - self.A) / self.B)
             if self.log:
-                return np.exp(self.m - half), np.exp(self.m + half)
-            return np.maximum(self.m - half, 0.0), self.m + half
+                low, high = (np.clip(self.m + sign * half, -_LARGEST, _LARGEST) for sign in (-1, 1))
+                return np.exp(low), np.exp(high)
+            return np.maximum(self.m - half, 0.0), np.minimum(self.m + half, np.exp(_LARGEST))
 
     def _minus2(self, S: Floats) -> Floats:
         return self.other + (S if self.known else self.n * np.log(S / self.n + self.floor))

@@ -152,7 +152,7 @@ def _plain_ticks(ax: Axes) -> None:
     ):
         if scale == "log":
             decades = np.log10(high / low)
-            subs = (1, 2, 5) if decades > 0.7 else (1, 1.5, 2, 2.5, 3, 4, 5, 6, 7, 8, 9)
+            subs = (1, 2, 5) if decades > 0.7 else (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8)
             axis.set_major_locator(LogLocator(subs=subs if decades < 3 else (1,)))
             axis.set_major_formatter(FormatStrFormatter("%g"))
             axis.set_minor_formatter(NullFormatter())

@@ -26,6 +26,8 @@ _ACROSS = (
 )
 _BEYOND = 30.0  # the walk is dense to this many times the c_e at which the ridge begins
 _FAR = (1e2, 1e3, 1e4, 1e6)  # and has these points besides: there v is a power law of c_e
+_ENDLESS = 400.0  # of the logarithm of alpha or the combination: an end beyond is open
+_APART = 1e-9  # points of the walk closer than this in log c_e are one
 _SHOWN = 160  # points of a curve that the result keeps
 _LONGEST_EXPONENT = 3.0  # exponents of the combination are sought to 3 times the ridge's
 
@@ -221,8 +223,7 @@ def profile(
         },
     )
     alphas = _alphas(walk, base, max(joint.values()))
-    with np.errstate(invalid="ignore"):
-        table = np.nanmin(walk.slices.minus2(alphas[:, None]), axis=1) - base
+    table = np.array([_lowest(np.log(walk.c_e), walk.slices.minus2(alpha)) for alpha in alphas]) - base
     shown = _thin(walk.c_e, rise <= 2 * max(joint.values()), int(np.argmin(rise)))
     return Profile(
         c_e=walk.c_e[shown],
@@ -274,6 +275,7 @@ def _walk(likelihood: Likelihood, domain: Domain, best: float, limits: list[floa
         c_e = np.unique(
             np.concatenate([c_e, finer.ravel(), *across, np.clip([best], domain.low, domain.high)])
         )
+        c_e = c_e[np.append(np.diff(np.log(c_e)) > _APART, True)]
     return _Walk(likelihood, domain, c_e)
 
 
@@ -290,8 +292,10 @@ def _range_of_alpha(walk: _Walk, domain: Domain, target: float) -> Interval:
     c_e = _range_of_c_e(walk, domain, target)
     # alpha rises with c_e along the likelihood: it is open where c_e is
     lowest, highest = float(np.nanmin(low)), float(np.nanmax(high))
-    lower = None if c_e.lower is None or 0 < domain.alpha[0] >= lowest else lowest
-    upper = None if c_e.upper is None or highest >= domain.alpha[1] else highest
+    with np.errstate(divide="ignore"):
+        endless = -np.inf < np.log(lowest) < -_ENDLESS, np.log(highest) > _ENDLESS
+    lower = None if c_e.lower is None or endless[0] or 0 < domain.alpha[0] >= lowest else lowest
+    upper = None if c_e.upper is None or endless[1] or highest >= domain.alpha[1] else highest
     return Interval(lower, upper)
 
 
@@ -319,14 +323,31 @@ def _range_of_combination(walk: _Walk, exponent: float, target: float, unbounded
     if unbounded:  # along the ridge the combination goes to 0 or infinity with c_e
         rising = (low - exponent * x)[-1] > (low - exponent * x)[0]
         return Interval(float(np.exp(lower)), None) if rising else Interval(None, float(np.exp(upper)))
-    return Interval(float(np.exp(lower)), float(np.exp(upper)))
+    return Interval(
+        None if -np.inf < lower < -_ENDLESS else float(np.exp(lower)),
+        None if upper > _ENDLESS else float(np.exp(upper)),
+    )
 
 
 def _alphas(walk: _Walk, base: float, rise: float) -> Floats:
     low, high = walk.band(base + rise)
-    near = walk.c_e <= _BEYOND * walk.c_e[int(np.argmin(walk.minus2))]
-    low, high = low[near & np.isfinite(low)], high[near & np.isfinite(high)]
-    return np.geomspace(max(low.min(), 1e-3 * high.max()), high.max(), 120)
+    best = walk.alpha[int(np.argmin(walk.minus2))]  # along a ridge alpha has no end: the curve has
+    begin, end = max(float(np.nanmin(low)), best / _BEYOND), min(float(np.nanmax(high)), best * _BEYOND)
+    return np.geomspace(begin, end, 120)
+
+
+def _lowest(x: Floats, y: Floats) -> float:
+    """The lowest of values over rising x, by a parabola through the lowest point and its neighbours."""
+    y = np.where(np.isfinite(y), y, np.inf)
+    i = int(np.argmin(y))
+    if not 0 < i < len(y) - 1 or not np.isfinite(y[[i - 1, i + 1]]).all():
+        return float(y[i])
+    left, right = x[i] - x[i - 1], x[i + 1] - x[i]
+    below, above = (y[i - 1] - y[i]) / left, (y[i + 1] - y[i]) / right  # slopes away from the point
+    if below + above <= 0:
+        return float(y[i])
+    curvature, slope = (below + above) / (left + right), (above * left - below * right) / (left + right)
+    return float(y[i] - slope**2 / (4 * curvature))
 
 
 def _region(walk: _Walk, domain: Domain, target: float) -> Region:

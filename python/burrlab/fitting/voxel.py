@@ -322,8 +322,10 @@ def monte_carlo_share(
     total, _, _ = likelihood.information(*best)
     inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
     o, replicates = likelihood.observations, table.coefficients.shape[0]
+    variances = likelihood.variances(*best)  # of the fit: those about one replicate hold its own error
     scores = [
-        Likelihood(o, likelihood.kind, VoxelModel(o, shape, table, k)).score(*best) for k in range(replicates)
+        Likelihood(o, likelihood.kind, VoxelModel(o, shape, table, k)).score(*best, variances)
+        for k in range(replicates)
     ]
     spread = inverse @ np.cov(np.array(scores).T) @ inverse / replicates
     directions = [np.array([total[0, 1] / total[1, 1], 1.0])]  # alpha/c_e^p, uncorrelated with c_e

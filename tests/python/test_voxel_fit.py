@@ -1,0 +1,89 @@
+"""The voxel engine of the fit: resumes, does not depend on the executor, and owns up to its Monte Carlo error."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from burrlab import BoneField, Burr, Store, fit, half_space, materials, synthetic_curve
+
+BURR, PVC = Burr(3.0), materials["pvc"]
+CURVE = synthetic_curve(BURR, PVC, [0.2, 0.35, 0.6], repeats=2, scatter=0.04, seed=1)
+OPTIONS = {"engine": "voxel", "voxel": 0.4, "starts": 0, "replicates": 2}
+
+
+def test_resumes_and_any_executor_gives_the_same(tmp_path):
+    store = Store(tmp_path / "descents.jsonl")
+    first = fit(CURVE, **OPTIONS, store=store)
+    n = len(store)
+    assert n == 3 * 2 * len(first.record)
+    with ThreadPoolExecutor(3) as executor:
+        again = fit(CURVE, **OPTIONS, store=store, executor=executor)
+        assert len(store) == n
+        fresh = fit(CURVE, **OPTIONS, executor=executor)
+    for other in (again, fresh):
+        assert {**other.to_dict(), "seconds": 0} == {**first.to_dict(), "seconds": 0}
+    fit(CURVE, **OPTIONS | {"replicates": 3}, store=store)
+    assert n < len(store) < 3 * n  # a third replicate, the rest is there
+
+
+def test_beyond_the_table_the_last_value_holds():
+    result = fit(CURVE, **OPTIONS)
+    table, model = result.table, result.likelihood.model
+    mean_field = fit(CURVE, starts=0).likelihood.model
+    ratio = model.unit([table.high, 3 * table.high]) / mean_field.unit([table.high, 3 * table.high])
+    np.testing.assert_allclose(ratio[1], ratio[0], rtol=1e-12)
+    assert np.isnan(model.unit(0.99 * table.low)).all()
+    assert table.coefficients.shape == (2, 6, 4)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"specimen": half_space(BURR, 0.4)}, {"specimen": BoneField(mean=0.8, contrast=0.1)}],
+    ids=["specimen", "bone field"],
+)
+def test_other_bone_runs(options):
+    result = fit(CURVE, **OPTIONS, **options)
+    assert result.status != "not-converged"
+    assert result.evidence.monte_carlo > 0
+    assert result.provenance["specimen"] != "solid bone"
+    assert "the Monte Carlo error of the fit widens the limits" in result.report()
+
+
+@pytest.mark.slow
+def test_uneven_bone_and_few_replicates_widen_the_limits():
+    curve = synthetic_curve(BURR, materials["bone"], [0.6, 1.0, 1.8], repeats=2, scatter=0.04, seed=1)
+    options = {"engine": "voxel", "voxel": 0.4, "starts": 0}
+
+    def share(contrast, replicates):
+        result = fit(curve, **options, replicates=replicates, specimen=BoneField(mean=0.7, contrast=contrast))
+        return result.table.noise, result.evidence.monte_carlo
+
+    even, uneven = share(0.02, 8), share(0.3, 8)
+    assert uneven[0] > 5 * even[0]
+    # the variance of the velocities of a replicate grows by over a hundred
+    assert uneven[1] > 20 * even[1]
+    assert share(0.02, 2)[1] > 1.5 * even[1]
+
+
+@pytest.mark.slow
+def test_half_dense_bone_ends_c_e_where_its_descents_are_overloaded():
+    """The window of the largest force exists only above a c_e about twice that of solid bone."""
+    curve = synthetic_curve(BURR, materials["bone"], [0.6, 1.0, 1.8], repeats=2, scatter=0.04, seed=1)
+    result = fit(
+        curve, engine="voxel", voxel=0.4, starts=0, replicates=2, specimen=BoneField(mean=0.5, contrast=0.0)
+    )
+    hard = result.bounds["c_e"][0]
+    assert 1.6 * hard < result.table.low < 2.2 * hard
+    for interval in result.intervals["c_e"].values():
+        assert interval.lower >= result.table.low
+    assert "would have been no window" in str(result.test(1.5 * hard, result.alpha))
+
+
+@pytest.mark.slow
+def test_through_the_rig():
+    result = fit(CURVE, **OPTIONS, rig=True)
+    assert result.provenance["rig"] is True
+    assert result.evidence is None or 0.3 < result.c_e < 0.7

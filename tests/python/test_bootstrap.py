@@ -82,7 +82,9 @@ def test_every_scatter_is_drawn(kind):
 def test_segments_have_their_run_s_mean():
     traces = [synthetic_trace(BURR, BONE, F, seed=1) for F in (0.6, 1.1, 2.0)]
     o = Observations.of(traces, None)
-    log = _runs(o, np.array([0.1, -0.2, 0.3]), np.random.default_rng(1).standard_normal(15))
+    log = _runs(
+        o, np.array([0.1, -0.2, 0.3]), np.random.default_rng(1).standard_normal(15), np.array([0.5, 1, 2])
+    )
     np.testing.assert_allclose([log[o.run == i].mean() for i in range(3)], [0.1, -0.2, 0.3], atol=1e-12)
 
 

@@ -42,6 +42,7 @@ class Oracle:
         self.kind, self.shape = kind, shape
         self.velocities: list[tuple[float, float, float | None, float | None, float, float]] = []
         self.runs: list[list[int]] = []  # places of a run's segments in `velocities`
+        self.record: list[float] = []  # RMS error of log velocity that a run's record tells, with the model's
         self.presses: list[tuple[float, float, float, float]] = []
         self.low, self.high, self.entry = 0.0, math.inf, 0.0
         for one in data:
@@ -66,6 +67,7 @@ class Oracle:
             parts = one.segments(SEGMENTS)
             begin = len(self.velocities)
             self.runs.append(list(range(begin, begin + SEGMENTS)))
+            self.record.append(math.sqrt(sum(s**2 for s in parts.log_sigma) / SEGMENTS + MODEL_ERROR**2))
             rows = [
                 (one.force, float(v), float(a), float(b), math.nan)
                 for v, a, b in zip(parts.velocity, parts.start_mm, parts.end_mm, strict=True)
@@ -95,6 +97,11 @@ class Oracle:
             ]
         )
 
+    def relative(self) -> list[float]:
+        """Scatter of each run's segments over the geometric mean of all."""
+        mean = math.exp(sum(math.log(one) for one in self.record) / len(self.record))
+        return [one / mean for one in self.record]
+
     def residuals(self, c_e: float, alpha: float, unit: np.ndarray | None = None) -> list[tuple]:
         """Residuals of each scatter, whether sigma is known, and the model's error in their unit."""
         model = alpha * (self.unit(c_e) if unit is None else unit)
@@ -107,7 +114,8 @@ class Oracle:
             ends += [float(np.mean(r[run])) for run in self.runs]
             groups.append((np.array(ends), len(ends), False, MODEL_ERROR))
             if self.runs:
-                inner = np.concatenate([r[run] - np.mean(r[run]) for run in self.runs])
+                parts = zip(self.runs, self.relative(), strict=True)
+                inner = np.concatenate([(r[run] - np.mean(r[run])) / part for run, part in parts])
                 groups.append((inner, len(inner) - len(self.runs), False, MODEL_ERROR))
         elif self.kind == "absolute":
             groups.append((v - model, len(v), False, MODEL_ERROR * math.sqrt(np.mean(v**2))))
@@ -156,12 +164,11 @@ class Oracle:
         if self.kind == "relative":
             rows = [i for i in range(len(v)) if not any(i in run for run in self.runs)]
             total += float(stats.lognorm.logpdf(v[rows], scatter[0], scale=model[rows]).sum())
-            for (
-                run
-            ) in self.runs:  # K segments: the mean scatters by scatter[0], what is about it by scatter[1]
+            # K segments: the mean scatters by scatter[0], what is about it by scatter[1], relative to the run
+            for run, part in zip(self.runs, self.relative() if self.runs else [], strict=True):
                 K = len(run)
                 mean = np.full((K, K), 1 / K)
-                covariance = scatter[1] ** 2 * (np.eye(K) - mean) + K * scatter[0] ** 2 * mean
+                covariance = (scatter[1] * part) ** 2 * (np.eye(K) - mean) + K * scatter[0] ** 2 * mean
                 r = np.log(v[run] / model[run])
                 total += float(stats.multivariate_normal.logpdf(r, np.zeros(K), covariance))
                 total -= float(np.log(v[run]).sum())

@@ -70,7 +70,8 @@ def replicate(item: BootstrapItem) -> tuple[float, float]:
         log = np.zeros(len(v))
         log[single] = ends[: int(single.sum())]
         if fitted.n_within:
-            log += _runs(o, ends[int(single.sum()) :], drawn("segments", fitted.within_residuals(unit)))
+            within = drawn("segments", fitted.within_residuals(unit))
+            log += _runs(o, ends[int(single.sum()) :], within, fitted.run_scatter)
         v = v * np.exp(log)
     else:
         v = v + ends * (o.sigma if fitted.known else 1.0)
@@ -83,14 +84,17 @@ def replicate(item: BootstrapItem) -> tuple[float, float]:
     return best_point(again, domain)
 
 
-def _runs(o: Observations, means: Floats, within: Floats) -> Floats:
-    """Deviation of log velocity of every segment: its run's, and its own, of mean 0 in the run."""
+def _runs(o: Observations, means: Floats, within: Floats, scatter: Floats) -> Floats:
+    """Deviation of log velocity of every segment: its run's, and its own, of mean 0 in the run.
+
+    `within` is over the relative `scatter` of each run.
+    """
     log = np.zeros(len(o.force))
     begin = 0
     for i, mean in enumerate(means):
         rows = np.flatnonzero(o.run == i)
         own = within[begin : begin + len(rows)]
-        log[rows] = mean + own - own.mean()
+        log[rows] = mean + scatter[i] * (own - own.mean())
         begin += len(rows)
     return log
 

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from burrlab._core import Shape
-from burrlab.depth_trace import DepthTrace
 from burrlab.fitting.hypotheses import fall_with_depth, lack_of_fit
 from burrlab.fitting.likelihood import Calibration, Likelihood, Scatter
-from burrlab.fitting.observations import SEGMENTS, Data, Floats, Observations
+from burrlab.fitting.observations import Floats
 from burrlab.fitting.profile import Domain, Profile, profile
 from burrlab.fitting.search import Box
 from burrlab.fitting.verdict import Ridge, ridge_of, sentence
 from burrlab.fitting.voxel import VoxelTable, monte_carlo_share
 
-_BETTER = 1e-3  # of -2 log L: by more than this the walk along c_e must beat a search to be followed
+_BETTER = 1e-5  # of -2 log L: by more than this the walk along c_e must beat a search to be followed
 
 
 @dataclass(frozen=True)
@@ -115,9 +114,7 @@ def weigh(
     )
 
 
-def describe(
-    likelihood: Likelihood, best: tuple[float, float], data: Sequence[Data], usable: bool
-) -> dict[str, Any]:
+def describe(likelihood: Likelihood, best: tuple[float, float], usable: bool) -> dict[str, Any]:
     """Predictions, residuals and tests at the fit, as fields of a `Fit`; NaN and None if it is not usable."""
     o = likelihood.observations
     c_e, alpha = best if usable else (np.nan, np.nan)
@@ -150,14 +147,5 @@ def describe(
         "n_skipped": o.n_skipped,
         "n_censored": o.n_censored,
         "lack_of_fit": lack_of_fit(likelihood, best) if usable else None,
-        "fall": fall_with_depth(likelihood, unit, _errors(o, data)) if usable else None,
+        "fall": fall_with_depth(likelihood, unit) if usable else None,
     }
-
-
-def _errors(o: Observations, data: Sequence[Data]) -> Floats:
-    """Standard errors of log velocity of the traces' segments, from their records; NaN for a curve's row."""
-    errors = np.full(len(o.force), np.nan)
-    for one, (_, rows) in zip(data, o.rows, strict=True):
-        if isinstance(one, DepthTrace):
-            errors[rows] = one.segments(SEGMENTS).log_sigma
-    return errors

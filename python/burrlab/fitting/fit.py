@@ -223,7 +223,7 @@ def fit(
         bounds={"c_e": (box.lower[0], box.upper[0]), "alpha": (box.lower[1], box.upper[1])},
         given_bounds=tuple(bounds or ()),
         evidence=evidence,
-        **describe(likelihood, best.end, sets, evidence is not None),
+        **describe(likelihood, best.end, evidence is not None),
         engine=engine,
         table=table,
         seed=seed,

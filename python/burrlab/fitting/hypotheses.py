@@ -102,12 +102,12 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     )
 
 
-def fall_with_depth(likelihood: Likelihood, unit: Floats, errors: Floats) -> HypothesisTest | None:
+def fall_with_depth(likelihood: Likelihood, unit: Floats) -> HypothesisTest | None:
     """Whether the velocity falls with depth within the runs as the model says; None without traces.
 
     The segments' residuals about their run's mean, averaged over the runs, should be 0. With several runs
-    they are compared with their scatter from run to run (F); with one, with the standard errors of the
-    segments' velocities (chi-square). Both hold the model's own error, 0.2 %, so that records without noise
+    they are compared with their scatter from run to run (F), each run weighted by what its record says of its
+    scatter; with one, with the standard errors of the segments' velocities (chi-square). Both hold the model's own error, 0.2 %, so that records without noise
     are not rejected for it.
 
     Parameters
@@ -115,8 +115,6 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats, errors: Floats) -> Hyp
     likelihood : Likelihood
     unit : ndarray, shape (n,)
         The model's velocities at the fit, any alpha.
-    errors : ndarray, shape (n,)
-        Standard errors of the log of the velocity of each row, from the record itself; NaN for a curve's.
     """
     o = likelihood.observations
     runs = int(o.run.max(initial=-1)) + 1
@@ -125,21 +123,23 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats, errors: Floats) -> Hyp
     name = "fall with depth"
     table = likelihood.within_residuals(unit).reshape(runs, -1)
     segments = table.shape[1]
-    pattern = table.mean(axis=0)
+    precision = 1 / likelihood.run_scatter
+    pattern = precision @ table / np.sum(precision**2)
     expected = np.log(unit[o.run == 0])
     measured = float(np.exp(pattern[0] + expected[0] - pattern[-1] - expected[-1]))
     said = f"first over last segment {measured:.3g}, {np.exp(expected[0] - expected[-1]):.3g} by the model"
     if runs > 1:
         above, below = segments - 1, (runs - 1) * (segments - 1)
-        scatter = float(np.sum((table - pattern) ** 2)) / below + runs * MODEL_ERROR**2
-        F = float(runs * np.sum(pattern**2) / above) / scatter
+        spread = float(np.sum((table - precision[:, None] * pattern) ** 2)) / below
+        weight = float(np.sum(precision**2))
+        F = float(weight * np.sum(pattern**2) / above) / (spread + weight * MODEL_ERROR**2)
         p = float(stats.f.sf(F, above, below))
         freedom: tuple[float, ...] = (float(above), float(below))
         number = f"F({above}, {below}) = {F:.3g}"
     else:
-        weight = 1 / (errors[o.run == 0] ** 2 + MODEL_ERROR**2)
+        weights = 1 / (o.log_sigma[o.run == 0] ** 2 + MODEL_ERROR**2)
         r = np.log(o.velocity[o.run == 0]) - expected
-        F = float(np.sum(weight * (r - np.sum(weight * r) / np.sum(weight)) ** 2))
+        F = float(np.sum(weights * (r - np.sum(weights * r) / np.sum(weights)) ** 2))
         p, freedom = float(stats.chi2.sf(F, segments - 1)), (float(segments - 1),)
         number = f"chi-square {F:.3g} of {segments - 1}"
     agree = "agrees with" if p >= 0.05 else "contradicts"

@@ -61,6 +61,9 @@ class Likelihood:
             raise ValueError(f"residuals must be 'relative' with depth traces: got {kind!r}")
         self.n = len(self._single) + len(self._runs)
         self.n_within = sum(len(rows) - 1 for rows in self._runs)
+        own = [np.sqrt(np.mean(observations.log_sigma[rows] ** 2) + MODEL_ERROR**2) for rows in self._runs]
+        #: scatter of each run's segments over the geometric mean of all, by what their records say
+        self.run_scatter: Floats = np.array(own) / np.exp(np.mean(np.log(own))) if own else np.empty(0)
         self.known = kind == "sigma"
         pressed = observations.pressed
         self.pressed_known = self.known and bool(np.isfinite(observations.pressed_sigma).all())
@@ -89,9 +92,12 @@ class Likelihood:
         return (o.velocity - alpha * unit) / sigma
 
     def within_residuals(self, unit: Floats) -> Floats:
-        """Deviations of the segments of each run from the run's mean; they do not depend on alpha."""
+        """Deviations of the segments of each run from the run's mean, over `run_scatter`, whatever alpha."""
         raw = np.log(self.observations.velocity) - np.log(unit)
-        parts = [raw[..., rows] - raw[..., rows].mean(axis=-1, keepdims=True) for rows in self._runs]
+        parts = [
+            (raw[..., rows] - raw[..., rows].mean(axis=-1, keepdims=True)) / scatter
+            for rows, scatter in zip(self._runs, self.run_scatter, strict=True)
+        ]
         return np.concatenate(parts, axis=-1) if parts else np.empty((*unit.shape[:-1], 0))
 
     def pressed_residuals(self, c_e: ArrayLike) -> Floats:
@@ -145,8 +151,9 @@ class Likelihood:
             scattered = 0 if self.pressed_known else len(self.observations.pressed)
             return S + other - scattered * float(np.log(MODEL_ERROR**2))
         n = self.n + self.n_within + len(self.observations.pressed)
-        with np.errstate(divide="ignore"):
-            return float(n * np.exp((self.n * np.log(S / self.n) + other) / n))
+        if n == self.n:
+            return S
+        return float(n * np.exp((self.n * np.log(S / self.n + self._floor) + other) / n))
 
     def information(self, c_e: float, alpha: float) -> tuple[Floats, tuple[Scatter, ...], Floats]:
         """Fisher information in (log c_e, log alpha) at a point, shape (2, 2), the scatters, and their shares.
@@ -236,8 +243,9 @@ class Likelihood:
             total -= float(np.sum(np.log(o.sigma)))
         if self.n_within:
             total += self._normal(self.within_residuals(unit), self.n_within, False)
-            # K rows are sqrt(K) times their mean and K - 1 contrasts, by a rotation
-            total -= 0.5 * sum(float(np.log(len(rows))) for rows in self._runs)
+            # K rows are sqrt(K) times their mean and K - 1 contrasts, by a rotation; these are over run_scatter
+            for rows, scatter in zip(self._runs, self.run_scatter, strict=True):
+                total -= 0.5 * float(np.log(len(rows))) + (len(rows) - 1) * float(np.log(scatter))
         if len(o.pressed):
             total += self._normal(self.pressed_residuals(c_e), len(o.pressed), self.pressed_known)
             total -= float(np.sum(np.log(o.pressed_sigma if self.pressed_known else o.pressed)))

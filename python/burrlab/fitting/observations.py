@@ -36,13 +36,14 @@ class Observations:
     row. A pressed row is a pair of a static indentation.
     """
 
-    force: Floats  # [N], of velocity rows, as the next five
+    force: Floats  # [N], of velocity rows, as the next seven
     velocity: Floats  # [mm/s]
     sigma: Floats  # [mm/s], NaN where unknown
     window_start: Floats  # [mm]
     window_end: Floats  # [mm]
     radius: Floats  # [mm]
     run: Rows
+    log_sigma: Floats  # of log velocity [1], from the record of a trace's segment; NaN for a curve's row
     pressed: Floats  # [N], of pressed rows, as the next two
     pressed_sigma: Floats  # [N], NaN where unknown
     pressed_unit: Floats  # R^2 (h/R)^(3/2) [mm^2], the force at c_e = 1 N/mm^2 (Eq. 3)
@@ -80,13 +81,14 @@ class Observations:
                 n = len(parts.velocity)
                 columns = [np.full(n, one.force), parts.velocity, np.full(n, np.nan)]
                 columns += [parts.start_mm, parts.end_mm, np.full(n, radius), np.full(n, n_runs)]
+                columns.append(parts.log_sigma)
                 n_runs += 1
             else:
                 ok, n = one.ok, int(one.ok.sum())
                 absent = np.full(len(one), np.nan)
                 table = [absent if c is None else c for c in (one.sigma, one.window_start, one.window_end)]
                 columns = [c[ok] for c in (one.force, one.velocity, *table)]
-                columns += [np.full(n, radius), np.full(n, -1)]
+                columns += [np.full(n, radius), np.full(n, -1), np.full(n, np.nan)]
                 over = np.array([s == "overloaded" for s in one.status or len(one) * ("",)])
                 if over.any():
                     ceilings.append(_static_c_e(one.force[over], table[2][over], radius).min())
@@ -94,7 +96,7 @@ class Observations:
             velocity.append(tuple(columns))
             rows.append(("velocity", np.arange(n_rows, n_rows + n)))
             n_rows += n
-        tables = [np.concatenate(c) for c in zip(*velocity, strict=True)] if velocity else [empty] * 7
+        tables = [np.concatenate(c) for c in zip(*velocity, strict=True)] if velocity else [empty] * 8
         presses = [np.concatenate(c) for c in zip(*pressed, strict=True)] if pressed else [empty] * 3
         made = cls(
             force=tables[0],
@@ -104,6 +106,7 @@ class Observations:
             window_end=tables[4],
             radius=tables[5],
             run=tables[6].astype(np.intp),
+            log_sigma=tables[7],
             pressed=presses[0],
             pressed_sigma=presses[1],
             pressed_unit=presses[2],

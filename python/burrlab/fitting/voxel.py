@@ -31,7 +31,8 @@ _NODES, _DEGREE = 10, 3  # points in log c_e, and the polynomial through the dev
 _FEWEST = 3  # points at which every force must have a number; fewer than five lower the degree
 _CLOSE = (1.002, 1.05, 1.12)  # points above the bound of c_e, where windows get short
 _HALVINGS = 5  # of the gap below the lowest c_e at which every force has a window
-_ROUNDS = 4  # of tables, while the best alpha or c_e moves away from the table's
+_ROUNDS = 6  # of tables, while the best alpha or c_e moves away from the table's, or is too fast for windows
+_SLOWER = 3.0  # by this alpha is divided where windows have too few ticks, for a first table
 _MOVED = 0.2  # in log alpha: there the velocity is no longer proportional to alpha within the scatter
 _RIDGE_PART = 2.0  # the table ends at twice the c_e at which the ridge begins: further on nothing changes
 _LARGEST_STEP = 1.0  # alpha dt at most: beyond, a tick removes what it should erode
@@ -237,30 +238,38 @@ class VoxelEngine:
         slow = tried[mean_field.at(tried).best_alpha * self._settings.dt <= _LARGEST_STEP]
         top = min(top, float(slow.max(initial=low)))
         top = min(max(top, 1.3 * start[0]), box.upper[0])
+        table, slower = None, 1.0
+        failure = (
+            "No parameters tried gave every row a velocity: a window needs ten ticks, here of "
+            f"{self._settings.dt:g} ms."
+        )
         for _ in range(_ROUNDS):
             close = [low * factor for factor in _CLOSE if low * factor < top]
             nodes = np.unique(np.concatenate([close, np.geomspace(1.2 * low, max(top, 1.3 * low), _NODES)]))
             alphas = np.clip(likelihood.at(nodes).best_alpha, box.lower[1], box.upper[1])
-            if not np.isfinite(alphas).all():  # the last table began above these c_e
-                alphas = np.clip(mean_field.at(nodes).best_alpha, box.lower[1], box.upper[1])
-            points = np.stack([nodes, alphas], axis=1)
+            points = np.stack([nodes, alphas / slower], axis=1)
             velocity = self.velocities(points)
             points, velocity = self._down_to_the_bound(points, velocity)
             seen += [(float(c_e), float(alpha)) for c_e, alpha in points]
             loaded = np.isinf(velocity).any(axis=(1, 2))
             points, velocity = points[~loaded], velocity[~loaded]
             if (np.isfinite(velocity).all(axis=1).sum(axis=0) < _FEWEST).any():
-                return "No parameters tried gave every row a velocity: see the forces and the tick."
+                if table is not None:  # at the alphas that a slower table found best
+                    return failure
+                slower *= _SLOWER
+                continue
+            slower = 1.0
             c_e, alpha = points.T
             table = _table(c_e, np.log(velocity) - np.log(alpha[:, None] * base.unit(c_e))[:, None, :])
             likelihood = Likelihood(o, mean_field.kind, VoxelModel(o, self._shape, table))
+            low = table.low / _CLOSE[0]
             there = likelihood.at(c_e)
             moved = float(np.max(np.abs(np.log(there.best_alpha / alpha))))
             if np.nanargmin(there.profile) == len(c_e) - 1 and top < min(entry, box.upper[0]):
                 top *= 2
             elif moved < _MOVED:
                 break
-        return table, tuple(seen)
+        return failure if table is None else (table, tuple(seen))
 
     def _down_to_the_bound(self, points: Floats, velocity: Floats) -> tuple[Floats, Floats]:
         """Points between the highest c_e without a window and the lowest with one, where there is a gap."""

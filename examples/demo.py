@@ -52,11 +52,15 @@ def main(folder: Path) -> None:
     axes.set_title("synthetic data, fit and voxel descents", fontsize=10)
     axes.figure.savefig(folder / "fit.png", dpi=200)
 
+    region = fit.plot_region(points={"made with": (truth.c_e, truth.alpha)})
+    region.set_title("what the data determine", fontsize=10)
+    region.figure.savefig(folder / "region.png", dpi=200)
+
     run = burrlab.descend(burr, fitted, 1.0, voxel=0.1, seed=1)
     print(f"\n{run}")
     run.plot()[0].figure.savefig(folder / "descent.png", dpi=200)
     print(
-        f"\nwritten to {folder}/: data.csv fit.json fit.png descent.png ({time.perf_counter() - begin:.0f} s)"
+        f"\nwritten to {folder}/: data.csv fit.json fit.png region.png descent.png ({time.perf_counter() - begin:.0f} s)"
     )
 
 

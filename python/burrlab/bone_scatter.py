@@ -16,7 +16,7 @@ from burrlab.arguments import require_type
 from burrlab.bone_field import BoneField
 from burrlab.descent import descend
 from burrlab.provenance import provenance
-from burrlab.store import Store
+from burrlab.store import StorePath
 from burrlab.study import run_items
 from burrlab.sweep import item_seed
 
@@ -258,7 +258,7 @@ def predicted_scatter(
     dt: float = 1.0,
     seed: int | None = None,
     executor: Executor | None = None,
-    store: Store | None = None,
+    store: StorePath | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> Scatter:
     """Scatter of the penetration velocity over bones that differ in their field alone, force held exactly.
@@ -281,7 +281,7 @@ def predicted_scatter(
         is ``burrlab.sweep.item_seed(seed, force, repeat)``.
     executor : concurrent.futures.Executor, optional
         Default: threads over the cores. The result does not depend on it.
-    store : Store, optional
+    store : Store or path, optional
         Keeps every descent, so that an interrupted study goes on where it stopped.
     progress : callable, optional
         Called with (descents done, descents in all).

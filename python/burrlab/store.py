@@ -11,11 +11,14 @@ import os
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from burrlab._core import Burr, Material, Shape, VoxelBone, __version__
+
+#: What a study takes for a store: one, or the path of its file.
+StorePath: TypeAlias = "Store | str | os.PathLike[str]"
 
 #: Of keys and lines together: a store of another format is refused.
 FORMAT = 1

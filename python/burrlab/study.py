@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
 from typing import Any, Generic, TypeVar
 
-from burrlab.store import Store, key_of
+from burrlab.store import Store, StorePath, key_of
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -88,7 +88,7 @@ class Study(Generic[Item, Result]):
         items: Sequence[Item],
         *,
         executor: Executor | None = None,
-        store: Store | str | os.PathLike[str] | None = None,
+        store: StorePath | None = None,
         chunk: int | None = None,
         cancel: threading.Event | None = None,
     ) -> None:
@@ -212,7 +212,7 @@ def run_items(
     items: Sequence[Item],
     *,
     executor: Executor | None = None,
-    store: Store | str | os.PathLike[str] | None = None,
+    store: StorePath | None = None,
     progress: Callable[[int, int], object] | None = None,
     chunk: int | None = None,
     cancel: threading.Event | None = None,

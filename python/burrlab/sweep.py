@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
@@ -18,7 +17,7 @@ from burrlab.curve import VelocityCurve
 from burrlab.descent import descend
 from burrlab.provenance import provenance
 from burrlab.specimen import Specimen, Vector
-from burrlab.store import Store
+from burrlab.store import StorePath
 from burrlab.study import Study, cancel_event
 
 
@@ -114,7 +113,7 @@ def force_sweep(
     stop: float | None = None,
     max_duration: float = 120.0,
     executor: Executor | None = None,
-    store: Store | str | os.PathLike[str] | None = None,
+    store: StorePath | None = None,
     progress: bool = False,
 ) -> VelocityCurve:
     """Penetration velocity at every force, `repeats` times each, in parallel.

@@ -17,7 +17,7 @@ from burrlab.fitting.observations import Floats, Observations, ResidualKind
 from burrlab.fitting.profile import LEVELS, Domain, Interval, best_point
 from burrlab.fitting.search import Box
 from burrlab.fitting.voxel import VoxelModel, VoxelTable
-from burrlab.store import Store
+from burrlab.store import StorePath
 from burrlab.study import run_items
 
 if TYPE_CHECKING:
@@ -185,7 +185,7 @@ def bootstrap(
     kind: str = "parametric",
     seed: int | None = None,
     executor: Executor | None = None,
-    store: Store | None = None,
+    store: StorePath | None = None,
 ) -> Bootstrap:
     """Fits to n data sets made from a fit.
 
@@ -201,7 +201,7 @@ def bootstrap(
         None draws one, which the result records.
     executor : concurrent.futures.Executor, optional
         Threads over the cores by default; a process pool is faster, for a fit holds the interpreter.
-    store : Store, optional
+    store : Store or path, optional
         Keeps every replicate, so that an interrupted study goes on where it stopped.
 
     Returns

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import secrets
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -21,7 +20,7 @@ from burrlab.fitting.observations import Floats, Observations, bounds_of
 from burrlab.fitting.profile import LEVELS, Domain, Interval, best_point, profile
 from burrlab.fitting.verdict import separately_identified
 from burrlab.provenance import provenance
-from burrlab.store import Store
+from burrlab.store import StorePath
 from burrlab.study import run_items
 
 _CHUNK = 25  # data sets a submission: one takes milliseconds
@@ -92,7 +91,7 @@ def coverage_study(
     static_scatter: float = 0.1,
     seed: int | None = None,
     executor: Executor | None = None,
-    store: Store | str | os.PathLike[str] | None = None,
+    store: StorePath | None = None,
     progress: Callable[[int, int], object] | None = None,
 ) -> Coverage:
     """Fits to synthetic data sets of an experiment, and how often their intervals hold the truth.

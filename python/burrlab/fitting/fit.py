@@ -34,7 +34,7 @@ from burrlab.fitting.voxel import VoxelEngine, VoxelModel, VoxelSettings
 from burrlab.indentation import Indentation
 from burrlab.provenance import provenance
 from burrlab.specimen import Specimen
-from burrlab.store import Store
+from burrlab.store import StorePath
 
 __all__ = ["Fit", "fit"]
 
@@ -54,7 +54,7 @@ def fit(
     bounds: Bounds | None = None,
     progress: Progress | None = None,
     executor: Executor | None = None,
-    store: Store | None = None,
+    store: StorePath | None = None,
     voxel: float = 0.1,
     dt: float = 1.0,
     rig: bool = False,
@@ -97,7 +97,7 @@ def fit(
         Voxel engine: called with (descents done, descents in all).
     executor : concurrent.futures.Executor, optional
         Voxel engine: runs the descents; threads over the cores by default.
-    store : Store, optional
+    store : Store or path, optional
         Voxel engine: keeps every descent, so that an interrupted fit goes on where it stopped.
     voxel : float
         Voxel engine: voxel size [mm].

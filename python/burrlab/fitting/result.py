@@ -33,7 +33,7 @@ from burrlab.fitting.search import Start
 from burrlab.fitting.verdict import Ridge, separately_identified
 from burrlab.fitting.voxel import VoxelModel, VoxelTable
 from burrlab.master_curve import MasterCurve
-from burrlab.store import Store
+from burrlab.store import StorePath
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -287,7 +287,7 @@ class Fit:
         kind: str = "parametric",
         seed: int | None = None,
         executor: Executor | None = None,
-        store: Store | None = None,
+        store: StorePath | None = None,
     ) -> Bootstrap:
         """Fits to n data sets made from this one; see `burrlab.fitting.bootstrap.bootstrap`."""
         from burrlab.fitting.bootstrap import bootstrap

@@ -19,7 +19,7 @@ from burrlab.fitting.mean_field import MeanFieldModel
 from burrlab.fitting.observations import WINDOW_END, WINDOW_START, Floats, Observations, Rows
 from burrlab.fitting.search import Box
 from burrlab.specimen import Specimen
-from burrlab.store import Store
+from burrlab.store import StorePath
 from burrlab.study import run_items
 from burrlab.sweep import item_seed
 from burrlab.window import samples_between
@@ -179,7 +179,7 @@ class VoxelEngine:
         *,
         seed: int,
         executor: Executor | None,
-        store: Store | None,
+        store: StorePath | None,
         progress: Callable[[int, int], object] | None,
     ) -> None:
         self._observations, self._shape, self._settings, self._seed = observations, shape, settings, seed

@@ -22,8 +22,8 @@ from burrlab import (
     penetration_velocity,
 )
 from burrlab.fitting import coverage as module
+from burrlab.fitting.calibration import Calibration, Scatter
 from burrlab.fitting.coverage_result import Share
-from burrlab.fitting.likelihood import Calibration, Scatter
 from burrlab.store import Store
 
 BONE = materials["bone"]

@@ -20,7 +20,7 @@ from burrlab import (
     synthetic_indentation,
     synthetic_trace,
 )
-from burrlab.fitting.likelihood import Calibration, Scatter
+from burrlab.fitting.calibration import Calibration, Scatter
 from burrlab.master_curve import penetration_velocity
 from reference.likelihood import Oracle
 

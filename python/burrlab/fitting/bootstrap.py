@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from burrlab._core import Shape
+from burrlab.fitting.intervals import LEVELS, Interval
 from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.mean_field import MeanFieldModel
 from burrlab.fitting.observations import Floats, Observations, ResidualKind
-from burrlab.fitting.profile import LEVELS, Domain, Interval, best_point
+from burrlab.fitting.profile import Domain, best_point
 from burrlab.fitting.search import Box
 from burrlab.fitting.voxel import VoxelModel, VoxelTable
 from burrlab.store import StorePath

@@ -12,12 +12,14 @@ import numpy as np
 
 from burrlab._core import Material, Shape
 from burrlab.arguments import require_type
+from burrlab.fitting.calibration import Calibration
 from burrlab.fitting.coverage_result import QUANTITIES, Coverage
 from burrlab.fitting.experiment import Experiment
-from burrlab.fitting.likelihood import Calibration, Likelihood
+from burrlab.fitting.intervals import LEVELS, Interval
+from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.mean_field import MeanFieldModel
 from burrlab.fitting.observations import Floats, Observations, bounds_of
-from burrlab.fitting.profile import LEVELS, Domain, Interval, best_point, profile
+from burrlab.fitting.profile import Domain, best_point, profile
 from burrlab.fitting.verdict import separately_identified
 from burrlab.provenance import provenance
 from burrlab.store import StorePath

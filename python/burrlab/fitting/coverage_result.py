@@ -12,8 +12,8 @@ from scipy import stats
 
 from burrlab._core import Material
 from burrlab.fitting.experiment import Experiment
+from burrlab.fitting.intervals import LEVELS
 from burrlab.fitting.observations import Floats
-from burrlab.fitting.profile import LEVELS
 
 QUANTITIES = ("c_e", "alpha", "identified")
 AMONG = ("all", "closed", "open")

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from burrlab._core import Shape
+from burrlab.fitting.calibration import Calibration, Scatter
 from burrlab.fitting.hypotheses import fall_with_depth, lack_of_fit
-from burrlab.fitting.likelihood import Calibration, Likelihood, Scatter
+from burrlab.fitting.intervals import Profile
+from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.observations import Floats
-from burrlab.fitting.profile import Domain, Profile, profile
+from burrlab.fitting.profile import Domain, profile
 from burrlab.fitting.search import Box
 from burrlab.fitting.verdict import Ridge, ridge_of, sentence
 from burrlab.fitting.voxel import VoxelTable, monte_carlo_share

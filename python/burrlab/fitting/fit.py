@@ -138,7 +138,7 @@ def fit(
     alpha/c_e^(8/3) alone: a ridge. `status` is ``"ridge"`` where the 95 % interval of c_e is open above.
 
     Intervals and regions are profile likelihoods with limits from the F distribution
-    (`burrlab.fitting.likelihood.Calibration`). The voxel engine predicts v = alpha times a function of c_e that is
+    (`burrlab.fitting.calibration.Calibration`). The voxel engine predicts v = alpha times a function of c_e that is
     tabulated by descents near the best alpha, with common random numbers at all points; the Monte Carlo
     error of the fit widens the limits by 1 + SE_mc^2/SE_stat^2, as Ionides et al. do.
 

@@ -9,7 +9,8 @@ from typing import TypeAlias
 import numpy as np
 from scipy import stats
 
-from burrlab.fitting.likelihood import MODEL_ERROR, Calibration, Likelihood
+from burrlab.fitting.calibration import Calibration
+from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood
 from burrlab.fitting.observations import Floats
 
 Point: TypeAlias = tuple[float, float]

@@ -12,11 +12,11 @@ import numpy as np
 from burrlab._core import Shape
 from burrlab.curve import VelocityCurve
 from burrlab.depth_trace import DepthTrace
+from burrlab.fitting.calibration import Scatter
 from burrlab.fitting.evidence import Evidence
 from burrlab.fitting.hypotheses import HypothesisTest
-from burrlab.fitting.likelihood import Scatter
+from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile, Region
 from burrlab.fitting.observations import Data
-from burrlab.fitting.profile import LEVELS, Combination, Interval, Profile, Region
 from burrlab.fitting.search import Start
 from burrlab.fitting.verdict import Ridge
 from burrlab.fitting.voxel import VoxelTable

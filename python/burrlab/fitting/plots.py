@@ -11,8 +11,9 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from burrlab.curve import VelocityCurve
 from burrlab.figures import FORCE, REFERENCE, VELOCITY, tidy
+from burrlab.fitting.intervals import LEVELS
 from burrlab.fitting.observations import Floats
-from burrlab.fitting.profile import ALPHA, C_E, LEVELS
+from burrlab.fitting.profile import ALPHA, C_E
 from burrlab.master_curve import MasterCurve
 
 if TYPE_CHECKING:

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from burrlab.fitting.likelihood import Calibration, Likelihood, Slices
+from burrlab.fitting.calibration import Calibration
+from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile, Region
+from burrlab.fitting.likelihood import Likelihood, Slices
 from burrlab.fitting.observations import Floats
 from burrlab.fitting.search import Box
 
-LEVELS: Mapping[str, float] = {"68": 0.68, "95": 0.95, "99.7": 0.997}
 C_E, ALPHA = np.array([1.0, 0.0]), np.array([0.0, 1.0])  # directions in (log c_e, log alpha)
 
 _POINTS, _SUBPOINTS = 240, 12
@@ -30,100 +31,6 @@ _ENDLESS = 400.0  # of the logarithm of alpha or the combination: an end beyond 
 _APART = 1e-9  # points of the walk closer than this in log c_e are one
 _SHOWN = 160  # points of a curve that the result keeps
 _LONGEST_EXPONENT = 3.0  # exponents of the combination are sought to 3 times the ridge's
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A range at one level; None is an open end: the data set no limit there."""
-
-    lower: float | None
-    upper: float | None
-
-    @property
-    def closed(self) -> bool:
-        return self.lower is not None and self.upper is not None
-
-    def __contains__(self, value: float) -> bool:
-        return (self.lower is None or value >= self.lower) and (self.upper is None or value <= self.upper)
-
-    def ratio(self) -> float:
-        """Upper over lower end; infinite where one is open."""
-        return self.upper / self.lower if self.upper is not None and self.lower else np.inf
-
-
-@dataclass(frozen=True)
-class Region:
-    """The joint region of a level: at each c_e [N/mm^2] the alphas [1/ms] inside it, shape (m,)."""
-
-    c_e: Floats
-    lower: Floats
-    upper: Floats
-    open_above: bool  #: it goes on to any c_e
-
-    def __contains__(self, point: tuple[float, float]) -> bool:
-        c_e, alpha = point
-        if not len(self.c_e) or not self.c_e[0] <= c_e <= self.c_e[-1]:
-            return False
-        x = np.log(self.c_e)
-        with np.errstate(divide="ignore"):
-            low, high = (np.interp(np.log(c_e), x, np.log(edge)) for edge in (self.lower, self.upper))
-        return bool(low <= np.log(alpha) <= high)
-
-
-@dataclass(frozen=True)
-class Combination:
-    """alpha/c_e^exponent, the combination of this kind that the data determine best.
-
-    The exponent makes the 95 % profile interval shortest; where c_e is open above it is the ridge's,
-    4 (k + 1)/3, the only one with a closed interval.
-    """
-
-    exponent: float
-    value: float  #: [1/ms (mm^2/N)^exponent]
-    intervals: Mapping[str, Interval]
-
-    @property
-    def interval(self) -> Interval:
-        """At 95 %."""
-        return self.intervals["95"]
-
-
-@dataclass(frozen=True)
-class Profile:
-    """What the likelihood says: intervals, regions and the curves they come from.
-
-    Attributes
-    ----------
-    c_e, c_e_rise : ndarray, shape (m,)
-        c_e [N/mm^2] and the rise of -2 log L over its minimum, alpha at its best.
-    best_alpha : ndarray, shape (m,)
-        That alpha [1/ms].
-    alpha, alpha_rise : ndarray, shape (k,)
-        alpha [1/ms] and the rise, c_e at its best.
-    limits : mapping
-        Level -> rise that bounds c_e's interval; see `Calibration`.
-    intervals : mapping
-        ``c_e``, ``alpha`` -> level ``68``, ``95``, ``99.7`` -> Interval.
-    identified : Combination
-    regions : mapping
-        Level -> Region.
-    at_infinity : float
-        Rise of -2 log L at the far end of the ridge, c_e without limit; NaN where c_e has a hard upper end.
-    base : float
-        The minimum of -2 log L, without constants.
-    """
-
-    c_e: Floats
-    c_e_rise: Floats
-    best_alpha: Floats
-    alpha: Floats
-    alpha_rise: Floats
-    limits: Mapping[str, float]
-    intervals: Mapping[str, Mapping[str, Interval]]
-    identified: Combination
-    regions: Mapping[str, Region]
-    at_infinity: float
-    base: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from burrlab.fitting.likelihood import MODEL_ERROR, Calibration, Scatter
+from burrlab.fitting.calibration import Calibration, Scatter
+from burrlab.fitting.intervals import LEVELS
+from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.observations import Floats, Rows
-from burrlab.fitting.profile import C_E, LEVELS, Domain
+from burrlab.fitting.profile import C_E, Domain
 from burrlab.fitting.search import Box
 
 if TYPE_CHECKING:

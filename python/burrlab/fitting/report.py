@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from burrlab.fitting import verdict
-from burrlab.fitting.likelihood import Scatter
+from burrlab.fitting.calibration import Scatter
 from burrlab.fitting.verdict import Ridge
 
 if TYPE_CHECKING:

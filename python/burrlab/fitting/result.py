@@ -18,6 +18,7 @@ from burrlab.curve import VelocityCurve
 from burrlab.fitting import hypotheses, plain, report
 from burrlab.fitting.evidence import Evidence
 from burrlab.fitting.hypotheses import HypothesisTest
+from burrlab.fitting.intervals import LEVELS, Combination, Interval, Region
 from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.mean_field import MeanFieldModel
 from burrlab.fitting.observations import (
@@ -28,7 +29,7 @@ from burrlab.fitting.observations import (
     ResidualKind,
     bounds_of,
 )
-from burrlab.fitting.profile import LEVELS, Combination, Domain, Interval, Region, best_point
+from burrlab.fitting.profile import Domain, best_point
 from burrlab.fitting.search import Start
 from burrlab.fitting.verdict import Ridge, separately_identified
 from burrlab.fitting.voxel import VoxelModel, VoxelTable

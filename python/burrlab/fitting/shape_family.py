@@ -13,10 +13,11 @@ from scipy.interpolate import PPoly
 from scipy.optimize import brentq, minimize_scalar
 
 from burrlab._core import Shape
+from burrlab.fitting.intervals import LEVELS, Interval
 from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.mean_field import MeanFieldModel
 from burrlab.fitting.observations import Floats, Observations, ResidualKind
-from burrlab.fitting.profile import LEVELS, Domain, Interval, best_point
+from burrlab.fitting.profile import Domain, best_point
 from burrlab.master_curve import MasterCurve, _window_spline
 from burrlab.mean_field import positive
 
@@ -89,7 +90,7 @@ class Threshold:
 
     With one estimated scatter of n rows this is F = (S - S_free)/(S_free/(n - 3)) on 1 and n - 3 degrees of
     freedom; with known sigma chi-square, nu infinite; several scatters count by their share of the
-    information about k, as in `burrlab.fitting.likelihood.Calibration`.
+    information about k, as in `burrlab.fitting.calibration.Calibration`.
     """
 
     inflation: float

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from burrlab.fitting.intervals import Combination, Interval, Profile
 from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.observations import Observations
-from burrlab.fitting.profile import Combination, Interval, Profile
 from burrlab.fitting.search import Box, Start
 
 _RIDGE_PHI = 0.7  # a point on the ridge is taken where the largest phi is 0.7 of the one where it ends

@@ -16,7 +16,7 @@ from burrlab import Burr, Fit, Material, VelocityCurve, fit, materials, syntheti
 from burrlab.fitting.mean_field import MeanFieldModel
 from burrlab.fitting.observations import Observations
 from burrlab.fitting.search import Box, is_minimum, minimise, search
-from burrlab.fitting.voxel import VoxelDescent, VoxelSettings
+from burrlab.fitting.voxel_descent import VoxelDescent, VoxelSettings
 from burrlab.master_curve import penetration_velocity
 
 mpl.use("Agg")

@@ -30,7 +30,8 @@ from burrlab.fitting.observations import (
 from burrlab.fitting.result import Fit
 from burrlab.fitting.search import Box, Objective, Start, is_minimum, minimise, search
 from burrlab.fitting.verdict import status_of
-from burrlab.fitting.voxel import VoxelEngine, VoxelModel, VoxelSettings
+from burrlab.fitting.voxel import VoxelEngine, VoxelModel
+from burrlab.fitting.voxel_descent import VoxelSettings
 from burrlab.indentation import Indentation
 from burrlab.provenance import provenance
 from burrlab.specimen import Specimen

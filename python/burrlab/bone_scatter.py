@@ -325,6 +325,8 @@ def predicted_scatter(
         raise ValueError(f"every force must be positive and finite, and given once, got {forces!r}")
     if repeats < 2:
         raise ValueError(f"repeats must be at least 2, got {repeats}")
+    if seed is None and store is not None:
+        raise ValueError("a store needs a seed, for it finds results by it: got seed None")
     if seed is None:
         seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
     if not 0 <= seed < 2**64:

@@ -246,6 +246,8 @@ def _sweep(options: Options) -> int:
 
 
 def _fit(options: Options) -> int:
+    if options.store is not None and options.engine != "voxel":
+        raise ValueError("--store goes with --engine voxel")
     result = burrlab.fit(
         _data(options), shape=options.shape, engine=options.engine, residuals=options.residuals,
         seed=options.seed, voxel=options.voxel, store=_store(options), progress=_bar(options),
@@ -268,6 +270,8 @@ def _fit(options: Options) -> int:
 
 def _data(options: Options) -> list[burrlab.VelocityCurve | burrlab.Indentation | burrlab.DepthTrace]:
     """The data sets of a fit, each with its radius: its own or --radius."""
+    if not options.file and not options.trace:
+        raise ValueError("a fit needs velocities: give a FILE.csv or --trace")
     found: list[burrlab.VelocityCurve | burrlab.Indentation | burrlab.DepthTrace] = []
     for file in options.file:
         curve = burrlab.VelocityCurve.from_csv(file)
@@ -372,7 +376,7 @@ def _parser() -> argparse.ArgumentParser:
     _output_options(sweep)
 
     fit = command("fit", _fit, "Fit c_e and alpha, and say what the data determine.")
-    fit.add_argument("file", metavar="FILE.csv", nargs="+", help="velocity-force curves")
+    fit.add_argument("file", metavar="FILE.csv", nargs="*", help="velocity-force curves")
     fit.add_argument("--radius", type=_positive, help="burr radius R of files that do not say it [mm]")
     fit.add_argument(
         "--indentation",

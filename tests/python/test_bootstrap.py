@@ -88,6 +88,12 @@ def test_segments_have_their_run_s_mean():
     np.testing.assert_allclose([log[o.run == i].mean() for i in range(3)], [0.1, -0.2, 0.3], atol=1e-12)
 
 
+def test_a_store_needs_a_seed(tmp_path):
+    with pytest.raises(ValueError, match="a store needs a seed"):
+        fit(CURVE, starts=0).bootstrap(2, store=tmp_path / "s.jsonl")
+    assert not list(tmp_path.iterdir())
+
+
 def test_errors():
     result = fit(CURVE, starts=0)
     with pytest.raises(ValueError, match="n must be at least 2: got 1"):

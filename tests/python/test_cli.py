@@ -134,6 +134,8 @@ def test_wrong_csv_exits_2_with_one_line(capsys, tmp_path, content, message):
         (["sweep", "--forces", "1:2", "--out", "x.csv"], "--forces: must be FIRST:LAST:COUNT"),
         (["fit", "none.csv", "--radius", "3"], "none.csv"),
         (["fit", "none.csv", "--test", "2.1"], "--test: must be C_E,ALPHA"),
+        (["fit", "none.csv", "--store", "s.jsonl"], "--store goes with --engine voxel"),
+        (["fit", "--indentation", "i.csv"], "a fit needs velocities"),
     ],
 )
 def test_wrong_options_exit_2_with_one_line(capsys, tmp_path, monkeypatch, arguments, message):
@@ -350,6 +352,7 @@ class TestFitOptions:
 
     def test_a_store_of_something_else(self, capsys, files):
         (files / "s").write_text("no store\n")
-        code, _, err = call(capsys, "fit", files / "a.csv", "--radius", 3, "--store", files / "s")
+        store = ("--engine", "voxel", "--store", files / "s")
+        code, _, err = call(capsys, "fit", files / "a.csv", "--radius", 3, *store)
         assert code == 2
         assert "store must be a file of burrlab results" in err

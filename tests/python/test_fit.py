@@ -235,6 +235,45 @@ class TestBadInput:
         with pytest.raises(ValueError, match="burr of radius 3 mm, the fit is for 2 mm"):
             fit(made_of(), Burr(2.0))
 
+    @pytest.mark.parametrize(
+        ("options", "error", "match"),
+        [
+            ({"starts": "8"}, TypeError, "starts must be a whole number, got '8'"),
+            ({"replicates": 2.5}, TypeError, "replicates must be a whole number, got 2.5"),
+            ({"replicates": 1}, ValueError, "replicates must be at least 2"),
+            ({"seed": 1.5}, ValueError, "seed must be a whole number from 0, or None: got 1.5"),
+            ({"seed": -1}, ValueError, "seed must be a whole number from 0, or None: got -1"),
+            ({"seed": None, "store": "s.jsonl"}, ValueError, "a store needs a seed"),
+            ({"bounds": (1, 2)}, TypeError, "bounds must be a dict"),
+            ({"specimen": 3}, TypeError, "specimen must be a Specimen or a BoneField, got 3"),
+        ],
+    )
+    def test_kinds_of_arguments(self, options, error, match):
+        with pytest.raises(error, match=match):
+            fit(made_of(), BURR, **options)
+
+    @pytest.mark.parametrize("factor", [1e-300, 1e-150, 1e150])
+    def test_numbers_beyond_any_experiment(self, factor):
+        curve = made_of()
+        with pytest.raises(ValueError, match=r"force must lie between 1e-09 and 1e\+09 N in a fit"):
+            fit(replace(curve, force=curve.force * factor), BURR)
+        with pytest.raises(ValueError, match="velocity must lie between 1e-09 and"):
+            fit(replace(curve, velocity=curve.velocity * factor), BURR)
+
+    def test_velocities_in_another_unit_are_fitted_and_doubted(self):
+        curve = made_of(scatter=0.05, repeats=2)
+        right, wrong = fit(curve, BURR), fit(replace(curve, velocity=1e3 * curve.velocity), BURR)
+        assert wrong.status == "ok"
+        assert wrong.alpha == pytest.approx(1e3 * right.alpha, rel=1e-4)
+        assert wrong.alpha in wrong.intervals["alpha"]["95"]
+        assert "are velocities in mm/s" in wrong.report()
+        assert "are velocities in mm/s" not in right.report()
+
+    def test_data_that_the_model_does_not_describe(self):
+        result = fit(VelocityCurve([0.5, 1.0, 1.5, 2.0], [4.0, 2.0, 1.0, 0.5]), BURR)
+        assert "The model does not describe these data" in result.report()
+        assert "only within a factor of" in result.verdict
+
 
 class TestResult:
     def test_json_round_trip(self, tmp_path):

@@ -212,7 +212,7 @@ def bootstrap(
     Raises
     ------
     ValueError
-        If n is below 2, the kind is another, or the fit gave nothing.
+        If n is below 2, the kind is another, a store comes without a seed, or the fit gave nothing.
     StudyInterrupted
         If the executor dies.
 
@@ -229,6 +229,8 @@ def bootstrap(
         raise ValueError(f"n must be at least 2: got {n!r}")
     if kind not in KINDS:
         raise ValueError(f"kind must be one of {', '.join(KINDS)}: got {kind!r}")
+    if seed is None and store is not None:
+        raise ValueError("a store needs a seed, for it finds results by it: got seed None")
     evidence = fit._evidence()
     identified = evidence.profile.identified
     seed = secrets.randbits(32) if seed is None else int(seed)

@@ -92,7 +92,8 @@ def fit(
         Of the starts and of the voxel engine's erosion; None draws one, which the result records.
     bounds : dict, optional
         ``{"c_e": (low, high), "alpha": (low, high)}`` [N/mm^2], [1/ms]. By default c_e runs from its hard
-        bound to 100 times that, alpha from 1e-5 to 10 in the search, and both without end in the intervals.
+        bound to 100 times that, alpha from 1e-5 to 10, or as far as the data reach, in the search, and both
+        without end in the intervals.
         An interval that reaches a bound given here is open there.
     progress : callable, optional
         Voxel engine: called with (descents done, descents in all).
@@ -173,6 +174,14 @@ def fit(
         require_type("burr", burr, Burr, "Burr(3.0)")
     shape = shape if isinstance(shape, Shape) else Shape(shape)
     _check(engine, residuals, starts, replicates)
+    if not (seed is None or (isinstance(seed, (int, np.integer)) and seed >= 0)):
+        raise ValueError(f"seed must be a whole number from 0, or None: got {seed!r}")
+    if seed is None and store is not None:
+        raise ValueError("a store needs a seed, for it finds results by it: got seed None")
+    if not isinstance(specimen, (Specimen, BoneField, type(None))):
+        raise TypeError(f"specimen must be a Specimen or a BoneField, got {specimen!r}")
+    if not isinstance(bounds, (dict, type(None))):
+        raise TypeError(f"bounds must be a dict such as {{'c_e': (1, 3)}}, got {bounds!r}")
     observations = Observations.of(sets, burr)
     if residuals == "sigma" and not observations.has_sigma:
         raise ValueError("residuals 'sigma' need a sigma in every row that has a velocity")
@@ -180,6 +189,8 @@ def fit(
     box = bounds_of(observations, bounds)
 
     likelihood = Likelihood(observations, residuals, MeanFieldModel(observations, shape))
+    if "alpha" not in (bounds or {}):
+        box = _with_best_alphas(box, likelihood)
     ends = search(_objective(likelihood), box, _ridge_alpha(likelihood), starts=starts, seed=seed)
     settings: dict[str, Any] = {}
     table, made = None, None
@@ -258,6 +269,13 @@ def _sets(data: Data | Sequence[Data]) -> tuple[Data, ...]:
     return sets
 
 
+def _with_best_alphas(box: Box, likelihood: Likelihood) -> Box:
+    """The box, its alphas widened to those that fit best over its first decade of c_e, if they are beyond."""
+    best = likelihood.at(np.geomspace(box.lower[0], min(10 * box.lower[0], box.upper[0]), 20)).best_alpha
+    low, high = float(best.min()) / 3, 3 * float(best.max())
+    return Box((box.lower[0], min(box.lower[1], low)), (box.upper[0], max(box.upper[1], high)))
+
+
 def _radius(observations: Observations) -> float | None:
     radii = set(observations.radius.tolist())
     return radii.pop() if len(radii) == 1 else None
@@ -267,6 +285,9 @@ def _check(engine: str, residuals: str, starts: int, replicates: int) -> None:
     for name, value, allowed in (("engine", engine, Engine), ("residuals", residuals, ResidualKind)):
         if value not in get_args(allowed):
             raise ValueError(f"{name} must be one of {', '.join(get_args(allowed))}: got {value!r}")
+    for name, number in (("starts", starts), ("replicates", replicates)):
+        if not isinstance(number, (int, np.integer)):
+            raise TypeError(f"{name} must be a whole number, got {number!r}")
     if starts < 0:
         raise ValueError(f"starts must not be negative: got {starts!r}")
     if replicates < 2:

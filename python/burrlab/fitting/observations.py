@@ -25,6 +25,7 @@ WINDOW_START, WINDOW_END = 1 / 6, 1 / 3  # of the default window, in radii (mode
 SEGMENTS = 5  # parts of equal depth that a trace is compared in
 C_E_RANGE = 100.0  # upper bound of c_e over its lower one, see `bounds_of`
 ALPHA_BOUNDS = (1e-5, 10.0)  # [1/ms], see `bounds_of`
+_EXTREME = 1e9  # no force, velocity or radius is larger, or smaller than one over it, in N and mm
 _MARGIN = 1e-4  # the hard bound of c_e is open: at it the window has no length
 
 
@@ -119,6 +120,17 @@ class Observations:
         return made
 
     def _check(self) -> None:
+        for name, unit, values in (
+            ("force", "N", self.force),
+            ("velocity", "mm/s", self.velocity),
+            ("radius", "mm", self.radius),
+            ("force of an indentation", "N", self.pressed),
+        ):
+            beyond = values[(values < 1 / _EXTREME) | (values > _EXTREME)]
+            if len(beyond):
+                raise ValueError(
+                    f"{name} must lie between {1 / _EXTREME:g} and {_EXTREME:g} {unit} in a fit: got {beyond[0]:g}"
+                )
         distinct = len(set(zip(self.force.tolist(), self.radius.tolist(), strict=True)))
         if distinct < 3:
             all_rows = len(self.force) + self.n_skipped

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from burrlab.curve import VelocityCurve
-from burrlab.figures import FORCE, REFERENCE, VELOCITY, tidy
+from burrlab.figures import FORCE, POSITION, REFERENCE, VELOCITY, tidy
 from burrlab.fitting.intervals import LEVELS
 from burrlab.fitting.observations import Floats
 from burrlab.fitting.profile import ALPHA, C_E
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from burrlab.fitting.result import Fit
 
 _SHADES = {"99.7": "#d4e6f4", "95": "#8dbfe2", "68": "#3c8cc4"}
+LINES = (FORCE, VELOCITY, POSITION, "black")  # of several radii
 _UNITS = {"c_e": "$c_e$ [N/mm²]", "alpha": "$\\alpha$ [1/ms]"}
 _BAND = 60  # lines whose envelope is the band
 
@@ -46,14 +47,17 @@ def plot_fit(fit: Fit, ax: Axes | None, alpha_lines: float | None, log: bool) ->
                 label="segments of traces")  # fmt: skip
     label: str | None = f"fit: $c_e$ = {fit.c_e:#.3g} N/mm², $\\alpha$ = {fit.alpha:#.3g} /ms"
     default = np.isnan(o.window_start)
-    for R in sorted(set(o.radius[default].tolist())):
+    for i, R in enumerate(sorted(set(o.radius[default].tolist()))):
         used = o.force[default & (o.radius == R)]
         low = 0.85 * used.min() if log else 0.3 * used.min()
         high = min(1.04 * used.max(), 0.999 * fit.c_e * R**2 / 27**0.5)
         force = np.geomspace(low, high, 300)
         lower, upper = band(fit, force, R)
         ax.fill_between(force, lower, upper, color=_SHADES["99.7"], label=label and "95 % band", zorder=1)
-        ax.plot(force, fit.velocity(force, radius=R), color="black", linewidth=1.2, label=label)
+        several = fit.radius is None
+        colour = LINES[i % len(LINES)] if several else "black"
+        shown_as = f"fit, R = {R:g} mm" if several else label
+        ax.plot(force, fit.velocity(force, radius=R), color=colour, linewidth=1.2, label=shown_as)
         label = None
         if alpha_lines is not None:
             for sign, name in ((-1, f"$\\alpha$ ± {alpha_lines:g} /ms"), (1, None)):

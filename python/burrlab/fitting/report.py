@@ -9,6 +9,7 @@ import numpy as np
 
 from burrlab.fitting import verdict
 from burrlab.fitting.calibration import Scatter
+from burrlab.fitting.observations import ALPHA_BOUNDS
 from burrlab.fitting.verdict import Ridge
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ _RESIDUALS = {
     "absolute": "normal, r = v - v_predicted [mm/s]",
     "sigma": "normal of given sigma, r = (v - v_predicted)/sigma",
 }
+_POOR = 0.5  # RMS of log velocity: beyond, the model is not worth the name (ours)
 _UNITS = {"c_e": "N/mm^2", "alpha": "1/ms"}
 
 
@@ -154,6 +156,15 @@ def notes(fit: Fit) -> list[str]:
             f"{100 * fit.table.error:.2g} % (RMS) of the table; the Monte Carlo error of the fit widens the limits by "
             f"{100 * fit.evidence.monte_carlo:.2g} %."
         )
+    low, high = ALPHA_BOUNDS
+    if not low <= fit.alpha <= high:
+        lines.append(
+            f"An alpha beyond {low:g} to {high:g} /ms is no bone's: are velocities in mm/s, forces in N, radii in mm?"
+        )
+    if fit.residual_kind == "relative" and fit.residual_norm > _POOR:
+        lines.append(
+            f"The model does not describe these data: they lie {rms(fit, fit.residual_norm)} (RMS) off it."
+        )
     lines.append(f"alpha holds for f = {fit.shape.name} and for one drill, burr type and speed.")
     return lines
 
@@ -171,7 +182,7 @@ def ridge(r: Ridge, fit: Fit) -> str:
         return f"{largest}, every window begins above static contact, and velocities go with {combination}: {alone}."
     if not r.excluded:
         return (
-            f"{largest} at the fitted c_e, but larger c_e with {combination} fit nearly as well "
+            f"{largest} at the fitted c_e, but larger c_e with {combination} are not excluded at 95 % "
             f"(RMS residual {rms(fit, r.residual)}): c_e alone is not determined."
         )
     return (

@@ -154,4 +154,6 @@ def accuracy(identified: Combination) -> str:
         return "with an open end"
     assert interval.lower is not None
     assert interval.upper is not None
+    if interval.ratio() > SEPARATE:
+        return f"only within a factor of {interval.ratio():.2g}"
     return f"to {50 * (interval.upper - interval.lower) / identified.value:.2g} %"

@@ -256,6 +256,8 @@ class TestJointLimit:
         assert np.mean(rise <= made.limit(0.95)) == pytest.approx(0.95, abs=0.005)
 
 
+FRESH = 2  # bounds were set beside the figures of docs/fit.md, which are of seed 1
+
 CLOSED = {
     "wide": WIDE,
     "two burrs": two_burrs(0.8, 1.2),
@@ -281,7 +283,7 @@ class TestCoverage:
 
     @pytest.mark.parametrize("name", CLOSED)
     def test_closed(self, name, executor):
-        study = coverage_study(CLOSED[name], BONE, n=4000, seed=1, executor=executor)
+        study = coverage_study(CLOSED[name], BONE, n=4000, seed=FRESH, executor=executor)
         for quantity in ("c_e", "alpha", "identified"):
             assert 0.93 < study.coverage(quantity, among="closed").value < 0.97
         assert 0.93 < study.coverage("joint").value < 0.97
@@ -295,7 +297,7 @@ class TestCoverage:
         So coverage of c_e and alpha is above 95 % in all, and among the few closed sets far below: there is no
         interval of c_e that covers 95 % of all and of these.
         """
-        study = coverage_study(OPEN[name], BONE, n=4000, seed=1, executor=executor)
+        study = coverage_study(OPEN[name], BONE, n=4000, seed=FRESH, executor=executor)
         for quantity in ("c_e", "alpha"):
             assert study.open_above(quantity).value > 0.9
             assert study.coverage(quantity, among="open").value > 0.93
@@ -306,7 +308,7 @@ class TestCoverage:
 
     def test_closed_but_wide(self, executor):
         """2.0 to 2.6 N: the open sets, one in fifteen, are those whose scatter leans to the ridge."""
-        study = coverage_study(one_burr(2.0, 2.6), BONE, n=4000, seed=1, executor=executor)
+        study = coverage_study(one_burr(2.0, 2.6), BONE, n=4000, seed=FRESH, executor=executor)
         assert study.open_above().value < 0.1
         assert study.ratio("c_e") > 1.7
         assert study.ratio("alpha") > 3
@@ -316,7 +318,7 @@ class TestCoverage:
 
     @pytest.mark.parametrize("low", [0.3, 2.0])
     def test_small_samples_want_F(self, low, executor):
-        study = coverage_study(one_burr(low, 2.6, n=6, repeats=1), BONE, n=4000, seed=1, executor=executor)
+        study = coverage_study(one_burr(low, 2.6, n=6, repeats=1), BONE, n=4000, seed=FRESH, executor=executor)
         for quantity in ("c_e", "alpha", "identified", "joint"):
             assert 0.93 < study.coverage(quantity).value < 0.975
         for column in (0, 1):  # c_e, and both

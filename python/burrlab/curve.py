@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
 
@@ -14,14 +14,13 @@ from burrlab.csv_text import Path, plain
 from burrlab.dataset import Floats
 
 if TYPE_CHECKING:
-    import pandas
     from matplotlib.axes import Axes
 
 _NUMBERS = ("force", "velocity", "sigma", "window_start", "window_end")
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class VelocityCurve:
+class VelocityCurve(dataset.DataSet):
     """Penetration velocity against constant force, one row a run.
 
     Repeats are rows of their own; they are used, not averaged away. A row without a number (no window, or a
@@ -173,16 +172,6 @@ class VelocityCurve:
         fine = [text in ("", "ok") for text in self.status or len(self) * ("",)]
         return np.isfinite(self.velocity) & np.array(fine, dtype=np.bool_)
 
-    def to_frame(self) -> pandas.DataFrame:
-        """The curve as a pandas DataFrame with the columns of the CSV file.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
-        """
-        return dataset.frame(curve_csv.table(self))
-
     def plot(self, ax: Axes | None = None, *, log: bool = False) -> Axes:
         """Draw the velocities as squares over the force, with error bars where sigma is known.
 
@@ -197,12 +186,9 @@ class VelocityCurve:
         -------
         matplotlib Axes
         """
-        from burrlab.figures import tidy
+        from burrlab.figures import axes_or_new, tidy
 
-        if ax is None:
-            from matplotlib import pyplot
-
-            ax = pyplot.subplots(figsize=(4.8, 3.6), layout="constrained")[1]
+        ax = axes_or_new(ax)
         ok = self.ok
         force, velocity = self.force[ok], self.velocity[ok]
         label = dataset.data_label(self.source)
@@ -215,15 +201,11 @@ class VelocityCurve:
         ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")
         return tidy(ax)
 
+    def _table(self) -> Mapping[str, Sequence[Any]]:
+        return curve_csv.table(self)
+
     def __len__(self) -> int:
         return len(self.force)
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, VelocityCurve):
-            return NotImplemented
-        return dataset.equal(self, other)
-
-    __hash__ = None  # type: ignore[assignment]  # it holds arrays
 
     def __repr__(self) -> str:
         source = f", {self.source!r}" if self.source else ""

@@ -17,6 +17,29 @@ if TYPE_CHECKING:
 Floats: TypeAlias = NDArray[np.float64]
 
 
+class DataSet:
+    """What every data set has: equality by its fields, and its table as a DataFrame."""
+
+    def _table(self) -> Mapping[str, Sequence[Any]]:
+        """Columns by their names in the CSV file."""
+        raise NotImplementedError
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The data as a pandas DataFrame with the columns of the CSV file.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        return frame(self._table())
+
+    def __eq__(self, other: object) -> bool:
+        return equal(self, other) if type(other) is type(self) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]  # it holds arrays
+
+
 def frozen(name: str, values: ArrayLike) -> Floats:
     """A read-only copy of a column; ValueError unless it has one dimension."""
     array = np.array(values, dtype=np.float64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
 
@@ -18,7 +18,6 @@ from burrlab.trace_segments import TraceSegments, cut, rising
 from burrlab.window import samples_between
 
 if TYPE_CHECKING:
-    import pandas
     from matplotlib.axes import Axes
 
 #: Parts of the window by which the record may fall short of its end, and fall back once in it (ours).
@@ -26,7 +25,7 @@ _SHORTFALL, _RETREAT = 0.05, 0.25
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class DepthTrace:
+class DepthTrace(dataset.DataSet):
     """Immersion over time of one run at constant force, evenly sampled, from contact to stop.
 
     Where a single penetration velocity says how fast the burr sank on average, the record also says how the
@@ -260,16 +259,6 @@ class DepthTrace:
         """
         return cut(self, n)
 
-    def to_frame(self) -> pandas.DataFrame:
-        """The record as a pandas DataFrame with the columns of the CSV file.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
-        """
-        return dataset.frame(depth_trace_csv.table(self))
-
     def plot(self, ax: Axes | None = None, *, n: int = 5) -> Axes:
         """Draw immersion, downwards, over time, and the slopes of n segments, each second one shaded.
 
@@ -284,12 +273,9 @@ class DepthTrace:
         -------
         matplotlib Axes
         """
-        from burrlab.figures import POSITION, VELOCITY, tidy
+        from burrlab.figures import POSITION, VELOCITY, axes_or_new, tidy
 
-        if ax is None:
-            from matplotlib import pyplot
-
-            ax = pyplot.subplots(figsize=(4.8, 3.6), layout="constrained")[1]
+        ax = axes_or_new(ax)
         segments = self.segments(n)
         ax.plot(
             self.time, self.immersion, color=POSITION, linewidth=1.2, label=dataset.data_label(self.source)
@@ -307,13 +293,11 @@ class DepthTrace:
             ax.invert_yaxis()
         return tidy(ax)
 
+    def _table(self) -> Mapping[str, Sequence[Any]]:
+        return depth_trace_csv.table(self)
+
     def __len__(self) -> int:
         return len(self.time)
-
-    def __eq__(self, other: object) -> bool:
-        return dataset.equal(self, other) if isinstance(other, DepthTrace) else NotImplemented
-
-    __hash__ = None  # type: ignore[assignment]  # it holds arrays
 
     def __repr__(self) -> str:
         source = f", {self.source!r}" if self.source else ""

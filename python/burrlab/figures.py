@@ -23,6 +23,16 @@ def new_figure(width: float = 6.4, height: float = 4.4) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def axes_or_new(axes: Axes | None) -> Axes:
+    """The given axes, or those of a new pyplot figure of the usual size."""
+    if axes is not None:
+        return axes
+    from matplotlib import pyplot
+
+    made: Axes = pyplot.subplots(figsize=(4.8, 3.6), layout="constrained")[1]
+    return made
+
+
 def tidy(axes: Axes) -> Axes:
     """Quiet grid, no upper and right frame."""
     axes.grid(True, color="0.9", linewidth=0.6)

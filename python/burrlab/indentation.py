@@ -14,7 +14,6 @@ from burrlab.csv_text import Path
 from burrlab.dataset import Floats
 
 if TYPE_CHECKING:
-    import pandas
     from matplotlib.axes import Axes
 
 COLUMNS = {"force": "force_N", "depth": "depth_mm", "sigma": "sigma_N"}
@@ -22,7 +21,7 @@ _UNITS = {"force": "N", "depth": "mm", "sigma": "N"}
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class Indentation:
+class Indentation(dataset.DataSet):
     """Force against depth of a stopped burr in intact bone, one row a reading.
 
         F = c_e R^2 (h/R)^(3/2)    (Eqs. 2 and 3)
@@ -159,16 +158,6 @@ class Indentation:
         comments = csv_text.origin_comments(self.source, self.provenance, radius_mm=self.radius)
         csv_text.write(file, comments, self._table())
 
-    def to_frame(self) -> pandas.DataFrame:
-        """The rows as a pandas DataFrame with the columns of the CSV file.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
-        """
-        return dataset.frame(self._table())
-
     def plot(self, ax: Axes | None = None, *, log: bool = False) -> Axes:
         """Draw the forces as squares over the depth, with error bars where sigma is known.
 
@@ -183,12 +172,9 @@ class Indentation:
         -------
         matplotlib Axes
         """
-        from burrlab.figures import tidy
+        from burrlab.figures import axes_or_new, tidy
 
-        if ax is None:
-            from matplotlib import pyplot
-
-            ax = pyplot.subplots(figsize=(4.8, 3.6), layout="constrained")[1]
+        ax = axes_or_new(ax)
         if self.sigma is not None:
             ax.errorbar(
                 self.depth, self.force, self.sigma, fmt="none", ecolor="black", elinewidth=0.8, zorder=3
@@ -210,11 +196,6 @@ class Indentation:
 
     def __len__(self) -> int:
         return len(self.force)
-
-    def __eq__(self, other: object) -> bool:
-        return dataset.equal(self, other) if isinstance(other, Indentation) else NotImplemented
-
-    __hash__ = None  # type: ignore[assignment]  # it holds arrays
 
     def __repr__(self) -> str:
         source = f", {self.source!r}" if self.source else ""

@@ -318,7 +318,9 @@ class TestCoverage:
 
     @pytest.mark.parametrize("low", [0.3, 2.0])
     def test_small_samples_want_F(self, low, executor):
-        study = coverage_study(one_burr(low, 2.6, n=6, repeats=1), BONE, n=4000, seed=FRESH, executor=executor)
+        study = coverage_study(
+            one_burr(low, 2.6, n=6, repeats=1), BONE, n=4000, seed=FRESH, executor=executor
+        )
         for quantity in ("c_e", "alpha", "identified", "joint"):
             assert 0.93 < study.coverage(quantity).value < 0.975
         for column in (0, 1):  # c_e, and both

@@ -2,21 +2,14 @@
 
 import io
 import os
-import pickle
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 import matplotlib as mpl
-import nlopt
 import numpy as np
 import pytest
 
 from burrlab import Burr, Fit, Material, VelocityCurve, fit, materials, synthetic_curve
-from burrlab.fitting.mean_field import MeanFieldModel
-from burrlab.fitting.observations import Observations
-from burrlab.fitting.search import Box, is_minimum, minimise, search
-from burrlab.fitting.voxel_descent import VoxelDescent, VoxelSettings
 from burrlab.master_curve import penetration_velocity
 
 mpl.use("Agg")
@@ -363,168 +356,6 @@ class TestResult:
             ValueError, match=r"alpha_lines must be above 0 and below alpha, 0\.087 /ms: got 0\.1"
         ):
             fit(made_of(), BURR).plot(alpha_lines=0.1)
-
-
-class TestSearch:
-    BOX = Box((0.1, 0.001), (10.0, 1.0))
-
-    @staticmethod
-    def bowl(logarithms):
-        return float(np.sum((logarithms - np.log([2.0, 0.1])) ** 2))
-
-    @pytest.mark.parametrize(
-        "algorithm", [nlopt.LN_BOBYQA, nlopt.GN_CRS2_LM, nlopt.LN_SBPLX, nlopt.LN_COBYLA]
-    )
-    @pytest.mark.parametrize("error", [RuntimeError, ValueError, KeyboardInterrupt, ZeroDivisionError])
-    def test_an_exception_passes_through(self, algorithm, error):
-        calls = []
-
-        def objective(logarithms):
-            calls.append(logarithms)
-            if len(calls) == 4:
-                raise error("in the objective")
-            return self.bowl(logarithms)
-
-        with pytest.raises(error, match="in the objective"):
-            minimise(objective, self.BOX, np.zeros(2), origin="x", algorithm=algorithm)
-        assert len(calls) == 4
-
-    @pytest.mark.parametrize("algorithm", [nlopt.LN_BOBYQA, nlopt.GN_CRS2_LM])
-    def test_nan_never_wins(self, algorithm):
-        nlopt.srand(1)
-        end = minimise(
-            lambda x: NAN if x[0] < 0 else self.bowl(x),
-            self.BOX,
-            np.log([5.0, 0.01]),
-            origin="x",
-            algorithm=algorithm,
-        )
-        assert end.end == pytest.approx((2.0, 0.1), rel=1e-3)
-        assert end.objective < 1e-6
-
-    def test_nothing_but_nan(self):
-        end = minimise(lambda x: NAN, self.BOX, np.zeros(2), origin="x", maxeval=20)
-        assert end.objective == np.inf
-
-    def test_the_best_point_is_kept(self):
-        seen = []
-
-        def objective(logarithms):
-            seen.append((self.bowl(logarithms), *np.exp(logarithms)))
-            return seen[-1][0]
-
-        end = minimise(objective, self.BOX, np.zeros(2), origin="x", algorithm=nlopt.GN_CRS2_LM, maxeval=60)
-        assert end.result == "MAXEVAL_REACHED"
-        assert not end.converged
-        assert (end.objective, *end.end) == pytest.approx(min(seen))
-
-    def test_points_stay_in_the_box(self):
-        def objective(logarithms):
-            assert np.all(logarithms >= np.log(self.BOX.lower))
-            assert np.all(logarithms <= np.log(self.BOX.upper))
-            return -float(logarithms.sum())
-
-        ends = search(objective, self.BOX, lambda c_e: 0.1 * c_e, starts=3, seed=1)
-        assert min(ends, key=lambda end: end.objective).end == pytest.approx((10.0, 1.0), rel=1e-5)
-
-    def test_a_return_code_is_not_a_minimum(self):
-        directions = np.eye(2)
-        short = minimise(self.bowl, self.BOX, np.zeros(2), origin="x", maxeval=3)
-        full = minimise(self.bowl, self.BOX, np.zeros(2), origin="x")
-        assert not is_minimum(self.bowl, self.BOX, short, directions)
-        assert is_minimum(self.bowl, self.BOX, full, directions)
-
-
-class TestModel:
-    def test_each_distinct_force_is_predicted_once_and_put_in_place(self):
-        curve = VelocityCurve(
-            [2.0, 1.0, 2.0, 0.5],
-            [1, 1, 1, 1],
-            window_start=[NAN, 0.4, NAN, 0.4],
-            window_end=[NAN, 0.8, NAN, 0.8],
-        )
-        model = MeanFieldModel(Observations.of([curve], BURR), materials["bone"].shape)
-        bone = materials["bone"]
-        expected = [
-            penetration_velocity(BURR, bone, 2.0),
-            penetration_velocity(BURR, bone, 1.0, 0.4, 0.8),
-            penetration_velocity(BURR, bone, 2.0),
-            penetration_velocity(BURR, bone, 0.5, 0.4, 0.8),
-        ]
-        np.testing.assert_allclose(model.predict(bone.c_e, bone.alpha), expected, rtol=1e-9)
-
-    def test_the_bound_of_a_row_with_its_own_window(self):
-        curve = VelocityCurve([0.5, 1.0, 2.0], [1, 1, 1], window_start=[0.1] * 3, window_end=[0.75] * 3)
-        expected = np.array([0.5, 1.0, 2.0]) / (9 * 0.25**1.5)
-        np.testing.assert_allclose(Observations.of([curve], BURR).c_e_bounds(), expected)
-
-
-class TestVoxelEngine:
-    OPTIONS = {"engine": "voxel", "voxel": 0.4, "starts": 2}  # noqa: RUF012
-    CURVE = synthetic_curve(BURR, materials["pvc"], [0.2, 0.35, 0.6], repeats=1, scatter=0, seed=1)
-
-    def test_begins_at_the_mean_field_and_ends_near_the_truth(self):
-        told = []
-        result = fit(self.CURVE, BURR, **self.OPTIONS, progress=lambda done, most: told.append((done, most)))
-        assert result.engine == "voxel"
-        assert result.starts[0].origin == "from mean-field"
-        assert result.starts[0].start == pytest.approx((0.462, 0.256), rel=1e-3)
-        # R/s = 7.5: within a few per cent of mean-field
-        assert result.c_e == pytest.approx(0.462, rel=0.08)
-        assert result.residual_norm < 0.05
-        assert told[: told[0][1]] == [(i + 1, told[0][1]) for i in range(told[0][1])]
-        # the table's points lie along the ridge, over the c_e that were fitted
-        assert len(told) == 3 * 4 * len(result.record)
-        assert min(c_e for c_e, _ in result.record) < result.c_e < max(c_e for c_e, _ in result.record)
-        assert "stochastic" in result.report()
-        assert Fit.from_dict(result.to_dict()).to_dict() == result.to_dict()
-        with ThreadPoolExecutor(3) as executor:
-            other = fit(self.CURVE, BURR, **self.OPTIONS, executor=executor)
-        assert plain(other) == plain(result)
-
-    def test_no_descent_with_a_number_is_said(self):
-        result = fit(self.CURVE, BURR, **self.OPTIONS, dt=50.0)
-        assert result.status == "not-converged"
-        assert result.reason.startswith("No parameters tried gave every row a velocity")
-        stream = io.StringIO()
-        result.to_json(stream)
-        stream.seek(0)
-        assert Fit.from_json(stream).to_dict() == result.to_dict()
-        assert result.to_dict()["residual"] is None
-
-    def test_windows_of_the_rows(self):
-        curve = replace(self.CURVE, window_start=[0.3, NAN, 0.6], window_end=[0.8, NAN, 1.1])
-        velocity = [
-            penetration_velocity(BURR, materials["pvc"], 0.2, 0.3, 0.8),
-            penetration_velocity(BURR, materials["pvc"], 0.35),
-            penetration_velocity(BURR, materials["pvc"], 0.6, 0.6, 1.1),
-        ]
-        result = fit(replace(curve, velocity=velocity), BURR, **self.OPTIONS)
-        assert result.residual_norm < 0.05
-        np.testing.assert_allclose(result.predicted, velocity, rtol=0.1)
-
-    def test_an_interrupt_passes_through(self):
-        def stop(done, most):
-            raise KeyboardInterrupt
-
-        with pytest.raises(KeyboardInterrupt):
-            fit(self.CURVE, BURR, **self.OPTIONS, progress=stop)
-
-    def test_a_descent_is_a_small_picklable_item(self):
-        item = VoxelDescent(
-            BURR,
-            materials["pvc"],
-            0.35,
-            ((None, None), (0.2, 0.3)),
-            VoxelSettings(0.4, 1.0, False, None, 4),
-            7,
-        )
-        assert len(pickle.dumps(item)) < 2000
-        assert pickle.loads(pickle.dumps(item)).velocities() == item.velocities()
-
-    def test_an_error_in_a_descent_passes_through(self):
-        with pytest.raises(ValueError, match="voxel"):
-            fit(self.CURVE, BURR, engine="voxel", voxel=-1.0)
 
 
 @pytest.mark.parametrize("name", ["specimen_a", "specimen_b"])

@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
+import io
+import pickle
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from burrlab import BoneField, Burr, Store, fit, half_space, materials, synthetic_curve
+from burrlab import (
+    BoneField,
+    Burr,
+    Fit,
+    Store,
+    fit,
+    half_space,
+    materials,
+    synthetic_curve,
+)
+from burrlab.fitting.voxel_descent import VoxelDescent, VoxelSettings
+from burrlab.master_curve import penetration_velocity
 
+NAN = float("nan")
 BURR, PVC = Burr(3.0), materials["pvc"]
 CURVE = synthetic_curve(BURR, PVC, [0.2, 0.35, 0.6], repeats=2, scatter=0.04, seed=1)
 OPTIONS = {"engine": "voxel", "voxel": 0.4, "starts": 0, "replicates": 2}
@@ -87,3 +102,75 @@ def test_through_the_rig():
     result = fit(CURVE, **OPTIONS, rig=True)
     assert result.provenance["rig"] is True
     assert result.evidence is None or 0.3 < result.c_e < 0.7
+
+
+def plain(result):
+    return {key: value for key, value in result.to_dict().items() if key != "seconds"}
+
+
+class TestVoxelEngine:
+    OPTIONS = {"engine": "voxel", "voxel": 0.4, "starts": 2}  # noqa: RUF012
+    CURVE = synthetic_curve(BURR, materials["pvc"], [0.2, 0.35, 0.6], repeats=1, scatter=0, seed=1)
+
+    def test_begins_at_the_mean_field_and_ends_near_the_truth(self):
+        told = []
+        result = fit(self.CURVE, BURR, **self.OPTIONS, progress=lambda done, most: told.append((done, most)))
+        assert result.engine == "voxel"
+        assert result.starts[0].origin == "from mean-field"
+        assert result.starts[0].start == pytest.approx((0.462, 0.256), rel=1e-3)
+        # R/s = 7.5: within a few per cent of mean-field
+        assert result.c_e == pytest.approx(0.462, rel=0.08)
+        assert result.residual_norm < 0.05
+        assert told[: told[0][1]] == [(i + 1, told[0][1]) for i in range(told[0][1])]
+        # the table's points lie along the ridge, over the c_e that were fitted
+        assert len(told) == 3 * 4 * len(result.record)
+        assert min(c_e for c_e, _ in result.record) < result.c_e < max(c_e for c_e, _ in result.record)
+        assert "stochastic" in result.report()
+        assert Fit.from_dict(result.to_dict()).to_dict() == result.to_dict()
+        with ThreadPoolExecutor(3) as executor:
+            other = fit(self.CURVE, BURR, **self.OPTIONS, executor=executor)
+        assert plain(other) == plain(result)
+
+    def test_no_descent_with_a_number_is_said(self):
+        result = fit(self.CURVE, BURR, **self.OPTIONS, dt=50.0)
+        assert result.status == "not-converged"
+        assert result.reason.startswith("No parameters tried gave every row a velocity")
+        stream = io.StringIO()
+        result.to_json(stream)
+        stream.seek(0)
+        assert Fit.from_json(stream).to_dict() == result.to_dict()
+        assert result.to_dict()["residual"] is None
+
+    def test_windows_of_the_rows(self):
+        curve = replace(self.CURVE, window_start=[0.3, NAN, 0.6], window_end=[0.8, NAN, 1.1])
+        velocity = [
+            penetration_velocity(BURR, materials["pvc"], 0.2, 0.3, 0.8),
+            penetration_velocity(BURR, materials["pvc"], 0.35),
+            penetration_velocity(BURR, materials["pvc"], 0.6, 0.6, 1.1),
+        ]
+        result = fit(replace(curve, velocity=velocity), BURR, **self.OPTIONS)
+        assert result.residual_norm < 0.05
+        np.testing.assert_allclose(result.predicted, velocity, rtol=0.1)
+
+    def test_an_interrupt_passes_through(self):
+        def stop(done, most):
+            raise KeyboardInterrupt
+
+        with pytest.raises(KeyboardInterrupt):
+            fit(self.CURVE, BURR, **self.OPTIONS, progress=stop)
+
+    def test_a_descent_is_a_small_picklable_item(self):
+        item = VoxelDescent(
+            BURR,
+            materials["pvc"],
+            0.35,
+            ((None, None), (0.2, 0.3)),
+            VoxelSettings(0.4, 1.0, False, None, 4),
+            7,
+        )
+        assert len(pickle.dumps(item)) < 2000
+        assert pickle.loads(pickle.dumps(item)).velocities() == item.velocities()
+
+    def test_an_error_in_a_descent_passes_through(self):
+        with pytest.raises(ValueError, match="voxel"):
+            fit(self.CURVE, BURR, engine="voxel", voxel=-1.0)

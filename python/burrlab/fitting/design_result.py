@@ -132,12 +132,9 @@ class Design:
         -------
         matplotlib Axes
         """
-        from burrlab.figures import REFERENCE, tidy
+        from burrlab.figures import REFERENCE, axes_or_new, tidy
 
-        if ax is None:
-            from matplotlib import pyplot
-
-            ax = pyplot.subplots(figsize=(4.8, 3.6), layout="constrained")[1]
+        ax = axes_or_new(ax)
         velocities = [one for one in self.rows if one.force is not None]
         for i, R in enumerate(sorted({one.radius for one in velocities})):
             line = sorted(

@@ -23,7 +23,7 @@ from burrlab.fitting.voxel import VoxelTable
 from burrlab.indentation import Indentation
 
 if TYPE_CHECKING:
-    from burrlab.fitting.result import Fit
+    from burrlab.fitting.record import FitRecord
 
 _RENAMED = {"radius": "radius_mm", "residual_norm": "residual"}
 _KINDS: dict[str, type[Data]] = {
@@ -33,7 +33,7 @@ _KINDS: dict[str, type[Data]] = {
 }
 
 
-def to_dict(fit: Fit) -> dict[str, Any]:
+def to_dict(fit: FitRecord) -> dict[str, Any]:
     """See `Fit.to_dict`."""
     values = {_RENAMED.get(f.name, f.name): _plain(getattr(fit, f.name)) for f in fields(fit)}
     values["data"] = [
@@ -80,9 +80,9 @@ def from_dict(plain: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _fields() -> list[str]:
-    from burrlab.fitting.result import Fit
+    from burrlab.fitting.record import FitRecord
 
-    return [f.name for f in fields(Fit)]
+    return [f.name for f in fields(FitRecord)]
 
 
 def _optional(value: Any, made: Callable[..., Any]) -> Any:

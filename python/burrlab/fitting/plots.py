@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from burrlab.curve import VelocityCurve
-from burrlab.figures import FORCE, POSITION, REFERENCE, VELOCITY, tidy
+from burrlab.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.fitting.intervals import LEVELS
 from burrlab.fitting.observations import Floats
 from burrlab.fitting.profile import ALPHA, C_E
@@ -25,18 +25,9 @@ _UNITS = {"c_e": "$c_e$ [N/mm²]", "alpha": "$\\alpha$ [1/ms]"}
 _BAND = 60  # lines whose envelope is the band
 
 
-def _axes(ax: Axes | None) -> Axes:
-    if ax is not None:
-        return ax
-    from matplotlib import pyplot
-
-    made: Axes = pyplot.subplots(figsize=(4.8, 3.6), layout="constrained")[1]
-    return made
-
-
 def plot_fit(fit: Fit, ax: Axes | None, alpha_lines: float | None, log: bool) -> Axes:
     """See `Fit.plot`."""
-    ax = _axes(ax)
+    ax = axes_or_new(ax)
     o = fit.observations
     for one in fit.data:
         if isinstance(one, VelocityCurve):
@@ -92,7 +83,7 @@ def band(fit: Fit, force: Floats, radius: float) -> tuple[Floats, Floats]:
 
 def plot_profile(fit: Fit, name: str, ax: Axes | None) -> Axes:
     """See `Fit.plot_profile`."""
-    ax = _axes(ax)
+    ax = axes_or_new(ax)
     assert fit.evidence is not None
     profile = fit.evidence.profile
     x, rise = (profile.c_e, profile.c_e_rise) if name == "c_e" else (profile.alpha, profile.alpha_rise)
@@ -124,7 +115,7 @@ def plot_region(
     fit: Fit, ax: Axes | None, points: Mapping[str, tuple[float, float]] | None, combination: bool
 ) -> Axes:
     """See `Fit.plot_region`."""
-    ax = _axes(ax)
+    ax = axes_or_new(ax)
     assert fit.evidence is not None
     widest = 12 * fit.c_e
     p = fit.evidence.profile.identified.exponent if combination else 0.0

@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullLocator
 
-from burrlab.figures import FORCE, POSITION, REFERENCE, VELOCITY, tidy
+from burrlab.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.fitting.observations import Floats
-from burrlab.fitting.plots import _axes, _plain_ticks
+from burrlab.fitting.plots import _plain_ticks
 from burrlab.fitting.result import Fit
 from burrlab.fitting.shape_family import NODES
 
@@ -25,7 +25,7 @@ _TICKS = (1, 2, 5, 10, 20, 30, 50, 100, 300)
 
 def plot_residuals(comparison: ShapeComparison, ax: Axes | None) -> Axes:
     """See `ShapeComparison.plot`."""
-    ax = _axes(ax)
+    ax = axes_or_new(ax)
     best = comparison.best
     o = best.fit.observations
     measured = 100 * np.log(o.velocity / _predicted(best.fit))
@@ -73,7 +73,7 @@ def _line(one: Fit, best: Fit) -> tuple[Floats, Floats]:
 
 def plot_power(comparison: ShapeComparison, ax: Axes | None) -> Axes:
     """See `ShapeComparison.plot_power`."""
-    ax = _axes(ax)
+    ax = axes_or_new(ax)
     power = comparison.power
     assert power is not None
     largest = max(power.limits.values())

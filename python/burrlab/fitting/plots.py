@@ -59,7 +59,9 @@ def plot_fit(fit: Fit, ax: Axes | None, alpha_lines: float | None, log: bool) ->
         rows = np.concatenate([np.full(len(rows), kind == "velocity") for kind, rows in o.rows])
         ax.plot(o.force, fit.predicted[rows], "o", color=VELOCITY, markersize=3, label=name, zorder=4)
     ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")
-    if not log:
+    if log:
+        _plain_ticks(ax)
+    else:
         ax.set(xlim=(0, 1.06 * o.force.max()), ylim=(0, None))
     handles, labels = ax.get_legend_handles_labels()
     shown = dict(zip(labels, handles, strict=True))

@@ -60,6 +60,7 @@ def plot_fit(fit: Fit, ax: Axes | None, alpha_lines: float | None, log: bool) ->
         ax.plot(o.force, fit.predicted[rows], "o", color=VELOCITY, markersize=3, label=name, zorder=4)
     ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")
     if log:
+        ax.autoscale()  # an axis that began at zero has no logarithm
         _plain_ticks(ax)
     else:
         ax.set(xlim=(0, 1.06 * o.force.max()), ylim=(0, None))

@@ -18,6 +18,8 @@ bool finite(const Vec3& v) { return std::isfinite(v[0]) && std::isfinite(v[1]) &
 void set(std::array<double, 3>& to, const Vec3& from) { to = {from[0], from[1], from[2]}; }
 
 std::size_t ring_size(const LoopSettings& settings, double period) {
+  const double rate = 1e3 / period;
+  if (!(rate <= 10001.0)) refuse("rate", "at most 10000 Hz", rate);
   require_positive("ring", settings.ring);
   const double records = settings.ring * 1e3 / period;
   if (!(records <= 4e6)) refuse("records of the ring", "at most 4000000", records);
@@ -38,8 +40,6 @@ HapticLoop::HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::
     refuse("number of devices", "one a burr, " + std::to_string(executor_->burrs()), double(devices_.size()));
   for (const auto& device : devices_)
     if (!device) throw std::invalid_argument("device must be a Device, got None");
-  const double rate = 1e3 / executor_->setup().period;
-  if (!(rate <= 10001.0)) refuse("rate", "at most 10000 Hz", rate);
   require_positive("stall_limit", settings.stall_limit);
   record_.burrs = std::uint32_t(devices_.size());
 }

@@ -300,6 +300,24 @@ rebuild_after : float
             return py::make_tuple(s.tick, s.stiffness, s.force);
           },
           py::arg("burr") = 0, "(tick, k = dF/dH along the normal [N/mm], force [N]) measured last.")
+      .def(
+          "stability",
+          [](const Follower& f, std::size_t burr) {
+            const StabilityReport r = f.stability(burr);
+            py::dict out;
+            out["force_N"] = r.force;
+            out["stiffness_N_per_mm"] = r.k;
+            out["limit_N_per_mm"] = r.limit;
+            out["ratio"] = r.ratio;
+            out["force_at_limit_N"] = r.force_at_limit;
+            out["warning"] = r.warning;
+            return out;
+          },
+          py::arg("burr") = 0,
+          "The stiffness measured last against the passivity limit of the burr's device: force_N, "
+          "stiffness_N_per_mm, limit_N_per_mm, ratio, force_at_limit_N (below it the limit is exceeded in "
+          "this "
+          "hole), warning (ratio above 0.8); nan where the device does not say its damping.")
       .def("digest", &Follower::digest, py::call_guard<py::gil_scoped_release>(), "Of the bone now.")
       .def(
           "snapshot",

@@ -32,7 +32,9 @@ class Difference:
     def __str__(self) -> str:
         if self.burr is None:
             return f"after {self.tick} ticks the digest is {self.replayed}, recorded {self.recorded}"
-        return f"tick {self.tick}, burr {self.burr}: {self.field} is {self.replayed}, recorded {self.recorded}"
+        return (
+            f"tick {self.tick}, burr {self.burr}: {self.field} is {self.replayed}, recorded {self.recorded}"
+        )
 
 
 @dataclass(frozen=True, repr=False)
@@ -121,7 +123,9 @@ def replay(
     executor = TickExecutor(
         bone, list(trace.tools), trace.seed, period=trace.period, scheme=trace.scheme, tick=trace.first_tick
     )
-    digests = {tick: digest for tick, digest in trace.digests if trace.first_tick <= tick <= trace.first_tick + end}
+    digests = {
+        tick: digest for tick, digest in trace.digests if trace.first_tick <= tick <= trace.first_tick + end
+    }
     marks = sorted({tick - trace.first_tick for tick in digests} | set(range(0, end, _BATCH)) | {end})
     done = compared = 0
     difference = None

@@ -155,9 +155,7 @@ class Trace:
     def __repr__(self) -> str:
         tools = ", ".join(f"R = {burr.radius:g} mm in {material.name}" for burr, material in self.tools)
         end = self.ended or "not ended: killed, or still recorded"
-        return (
-            f"Trace({len(self)} ticks from {self.first_tick}, {self.duration:.3f} s; {tools}; seed {self.seed}; {end})"
-        )
+        return f"Trace({len(self)} ticks from {self.first_tick}, {self.duration:.3f} s; {tools}; seed {self.seed}; {end})"
 
     def _repr_html_(self) -> str:
         rows = {
@@ -223,7 +221,9 @@ def _read(file: h5py.File, path: Path) -> Trace:
 def _ticks(file: h5py.File, path: Path, first: int, burrs: int) -> NDArray[np.void]:
     table, recorded = file["ticks"], int(file["recorded"][()])
     if recorded > len(table):
-        raise ValueError(f"{path} is damaged: {recorded} ticks are counted, and there is room for {len(table)}")
+        raise ValueError(
+            f"{path} is damaged: {recorded} ticks are counted, and there is room for {len(table)}"
+        )
     if table.dtype != row_dtype(burrs):
         raise ValueError(f"{path} is damaged: its ticks have other columns than format {FORMAT_VERSION} has")
     ticks = np.empty(recorded, row_dtype(burrs))
@@ -232,7 +232,9 @@ def _ticks(file: h5py.File, path: Path, first: int, burrs: int) -> NDArray[np.vo
     right = ticks["index"] == first + np.arange(recorded, dtype=np.uint64)
     right &= (ticks["k"] >= 1) & (ticks["k"] <= 8)
     if not right.all():
-        raise ValueError(f"{path} is damaged: the row of tick {first + int(np.argmin(right))} holds something else")
+        raise ValueError(
+            f"{path} is damaged: the row of tick {first + int(np.argmin(right))} holds something else"
+        )
     ticks.flags.writeable = False
     return ticks
 

@@ -1,0 +1,143 @@
+// OpenIGTLink messages: the checksum, bytes written out by hand, round trips, and what is refused.
+#include "burrlab/network/openigtlink.hpp"
+
+#include <cstring>
+#include <limits>
+
+#include "check.hpp"
+
+using namespace burrlab::openigtlink;
+
+namespace {
+
+Message message_of(const Bytes& bytes) {
+  Message message;
+  Header header;
+  CHECK(decode_header({bytes.data(), bytes.size()}, header) == Drop::none);
+  const ByteView body{bytes.data() + header_size, bytes.size() - header_size};
+  CHECK(header.crc == crc64(body));
+  CHECK(decode_body(header, body, message) == Drop::none);
+  return message;
+}
+
+void test_checksum() {
+  const char* digits = "123456789";  // the check value that catalogues of checksums give for ECMA-182
+  CHECK(crc64({reinterpret_cast<const std::uint8_t*>(digits), 9}) == 0x6C40DF5F0B497347u);
+  CHECK(crc64({}) == 0);
+}
+
+void test_transform_bytes() {
+  Bytes bytes;
+  Transform transform;
+  transform.rotation = {1, 2, 3, 4, 5, 6, 7, 8, 9};
+  transform.position = {-10.5f, 11, 12};
+  encode_transform(bytes, {"burr", timestamp_of(7, 500000000)}, transform);
+  CHECK(bytes.size() == 58 + 48);
+  CHECK(std::memcmp(bytes.data(), "\0\1TRANSFORM\0\0\0burr\0\0\0\0", 22) == 0);
+  CHECK(std::memcmp(bytes.data() + 34, "\0\0\0\7\x80\0\0\0\0\0\0\0\0\0\0\x30", 16) == 0);
+  CHECK(std::memcmp(bytes.data() + 58, "\x3F\x80\0\0\x40\x80\0\0\x40\xE0\0\0", 12) ==
+        0);  // 1, 4, 7: a column
+  CHECK(std::memcmp(bytes.data() + 58 + 36, "\xC1\x28\0\0", 4) == 0);
+}
+
+void test_round_trips() {
+  const std::vector<MetadataEntry> metadata{{"unit", "mm"}, {"", ""}, {"name", "gr\xC3\xBC\xC3\x9F", 106}};
+  for (const int version : {1, 2}) {
+    Envelope envelope{"a device of 20 bytes", timestamp_of(1700000000, 1), version, 77};
+    if (version == 2) envelope.metadata = &metadata;
+    Transform transform, transform_back;
+    transform.position = {1e-30f, -3.4e38f, 0.1f};
+    Bytes bytes;
+    encode_transform(bytes, envelope, transform);
+    Message message = message_of(bytes);
+    CHECK(message.header.device_name.view() == envelope.device_name);
+    CHECK(message.header.timestamp == envelope.timestamp && message.header.version == version);
+    CHECK(message.message_id == (version == 2 ? 77u : 0u));
+    CHECK(decode_transform(message, transform_back) == Drop::none);
+    CHECK(transform_back.rotation == transform.rotation && transform_back.position == transform.position);
+    std::vector<MetadataEntry> entries;
+    CHECK(read_metadata(message, entries) == Drop::none);
+    CHECK(entries.size() == (version == 2 ? 3u : 0u));
+    if (version == 2)
+      CHECK(entries[2].key == "name" && entries[2].value == metadata[2].value && entries[2].encoding == 106);
+
+    const double values[] = {0.1, -2.0, 9007199254740991.0};
+    bytes.clear();
+    encode_sensor(bytes, envelope, values, 3);
+    Sensor sensor;
+    CHECK(decode_sensor(message_of(bytes), sensor) == Drop::none);
+    CHECK(sensor.unit == newton && sensor.values == std::vector<double>(values, values + 3));
+
+    const double bits[] = {std::numeric_limits<double>::quiet_NaN(), 1, 2, 3, 4, -0.0};
+    const std::uint16_t shape[] = {2, 3};
+    bytes.clear();
+    encode_ndarray_float64(bytes, envelope, bits, 6, shape, 2);
+    Ndarray array;
+    CHECK(decode_ndarray_float64(message_of(bytes), array) == Drop::none);
+    CHECK(array.shape == std::vector<std::uint16_t>({2, 3}));
+    CHECK(std::memcmp(array.values.data(), bits, sizeof bits) == 0);
+  }
+}
+
+void test_byte_strings() {
+  for (const std::size_t length : {0, 1, 65526, 65527, 65528, 131062, 131063, 1000003}) {
+    Bytes text(length), bytes;
+    for (std::size_t i = 0; i < length; ++i) text[i] = std::uint8_t(i * 7 + i / 256);
+    encode_ndarray_uint8(bytes, {"digest"}, {text.data(), length});
+    ByteView back;
+    const Message message = message_of(bytes);
+    CHECK(decode_ndarray_uint8(message, back) == Drop::none);
+    CHECK(back.size == length && (length == 0 || std::memcmp(back.data, text.data(), length) == 0));
+    CHECK(message.content.data[1] == (length + 8 <= 65535 ? 1 : 2));
+    Ndarray array;
+    CHECK(decode_ndarray_float64(message, array) == Drop::bad_scalar);
+  }
+}
+
+void test_refusals() {
+  Bytes bytes{1, 2, 3};
+  Transform transform;
+  const double values[256] = {};
+  const std::vector<MetadataEntry> metadata{{"a", "b"}};
+  const std::string long_key(65536, 'k');
+  const std::vector<MetadataEntry> long_metadata{{long_key, ""}}, many(8192);
+  CHECK_THROWS(encode_transform(bytes, {"x", 0, 3}, transform), "version must be 1 or 2, got 3");
+  CHECK_THROWS(encode_transform(bytes, {"a name of 21 bytes...", 0}, transform),
+               "length of device_name must be at most 20, got 21");
+  CHECK_THROWS(encode_transform(bytes, {std::string_view("a\0b", 3), 0}, transform),
+               "device_name must hold no zero byte, got one after 'a'");
+  CHECK_THROWS(encode_transform(bytes, {"x", 0, 1, 0, &metadata}, transform),
+               "version must be 2 for a message with metadata, got 1");
+  CHECK_THROWS(encode_transform(bytes, {"x", 0, 2, 0, &long_metadata}, transform),
+               "length of a metadata key must be at most 65535, got 65536");
+  CHECK_THROWS(encode_transform(bytes, {"x", 0, 2, 0, &many}, transform),
+               "number of metadata entries must be at most 8191, got 8192");
+  CHECK_THROWS(encode_sensor(bytes, {"x"}, values, 256), "number of values must be at most 255, got 256");
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  CHECK_THROWS(encode_sensor(bytes, {"x"}, &nan, 1), "every value must be finite, got nan");
+  transform.position[1] = std::numeric_limits<float>::infinity();
+  CHECK_THROWS(encode_transform(bytes, {"x"}, transform), "every number of position must be finite, got inf");
+  transform.rotation[8] = std::numeric_limits<float>::quiet_NaN();
+  CHECK_THROWS(encode_transform(bytes, {"x"}, transform), "every number of rotation must be finite, got nan");
+  const std::uint16_t shape[] = {2, 3};
+  CHECK_THROWS(encode_ndarray_float64(bytes, {"x"}, values, 5, shape, 2),
+               "product of shape must be the number of values, got 5");
+  CHECK_THROWS(encode_ndarray_float64(bytes, {"x"}, values, 0, shape, 0),
+               "number of dimensions must be 1 to 255, got 0");
+  CHECK_THROWS(encode_ndarray_float64(bytes, {"x"}, values, 65536),
+               "number of values in one dimension must be at most 65535, got 65536");
+  CHECK_THROWS(encode_ndarray_uint8(bytes, {"x"}, {nullptr, longest_byte_string + 1}),
+               "length of bytes must be at most 4294836217, got 4294836218");
+  CHECK(bytes == Bytes({1, 2, 3}));
+}
+
+}  // namespace
+
+int main() {
+  test_checksum();
+  test_transform_bytes();
+  test_round_trips();
+  test_byte_strings();
+  test_refusals();
+  return check::report();
+}

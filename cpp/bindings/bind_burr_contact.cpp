@@ -180,8 +180,8 @@ Examples
            py::kw_only(), py::arg("scheme") = "layer")
       .def("probe", &BurrContact::probe, py::arg("center"), py::call_guard<py::gil_scoped_release>(),
            "The contact at `center` (x, y, z) [mm] now: no erosion, no tick. ValueError if it is not finite.")
-      .def("step", &BurrContact::step, py::arg("center"), py::arg("dt"), py::arg("burr_on") = true,
-           py::call_guard<py::gil_scoped_release>(),
+      .def("step", py::overload_cast<const Vec3&, double, bool>(&BurrContact::step), py::arg("center"),
+           py::arg("dt"), py::arg("burr_on") = true, py::call_guard<py::gil_scoped_release>(),
            R"(One tick: the force at `center`, then erosion.
 
 Parameters

@@ -114,7 +114,7 @@ n = -m_1/max(|m_1|, 0.1 m_0 R), our decision: where the direction is undefined t
         require_positive("dt", dt);
         const Tick sphere(bone, burr.radius, parse_scheme(scheme), material.shape, seed, index);
         TickSums sums;
-        sphere.erode(bone, center, material.alpha * dt, tick, &sums);
+        sphere.erode(bone, center, Tick::step_of(material.alpha * dt), tick, &sums);
         return static_cast<double>(sums.lost) * (bone.voxel_volume() / 255.0);
       },
       py::arg("bone"), py::arg("burr"), py::arg("center"), py::arg("material"), py::kw_only(), py::arg("dt"),

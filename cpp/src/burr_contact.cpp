@@ -33,6 +33,7 @@ Contact BurrContact::felt(const Moments& moments, const TickSums& sums) const {
   contact.m0 = moments.m0;
   contact.m1 = moments.m1;
   contact.removed = static_cast<double>(sums.lost) * (bone_->voxel_volume() / 255.0);
+  contact.lost = sums.lost;
   contact.tick = tick;
   contact.touching = sums.mass > 0;
   contact.ambiguous = elastic.ambiguous;
@@ -49,9 +50,15 @@ Contact BurrContact::probe(const Vec3& center) const {
 
 Contact BurrContact::step(const Vec3& center, double dt, bool burr_on) {
   require_positive("dt", dt);
+  if (!burr_on) return this->step(center, nullptr);
+  const ErodedFraction step = Tick::step_of(material_.alpha * dt);
+  return this->step(center, &step);
+}
+
+Contact BurrContact::step(const Vec3& center, const ErodedFraction* step) {
   TickSums sums;
-  const Moments moments = burr_on ? tick_.moments_and_erode(*bone_, center, material_.alpha * dt, tick, &sums)
-                                  : tick_.moments(*bone_, center, &sums);
+  const Moments moments = step ? tick_.moments_and_erode(*bone_, center, *step, tick, &sums)
+                               : tick_.moments(*bone_, center, &sums);
   const Contact contact = felt(moments, sums);
   ++tick;
   return contact;
@@ -60,7 +67,7 @@ Contact BurrContact::step(const Vec3& center, double dt, bool burr_on) {
 double BurrContact::erode(const Vec3& center, double dt) {
   require_positive("dt", dt);
   TickSums sums;
-  tick_.erode(*bone_, center, material_.alpha * dt, tick, &sums);
+  tick_.erode(*bone_, center, Tick::step_of(material_.alpha * dt), tick, &sums);
   ++tick;
   return static_cast<double>(sums.lost) * (bone_->voxel_volume() / 255.0);
 }

@@ -1,35 +1,12 @@
 // The fingerprint of a bone: 128 bits over its geometry, its present and its pristine levels.
+#include "burrlab/digest.hpp"
+
 #include <algorithm>
 #include <cstdio>
 #include <cstring>
 
-#include "burrlab/voxel_bone.hpp"
-
 namespace burrlab {
 namespace {
-
-struct Hash128 {
-  std::uint64_t a, b;
-
-  void mix(std::uint64_t word) {
-    a = (a ^ word) * 0x9E3779B97F4A7C15u;
-    a ^= a >> 29;
-    b = (b + word) * 0xBF58476D1CE4E5B9u;
-    b ^= b >> 32;
-  }
-  void finish() {
-    for (int i = 0; i < 2; ++i) {
-      a = (a ^ (a >> 30) ^ b) * 0x94D049BB133111EBu;
-      b = (b ^ (b >> 27) ^ a) * 0xBF58476D1CE4E5B9u;
-    }
-    a ^= a >> 31;
-    b ^= b >> 31;
-  }
-  void add(const Hash128& other) {  // 128-bit sum
-    a += other.a;
-    b += other.b + (a < other.a ? 1 : 0);
-  }
-};
 
 std::uint64_t bits(double value) {
   std::uint64_t word;
@@ -37,38 +14,87 @@ std::uint64_t bits(double value) {
   return word;
 }
 
+void mix(Hash128& h, std::uint64_t word) {
+  h.a = (h.a ^ word) * 0x9E3779B97F4A7C15u;
+  h.a ^= h.a >> 29;
+  h.b = (h.b + word) * 0xBF58476D1CE4E5B9u;
+  h.b ^= h.b >> 32;
+}
+
+void finish(Hash128& h) {
+  for (int i = 0; i < 2; ++i) {
+    h.a = (h.a ^ (h.a >> 30) ^ h.b) * 0x94D049BB133111EBu;
+    h.b = (h.b ^ (h.b >> 27) ^ h.a) * 0xBF58476D1CE4E5B9u;
+  }
+  h.a ^= h.a >> 31;
+  h.b ^= h.b >> 31;
+}
+
+Hash128 of_geometry(const VoxelBone& bone) {
+  Hash128 hash{0x6275727230u, 0x6C616231u};
+  for (int axis = 0; axis < 3; ++axis) {
+    mix(hash, std::uint64_t(bone.shape()[axis]));
+    mix(hash, bits(bone.spacing()[axis]));
+    mix(hash, bits(bone.origin()[axis]));
+  }
+  finish(hash);
+  return hash;
+}
+
+Hash128 of_brick(const VoxelBone& bone, std::size_t number) {
+  std::uint8_t density[brick_voxels], pristine[brick_voxels];
+  bone.read_brick(number, density, pristine);
+  Hash128 hash{0x243F6A8885A308D3u ^ number, 0x13198A2E03707344u + number};
+  const Index3 n = bone.extent(number);
+  for (std::int64_t z = 0; z < n[0]; ++z) {
+    for (std::int64_t y = 0; y < n[1]; ++y) {
+      const std::int64_t row = (z * brick_side + y) * brick_side;
+      std::uint64_t now, before;  // beyond the volume they hold zeros
+      std::memcpy(&now, density + row, sizeof now);
+      std::memcpy(&before, pristine + row, sizeof before);
+      mix(hash, now);
+      mix(hash, before);
+    }
+  }
+  finish(hash);
+  return hash;
+}
+
 }  // namespace
 
+void Hash128::add(const Hash128& other) {
+  a += other.a;
+  b += other.b + (a < other.a ? 1 : 0);
+}
+
+void Hash128::subtract(const Hash128& other) {
+  b -= other.b + (a < other.a ? 1 : 0);
+  a -= other.a;
+}
+
+std::string Hash128::text() const {
+  char digits[33];
+  std::snprintf(digits, sizeof digits, "%016llx%016llx", static_cast<unsigned long long>(b),
+                static_cast<unsigned long long>(a));
+  return digits;
+}
+
 std::string VoxelBone::digest() const {
-  Hash128 total{0x6275727230u, 0x6C616231u};
-  for (int axis = 0; axis < 3; ++axis) {
-    total.mix(std::uint64_t(shape_[axis]));
-    total.mix(bits(spacing_[axis]));
-    total.mix(bits(origin_[axis]));
+  Hash128 total = of_geometry(*this);
+  for (std::size_t brick = 0; brick < brick_count(); ++brick) total.add(of_brick(*this, brick));
+  return total.text();
+}
+
+RunningDigest::RunningDigest(const VoxelBone& bone) : brick_(bone.brick_count()), total_(of_geometry(bone)) {
+  for (std::size_t brick = 0; brick < brick_.size(); ++brick)
+    total_.add(brick_[brick] = of_brick(bone, brick));
+}
+
+void RunningDigest::update(const VoxelBone& bone, const std::vector<std::uint32_t>& changed) {
+  for (const std::uint32_t brick : changed) {
+    total_.subtract(brick_[brick]);
+    total_.add(brick_[brick] = of_brick(bone, brick));
   }
-  total.finish();
-  each_brick({0, 0, 0}, shape_, [&](const Index3& at, std::size_t number) {
-    std::uint8_t pristine[brick_voxels];
-    copy_pristine(at, number, pristine);
-    Hash128 brick{0x243F6A8885A308D3u ^ number, 0x13198A2E03707344u + number};
-    const Index3 n = extent(at);
-    for (std::int64_t z = 0; z < n[0]; ++z) {
-      for (std::int64_t y = 0; y < n[1]; ++y) {
-        const std::int64_t row = (z * brick_side + y) * brick_side;
-        std::uint64_t now, before;  // beyond the volume they hold zeros
-        std::memcpy(&now, tile(number) + row, sizeof now);
-        std::memcpy(&before, pristine + row, sizeof before);
-        brick.mix(now);
-        brick.mix(before);
-      }
-    }
-    brick.finish();
-    total.add(brick);
-  });
-  char text[33];
-  std::snprintf(text, sizeof text, "%016llx%016llx", static_cast<unsigned long long>(total.b),
-                static_cast<unsigned long long>(total.a));
-  return text;
 }
 
 }  // namespace burrlab

@@ -92,11 +92,14 @@ kernel::Sphere Tick::sphere(const Placement& at) const {
   return sphere;
 }
 
-void Tick::prepare_erosion(kernel::Sphere& sphere, double a, std::uint64_t tick) const {
+ErodedFraction Tick::step_of(double a) {
   if (!(a <= largest_step)) refuse("alpha dt", "at most 1000", a);
-  const ErodedFraction fraction(a);
-  sphere.fraction_scale = fraction.scale;
-  sphere.doublings = fraction.doublings;
+  return ErodedFraction(a);
+}
+
+void Tick::prepare_erosion(kernel::Sphere& sphere, const ErodedFraction& step, std::uint64_t tick) const {
+  sphere.fraction_scale = step.scale;
+  sphere.doublings = step.doublings;
   sphere.shape = shape_.kind() == Shape::Kind::constant ? kernel::shape_constant
                  : shape_.kind() == Shape::Kind::linear ? kernel::shape_linear
                                                         : kernel::shape_power;
@@ -192,19 +195,20 @@ Moments Tick::moments(const VoxelBone& bone, const Vec3& center, TickSums* sums)
   return to_moments(bone, at, found);
 }
 
-void Tick::erode(VoxelBone& bone, const Vec3& center, double a, std::uint64_t tick, TickSums* sums) const {
+void Tick::erode(VoxelBone& bone, const Vec3& center, const ErodedFraction& step, std::uint64_t tick,
+                 TickSums* sums) const {
   const Placement at = place(bone, center);
   kernel::Sphere ball = sphere(at);
-  prepare_erosion(ball, a, tick);
+  prepare_erosion(ball, step, tick);
   const TickSums found = pass<false, true>(bone, &bone, at, ball);
   if (sums) *sums = found;
 }
 
-Moments Tick::moments_and_erode(VoxelBone& bone, const Vec3& center, double a, std::uint64_t tick,
-                                TickSums* sums) const {
+Moments Tick::moments_and_erode(VoxelBone& bone, const Vec3& center, const ErodedFraction& step,
+                                std::uint64_t tick, TickSums* sums) const {
   const Placement at = place(bone, center);
   kernel::Sphere ball = sphere(at);
-  prepare_erosion(ball, a, tick);
+  prepare_erosion(ball, step, tick);
   const TickSums found = pass<true, true>(bone, &bone, at, ball);
   if (sums) *sums = found;
   return to_moments(bone, at, found);

@@ -123,6 +123,11 @@ std::size_t VoxelBone::hierarchy_bytes() const {
   return sums_.size() * (sizeof(BrickSums) + sizeof level_[0] + sizeof state_[0]) + occupancy_.bytes();
 }
 
+Index3 VoxelBone::place(std::size_t brick) const {
+  const auto n = static_cast<std::int64_t>(brick);
+  return {n / (bricks_[1] * bricks_[2]), n / bricks_[2] % bricks_[1], n % bricks_[2]};
+}
+
 Index3 VoxelBone::extent(const Index3& at) const {
   Index3 n;
   for (int axis = 0; axis < 3; ++axis)
@@ -174,7 +179,7 @@ void VoxelBone::settle(const Index3& at, std::size_t brick, const std::uint8_t* 
       for (std::int64_t y = 0; y < n[1]; ++y) look(pristine + (z * brick_side + y) * brick_side, n[2]);
   }
   const bool differs = std::memcmp(pristine, tile(brick), brick_voxels) != 0;
-  state_[brick] = static_cast<std::uint8_t>((differs ? eroded : 0) | (some_faint ? faint : 0));
+  state_[brick] = static_cast<std::uint8_t>(changed | (differs ? eroded : 0) | (some_faint ? faint : 0));
   if (!other) {
     state_[brick] |= uniform;
     level_[brick] = pristine[0];
@@ -252,11 +257,53 @@ void VoxelBone::reset() {
   each_brick({0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
     if (!(state_[brick] & eroded)) return;
     copy_pristine(at, brick, density_.tile(brick));
-    state_[brick] &= static_cast<std::uint8_t>(~eroded);
+    state_[brick] = static_cast<std::uint8_t>((state_[brick] & ~eroded) | changed);
     sums_[brick] = sum_brick(tile(brick));
     occupancy_.set(at, sums_[brick].mass > 0);
   });
   level_sum_ = pristine_sum_;
+}
+
+std::vector<std::uint32_t> VoxelBone::take_changed() {
+  std::vector<std::uint32_t> numbers;
+  for (std::size_t brick = 0; brick < state_.size(); ++brick) {
+    if (!(state_[brick] & changed)) continue;
+    state_[brick] &= static_cast<std::uint8_t>(~changed);
+    numbers.push_back(static_cast<std::uint32_t>(brick));
+  }
+  return numbers;
+}
+
+void VoxelBone::read_brick(std::size_t brick, std::uint8_t* density, std::uint8_t* pristine) const {
+  std::memcpy(density, tile(brick), brick_voxels);
+  copy_pristine(place(brick), brick, pristine);
+}
+
+void VoxelBone::write_brick(std::size_t brick, const std::uint8_t* density, const std::uint8_t* pristine) {
+  if (brick >= sums_.size()) refuse("brick", "below " + std::to_string(sums_.size()), double(brick));
+  const Index3 at = place(brick), n = extent(at);
+  for (int i = 0; i < brick_voxels; ++i) {
+    const bool inside = i / 64 < n[0] && i / 8 % 8 < n[1] && i % 8 < n[2];
+    if (density[i] > pristine[i]) refuse("density of a brick", "at most its pristine level", density[i]);
+    if (!inside && pristine[i]) refuse("levels of a brick beyond the volume", "0", pristine[i]);
+  }
+  std::uint8_t before[brick_voxels];  // the tile may be where the pristine levels lie
+  std::memcpy(before, pristine, brick_voxels);
+  std::memcpy(density_.tile(brick), density, brick_voxels);
+  settle(at, brick, before);
+}
+
+void VoxelBone::copy_brick(std::size_t brick, const VoxelBone& from) {
+  level_sum_ -= sums_[brick].mass;
+  std::memcpy(density_.tile(brick), from.tile(brick), brick_voxels);
+  if (from.state_[brick] & saved) {
+    if (pristine_.empty()) pristine_ = Tiles(sums_.size());
+    std::memcpy(pristine_.tile(brick), from.pristine_.tile(brick), brick_voxels);
+  }
+  state_[brick] = from.state_[brick] | changed;
+  sums_[brick] = from.sums_[brick];
+  level_sum_ += sums_[brick].mass;
+  occupancy_.set(place(brick), sums_[brick].mass > 0);
 }
 
 std::uint8_t* VoxelBone::open(std::size_t brick) {
@@ -271,7 +318,7 @@ std::int64_t VoxelBone::close(const Index3& at, std::size_t brick, const BrickSu
   const std::int64_t lost = std::int64_t(sums_[brick].mass) - now.mass;
   if (lost == 0) return 0;
   sums_[brick] = now;
-  state_[brick] |= eroded;
+  state_[brick] |= eroded | changed;
   level_sum_ -= lost;
   if (now.mass == 0) occupancy_.set(at, false);
   return lost;

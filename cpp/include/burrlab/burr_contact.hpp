@@ -19,6 +19,7 @@ struct Contact {
   double m0 = 0.0;             ///< [mm^3]
   Vec3 m1 = Vec3::Zero();      ///< [mm^4]
   double removed = 0.0;        ///< solid bone removed in this tick [mm^3]
+  std::int64_t lost = 0;       ///< the same [levels]
   std::uint64_t tick = 0;
   bool touching = false;   ///< bone inside the sphere
   bool ambiguous = false;  ///< |m_1| < 0.1 m_0 R: the force fades
@@ -45,6 +46,8 @@ class BurrContact {
   Contact probe(const Vec3& center) const;
   /// One tick of dt [ms] at `center` [mm].
   Contact step(const Vec3& center, double dt, bool burr_on);
+  /// The same with constants made before, `Tick::step_of(alpha dt)`; none of them: the burr is off.
+  Contact step(const Vec3& center, const ErodedFraction* step);
   /// The second half of a tick whose force `probe` gave: its erosion. Returns the solid bone removed [mm^3].
   double erode(const Vec3& center, double dt);
 

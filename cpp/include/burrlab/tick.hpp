@@ -45,11 +45,14 @@ class Tick {
 
   /// Moments at `center` [mm], without erosion.
   Moments moments(const VoxelBone& bone, const Vec3& center, TickSums* sums = nullptr) const;
-  /// Erosion by a = alpha dt with the draws of `tick`, without moments.
-  void erode(VoxelBone& bone, const Vec3& center, double a, std::uint64_t tick, TickSums* sums) const;
+  /// The constants of an erosion by a = alpha dt; throws if a is above `largest_step`.
+  static ErodedFraction step_of(double a);
+  /// Erosion by one step with the draws of `tick`, without moments.
+  void erode(VoxelBone& bone, const Vec3& center, const ErodedFraction& step, std::uint64_t tick,
+             TickSums* sums) const;
   /// Both in one pass; the moments are those before the erosion.
-  Moments moments_and_erode(VoxelBone& bone, const Vec3& center, double a, std::uint64_t tick,
-                            TickSums* sums) const;
+  Moments moments_and_erode(VoxelBone& bone, const Vec3& center, const ErodedFraction& step,
+                            std::uint64_t tick, TickSums* sums) const;
 
   double resolution() const { return resolution_; }  ///< R/s, s the largest spacing
 
@@ -58,7 +61,7 @@ class Tick {
 
   Placement place(const VoxelBone& bone, const Vec3& center) const;
   kernel::Sphere sphere(const Placement& at) const;
-  void prepare_erosion(kernel::Sphere& sphere, double a, std::uint64_t tick) const;
+  void prepare_erosion(kernel::Sphere& sphere, const ErodedFraction& step, std::uint64_t tick) const;
   template <bool summing, bool eroding>
   TickSums pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& at,
                 const kernel::Sphere& sphere) const;

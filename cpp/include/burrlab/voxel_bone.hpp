@@ -51,6 +51,23 @@ class VoxelBone {
   /// q and p. A sum, so that a brick that changed can be exchanged in it.
   std::string digest() const;
 
+  // Bricks by number, for copies that follow a bone.
+  std::size_t brick_count() const { return sums_.size(); }
+  Index3 place(std::size_t brick) const;  ///< (z, y, x) among bricks
+  Index3 extent(std::size_t brick) const {
+    return extent(place(brick));
+  }  ///< voxels (z, y, x) within the volume
+  /// Numbers of the bricks that lost bone or were written since the last call, in order.
+  std::vector<std::uint32_t> take_changed();
+  /// Whether present and pristine levels may differ.
+  bool is_eroded(std::size_t brick) const { return state_[brick] & eroded; }
+  /// q (512 levels) and p (512 levels) of a brick, zeros beyond the volume.
+  void read_brick(std::size_t brick, std::uint8_t* density, std::uint8_t* pristine) const;
+  /// Sets both; throws if a level of q is above that of p, or p is not zero beyond the volume.
+  void write_brick(std::size_t brick, const std::uint8_t* density, const std::uint8_t* pristine);
+  /// Takes over a brick of a bone whose pristine levels are the same.
+  void copy_brick(std::size_t brick, const VoxelBone& from);
+
   /// Bytes of all that is kept beside the levels: sums, states and occupancy.
   std::size_t hierarchy_bytes() const;
 
@@ -80,7 +97,8 @@ class VoxelBone {
     uniform = 1,  // the pristine level is `level_` throughout
     saved = 2,    // the pristine levels lie in `pristine_`; without both flags they equal the present ones
     eroded = 4,   // the present levels may differ from the pristine ones
-    faint = 8     // some pristine levels lie in 1..31
+    faint = 8,    // some pristine levels lie in 1..31
+    changed = 16  // since `take_changed`
   };
 
   /// Tiles of zeros, aligned to cache lines; memory that is never written to is never used.

@@ -1,0 +1,52 @@
+// What moves the burr and feels the force: a haptic device, a simulated hand, a recording, a network peer.
+#pragma once
+
+#include <limits>
+#include <string>
+
+#include "burrlab/types.hpp"
+
+namespace burrlab {
+
+/// What a device says when it is asked.
+struct DeviceReading {
+  Vec3 position = Vec3::Zero();  ///< of the burr's centre, bone frame [mm]
+  Vec3 velocity = Vec3::Zero();  ///< [mm/s]
+  bool on = false;               ///< the burr turns
+  double age = 0.0;              ///< of the position [ms]
+  enum class Status {
+    ok,
+    waiting,   ///< nothing came yet: no tick is executed
+    finished,  ///< the session ends well
+    lost       ///< the session stops, force zero
+  } status = Status::ok;
+};
+
+/// What the passivity limit needs to know of a device; NaN where unknown.
+struct DeviceModel {
+  double damping = std::numeric_limits<double>::quiet_NaN();       ///< of device and hand, b [N s/m]
+  double encoder_step = std::numeric_limits<double>::quiet_NaN();  ///< Delta [mm]
+  double friction = std::numeric_limits<double>::quiet_NaN();      ///< Coulomb friction f_c [N]
+};
+
+/// The loop calls `read` and `write` in turn, from its own thread; neither may wait, lock, allocate or throw.
+class Device {
+ public:
+  virtual ~Device() = default;
+
+  /// Before the first tick: the loop's period [s].
+  virtual void start(double period) { static_cast<void>(period); }
+  /// Newest reading. `time` [s] since the start of the session; `periods` since the last reading, at least 1.
+  virtual DeviceReading read(double time, std::uint64_t periods) noexcept = 0;
+  /// Force on the hand [N], once a tick.
+  virtual void write(const Vec3& force) noexcept = 0;
+  /// Force zero from now on, for good, whoever calls: the watchdog does, from another thread.
+  virtual void halt() noexcept = 0;
+  /// After the last tick.
+  virtual void stop() noexcept {}
+
+  virtual std::string name() const = 0;  ///< for the session's report
+  virtual DeviceModel model() const { return {}; }
+};
+
+}  // namespace burrlab

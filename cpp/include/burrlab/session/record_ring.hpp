@@ -1,0 +1,61 @@
+// The only way out of the loop: a ring of tick records, written by one thread that never waits, read by any
+// number that it does not know of.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "burrlab/session/tick_record.hpp"
+
+namespace burrlab {
+
+/// Keeps the last `capacity` records. A reader that falls further behind is told so.
+class RecordRing {
+ public:
+  explicit RecordRing(std::size_t capacity);
+
+  void push(const TickRecord& record) noexcept;  ///< one thread only
+
+  std::uint64_t count() const { return count_.load(std::memory_order_acquire); }  ///< records pushed
+  std::size_t capacity() const { return slots_.size(); }
+  /// Record `number`, counted from 0; false if it is not there yet or no more.
+  bool read(std::uint64_t number, TickRecord& record) const noexcept;
+
+ private:
+  static constexpr std::size_t words = sizeof(TickRecord) / 8;
+  struct Slot {
+    std::atomic<std::uint64_t> holds{0};  // number of the record + 1; 0 while it is written
+    std::atomic<std::uint64_t> word[words];
+  };
+  std::vector<Slot> slots_;
+  std::atomic<std::uint64_t> count_{0};
+};
+
+/// One reader's place in a ring.
+class RecordReader {
+ public:
+  enum class Result { record, none, lost };
+
+  explicit RecordReader(std::shared_ptr<const RecordRing> ring, std::uint64_t from = 0)
+      : ring_(std::move(ring)), next_(from) {}
+
+  /// The next record. `lost`: the writer has gone past it, and `skip_to` must be called.
+  Result next(TickRecord& record) {
+    if (ring_->read(next_, record)) {
+      ++next_;
+      return Result::record;
+    }
+    return next_ >= ring_->count() ? Result::none : Result::lost;
+  }
+  void skip_to(std::uint64_t number) { next_ = number; }
+  std::uint64_t position() const { return next_; }                 ///< number of the next record
+  std::uint64_t behind() const { return ring_->count() - next_; }  ///< records not yet read
+
+ private:
+  std::shared_ptr<const RecordRing> ring_;
+  std::uint64_t next_;
+};
+
+}  // namespace burrlab

@@ -1,0 +1,48 @@
+// What one tick of a session was: all that is needed to execute it again, and what it gave.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <type_traits>
+
+namespace burrlab {
+
+constexpr int most_burrs = 2;    ///< on one bone at once
+constexpr int most_periods = 8;  ///< that one tick may stand for
+
+/// One burr in one tick. The first block is what the tick was given, the second what the model gave, the
+/// third is for analysis only and decides nothing.
+struct BurrRecord {
+  std::array<double, 3> center{};  ///< used in the tick, bone frame [mm]
+  double radius = 0.0;             ///< [mm]
+  std::uint32_t material = 0;      ///< number in the session's table
+  std::uint8_t on = 0;             ///< the burr turns
+
+  std::uint8_t touching = 0;      ///< bone inside the sphere
+  std::uint8_t ambiguous = 0;     ///< the contact has no direction
+  std::uint8_t unused = 0;        ///< 0
+  std::array<double, 3> force{};  ///< of the model, before limits and coupling [N]
+  double penetration = 0.0;       ///< h [mm]
+  std::int64_t removed = 0;       ///< [levels]
+
+  std::array<double, 3> sent{};             ///< force sent to the device [N]
+  std::array<double, 3> device_position{};  ///< [mm]
+  std::array<double, 3> device_velocity{};  ///< [mm/s]
+  double age = 0.0;                         ///< of the position [ms]
+};
+
+struct TickRecord {
+  std::uint64_t index = 0;  ///< number of executed ticks before this one
+  std::uint32_t k = 1;      ///< periods that it stands for: dt = k periods
+  std::uint32_t burrs = 1;  ///< number of burrs in use
+
+  double time = 0.0;      ///< when it began, since the session's start [s]
+  double cpu_time = 0.0;  ///< what it took of the thread's CPU time [us]
+
+  std::array<BurrRecord, most_burrs> burr{};
+};
+
+static_assert(std::is_trivially_copyable_v<TickRecord> && sizeof(TickRecord) % 8 == 0);
+static_assert(sizeof(BurrRecord) == 160 && sizeof(TickRecord) == 32 + 2 * 160);
+
+}  // namespace burrlab

@@ -1,0 +1,61 @@
+#include "burrlab/session/tick_executor.hpp"
+
+#include <cmath>
+
+namespace burrlab {
+namespace {
+
+SessionSetup checked(const SessionSetup& setup) {
+  const std::size_t burrs = setup.tools.size();
+  if (burrs < 1 || burrs > std::size_t(most_burrs)) refuse("number of burrs", "1 or 2", double(burrs));
+  require_positive("period", setup.period);
+  return setup;
+}
+
+std::array<ErodedFraction, most_periods> steps_of(double alpha, double period) {
+  const auto step = [&](int k) { return Tick::step_of(alpha * (k * period)); };
+  return {step(1), step(2), step(3), step(4), step(5), step(6), step(7), step(8)};
+}
+
+}  // namespace
+
+TickExecutor::TickExecutor(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup, std::uint64_t tick)
+    : bone_(std::move(bone)), setup_(checked(setup)), tick_(tick), version_(2 * tick) {
+  for (std::size_t i = 0; i < setup.tools.size(); ++i) {
+    const Tool& tool = setup.tools[i];
+    contacts_.emplace_back(bone_, tool.burr, tool.material, setup.seed, std::uint32_t(i), setup.scheme);
+    steps_.push_back(steps_of(tool.material.alpha, setup.period));
+  }
+}
+
+void TickExecutor::execute(TickRecord& record) noexcept {
+  version_.store(2 * tick_ + 1, std::memory_order_relaxed);
+  std::atomic_thread_fence(std::memory_order_release);
+  for (std::size_t i = 0; i < contacts_.size(); ++i) {
+    BurrRecord& burr = record.burr[i];
+    const Vec3 center(burr.center[0], burr.center[1], burr.center[2]);
+    contacts_[i].tick = tick_;
+    const Contact contact = contacts_[i].step(center, burr.on ? &steps_[i][record.k - 1] : nullptr);
+    burr.radius = setup_.tools[i].burr.radius;
+    burr.material = std::uint32_t(i);
+    burr.touching = contact.touching;
+    burr.ambiguous = contact.ambiguous;
+    for (int axis = 0; axis < 3; ++axis) burr.force[axis] = contact.force[axis];
+    burr.penetration = contact.penetration;
+    burr.removed = contact.lost;
+  }
+  ++tick_;
+  version_.store(2 * tick_, std::memory_order_release);
+}
+
+void check_record(const TickRecord& record, std::size_t burrs) {
+  if (record.k < 1 || record.k > std::uint32_t(most_periods)) refuse("k of a tick", "1 to 8", record.k);
+  if (record.burrs != burrs)
+    refuse("burrs of a tick", "as many as the session's, " + std::to_string(burrs), record.burrs);
+  for (std::size_t i = 0; i < burrs; ++i) {
+    for (const double c : record.burr[i].center) require_finite("center of a tick", c);
+    if (record.burr[i].on > 1) refuse("the burr's switch in a tick", "0 or 1", record.burr[i].on);
+  }
+}
+
+}  // namespace burrlab

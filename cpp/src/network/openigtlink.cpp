@@ -41,10 +41,10 @@ bool printable(std::string_view text) {
 }  // namespace
 
 const char* drop_name(Drop reason) {
-  static constexpr const char* names[] = {"none",         "bad_version",  "bad_type",   "implausible_size",
-                                          "oversized",    "unknown_type", "bad_crc",    "bad_extended_header",
-                                          "bad_metadata", "truncated",    "wrong_type", "bad_length",
-                                          "bad_scalar",   "not_finite"};
+  static constexpr const char* names[] = {
+      "none",       "bad_version",         "bad_type",     "implausible_size", "oversized",  "unknown_type",
+      "bad_crc",    "bad_extended_header", "bad_metadata", "truncated",        "wrong_type", "bad_length",
+      "bad_scalar", "not_finite",          "out_of_range"};
   static_assert(sizeof names / sizeof names[0] == drop_reasons);
   return reason < Drop::count_ ? names[std::size_t(reason)] : "unknown";
 }

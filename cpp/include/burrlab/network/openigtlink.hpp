@@ -43,6 +43,7 @@ enum class Drop : std::uint8_t {
   bad_length,           // content and its lengths disagree
   bad_scalar,           // an NDARRAY of another scalar type
   not_finite,           // NaN or infinity
+  out_of_range,         // a position that no bone is near
   count_
 };
 constexpr std::size_t drop_reasons = std::size_t(Drop::count_);

@@ -35,4 +35,5 @@ PYBIND11_MODULE(_core, m) {
   bind_burr_contact(m);
   bind_force_controller(m);
   bind_mean_field(m);
+  bind_session(m);
 }

@@ -1,6 +1,7 @@
 #include "burrlab/voxel_bone.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
 #include <new>
 #include <utility>
@@ -262,6 +263,31 @@ void VoxelBone::reset() {
     occupancy_.set(at, sums_[brick].mass > 0);
   });
   level_sum_ = pristine_sum_;
+}
+
+void VoxelBone::touch() {
+  constexpr std::size_t page = 4096;
+  for (Tiles* tiles : {&density_, &pristine_}) {
+    if (tiles->empty()) continue;
+    volatile std::uint8_t* first = tiles->tile(0);
+    for (std::size_t i = 0; i < sums_.size() * brick_voxels; i += page) first[i] = first[i];
+  }
+}
+
+std::vector<std::uint32_t> VoxelBone::bricks_between(const Vec3& low, const Vec3& high) const {
+  Index3 first, last;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double size = brick_side * spacing_[axis], begin = origin_[axis] - 0.5 * spacing_[axis];
+    const auto most = double(bricks_[2 - axis] - 1);
+    first[2 - axis] = std::int64_t(std::clamp(std::floor((low[axis] - begin) / size), 0.0, most + 1.0));
+    last[2 - axis] = std::int64_t(std::clamp(std::floor((high[axis] - begin) / size), -1.0, most));
+  }
+  std::vector<std::uint32_t> numbers;
+  for (std::int64_t z = first[0]; z <= last[0]; ++z)
+    for (std::int64_t y = first[1]; y <= last[1]; ++y)
+      for (std::int64_t x = first[2]; x <= last[2]; ++x)
+        numbers.push_back(static_cast<std::uint32_t>(brick_number(z, y, x)));
+  return numbers;
 }
 
 std::vector<std::uint32_t> VoxelBone::take_changed() {

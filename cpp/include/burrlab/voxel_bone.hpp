@@ -51,12 +51,17 @@ class VoxelBone {
   /// q and p. A sum, so that a brick that changed can be exchanged in it.
   std::string digest() const;
 
+  /// Writes to every page, so that no tick is the first to.
+  void touch();
+
   // Bricks by number, for copies that follow a bone.
   std::size_t brick_count() const { return sums_.size(); }
   Index3 place(std::size_t brick) const;  ///< (z, y, x) among bricks
   Index3 extent(std::size_t brick) const {
     return extent(place(brick));
   }  ///< voxels (z, y, x) within the volume
+  /// Numbers of the bricks that the box between two points [mm] meets, in order.
+  std::vector<std::uint32_t> bricks_between(const Vec3& low, const Vec3& high) const;
   /// Numbers of the bricks that lost bone or were written since the last call, in order.
   std::vector<std::uint32_t> take_changed();
   /// Whether present and pristine levels may differ.

@@ -43,19 +43,21 @@ class RecordReader {
 
   /// The next record. `lost`: the writer has gone past it, and `skip_to` must be called.
   Result next(TickRecord& record) {
-    if (ring_->read(next_, record)) {
-      ++next_;
-      return Result::record;
-    }
-    return next_ >= ring_->count() ? Result::none : Result::lost;
+    const std::uint64_t number = position();
+    if (number >= ring_->count()) return Result::none;
+    if (!ring_->read(number, record)) return Result::lost;
+    skip_to(number + 1);
+    return Result::record;
   }
-  void skip_to(std::uint64_t number) { next_ = number; }
-  std::uint64_t position() const { return next_; }                 ///< number of the next record
-  std::uint64_t behind() const { return ring_->count() - next_; }  ///< records not yet read
+  void skip_to(std::uint64_t number) { next_.store(number, std::memory_order_release); }
+  std::uint64_t position() const {
+    return next_.load(std::memory_order_acquire);
+  }  ///< number of the next record
+  std::uint64_t behind() const { return ring_->count() - position(); }  ///< records not yet read
 
  private:
   std::shared_ptr<const RecordRing> ring_;
-  std::uint64_t next_;
+  std::atomic<std::uint64_t> next_;
 };
 
 }  // namespace burrlab

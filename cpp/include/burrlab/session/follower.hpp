@@ -1,0 +1,130 @@
+// The one follower of a loop: executes its ticks again on a bone of its own, and serves all that looks at the
+// bone, so that the loop serves nobody.
+#pragma once
+
+#include <atomic>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "burrlab/session/followed_bone.hpp"
+#include "burrlab/session/haptic_loop.hpp"
+
+namespace burrlab {
+
+/// Takes part in the follower's work, in its thread, between ticks.
+class TickListener {
+ public:
+  virtual ~TickListener() = default;
+  virtual void on_tick(const TickRecord& record) = 0;
+  /// Digest of the bone before tick `tick`.
+  virtual void on_digest(std::uint64_t tick, const Hash128& digest) = 0;
+  /// The ticks up to `tick` were passed over: the bone was copied from the loop's.
+  virtual void on_rebuild(std::uint64_t tick) = 0;
+  /// After each batch of ticks; what needs the bone is done here.
+  virtual void on_bone(FollowedBone& bone) = 0;
+};
+
+struct FollowerSettings {
+  std::uint64_t digest_every = 1000;  ///< ticks
+  double stiffness_every = 50.0;      ///< [ms]
+  double rebuild_after = 1.0;         ///< that far behind it is rebuilt [s]
+};
+
+struct DigestAt {
+  std::uint64_t tick;  ///< ticks executed
+  std::string digest;
+};
+
+/// Contact stiffness of a burr where it is, dF/dH along the normal.
+struct StiffnessAt {
+  std::uint64_t tick = 0;
+  double stiffness = 0.0;  ///< k [N/mm]; 0 without contact
+  double force = 0.0;      ///< [N]
+};
+
+struct FollowerStatus {
+  std::uint64_t tick = 0;    ///< ticks executed
+  std::uint64_t behind = 0;  ///< ticks that the loop is ahead
+  double most_behind = 0.0;  ///< so far [s]
+  std::uint64_t rebuilds = 0;
+  std::uint64_t differing =
+      0;  ///< ticks that gave something else than the loop's: never, or the machine errs
+  std::string first_difference;
+};
+
+class BoneView;
+
+class Follower {
+ public:
+  /// Before the loop is started: copies its bone.
+  Follower(std::shared_ptr<HapticLoop> loop, const FollowerSettings& settings = {});
+  ~Follower();
+  Follower(const Follower&) = delete;
+  Follower& operator=(const Follower&) = delete;
+
+  void add(std::shared_ptr<TickListener> listener);  ///< before `start`
+  void start();
+  void stop();  ///< executes what is left in the ring first
+
+  FollowerStatus status() const;
+  std::vector<DigestAt> digests() const;
+  StiffnessAt stiffness(std::size_t burr) const;
+  TickRecord newest() const;  ///< record of the last tick executed
+  /// A copy of the bone now, and the number of ticks it has seen.
+  std::shared_ptr<VoxelBone> snapshot(std::uint64_t& tick) const;
+  std::string digest() const;  ///< of the bone now
+  std::shared_ptr<BoneView> view();
+  /// Rebuilds at the next turn, as if too far behind; for tests.
+  void ask_rebuild() { rebuild_asked_.store(true); }
+  /// The bone that follows; for what never changes of it, as its shape.
+  const VoxelBone& bone() const { return bone_.bone(); }
+
+ private:
+  friend class BoneView;
+  void run();
+  bool turn();  // one batch; whether there was something to do
+  void execute(const TickRecord& record);
+  void rebuild();
+  void measure_stiffness();
+
+  std::shared_ptr<HapticLoop> loop_;
+  FollowerSettings settings_;
+  std::shared_ptr<RecordReader> reader_;
+  std::vector<std::shared_ptr<TickListener>> listeners_;
+  std::thread thread_;
+  std::atomic<bool> stopping_{false}, rebuild_asked_{false};
+
+  mutable std::mutex mutex_;  // of all below; the loop never takes it
+  mutable FollowedBone bone_;
+  TickRecord newest_;
+  bool any_ = false;
+  FollowerStatus status_;
+  std::vector<DigestAt> digests_;
+  std::array<StiffnessAt, most_burrs> stiffness_;
+  std::int64_t last_stiffness_ = 0;
+  std::vector<std::weak_ptr<BoneView>> views_;
+};
+
+/// What one consumer has not seen yet.
+class BoneView {
+ public:
+  struct Update {
+    std::uint64_t tick = 0;  ///< ticks executed
+    TickRecord newest;
+    bool any = false;                   ///< there was a tick
+    std::vector<std::uint32_t> bricks;  ///< that changed since the last update
+    std::vector<std::uint8_t> density;  ///< 512 levels each, (z, y, x)
+  };
+  explicit BoneView(Follower& follower) : follower_(&follower) {}
+  Update take();
+
+ private:
+  friend class Follower;
+  Follower* follower_;
+  std::vector<std::uint8_t> changed_;
+};
+
+}  // namespace burrlab

@@ -1,0 +1,99 @@
+// The haptic loop: a thread that reads the devices, executes a tick and sends the force, at fixed deadlines.
+#pragma once
+
+#include <atomic>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "burrlab/session/device.hpp"
+#include "burrlab/session/histogram.hpp"
+#include "burrlab/session/latest.hpp"
+#include "burrlab/session/realtime.hpp"
+#include "burrlab/session/record_ring.hpp"
+#include "burrlab/session/tick_executor.hpp"
+
+namespace burrlab {
+
+struct LoopSettings {
+  bool wall_clock = true;      ///< else one period after the other, as fast as it goes
+  RealtimeRequest realtime{};  ///< on the wall clock
+  double stall_limit = 100.0;  ///< without a tick the session stops [ms]
+  double ring = 60.0;          ///< of records kept for readers [s]
+  std::uint64_t ticks = 0;     ///< the session ends after so many; 0: when it is stopped
+};
+
+/// Counts since the start. `late`: ticks with k > 1. `missed`: deadlines that had no tick. `dropped`: periods
+/// beyond 8 since the last tick, which no tick stands for.
+struct LoopCounts {
+  std::uint64_t ticks = 0, late = 0, missed = 0, dropped = 0;
+};
+
+class HapticLoop {
+ public:
+  /// One device a burr. Nothing else may touch the executor's bone from `start` on.
+  HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
+             const LoopSettings& settings);
+  ~HapticLoop();
+  HapticLoop(const HapticLoop&) = delete;
+  HapticLoop& operator=(const HapticLoop&) = delete;
+
+  void start();  ///< once; returns when the thread runs
+  /// Ends the session with this reason, unless it has ended, and waits for the thread.
+  void stop(const std::string& reason = "stopped");
+  bool running() const { return running_.load(std::memory_order_acquire); }
+  bool started() const { return started_; }
+  bool wait(double seconds);  ///< until it ends; whether it has
+
+  /// Why the session ended; empty while it runs.
+  std::string reason() const;
+  bool failed() const;  ///< it ended on a fault: a lost device, a stall, a value that is not finite
+  /// What was asked of the system and granted, a sentence each.
+  std::vector<std::string> realtime_notes() const;
+
+  LoopCounts counts() const;
+  const Histogram& jitter() const { return jitter_; }        ///< |time since the last tick - whole periods|
+  const Histogram& lateness() const { return lateness_; }    ///< start of a tick after its deadline
+  const Histogram& tick_time() const { return tick_time_; }  ///< on the thread's CPU clock
+  const Histogram& wall_time() const { return wall_time_; }  ///< of a tick on the steady clock
+
+  const std::shared_ptr<TickExecutor>& executor() const { return executor_; }
+  std::shared_ptr<const RecordRing> ring() const { return ring_; }
+  std::uint64_t first_tick() const { return first_tick_; }  ///< index of record 0 of the ring
+  const LoopSettings& settings() const { return settings_; }
+  const std::vector<std::shared_ptr<Device>>& devices() const { return devices_; }
+  /// On a virtual clock the loop waits for this reader before it overruns it.
+  void wait_for(std::shared_ptr<const RecordReader> reader);
+
+ private:
+  void run();
+  void watch();
+  bool tick(std::uint64_t periods, double time);  // false: the session ends
+  void end(const std::string& reason, bool failed);
+  void make_room();
+  void halt_devices() noexcept;
+
+  std::shared_ptr<TickExecutor> executor_;
+  std::vector<std::shared_ptr<Device>> devices_;
+  LoopSettings settings_;
+  std::int64_t period_;  // [ns]
+  std::uint64_t first_tick_;
+  std::shared_ptr<RecordRing> ring_;
+  std::vector<std::shared_ptr<const RecordReader>> readers_;
+  TickRecord record_;
+
+  Histogram jitter_, lateness_, tick_time_, wall_time_;
+  std::atomic<std::uint64_t> ticks_{0}, late_{0}, missed_{0}, dropped_{0};
+  std::atomic<std::int64_t> heartbeat_{0};
+  std::atomic<bool> running_{false}, stopping_{false};
+  bool started_ = false;
+  std::thread thread_, watchdog_;
+  mutable std::mutex mutex_;  // of what follows; the loop takes it before its first and after its last tick
+  std::string reason_;
+  bool failed_ = false;
+  std::vector<std::string> notes_;
+};
+
+}  // namespace burrlab

@@ -1,0 +1,51 @@
+#include "burrlab/session/followed_bone.hpp"
+
+#include <algorithm>
+#include <cstring>
+#include <iterator>
+
+namespace burrlab {
+
+FollowedBone::FollowedBone(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup, std::uint64_t tick)
+    : executor_(bone, setup, tick), initial_(*bone), now_(initial_) {
+  bone->take_changed();
+}
+
+Difference FollowedBone::execute(const TickRecord& record) noexcept {
+  TickRecord mine = record;
+  executor_.execute(mine);
+  for (std::size_t i = 0; i < executor_.burrs(); ++i) {
+    const BurrRecord &a = record.burr[i], &b = mine.burr[i];
+    if (std::memcmp(a.force.data(), b.force.data(), sizeof a.force) != 0) return {int(i), "force"};
+    if (std::memcmp(&a.penetration, &b.penetration, sizeof a.penetration) != 0)
+      return {int(i), "penetration"};
+    if (a.removed != b.removed) return {int(i), "removed"};
+  }
+  return {};
+}
+
+const Hash128& FollowedBone::digest() {
+  const std::vector<std::uint32_t> changed = bone().take_changed();
+  now_.update(bone(), changed);
+  std::vector<std::uint32_t> all;
+  std::set_union(pending_.begin(), pending_.end(), changed.begin(), changed.end(), std::back_inserter(all));
+  pending_.swap(all);
+  return now_.total();
+}
+
+std::vector<std::uint32_t> FollowedBone::take_changed() {
+  digest();
+  std::vector<std::uint32_t> changed;
+  changed.swap(pending_);
+  return changed;
+}
+
+std::vector<std::uint32_t> FollowedBone::differing() {
+  digest();
+  std::vector<std::uint32_t> bricks;
+  for (std::size_t brick = 0; brick < bone().brick_count(); ++brick)
+    if (now_.brick(brick) != initial_.brick(brick)) bricks.push_back(std::uint32_t(brick));
+  return bricks;
+}
+
+}  // namespace burrlab

@@ -1,0 +1,227 @@
+#include "burrlab/session/follower.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "burrlab/check.hpp"
+
+namespace burrlab {
+namespace {
+
+constexpr std::size_t batch = 256;  // ticks between looks at other things
+constexpr double half_step = 0.02;  // of the difference that gives the stiffness [mm]
+
+Vec3 to_vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
+
+}  // namespace
+
+Follower::Follower(std::shared_ptr<HapticLoop> loop, const FollowerSettings& settings)
+    : loop_(std::move(loop)),
+      settings_(settings),
+      reader_(std::make_shared<RecordReader>(loop_->ring())),
+      bone_(std::make_shared<VoxelBone>(*loop_->executor()->bone()), loop_->executor()->setup(),
+            loop_->executor()->tick()) {
+  if (settings.digest_every < 1) refuse("digest_every", "at least 1", 0.0);
+  require_positive("stiffness_every", settings.stiffness_every);
+  require_positive("rebuild_after", settings.rebuild_after);
+  loop_->wait_for(reader_);
+  status_.tick = bone_.tick();
+  digests_.push_back({bone_.tick(), bone_.digest().text()});
+}
+
+Follower::~Follower() { stop(); }
+
+void Follower::add(std::shared_ptr<TickListener> listener) { listeners_.push_back(std::move(listener)); }
+
+void Follower::start() {
+  if (!thread_.joinable()) thread_ = std::thread([this] { run(); });
+}
+
+void Follower::stop() {
+  stopping_.store(true);
+  if (thread_.joinable()) thread_.join();
+}
+
+void Follower::run() {
+  for (;;) {
+    const bool last = stopping_.load() && !loop_->running();
+    const bool worked = turn();
+    if (last && !worked) break;
+    if (!worked) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (digests_.back().tick == bone_.tick()) return;
+  digests_.push_back({bone_.tick(), bone_.digest().text()});
+  for (const auto& listener : listeners_) listener->on_digest(bone_.tick(), bone_.digest());
+}
+
+bool Follower::turn() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  const double behind = 1e-3 * loop_->executor()->setup().period * double(reader_->behind());
+  status_.most_behind = std::max(status_.most_behind, behind);
+  TickRecord record;
+  std::size_t done = 0;
+  const bool too_far = loop_->settings().wall_clock && behind > settings_.rebuild_after;
+  if (too_far || rebuild_asked_.exchange(false)) {
+    rebuild();
+  } else {
+    RecordReader::Result result = RecordReader::Result::none;
+    while (done < batch && (result = reader_->next(record)) == RecordReader::Result::record) {
+      execute(record);
+      ++done;
+    }
+    if (result == RecordReader::Result::lost) rebuild();
+  }
+  status_.tick = bone_.tick();
+  status_.behind = reader_->behind();
+  measure_stiffness();
+  const std::vector<std::uint32_t> changed =
+      views_.empty() ? std::vector<std::uint32_t>{} : bone_.take_changed();
+  for (const auto& weak : views_)
+    if (const auto view = weak.lock())
+      for (const std::uint32_t brick : changed) view->changed_[brick] = 1;
+  for (const auto& listener : listeners_) listener->on_bone(bone_);
+  return done > 0;
+}
+
+void Follower::execute(const TickRecord& record) {
+  if (const Difference difference = bone_.execute(record)) {
+    if (status_.differing++ == 0)
+      status_.first_difference = std::string(difference.field) + " of burr " +
+                                 std::to_string(difference.burr) + " in tick " + std::to_string(record.index);
+  }
+  newest_ = record;
+  any_ = true;
+  for (const auto& listener : listeners_) listener->on_tick(record);
+  if (bone_.tick() % settings_.digest_every) return;
+  digests_.push_back({bone_.tick(), bone_.digest().text()});
+  for (const auto& listener : listeners_) listener->on_digest(bone_.tick(), bone_.digest());
+}
+
+// Copies the loop's bone between two of its ticks, without its knowing: all bricks first, while it goes on,
+// then those that it may have touched since, again and again until no tick began meanwhile. What was read of
+// a brick while it was written is thrown away.
+void Follower::rebuild() {
+  const TickExecutor& leader = *loop_->executor();
+  const VoxelBone& theirs = *leader.bone();
+  VoxelBone& mine = bone_.bone();
+  const auto ring = loop_->ring();
+  std::uint64_t from = ring->count();
+  for (std::size_t brick = 0; brick < mine.brick_count(); ++brick) mine.copy_brick(brick, theirs);
+  for (;;) {
+    const std::uint64_t version = leader.version();
+    if (version & 1) continue;
+    const std::uint64_t tick = version / 2, until = tick - loop_->first_tick();
+    if (ring->count() < until && loop_->running()) continue;  // the last tick's record is not there yet
+    Vec3 low = Vec3::Constant(1e300), high = -low;
+    bool lost = false;
+    TickRecord record;
+    for (std::uint64_t number = from; number < until && !lost; ++number) {
+      lost = !ring->read(number, record);
+      for (std::size_t i = 0; i < bone_.executor().burrs() && !lost; ++i) {
+        const double reach = record.burr[i].radius + mine.spacing().maxCoeff();
+        low = low.cwiseMin(to_vector(record.burr[i].center) - Vec3::Constant(reach));
+        high = high.cwiseMax(to_vector(record.burr[i].center) + Vec3::Constant(reach));
+      }
+    }
+    if (lost) {
+      from = until;
+      for (std::size_t brick = 0; brick < mine.brick_count(); ++brick) mine.copy_brick(brick, theirs);
+      continue;
+    }
+    for (const std::uint32_t brick : mine.bricks_between(low, high)) mine.copy_brick(brick, theirs);
+    std::atomic_thread_fence(std::memory_order_acquire);
+    if (leader.version() != version) {
+      from = until;  // what was copied now is whole but where later ticks were
+      continue;
+    }
+    bone_.executor().set_tick(tick);
+    reader_->skip_to(until);
+    ++status_.rebuilds;
+    for (const auto& listener : listeners_) listener->on_rebuild(tick);
+    return;
+  }
+}
+
+// k = dF/dH: the force along the normal, felt 20 um to both sides.
+void Follower::measure_stiffness() {
+  const std::int64_t now = steady_now();
+  if (!any_ || double(now - last_stiffness_) < 1e6 * settings_.stiffness_every) return;
+  last_stiffness_ = now;
+  for (std::size_t i = 0; i < bone_.executor().burrs(); ++i) {
+    const Vec3 center = to_vector(newest_.burr[i].center);
+    const Contact here = bone_.executor().probe(i, center);
+    StiffnessAt& at = stiffness_[i];
+    at = {bone_.tick(), 0.0, here.force.norm()};
+    if (!(at.force > 0.0)) continue;
+    const Vec3 n = here.force / at.force;
+    const double nearer = bone_.executor().probe(i, center - half_step * n).force.dot(n);
+    const double farther = bone_.executor().probe(i, center + half_step * n).force.dot(n);
+    at.stiffness = (nearer - farther) / (2.0 * half_step);
+  }
+}
+
+FollowerStatus Follower::status() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  FollowerStatus status = status_;
+  status.behind = reader_->behind();
+  return status;
+}
+
+std::vector<DigestAt> Follower::digests() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return digests_;
+}
+
+StiffnessAt Follower::stiffness(std::size_t burr) const {
+  if (burr >= bone_.executor().burrs())
+    refuse("burr", "below " + std::to_string(bone_.executor().burrs()), double(burr));
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return stiffness_[burr];
+}
+
+TickRecord Follower::newest() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return newest_;
+}
+
+std::shared_ptr<VoxelBone> Follower::snapshot(std::uint64_t& tick) const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  tick = bone_.tick();
+  return std::make_shared<VoxelBone>(bone_.bone());
+}
+
+std::string Follower::digest() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return bone_.digest().text();
+}
+
+std::shared_ptr<BoneView> Follower::view() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  auto view = std::make_shared<BoneView>(*this);
+  view->changed_.assign(bone_.bone().brick_count(), 0);
+  for (const std::uint32_t brick : bone_.differing()) view->changed_[brick] = 1;
+  views_.erase(std::remove_if(views_.begin(), views_.end(), [](const auto& v) { return v.expired(); }),
+               views_.end());
+  views_.push_back(view);
+  return view;
+}
+
+BoneView::Update BoneView::take() {
+  const std::lock_guard<std::mutex> lock(follower_->mutex_);
+  Update update;
+  update.tick = follower_->bone_.tick();
+  update.newest = follower_->newest_;
+  update.any = follower_->any_;
+  const VoxelBone& bone = follower_->bone_.bone();
+  for (std::size_t brick = 0; brick < changed_.size(); ++brick) {
+    if (!changed_[brick]) continue;
+    changed_[brick] = 0;
+    update.bricks.push_back(std::uint32_t(brick));
+    update.density.insert(update.density.end(), bone.tile(brick), bone.tile(brick) + brick_voxels);
+  }
+  return update;
+}
+
+}  // namespace burrlab

@@ -1,0 +1,240 @@
+// The loop's own path has no lock, allocation or Python in it: devices, the tick and the ring keep to that
+// too.
+#include "burrlab/session/haptic_loop.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "burrlab/check.hpp"
+
+namespace burrlab {
+namespace {
+
+std::int64_t to_nanoseconds(double milliseconds) { return std::llround(milliseconds * 1e6); }
+
+bool finite(const Vec3& v) { return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]); }
+
+void set(std::array<double, 3>& to, const Vec3& from) { to = {from[0], from[1], from[2]}; }
+
+std::size_t ring_size(const LoopSettings& settings, double period) {
+  const double rate = 1e3 / period;
+  if (!(rate <= 10001.0)) refuse("rate", "at most 10000 Hz", rate);
+  require_positive("ring", settings.ring);
+  const double records = settings.ring * 1e3 / period;
+  if (!(records <= 4e6)) refuse("records of the ring", "at most 4000000", records);
+  return std::max<std::size_t>(std::size_t(records), 256);
+}
+
+}  // namespace
+
+HapticLoop::HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
+                       const LoopSettings& settings)
+    : executor_(std::move(executor)),
+      devices_(std::move(devices)),
+      settings_(settings),
+      period_(to_nanoseconds(executor_->setup().period)),
+      first_tick_(executor_->tick()),
+      ring_(std::make_shared<RecordRing>(ring_size(settings, executor_->setup().period))) {
+  if (devices_.size() != executor_->burrs())
+    refuse("number of devices", "one a burr, " + std::to_string(executor_->burrs()), double(devices_.size()));
+  for (const auto& device : devices_)
+    if (!device) throw std::invalid_argument("device must be a Device, got None");
+  require_positive("stall_limit", settings.stall_limit);
+  record_.burrs = std::uint32_t(devices_.size());
+}
+
+HapticLoop::~HapticLoop() { stop(); }
+
+void HapticLoop::wait_for(std::shared_ptr<const RecordReader> reader) {
+  if (started_) throw std::invalid_argument("reader must be added before the loop is started");
+  readers_.push_back(std::move(reader));
+}
+
+void HapticLoop::start() {
+  if (started_) throw std::invalid_argument("loop must be started once: it has been");
+  started_ = true;
+  executor_->bone()->touch();
+  for (const auto& device : devices_) device->start(1e-3 * executor_->setup().period);
+  running_.store(true, std::memory_order_release);
+  thread_ = std::thread([this] { run(); });
+  while (heartbeat_.load(std::memory_order_acquire) == 0)
+    std::this_thread::sleep_for(std::chrono::microseconds(100));
+  if (settings_.wall_clock) watchdog_ = std::thread([this] { watch(); });
+}
+
+void HapticLoop::stop(const std::string& reason) {
+  if (!started_) return;
+  if (running()) end(reason, false);
+  stopping_.store(true, std::memory_order_release);
+  if (thread_.joinable()) thread_.join();
+  if (watchdog_.joinable()) watchdog_.join();
+}
+
+bool HapticLoop::wait(double seconds) {
+  const std::int64_t until = steady_now() + std::llround(seconds * 1e9);
+  while (running() && steady_now() < until) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  return !running();
+}
+
+void HapticLoop::end(const std::string& reason, bool failed) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  if (!reason_.empty()) return;  // the first reason is the one
+  reason_ = reason;
+  failed_ = failed;
+}
+
+std::string HapticLoop::reason() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return reason_;
+}
+
+bool HapticLoop::failed() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return failed_;
+}
+
+std::vector<std::string> HapticLoop::realtime_notes() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return notes_;
+}
+
+LoopCounts HapticLoop::counts() const {
+  constexpr auto relaxed = std::memory_order_relaxed;
+  return {ticks_.load(relaxed), late_.load(relaxed), missed_.load(relaxed), dropped_.load(relaxed)};
+}
+
+void HapticLoop::halt_devices() noexcept {
+  for (const auto& device : devices_) device->halt();
+}
+
+// Deadline n lies n periods after the start. A tick stands for all deadlines since the last one.
+void HapticLoop::run() {
+  if (settings_.wall_clock) {
+    std::vector<std::string> notes = become_realtime(settings_.realtime);
+    const std::lock_guard<std::mutex> lock(mutex_);
+    notes_ = std::move(notes);
+  }
+  const std::int64_t start = steady_now(), stall = to_nanoseconds(settings_.stall_limit);
+  std::int64_t deadline = 0, last_start = start;
+  heartbeat_.store(start, std::memory_order_release);
+  while (!stopping_.load(std::memory_order_acquire)) {
+    std::uint64_t periods = 1;
+    std::int64_t now = start + (deadline + 1) * period_;
+    if (settings_.wall_clock) {
+      sleep_until(now);
+      now = steady_now();
+      const std::int64_t due = (now - start) / period_;
+      periods = std::uint64_t(due - deadline);
+      if (now - last_start > stall) {
+        halt_devices();
+        end("the loop stalled: " + std::to_string((now - last_start) / 1000000) + " ms without a tick", true);
+        break;
+      }
+      if (ticks_.load(std::memory_order_relaxed) > 0)
+        jitter_.add(1e-3 * std::abs(double(now - last_start) - double(periods) * double(period_)));
+      lateness_.add(1e-3 * double(now - start - due * period_));
+      last_start = now;
+    } else {
+      make_room();
+    }
+    deadline += std::int64_t(periods);
+    if (!tick(periods, 1e-9 * double(now - start))) break;
+    if (settings_.wall_clock) {
+      const std::int64_t done = steady_now();
+      wall_time_.add(1e-3 * double(done - now));
+      heartbeat_.store(done, std::memory_order_release);
+    }
+    if (settings_.ticks && ticks_.load(std::memory_order_relaxed) >= settings_.ticks) {
+      end("all ticks were executed", false);
+      break;
+    }
+  }
+  for (const auto& device : devices_) {
+    device->write(Vec3::Zero());
+    device->halt();
+    device->stop();
+  }
+  if (settings_.wall_clock && settings_.realtime.lock_memory) unlock_memory();
+  running_.store(false, std::memory_order_release);
+}
+
+bool HapticLoop::tick(std::uint64_t periods, double time) {
+  using Status = DeviceReading::Status;
+  const std::int64_t cpu_start = thread_cpu_now();
+  bool waiting = false;
+  for (std::size_t i = 0; i < devices_.size(); ++i) {
+    const DeviceReading reading = devices_[i]->read(time, periods);
+    const auto who = [i] { return "device " + std::to_string(i); };
+    if (reading.status == Status::finished) return end(who() + " has come to its end", false), false;
+    if (reading.status == Status::lost) {
+      halt_devices();
+      end(who() + " was lost: its last position is " + std::to_string(int(reading.age)) + " ms old", true);
+      return false;
+    }
+    waiting |= reading.status == Status::waiting;
+    if (!finite(reading.position) || !finite(reading.velocity)) {
+      halt_devices();
+      return end(who() + " gave a position or velocity that is not finite", true), false;
+    }
+    BurrRecord& burr = record_.burr[i];
+    set(burr.center, reading.position);
+    set(burr.device_position, reading.position);
+    set(burr.device_velocity, reading.velocity);
+    burr.age = reading.age;
+    burr.on = reading.on;
+  }
+  if (waiting) return true;
+
+  constexpr auto relaxed = std::memory_order_relaxed;
+  const auto k = std::uint32_t(std::min<std::uint64_t>(periods, most_periods));
+  record_.index = executor_->tick();
+  record_.k = k;
+  record_.time = time;
+  executor_->execute(record_);
+  for (std::size_t i = 0; i < devices_.size(); ++i) {
+    BurrRecord& burr = record_.burr[i];
+    const Vec3 force(burr.force[0], burr.force[1], burr.force[2]);
+    if (!finite(force)) {
+      halt_devices();
+      return end("the force of burr " + std::to_string(i) + " is not finite", true), false;
+    }
+    devices_[i]->write(force);
+    set(burr.sent, force);
+  }
+  record_.cpu_time = 1e-3 * double(thread_cpu_now() - cpu_start);
+  ring_->push(record_);
+  tick_time_.add(record_.cpu_time);
+  ticks_.store(ticks_.load(relaxed) + 1, relaxed);
+  if (k > 1) late_.store(late_.load(relaxed) + 1, relaxed);
+  missed_.store(missed_.load(relaxed) + periods - 1, relaxed);
+  dropped_.store(dropped_.load(relaxed) + periods - k, relaxed);
+  return true;
+}
+
+// On a virtual clock nothing is lost because a reader is slow.
+void HapticLoop::make_room() {
+  for (const auto& reader : readers_)
+    while (reader->behind() + 1 >= ring_->capacity() / 2 && !stopping_.load(std::memory_order_acquire))
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+}
+
+// A stalled loop cannot send zero itself.
+void HapticLoop::watch() {
+  RealtimeRequest request = settings_.realtime;
+  request.lock_memory = false;
+  request.cpu = -1;
+  ++request.level;
+  become_realtime(request);
+  const std::int64_t limit = to_nanoseconds(settings_.stall_limit);
+  while (running() && !stopping_.load(std::memory_order_acquire)) {
+    sleep_until(steady_now() + limit / 10);
+    const std::int64_t last = heartbeat_.load(std::memory_order_acquire), silent = steady_now() - last;
+    if (silent <= limit + period_ || !running()) continue;
+    halt_devices();
+    end("the loop stalled: " + std::to_string(silent / 1000000) + " ms without a tick", true);
+    stopping_.store(true, std::memory_order_release);
+  }
+}
+
+}  // namespace burrlab

@@ -43,6 +43,7 @@ TransformReader::TransformReader(const std::string& host, int port, std::string 
 
 void TransformReader::stop() {
   client_.stop();
+  const std::lock_guard<std::mutex> lock(stop_mutex_);  // a loop and its owner may stop it at once
   if (thread_.joinable()) thread_.join();
 }
 

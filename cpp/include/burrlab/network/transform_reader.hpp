@@ -69,6 +69,7 @@ class TransformReader {
   mutable std::mutex counters_mutex_;  // of reader's thread and whoever asks; never of the haptic loop
   ReaderCounters counters_;
   std::atomic<bool> connected_{false};
+  std::mutex stop_mutex_;
   std::thread thread_;
 };
 

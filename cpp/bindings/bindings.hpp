@@ -28,3 +28,4 @@ void bind_mean_field(pybind11::module_& m);
 void bind_session(pybind11::module_& m);
 void bind_device(pybind11::module_& m);
 void bind_stability(pybind11::module_& m);
+void bind_openigtlink(pybind11::module_& m);

@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from burrlab._core import Burr, Material, VoxelBone
 from burrlab.session.snapshot import check_tick
 from burrlab.session.trace_file import (
-    DIGEST_DTYPE, ENDED_LENGTH, Header, create, make_compact, row_dtype, to_rows,
+    DIGEST_DTYPE,
+    ENDED_LENGTH,
+    Header,
+    create,
+    make_compact,
+    row_dtype,
+    to_rows,
 )  # fmt: skip
 
 DEFAULT_DURATION = 4 * 3600.0  # [s] of ticks there is room for
@@ -104,7 +110,7 @@ class TraceWriter:
                 self.path, header, bone, capacity=capacity, digest_capacity=math.ceil(duration) + 16
             )
         except (OSError, TypeError, ValueError) as error:
-            if isinstance(error, FileExistsError) or self.path.exists() and "file exists" in str(error):
+            if isinstance(error, FileExistsError) or (self.path.exists() and "file exists" in str(error)):
                 raise FileExistsError(f"path must be a new file, {self.path} exists") from None
             self.path.unlink(missing_ok=True)
             raise

@@ -33,6 +33,12 @@ from burrlab.master_curve import MasterCurve, penetration_velocity
 from burrlab.materials import materials
 from burrlab.mean_field import MeanFieldDescent, mean_field_descent, thin_layer_velocity
 from burrlab.rig import Rig, RigReading, VirtualRig
+from burrlab.session.metrics import SessionMetrics, session_metrics
+from burrlab.session.replay import Replay, replay
+from burrlab.session.snapshot import load_bone, save_bone
+from burrlab.session.trace import Trace, load_trace
+from burrlab.session.trace_writer import TraceWriter
+from burrlab.session.volumetric_drilling import export_volumetric_drilling
 from burrlab.specimen import Specimen, half_space, surface_along
 from burrlab.store import Store
 from burrlab.study import StudyInterrupted
@@ -56,13 +62,17 @@ __all__ = [
     "MasterCurve",
     "Material",
     "MeanFieldDescent",
+    "Replay",
     "Rig",
     "RigReading",
+    "SessionMetrics",
     "Shape",
     "ShapeComparison",
     "Specimen",
     "Store",
     "StudyInterrupted",
+    "Trace",
+    "TraceWriter",
     "VelocityCurve",
     "VirtualRig",
     "Volume",
@@ -74,9 +84,12 @@ __all__ = [
     "design",
     "elastic_force",
     "erode",
+    "export_volumetric_drilling",
     "fit",
     "force_sweep",
     "half_space",
+    "load_bone",
+    "load_trace",
     "materials",
     "mean_field_descent",
     "moments",
@@ -84,6 +97,9 @@ __all__ = [
     "penetration_velocity",
     "predicted_scatter",
     "read_volume",
+    "replay",
+    "save_bone",
+    "session_metrics",
     "surface_along",
     "synthetic_curve",
     "synthetic_indentation",

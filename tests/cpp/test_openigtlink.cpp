@@ -8,6 +8,7 @@
 #include "burrlab/network/bone_frame.hpp"
 #include "burrlab/network/message_framer.hpp"
 #include "check.hpp"
+#include "count_allocations.hpp"
 
 using namespace burrlab::openigtlink;
 
@@ -288,6 +289,35 @@ void test_hostile_bodies() {
   CHECK(reason_of(changed(text, 62, 255)) == Drop::bad_length);
 }
 
+/// A stream at 1 kHz asks for memory once.
+void test_no_allocation() {
+  Bytes bytes;
+  MessageFramer framer;
+  int poses = 0;
+  const MessageFramer::Receive receive = [&](const Message& message) {
+    Transform transform;
+    ByteView text;
+    poses += decode_transform(message, transform) == Drop::none;
+    poses += decode_ndarray_uint8(message, text) == Drop::none;
+  };
+  const double values[40] = {};
+  const std::uint8_t text[32] = {};
+  long before = 0;
+  for (int i = 0; i < 100; ++i) {
+    if (i == 1) before = allocations;
+    bytes.clear();
+    for (const int version : {1, 2}) {
+      const Envelope envelope{"a device of 20 bytes", 0, version};
+      encode_transform(bytes, envelope, {});
+      encode_sensor(bytes, envelope, values, 3);
+      encode_ndarray_float64(bytes, envelope, values, 40);
+      encode_ndarray_uint8(bytes, envelope, {text, sizeof text});
+    }
+    framer.feed({bytes.data(), bytes.size()}, receive);
+  }
+  CHECK(allocations == before && poses == 400);
+}
+
 void test_bone_frame() {
   const Transform transform = to_ras({1.5, -2.25, 0.1});
   CHECK(transform.position[0] == -1.5f && transform.position[1] == 2.25f && transform.position[2] == 0.1f);
@@ -309,6 +339,7 @@ int main() {
   test_framer();
   test_lost_framing();
   test_hostile_bodies();
+  test_no_allocation();
   test_bone_frame();
   return check::report();
 }

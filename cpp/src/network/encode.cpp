@@ -1,5 +1,6 @@
 // Messages into bytes. The room is made first, the body written in place, its checksum last.
 #include <algorithm>
+#include <cmath>
 
 #include "big_endian.hpp"
 #include "burrlab/check.hpp"
@@ -16,6 +17,12 @@ void require_text(const char* name, std::string_view text, std::size_t longest) 
     const std::string begin(text.substr(0, text.find('\0')));
     throw std::invalid_argument(std::string(name) + " must hold no zero byte, got one after '" + begin + "'");
   }
+}
+
+template <class Float>
+void require_all_finite(const char* name, const Float* values, std::size_t count) {
+  for (std::size_t i = 0; i < count; ++i)  // require_finite would make a string of the name each time
+    if (!std::isfinite(values[i])) refuse(name, "finite", double(values[i]));
 }
 
 struct MetadataSizes {
@@ -88,8 +95,8 @@ void append(Bytes& out, const Envelope& envelope, std::string_view type, std::si
 }  // namespace
 
 void encode_transform(Bytes& out, const Envelope& envelope, const Transform& transform) {
-  for (const float value : transform.rotation) require_finite("every number of rotation", value);
-  for (const float value : transform.position) require_finite("every number of position", value);
+  require_all_finite("every number of rotation", transform.rotation.data(), 9);
+  require_all_finite("every number of position", transform.position.data(), 3);
   append(out, envelope, transform_type, transform_size, [&](std::uint8_t* at) {
     for (int column = 0; column < 3; ++column)  // the message holds columns
       for (int row = 0; row < 3; ++row, at += 4) put_float32(at, transform.rotation[3 * row + column]);
@@ -100,7 +107,7 @@ void encode_transform(Bytes& out, const Envelope& envelope, const Transform& tra
 void encode_sensor(Bytes& out, const Envelope& envelope, const double* values, std::size_t count,
                    std::uint64_t unit) {
   if (count > 255) refuse("number of values", "at most 255", double(count));
-  for (std::size_t i = 0; i < count; ++i) require_finite("every value", values[i]);
+  require_all_finite("every value", values, count);
   append(out, envelope, sensor_type, sensor_head_size + 8 * count, [&](std::uint8_t* at) {
     at[0] = std::uint8_t(count);
     at[1] = 0;

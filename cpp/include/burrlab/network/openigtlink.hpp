@@ -117,8 +117,9 @@ double timestamp_seconds(std::uint64_t timestamp);
 /// CRC-64 of ECMA-182 as OpenIGTLink uses it: begins with 0, most significant bit first, nothing inverted.
 std::uint64_t crc64(ByteView bytes, std::uint64_t crc = 0);
 
-// Each appends one whole message to `out`; nothing is allocated where `out` has room.
-// std::invalid_argument where the message cannot hold what it was given; `out` is as it was then.
+// Each appends one whole message to `out`, which holds no part of what is sent; nothing is allocated where
+// `out` has room. std::invalid_argument where the message cannot hold what it was given; `out` is as it was
+// then.
 void encode_transform(Bytes& out, const Envelope& envelope, const Transform& transform);
 void encode_sensor(Bytes& out, const Envelope& envelope, const double* values, std::size_t count,
                    std::uint64_t unit = newton);

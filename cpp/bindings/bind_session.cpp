@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cstring>
+#include <optional>
 
 #include "bindings.hpp"
 #include "burrlab/session/follower.hpp"
@@ -168,15 +169,22 @@ ring : float
     Records kept for readers [s].
 ticks : int
     End after so many; 0: when stopped.
+force_limit : float
+    Of the force sent, a burr [N].
+slew_limit : float
+    Of its change [N/ms].
+coupling : float, optional
+    Stiffness of a spring between device and burr [N/mm]; without it the burr is where the device is.
 
 Raises
 ------
 ValueError
-    If there is not one device a burr, the rate is above 10 kHz, or a limit is not positive.
+    If there is not one device a burr, the rate is above 10 kHz, or a limit or the coupling is not positive.
 )")
       .def(py::init([](std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
                        bool wall_clock, bool realtime, int cpu, double stall_limit, double ring,
-                       std::uint64_t ticks) {
+                       std::uint64_t ticks, double force_limit, double slew_limit,
+                       std::optional<double> coupling) {
              LoopSettings settings;
              settings.wall_clock = wall_clock;
              settings.realtime.priority = settings.realtime.lock_memory = realtime;
@@ -184,11 +192,16 @@ ValueError
              settings.stall_limit = stall_limit;
              settings.ring = ring;
              settings.ticks = ticks;
+             settings.force_limit = force_limit;
+             settings.slew_limit = slew_limit;
+             if (coupling) require_positive("coupling", settings.coupling = *coupling);
              return std::make_shared<HapticLoop>(std::move(executor), std::move(devices), settings);
            }),
            py::arg("executor"), py::arg("devices"), py::kw_only(), py::arg("wall_clock") = true,
            py::arg("realtime") = true, py::arg("cpu") = -1, py::arg("stall_limit") = defaults.stall_limit,
-           py::arg("ring") = defaults.ring, py::arg("ticks") = 0)
+           py::arg("ring") = defaults.ring, py::arg("ticks") = 0,
+           py::arg("force_limit") = defaults.force_limit, py::arg("slew_limit") = defaults.slew_limit,
+           py::arg("coupling") = py::none())
       .def("start", &HapticLoop::start, py::call_guard<py::gil_scoped_release>(),
            "Starts the thread; once. ValueError the second time.")
       .def("stop", &HapticLoop::stop, py::arg("reason") = "stopped", py::call_guard<py::gil_scoped_release>(),
@@ -203,6 +216,15 @@ ValueError
       .def_property_readonly("realtime_notes", &HapticLoop::realtime_notes,
                              "What was asked of the system, and whether it was granted: a sentence each")
       .def_property_readonly("counts", &HapticLoop::counts)
+      .def(
+          "energy",
+          [](const HapticLoop& loop, std::size_t burr) {
+            const EnergyGiven e = loop.energy(burr);
+            return py::make_tuple(e.now, e.most);
+          },
+          py::arg("burr") = 0,
+          "(given to the hand minus taken from it, the largest so far) [mJ]: above zero the sampled force "
+          "made it.")
       .def_property_readonly("jitter", &HapticLoop::jitter, py::return_value_policy::reference_internal,
                              "|time since the last tick - whole periods|")
       .def_property_readonly("lateness", &HapticLoop::lateness, py::return_value_policy::reference_internal,

@@ -9,6 +9,7 @@
 #include <thread>
 #include <vector>
 
+#include "burrlab/session/contact_stiffness.hpp"
 #include "burrlab/session/followed_bone.hpp"
 #include "burrlab/session/haptic_loop.hpp"
 
@@ -43,6 +44,7 @@ struct StiffnessAt {
   std::uint64_t tick = 0;
   double stiffness = 0.0;  ///< k [N/mm]; 0 without contact
   double force = 0.0;      ///< [N]
+  double age = 0.0;        ///< of the position [ms]
 };
 
 struct FollowerStatus {
@@ -72,6 +74,8 @@ class Follower {
   FollowerStatus status() const;
   std::vector<DigestAt> digests() const;
   StiffnessAt stiffness(std::size_t burr) const;
+  /// The stiffness against the limits of the burr's device.
+  StabilityReport stability(std::size_t burr) const;
   TickRecord newest() const;  ///< record of the last tick executed
   /// A copy of the bone now, and the number of ticks it has seen.
   std::shared_ptr<VoxelBone> snapshot(std::uint64_t& tick) const;

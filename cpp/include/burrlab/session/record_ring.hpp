@@ -44,16 +44,15 @@ class RecordReader {
   /// The next record. `lost`: the writer has gone past it, and `skip_to` must be called.
   Result next(TickRecord& record) {
     const std::uint64_t number = position();
-    if (ring_->read(number, record)) {
-      skip_to(number + 1);
-      return Result::record;
-    }
-    return number >= ring_->count() ? Result::none : Result::lost;
+    if (number >= ring_->count()) return Result::none;
+    if (!ring_->read(number, record)) return Result::lost;
+    skip_to(number + 1);
+    return Result::record;
   }
   void skip_to(std::uint64_t number) { next_.store(number, std::memory_order_release); }
   std::uint64_t position() const {
     return next_.load(std::memory_order_acquire);
-  }                                                                     ///< number of the next record
+  }  ///< number of the next record
   std::uint64_t behind() const { return ring_->count() - position(); }  ///< records not yet read
 
  private:

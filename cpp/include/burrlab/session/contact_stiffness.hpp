@@ -1,0 +1,60 @@
+// How stiff a contact is along its normal, and how stiff it may be before a sampled loop feeds the hand.
+#pragma once
+
+#include <limits>
+
+#include "burrlab/session/device.hpp"
+#include "burrlab/session/tick_executor.hpp"
+
+namespace burrlab {
+
+/// Wetted area projected on the normal, burr h [mm] deep in flat bone: pi (2 R h - h^2) [mm^2].
+double flat_contact_area(double radius, double penetration);
+/// The same where the burr rests in a hole of its own of depth H [mm]: pi (2 R H - H^2) [mm^2].
+double hole_contact_area(double radius, double depth);
+
+/// k = dF/dH = 1.5 c_e sqrt(u) A/(pi R (2 u - u^2)) [N/mm] at a force [N] and a wetted area A [mm^2];
+/// c_e [N/mm^2], u from the force by Eq. 3. It is not dF/dh: bone comes into the whole wetted area at once.
+double contact_stiffness(double force, double area, double radius, double c_e);
+/// The area that gives this stiffness: the same formula, solved for A [mm^2].
+double contact_area(double force, double stiffness, double radius, double c_e);
+
+/// k from the force at 20 um (or `step`) in and out along the contact's normal [N/mm]; 0 without contact.
+/// Where the burr comes free within a step it is an average, below k.
+double measured_stiffness(const TickExecutor& executor, std::size_t burr, const Vec3& center,
+                          double step = 0.02);
+
+/// Stiffness below which a sampled spring is passive [N/mm]: (b - |B|)/(T/2 + t_d), damping b and virtual
+/// damping B [N s/m], period T and age of the position t_d [ms] (Colgate and Schenkel 1997;
+/// docs/stability.md).
+double passivity_limit(double damping, double period, double age = 0.0, double virtual_damping = 0.0);
+/// Stiffness below which friction eats what an encoder's steps make: 2 f_c/Delta [N/mm], friction [N], step
+/// [mm] (Abbott and Okamura 2005); infinite for a step of 0.
+double encoder_limit(double friction, double encoder_step);
+
+/// Force below which a contact of this wetted area is stiffer than `limit` [N]: the root of
+/// sqrt(u) (2 - u) = 1.5 c_e A/(pi R limit); infinite where every force up to u = 2/3 is below it.
+double force_at_limit(double limit, double area, double radius, double c_e);
+
+/// What a session prints of its stability; NaN where a number is unknown.
+struct StabilityReport {
+  static constexpr double warning_ratio = 0.8;
+
+  double force = 0.0;                                                    ///< now [N]
+  double k = 0.0;                                                        ///< contact stiffness [N/mm]
+  double area = 0.0;                                                     ///< wetted area that k tells [mm^2]
+  double limit = std::numeric_limits<double>::quiet_NaN();               ///< the lower of the next two [N/mm]
+  double sampling_limit = std::numeric_limits<double>::quiet_NaN();      ///< `passivity_limit` [N/mm]
+  double quantisation_limit = std::numeric_limits<double>::quiet_NaN();  ///< `encoder_limit` [N/mm]
+  double ratio = std::numeric_limits<double>::quiet_NaN();               ///< k/limit
+  double force_at_limit = std::numeric_limits<double>::quiet_NaN();  ///< below it k > limit, in this hole [N]
+  bool warning = false;                                              ///< ratio above 0.8
+};
+
+/// Report of a contact of stiffness k [N/mm] at a force [N]; period and age [ms]; `coupling` [N/mm], if there
+/// is one, stands in series with the contact: k is then what the hand meets.
+StabilityReport stability_report(double force, double k, const Tool& tool, const DeviceModel& device,
+                                 double period, double age = 0.0, double virtual_damping = 0.0,
+                                 double coupling = std::numeric_limits<double>::infinity());
+
+}  // namespace burrlab

@@ -1,0 +1,114 @@
+#include "burrlab/session/contact_stiffness.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "burrlab/check.hpp"
+
+namespace burrlab {
+namespace {
+
+constexpr double pi = 3.14159265358979323846;
+
+double cap_area(const char* name, double radius, double depth) {
+  require_positive("radius", radius);
+  if (!(depth >= 0.0 && depth <= 2.0 * radius)) refuse(name, "0 to 2 radii", depth);
+  return pi * (2.0 * radius * depth - depth * depth);
+}
+
+/// sqrt(u) (2 - u) at a force: k times this is 1.5 c_e A/(pi R).
+double softness(double force, double radius, double c_e) {
+  require_positive("radius", radius);
+  require_positive("c_e", c_e);
+  require_not_negative("force", force);
+  const double u = std::min(std::pow(force / (c_e * radius * radius), 2.0 / 3.0), 2.0);  // Eq. 3
+  return std::sqrt(u) * (2.0 - u);
+}
+
+}  // namespace
+
+double flat_contact_area(double radius, double penetration) {
+  return cap_area("penetration", radius, penetration);
+}
+
+double hole_contact_area(double radius, double depth) { return cap_area("depth", radius, depth); }
+
+double contact_stiffness(double force, double area, double radius, double c_e) {
+  require_not_negative("area", area);
+  return 1.5 * c_e * area / (pi * radius * softness(force, radius, c_e));
+}
+
+double contact_area(double force, double stiffness, double radius, double c_e) {
+  require_not_negative("stiffness", stiffness);
+  return stiffness * softness(force, radius, c_e) * pi * radius / (1.5 * c_e);
+}
+
+double measured_stiffness(const TickExecutor& executor, std::size_t burr, const Vec3& center, double step) {
+  require_positive("step", step);
+  const Contact contact = executor.probe(burr, center);
+  const double length = contact.normal.norm();
+  if (!(contact.touching && length > 0.0)) return 0.0;
+  const Vec3 normal = contact.normal / length;
+  const Vec3 in = executor.probe(burr, center - step * normal).force;
+  const Vec3 out = executor.probe(burr, center + step * normal).force;
+  return (in - out).dot(normal) / (2.0 * step);
+}
+
+double passivity_limit(double damping, double period, double age, double virtual_damping) {
+  require_not_negative("damping", damping);
+  require_positive("period", period);
+  require_not_negative("age", age);
+  require_finite("virtual_damping", virtual_damping);
+  // N s/m over ms is N/mm.
+  return std::max(0.0, damping - std::abs(virtual_damping)) / (0.5 * period + age);
+}
+
+double encoder_limit(double friction, double encoder_step) {
+  require_not_negative("friction", friction);
+  require_not_negative("encoder_step", encoder_step);
+  return encoder_step > 0.0 ? 2.0 * friction / encoder_step : std::numeric_limits<double>::infinity();
+}
+
+// With w = sqrt(u): w^3 - 2 w + q = 0, q = 1.5 c_e A/(pi R limit); w = a sin t, a^2 = 8/3, turns it into
+// (2 a/3) sin 3 t = q.
+double force_at_limit(double limit, double area, double radius, double c_e) {
+  require_not_negative("area", area);
+  require_positive("radius", radius);
+  require_positive("c_e", c_e);
+  require_not_negative("limit", limit);
+  if (area == 0.0) return 0.0;
+  const double a = std::sqrt(8.0 / 3.0);
+  const double sine = 1.5 * (1.5 * c_e * area / (pi * radius * limit)) / a;
+  if (!(sine <= 1.0)) return std::numeric_limits<double>::infinity();
+  const double w = a * std::sin(std::asin(sine) / 3.0);
+  return c_e * radius * radius * w * w * w;  // Eq. 3
+}
+
+StabilityReport stability_report(double force, double k, const Tool& tool, const DeviceModel& device,
+                                 double period, double age, double virtual_damping, double coupling) {
+  const double radius = tool.burr.radius, c_e = tool.material.c_e;
+  if (!(coupling > 0.0)) refuse("coupling", "positive", coupling);
+  StabilityReport report;
+  report.force = force;
+  report.area = contact_area(force, k, radius, c_e);
+  report.k = std::isinf(coupling) ? k : k * coupling / (k + coupling);
+  if (!std::isnan(device.damping))
+    report.sampling_limit = passivity_limit(device.damping, period, age, virtual_damping);
+  if (!std::isnan(device.encoder_step) && (device.encoder_step == 0.0 || !std::isnan(device.friction)))
+    report.quantisation_limit =
+        encoder_limit(device.encoder_step == 0.0 ? 0.0 : device.friction, device.encoder_step);
+  report.limit = std::fmin(report.sampling_limit, report.quantisation_limit);  // NaN only where both are
+  if (std::isnan(report.limit)) return report;
+  report.ratio = report.k / report.limit;
+  report.warning = report.ratio > StabilityReport::warning_ratio;
+  // A coupling below the limit keeps any contact passive; above it, the contact alone may be this stiff.
+  report.force_at_limit =
+      coupling <= report.limit
+          ? 0.0
+          : burrlab::force_at_limit(
+                std::isinf(coupling) ? report.limit : 1.0 / (1.0 / report.limit - 1.0 / coupling),
+                report.area, radius, c_e);
+  return report;
+}
+
+}  // namespace burrlab

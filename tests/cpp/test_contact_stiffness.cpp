@@ -1,0 +1,126 @@
+// Contact stiffness, closed form against voxels; the limits; the force at the limit.
+#include "burrlab/session/contact_stiffness.hpp"
+
+#include "check.hpp"
+#include "session_scenes.hpp"
+
+using namespace burrlab;
+
+namespace {
+
+constexpr double pi = 3.14159265358979323846;
+
+/// Voxels against the closed form, on flat bone and in a hole of R/3.
+void check_stiffness(const Material& material, double force, double hole, double tolerance) {
+  const auto executor = scenes::executor(scenes::block_with_hole(3.0, hole), material);
+  const double top = 3.0 - hole, depth = scenes::depth_of(executor, force, top);
+  const Vec3 center(0.0, 0.0, top - depth);
+  const double penetration = executor.probe(0, center).penetration;
+  const double area = hole > 0.0 ? hole_contact_area(3.0, hole + depth) : flat_contact_area(3.0, penetration);
+  const double closed = contact_stiffness(force, area, 3.0, material.c_e);
+  const double measured = measured_stiffness(executor, 0, center);
+  std::printf("%s %.1f N, hole %.1f mm: k %.4g N/mm in closed form, %.4g measured (%+.1f %%)\n",
+              material.name.c_str(), force, hole, closed, measured, 100.0 * (measured / closed - 1.0));
+  CHECK_NEAR(measured / closed, 1.0, tolerance);
+  CHECK_NEAR(contact_area(force, closed, 3.0, material.c_e), area, 1e-9 * area);
+}
+
+void check_against_voxels() {
+  for (const double force : {0.3, 1.0, 2.0}) {
+    check_stiffness(scenes::bone_material, force, 0.0, 0.01);
+    // At 0.3 N the burr lies 0.02 mm deep in its hole, a fifth of a voxel.
+    check_stiffness(scenes::bone_material, force, 1.0, force < 0.5 ? 0.12 : 0.02);
+  }
+  check_stiffness(scenes::pvc, 0.1, 0.0, 0.01);
+  check_stiffness(scenes::pvc, 0.3, 1.0, 0.04);
+  const auto executor = scenes::executor(scenes::block(), scenes::bone_material);
+  CHECK(measured_stiffness(executor, 0, Vec3(0.0, 0.0, 3.2)) == 0.0);
+}
+
+/// k of the flat closed form is dF/dh of Eq. 3 there; in a hole k is far above dF/dh.
+void check_closed_form() {
+  const double c_e = 2.145, radius = 3.0, force = 1.0;
+  const double u = std::pow(force / (c_e * radius * radius), 2.0 / 3.0);
+  const double by_depth = 1.5 * c_e * radius * std::sqrt(u);  // dF/dh
+  CHECK_NEAR(contact_stiffness(force, flat_contact_area(radius, u * radius), radius, c_e), by_depth, 1e-12);
+  CHECK(contact_stiffness(force, hole_contact_area(radius, 1.0), radius, c_e) > 2.0 * by_depth);
+}
+
+void check_limits() {
+  CHECK_NEAR(passivity_limit(5.0, 1.0), 10.0, 1e-14);  // 5 N s/m over 0.5 ms: 10 N/mm
+  CHECK_NEAR(passivity_limit(5.0, 1.0, 2.0), 2.0, 1e-14);
+  CHECK_NEAR(passivity_limit(5.0, 0.1, 0.0, -1.0), 80.0, 1e-12);
+  CHECK(passivity_limit(1.0, 1.0, 0.0, 2.0) == 0.0);
+  CHECK_NEAR(encoder_limit(0.04, 0.03), 8.0 / 3.0, 1e-14);
+  CHECK(std::isinf(encoder_limit(0.0, 0.0)) && encoder_limit(0.0, 0.03) == 0.0);
+}
+
+void check_force_at_limit() {
+  const double c_e = 2.145, radius = 3.0;
+  for (const double area : {2.0, 8.0, pi * 5.0})
+    for (const double force : {0.05, 0.3, 1.0, 2.0}) {
+      const double k = contact_stiffness(force, area, radius, c_e);
+      CHECK_NEAR(force_at_limit(k, area, radius, c_e), force, 1e-9);
+    }
+  CHECK(std::isinf(force_at_limit(1.0, pi * 5.0, radius, c_e)));  // stiffer than that at any force
+  CHECK(force_at_limit(3.0, 0.0, radius, c_e) == 0.0);
+}
+
+void check_report() {
+  const Tool tool{Burr(3.0), scenes::bone_material};
+  DeviceModel device;
+  StabilityReport report = stability_report(1.0, 7.0, tool, device, 1.0);
+  CHECK(std::isnan(report.limit) && std::isnan(report.ratio) && std::isnan(report.force_at_limit));
+  CHECK(!report.warning && report.k == 7.0);
+
+  device.damping = 5.0;
+  report = stability_report(1.0, 7.0, tool, device, 1.0);
+  CHECK_NEAR(report.ratio, 0.7, 1e-12);
+  CHECK(!report.warning && report.limit == report.sampling_limit);
+  const double at = report.force_at_limit;
+  CHECK(at > 0.0 && at < 1.0);
+  CHECK_NEAR(contact_stiffness(at, report.area, 3.0, 2.145), 10.0, 1e-9);
+  CHECK(stability_report(1.0, 8.1, tool, device, 1.0).warning);
+
+  device.encoder_step = 0.03;
+  device.friction = 0.04;
+  report = stability_report(1.0, 7.0, tool, device, 1.0);
+  CHECK_NEAR(report.limit, 8.0 / 3.0, 1e-12);
+  CHECK(report.warning && report.force_at_limit > 1.0);
+
+  // A coupling of 2 N/mm: no contact is stiffer than that; one of 4 leaves 8 N/mm to the contact.
+  CHECK(stability_report(1.0, 7.0, tool, device, 1.0, 0.0, 0.0, 2.0).force_at_limit == 0.0);
+  report = stability_report(1.0, 7.0, tool, device, 1.0, 0.0, 0.0, 4.0);
+  CHECK_NEAR(report.k, 28.0 / 11.0, 1e-12);
+  CHECK_NEAR(contact_stiffness(report.force_at_limit, report.area, 3.0, 2.145), 8.0, 1e-9);
+}
+
+void check_refusals() {
+  CHECK_THROWS(flat_contact_area(3.0, -0.1), "penetration must be 0 to 2 radii, got -0.1");
+  CHECK_THROWS(hole_contact_area(3.0, 7.0), "depth must be 0 to 2 radii, got 7");
+  CHECK_THROWS(flat_contact_area(0.0, 0.0), "radius must be positive");
+  CHECK_THROWS(contact_stiffness(-1.0, 1.0, 3.0, 2.0), "force must be zero or positive and finite, got -1");
+  CHECK_THROWS(contact_stiffness(1.0, -1.0, 3.0, 2.0), "area must be zero or positive");
+  CHECK_THROWS(contact_area(1.0, -1.0, 3.0, 2.0), "stiffness must be zero or positive");
+  CHECK_THROWS(contact_stiffness(1.0, 1.0, 3.0, 0.0), "c_e must be positive");
+  CHECK_THROWS(passivity_limit(-1.0, 1.0), "damping must be zero or positive");
+  CHECK_THROWS(passivity_limit(1.0, 0.0), "period must be positive");
+  CHECK_THROWS(passivity_limit(1.0, 1.0, -1.0), "age must be zero or positive");
+  CHECK_THROWS(encoder_limit(-1.0, 1.0), "friction must be zero or positive");
+  CHECK_THROWS(encoder_limit(1.0, -1.0), "encoder_step must be zero or positive");
+  CHECK_THROWS(force_at_limit(-1.0, 1.0, 1.0, 1.0), "limit must be zero or positive");
+  const Tool tool{Burr(3.0), scenes::bone_material};
+  CHECK_THROWS(stability_report(1.0, 7.0, tool, {}, 1.0, 0.0, 0.0, 0.0), "coupling must be positive, got 0");
+}
+
+}  // namespace
+
+int main() {
+  check_against_voxels();
+  check_closed_form();
+  check_limits();
+  check_force_at_limit();
+  check_report();
+  check_refusals();
+  return check::report();
+}

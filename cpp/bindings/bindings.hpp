@@ -9,6 +9,7 @@
 #include <string>
 #include <variant>
 
+#include "burrlab/session/follower.hpp"
 #include "burrlab/shape.hpp"
 
 /// A shape or its name, so that a wrong name ends in its own sentence.
@@ -18,6 +19,9 @@ inline burrlab::Shape to_shape(const ShapeArgument& shape) {
   return std::get<burrlab::Shape>(shape);
 }
 
+/// tick, newest, bricks and density of what a consumer has not seen yet.
+pybind11::dict to_dict(const burrlab::BoneView::Update& update, const burrlab::VoxelBone& bone);
+
 void bind_shape(pybind11::module_& m);
 void bind_material(pybind11::module_& m);
 void bind_voxel_bone(pybind11::module_& m);
@@ -26,3 +30,4 @@ void bind_burr_contact(pybind11::module_& m);
 void bind_force_controller(pybind11::module_& m);
 void bind_mean_field(pybind11::module_& m);
 void bind_session(pybind11::module_& m);
+void bind_network(pybind11::module_& m);

@@ -36,4 +36,5 @@ PYBIND11_MODULE(_core, m) {
   bind_force_controller(m);
   bind_mean_field(m);
   bind_session(m);
+  bind_network(m);
 }

@@ -36,4 +36,7 @@ PYBIND11_MODULE(_core, m) {
   bind_force_controller(m);
   bind_mean_field(m);
   bind_session(m);
+  bind_device(m);  // after the base class
+  bind_stability(m);
+  bind_openigtlink(m);
 }

@@ -1,0 +1,213 @@
+#include "bindings.hpp"
+#include "burrlab/check.hpp"
+#include "burrlab/session/hand_device.hpp"
+#include "burrlab/session/scripted_device.hpp"
+
+namespace py = pybind11;
+using namespace burrlab;
+
+namespace {
+
+using Numbers = py::array_t<double, py::array::c_style | py::array::forcecast>;
+using Flags = py::array_t<bool, py::array::c_style | py::array::forcecast>;
+using Counts = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>;
+
+void require_table(const char* name, const Numbers& array, py::ssize_t rows) {
+  if (array.ndim() != 2 || array.shape(0) != rows || array.shape(1) != 3)
+    throw std::invalid_argument(std::string(name) + " must have shape (n, 3), one row for each of the " +
+                                std::to_string(rows) + " rows");
+}
+
+template <class Array>
+void require_column(const char* name, const Array& array, py::ssize_t rows) {
+  if (array.ndim() != 1 || array.shape(0) != rows)
+    throw std::invalid_argument(std::string(name) + " must have shape (n,), one value for each of the " +
+                                std::to_string(rows) + " rows");
+}
+
+Vec3 row_of(const Numbers& array, py::ssize_t i) { return {array.at(i, 0), array.at(i, 1), array.at(i, 2)}; }
+
+std::shared_ptr<ScriptedDevice> scripted(const Numbers& time, const Numbers& position,
+                                         const std::optional<Flags>& on) {
+  if (time.ndim() != 1) throw std::invalid_argument("time must have shape (n,)");
+  const py::ssize_t n = time.shape(0);
+  require_table("position", position, n);
+  if (on) require_column("on", *on, n);
+  std::vector<ScriptedDevice::Row> rows;
+  for (py::ssize_t i = 0; i < n; ++i)
+    rows.push_back({time.at(i), row_of(position, i), on ? on->at(i) : true});
+  return std::make_shared<ScriptedDevice>(std::move(rows));
+}
+
+std::shared_ptr<ReplayDevice> replay(const Numbers& position, const std::optional<Numbers>& velocity,
+                                     const std::optional<Flags>& on, const std::optional<Counts>& k) {
+  const py::ssize_t n = position.ndim() > 0 ? position.shape(0) : 0;
+  require_table("position", position, n);
+  if (velocity) require_table("velocity", *velocity, n);
+  if (on) require_column("on", *on, n);
+  if (k) require_column("k", *k, n);
+  std::vector<ReplayDevice::Tick> ticks;
+  for (py::ssize_t i = 0; i < n; ++i) {
+    if (k && (k->at(i) < 1 || k->at(i) > most_periods)) refuse("k", "1 to 8", double(k->at(i)));
+    ticks.push_back({row_of(position, i), velocity ? row_of(*velocity, i) : Vec3(Vec3::Zero()),
+                     on ? on->at(i) : true, k ? std::uint32_t(k->at(i)) : 1u});
+  }
+  return std::make_shared<ReplayDevice>(std::move(ticks));
+}
+
+void bind_hand(py::module_& m) {
+  const HandSettings defaults;
+  py::class_<HandDevice, Device, std::shared_ptr<HandDevice>>(
+      m, "HandDevice",
+      R"(A simulated hand that holds a simulated device.
+
+A point mass with damping and friction, drawn by a spring (the grip) to where the hand wants it. Along `into` the
+hand's target moves, no faster than `approach`, to where the spring pushes with `push`: out of contact that is a
+gentle approach, at rest on bone it is that force exactly; a burr that sinks at v is pushed with
+grip v follow and damping v less. Strokes move the target along `along` by amplitude sin(2 pi strokes t). The loop's
+force is held from one reading to the next. Deterministic.
+
+Parameters
+----------
+start : (x, y, z)
+    Centre of the burr at the start, out of contact [mm].
+into : (x, y, z)
+    Unit vector into the bone.
+along : (x, y, z)
+    Unit vector of the strokes, perpendicular to `into`.
+push : float
+    Static force into the bone [N].
+amplitude : float
+    Of a stroke [mm].
+strokes : float
+    Full turns, out, back and home, a second; 0 for a still push.
+strokes_after : float
+    They grow to their amplitude over a second from here [s].
+approach : float
+    Speed of the hand towards the bone [mm/s].
+follow : float
+    Time constant with which the hand gives way to the push [ms].
+mass : float
+    Of hand and device [kg].
+damping : float
+    Of hand and device [N s/m].
+grip : float
+    Spring between the hand's target and the device [N/mm].
+friction : float
+    Coulomb friction of the device, against its motion [N].
+encoder_step : float
+    Positions are read to the nearest multiple on each axis [mm]; 0: exactly.
+on : bool
+    The burr turns.
+
+Raises
+------
+ValueError
+    If a value is not finite or out of its range, a vector is not of length 1, or the two are not perpendicular.
+
+Notes
+-----
+The defaults are ours. The velocity that the device reports is the difference of two readings over the time between
+them, unfiltered, as from an encoder. Integrated in steps of at most 20 us.
+
+Examples
+--------
+>>> from burrlab import _core
+>>> hand = _core.HandDevice(start=(0, 0, 3.2), push=0.5, strokes=0)
+>>> hand.position
+array([0. , 0. , 3.2])
+)")
+      .def(py::init([](const Vec3& start, const Vec3& into, const Vec3& along, double push, double amplitude,
+                       double strokes, double strokes_after, double approach, double follow, double mass,
+                       double damping, double grip, double friction, double encoder_step, bool on) {
+             HandSettings s;
+             s.start = start, s.into = into, s.along = along, s.push = push, s.amplitude = amplitude;
+             s.strokes = strokes, s.strokes_after = strokes_after, s.approach = approach, s.follow = follow;
+             s.mass = mass, s.damping = damping, s.grip = grip, s.friction = friction;
+             s.encoder_step = encoder_step, s.on = on;
+             return std::make_shared<HandDevice>(s);
+           }),
+           py::kw_only(), py::arg("start") = defaults.start, py::arg("into") = defaults.into,
+           py::arg("along") = defaults.along, py::arg("push") = defaults.push,
+           py::arg("amplitude") = defaults.amplitude, py::arg("strokes") = defaults.strokes,
+           py::arg("strokes_after") = defaults.strokes_after, py::arg("approach") = defaults.approach,
+           py::arg("follow") = defaults.follow, py::arg("mass") = defaults.mass,
+           py::arg("damping") = defaults.damping, py::arg("grip") = defaults.grip,
+           py::arg("friction") = defaults.friction, py::arg("encoder_step") = defaults.encoder_step,
+           py::arg("on") = defaults.on)
+      .def("set_on", &HandDevice::set_on, py::arg("on"), "The burr's switch, at any time.")
+      .def_property_readonly("force", &HandDevice::force, "(3,) that the loop sent last [N]; a copy")
+      .def_property_readonly(
+          "position", [](const HandDevice& hand) -> Vec3 { return hand.position(); },
+          "(3,) true position [mm]; while no loop runs")
+      .def_property_readonly(
+          "target", [](const HandDevice& hand) -> Vec3 { return hand.target(); },
+          "(3,) where the hand draws to [mm]; while no loop runs")
+      .def_property_readonly(
+          "damping", [](const HandDevice& hand) { return hand.settings().damping; }, "[N s/m]")
+      .def_property_readonly(
+          "friction", [](const HandDevice& hand) { return hand.settings().friction; }, "[N]")
+      .def_property_readonly(
+          "encoder_step", [](const HandDevice& hand) { return hand.settings().encoder_step; }, "[mm]");
+}
+
+}  // namespace
+
+void bind_device(py::module_& m) {
+  bind_hand(m);
+  py::class_<ScriptedDevice, Device, std::shared_ptr<ScriptedDevice>>(
+      m, "ScriptedDevice", R"(A device that moves along straight lines between the rows of a table.
+
+Before the first row it stands at it; after the last the session ends.
+
+Parameters
+----------
+time : array_like, shape (n,)
+    Since the session's start, increasing [s].
+position : array_like, shape (n, 3)
+    Centre of the burr [mm].
+on : array_like of bool, shape (n,), optional
+    Whether the burr turns from this row to the next; default: it does.
+
+Raises
+------
+ValueError
+    If there is no row, a number is not finite, the times do not increase, or shapes do not fit.
+)")
+      .def(py::init(&scripted), py::arg("time"), py::arg("position"), py::arg("on") = py::none())
+      .def("__len__", [](const ScriptedDevice& d) { return d.rows().size(); })
+      .def_property_readonly("duration", &ScriptedDevice::duration, "Time of the last row [s]")
+      .def_property_readonly("force", &ScriptedDevice::force, "(3,) that the loop sent last [N]; a copy");
+  py::class_<ReplayDevice, Device, std::shared_ptr<ReplayDevice>>(
+      m, "ReplayDevice", R"(The device's side of recorded ticks, given tick for tick; then the session ends.
+
+Parameters
+----------
+position : array_like, shape (n, 3)
+    Of the device [mm].
+velocity : array_like, shape (n, 3), optional
+    [mm/s]; default 0.
+on : array_like of bool, shape (n,), optional
+    Whether the burr turned; default: it did.
+k : array_like of int, shape (n,), optional
+    Periods that each tick stood for, 1 to 8; kept, for the loop takes its own.
+
+Raises
+------
+ValueError
+    If there is no tick, a number is not finite, k is out of range, or shapes do not fit.
+)")
+      .def(py::init(&replay), py::arg("position"), py::arg("velocity") = py::none(),
+           py::arg("on") = py::none(), py::arg("k") = py::none())
+      .def("__len__", [](const ReplayDevice& d) { return d.ticks().size(); })
+      .def_property_readonly("next", &ReplayDevice::next, "Number of the next tick")
+      .def_property_readonly(
+          "k",
+          [](const ReplayDevice& d) {
+            py::array_t<std::uint32_t> k(static_cast<py::ssize_t>(d.ticks().size()));
+            for (std::size_t i = 0; i < d.ticks().size(); ++i) k.mutable_at(i) = d.ticks()[i].k;
+            return k;
+          },
+          "(n,) periods of each tick; a copy")
+      .def_property_readonly("force", &ReplayDevice::force, "(3,) that the loop sent last [N]; a copy");
+}

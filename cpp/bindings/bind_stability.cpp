@@ -1,0 +1,142 @@
+#include "bindings.hpp"
+#include "burrlab/session/contact_stiffness.hpp"
+#include "burrlab/session/passivity_observer.hpp"
+
+namespace py = pybind11;
+using namespace burrlab;
+
+namespace {
+
+using Numbers = py::array_t<double, py::array::c_style | py::array::forcecast>;
+
+py::array_t<double> passivity_energy(const Numbers& position, const Numbers& force) {
+  for (const Numbers* array : {&position, &force})
+    if (array->ndim() != 2 || array->shape(1) != 3 || array->shape(0) != position.shape(0))
+      throw std::invalid_argument("position and force must have one shape (n, 3)");
+  py::array_t<double> out(position.shape(0));
+  PassivityObserver observer;
+  for (py::ssize_t i = 0; i < position.shape(0); ++i) {
+    observer.update({position.at(i, 0), position.at(i, 1), position.at(i, 2)},
+                    {force.at(i, 0), force.at(i, 1), force.at(i, 2)});
+    out.mutable_at(i) = observer.energy();
+  }
+  return out;
+}
+
+}  // namespace
+
+void bind_stability(py::module_& m) {
+  m.def("flat_contact_area", &flat_contact_area, py::arg("radius"), py::arg("penetration"),
+        "Wetted area on flat bone, projected on the normal: pi (2 R h - h^2) [mm^2]. ValueError unless h is "
+        "0 to "
+        "2 R.");
+  m.def("hole_contact_area", &hole_contact_area, py::arg("radius"), py::arg("depth"),
+        "Wetted area in a hole of the burr's own, of depth H: pi (2 R H - H^2) [mm^2]. ValueError unless H "
+        "is 0 "
+        "to 2 R.");
+  m.def("contact_stiffness", &contact_stiffness, py::arg("force"), py::arg("area"), py::kw_only(),
+        py::arg("radius"), py::arg("c_e"),
+        "k = dF/dH = 1.5 c_e sqrt(u) A/(pi R (2 u - u^2)) [N/mm] at a force [N] and a wetted area A [mm^2]. "
+        "ValueError on a negative force or area.");
+  m.def("contact_area", &contact_area, py::arg("force"), py::arg("stiffness"), py::kw_only(),
+        py::arg("radius"), py::arg("c_e"),
+        "The wetted area [mm^2] that gives this stiffness [N/mm]. ValueError on a negative force or "
+        "stiffness.");
+  m.def("measured_stiffness", &measured_stiffness, py::arg("executor"), py::arg("burr"), py::arg("center"),
+        py::arg("step") = 0.02,
+        "k from the force `step` [mm] in and out along the contact's normal [N/mm]; 0 without contact.");
+  m.def("passivity_limit", &passivity_limit, py::arg("damping"), py::arg("period"), py::arg("age") = 0.0,
+        py::arg("virtual_damping") = 0.0,
+        "(b - |B|)/(T/2 + t_d) [N/mm]; dampings [N s/m], period and age of the position [ms] "
+        "(docs/stability.md).");
+  m.def("encoder_limit", &encoder_limit, py::arg("friction"), py::arg("encoder_step"),
+        "2 f_c/Delta [N/mm]; friction [N], step [mm]; infinite for a step of 0 (docs/stability.md).");
+  m.def("force_at_limit", &force_at_limit, py::arg("limit"), py::arg("area"), py::kw_only(),
+        py::arg("radius"), py::arg("c_e"),
+        "Force [N] below which a contact of this wetted area [mm^2] is stiffer than `limit` [N/mm].");
+  m.def("passivity_energy", &passivity_energy, py::arg("position"), py::arg("force"),
+        R"(Energy that a loop gave to the hand, tick by tick.
+
+Parameters
+----------
+position : array_like, shape (n, 3)
+    Of the device at each tick [mm].
+force : array_like, shape (n, 3)
+    Sent in that tick, and held to the next [N].
+
+Returns
+-------
+ndarray, shape (n,)
+    Given minus taken, up to each tick [mJ].
+
+Raises
+------
+ValueError
+    If the shapes differ or are not (n, 3).
+)");
+
+  py::class_<StabilityReport>(m, "StabilityReport",
+                              "What a session says of its stability; nan where unknown.")
+      .def_readonly("force", &StabilityReport::force, "Now [N]")
+      .def_readonly("k", &StabilityReport::k, "Contact stiffness, in series with a coupling [N/mm]")
+      .def_readonly("area", &StabilityReport::area, "Wetted area that k tells [mm^2]")
+      .def_readonly("limit", &StabilityReport::limit, "The lower of the next two [N/mm]")
+      .def_readonly("sampling_limit", &StabilityReport::sampling_limit, "(b - |B|)/(T/2 + t_d) [N/mm]")
+      .def_readonly("quantisation_limit", &StabilityReport::quantisation_limit, "2 f_c/Delta [N/mm]")
+      .def_readonly("ratio", &StabilityReport::ratio, "k/limit")
+      .def_readonly("force_at_limit", &StabilityReport::force_at_limit,
+                    "Force below which k exceeds the limit in this hole [N]")
+      .def_readonly("warning", &StabilityReport::warning, "The ratio is above 0.8")
+      .def("__repr__", [](const StabilityReport& r) {
+        return std::string(py::str("StabilityReport(force={:.3g} N, k={:.3g} N/mm, limit={:.3g} N/mm, "
+                                   "ratio={:.2f}, force_at_limit={:.3g} N)")
+                               .format(r.force, r.k, r.limit, r.ratio, r.force_at_limit));
+      });
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  m.def(
+      "stability_report",
+      [](double force, double stiffness, const Burr& burr, const Material& material, double period,
+         double damping, double encoder_step, double friction, double age, double virtual_damping,
+         double coupling) {
+        return stability_report(force, stiffness, {burr, material}, {damping, encoder_step, friction}, period,
+                                age, virtual_damping, coupling);
+      },
+      py::arg("force"), py::arg("stiffness"), py::arg("burr"), py::arg("material"), py::kw_only(),
+      py::arg("period"), py::arg("damping") = nan, py::arg("encoder_step") = nan, py::arg("friction") = nan,
+      py::arg("age") = 0.0, py::arg("virtual_damping") = 0.0,
+      py::arg("coupling") = std::numeric_limits<double>::infinity(),
+      R"(Contact stiffness against its limits.
+
+Parameters
+----------
+force : float
+    Of the contact [N].
+stiffness : float
+    Of the contact along its normal [N/mm].
+burr : Burr
+material : Material
+period : float
+    Of the loop [ms].
+damping : float
+    Of device and hand [N s/m]; nan where unknown.
+encoder_step : float
+    [mm]; nan where unknown.
+friction : float
+    Coulomb friction of the device [N]; nan where unknown.
+age : float
+    Of the position [ms].
+virtual_damping : float
+    [N s/m]
+coupling : float
+    Stiffness of the virtual coupling [N/mm].
+
+Returns
+-------
+StabilityReport
+
+Raises
+------
+ValueError
+    If force, stiffness, damping, step or friction are negative, or period or coupling not positive.
+)");
+}

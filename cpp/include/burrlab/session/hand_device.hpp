@@ -1,0 +1,78 @@
+// A simulated hand that holds a simulated device: for tests, demonstrations and studies of stability.
+#pragma once
+
+#include <array>
+#include <atomic>
+
+#include "burrlab/session/device.hpp"
+#include "burrlab/session/latest.hpp"
+
+namespace burrlab {
+
+/// Defaults are ours. A stroke is one full turn, out to +amplitude, back through -amplitude and home.
+struct HandSettings {
+  Vec3 start = Vec3(0.0, 0.0, 3.5);  ///< of the burr's centre, out of contact [mm]
+  Vec3 into = Vec3(0.0, 0.0, -1.0);  ///< unit vector into the bone: the hand pushes along it
+  Vec3 along = Vec3(1.0, 0.0, 0.0);  ///< unit vector of the strokes, perpendicular to `into`
+  double push = 1.0;                 ///< static force into the bone [N]
+  double amplitude = 8.0;            ///< of a stroke [mm]
+  double strokes = 1.4;              ///< a second; 0: a still push
+  double strokes_after = 1.0;        ///< they grow to their amplitude over a second from here [s]
+  double approach = 5.0;             ///< speed of the hand towards the bone [mm/s]
+  double follow = 200.0;             ///< time constant with which the hand gives way to the push [ms]
+  double mass = 0.1;                 ///< of hand and device [kg]
+  double damping = 5.0;              ///< of hand and device, b [N s/m]
+  double grip = 0.4;                 ///< spring between the hand's target and the device [N/mm]
+  double friction = 0.0;             ///< Coulomb friction of the device, against its motion [N]
+  double encoder_step = 0.0;         ///< positions are read to the nearest multiple, an axis [mm]; 0: exactly
+  bool on = true;                    ///< the burr turns
+};
+
+/// A point mass with damping and friction, drawn by a spring to where the hand wants it. Along `into` the
+/// hand's target moves, no faster than `approach`, to where the spring pushes with `push`: out of contact
+/// that is the approach, at rest on bone it is that force exactly. The loop's force is held from one reading
+/// to the next. Deterministic.
+class HandDevice : public Device {
+ public:
+  static constexpr double longest_step = 0.02;  ///< of the integration [ms]
+
+  explicit HandDevice(const HandSettings& settings);  ///< throws on a setting out of its range
+
+  void start(double period) override;
+  DeviceReading read(double time, std::uint64_t periods) noexcept override;
+  void write(const Vec3& force) noexcept override;
+  void halt() noexcept override { halted_.store(true, std::memory_order_release); }
+  std::string name() const override { return "simulated hand"; }
+  DeviceModel model() const override {
+    return {settings_.damping, settings_.encoder_step, settings_.friction};
+  }
+
+  const HandSettings& settings() const { return settings_; }
+  void set_on(bool on) { on_.store(on, std::memory_order_release); }  ///< the burr's switch, at any time
+  Vec3 force() const;                                                 ///< that the loop sent last [N]
+
+  // For tests, from the loop's thread or when it stands still.
+  const Vec3& position() const { return position_; }  ///< true one [mm]
+  const Vec3& velocity() const { return velocity_; }  ///< true one [mm/s]
+  const Vec3& target() const { return target_; }      ///< where the hand draws to [mm]
+
+ private:
+  void aim(double time) noexcept;
+  void advance(double time) noexcept;
+  Vec3 reading() const noexcept;
+
+  HandSettings settings_;
+  std::atomic<bool> on_, halted_{false};
+  Latest<std::array<double, 3>> out_;
+
+  double period_ = 1e-3, step_ = 0.0;  // of the loop, of the integration [s]
+  int steps_ = 0;                      // a period
+  double decay_ = 0.0, reach_ = 0.0;   // of a velocity over a step; of its way [s]
+  double drift_ = 0.0;                 // way of a step per acceleration [s^2]
+  double time_ = 0.0;                  // of the simulation [s]
+  bool read_ = false;                  // before
+  double depth_ = 0.0;                 // of the target along `into` [mm]
+  Vec3 position_, velocity_, target_, force_, last_reading_;
+};
+
+}  // namespace burrlab

@@ -1,0 +1,72 @@
+// Devices whose motion is known before: a table over time, or the positions of recorded ticks.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <vector>
+
+#include "burrlab/session/device.hpp"
+#include "burrlab/session/latest.hpp"
+#include "burrlab/session/tick_record.hpp"
+
+namespace burrlab {
+
+/// Moves along straight lines between the rows of a table; before the first row it stands at it, after the
+/// last the session ends.
+class ScriptedDevice : public Device {
+ public:
+  struct Row {
+    double time = 0.0;             ///< [s]
+    Vec3 position = Vec3::Zero();  ///< [mm]
+    bool on = true;                ///< from this row to the next
+  };
+
+  /// Throws unless there are rows, finite, with increasing times.
+  explicit ScriptedDevice(std::vector<Row> rows);
+
+  DeviceReading read(double time, std::uint64_t periods) noexcept override;
+  void write(const Vec3& force) noexcept override { out_.put({force[0], force[1], force[2]}); }
+  void halt() noexcept override { halted_.store(true, std::memory_order_release); }
+  std::string name() const override { return "script"; }
+
+  Vec3 force() const;                                    ///< that the loop sent last [N]
+  double duration() const { return rows_.back().time; }  ///< [s]
+  const std::vector<Row>& rows() const { return rows_; }
+
+ private:
+  std::vector<Row> rows_;
+  std::atomic<bool> halted_{false};
+  Latest<std::array<double, 3>> out_;
+};
+
+/// Gives the device's side of recorded ticks, one a reading, then ends the session. `k` is what the ticks
+/// stood for; a loop on a virtual clock takes one period a tick all the same.
+class ReplayDevice : public Device {
+ public:
+  struct Tick {
+    Vec3 position = Vec3::Zero();  ///< [mm]
+    Vec3 velocity = Vec3::Zero();  ///< [mm/s]
+    bool on = true;
+    std::uint32_t k = 1;
+  };
+
+  /// Throws unless there are ticks, finite, with k 1..8.
+  explicit ReplayDevice(std::vector<Tick> ticks);
+
+  DeviceReading read(double time, std::uint64_t periods) noexcept override;
+  void write(const Vec3& force) noexcept override { out_.put({force[0], force[1], force[2]}); }
+  void halt() noexcept override { halted_.store(true, std::memory_order_release); }
+  std::string name() const override { return "replay"; }
+
+  Vec3 force() const;  ///< that the loop sent last [N]
+  const std::vector<Tick>& ticks() const { return ticks_; }
+  std::size_t next() const { return next_.load(std::memory_order_acquire); }  ///< number of the next tick
+
+ private:
+  std::vector<Tick> ticks_;
+  std::atomic<std::size_t> next_{0};
+  std::atomic<bool> halted_{false};
+  Latest<std::array<double, 3>> out_;
+};
+
+}  // namespace burrlab

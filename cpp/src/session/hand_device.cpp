@@ -1,0 +1,138 @@
+#include "burrlab/session/hand_device.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "burrlab/check.hpp"
+
+namespace burrlab {
+namespace {
+
+constexpr double pi = 3.14159265358979323846;
+
+HandSettings checked(const HandSettings& s) {
+  for (int axis = 0; axis < 3; ++axis) require_finite("start", s.start[axis]);
+  const auto require_unit = [](const char* name, const Vec3& v) {
+    if (!(std::abs(v.norm() - 1.0) < 1e-9)) refuse(std::string("length of ") + name, "1", v.norm());
+  };
+  require_unit("into", s.into);
+  require_unit("along", s.along);
+  if (!(std::abs(s.into.dot(s.along)) < 1e-9))
+    refuse("cosine between into and along", "0", s.into.dot(s.along));
+  require_not_negative("push", s.push);
+  require_not_negative("amplitude", s.amplitude);
+  require_not_negative("strokes", s.strokes);
+  require_not_negative("strokes_after", s.strokes_after);
+  require_positive("approach", s.approach);
+  require_positive("follow", s.follow);
+  require_positive("mass", s.mass);
+  require_not_negative("damping", s.damping);
+  require_positive("grip", s.grip);
+  require_not_negative("friction", s.friction);
+  require_not_negative("encoder_step", s.encoder_step);
+  return s;
+}
+
+}  // namespace
+
+HandDevice::HandDevice(const HandSettings& settings)
+    : settings_(checked(settings)), on_(settings.on), position_(settings.start) {
+  start(1e-3);
+}
+
+void HandDevice::start(double period) {
+  require_positive("period", period);
+  period_ = period;
+  steps_ = int(std::ceil(period / (1e-3 * longest_step) - 1e-9));
+  step_ = period / steps_;
+  // A velocity decays exactly over a step, whatever the damping; without any, it stays.
+  const double rate = settings_.damping / settings_.mass;  // [1/s]
+  decay_ = std::exp(-rate * step_);
+  reach_ = rate > 0.0 ? -std::expm1(-rate * step_) / rate : step_;
+  drift_ = rate * step_ > 1e-4 ? (step_ - reach_) / rate : 0.5 * step_ * step_ * (1.0 - rate * step_ / 3.0);
+  position_ = target_ = settings_.start;
+  velocity_.setZero();
+  force_.setZero();
+  time_ = depth_ = 0.0;
+  read_ = false;
+  last_reading_ = reading();
+}
+
+void HandDevice::aim(double time) noexcept {
+  const HandSettings& s = settings_;
+  const double here = (position_ - s.start).dot(s.into);
+  const double wanted = (here + s.push / s.grip - depth_) / (1e-3 * s.follow);
+  depth_ += step_ * std::clamp(wanted, -s.approach, s.approach);
+  const double since = time - s.strokes_after;
+  const double grown = std::clamp(since, 0.0, 1.0), ease = grown * grown * (3.0 - 2.0 * grown);
+  const double swing = since > 0.0 ? ease * s.amplitude * std::sin(2.0 * pi * s.strokes * since) : 0.0;
+  target_ = s.start + depth_ * s.into + swing * s.along;
+}
+
+// One step: the spring at the middle of its way, friction of constant size against the motion. A motion that
+// friction brings to rest within the step stays at rest while what drives it is no more than the friction.
+void HandDevice::advance(double time) noexcept {
+  const HandSettings& s = settings_;
+  aim(time);
+  const Vec3 drive = force_ + s.grip * (target_ - position_ - (0.5 * step_) * velocity_);
+  const double speed = velocity_.norm(), strength = drive.norm();
+  Vec3 resistance = Vec3::Zero();
+  if (s.friction > 0.0) {
+    if (speed > 0.0) {
+      resistance = (s.friction / speed) * velocity_;
+    } else if (strength <= s.friction) {
+      return;
+    } else {
+      resistance = (s.friction / strength) * drive;
+    }
+  }
+  const Vec3 acceleration = (drive - resistance) * (1e3 / s.mass);  // N/kg is 1000 mm/s^2
+  const Vec3 next = decay_ * velocity_ + reach_ * acceleration;
+  if (s.friction > 0.0 && speed > 0.0 && next.dot(velocity_) <= 0.0) {
+    // Brought to rest after this part of the step, at half the speed on average.
+    const double part = speed / (speed - next.dot(velocity_) / speed);
+    position_ += (0.5 * part * step_) * velocity_;
+    velocity_.setZero();
+    return;
+  }
+  position_ += reach_ * velocity_ + drift_ * acceleration;
+  velocity_ = next;
+}
+
+Vec3 HandDevice::reading() const noexcept {
+  const double step = settings_.encoder_step;
+  if (step <= 0.0) return position_;
+  return {step * std::round(position_[0] / step), step * std::round(position_[1] / step),
+          step * std::round(position_[2] / step)};
+}
+
+DeviceReading HandDevice::read(double, std::uint64_t periods) noexcept {
+  DeviceReading now;
+  double elapsed = 0.0;
+  if (halted_.load(std::memory_order_acquire)) force_.setZero();
+  if (read_) {
+    const auto steps = std::int64_t(std::min<std::uint64_t>(periods, 1000)) * steps_;
+    for (std::int64_t i = 0; i < steps; ++i) advance(time_ + double(i) * step_);
+    elapsed = double(steps) * step_;
+    time_ += elapsed;
+  }
+  read_ = true;
+  now.position = reading();
+  if (elapsed > 0.0) now.velocity = (now.position - last_reading_) / elapsed;
+  last_reading_ = now.position;
+  now.on = on_.load(std::memory_order_acquire);
+  return now;
+}
+
+void HandDevice::write(const Vec3& force) noexcept {
+  force_ = halted_.load(std::memory_order_acquire) ? Vec3(Vec3::Zero()) : force;
+  out_.put({force_[0], force_[1], force_[2]});
+}
+
+Vec3 HandDevice::force() const {
+  std::array<double, 3> force{};
+  if (!halted_.load(std::memory_order_acquire)) out_.get(force, 1000);
+  return {force[0], force[1], force[2]};
+}
+
+}  // namespace burrlab

@@ -23,9 +23,7 @@ def trace_of(tmp_path, center, *, period=1.0, **columns):
         (records if name in ("k",) else burr)[name] = values
     file = tmp_path / "session.h5"
     bone = burrlab.VoxelBone.block((2, 2, 2), 0.1)
-    burrlab.TraceWriter(
-        file, FakeReader(records), bone, tools(), seed=1, period=period, duration=600
-    ).stop()
+    burrlab.TraceWriter(file, FakeReader(records), bone, tools(), seed=1, period=period, duration=600).stop()
     return burrlab.load_trace(file)
 
 
@@ -181,4 +179,3 @@ def test_command_line(tmp_path, capsys):
     assert "peak speed [mm/s]" in capsys.readouterr().out
     assert main(["metrics", str(file), "--burr", "1"]) == 2
     assert "burr must be an index below 1, got 1" in capsys.readouterr().err
-

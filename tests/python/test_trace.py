@@ -239,7 +239,9 @@ def test_a_limit_of_the_system_ends_recording(file):
         [sys.executable, "-c", script, str(file)], capture_output=True, text=True, check=True,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
     )  # fmt: skip
-    assert run.stdout.startswith("1000 recording ended before tick 1000: the file could not be written: File too large")
+    assert run.stdout.startswith(
+        "1000 recording ended before tick 1000: the file could not be written: File too large"
+    )
     trace = burrlab.load_trace(file)
     assert len(trace) == 1000
     assert trace.ended.endswith("File too large")
@@ -309,7 +311,9 @@ def test_frames_and_columns(file):
     assert isinstance(table, pandas.DataFrame)
     assert table.index.name == "index"
     np.testing.assert_array_equal(table["sent_force_y_N"], records["burr"]["sent"][:, 1, 1])
-    np.testing.assert_array_equal(table["device_velocity_z_mm_s"], records["burr"]["device_velocity"][:, 1, 2])
+    np.testing.assert_array_equal(
+        table["device_velocity_z_mm_s"], records["burr"]["device_velocity"][:, 1, 2]
+    )
     assert {"center_x_mm", "radius_mm", "removed_levels", "k", "time_s"} <= set(table.columns)
     with pytest.raises(ValueError, match="burr must be an index below 2, got 2"):
         trace.frame(2)

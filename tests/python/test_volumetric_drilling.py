@@ -31,7 +31,9 @@ def made(tmp_path_factory):
 def test_names_and_shapes_are_the_documented_ones(made):
     file, *_ = made
     found = {}
-    file.visititems(lambda name, item: found.update({name: item.shape} if isinstance(item, h5py.Dataset) else {}))
+    file.visititems(
+        lambda name, item: found.update({name: item.shape} if isinstance(item, h5py.Dataset) else {})
+    )
     samples = len(file["data/time"])
     voxels, groups = len(file["voxels_removed/voxel_removed"]), len(file["voxels_removed/voxel_time_stamp"])
     assert found == {

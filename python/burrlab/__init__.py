@@ -5,8 +5,14 @@ from burrlab._core import (
     BurrContact,
     Contact,
     ContactSeries,
+    Device,
     ForceController,
+    HandDevice,
+    IgtlDevice,
+    MailboxDevice,
     Material,
+    ReplayDevice,
+    ScriptedDevice,
     Shape,
     VoxelBone,
     __version__,
@@ -35,6 +41,8 @@ from burrlab.mean_field import MeanFieldDescent, mean_field_descent, thin_layer_
 from burrlab.rig import Rig, RigReading, VirtualRig
 from burrlab.session.metrics import SessionMetrics, session_metrics
 from burrlab.session.replay import Replay, replay
+from burrlab.session.report import SessionReport
+from burrlab.session.session import Session
 from burrlab.session.snapshot import load_bone, save_bone
 from burrlab.session.trace import Trace, load_trace
 from burrlab.session.trace_writer import TraceWriter
@@ -55,17 +63,25 @@ __all__ = [
     "DepthTrace",
     "Descent",
     "Design",
+    "Device",
     "Experiment",
     "Fit",
     "ForceController",
+    "HandDevice",
+    "IgtlDevice",
     "Indentation",
+    "MailboxDevice",
     "MasterCurve",
     "Material",
     "MeanFieldDescent",
     "Replay",
+    "ReplayDevice",
     "Rig",
     "RigReading",
+    "ScriptedDevice",
+    "Session",
     "SessionMetrics",
+    "SessionReport",
     "Shape",
     "ShapeComparison",
     "Specimen",

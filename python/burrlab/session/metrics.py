@@ -123,9 +123,10 @@ class SessionMetrics:
         top, middle, bottom = figure.subplots(3, 1, sharex=True)
         s = self.series
         top.plot(s["time"], s["force"], color=FORCE, linewidth=0.6)
-        top.axhline(self.threshold, color=REFERENCE, linewidth=0.8, linestyle="--", label="threshold")
+        if self.peak_force > 0.5 * self.threshold:
+            top.axhline(self.threshold, color=REFERENCE, linewidth=0.8, linestyle="--", label="threshold")
+            top.legend(fontsize=8, frameon=False)
         top.set_ylabel("force [N]")
-        top.legend(fontsize=8, frameon=False)
         middle.plot(s["motion_time"], s["speed"], color=VELOCITY, linewidth=0.8)
         middle.set_ylabel("speed [mm/s]")
         bottom.plot(s["time"], s["removed"], color=POSITION, linewidth=1.2)

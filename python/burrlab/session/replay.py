@@ -132,7 +132,7 @@ def replay(
     for mark in marks:
         if mark > done:
             rows = trace.ticks[done:mark]
-            again = to_rows(executor.execute(_inputs(rows)), trace.burrs)
+            again = to_rows(executor.execute(inputs(rows)), trace.burrs)
             difference = _first_difference(rows, again)
             done = mark
         if difference is None and trace.first_tick + mark in digests:
@@ -145,7 +145,7 @@ def replay(
     return Replay(done, compared, difference, executor.tick, path, bone)
 
 
-def _inputs(rows: NDArray[np.void]) -> NDArray[np.void]:
+def inputs(rows: NDArray[np.void]) -> NDArray[np.void]:
     """Records with all that the model gives blanked out, so that nothing recorded can pass for replayed."""
     blank = np.zeros_like(rows)
     for name in ("index", "k"):

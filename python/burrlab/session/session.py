@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from burrlab._core import Burr, Device, Follower, HapticLoop, Material, RecordReader, TickExecutor, VoxelBone
 from burrlab.provenance import provenance
-from burrlab.session.network import open_publisher
 from burrlab.session.report import SessionReport
 from burrlab.session.trace_writer import DEFAULT_DURATION, TraceWriter
 
@@ -125,9 +124,7 @@ class Session:
             raise ValueError(f"digest_every must be positive, got {digest_every!r}")
         period = 1e3 / rate
         start = bone.copy()
-        self._executor = TickExecutor(
-            start, self.tools, self.seed, period=period, scheme=scheme, tick=tick
-        )
+        self._executor = TickExecutor(start, self.tools, self.seed, period=period, scheme=scheme, tick=tick)
         ticks = 0 if duration is None else max(1, round(duration * rate))
         self._loop = HapticLoop(
             self._executor, self.devices, wall_clock=wall_clock, realtime=realtime,
@@ -147,6 +144,8 @@ class Session:
         self._publisher: Publisher | None = None
         self._writer: TraceWriter | None = None
         if publish is not None:
+            from burrlab.session.network import open_publisher
+
             self._publisher = open_publisher(
                 self._follower, self.provenance, host=host, port=publish, header_version=header_version
             )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from burrlab._core import Burr, Material, VoxelBone
 from burrlab.dataset import frame
 from burrlab.session.snapshot import open_hdf5, read_bone
-from burrlab.session.trace_file import BURR_DTYPE, FORMAT, FORMAT_VERSION, row_dtype
+from burrlab.session.trace_file import BURR_COLUMNS, FORMAT, FORMAT_VERSION, TICK_COLUMNS, row_dtype
 
 if TYPE_CHECKING:
     import h5py
@@ -119,12 +119,12 @@ class Trace:
             If there is no such column or burr.
         """
         self._check_burr(burr)
-        if name in self.ticks.dtype.names and name != "burr":
+        if name in TICK_COLUMNS:
             return self.ticks[name]
-        if name in BURR_DTYPE.names:  # type: ignore[operator]
+        if name in BURR_COLUMNS:
             return self.ticks["burr"][name][:, burr]
-        names = [n for n in self.ticks.dtype.names if n != "burr"] + list(BURR_DTYPE.names or ())
-        raise ValueError(f"name must be one of {', '.join(names)}, got '{name}'")
+        names = ", ".join(TICK_COLUMNS + BURR_COLUMNS)
+        raise ValueError(f"name must be one of {names}, got '{name}'")
 
     def frame(self, burr: int = 0) -> pandas.DataFrame:
         """One burr's ticks as a pandas DataFrame, the tick's index as its index; vectors as _x, _y, _z before the unit.
@@ -137,8 +137,8 @@ class Trace:
             If pandas is not installed.
         """
         self._check_burr(burr)
-        columns = {name: self.ticks[name] for name in self.ticks.dtype.names if name != "burr"}
-        for name in BURR_DTYPE.names or ():
+        columns: dict[str, Any] = {name: self.ticks[name] for name in TICK_COLUMNS}
+        for name in BURR_COLUMNS:
             values = self.array(name, burr)
             if values.ndim == 1:
                 columns[name] = values

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -33,13 +32,15 @@ _BURR = [
     ("device_position_mm", "<f8", (3,), "device_position"),
     ("device_velocity_mm_s", "<f8", (3,), "device_velocity"), ("age_ms", "<f8", (), "age"),
 ]  # fmt: skip
+BURR_COLUMNS = tuple(name for name, *_ in _BURR)
+TICK_COLUMNS = tuple(name for name, *_ in _TICK)
 BURR_DTYPE = np.dtype([(name, kind, shape) for name, kind, shape, _ in _BURR])
 DIGEST_DTYPE = np.dtype([("tick", "<u8"), ("digest", "S32")])
 
 
 def row_dtype(burrs: int) -> np.dtype[Any]:
     """Type of a row of `ticks`: a tick, and a compound for each of its burrs."""
-    return np.dtype([(name, kind) for name, kind, _ in _TICK] + [("burr", BURR_DTYPE, (burrs,))])  # type: ignore[misc]
+    return np.dtype([(name, kind) for name, kind, _ in _TICK] + [("burr", BURR_DTYPE, (burrs,))])
 
 
 def to_rows(records: NDArray[np.void], burrs: int) -> NDArray[np.void]:
@@ -75,7 +76,7 @@ class Header:
     first_tick: int = 0
     devices: Sequence[str] = ()
     source: str = ""
-    note: Mapping[str, Any] | None = None
+    note: str = "{}"  # JSON
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ def create(path: Path, header: Header, bone: VoxelBone, *, capacity: int, digest
     """
     import h5py
 
-    with h5py.File(path, "x", alignment_threshold=1, alignment_interval=64) as file:
+    with h5py.File(path, "w", alignment_threshold=1, alignment_interval=64) as file:
         _write_header(file, header, bone)
         names = {
             "ticks": _table(file, "ticks", row_dtype(len(header.tools)), capacity),
@@ -146,7 +147,7 @@ def _write_header(file: h5py.File, header: Header, bone: VoxelBone) -> None:
             "device": header.devices[i] if i < len(header.devices) else "",
         }.items():  # fmt: skip
             group.attrs[name] = value
-    file.create_dataset("note", data=json.dumps(header.note or {}))
+    file.create_dataset("note", data=header.note)
 
 
 def make_compact(path: Path, part: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import math
 import os
 import threading
@@ -15,7 +17,13 @@ from numpy.typing import NDArray
 from burrlab._core import Burr, Material, VoxelBone
 from burrlab.session.snapshot import check_tick
 from burrlab.session.trace_file import (
-    DIGEST_DTYPE, ENDED_LENGTH, Header, create, make_compact, row_dtype, to_rows,
+    DIGEST_DTYPE,
+    ENDED_LENGTH,
+    Header,
+    create,
+    make_compact,
+    row_dtype,
+    to_rows,
 )  # fmt: skip
 
 DEFAULT_DURATION = 4 * 3600.0  # [s] of ticks there is room for
@@ -97,16 +105,16 @@ class TraceWriter:
     ) -> None:
         self.path = Path(path)
         _check(tools, seed, period, first_tick, duration)
-        header = Header(tools, seed, period, scheme, first_tick, devices, source, note)
-        capacity = max(1, math.ceil(duration * 1000.0 / period))
-        try:
-            self._places = create(
-                self.path, header, bone, capacity=capacity, digest_capacity=math.ceil(duration) + 16
-            )
-        except (OSError, TypeError, ValueError) as error:
-            if isinstance(error, FileExistsError) or self.path.exists() and "file exists" in str(error):
-                raise FileExistsError(f"path must be a new file, {self.path} exists") from None
-            self.path.unlink(missing_ok=True)
+        header = Header(tools, seed, period, scheme, first_tick, devices, source, _json(note))
+        rows, digests = max(1, math.ceil(duration * 1000.0 / period)), math.ceil(duration) + 16
+        self._part = Path(f"{self.path}.part")
+        if self.path.exists():
+            raise FileExistsError(f"path must be a new file, {self.path} exists")
+        try:  # a kill while the file is made leaves none of this name
+            self._places = create(self._part, header, bone, capacity=rows, digest_capacity=digests)
+            self._part.rename(self.path)
+        except OSError:
+            self._part.unlink(missing_ok=True)
             raise
         self._reader, self._burrs, self._first, self._on_end = reader, len(tools), first_tick, on_end
         self._row_bytes = row_dtype(self._burrs).itemsize
@@ -269,16 +277,23 @@ class TraceWriter:
         self._ended = text
 
     def _compact(self) -> None:
-        part = Path(f"{self.path}.part")
         try:
-            make_compact(self.path, part)
+            make_compact(self.path, self._part)
         except (OSError, RuntimeError, ValueError, KeyError) as error:
             self._compact_error = f"{self.path} stays as it was recorded, it could not be compacted: {error}"
-            part.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                self._part.unlink(missing_ok=True)
 
 
 def _write(file: int, data: bytes | memoryview, at: int) -> int:
     return os.pwrite(file, data, at)
+
+
+def _json(note: Mapping[str, Any] | None) -> str:
+    try:
+        return json.dumps(dict(note or {}), allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"note must be what JSON holds: {error}") from None
 
 
 def _check(

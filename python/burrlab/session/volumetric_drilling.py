@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import TickExecutor, VoxelBone
-from burrlab.session.replay import _inputs
+from burrlab.session.replay import inputs
 from burrlab.session.trace import Trace
 
 if TYPE_CHECKING:
@@ -123,10 +123,12 @@ def _write_voxels(
         bone, list(trace.tools), trace.seed, period=trace.period, scheme=trace.scheme, tick=trace.first_tick
     )
     gone = np.zeros(bone.shape, dtype=bool)
-    times, voxels, colors = [], [], []
+    times: list[float] = []
+    voxels: list[NDArray[np.float64]] = []
+    colors: list[NDArray[np.float64]] = []
     for first in range(0, len(trace), _GROUP):
         rows = trace.ticks[first : first + _GROUP]
-        executor.execute(_inputs(rows))
+        executor.execute(inputs(rows))
         found = _newly_gone(bone, before, gone, trace, rows)
         if len(found):
             group = np.full((len(found), 1), float(len(times)))

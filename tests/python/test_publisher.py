@@ -8,6 +8,7 @@ import struct
 import subprocess
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from replica_scenes import Leader, messages_of, name_of, soon
 from burrlab import _core
 from burrlab.session.network import follow
 
+EXAMPLES = Path("/usr/share/doc/openigtlink-examples/examples")
 NEWTON = (0x0B << 54) | (1 << 50)
 WORD = struct.pack(">IIQQ32s", 1, 1, 1, 0, b"0" * 32)  # protocol, holds, session, tick, digest
 
@@ -83,8 +85,8 @@ def test_slow_standard_peer_gets_the_newest():
     assert ticks == sorted(ticks)
     assert status["skipped"] > 500 and status["cut_off"] == 0
     assert framer.counters["messages"] > 300
-    # What lies in the buffers of both systems is old; nothing else is.
-    assert len(sent) - ticks[-1] < 1500
+    # What lies in the buffers of both systems is old, about a tenth of a second at this rate; nothing else is.
+    assert len(sent) - ticks[-1] < 800
 
 
 def test_peer_that_takes_nothing_is_dropped():
@@ -146,7 +148,10 @@ def test_replica_is_told_what_the_protocol_says():
         (b"GET / HTTP/1.1\r\n" * 10, "framing_lost"),
         (_core.encode_ndarray_uint8("burrlab_replica", b"\0" * 55), "bad_words"),
         (_core.encode_ndarray_uint8("burrlab_replica", struct.pack(">I", 2) + WORD[4:]), "bad_words"),
-        (_core.encode_ndarray_uint8("burrlab_replica", WORD[:4] + struct.pack(">I", 9) + WORD[8:]), "bad_words"),
+        (
+            _core.encode_ndarray_uint8("burrlab_replica", WORD[:4] + struct.pack(">I", 9) + WORD[8:]),
+            "bad_words",
+        ),
         (_core.encode_ndarray_float64("burrlab_replica", np.zeros(7)), "bad_words"),
         (_core.encode_ndarray_uint8("burrlab_replica", WORD), "hellos"),  # of another session
         (_core.encode_transform("burr", (1, 2, 3))[:-1] + b"\7", None),
@@ -179,7 +184,10 @@ class Attack:
 
     def run(self, seed):
         chance = random.Random(seed)
-        good = [_core.encode_transform("burr", (1, 2, 3)), _core.encode_ndarray_uint8("burrlab_replica", WORD)]
+        good = [
+            _core.encode_transform("burr", (1, 2, 3)),
+            _core.encode_ndarray_uint8("burrlab_replica", WORD),
+        ]
         while not self.ending.is_set():
             with contextlib.suppress(OSError), connect(self.leader) as peer:
                 self.connections += 1
@@ -187,7 +195,9 @@ class Attack:
                     data = bytearray(chance.choice(good) * chance.randrange(1, 5))
                     for _ in range(chance.randrange(4)):
                         data[chance.randrange(len(data))] = chance.randrange(256)
-                    peer.sendall(data if chance.random() < 0.7 else chance.randbytes(chance.randrange(1, 50_000)))
+                    peer.sendall(
+                        data if chance.random() < 0.7 else chance.randbytes(chance.randrange(1, 50_000))
+                    )
                 if chance.random() < 0.3:
                     peer.recv(100)
 
@@ -232,6 +242,7 @@ def test_hostile_peers_beside_a_session(ticks, record_property, capsys):
 def test_a_thousand_connections():
     with Leader(most_peers=8) as leader:
         replica = follow("127.0.0.1", leader.port)
+        assert soon(lambda: replica.status["connected"])
         peers = []
         with contextlib.suppress(OSError):
             for _ in range(1000):
@@ -246,7 +257,7 @@ def test_a_thousand_connections():
         with connect(leader) as peer:
             receive(peer, 10)
         leader.end()
-        assert replica.wait(5)
+        assert replica.wait(5), replica.status
     assert replica.status["faults"] == 0
     assert replica.digest() == leader.digest
 
@@ -256,9 +267,9 @@ def test_libopenigtlink_decodes_all(build, tmp_path):
     with Leader() as leader:
         with (tmp_path / "out").open("w") as out:
             peer = subprocess.Popen(
-                [build(__import__("pathlib").Path(__file__).with_name("openigtlink_peer.cpp")), "127.0.0.1", str(leader.port)],
+                [build(Path(__file__).with_name("openigtlink_peer.cpp")), "127.0.0.1", str(leader.port)],
                 stdout=out,
-            )  # fmt: skip
+            )
             assert soon(lambda: leader.publisher.status["standard_peers"] == 1)
             leader.run_to(leader.tick + 1200)
             leader.end()
@@ -276,19 +287,21 @@ def test_libopenigtlink_decodes_all(build, tmp_path):
     assert np.array_equal(forces, last["force"][:, 0] * (-1, -1, 1))
 
 
-def test_example_client_of_libopenigtlink(build):
-    """The example ReceiveClient, as Debian ships it: it prints a TRANSFORM and a SENSOR of each tick."""
-    from test_openigtlink import EXAMPLES
-
+def test_example_client_of_libopenigtlink(build, tmp_path):
+    """The example ReceiveClient, as Debian ships it: it prints a line for each TRANSFORM that it could unpack."""
     program = build(EXAMPLES / "Receiver" / "ReceiveClient.cxx")
-    with Leader() as leader:
-        peer = subprocess.Popen(["stdbuf", "-o0", program, "127.0.0.1", str(leader.port)], stdout=subprocess.PIPE, text=True)
+    with Leader() as leader, (tmp_path / "out").open("w") as out:
+        peer = subprocess.Popen(
+            [program, "127.0.0.1", str(leader.port)], stdout=subprocess.DEVNULL, stderr=out
+        )
         assert soon(lambda: leader.publisher.status["standard_peers"] == 1)
-        leader.run_to(leader.tick + 1100)
-        peer.kill()
-        text, _ = peer.communicate()
+        leader.run_to(leader.tick + 1200)
         skipped = leader.publisher.status["skipped"]
+        peer.kill()
+        peer.wait()
+    text = (tmp_path / "out").read_text()
     assert text.count("Receiving TRANSFORM data type") >= 1000
+    assert text.count("Receiving : SENSOR") >= 1000
     assert skipped == 0
 
 

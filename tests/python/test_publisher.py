@@ -83,7 +83,8 @@ def test_slow_standard_peer_gets_the_newest():
     place = {tuple(position): i for i, position in enumerate(sent)}
     ticks = [place[tuple(p)] for p in positions]
     assert ticks == sorted(ticks)
-    assert status["skipped"] > 500 and status["cut_off"] == 0
+    assert status["skipped"] > 500
+    assert status["cut_off"] == 0
     assert framer.counters["messages"] > 300
     # What lies in the buffers of both systems is old, about a tenth of a second at this rate; nothing else is.
     assert len(sent) - ticks[-1] < 800
@@ -126,7 +127,8 @@ def test_replica_is_told_what_the_protocol_says():
                 continue
             names.append(name)
             if name == "burrlab_tick":
-                assert message.value[0] == next_tick and message.value.shape == (16,)
+                assert message.value[0] == next_tick
+                assert message.value.shape == (16,)
                 next_tick += 1
             elif name == "burrlab_end":
                 tick, told, failed = struct.unpack(">Q32sI", message.value[:44])
@@ -135,7 +137,8 @@ def test_replica_is_told_what_the_protocol_says():
                 break
         peer.shutdown(socket.SHUT_RDWR)
         ending.join()
-    assert names[0] == "burrlab_hello" and names[-1] == "burrlab_end"
+    assert names[0] == "burrlab_hello"
+    assert names[-1] == "burrlab_end"
     assert names.count("burrlab_tick") == leader.tick >= 350
     assert set(names) <= {"burrlab_hello", "burrlab_tick", "burrlab_digest", "burrlab_idle", "burrlab_end"}
     assert names.count("burrlab_digest") >= 3
@@ -233,7 +236,8 @@ def test_hostile_peers_beside_a_session(ticks, record_property, capsys):
             assert replica.status["faults"] == 0
             assert replica.digest() == leader.digest == leader.executor.bone.digest()
     assert attack.connections > 50
-    assert status["framing_lost"] > 0 and sum(status["dropped"].values()) > 0
+    assert status["framing_lost"] > 0
+    assert sum(status["dropped"].values()) > 0
     record_property("figures", figures)
     with capsys.disabled():
         print(f"\n    {figures}, {attack.connections} connections, {status}")
@@ -319,4 +323,5 @@ def test_pyigtl_reads_poses_and_forces(pyigtl):
         leader.loop.stop()
         records = records_of(leader)
     sent = {tuple(p) for p in (records["burr"]["center"][:, 0] * (-1, -1, 1)).astype(np.float32)}
-    assert len(set(poses)) > 5 and set(poses) <= sent
+    assert len(set(poses)) > 5
+    assert set(poses) <= sent

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cstring>
+#include <optional>
 
 #include "bindings.hpp"
 #include "burrlab/session/follower.hpp"
@@ -86,24 +87,6 @@ py::array_t<double> to_array(const std::vector<double>& v) {
   return py::array_t<double>(static_cast<py::ssize_t>(v.size()), v.data());
 }
 
-py::dict to_dict(const BoneView::Update& update, const VoxelBone& bone) {
-  const auto n = static_cast<py::ssize_t>(update.bricks.size());
-  py::array_t<std::int64_t> bricks({n, py::ssize_t{3}});
-  for (py::ssize_t i = 0; i < n; ++i) {
-    const Index3 at = bone.place(update.bricks[std::size_t(i)]);
-    std::copy(at.begin(), at.end(), bricks.mutable_data(i, 0));
-  }
-  py::array_t<std::uint8_t> density({n, py::ssize_t{8}, py::ssize_t{8}, py::ssize_t{8}});
-  if (n) std::memcpy(density.mutable_data(), update.density.data(), update.density.size());
-  py::dict out;
-  out["tick"] = update.tick;
-  out["newest"] = update.any ? py::object(to_array(std::vector<TickRecord>{update.newest})[py::int_(0)])
-                             : py::object(py::none());
-  out["bricks"] = bricks;
-  out["density"] = density;
-  return out;
-}
-
 void bind_loop(py::module_& m) {
   py::class_<LoopCounts>(m, "LoopCounts", "Counts since the start of a loop.")
       .def_readonly("ticks", &LoopCounts::ticks, "Executed")
@@ -168,15 +151,22 @@ ring : float
     Records kept for readers [s].
 ticks : int
     End after so many; 0: when stopped.
+force_limit : float
+    Of the force sent, a burr [N].
+slew_limit : float
+    Of its change [N/ms].
+coupling : float, optional
+    Stiffness of a spring between device and burr [N/mm]; without it the burr is where the device is.
 
 Raises
 ------
 ValueError
-    If there is not one device a burr, the rate is above 10 kHz, or a limit is not positive.
+    If there is not one device a burr, the rate is above 10 kHz, or a limit or the coupling is not positive.
 )")
       .def(py::init([](std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
                        bool wall_clock, bool realtime, int cpu, double stall_limit, double ring,
-                       std::uint64_t ticks) {
+                       std::uint64_t ticks, double force_limit, double slew_limit,
+                       std::optional<double> coupling) {
              LoopSettings settings;
              settings.wall_clock = wall_clock;
              settings.realtime.priority = settings.realtime.lock_memory = realtime;
@@ -184,11 +174,16 @@ ValueError
              settings.stall_limit = stall_limit;
              settings.ring = ring;
              settings.ticks = ticks;
+             settings.force_limit = force_limit;
+             settings.slew_limit = slew_limit;
+             if (coupling) require_positive("coupling", settings.coupling = *coupling);
              return std::make_shared<HapticLoop>(std::move(executor), std::move(devices), settings);
            }),
            py::arg("executor"), py::arg("devices"), py::kw_only(), py::arg("wall_clock") = true,
            py::arg("realtime") = true, py::arg("cpu") = -1, py::arg("stall_limit") = defaults.stall_limit,
-           py::arg("ring") = defaults.ring, py::arg("ticks") = 0)
+           py::arg("ring") = defaults.ring, py::arg("ticks") = 0,
+           py::arg("force_limit") = defaults.force_limit, py::arg("slew_limit") = defaults.slew_limit,
+           py::arg("coupling") = py::none())
       .def("start", &HapticLoop::start, py::call_guard<py::gil_scoped_release>(),
            "Starts the thread; once. ValueError the second time.")
       .def("stop", &HapticLoop::stop, py::arg("reason") = "stopped", py::call_guard<py::gil_scoped_release>(),
@@ -203,6 +198,15 @@ ValueError
       .def_property_readonly("realtime_notes", &HapticLoop::realtime_notes,
                              "What was asked of the system, and whether it was granted: a sentence each")
       .def_property_readonly("counts", &HapticLoop::counts)
+      .def(
+          "energy",
+          [](const HapticLoop& loop, std::size_t burr) {
+            const EnergyGiven e = loop.energy(burr);
+            return py::make_tuple(e.now, e.most);
+          },
+          py::arg("burr") = 0,
+          "(given to the hand minus taken from it, the largest so far) [mJ]: above zero the sampled force "
+          "made it.")
       .def_property_readonly("jitter", &HapticLoop::jitter, py::return_value_policy::reference_internal,
                              "|time since the last tick - whole periods|")
       .def_property_readonly("lateness", &HapticLoop::lateness, py::return_value_policy::reference_internal,
@@ -278,6 +282,24 @@ rebuild_after : float
             return py::make_tuple(s.tick, s.stiffness, s.force);
           },
           py::arg("burr") = 0, "(tick, k = dF/dH along the normal [N/mm], force [N]) measured last.")
+      .def(
+          "stability",
+          [](const Follower& f, std::size_t burr) {
+            const StabilityReport r = f.stability(burr);
+            py::dict out;
+            out["force_N"] = r.force;
+            out["stiffness_N_per_mm"] = r.k;
+            out["limit_N_per_mm"] = r.limit;
+            out["ratio"] = r.ratio;
+            out["force_at_limit_N"] = r.force_at_limit;
+            out["warning"] = r.warning;
+            return out;
+          },
+          py::arg("burr") = 0,
+          "The stiffness measured last against the passivity limit of the burr's device: force_N, "
+          "stiffness_N_per_mm, limit_N_per_mm, ratio, force_at_limit_N (below it the limit is exceeded in "
+          "this "
+          "hole), warning (ratio above 0.8); nan where the device does not say its damping.")
       .def("digest", &Follower::digest, py::call_guard<py::gil_scoped_release>(), "Of the bone now.")
       .def(
           "snapshot",
@@ -309,6 +331,24 @@ rebuild_after : float
 }
 
 }  // namespace
+
+py::dict to_dict(const BoneView::Update& update, const VoxelBone& bone) {
+  const auto n = static_cast<py::ssize_t>(update.bricks.size());
+  py::array_t<std::int64_t> bricks({n, py::ssize_t{3}});
+  for (py::ssize_t i = 0; i < n; ++i) {
+    const Index3 at = bone.place(update.bricks[std::size_t(i)]);
+    std::copy(at.begin(), at.end(), bricks.mutable_data(i, 0));
+  }
+  py::array_t<std::uint8_t> density({n, py::ssize_t{8}, py::ssize_t{8}, py::ssize_t{8}});
+  if (n) std::memcpy(density.mutable_data(), update.density.data(), update.density.size());
+  py::dict out;
+  out["tick"] = update.tick;
+  out["newest"] = update.any ? py::object(to_array(std::vector<TickRecord>{update.newest})[py::int_(0)])
+                             : py::object(py::none());
+  out["bricks"] = bricks;
+  out["density"] = density;
+  return out;
+}
 
 void bind_session(py::module_& m) {
   PYBIND11_NUMPY_DTYPE(BurrRecord, center, radius, material, on, touching, ambiguous, unused, force,

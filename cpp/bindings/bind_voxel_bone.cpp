@@ -247,6 +247,25 @@ Raises
 ValueError
     If the box leaves the volume, or a value is out of range.
 )")
+      .def(
+          "restore",
+          [](VoxelBone& bone, const py::array& density) {
+            const Levels levels = to_levels(density, {});
+            if (shape_of(density) != bone.shape())
+              throw std::invalid_argument("density must have the shape of the bone");
+            bone.restore(levels.data());
+          },
+          py::arg("density"), R"(Sets present levels and keeps the pristine ones, as from a snapshot.
+
+Parameters
+----------
+density : ndarray, shape (nz, ny, nx), uint8
+
+Raises
+------
+ValueError
+    If its shape is another than the bone's, or a level is above the pristine one.
+)")
       .def("reset", &VoxelBone::reset, "Puts back all that was eroded.")
       .def("digest", &VoxelBone::digest, py::call_guard<py::gil_scoped_release>(),
            "128 bits as 32 hexadecimal digits over geometry, present and pristine levels: a sum over 8^3 "

@@ -38,4 +38,6 @@ PYBIND11_MODULE(_core, m) {
   bind_session(m);
   bind_device(m);  // after the base class
   bind_stability(m);
+  bind_openigtlink(m);
+  bind_network(m);
 }

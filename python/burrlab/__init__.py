@@ -5,8 +5,14 @@ from burrlab._core import (
     BurrContact,
     Contact,
     ContactSeries,
+    Device,
     ForceController,
+    HandDevice,
+    IgtlDevice,
+    MailboxDevice,
     Material,
+    ReplayDevice,
+    ScriptedDevice,
     Shape,
     VoxelBone,
     __version__,
@@ -33,6 +39,14 @@ from burrlab.master_curve import MasterCurve, penetration_velocity
 from burrlab.materials import materials
 from burrlab.mean_field import MeanFieldDescent, mean_field_descent, thin_layer_velocity
 from burrlab.rig import Rig, RigReading, VirtualRig
+from burrlab.session.metrics import SessionMetrics, session_metrics
+from burrlab.session.replay import Replay, replay
+from burrlab.session.report import SessionReport
+from burrlab.session.session import Session
+from burrlab.session.snapshot import load_bone, save_bone
+from burrlab.session.trace import Trace, load_trace
+from burrlab.session.trace_writer import TraceWriter
+from burrlab.session.volumetric_drilling import export_volumetric_drilling
 from burrlab.specimen import Specimen, half_space, surface_along
 from burrlab.store import Store
 from burrlab.study import StudyInterrupted
@@ -49,20 +63,32 @@ __all__ = [
     "DepthTrace",
     "Descent",
     "Design",
+    "Device",
     "Experiment",
     "Fit",
     "ForceController",
+    "HandDevice",
+    "IgtlDevice",
     "Indentation",
+    "MailboxDevice",
     "MasterCurve",
     "Material",
     "MeanFieldDescent",
+    "Replay",
+    "ReplayDevice",
     "Rig",
     "RigReading",
+    "ScriptedDevice",
+    "Session",
+    "SessionMetrics",
+    "SessionReport",
     "Shape",
     "ShapeComparison",
     "Specimen",
     "Store",
     "StudyInterrupted",
+    "Trace",
+    "TraceWriter",
     "VelocityCurve",
     "VirtualRig",
     "Volume",
@@ -74,9 +100,12 @@ __all__ = [
     "design",
     "elastic_force",
     "erode",
+    "export_volumetric_drilling",
     "fit",
     "force_sweep",
     "half_space",
+    "load_bone",
+    "load_trace",
     "materials",
     "mean_field_descent",
     "moments",
@@ -84,6 +113,9 @@ __all__ = [
     "penetration_velocity",
     "predicted_scatter",
     "read_volume",
+    "replay",
+    "save_bone",
+    "session_metrics",
     "surface_along",
     "synthetic_curve",
     "synthetic_indentation",

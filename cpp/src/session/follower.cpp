@@ -10,7 +10,6 @@ namespace burrlab {
 namespace {
 
 constexpr std::size_t batch = 256;  // ticks between looks at other things
-constexpr double half_step = 0.02;  // of the difference that gives the stiffness [mm]
 
 Vec3 to_vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
 
@@ -144,21 +143,14 @@ void Follower::rebuild() {
   }
 }
 
-// k = dF/dH: the force along the normal, felt 20 um to both sides.
 void Follower::measure_stiffness() {
   const std::int64_t now = steady_now();
   if (!any_ || double(now - last_stiffness_) < 1e6 * settings_.stiffness_every) return;
   last_stiffness_ = now;
   for (std::size_t i = 0; i < bone_.executor().burrs(); ++i) {
     const Vec3 center = to_vector(newest_.burr[i].center);
-    const Contact here = bone_.executor().probe(i, center);
-    StiffnessAt& at = stiffness_[i];
-    at = {bone_.tick(), 0.0, here.force.norm()};
-    if (!(at.force > 0.0)) continue;
-    const Vec3 n = here.force / at.force;
-    const double nearer = bone_.executor().probe(i, center - half_step * n).force.dot(n);
-    const double farther = bone_.executor().probe(i, center + half_step * n).force.dot(n);
-    at.stiffness = (nearer - farther) / (2.0 * half_step);
+    stiffness_[i] = {bone_.tick(), measured_stiffness(bone_.executor(), i, center),
+                     to_vector(newest_.burr[i].force).norm(), newest_.burr[i].age};
   }
 }
 
@@ -181,6 +173,15 @@ StiffnessAt Follower::stiffness(std::size_t burr) const {
   return stiffness_[burr];
 }
 
+StabilityReport Follower::stability(std::size_t burr) const {
+  const StiffnessAt at = stiffness(burr);
+  const SessionSetup& setup = loop_->executor()->setup();
+  const double coupling = loop_->settings().coupling;
+  return stability_report(at.force, at.stiffness, setup.tools[burr], loop_->devices()[burr]->model(),
+                          setup.period, at.age, 0.0,
+                          coupling > 0.0 ? coupling : std::numeric_limits<double>::infinity());
+}
+
 TickRecord Follower::newest() const {
   const std::lock_guard<std::mutex> lock(mutex_);
   return newest_;
@@ -190,6 +191,11 @@ std::shared_ptr<VoxelBone> Follower::snapshot(std::uint64_t& tick) const {
   const std::lock_guard<std::mutex> lock(mutex_);
   tick = bone_.tick();
   return std::make_shared<VoxelBone>(bone_.bone());
+}
+
+void Follower::visit(const std::function<void(FollowedBone&)>& function) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  function(bone_);
 }
 
 std::string Follower::digest() const {

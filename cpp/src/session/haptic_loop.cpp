@@ -15,6 +15,8 @@ std::int64_t to_nanoseconds(double milliseconds) { return std::llround(milliseco
 
 bool finite(const Vec3& v) { return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]); }
 
+Vec3 to_vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
+
 void set(std::array<double, 3>& to, const Vec3& from) { to = {from[0], from[1], from[2]}; }
 
 std::size_t ring_size(const LoopSettings& settings, double period) {
@@ -42,6 +44,9 @@ HapticLoop::HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::
     if (!device) throw std::invalid_argument("device must be a Device, got None");
   require_positive("stall_limit", settings.stall_limit);
   record_.burrs = std::uint32_t(devices_.size());
+  guards_.assign(devices_.size(), ForceGuard(settings.force_limit, settings.slew_limit));
+  if (settings.coupling != 0.0) couplings_.assign(devices_.size(), VirtualCoupling(settings.coupling));
+  observers_.resize(devices_.size());
 }
 
 HapticLoop::~HapticLoop() { stop(); }
@@ -104,6 +109,11 @@ LoopCounts HapticLoop::counts() const {
   return {ticks_.load(relaxed), late_.load(relaxed), missed_.load(relaxed), dropped_.load(relaxed)};
 }
 
+EnergyGiven HapticLoop::energy(std::size_t burr) const {
+  if (burr >= devices_.size()) refuse("burr", "below " + std::to_string(devices_.size()), double(burr));
+  return {energy_[burr].load(std::memory_order_relaxed), most_energy_[burr].load(std::memory_order_relaxed)};
+}
+
 void HapticLoop::halt_devices() noexcept {
   for (const auto& device : devices_) device->halt();
 }
@@ -159,10 +169,9 @@ void HapticLoop::run() {
   running_.store(false, std::memory_order_release);
 }
 
-bool HapticLoop::tick(std::uint64_t periods, double time) {
+// False where the session ends. A coupling moves the burr off the device.
+bool HapticLoop::read_devices(std::uint64_t periods, double time, bool& waiting) {
   using Status = DeviceReading::Status;
-  const std::int64_t cpu_start = thread_cpu_now();
-  bool waiting = false;
   for (std::size_t i = 0; i < devices_.size(); ++i) {
     const DeviceReading reading = devices_[i]->read(time, periods);
     const auto who = [i] { return "device " + std::to_string(i); };
@@ -184,26 +193,48 @@ bool HapticLoop::tick(std::uint64_t periods, double time) {
     burr.age = reading.age;
     burr.on = reading.on;
   }
-  if (waiting) return true;
+  if (waiting || couplings_.empty()) return true;
+  for (std::size_t i = 0; i < devices_.size(); ++i) {
+    BurrRecord& burr = record_.burr[i];
+    const Coupled coupled = couplings_[i].couple(*executor_, i, to_vector(burr.device_position));
+    set(burr.center, coupled.center);
+    wanted_[i] = coupled.force;
+  }
+  return true;
+}
 
-  constexpr auto relaxed = std::memory_order_relaxed;
+bool HapticLoop::send_forces() {
+  for (std::size_t i = 0; i < devices_.size(); ++i) {
+    BurrRecord& burr = record_.burr[i];
+    if (couplings_.empty()) wanted_[i] = to_vector(burr.force);
+    if (!finite(wanted_[i]) || !finite(to_vector(burr.force))) {
+      halt_devices();
+      return end("the force of burr " + std::to_string(i) + " is not finite", true), false;
+    }
+    const Vec3 sent = guards_[i].apply(wanted_[i], record_.k * executor_->setup().period);
+    devices_[i]->write(sent);
+    set(burr.sent, sent);
+    observers_[i].update(to_vector(burr.device_position), sent);
+    energy_[i].store(observers_[i].energy(), std::memory_order_relaxed);
+    most_energy_[i].store(observers_[i].most(), std::memory_order_relaxed);
+  }
+  return true;
+}
+
+bool HapticLoop::tick(std::uint64_t periods, double time) {
+  const std::int64_t cpu_start = thread_cpu_now();
+  bool waiting = false;
+  if (!read_devices(periods, time, waiting)) return false;
+  if (waiting) return true;
   const auto k = std::uint32_t(std::min<std::uint64_t>(periods, most_periods));
   record_.index = executor_->tick();
   record_.k = k;
   record_.time = time;
   executor_->execute(record_);
-  for (std::size_t i = 0; i < devices_.size(); ++i) {
-    BurrRecord& burr = record_.burr[i];
-    const Vec3 force(burr.force[0], burr.force[1], burr.force[2]);
-    if (!finite(force)) {
-      halt_devices();
-      return end("the force of burr " + std::to_string(i) + " is not finite", true), false;
-    }
-    devices_[i]->write(force);
-    set(burr.sent, force);
-  }
+  if (!send_forces()) return false;
   record_.cpu_time = 1e-3 * double(thread_cpu_now() - cpu_start);
   ring_->push(record_);
+  constexpr auto relaxed = std::memory_order_relaxed;
   tick_time_.add(record_.cpu_time);
   ticks_.store(ticks_.load(relaxed) + 1, relaxed);
   if (k > 1) late_.store(late_.load(relaxed) + 1, relaxed);

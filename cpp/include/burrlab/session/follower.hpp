@@ -3,12 +3,14 @@
 #pragma once
 
 #include <atomic>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <string>
 #include <thread>
 #include <vector>
 
+#include "burrlab/session/contact_stiffness.hpp"
 #include "burrlab/session/followed_bone.hpp"
 #include "burrlab/session/haptic_loop.hpp"
 
@@ -43,6 +45,7 @@ struct StiffnessAt {
   std::uint64_t tick = 0;
   double stiffness = 0.0;  ///< k [N/mm]; 0 without contact
   double force = 0.0;      ///< [N]
+  double age = 0.0;        ///< of the position [ms]
 };
 
 struct FollowerStatus {
@@ -72,11 +75,15 @@ class Follower {
   FollowerStatus status() const;
   std::vector<DigestAt> digests() const;
   StiffnessAt stiffness(std::size_t burr) const;
+  /// The stiffness against the limits of the burr's device.
+  StabilityReport stability(std::size_t burr) const;
   TickRecord newest() const;  ///< record of the last tick executed
   /// A copy of the bone now, and the number of ticks it has seen.
   std::shared_ptr<VoxelBone> snapshot(std::uint64_t& tick) const;
   std::string digest() const;  ///< of the bone now
   std::shared_ptr<BoneView> view();
+  /// Calls with the bone between two ticks; none is executed meanwhile.
+  void visit(const std::function<void(FollowedBone&)>& function);
   /// Rebuilds at the next turn, as if too far behind; for tests.
   void ask_rebuild() { rebuild_asked_.store(true); }
   /// The bone that follows; for what never changes of it, as its shape.

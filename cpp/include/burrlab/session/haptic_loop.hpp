@@ -9,26 +9,36 @@
 #include <vector>
 
 #include "burrlab/session/device.hpp"
+#include "burrlab/session/force_guard.hpp"
 #include "burrlab/session/histogram.hpp"
-#include "burrlab/session/latest.hpp"
+#include "burrlab/session/passivity_observer.hpp"
 #include "burrlab/session/realtime.hpp"
 #include "burrlab/session/record_ring.hpp"
 #include "burrlab/session/tick_executor.hpp"
+#include "burrlab/session/virtual_coupling.hpp"
 
 namespace burrlab {
 
 struct LoopSettings {
-  bool wall_clock = true;      ///< else one period after the other, as fast as it goes
-  RealtimeRequest realtime{};  ///< on the wall clock
-  double stall_limit = 100.0;  ///< without a tick the session stops [ms]
-  double ring = 60.0;          ///< of records kept for readers [s]
-  std::uint64_t ticks = 0;     ///< the session ends after so many; 0: when it is stopped
+  bool wall_clock = true;                          ///< else one period after the other, as fast as it goes
+  RealtimeRequest realtime{};                      ///< on the wall clock
+  double stall_limit = 100.0;                      ///< without a tick the session stops [ms]
+  double ring = 60.0;                              ///< of records kept for readers [s]
+  std::uint64_t ticks = 0;                         ///< the session ends after so many; 0: when it is stopped
+  double force_limit = ForceGuard::default_limit;  ///< [N]
+  double slew_limit = ForceGuard::default_slew;    ///< [N/ms]
+  double coupling = 0.0;                           ///< spring between device and burr [N/mm]; 0: none
 };
 
 /// Counts since the start. `late`: ticks with k > 1. `missed`: deadlines that had no tick. `dropped`: periods
 /// beyond 8 since the last tick, which no tick stands for.
 struct LoopCounts {
   std::uint64_t ticks = 0, late = 0, missed = 0, dropped = 0;
+};
+
+/// Energy that a burr's force gave to the hand [mJ] (PassivityObserver).
+struct EnergyGiven {
+  double now = 0.0, most = 0.0;
 };
 
 class HapticLoop {
@@ -54,6 +64,7 @@ class HapticLoop {
   std::vector<std::string> realtime_notes() const;
 
   LoopCounts counts() const;
+  EnergyGiven energy(std::size_t burr) const;
   const Histogram& jitter() const { return jitter_; }        ///< |time since the last tick - whole periods|
   const Histogram& lateness() const { return lateness_; }    ///< start of a tick after its deadline
   const Histogram& tick_time() const { return tick_time_; }  ///< on the thread's CPU clock
@@ -71,6 +82,8 @@ class HapticLoop {
   void run();
   void watch();
   bool tick(std::uint64_t periods, double time);  // false: the session ends
+  bool read_devices(std::uint64_t periods, double time, bool& waiting);
+  bool send_forces();
   void end(const std::string& reason, bool failed);
   void make_room();
   void halt_devices() noexcept;
@@ -83,9 +96,14 @@ class HapticLoop {
   std::shared_ptr<RecordRing> ring_;
   std::vector<std::shared_ptr<const RecordReader>> readers_;
   TickRecord record_;
+  std::vector<ForceGuard> guards_;  // one a burr, as the next
+  std::vector<VirtualCoupling> couplings_;
+  std::vector<PassivityObserver> observers_;
+  std::array<Vec3, most_burrs> wanted_;  // forces before the guards
 
   Histogram jitter_, lateness_, tick_time_, wall_time_;
   std::atomic<std::uint64_t> ticks_{0}, late_{0}, missed_{0}, dropped_{0};
+  std::array<std::atomic<double>, most_burrs> energy_{}, most_energy_{};
   std::atomic<std::int64_t> heartbeat_{0};
   std::atomic<bool> running_{false}, stopping_{false};
   bool started_ = false;

@@ -1,0 +1,54 @@
+// A stream of bytes, as it comes from a socket, into whole messages.
+#pragma once
+
+#include <functional>
+
+#include "burrlab/network/openigtlink.hpp"
+
+namespace burrlab::openigtlink {
+
+struct Counters {
+  std::uint64_t messages = 0;                         ///< accepted
+  std::array<std::uint64_t, drop_reasons> dropped{};  ///< by reason
+  std::uint64_t operator[](Drop reason) const { return dropped[std::size_t(reason)]; }
+  std::uint64_t all_dropped() const;
+};
+
+/// Holds at most one message: header and `largest_body` bytes, whatever the peer sends.
+///
+/// A message that is intact but not wanted (another type, too long) is passed over without being stored; one
+/// with a wrong checksum is dropped, and the next one read. A header that cannot be one means that the place
+/// in the stream is lost: `broken` is true then, nothing more is read, and the connection is to be made anew.
+class MessageFramer {
+ public:
+  /// Called with each intact TRANSFORM, SENSOR or NDARRAY; must not throw.
+  using Receive = std::function<void(const Message&)>;
+
+  explicit MessageFramer(std::size_t largest_body = std::size_t(1) << 20);
+
+  /// False where the stream is broken.
+  bool feed(ByteView bytes, const Receive& receive);
+  bool broken() const { return broken_; }
+  /// A new connection begins; a message that was not complete is counted as truncated.
+  void restart();
+
+  /// Each header that was complete is counted once, as a message or by the reason.
+  const Counters& counters() const { return counters_; }
+  std::size_t memory() const { return buffer_.capacity(); }  ///< [bytes]
+
+ private:
+  void drop(Drop reason) { ++counters_.dropped[std::size_t(reason)]; }
+  bool fill(ByteView& bytes, std::size_t target);
+  void begin_body();
+  void finish(const Receive& receive);
+
+  std::size_t largest_body_;
+  Bytes buffer_;  // the message so far: `held_` bytes of it
+  std::size_t held_ = 0;
+  std::uint64_t skip_ = 0;  // bytes still to be passed over
+  bool in_body_ = false, broken_ = false;
+  Header header_;
+  Counters counters_;
+};
+
+}  // namespace burrlab::openigtlink

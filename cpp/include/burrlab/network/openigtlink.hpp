@@ -1,0 +1,146 @@
+// OpenIGTLink messages: header versions 1 and 2; TRANSFORM, SENSOR, NDARRAY of float64 and of uint8.
+// The wire format is that of github.com/openigtlink/OpenIGTLink, Documents/Protocol (version 3 of the
+// protocol); all numbers are big-endian.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace burrlab::openigtlink {
+
+using Bytes = std::vector<std::uint8_t>;
+
+/// Bytes that somebody else owns.
+struct ByteView {
+  const std::uint8_t* data = nullptr;
+  std::size_t size = 0;
+};
+
+constexpr std::size_t header_size = 58;
+constexpr std::size_t type_size = 12, device_name_size = 20;  // bytes in the header
+/// Newton, in the 64-bit unit field of SENSOR: no prefix, unit 0x0B with exponent 1.
+constexpr std::uint64_t newton = (std::uint64_t(0x0B) << 54) | (std::uint64_t(1) << 50);
+/// The longest byte string of `encode_ndarray_uint8`: two dimensions of 16 bits, less the length.
+constexpr std::uint64_t longest_byte_string = std::uint64_t(65535) * 65535 - 8;
+
+/// Why a message was dropped. The first group comes from the framer, the second from the decoders.
+enum class Drop : std::uint8_t {
+  none,
+  bad_version,          // neither 1 nor 2: framing is lost
+  bad_type,             // a type name that is not printable ASCII: framing is lost
+  implausible_size,     // a body beyond 4 GiB: framing is lost
+  oversized,            // a body beyond the framer's limit
+  unknown_type,         // none of TRANSFORM, SENSOR, NDARRAY
+  bad_crc,              // the body is not what was sent
+  bad_extended_header,  // version 2: lengths that do not fit the body
+  bad_metadata,         // version 2: keys and values that do not fit their lengths
+  truncated,            // the connection ended within the message
+  wrong_type,           // a decoder was given another type
+  bad_length,           // content and its lengths disagree
+  bad_scalar,           // an NDARRAY of another scalar type
+  not_finite,           // NaN or infinity
+  out_of_range,         // a position that no bone is near
+  count_
+};
+constexpr std::size_t drop_reasons = std::size_t(Drop::count_);
+const char* drop_name(Drop reason);
+
+/// A text of at most N bytes, without allocation.
+template <std::size_t N>
+struct FixedText {
+  std::array<char, N> characters{};
+  std::uint8_t length = 0;
+  std::string_view view() const { return {characters.data(), length}; }
+};
+
+struct Header {
+  std::uint16_t version = 1;
+  FixedText<type_size> type;
+  FixedText<device_name_size> device_name;
+  std::uint64_t timestamp = 0;  ///< seconds since 1970 UTC, 32.32 fixed point; 0 is none
+  std::uint64_t body_size = 0;  ///< bytes
+  std::uint64_t crc = 0;        ///< of the body
+};
+
+struct MetadataEntry {
+  std::string key;
+  std::string value;
+  std::uint16_t encoding = 3;  ///< IANA character set: 3 is US-ASCII, 106 is UTF-8
+};
+
+/// An intact message. The views are those of the framer's buffer and end with its next call.
+struct Message {
+  Header header;
+  std::uint32_t message_id = 0;  ///< version 2
+  ByteView content;
+  ByteView metadata_header, metadata;  ///< version 2; `read_metadata` takes them apart
+};
+
+/// What stands in the header of a message to be sent.
+struct Envelope {
+  std::string_view device_name;                          ///< at most 20 bytes
+  std::uint64_t timestamp = 0;                           ///< 32.32 fixed point
+  int version = 1;                                       ///< 1 or 2
+  std::uint32_t message_id = 0;                          ///< version 2 only
+  const std::vector<MetadataEntry>* metadata = nullptr;  ///< version 2 only; none is empty
+};
+
+/// Rotation (row by row) and position [mm] as they stand in the message: RAS.
+struct Transform {
+  std::array<float, 9> rotation{1, 0, 0, 0, 1, 0, 0, 0, 1};
+  std::array<float, 3> position{};
+};
+
+struct Sensor {
+  std::uint64_t unit = 0;
+  std::vector<double> values;
+};
+
+struct Ndarray {
+  std::vector<std::uint16_t> shape;
+  std::vector<double> values;
+};
+
+/// 32.32 fixed point of seconds and nanoseconds (below 1e9) since 1970.
+constexpr std::uint64_t timestamp_of(std::uint32_t seconds, std::uint32_t nanoseconds) {
+  return (std::uint64_t(seconds) << 32) | ((std::uint64_t(nanoseconds) << 32) / 1000000000u);
+}
+/// The time of day as a timestamp.
+std::uint64_t timestamp_now();
+/// Seconds since 1970, rounded to double.
+double timestamp_seconds(std::uint64_t timestamp);
+
+/// CRC-64 of ECMA-182 as OpenIGTLink uses it: begins with 0, most significant bit first, nothing inverted.
+std::uint64_t crc64(ByteView bytes, std::uint64_t crc = 0);
+
+// Each appends one whole message to `out`, which holds no part of what is sent; nothing is allocated where
+// `out` has room. std::invalid_argument where the message cannot hold what it was given; `out` is as it was
+// then.
+void encode_transform(Bytes& out, const Envelope& envelope, const Transform& transform);
+void encode_sensor(Bytes& out, const Envelope& envelope, const double* values, std::size_t count,
+                   std::uint64_t unit = newton);
+/// Values in C order; their number is the product of `shape` (1 to 255 dimensions).
+void encode_ndarray_float64(Bytes& out, const Envelope& envelope, const double* values, std::size_t count,
+                            const std::uint16_t* shape, std::size_t dimensions);
+/// One dimension.
+void encode_ndarray_float64(Bytes& out, const Envelope& envelope, const double* values, std::size_t count);
+/// A byte string of any length up to `longest_byte_string`: its length in 8 bytes (ours), the bytes, zeros up
+/// to a whole number of rows. One dimension up to 65535 bytes, then two.
+void encode_ndarray_uint8(Bytes& out, const Envelope& envelope, ByteView bytes);
+
+// Decoders: Drop::none and the result, or the reason and a result of no meaning.
+Drop decode_header(ByteView bytes, Header& header);
+/// Body of a version 1 or 2 message into content and metadata; checks every length, not the CRC.
+Drop decode_body(const Header& header, ByteView body, Message& message);
+Drop read_metadata(const Message& message, std::vector<MetadataEntry>& entries);
+Drop decode_transform(const Message& message, Transform& transform);
+Drop decode_sensor(const Message& message, Sensor& sensor);
+Drop decode_ndarray_float64(const Message& message, Ndarray& array);
+/// The byte string of `encode_ndarray_uint8`, a view into the message.
+Drop decode_ndarray_uint8(const Message& message, ByteView& bytes);
+
+}  // namespace burrlab::openigtlink

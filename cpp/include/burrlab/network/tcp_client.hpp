@@ -1,0 +1,47 @@
+// One TCP connection to a server, made and made anew by one thread; another may stop it at any time.
+#pragma once
+
+#include <atomic>
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace burrlab {
+
+class TcpClient {
+ public:
+  /// Looks `host` up, once; std::invalid_argument where it has no address or `port` is not 1 to 65535.
+  TcpClient(const std::string& host, int port);
+  ~TcpClient();
+  TcpClient(const TcpClient&) = delete;
+  TcpClient& operator=(const TcpClient&) = delete;
+
+  /// Tries each address for `timeout` [s]; false where none answers or the client was stopped.
+  bool connect(double timeout = 1.0);
+  /// Waits for bytes; 0 where the connection ended, the client was stopped or `timeout` [s] went by (below 0:
+  /// never).
+  std::size_t receive(std::uint8_t* into, std::size_t room, double timeout = -1.0);
+  /// Sends all of it; false where the connection ended, the client was stopped or `timeout` [s] went by.
+  bool send(const std::uint8_t* bytes, std::size_t size, double timeout = 1.0);
+  void close();
+  /// Waits [s]; false where the client was stopped.
+  bool pause(double seconds);
+
+  /// From any thread, for good: whatever waits returns at once.
+  void stop();
+  bool stopped() const { return stopped_.load(std::memory_order_acquire); }
+
+ private:
+  using Address = std::vector<std::uint8_t>;
+  enum class Wait { ready, stopped, timeout };
+  Wait wait(short events, double seconds) const;  // seconds < 0: without end
+  bool connect_to(const Address& address, double timeout);
+
+  std::vector<Address> addresses_;
+  int socket_ = -1;
+  int wake_[2] = {-1, -1};  // a pipe; a byte in it means stopped
+  std::atomic<bool> stopped_{false};
+};
+
+}  // namespace burrlab

@@ -1,0 +1,76 @@
+// A TRANSFORM stream of an OpenIGTLink server, read by a thread of its own.
+#pragma once
+
+#include <mutex>
+#include <thread>
+
+#include "burrlab/network/message_framer.hpp"
+#include "burrlab/network/tcp_client.hpp"
+#include "burrlab/session/latest.hpp"
+#include "burrlab/types.hpp"
+
+namespace burrlab {
+
+/// A TRANSFORM, turned into the bone frame on its arrival.
+struct NetworkPose {
+  std::array<double, 3> position;  ///< bone frame, LPS [mm]: double(float32) of what was sent
+  std::array<double, 9> rotation;  ///< row by row, both frames LPS
+  std::uint64_t timestamp;         ///< the sender's, 32.32 fixed point [s]; 0 is none
+  std::uint64_t arrival;           ///< steady clock [ns]
+  std::uint64_t count;             ///< 1 for the first; 0: none came yet
+  std::uint64_t on;                ///< the burr turns: see `TransformReader`
+};
+
+struct ReaderCounters {
+  openigtlink::Counters messages;  ///< accepted TRANSFORMs, and what was dropped, by reason
+  std::uint64_t other_type = 0;    ///< intact SENSOR and NDARRAY messages
+  std::uint64_t other_device = 0;  ///< intact TRANSFORMs of another device name
+  std::uint64_t connections = 0;   ///< made
+  std::uint64_t broken = 0;        ///< connections closed because the framing was lost
+};
+
+/// Connects to a server, reads, and connects anew when the connection ends or its framing is lost, after a
+/// pause of 0.1 s that doubles up to 1 s until messages come again.
+///
+/// The burr is on, unless the message's device name ends in "_off" (our choice: OpenIGTLink knows no switch).
+/// With a device name given, that name and the name with "_off" are read and all others passed over.
+class TransformReader {
+ public:
+  /// Called in the reader's thread with every pose; must not throw.
+  using Receive = std::function<void(const NetworkPose&)>;
+
+  /// std::invalid_argument where `host` has no address, `port` is not 1 to 65535 or the name has over 20
+  /// bytes.
+  TransformReader(const std::string& host, int port, std::string device_name = "", Receive receive = {});
+  ~TransformReader() { stop(); }
+  TransformReader(const TransformReader&) = delete;
+  TransformReader& operator=(const TransformReader&) = delete;
+
+  /// False where none came yet. Nobody waits: neither the caller nor the reader's thread.
+  bool newest(NetworkPose& pose) const { return newest_.get(pose) && pose.count > 0; }
+  bool connected() const { return connected_.load(std::memory_order_relaxed); }
+  ReaderCounters counters() const;
+  /// Ends the thread, at once; not from within `receive`.
+  void stop();
+
+ private:
+  void run();
+  void read_connection();
+  void take(const openigtlink::Message& message);
+  void publish_counters();
+
+  TcpClient client_;
+  std::string device_name_;
+  Receive receive_;
+  openigtlink::MessageFramer framer_{65536};
+  Latest<NetworkPose> newest_;
+  std::uint64_t accepted_ = 0, other_type_ = 0, other_device_ = 0, connections_ = 0, broken_ = 0;
+  std::array<std::uint64_t, openigtlink::drop_reasons> refused_{};  // by the decoder
+  mutable std::mutex counters_mutex_;  // of reader's thread and whoever asks; never of the haptic loop
+  ReaderCounters counters_;
+  std::atomic<bool> connected_{false};
+  std::mutex stop_mutex_;
+  std::thread thread_;
+};
+
+}  // namespace burrlab

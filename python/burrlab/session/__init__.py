@@ -1,0 +1,1 @@
+"""The haptic session: recording, reading back, replay and analysis."""

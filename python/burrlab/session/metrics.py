@@ -1,0 +1,255 @@
+"""How a burr was handled in a session: time, motion, force, bone removed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from burrlab.dataset import html_table
+from burrlab.figures import FORCE, POSITION, REFERENCE, VELOCITY, new_figure, tidy
+from burrlab.session.trace import Trace
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+CUTOFF = 10.0  # [Hz] of the low pass that positions go through; a hand moves a burr more slowly
+HYSTERESIS = 1.0  # [mm] that a stroke is at least long
+THRESHOLD = 2.0  # [N]
+_FEWEST = 64  # samples below which a motion is not analysed
+
+#: Attribute, key with unit, what it is.
+_TABLE = [
+    ("duration", "duration_s", "session [s]"), ("contact", "contact_s", "burr on bone [s]"),
+    ("cutting", "cutting_s", "removing bone [s]"), ("removed", "removed_mm3", "removed [mm^3]"),
+    ("removal_rate", "removal_rate_mm3_s", "removed in a second of cutting [mm^3/s]"),
+    ("path", "path_mm", "path length [mm]"), ("mean_speed", "mean_speed_mm_s", "mean speed [mm/s]"),
+    ("peak_speed", "peak_speed_mm_s", "peak speed [mm/s]"), ("strokes", "strokes", "strokes, one way"),
+    ("stroke_rate", "stroke_rate_per_s", "strokes a second [1/s]"),
+    ("mean_force", "mean_force_N", "mean force in contact [N]"),
+    ("rms_force", "rms_force_N", "RMS force in contact [N]"), ("peak_force", "peak_force_N", "peak force [N]"),
+    ("over_threshold", "over_threshold_s", "force over threshold [s]"),
+    ("rms_jerk", "rms_jerk_mm_s3", "RMS jerk [mm/s^3]"), ("normalised_jerk", "normalised_jerk", "normalised jerk"),
+]  # fmt: skip
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class SessionMetrics:
+    """Figures of one burr in one session; NaN where the session is too short to say.
+
+    Attributes
+    ----------
+    duration, contact, cutting : float
+        Of the session, with bone inside the sphere, and of the ticks that removed bone [s].
+    removed : float
+        Volume of solid bone [mm^3].
+    removal_rate : float
+        Of it, in a second of cutting [mm^3/s].
+    path : float
+        Length of the smoothed path of the burr's centre [mm].
+    mean_speed, peak_speed : float
+        [mm/s]
+    strokes : int
+        One way: there and back are two.
+    stroke_rate : float
+        Of strokes from first to last contact [1/s].
+    mean_force, rms_force : float
+        Of the force sent, over the time in contact [N].
+    peak_force : float
+        [N]
+    threshold : float
+        [N]
+    over_threshold : float
+        Time with more force than that [s].
+    rms_jerk : float
+        Of the smoothed path [mm/s^3].
+    normalised_jerk : float
+        sqrt(1/2 int j^2 dt T^5/L^2), T the duration and L the path length.
+    burr : int
+    series : dict
+        Time, force, speed and removed volume for the figure: `time` [s], `force` [N], `removed` [mm^3] a tick,
+        `motion_time` [s] and `speed` [mm/s].
+    """
+
+    duration: float
+    contact: float
+    cutting: float
+    removed: float
+    removal_rate: float
+    path: float
+    mean_speed: float
+    peak_speed: float
+    strokes: int
+    stroke_rate: float
+    mean_force: float
+    rms_force: float
+    peak_force: float
+    threshold: float
+    over_threshold: float
+    rms_jerk: float
+    normalised_jerk: float
+    burr: int
+    series: dict[str, Array] = field(repr=False)
+
+    def to_dict(self) -> dict[str, float | int | None]:
+        """For JSON, units in the names; None where there is no number."""
+        pairs = [(key, getattr(self, name)) for name, key, _ in _TABLE]
+        values = {key: None if math.isnan(value) else value for key, value in pairs}
+        return {**values, "threshold_N": self.threshold, "burr": self.burr}
+
+    def _columns(self) -> dict[str, list[Any]]:
+        return {
+            "figure": [text for *_, text in _TABLE],
+            "value": [getattr(self, name) for name, *_ in _TABLE],
+        }
+
+    def __repr__(self) -> str:
+        lines = [f"{text:<42} {getattr(self, name):>12.5g}" for name, _, text in _TABLE]
+        return f"SessionMetrics of burr {self.burr}, threshold {self.threshold:g} N\n" + "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return html_table(f"Burr {self.burr}, threshold {self.threshold:g} N", self._columns())
+
+    def plot(self, figure: Figure | None = None) -> list[Axes]:
+        """Force, speed and removed volume over time, one above the other."""
+        figure = new_figure(6.4, 6.4) if figure is None else figure
+        top, middle, bottom = figure.subplots(3, 1, sharex=True)
+        s = self.series
+        top.plot(s["time"], s["force"], color=FORCE, linewidth=0.6)
+        if self.peak_force > 0.5 * self.threshold:
+            top.axhline(self.threshold, color=REFERENCE, linewidth=0.8, linestyle="--", label="threshold")
+            top.legend(fontsize=8, frameon=False)
+        top.set_ylabel("force [N]")
+        middle.plot(s["motion_time"], s["speed"], color=VELOCITY, linewidth=0.8)
+        middle.set_ylabel("speed [mm/s]")
+        bottom.plot(s["time"], s["removed"], color=POSITION, linewidth=1.2)
+        bottom.set_ylabel("removed [mm$^3$]")
+        bottom.set_xlabel("time [s]")
+        for axes in (top, middle, bottom):
+            axes.set_ylim(bottom=0)
+        return [tidy(axes) for axes in (top, middle, bottom)]
+
+
+def session_metrics(
+    trace: Trace, *, burr: int = 0, threshold: float = THRESHOLD, hysteresis: float = HYSTERESIS
+) -> SessionMetrics:
+    """How a burr was handled.
+
+    Parameters
+    ----------
+    trace : Trace
+    burr : int
+        Its index.
+    threshold : float
+        Of the force [N]; the default is ours.
+    hysteresis : float
+        Least length of a stroke [mm]; the default is ours.
+
+    Returns
+    -------
+    SessionMetrics
+
+    Raises
+    ------
+    ValueError
+        If there is no such burr, or threshold or hysteresis is not positive.
+
+    Notes
+    -----
+    Time is the sum of the periods that the ticks stand for. Positions are the burr's centres, at 1 kHz at most, through a
+    Butterworth low pass of second order at 10 Hz run forwards and backwards (no delay). A stroke is a run between two
+    reversals of the smoothed motion along its main axis, the first principal component of the positions in contact; a
+    reversal counts once the burr has come back by the hysteresis, so that neither tremor nor a pause makes one.
+    Normalised jerk is that of Teulings et al. 1997 (Exp. Brain Res. 114); it grows with the number of strokes, so it
+    compares sessions of like length and task.
+    """
+    for name, value in (("threshold", threshold), ("hysteresis", hysteresis)):
+        if not (math.isfinite(value) and value > 0):
+            raise ValueError(f"{name} must be positive, got {value}")
+    levels = trace.array("removed_levels", burr)
+    step = trace.ticks["k"] * (trace.period / 1000.0)
+    time = trace.time()
+    force = np.linalg.norm(trace.array("sent_force_N", burr), axis=1)
+    touching = trace.array("touching", burr) == 1
+    contact, cutting = float(step[touching].sum()), float(step[levels > 0].sum())
+    volume = np.cumsum(levels) * (float(np.prod(trace._bone.spacing)) / 255.0)
+    removed = float(volume[-1]) if len(volume) else 0.0
+    motion_time, center = _uniform(time, trace.array("center_mm", burr), trace.period)
+    speed, jerk, path = _motion(center, motion_time)
+    strokes, stroking = _strokes(center, motion_time, time, touching, hysteresis)
+    duration = trace.duration
+    squared = float((jerk**2).mean()) if len(jerk) else math.nan
+    return SessionMetrics(
+        duration=duration, contact=contact, cutting=cutting, removed=removed,
+        removal_rate=removed / cutting if cutting else 0.0, path=path,
+        mean_speed=float(speed.mean()) if len(speed) else math.nan,
+        peak_speed=float(speed.max()) if len(speed) else math.nan,
+        strokes=strokes, stroke_rate=strokes / stroking if stroking else math.nan,
+        mean_force=_mean(force, step, touching), rms_force=math.sqrt(_mean(force**2, step, touching)),
+        peak_force=float(force.max(initial=0.0)), threshold=threshold,
+        over_threshold=float(step[force > threshold].sum()), rms_jerk=math.sqrt(squared),
+        normalised_jerk=math.sqrt(0.5 * squared * duration**6) / path if path > 0 else math.nan, burr=burr,
+        series={"time": time, "force": force, "removed": volume, "motion_time": motion_time, "speed": speed},
+    )  # fmt: skip
+
+
+def _mean(values: Array, step: Array, where: NDArray[np.bool_]) -> float:
+    return float(np.average(values[where], weights=step[where])) if where.any() else 0.0
+
+
+def _uniform(time: Array, center: Array, period: float) -> tuple[Array, Array]:
+    """Smoothed positions on a uniform grid of 1 ms, or of the period if that is longer; empty if too short."""
+    grid = max(period, 1.0) / 1000.0
+    count = int((time[-1] - time[0]) / grid + 1e-6) + 1 if len(time) else 0
+    if count < _FEWEST:
+        return np.zeros(0), np.zeros((0, 3))
+    at = time[0] + grid * np.arange(count)
+    raw = np.column_stack([np.interp(at, time, center[:, axis]) for axis in range(3)])
+    cutoff = min(CUTOFF, 0.4 / grid)  # below half the sampling rate
+    low_pass = butter(2, cutoff, fs=1.0 / grid, output="sos")
+    return at, sosfiltfilt(low_pass, raw, axis=0, padlen=min(count - 1, round(3.0 / (cutoff * grid))))
+
+
+def _motion(center: Array, time: Array) -> tuple[Array, Array, float]:
+    """Speed [mm/s] and jerk [mm/s^3] of smoothed positions, and the length of their path [mm]."""
+    if not len(time):
+        return np.zeros(0), np.zeros(0), math.nan
+    grid = time[1] - time[0]
+    velocity = np.gradient(center, grid, axis=0)
+    jerk = np.gradient(np.gradient(velocity, grid, axis=0), grid, axis=0)
+    path = float(np.linalg.norm(np.diff(center, axis=0), axis=1).sum())
+    return np.linalg.norm(velocity, axis=1), np.linalg.norm(jerk, axis=1), path
+
+
+def _strokes(
+    center: Array, grid: Array, time: Array, touching: NDArray[np.bool_], hysteresis: float
+) -> tuple[int, float]:
+    """(number of strokes from first to last contact, or in all if there is none; the time between [s])"""
+    if not len(grid):
+        return 0, 0.0
+    met = np.interp(grid, time, touching.astype(float)) > 0.5
+    shown = np.flatnonzero(met) if met.any() else np.arange(len(grid))
+    span = slice(shown[0], shown[-1] + 1)
+    about = center[shown] - center[shown].mean(axis=0)
+    axis = np.linalg.eigh(about.T @ about)[1][:, -1]
+    along = (center[span] - center[span].mean(axis=0)) @ axis
+    return _runs(along, hysteresis), float(grid[shown[-1]] - grid[shown[0]])
+
+
+def _runs(along: Array, hysteresis: float) -> int:
+    runs, direction = 0, 0
+    low = high = float(along[0])
+    for x in along.tolist():
+        low, high = min(low, x), max(high, x)
+        if direction <= 0 and x - low >= hysteresis:
+            runs, direction, high = runs + 1, 1, x
+        elif direction >= 0 and high - x >= hysteresis:
+            runs, direction, low = runs + 1, -1, x
+    return runs

@@ -1,0 +1,185 @@
+"""A recorded session executed again, and held against what it gave."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from burrlab import _core
+from burrlab._core import TickExecutor, VoxelBone
+from burrlab.session.trace import Trace
+from burrlab.session.trace_file import to_records, to_rows
+
+#: What the model gives, and is compared: to the bit.
+COMPARED = ("force_N", "penetration_mm", "removed_levels", "touching", "ambiguous")
+_BATCH = 2000  # ticks between two looks at the keyboard
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The first value that a replay gave otherwise. `burr` is None for a digest; its tick counts executed ticks."""
+
+    tick: int
+    burr: int | None
+    field: str
+    recorded: Any
+    replayed: Any
+
+    def __str__(self) -> str:
+        if self.burr is None:
+            return f"after {self.tick} ticks the digest is {self.replayed}, recorded {self.recorded}"
+        return (
+            f"tick {self.tick}, burr {self.burr}: {self.field} is {self.replayed}, recorded {self.recorded}"
+        )
+
+
+@dataclass(frozen=True, repr=False)
+class Replay:
+    """Outcome of a replay.
+
+    Attributes
+    ----------
+    ticks : int
+        Executed and compared.
+    digests : int
+        Compared.
+    difference : Difference or None
+        The first one; replay ends with the batch it lies in.
+    bone : VoxelBone
+        As it is then.
+    tick : int
+        Its tick index.
+    cpu_path : str
+        Of this replay.
+    """
+
+    ticks: int
+    digests: int
+    difference: Difference | None
+    tick: int
+    cpu_path: str
+    bone: VoxelBone = field(compare=False)
+
+    @property
+    def equal(self) -> bool:
+        """Every force, penetration and removed level has the recorded bits, and every digest is the recorded one."""
+        return self.difference is None
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        out: dict[str, Any] = {
+            "equal": self.equal, "ticks": self.ticks, "digests": self.digests, "tick": self.tick,
+            "digest": self.bone.digest(), "cpu_path": self.cpu_path, "difference": None,
+        }  # fmt: skip
+        if self.difference is not None:
+            d = self.difference
+            out["difference"] = {
+                "tick": d.tick, "burr": d.burr, "field": d.field,
+                "recorded": _plain(d.recorded), "replayed": _plain(d.replayed),
+            }  # fmt: skip
+        return out
+
+    def __repr__(self) -> str:
+        if self.difference is not None:
+            return f"Replay(different: {self.difference})"
+        return f"Replay(equal, {self.ticks} ticks, {self.digests} digests)"
+
+
+def replay(
+    trace: Trace, *, progress: Callable[[float], object] | None = None, until: int | None = None
+) -> Replay:
+    """Executes all ticks of a trace on its initial volume and compares what they give.
+
+    Device, hand, coupling and network are not run again: the centres are those that the session used.
+
+    Parameters
+    ----------
+    trace : Trace
+    progress : callable, optional
+        Called with the part done, 0 to 1.
+    until : int, optional
+        Tick index before which to stop; default: all.
+
+    Returns
+    -------
+    Replay
+
+    Raises
+    ------
+    ValueError
+        If `until` is not a tick of the trace, or the trace holds what no session executes, as a centre that is not
+        finite.
+    """
+    end = len(trace) if until is None else until - trace.first_tick
+    if not 0 <= end <= len(trace):
+        raise ValueError(
+            f"until must be from {trace.first_tick} to {trace.first_tick + len(trace)}, got {until}"
+        )
+    bone, path = trace.bone(), _core.cpu_path()
+    executor = TickExecutor(
+        bone, list(trace.tools), trace.seed, period=trace.period, scheme=trace.scheme, tick=trace.first_tick
+    )
+    digests = {
+        tick: digest for tick, digest in trace.digests if trace.first_tick <= tick <= trace.first_tick + end
+    }
+    marks = sorted({tick - trace.first_tick for tick in digests} | set(range(0, end, _BATCH)) | {end})
+    done = compared = 0
+    difference = None
+    for mark in marks:
+        if mark > done:
+            rows = trace.ticks[done:mark]
+            again = to_rows(executor.execute(inputs(rows)), trace.burrs)
+            difference = _first_difference(rows, again)
+            done = mark
+        if difference is None and trace.first_tick + mark in digests:
+            compared += 1
+            difference = _digest_difference(executor, digests[trace.first_tick + mark])
+        if progress is not None:
+            progress(done / max(end, 1))
+        if difference is not None:
+            break
+    return Replay(done, compared, difference, executor.tick, path, bone)
+
+
+def inputs(rows: NDArray[np.void]) -> NDArray[np.void]:
+    """Records with all that the model gives blanked out, so that nothing recorded can pass for replayed."""
+    blank = np.zeros_like(rows)
+    for name in ("index", "k"):
+        blank[name] = rows[name]
+    for name in ("center_mm", "on"):
+        blank["burr"][name] = rows["burr"][name]
+    return to_records(blank, _core.record_dtype)
+
+
+def _first_difference(rows: NDArray[np.void], again: NDArray[np.void]) -> Difference | None:
+    first: tuple[int, int, str] | None = None
+    for name in COMPARED:
+        one, two = (_bits(table["burr"][name]) for table in (rows, again))
+        unequal = (one != two).reshape(len(rows), rows["burr"].shape[1], -1).any(axis=2)
+        if unequal.any():
+            row, burr = (int(i) for i in np.argwhere(unequal)[0])
+            if first is None or (row, burr) < first[:2]:
+                first = row, burr, name
+    if first is None:
+        return None
+    row, burr, name = first
+    return Difference(
+        int(rows["index"][row]), burr, name, rows["burr"][name][row, burr], again["burr"][name][row, burr]
+    )
+
+
+def _bits(values: NDArray[Any]) -> NDArray[Any]:
+    return np.ascontiguousarray(values).view(np.uint64) if values.dtype.kind == "f" else values
+
+
+def _digest_difference(executor: TickExecutor, recorded: str) -> Difference | None:
+    found = executor.bone.digest()
+    return None if found == recorded else Difference(executor.tick, None, "digest", recorded, found)
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value

@@ -1,0 +1,186 @@
+"""What a session says of itself, while it runs and after it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from burrlab.figures import FORCE, REFERENCE, new_figure, tidy
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from burrlab._core import Follower, HapticLoop, Histogram, Publisher
+    from burrlab.session.trace_writer import TraceWriter
+
+_QUANTILES = (0.5, 0.99, 0.999)
+_NAMES = {
+    "tick_time": "tick, CPU time",
+    "wall_time": "tick, wall time",
+    "jitter": "period jitter",
+    "lateness": "after its deadline",
+}
+
+
+@dataclass(frozen=True)
+class SessionReport:
+    """A session's counts and times at one moment.
+
+    Attributes
+    ----------
+    state : str
+        "running", or why it ended.
+    ticks, late, missed, dropped : int
+        Ticks executed; of them with k > 1; deadlines without a tick of their own; periods that none stood for.
+    times : dict
+        For each of `tick_time`, `wall_time`, `jitter`, `lateness`: p50, p99, p99.9, max [us], nan without ticks.
+    histograms : dict
+        The counts behind them, over `edges` [us].
+    follower : dict
+        tick, behind [ticks], most_behind_s, rebuilds, differing, first_difference.
+    stability : list of dict
+        One a burr: see `Follower.stability`.
+    energy : list of (float, float)
+        One a burr: energy given to the hand minus taken from it, and the largest so far [mJ].
+    network, recording : dict
+        What the publisher and the recording say; empty without them.
+    notes, messages : tuple of str
+        What the system granted; what was said during the session.
+    """
+
+    state: str
+    ticks: int
+    late: int
+    missed: int
+    dropped: int
+    times: dict[str, dict[str, float]]
+    histograms: dict[str, np.ndarray[Any, np.dtype[np.uint64]]]
+    edges: np.ndarray[Any, np.dtype[np.float64]]
+    follower: dict[str, Any]
+    stability: list[dict[str, Any]]
+    energy: list[tuple[float, float]]
+    network: dict[str, Any]
+    recording: dict[str, Any]
+    notes: tuple[str, ...]
+    messages: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        loop: HapticLoop,
+        follower: Follower,
+        publisher: Publisher | None,
+        writer: TraceWriter | None,
+        messages: Sequence[str],
+    ) -> SessionReport:
+        """The report of these parts, now."""
+        counts, burrs = loop.counts, range(loop.executor.burrs)
+        found: dict[str, Histogram] = {name: getattr(loop, name) for name in _NAMES}
+        recording = {} if writer is None else {
+            "file": str(writer.path), "ticks": writer.recorded, "ended": writer.ended, "complete": writer.complete,
+        }  # fmt: skip
+        return cls(
+            state="running" if loop.running else loop.reason or "not started",
+            ticks=counts.ticks,
+            late=counts.late,
+            missed=counts.missed,
+            dropped=counts.dropped,
+            times={name: _times(h) for name, h in found.items()},
+            histograms={name: h.counts for name, h in found.items()},
+            edges=found["jitter"].edges,
+            follower=follower.status,
+            stability=[follower.stability(burr) for burr in burrs],
+            energy=[loop.energy(burr) for burr in burrs],
+            network={} if publisher is None else publisher.status,
+            recording=recording,
+            notes=tuple(loop.realtime_notes),
+            messages=tuple(messages),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """All but the histograms, ready for JSON; what is unknown is None."""
+        names = ("state", "ticks", "late", "missed", "dropped", "times", "follower", "stability", "energy", "network",
+                 "recording", "notes", "messages")  # fmt: skip
+        plain = _plain({name: getattr(self, name) for name in names})
+        assert isinstance(plain, dict)
+        return plain
+
+    def __str__(self) -> str:
+        lines = [
+            f"{self.state}: {self.ticks} ticks, {self.late} with k > 1, {self.missed} deadlines missed, {self.dropped} periods dropped",
+            f"  {'[us]':<20}" + "".join(f"{q:>9}" for q in ("p50", "p99", "p99.9", "max")),
+        ]
+        lines += [
+            f"  {_NAMES[name]:<20}" + "".join(f"{value:9.1f}" for value in times.values())
+            for name, times in self.times.items()
+            if not math.isnan(times["max"])
+        ]
+        f = self.follower
+        lines.append(
+            f"  follower: tick {f['tick']}, {f['behind']} behind, at most {1e3 * f['most_behind_s']:.0f} ms; rebuilt {f['rebuilds']} times"
+        )
+        if f["differing"]:
+            lines.append(
+                f"  follower and loop DIFFER in {f['differing']} ticks, first in {f['first_difference']}"
+            )
+        for burr, (at, (energy, most)) in enumerate(zip(self.stability, self.energy, strict=True)):
+            limit = (
+                "the device does not say its damping"
+                if math.isnan(at["limit_N_per_mm"])
+                else f"limit {at['limit_N_per_mm']:.3g}, ratio {at['ratio']:.2f}, exceeded below {at['force_at_limit_N']:.2g} N"
+            )
+            lines.append(
+                f"  burr {burr}: {at['force_N']:.2f} N, contact stiffness {at['stiffness_N_per_mm']:.3g} N/mm; {limit}"
+            )
+            lines.append(f"  burr {burr}: energy given to the hand {energy:.3g} mJ, at most {most:.3g} mJ")
+        for name in ("network", "recording"):
+            part = getattr(self, name)
+            if part:
+                lines.append(f"  {name}: " + ", ".join(f"{k} {v}" for k, v in part.items() if v != ""))
+        lines += [f"  {note}" for note in self.notes]
+        lines += [f"  ! {message}" for message in self.messages]
+        return "\n".join(lines)
+
+    def plot(self, figure: Figure | None = None) -> list[Axes]:
+        """Histograms of tick time and period jitter, logarithmic."""
+        figure = new_figure(6.4, 3.2) if figure is None else figure
+        all_axes = figure.subplots(1, 2)
+        for axes, name in zip(all_axes, ("tick_time", "jitter"), strict=True):
+            counts = self.histograms[name].astype(float)
+            used = np.flatnonzero(counts)
+            if used.size:
+                shown = slice(max(used[0] - 1, 0), min(used[-1] + 2, len(counts) - 1))
+                edges = np.maximum(self.edges[shown.start : shown.stop + 1], 0.05)
+                axes.stairs(counts[shown], edges, color=FORCE, fill=True)
+                axes.set(xscale="log", yscale="log", ylim=(0.5, None))
+                for q in _QUANTILES:
+                    value = self.times[name][_key(q)]
+                    axes.axvline(value, color=REFERENCE, linewidth=0.8, linestyle="--")
+                    axes.annotate(f"{_key(q)}", (value, 0.98), xycoords=("data", "axes fraction"), rotation=90,
+                                  ha="right", va="top", fontsize=8, color=REFERENCE)  # fmt: skip
+            axes.set(xlabel=f"{_NAMES[name]} [µs]", ylabel="ticks")
+        return [tidy(axes) for axes in all_axes]
+
+
+def _key(q: float) -> str:
+    return f"p{100 * q:g}"
+
+
+def _times(histogram: Histogram) -> dict[str, float]:
+    times = {_key(q): histogram.quantile(q) for q in _QUANTILES}
+    return {**times, "max": histogram.largest if histogram.count else math.nan}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

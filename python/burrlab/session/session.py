@@ -1,0 +1,294 @@
+"""A haptic session: devices, the loop, its follower, a trace and a publisher, started and ended together."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, cast
+
+from burrlab._core import Burr, Device, Follower, HapticLoop, Material, RecordReader, TickExecutor, VoxelBone
+from burrlab.provenance import provenance
+from burrlab.session.report import SessionReport
+from burrlab.session.trace_writer import DEFAULT_DURATION, TraceWriter
+
+if TYPE_CHECKING:
+    from burrlab._core import Publisher
+
+Tool = tuple[Burr, Material]
+
+_LOOK = 0.05  # [s] between two looks of the housekeeping thread
+
+
+class Session:
+    """A burr, or two, driven by devices through a bone in real time.
+
+    Parameters
+    ----------
+    bone : VoxelBone
+        Copied; `bone` of the session is what becomes of it.
+    tools : (Burr, Material) or list of them
+        One a burr, at most two; they act in this order within a tick.
+    devices : Device or list of them
+        One a burr: `HandDevice`, `ScriptedDevice`, `ReplayDevice`, `MailboxDevice`, `IgtlDevice`.
+    seed : int, optional
+        None draws one; `seed` tells it.
+    rate : float
+        Of the loop [Hz], up to 10 000.
+    scheme : {"layer", "cell"}
+        See `BurrContact`.
+    tick : int
+        Ticks executed on this bone before, as `load_bone` gives them.
+    duration : float, optional
+        The session ends after so many periods [s]; without it, when it is stopped or a device comes to its end.
+    force_limit, slew_limit : float
+        Of the force sent [N] and of its change [N/ms]. Defaults are ours.
+    coupling : float, optional
+        Stiffness of a spring between device and burr [N/mm]; without it the burr is where the device is.
+    record : path, optional
+        A new file for the complete trace (docs/trace.md).
+    publish : int, optional
+        Port on which poses, forces and ticks are published over OpenIGTLink (docs/network.md); 0 for any free one.
+    host : str
+        Address to listen on; there is no authentication.
+    header_version : {1, 2}
+        Of the OpenIGTLink messages sent.
+    source : mapping, optional
+        How others make the same bone (`block_recipe`, `volume_recipe`), for replicas and the trace.
+    wall_clock : bool
+        Keep absolute deadlines. Else one period follows the other as fast as it goes, with the same result everywhere.
+    realtime : bool
+        Ask for real-time priority and locked memory.
+    cpu : int, optional
+        To keep the loop on.
+    digest_every : float
+        Between digests [s].
+    on_message : callable, optional
+        Called with each sentence that someone should read at once, from another thread; all are in `messages`.
+
+    Raises
+    ------
+    ValueError
+        If there is not one device a burr, or a number is out of range.
+    FileExistsError
+        If the trace exists.
+    OSError
+        If the trace cannot be written, or the port is taken.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> bone = burrlab.VoxelBone.block((20, 20, 5), 0.2, origin=(-9.9, -9.9, -4.9))
+    >>> hand = burrlab.HandDevice((0, 0, 3.5))
+    >>> tool = burrlab.Burr(3.0), burrlab.materials["bone"]
+    >>> with burrlab.Session(bone, tool, hand, seed=1, duration=0.5, wall_clock=False) as session:
+    ...     ended = session.wait()
+    >>> ended, session.ticks, session.reason
+    (True, 500, 'all ticks were executed')
+    """
+
+    def __init__(
+        self,
+        bone: VoxelBone,
+        tools: Tool | Sequence[Tool],
+        devices: Device | Sequence[Device],
+        *,
+        seed: int | None = None,
+        rate: float = 1000.0,
+        scheme: str = "layer",
+        tick: int = 0,
+        duration: float | None = None,
+        force_limit: float = 8.0,
+        slew_limit: float = 1.0,
+        coupling: float | None = None,
+        record: str | os.PathLike[str] | None = None,
+        publish: int | None = None,
+        host: str = "127.0.0.1",
+        header_version: int = 1,
+        source: Mapping[str, Any] | None = None,
+        wall_clock: bool = True,
+        realtime: bool = True,
+        cpu: int | None = None,
+        digest_every: float = 1.0,
+        on_message: Callable[[str], object] | None = None,
+    ) -> None:
+        self.tools: list[Tool] = _tools(tools)
+        self.devices = [devices] if isinstance(devices, Device) else list(devices)
+        self.seed = secrets.randbits(64) if seed is None else seed
+        if not rate > 0:
+            raise ValueError(f"rate must be positive, got {rate!r}")
+        if duration is not None and not 0 < duration < 1e9:
+            raise ValueError(f"duration must be positive, got {duration!r}")
+        if not digest_every > 0:
+            raise ValueError(f"digest_every must be positive, got {digest_every!r}")
+        period = 1e3 / rate
+        start = bone.copy()
+        self._executor = TickExecutor(start, self.tools, self.seed, period=period, scheme=scheme, tick=tick)
+        ticks = 0 if duration is None else max(1, round(duration * rate))
+        self._loop = HapticLoop(
+            self._executor, self.devices, wall_clock=wall_clock, realtime=realtime,
+            cpu=-1 if cpu is None else cpu, ticks=ticks,
+            force_limit=force_limit, slew_limit=slew_limit, coupling=coupling,
+        )  # fmt: skip
+        self._follower = Follower(self._loop, digest_every=max(1, round(digest_every * rate)))
+        self.provenance = provenance(
+            seed=self.seed, rate_Hz=rate, scheme=scheme, first_tick=tick, digest=start.digest(), source=dict(source or {}),
+            tools=[{"radius_mm": b.radius, "c_e_N_per_mm2": m.c_e, "alpha_per_ms": m.alpha, "shape": m.shape.name,
+                    "material": m.name} for b, m in self.tools],
+            devices=[device.name for device in self.devices],
+            force_limit_N=force_limit, slew_limit_N_per_ms=slew_limit, coupling_N_per_mm=coupling, wall_clock=wall_clock,
+        )  # fmt: skip
+        self.messages: list[str] = []
+        self._on_message = on_message
+        self._publisher: Publisher | None = None
+        self._writer: TraceWriter | None = None
+        if publish is not None:
+            from burrlab.session.network import open_publisher
+
+            self._publisher = open_publisher(
+                self._follower, self.provenance, host=host, port=publish, header_version=header_version
+            )
+        if record is not None:
+            room = DEFAULT_DURATION if duration is None else duration + 1.0
+            self._writer = TraceWriter(
+                record, RecordReader(self._loop), start, self.tools, seed=self.seed, period=period,
+                scheme=scheme, first_tick=tick, devices=[device.name for device in self.devices],
+                source=str(self.provenance["source"]), note=self.provenance, duration=room, on_end=self._say,
+            )  # fmt: skip
+        self._digests = 0
+        self._warned = False
+        self._done = threading.Event()
+        self._housekeeper = threading.Thread(target=self._keep_house, name="burrlab session", daemon=True)
+
+    def start(self) -> Session:
+        """Starts all threads; once. ValueError the second time."""
+        self._loop.start()
+        self._follower.start()
+        if self._writer is not None:
+            self._writer.start()
+        self._housekeeper.start()
+        for note in self._loop.realtime_notes:
+            if "not granted" in note or "not available" in note:
+                self._say(note)
+        return self
+
+    def wait(self, seconds: float | None = None) -> bool:
+        """Until the session ends, at most so long [s]; whether it has. Can be interrupted."""
+        left = float("inf") if seconds is None else seconds
+        while left > 0:
+            if self._loop.wait(min(left, 0.1)):
+                return True
+            left -= 0.1
+        return not self._loop.running
+
+    def stop(self, reason: str = "stopped") -> None:
+        """Ends the session, and waits until all ticks are followed, recorded and published. Further calls do nothing."""
+        if self._done.is_set():
+            return
+        if self._loop.started:
+            self._loop.stop(reason)
+            self._follower.stop()
+        self._done.set()
+        if self._housekeeper.ident is not None:
+            self._housekeeper.join()
+        if self._writer is not None:
+            self._hand_digests()
+            self._writer.stop(self._loop.reason or reason)
+            if self._writer.warning:
+                self._say(self._writer.warning)
+        if self._publisher is not None:
+            if self._loop.started:
+                self._publisher.finish(self._loop.reason, failed=self._loop.failed)
+            self._publisher.stop()
+        if self._loop.failed:
+            self._say(self._loop.reason)
+
+    def __enter__(self) -> Session:
+        return self.start()
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        self.stop("stopped" if kind is None else f"stopped by {kind.__name__}")
+
+    @property
+    def running(self) -> bool:
+        return self._loop.running
+
+    @property
+    def reason(self) -> str:
+        """Why the session ended; empty while it runs."""
+        return self._loop.reason
+
+    @property
+    def failed(self) -> bool:
+        """It ended on a lost device, a stall or a value that is not finite."""
+        return self._loop.failed
+
+    @property
+    def ticks(self) -> int:
+        """Executed in this session."""
+        return self._loop.counts.ticks
+
+    @property
+    def port(self) -> int | None:
+        """That is published on."""
+        return None if self._publisher is None else self._publisher.port
+
+    @property
+    def loop(self) -> HapticLoop:
+        """The loop, with its counts and histograms."""
+        return self._loop
+
+    @property
+    def follower(self) -> Follower:
+        """What looks at the bone: newest record, bricks that changed, snapshots, stiffness."""
+        return self._follower
+
+    @property
+    def digests(self) -> list[tuple[int, str]]:
+        """[(ticks executed, digest)]"""
+        return self._follower.digests
+
+    def snapshot(self) -> tuple[VoxelBone, int]:
+        """(copy of the bone, ticks it has seen), for `save_bone`."""
+        return self._follower.snapshot()
+
+    def report(self) -> SessionReport:
+        """What there is to say of the session now."""
+        return SessionReport.of(self._loop, self._follower, self._publisher, self._writer, self.messages)
+
+    def __repr__(self) -> str:
+        state = "running" if self.running else self.reason or "not started"
+        counts = self._loop.counts
+        return f"Session({state}, {counts.ticks} ticks, {counts.late} late, {counts.dropped} periods dropped)"
+
+    def _say(self, text: str) -> None:
+        self.messages.append(text)
+        if self._on_message is not None:
+            self._on_message(text)
+
+    def _keep_house(self) -> None:
+        while not self._done.wait(_LOOK):
+            self._hand_digests()
+            for burr in range(len(self.tools)):
+                at = self._follower.stability(burr)
+                if at["warning"] and not self._warned:
+                    self._warned = True
+                    self._say(
+                        f"burr {burr}: contact stiffness {at['stiffness_N_per_mm']:.2g} N/mm is {at['ratio']:.2g} of the limit that the "
+                        f"device's damping sets; below {at['force_at_limit_N']:.2g} N in this hole the force may make a hand tremble"
+                    )
+
+    def _hand_digests(self) -> None:
+        if self._writer is None:
+            return
+        digests = self._follower.digests
+        for tick, digest in digests[self._digests :]:
+            self._writer.add_digest(tick, digest)
+        self._digests = len(digests)
+
+
+def _tools(tools: Tool | Sequence[Tool]) -> list[Tool]:
+    if isinstance(tools, tuple) and len(tools) == 2 and isinstance(tools[0], Burr):
+        tools = [cast(Tool, tools)]
+    return list(cast(Sequence[Tool], tools))

@@ -1,0 +1,145 @@
+"""A bone in the middle of its life, kept in a file: present and pristine levels, and how many ticks it has seen."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from burrlab import __version__
+from burrlab._core import VoxelBone
+
+if TYPE_CHECKING:
+    import h5py
+
+FORMAT, FORMAT_VERSION = "burrlab bone", 1
+
+
+def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, source: str = "") -> None:
+    """Writes a bone and its tick index to an HDF5 file; an older file of that name is replaced when it is whole.
+
+    Parameters
+    ----------
+    path : path-like
+    bone : VoxelBone
+    tick : int
+        Ticks executed on it so far: part of its state, because the next tick's random numbers follow from it.
+    source : str
+        Where the volume comes from, kept with it.
+
+    Raises
+    ------
+    ValueError
+        If the tick is negative or not below 2^64.
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import burrlab, tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> bone = burrlab.VoxelBone.block((1, 1, 1), 0.1)
+    >>> save_bone(folder.name + "/bone.h5", bone, 1000)
+    >>> again, tick = load_bone(folder.name + "/bone.h5")
+    >>> again.digest() == bone.digest(), tick
+    (True, 1000)
+    >>> folder.cleanup()
+    """
+    import h5py
+
+    path, part = Path(path), Path(f"{os.fspath(path)}.part")
+    check_tick(tick)
+    try:
+        with h5py.File(part, "w") as file:
+            file.attrs["format"] = FORMAT
+            file.attrs["format_version"] = FORMAT_VERSION
+            file.attrs["burrlab"] = __version__
+            write_bone(file, bone, tick, source=source)
+        with part.open("rb") as written:
+            os.fsync(written.fileno())
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def load_bone(path: str | os.PathLike[str]) -> tuple[VoxelBone, int]:
+    """The bone of a file and its tick index.
+
+    Returns
+    -------
+    bone : VoxelBone
+    tick : int
+        Ticks executed on it so far.
+
+    Raises
+    ------
+    ValueError
+        If the file holds no bone, one of a newer format, or one whose digest is not the one it was saved with.
+    OSError
+        If the file cannot be read.
+    """
+    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file:
+        try:
+            return read_bone(file)
+        except (KeyError, OSError) as error:
+            raise ValueError(f"{path} is damaged: {error}") from None
+
+
+def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File:
+    """The open file; ValueError unless it is of this kind and of a version that is known."""
+    import h5py
+
+    with Path(path).open("rb"):  # what is missing or forbidden says so in the system's words
+        pass
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        if "truncated" in str(error):
+            raise ValueError(f"{path} is damaged: it was cut short") from None
+        raise ValueError(f"{path} is not a {kind}: not an HDF5 file") from None
+    found, version = file.attrs.get("format"), file.attrs.get("format_version", 0)
+    if found == kind and 1 <= version <= newest:
+        return file
+    file.close()
+    if found != kind:
+        raise ValueError(f"{path} is not a {kind}")
+    raise ValueError(f"{path} is a {kind} of format {version}, and this version reads up to {newest}")
+
+
+def write_bone(group: h5py.Group, bone: VoxelBone, tick: int, *, source: str = "") -> None:
+    """Puts a bone into a group: `density`, and `pristine` where it differs, (z, y, x) uint8."""
+    density, pristine = bone.density, bone.pristine
+    packed: dict[str, Any] = {"chunks": _chunk(bone.shape), "compression": "gzip", "compression_opts": 1}
+    group.create_dataset("density", data=density, **packed)
+    if not np.array_equal(density, pristine):
+        group.create_dataset("pristine", data=pristine, **packed)
+    group.attrs["spacing_mm"] = bone.spacing
+    group.attrs["origin_mm"] = bone.origin
+    group.attrs["digest"] = bone.digest()
+    group.attrs["tick"] = np.uint64(tick)
+    group.attrs["source"] = source
+
+
+def read_bone(group: h5py.Group) -> tuple[VoxelBone, int]:
+    """The bone of a group and its tick; ValueError if its digest is another than the one written with it."""
+    density = group["density"][()]
+    pristine = group["pristine"][()] if "pristine" in group else density
+    bone = VoxelBone(pristine, group.attrs["spacing_mm"], group.attrs["origin_mm"])
+    if pristine is not density:
+        bone.restore(density)
+    if bone.digest() != group.attrs["digest"]:
+        raise ValueError(
+            f"{group.file.filename} is damaged: the bone has digest {bone.digest()}, and was written with {group.attrs['digest']}"
+        )
+    return bone, int(group.attrs["tick"])
+
+
+def check_tick(tick: int) -> None:
+    if not 0 <= tick < 2**64:
+        raise ValueError(f"tick must be a whole number from 0 and below 2^64, got {tick}")
+
+
+def _chunk(shape: tuple[int, int, int]) -> tuple[int, ...]:
+    return tuple(min(64, side) for side in shape)

@@ -1,0 +1,175 @@
+// The reader of TRANSFORM streams and the network device, against a server of this process.
+#include "burrlab/network/igtl_device.hpp"
+
+#include "check.hpp"
+
+#ifdef _WIN32
+int main() { return check::report(); }
+#else
+
+#include <arpa/inet.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <chrono>
+#include <thread>
+
+using namespace burrlab;
+using openigtlink::Bytes;
+using openigtlink::Drop;
+
+namespace {
+
+class Server {
+ public:
+  Server() : listener_(::socket(AF_INET, SOCK_STREAM, 0)) {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    socklen_t size = sizeof address;
+    CHECK(::bind(listener_, reinterpret_cast<sockaddr*>(&address), size) == 0 && ::listen(listener_, 4) == 0);
+    CHECK(::getsockname(listener_, reinterpret_cast<sockaddr*>(&address), &size) == 0);
+    port_ = ntohs(address.sin_port);
+  }
+  ~Server() {
+    hang_up();
+    ::close(listener_);
+  }
+  int port() const { return port_; }
+  void accept() { peer_ = ::accept(listener_, nullptr, nullptr); }
+  void send(const Bytes& bytes) {
+    CHECK(::send(peer_, bytes.data(), bytes.size(), 0) == ssize_t(bytes.size()));
+  }
+  void hang_up() {
+    if (peer_ >= 0) ::close(peer_);
+    peer_ = -1;
+  }
+
+ private:
+  int listener_, peer_ = -1, port_ = 0;
+};
+
+Bytes transform(float x, float y, float z, const char* name = "burr", std::uint64_t time = 0) {
+  Bytes bytes;
+  openigtlink::Transform pose;
+  pose.position = {x, y, z};
+  pose.rotation = {1, 2, 3, 4, 5, 6, 7, 8, 9};
+  encode_transform(bytes, {name, time}, pose);
+  return bytes;
+}
+
+/// Waits, 10 s at most, until `condition` holds.
+template <class Condition>
+bool soon(Condition&& condition) {
+  for (int i = 0; i < 10000 && !condition(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  return condition();
+}
+
+void test_pose() {
+  Server server;
+  TransformReader reader("127.0.0.1", server.port());
+  NetworkPose pose;
+  CHECK(!reader.newest(pose));
+  server.accept();
+  server.send(transform(0.1f, -2.5f, 3.0f));
+  CHECK(soon([&] { return reader.newest(pose); }));
+  CHECK(pose.position[0] == -double(0.1f) && pose.position[1] == 2.5 && pose.position[2] == 3.0);
+  CHECK((pose.rotation == std::array<double, 9>{1, 2, -3, 4, 5, -6, -7, -8, 9}));
+  CHECK(pose.on == 1 && pose.count == 1 && pose.arrival > 0 && pose.timestamp == 0);
+  server.send(transform(1, 2, 3, "burr_off"));
+  CHECK(soon([&] { return reader.newest(pose) && pose.count == 2; }));
+  CHECK(pose.on == 0);
+}
+
+void test_drops_and_reconnects() {
+  Server server;
+  TransformReader reader("localhost", server.port(), "burr");
+  NetworkPose pose{};
+  server.accept();
+  server.send(transform(2e6f, 0, 0));
+  server.send(transform(7, 0, 0, "drill"));
+  Bytes force;
+  const double value = 1.0;
+  openigtlink::encode_sensor(force, {"force"}, &value, 1);
+  server.send(force);
+  Bytes wrong = transform(7, 0, 0);
+  wrong[80] ^= 1;
+  server.send(wrong);
+  server.send(transform(1, 0, 0));
+  CHECK(soon([&] { return reader.counters().messages.messages == 1; }));
+  ReaderCounters counters = reader.counters();
+  CHECK(counters.messages[Drop::out_of_range] == 1 && counters.messages[Drop::bad_crc] == 1);
+  CHECK(counters.other_device == 1 && counters.other_type == 1 && counters.connections == 1);
+  CHECK(reader.newest(pose) && pose.count == 1 && pose.position[0] == -1.0);
+
+  server.send(Bytes(58, 0xFF));  // no header
+  server.accept();
+  server.send(transform(2, 0, 0));
+  CHECK(soon([&] { return reader.newest(pose) && pose.count == 2; }));
+  counters = reader.counters();
+  CHECK(counters.broken == 1 && counters.connections == 2 && counters.messages[Drop::bad_version] == 1);
+
+  Bytes half = transform(3, 0, 0);
+  half.resize(70);
+  server.send(half);
+  server.hang_up();
+  server.accept();
+  server.send(transform(4, 0, 0));
+  CHECK(soon([&] { return reader.newest(pose) && pose.count == 3; }));
+  counters = reader.counters();
+  CHECK(counters.messages[Drop::truncated] == 1 && counters.connections == 3 && pose.position[0] == -4.0);
+  CHECK(reader.connected());
+}
+
+void test_stop() {
+  Server server;
+  for (const bool connected : {false, true}) {  // while it pauses, and while it waits for bytes
+    TransformReader reader("127.0.0.1", connected ? server.port() : 1);
+    if (connected) server.accept();
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    reader.stop();
+    CHECK(!reader.connected());
+    reader.stop();
+  }
+}
+
+void test_device() {
+  Server server;
+  IgtlDevice device("127.0.0.1", server.port());
+  CHECK(device.name() == "igtl:127.0.0.1:" + std::to_string(server.port()));
+  CHECK(device.read(0, 1).status == DeviceReading::Status::waiting);
+  server.accept();
+  using openigtlink::timestamp_of;
+  server.send(transform(1, 2, 3, "burr", timestamp_of(10, 0)));
+  server.send(transform(1, 2, 3.5f, "burr", timestamp_of(10, 250000000)));
+  CHECK(soon([&] { return device.read(0, 1).position[2] == 3.5; }));
+  DeviceReading reading = device.read(0, 1);
+  CHECK(reading.position == Vec3(-1, -2, 3.5) && reading.on);
+  CHECK_NEAR(reading.velocity[2], 2.0, 1e-9);
+  server.send(transform(1, 2, 3, "burr_off", timestamp_of(10, 500000000)));
+  CHECK(soon([&] { return !device.read(0, 1).on; }));
+  CHECK(soon([&] { return device.read(0, 1).status == DeviceReading::Status::lost; }));
+  device.stop();
+}
+
+void test_refusals() {
+  CHECK_THROWS(TransformReader("127.0.0.1", 0), "port must be 1 to 65535, got 0");
+  CHECK_THROWS(TransformReader("127.0.0.1", 65536), "port must be 1 to 65535, got 65536");
+  CHECK_THROWS(TransformReader("256.256.256.256.", 18944),
+               "host must be a name or an address that can be looked up, got '256.256.256.256.'");
+  CHECK_THROWS(TransformReader("127.0.0.1", 18944, "a name of 21 bytes..."),
+               "length of device_name must be at most 20 bytes, got 21");
+}
+
+}  // namespace
+
+int main() {
+  test_pose();
+  test_drops_and_reconnects();
+  test_stop();
+  test_device();
+  test_refusals();
+  return check::report();
+}
+
+#endif

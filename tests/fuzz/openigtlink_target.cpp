@@ -1,0 +1,152 @@
+#include "openigtlink_target.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <memory>
+
+namespace fuzz {
+namespace {
+
+using namespace burrlab::openigtlink;
+
+#define REQUIRE(condition) \
+  if (!(condition)) std::fprintf(stderr, "%s:%d: %s\n", __FILE__, __LINE__, #condition), std::abort()
+
+bool within(ByteView part, ByteView whole) {
+  return part.size == 0 || (part.data >= whole.data && part.data + part.size <= whole.data + whole.size);
+}
+
+/// What a decoder accepted, encoded again, decodes to the same bytes.
+Message again(const Bytes& bytes) {
+  Header header;
+  Message message;
+  REQUIRE(decode_header({bytes.data(), bytes.size()}, header) == Drop::none);
+  const ByteView body{bytes.data() + header_size, bytes.size() - header_size};
+  REQUIRE(crc64(body) == header.crc && decode_body(header, body, message) == Drop::none);
+  return message;
+}
+
+bool equal(ByteView a, ByteView b) {
+  return a.size == b.size && (a.size == 0 || std::memcmp(a.data, b.data, a.size) == 0);
+}
+
+void check_transform(const Message& message, const Envelope& envelope) {
+  Transform transform;
+  if (decode_transform(message, transform) != Drop::none) return;
+  Bytes bytes;
+  encode_transform(bytes, envelope, transform);
+  REQUIRE(equal(again(bytes).content, message.content));
+}
+
+void check_sensor(const Message& message, const Envelope& envelope) {
+  Sensor sensor;
+  if (decode_sensor(message, sensor) != Drop::none) return;
+  REQUIRE(sensor.values.size() <= 255);
+  Bytes bytes;
+  encode_sensor(bytes, envelope, sensor.values.data(), sensor.values.size(), sensor.unit);
+  Sensor second;
+  REQUIRE(decode_sensor(again(bytes), second) == Drop::none);  // the status byte is not kept
+  REQUIRE(second.unit == sensor.unit && second.values == sensor.values);
+}
+
+void check_arrays(const Message& message, const Envelope& envelope) {
+  Ndarray array;
+  Bytes bytes;
+  if (decode_ndarray_float64(message, array) == Drop::none) {
+    REQUIRE(8 * array.values.size() <= largest_body && array.shape.size() <= 255);
+    encode_ndarray_float64(bytes, envelope, array.values.data(), array.values.size(), array.shape.data(),
+                           array.shape.size());
+    REQUIRE(equal(again(bytes).content, message.content));
+  }
+  ByteView text, second;
+  if (decode_ndarray_uint8(message, text) == Drop::none) {
+    REQUIRE(within(text, message.content));
+    bytes.clear();
+    encode_ndarray_uint8(bytes, envelope, text);
+    REQUIRE(decode_ndarray_uint8(again(bytes), second) == Drop::none && equal(text, second));
+  }
+}
+
+void check(const Message& message) {
+  const Header& header = message.header;
+  REQUIRE(header.version == 1 || header.version == 2);
+  REQUIRE(header.body_size <= largest_body && message.content.size <= header.body_size);
+  REQUIRE(message.metadata.size + message.metadata_header.size + message.content.size <= header.body_size);
+  std::vector<MetadataEntry> entries;
+  REQUIRE(read_metadata(message, entries) == Drop::none);
+  std::size_t texts = 0;
+  for (const MetadataEntry& entry : entries) texts += entry.key.size() + entry.value.size();
+  REQUIRE(texts <= message.metadata.size);
+  Envelope envelope{header.device_name.view(), header.timestamp, header.version, message.message_id};
+  if (header.version == 2) envelope.metadata = &entries;
+  check_transform(message, envelope);
+  check_sensor(message, envelope);
+  check_arrays(message, envelope);
+}
+
+std::uint64_t next(std::uint64_t& state) {  // splitmix64
+  std::uint64_t z = (state += 0x9E3779B97F4A7C15u);
+  z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
+  z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
+  return z ^ (z >> 31);
+}
+
+void check_counters(const MessageFramer& framer, std::uint64_t delivered, std::size_t stream_size) {
+  const Counters& counters = framer.counters();
+  REQUIRE(counters.messages == delivered);
+  REQUIRE((counters.messages + counters.all_dropped()) * header_size <= stream_size);
+  REQUIRE(framer.memory() <= header_size + largest_body);
+  const std::uint64_t lost =
+      counters[Drop::bad_version] + counters[Drop::bad_type] + counters[Drop::implausible_size];
+  REQUIRE(lost == (framer.broken() ? 1u : 0u));
+  for (const Drop of_decoder : {Drop::none, Drop::wrong_type, Drop::bad_scalar, Drop::not_finite})
+    REQUIRE(counters[of_decoder] == 0);
+}
+
+}  // namespace
+
+Counters run(const Bytes& stream, std::uint64_t splits) {
+  MessageFramer framer(largest_body);
+  std::uint64_t delivered = 0;
+  const MessageFramer::Receive receive = [&](const Message& message) {
+    ++delivered;
+    check(message);
+  };
+  for (std::size_t at = 0; at < stream.size();) {
+    const std::uint64_t word = next(splits);
+    const std::size_t longest = word % 4 == 0 ? 8 : word % 4 == 1 ? 80 : 4000;
+    const std::size_t size = std::min<std::size_t>(1 + (word >> 8) % longest, stream.size() - at);
+    const std::unique_ptr<std::uint8_t[]> piece(new std::uint8_t[size]);  // so that a byte beyond it is found
+    std::memcpy(piece.get(), stream.data() + at, size);
+    REQUIRE(framer.feed({piece.get(), size}, receive) == !framer.broken());
+    at += size;
+  }
+  check_counters(framer, delivered, stream.size());
+
+  // The same bytes at once: the splits make no difference.
+  MessageFramer whole(largest_body);
+  whole.feed({stream.data(), stream.size()}, [](const Message&) {});
+  REQUIRE(whole.counters().dropped == framer.counters().dropped && whole.counters().messages == delivered);
+
+  framer.restart();
+  const Counters counters = framer.counters();
+  Bytes valid;
+  Transform transform;
+  transform.position = {1, 2, 3};
+  encode_transform(valid, {"after"}, transform);
+  REQUIRE(framer.feed({valid.data(), valid.size()}, receive) &&
+          framer.counters().messages == counters.messages + 1);
+  return counters;
+}
+
+}  // namespace fuzz
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* bytes, std::size_t size) {
+  std::uint64_t splits = 0;
+  std::memcpy(&splits, bytes, std::min<std::size_t>(size, 2));
+  fuzz::run({bytes, bytes + size}, splits);
+  return 0;
+}

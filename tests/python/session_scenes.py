@@ -1,0 +1,77 @@
+"""Sessions for the tests of traces: records made by contacts, not by the loop or the executor, and a reader of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import burrlab
+from burrlab import _core
+
+SEED = 7
+
+
+def small_bone():
+    """12 x 12 x 4 mm at 0.2 mm, top at z = 0, worn at one place."""
+    bone = burrlab.VoxelBone.block((12, 12, 4), 0.2, origin=(-5.9, -5.9, -3.9))
+    worn = burrlab.BurrContact(bone, burrlab.Burr(1.0), burrlab.materials["bone"], seed=1)
+    for _ in range(50):
+        worn.step((2.0, 1.0, 0.5), 1.0)
+    return bone
+
+
+def tools(burrs=1):
+    made = [
+        (burrlab.Burr(2.0), burrlab.materials["bone"]), (burrlab.Burr(1.5), burrlab.materials["pettigrew"])
+    ]  # fmt: skip
+    return made[:burrs]
+
+
+def path(tick, burr):
+    """A burr that strokes along x and sinks; the second beside it along y."""
+    s, depth = 2.0 * np.sin(2 * np.pi * tick / 700), min(0.3, 0.0004 * tick)
+    return (s, -2.5, 2.0 - depth) if burr == 0 else (2.5, s, 1.5 - depth)
+
+
+def make_records(bone, n, *, burrs=1, first=0, seed=SEED):
+    """n ticks of 1 ms carved into `bone` by one contact a burr, late ticks (k = 3) and a burr at rest among them."""
+    contacts = [
+        burrlab.BurrContact(bone, burr, material, seed, index)
+        for index, (burr, material) in enumerate(tools(burrs))
+    ]
+    records = np.zeros(n, _core.record_dtype)
+    for i in range(n):
+        record, tick = records[i], first + i
+        k = 3 if tick % 97 == 5 else 1
+        record["index"], record["k"], record["burrs"] = tick, k, burrs
+        record["time"], record["cpu_time"] = 0.001 * i, 12.5
+        for j, contact in enumerate(contacts):
+            at, on = path(tick, j), tick % 211 < 180
+            contact.tick = tick
+            met = contact.step(at, float(k), on)
+            b = record["burr"][j]
+            b["center"], b["radius"], b["material"], b["on"] = at, tools(burrs)[j][0].radius, j, on
+            b["touching"], b["ambiguous"] = met.touching, met.ambiguous
+            b["force"], b["penetration"] = met.force, met.penetration
+            b["removed"] = round(met.removed / 0.2**3 * 255)
+            b["sent"], b["device_position"] = met.force * 0.5, at
+            b["device_velocity"], b["age"] = (1.0, 2.0, 3.0), 0.25
+    return records
+
+
+class FakeReader:
+    """Hands out the records it was fed; says that some were lost where told to."""
+
+    def __init__(self, *batches, lost_at_end=False):
+        self.batches = list(batches)
+        self.lost_at_end = lost_at_end
+
+    def feed(self, records):
+        self.batches.append(records)
+
+    def take(self, most=100_000):
+        if not self.batches:
+            return np.zeros(0, _core.record_dtype), self.lost_at_end
+        batch = self.batches.pop(0)
+        if len(batch) > most:
+            self.batches.insert(0, batch[most:])
+        return batch[:most], False

@@ -1,0 +1,294 @@
+"""A whole session: its ends, its clock, what follows it, and what it leaves behind."""
+
+import time
+
+import numpy as np
+import pytest
+
+import burrlab
+from burrlab import _core
+
+TOOL = burrlab.Burr(3.0), burrlab.materials["bone"]
+
+
+def block(voxel=0.2):
+    o = voxel / 2
+    return burrlab.VoxelBone.block((24, 16, 5), voxel, origin=(o - 12, o - 8, o - 5))
+
+
+def session(device=None, **options):
+    options = {"seed": 1, "wall_clock": False, **options}
+    return burrlab.Session(block(), TOOL, device or burrlab.HandDevice(), **options)
+
+
+class TestVirtualClock:
+    """The same on every machine."""
+
+    def test_repeats_to_the_bit(self):
+        digests = []
+        for _ in range(2):
+            with session(duration=3.0) as run:
+                assert run.wait()
+            digests.append(run.digests)
+        assert digests[0] == digests[1]
+        assert [tick for tick, _ in digests[0]] == [0, 1000, 2000, 3000]
+        assert len({d for _, d in digests[0]}) == 4
+
+    def test_bone_given_is_not_changed(self):
+        bone = block()
+        before = bone.digest()
+        with burrlab.Session(bone, TOOL, burrlab.HandDevice(), seed=1, duration=2.0, wall_clock=False) as run:
+            run.wait()
+        assert bone.digest() == before
+        cut, tick = run.snapshot()
+        assert (cut.digest(), tick) == run.digests[-1][::-1]
+        assert cut.removed > 0.1
+
+    def test_goes_on_from_a_saved_bone(self, tmp_path):
+        """Two halves with the tick index kept give the bone of one run."""
+        time_, position = np.arange(0, 2.001, 0.5), np.array([[x, 0, 2.7] for x in (0, 3, 0, -3, 0)])
+        whole = burrlab.Session(
+            block(), TOOL, burrlab.ScriptedDevice(time_, position), seed=1, wall_clock=False
+        )
+        with whole:
+            whole.wait()
+        positions = [_positions(whole, tmp_path, time_, position)]
+        bone, tick = block(), 0
+        for part in np.array_split(positions[0], 2):
+            with burrlab.Session(
+                bone, TOOL, burrlab.ReplayDevice(part), seed=1, tick=tick, wall_clock=False
+            ) as half:
+                half.wait()
+            burrlab.save_bone(tmp_path / "bone.h5", *half.snapshot())
+            bone, tick = burrlab.load_bone(tmp_path / "bone.h5")
+        assert tick == whole.ticks
+        assert bone.digest() == whole.digests[-1][1]
+
+    def test_two_burrs(self, tmp_path):
+        sucker = burrlab.Burr(2.0), burrlab.Material("sucker", c_e=2.145, alpha=0.0)
+        devices = [burrlab.HandDevice(), burrlab.HandDevice(start=(6, 0, 2.5), strokes=0)]
+        path = tmp_path / "two.h5"
+        run = burrlab.Session(
+            block(), [TOOL, sucker], devices, seed=3, wall_clock=False, duration=2.0, record=path
+        )
+        with run:
+            run.wait()
+        trace = burrlab.load_trace(path)
+        again = burrlab.replay(trace)
+        assert again.equal
+        assert again.digests == 3
+        assert trace.array("removed_levels", burr=0).sum() > 0
+        assert trace.array("removed_levels", burr=1).sum() == 0
+        assert np.abs(trace.array("force_N", burr=1)).max() > 0.5
+
+
+def _positions(whole, folder, time_, position):
+    path = folder / "whole.h5"
+    again = burrlab.Session(
+        block(), TOOL, burrlab.ScriptedDevice(time_, position), seed=1, wall_clock=False, record=path
+    )
+    with again:
+        again.wait()
+    assert again.digests[-1] == whole.digests[-1]
+    return burrlab.load_trace(path).array("device_position_mm")
+
+
+class TestWallClock:
+    def test_records_what_replays(self, tmp_path):
+        path = tmp_path / "session.h5"
+        with session(wall_clock=True, duration=1.5, record=path) as run:
+            assert run.wait(60)
+        trace = burrlab.load_trace(path)
+        assert len(trace.ticks) == run.ticks == 1500
+        assert burrlab.replay(trace).equal
+        assert trace.digests[-1] == run.digests[-1]
+        report = run.report()
+        assert report.follower["differing"] == 0
+        assert report.follower["tick"] == 1500
+        assert report.recording["complete"]
+        assert 0 < report.times["tick_time"]["p50"] <= report.times["tick_time"]["max"]
+        assert sum(report.histograms["jitter"]) == 1499
+
+    def test_python_does_not_delay_the_loop(self):
+        """Nothing that holds the interpreter stops a tick."""
+        box = burrlab.MailboxDevice(lost_after=60_000.0)
+        box.put((0, 0, 2.8))
+        with session(box, wall_clock=True) as run:
+            before, start = run.ticks, time.perf_counter()
+            while time.perf_counter() - start < 0.4:
+                7 ** (200_000)  # one long call that keeps the interpreter to itself
+            assert run.ticks - before > 50  # of 400, on any machine
+
+    def test_mailbox(self):
+        box = burrlab.MailboxDevice()
+        run = session(box, wall_clock=True)
+        with run:
+            assert not run.wait(0.2)  # waits for a first position
+            assert run.ticks == 0
+            for _ in range(100):
+                box.put((0, 0, 2.8), on=False)
+                time.sleep(0.002)
+            assert box.force[2] > 0.1
+            assert run.running
+            assert run.wait(10)  # no one puts any more
+        assert run.failed
+        assert run.reason.startswith("device 0 was lost: its last position is 1")
+        assert run.messages[-1] == run.reason
+        np.testing.assert_array_equal(box.force, 0)
+
+    def test_follower_serves_what_changed(self):
+        with session(wall_clock=True) as run:
+            view = run.follower.view()
+            shown = block().density.copy()
+            for _ in range(10):
+                time.sleep(0.1)
+                update = run.follower.take(view)
+                for (z, y, x), levels in zip(8 * update["bricks"], update["density"], strict=True):
+                    part = shown[z : z + 8, y : y + 8, x : x + 8]
+                    part[...] = levels[tuple(slice(n) for n in part.shape)]
+            run.stop()
+            update = run.follower.take(view)
+            for (z, y, x), levels in zip(8 * update["bricks"], update["density"], strict=True):
+                part = shown[z : z + 8, y : y + 8, x : x + 8]
+                part[...] = levels[tuple(slice(n) for n in part.shape)]
+        bone, _ = run.snapshot()
+        np.testing.assert_array_equal(shown, bone.density)
+        assert bone.removed > 0
+
+    def test_rebuilt_follower(self):
+        with session(wall_clock=True, duration=1.2) as run:
+            for _ in range(8):
+                time.sleep(0.1)
+                run.follower.ask_rebuild()
+            run.wait(60)
+        status = run.follower.status
+        assert status["rebuilds"] >= 4
+        assert status["differing"] == 0
+        assert run.digests[-1] == (1200, run.loop.executor.bone.digest())
+
+
+class TestSafety:
+    def test_force_limit(self):
+        """Pressed deep: the force sent stays at the limit, the model's does not."""
+        script = burrlab.ScriptedDevice([0.0, 1.0], [[0, 0, 2.0]] * 2, on=[False, False])
+        with session(script, force_limit=2.0) as run:
+            run.wait()
+        record = run.follower.take(run.follower.view())["newest"]["burr"][0]
+        assert np.linalg.norm(record["sent"]) == pytest.approx(2.0)
+        assert np.linalg.norm(record["force"]) > 2.0
+
+    def test_slew_limit(self, tmp_path):
+        path = tmp_path / "slew.h5"
+        script = burrlab.ScriptedDevice([0.0, 0.5], [[0, 0, 2.5]] * 2, on=[False, False])
+        with session(script, slew_limit=0.05, record=path) as run:
+            run.wait()
+        sent = burrlab.load_trace(path).array("sent_force_N")
+        steps = np.linalg.norm(np.diff(sent, axis=0, prepend=0), axis=1)
+        assert steps.max() <= 0.05 + 1e-12
+        assert sent[-1, 2] > 1.0
+
+    def test_coupling_softens(self):
+        """A still burr: the spring's and the bone's forces balance, and the burr is off the device."""
+        script = burrlab.ScriptedDevice([0.0, 0.5], [[0, 0, 2.5]] * 2, on=[False, False])
+        with session(script, coupling=1.0) as run:
+            run.wait()
+        burr = run.follower.take(run.follower.view())["newest"]["burr"][0]
+        offset = burr["center"] - burr["device_position"]
+        np.testing.assert_allclose(burr["sent"], 1.0 * offset, atol=1e-9)
+        np.testing.assert_allclose(burr["sent"], burr["force"], atol=2e-4)
+        assert offset[2] > 0.1
+
+    def test_stability_is_told(self):
+        said = []
+        with session(
+            burrlab.HandDevice(damping=2.0), duration=3.0, wall_clock=True, on_message=said.append
+        ) as run:
+            run.wait(60)
+        assert any("of the limit that the device's damping sets" in text for text in said)
+        at = run.report().stability[0]
+        assert at["limit_N_per_mm"] == pytest.approx(4.0)
+        assert at["ratio"] == pytest.approx(at["stiffness_N_per_mm"] / 4.0)
+
+
+class TestRefusals:
+    def test_numbers(self):
+        for options, message in [
+            ({"rate": 0.0}, "rate must be positive, got 0"),
+            ({"rate": 20_000.0}, "rate must be at most 10000 Hz, got 20000"),
+            ({"duration": -1.0}, r"duration must be positive, got -1\.0"),
+            ({"digest_every": 0.0}, r"digest_every must be positive, got 0\.0"),
+            ({"force_limit": 0.0}, "limit must be positive"),
+            ({"coupling": -1.0}, "coupling must be positive and finite, got -1"),
+            ({"scheme": "box"}, "scheme must be layer or cell, got 'box'"),
+        ]:
+            with pytest.raises(ValueError, match=message):
+                session(**options)
+
+    def test_devices(self):
+        with pytest.raises(ValueError, match="number of devices must be one a burr, 1, got 2"):
+            session([burrlab.HandDevice(), burrlab.HandDevice()])
+        with pytest.raises(ValueError, match="number of burrs must be 1 or 2, got 3"):
+            burrlab.Session(block(), [TOOL] * 3, [burrlab.HandDevice()] * 3)
+
+    def test_existing_trace(self, tmp_path):
+        (tmp_path / "old.h5").write_text("mine")
+        with pytest.raises(FileExistsError, match="path must be a new file"):
+            session(record=tmp_path / "old.h5")
+        assert (tmp_path / "old.h5").read_text() == "mine"
+
+    def test_twice(self):
+        run = session(duration=0.1)
+        with run:
+            run.wait()
+        with pytest.raises(ValueError, match="loop must be started once"):
+            run.start()
+
+    def test_never_started(self):
+        run = session()
+        run.stop()
+        assert repr(run) == "Session(not started, 0 ticks, 0 late, 0 periods dropped)"
+
+    def test_executor(self):
+        executor = _core.TickExecutor(block(), [TOOL], 1)
+        records = np.zeros(2, _core.record_dtype)
+        records["k"], records["burrs"] = 1, 1
+        with pytest.raises(ValueError, match="index of a tick must be the next one, 1, got 0"):
+            executor.execute(records)
+        records["index"] = 0, 1
+        records["k"][1] = 9
+        with pytest.raises(ValueError, match="k of a tick must be 1 to 8, got 9"):
+            executor.execute(records)
+        records["k"][1] = 8
+        records["burr"]["center"][1, 0, 0] = np.nan
+        with pytest.raises(ValueError, match="center of a tick must be finite, got nan"):
+            executor.execute(records)
+        with pytest.raises(
+            ValueError, match=r"records must be an array of shape \(n,\) and type record_dtype"
+        ):
+            executor.execute(np.zeros(2))
+        assert executor.tick == 0
+
+
+def test_executor_is_steps():
+    """An executed record is `BurrContact.step` with dt = k periods."""
+    bone, other = block(), block()
+    executor = _core.TickExecutor(bone, [TOOL], 7, period=0.5, tick=5)
+    contact = burrlab.BurrContact(other, *TOOL, seed=7)
+    contact.tick = 5
+    records = np.zeros(40, _core.record_dtype)
+    records["index"], records["burrs"] = 5 + np.arange(40), 1
+    records["k"] = 1 + np.arange(40) % 8
+    records["burr"]["on"] = (np.arange(40) % 5 > 0)[:, None]
+    records["burr"]["center"][:, 0] = np.column_stack(
+        [np.linspace(0, 2, 40), np.zeros(40), np.linspace(2.9, 2.4, 40)]
+    )
+    done = executor.execute(records)
+    for row in done:
+        felt = contact.step(
+            row["burr"]["center"][0], dt=0.5 * int(row["k"]), burr_on=bool(row["burr"]["on"][0])
+        )
+        np.testing.assert_array_equal(row["burr"]["force"][0], felt.force)
+        assert row["burr"]["penetration"][0] == felt.penetration
+        assert row["burr"]["removed"][0] * (0.2**3 / 255) == pytest.approx(felt.removed, rel=1e-12)
+    assert bone.digest() == other.digest()
+    assert executor.tick == contact.tick == 45

@@ -406,8 +406,10 @@ def _parser() -> argparse.ArgumentParser:
     _output_options(fit)
 
     from burrlab.cli_session import add_session_commands
+    from burrlab.cli_trace import add_trace_commands
 
     add_session_commands(command)
+    add_trace_commands(command)
     _output_options(command("materials", _materials, "The paper's materials and their source."), plot=False)
     _output_options(command("version", _version, "Version and what it runs on."), plot=False)
     return parser

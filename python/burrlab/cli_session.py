@@ -1,72 +1,202 @@
-"""The session's commands: burrlab replay | metrics."""
+"""The live commands: burrlab session | replica."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
-from burrlab.cli import Options, _deliver, _output_options, _positive, _save
+import numpy as np
+
+import burrlab
+from burrlab._core import Burr, Device, VoxelBone
+from burrlab.cli import (
+    Options, _deliver, _grey_map, _material, _number, _output_options, _positive, _save, _seed, _shape, _vector,
+)  # fmt: skip
+from burrlab.session.network import block_recipe, follow, make_bone, volume_recipe
 
 #: Adds a command: its name, what runs it, its help.
 AddCommand = Callable[[str, Callable[[Options], int], str], argparse.ArgumentParser]
 
+_BLOCK = (30.0, 30.0, 10.0)  # of the block that a session burrs unless a volume is given, top at z = 0 [mm]
+_GAP = 0.5  # between the burr of a simulated hand and the bone at the start [mm]
+
 
 def add_session_commands(command: AddCommand) -> None:
-    """Adds the session's commands to the parser of `burrlab`."""
-    replay = command(
-        "replay", _replay, "Execute a trace again and compare: exit status 0 equal, 1 different."
+    """Adds the live commands to the parser of `burrlab`."""
+    session = command("session", _session, "Burr in real time, with a device or a simulated hand.")
+    session.add_argument(
+        "--device", action="append", required=True, metavar="hand|scripted:FILE|igtl:HOST:PORT",
+        help="what moves the burr: a simulated hand, a CSV of time_s,x_mm,y_mm,z_mm[,on], or a server's OpenIGTLink TRANSFORM "
+        "stream; given twice, two burrs",
+    )  # fmt: skip
+    session.add_argument("--record", metavar="FILE", help="write the complete trace (HDF5), a new file")
+    session.add_argument(
+        "--publish", type=_port, metavar="PORT",
+        help="publish poses, forces and ticks over OpenIGTLink on this port (0: any free one); there is no authentication: "
+        "whoever reaches the port can read the session",
+    )  # fmt: skip
+    session.add_argument(
+        "--host", default="127.0.0.1", help="address to publish on, default 127.0.0.1: this machine only"
     )
-    replay.add_argument("file", metavar="FILE", help="a trace")
-    replay.add_argument(
-        "--until", type=_tick, metavar="TICK", help="tick before which to stop, default the end"
+    session.add_argument(
+        "--header-version", type=int, choices=[1, 2], default=1, help="of the OpenIGTLink messages, default 1"
     )
-    _output_options(replay, plot=False)
+    session.add_argument("--duration", type=_positive, metavar="S", help="[s], default until Ctrl-C")
+    session.add_argument("--rate", type=_positive, default=1000.0, help="of the loop [Hz], default 1000")
+    session.add_argument("--material", choices=sorted(burrlab.materials), default="bone", help="default: bone")
+    session.add_argument("--c-e", type=_positive, help="elastic constant instead of the material's [N/mm^2]")
+    session.add_argument("--alpha", type=_positive, help="erosion rate instead of the material's [1/ms]")
+    session.add_argument("--shape", type=_shape, help="erosion shape f instead of the material's")
+    session.add_argument("--radius", type=_positive, default=3.0, help="burr radius R [mm], default 3")
+    session.add_argument("--push", type=_positive, default=1.0, help="of a simulated hand [N], default 1")
+    session.add_argument("--voxel", type=_positive, help="of the block of 30 x 30 x 10 mm [mm], default 0.1")
+    session.add_argument("--volume", metavar="FILE", help="a grey volume instead of a block")
+    session.add_argument("--map", type=_grey_map, metavar="LO:HI", help="grey values of empty and solid")
+    session.add_argument("--entry", type=_vector, metavar="X,Y,Z", help="volume: where a simulated hand begins [mm]")
+    session.add_argument("--axis", type=_vector, metavar="X,Y,Z", help="volume: where a simulated hand pushes")
+    session.add_argument("--seed", type=_seed, help="default: drawn and recorded")
+    session.add_argument("--force-limit", type=_positive, default=8.0, help="of the force sent [N], default 8")
+    session.add_argument("--slew-limit", type=_positive, default=1.0, help="of its change [N/ms], default 1")
+    session.add_argument("--coupling", type=_positive, help="spring between device and burr [N/mm], default none")
+    session.add_argument(
+        "--no-realtime", action="store_true", help="do not ask for real-time priority and locked memory"
+    )
+    _output_options(session)
 
-    metrics = command("metrics", _metrics, "How the burr was handled: time, motion, force, bone removed.")
-    metrics.add_argument("file", metavar="FILE", help="a trace")
-    metrics.add_argument("--burr", type=_tick, default=0, metavar="INDEX", help="default 0")
-    metrics.add_argument("--threshold", type=_positive, metavar="N", help="of the force [N], default 2")
-    metrics.add_argument("--hysteresis", type=_positive, metavar="MM", help="least stroke [mm], default 1")
-    _output_options(metrics)
+    replica = command("replica", _replica, "Hold a bit-identical copy of a published session's bone.")
+    replica.add_argument("address", type=_address, metavar="HOST:PORT", help="of a session with --publish")
+    replica.add_argument("--volume", metavar="FILE", help="the leader's volume, where it lies elsewhere here")
+    replica.add_argument("--duration", type=_positive, metavar="S", help="[s], default until the session ends")
+    replica.add_argument("--save", metavar="FILE", help="write the bone at the end (HDF5)")
+    _output_options(replica, plot=False)
 
 
-def _tick(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0, got '{text}'")
+def _port(text: str) -> int:
+    if not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"must be a port, 0 to 65535, got '{text}'")
     return int(text)
 
 
-def _replay(options: Options) -> int:
-    from tqdm import tqdm
-
-    from burrlab.session.replay import replay
-    from burrlab.session.trace import load_trace
-
-    trace = load_trace(options.file)
-    with tqdm(total=100, desc="replay", unit="%", disable=not sys.stderr.isatty(), leave=False) as bar:
-        again = replay(trace, until=options.until, progress=lambda done: bar.update(int(100 * done) - bar.n))
-    where = f"{again.ticks} ticks from {trace.first_tick}, {again.digests} digests compared"
-    said = f"equal: {where}" if again.equal else f"different: {again.difference}"
-    ended = trace.ended or "recording did not end: the session was killed, or goes on"
-    result: dict[str, Any] = {
-        "file": str(options.file), **again.to_dict(), "ended": trace.ended, "complete": trace.complete,
-        "recorded_with": {name: trace.provenance[name] for name in ("burrlab", "cpu_path", "machine")},
-    }  # fmt: skip
-    _deliver(options, result, f"{said}\n{ended}")
-    return 0 if again.equal else 1
+def _address(text: str) -> tuple[str, int]:
+    host, colon, port = text.rpartition(":")
+    if not colon or not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise argparse.ArgumentTypeError(f"must be HOST:PORT, got '{text}'")
+    return host.strip("[]"), int(port)
 
 
-def _metrics(options: Options) -> int:
-    from burrlab.session.metrics import HYSTERESIS, THRESHOLD, session_metrics
-    from burrlab.session.trace import load_trace
-
-    metrics = session_metrics(
-        load_trace(options.file), burr=options.burr, threshold=options.threshold or THRESHOLD,
-        hysteresis=options.hysteresis or HYSTERESIS,
+def _session(options: Options) -> int:
+    burr = Burr(options.radius)
+    bone, source, place = _bone(options, burr)
+    devices = [_device(text, options, burr, place, i) for i, text in enumerate(options.device)]
+    session = burrlab.Session(
+        bone, [(burr, _material(options))] * len(devices), devices, seed=options.seed, rate=options.rate,
+        duration=options.duration, force_limit=options.force_limit, slew_limit=options.slew_limit,
+        coupling=options.coupling, record=options.record, publish=options.publish, host=options.host,
+        header_version=options.header_version, source=source, realtime=not options.no_realtime, on_message=_say,
     )  # fmt: skip
+    interrupted = False
+    if session.port is not None:
+        _say(f"published on {options.host}, port {session.port}; there is no authentication")
+    with session:
+        try:
+            while not session.wait(1.0):
+                _show(_line(session))
+        except KeyboardInterrupt:
+            interrupted = True
+            session.stop("interrupted")
+    report = session.report()
     if options.plot is not None:
-        _save(metrics.plot()[0], options.plot)
-    _deliver(options, metrics.to_dict(), repr(metrics))
-    return 0
+        _save(report.plot()[0], options.plot)
+    _deliver(
+        options, {"seed": session.seed, "interrupted": interrupted, **report.to_dict()}, f"{report}\nseed {session.seed}"
+    )
+    return 1 if session.failed else 0
+
+
+def _bone(options: Options, burr: Burr) -> tuple[VoxelBone, dict[str, Any], Mapping[str, Any]]:
+    """The bone, its recipe, and where a simulated hand begins."""
+    if options.volume is None:
+        for name in ("map", "entry", "axis"):
+            if getattr(options, name) is not None:
+                raise ValueError(f"--{name} goes with --volume")
+        voxel = options.voxel or 0.1
+        source = block_recipe(_BLOCK, voxel, origin=[0.5 * voxel - side / 2 for side in _BLOCK[:2]] + [0.5 * voxel - _BLOCK[2]])
+        return make_bone(source), source, {"start": (0.0, 0.0, burr.radius + _GAP)}
+    if options.map is None:
+        raise ValueError("--volume needs --map")
+    if options.voxel is not None:
+        raise ValueError("--voxel does not go with --volume: the volume has its own spacing")
+    source = volume_recipe(options.volume, *options.map)
+    if "hand" not in options.device:
+        return make_bone(source), source, {}
+    for name in ("entry", "axis"):
+        if getattr(options, name) is None:
+            raise ValueError(f"--device hand with --volume needs --{name}")
+    specimen = burrlab.read_volume(options.volume).specimen(*options.map, entry=options.entry, axis=options.axis)
+    across = np.cross(specimen.axis, np.eye(3)[np.argmin(np.abs(specimen.axis))])
+    start = specimen.surface - (burr.radius + _GAP) * specimen.axis
+    return specimen.bone, source, {"start": start, "into": specimen.axis, "along": across / np.linalg.norm(across)}
+
+
+def _device(text: str, options: Options, burr: Burr, place: Mapping[str, Any], number: int) -> Device:
+    kind, _, rest = text.partition(":")
+    if text == "hand":
+        if number == 0 or not place:
+            return burrlab.HandDevice(push=options.push, **place)
+        along = np.asarray(place.get("along", (1.0, 0.0, 0.0)))
+        into = np.asarray(place.get("into", (0.0, 0.0, -1.0)))
+        beside = np.asarray(place["start"]) + 3 * burr.radius * np.cross(into, along)
+        return burrlab.HandDevice(push=options.push, **{**place, "start": beside})
+    if kind == "scripted" and rest:
+        return burrlab.read_script(rest)
+    if kind == "igtl" and rest:
+        try:
+            host, port = _address(rest)
+        except argparse.ArgumentTypeError as error:
+            raise ValueError(f"--device igtl: {error}") from None
+        return burrlab.IgtlDevice(host, port)
+    raise ValueError(f"--device must be hand, scripted:FILE or igtl:HOST:PORT, got '{text}'")
+
+
+def _line(session: burrlab.Session) -> str:
+    """A session in one line."""
+    counts, status, at = session.loop.counts, session.follower.status, session.follower.stability(0)
+    stiff = f"{at['stiffness_N_per_mm']:.1f} N/mm"
+    if np.isfinite(at["ratio"]):
+        stiff += f" of {at['limit_N_per_mm']:.1f} ({at['ratio']:.2f}, exceeded below {at['force_at_limit_N']:.2f} N)"
+    return (
+        f"{counts.ticks} ticks, {counts.late} late, {counts.dropped} dropped; lag {status['behind']} ticks; "
+        f"{at['force_N']:.2f} N, stiffness {stiff}"
+    )
+
+
+def _replica(options: Options) -> int:
+    host, port = options.address
+    replica = follow(host, port, volume=options.volume)
+    interrupted, left = False, float("inf") if options.duration is None else options.duration
+    try:
+        while left > 0 and not replica.wait(min(1.0, left)):
+            left -= 1.0
+            status = replica.status
+            _show(f"tick {status['tick']}, {'connected' if status['connected'] else 'not connected'}")
+    except KeyboardInterrupt:
+        interrupted = True
+    replica.stop()
+    if options.save is not None:
+        burrlab.save_bone(options.save, *replica.snapshot())
+    status = {"interrupted": interrupted, "digest": replica.digest(), **replica.status}
+    _deliver(options, status, "\n".join(f"{name}: {value}" for name, value in status.items()))
+    return 1 if status["divergences"] else 0
+
+
+def _say(text: str) -> None:
+    print(f"burrlab: {text}", file=sys.stderr, flush=True)
+
+
+def _show(line: str) -> None:
+    """A line that the next one replaces, on a terminal."""
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)

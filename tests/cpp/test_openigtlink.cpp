@@ -283,6 +283,11 @@ void test_hostile_bodies() {
   CHECK(reason_of(changed(array, 59, 0)) == Drop::bad_length);
   CHECK(reason_of(changed(array, 59, 255)) == Drop::bad_length);
   CHECK(reason_of(changed(array, 58, 10)) == Drop::bad_scalar);
+  Bytes wrapped;  // 2^75 elements, which are 0 in 64 bits
+  const std::uint16_t none[] = {32768, 32768, 32768, 32768, 0};
+  encode_ndarray_float64(wrapped, {"tick"}, values, 0, none, 5);
+  CHECK(reason_of(wrapped) == Drop::none);
+  CHECK(reason_of(changed(wrapped, 68, 0x80)) == Drop::bad_length);
   Bytes text;
   encode_ndarray_uint8(text, {"digest"}, {sensor.data(), 5});
   CHECK(reason_of(changed(text, 69, 6)) == Drop::bad_length);

@@ -1,0 +1,72 @@
+"""What is done with a trace: burrlab replay | metrics."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from typing import Any
+
+from burrlab.cli import Options, _deliver, _output_options, _positive, _save
+
+#: Adds a command: its name, what runs it, its help.
+AddCommand = Callable[[str, Callable[[Options], int], str], argparse.ArgumentParser]
+
+
+def add_trace_commands(command: AddCommand) -> None:
+    """Adds the commands on traces to the parser of `burrlab`."""
+    replay = command(
+        "replay", _replay, "Execute a trace again and compare: exit status 0 equal, 1 different."
+    )
+    replay.add_argument("file", metavar="FILE", help="a trace")
+    replay.add_argument(
+        "--until", type=_tick, metavar="TICK", help="tick before which to stop, default the end"
+    )
+    _output_options(replay, plot=False)
+
+    metrics = command("metrics", _metrics, "How the burr was handled: time, motion, force, bone removed.")
+    metrics.add_argument("file", metavar="FILE", help="a trace")
+    metrics.add_argument("--burr", type=_tick, default=0, metavar="INDEX", help="default 0")
+    metrics.add_argument("--threshold", type=_positive, metavar="N", help="of the force [N], default 2")
+    metrics.add_argument("--hysteresis", type=_positive, metavar="MM", help="least stroke [mm], default 1")
+    _output_options(metrics)
+
+
+def _tick(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"must be a whole number from 0, got '{text}'")
+    return int(text)
+
+
+def _replay(options: Options) -> int:
+    from tqdm import tqdm
+
+    from burrlab.session.replay import replay
+    from burrlab.session.trace import load_trace
+
+    trace = load_trace(options.file)
+    with tqdm(total=100, desc="replay", unit="%", disable=not sys.stderr.isatty(), leave=False) as bar:
+        again = replay(trace, until=options.until, progress=lambda done: bar.update(int(100 * done) - bar.n))
+    where = f"{again.ticks} ticks from {trace.first_tick}, {again.digests} digests compared"
+    said = f"equal: {where}" if again.equal else f"different: {again.difference}"
+    ended = trace.ended or "recording did not end: the session was killed, or goes on"
+    result: dict[str, Any] = {
+        "file": str(options.file), **again.to_dict(), "ended": trace.ended, "complete": trace.complete,
+        "recorded_with": {name: trace.provenance[name] for name in ("burrlab", "cpu_path", "machine")},
+    }  # fmt: skip
+    _deliver(options, result, f"{said}\n{ended}")
+    return 0 if again.equal else 1
+
+
+def _metrics(options: Options) -> int:
+    from burrlab.session.metrics import HYSTERESIS, THRESHOLD, session_metrics
+    from burrlab.session.trace import load_trace
+
+    metrics = session_metrics(
+        load_trace(options.file), burr=options.burr, threshold=options.threshold or THRESHOLD,
+        hysteresis=options.hysteresis or HYSTERESIS,
+    )  # fmt: skip
+    if options.plot is not None:
+        _save(metrics.plot()[0], options.plot)
+    _deliver(options, metrics.to_dict(), repr(metrics))
+    return 0

@@ -39,4 +39,5 @@ PYBIND11_MODULE(_core, m) {
   bind_device(m);  // after the base class
   bind_stability(m);
   bind_openigtlink(m);
+  bind_transform_reader(m);
 }

@@ -87,24 +87,6 @@ py::array_t<double> to_array(const std::vector<double>& v) {
   return py::array_t<double>(static_cast<py::ssize_t>(v.size()), v.data());
 }
 
-py::dict to_dict(const BoneView::Update& update, const VoxelBone& bone) {
-  const auto n = static_cast<py::ssize_t>(update.bricks.size());
-  py::array_t<std::int64_t> bricks({n, py::ssize_t{3}});
-  for (py::ssize_t i = 0; i < n; ++i) {
-    const Index3 at = bone.place(update.bricks[std::size_t(i)]);
-    std::copy(at.begin(), at.end(), bricks.mutable_data(i, 0));
-  }
-  py::array_t<std::uint8_t> density({n, py::ssize_t{8}, py::ssize_t{8}, py::ssize_t{8}});
-  if (n) std::memcpy(density.mutable_data(), update.density.data(), update.density.size());
-  py::dict out;
-  out["tick"] = update.tick;
-  out["newest"] = update.any ? py::object(to_array(std::vector<TickRecord>{update.newest})[py::int_(0)])
-                             : py::object(py::none());
-  out["bricks"] = bricks;
-  out["density"] = density;
-  return out;
-}
-
 void bind_loop(py::module_& m) {
   py::class_<LoopCounts>(m, "LoopCounts", "Counts since the start of a loop.")
       .def_readonly("ticks", &LoopCounts::ticks, "Executed")
@@ -349,6 +331,24 @@ rebuild_after : float
 }
 
 }  // namespace
+
+py::dict to_dict(const BoneView::Update& update, const VoxelBone& bone) {
+  const auto n = static_cast<py::ssize_t>(update.bricks.size());
+  py::array_t<std::int64_t> bricks({n, py::ssize_t{3}});
+  for (py::ssize_t i = 0; i < n; ++i) {
+    const Index3 at = bone.place(update.bricks[std::size_t(i)]);
+    std::copy(at.begin(), at.end(), bricks.mutable_data(i, 0));
+  }
+  py::array_t<std::uint8_t> density({n, py::ssize_t{8}, py::ssize_t{8}, py::ssize_t{8}});
+  if (n) std::memcpy(density.mutable_data(), update.density.data(), update.density.size());
+  py::dict out;
+  out["tick"] = update.tick;
+  out["newest"] = update.any ? py::object(to_array(std::vector<TickRecord>{update.newest})[py::int_(0)])
+                             : py::object(py::none());
+  out["bricks"] = bricks;
+  out["density"] = density;
+  return out;
+}
 
 void bind_session(py::module_& m) {
   PYBIND11_NUMPY_DTYPE(BurrRecord, center, radius, material, on, touching, ambiguous, unused, force,

@@ -9,6 +9,7 @@
 #include <string>
 #include <variant>
 
+#include "burrlab/session/follower.hpp"
 #include "burrlab/shape.hpp"
 
 /// A shape or its name, so that a wrong name ends in its own sentence.
@@ -17,6 +18,9 @@ inline burrlab::Shape to_shape(const ShapeArgument& shape) {
   if (const auto* name = std::get_if<std::string>(&shape)) return burrlab::Shape::parse(*name);
   return std::get<burrlab::Shape>(shape);
 }
+
+/// tick, newest, bricks and density of what a consumer has not seen yet.
+pybind11::dict to_dict(const burrlab::BoneView::Update& update, const burrlab::VoxelBone& bone);
 
 void bind_shape(pybind11::module_& m);
 void bind_material(pybind11::module_& m);
@@ -30,3 +34,4 @@ void bind_device(pybind11::module_& m);
 void bind_stability(pybind11::module_& m);
 void bind_openigtlink(pybind11::module_& m);
 void bind_transform_reader(pybind11::module_& m);
+void bind_network(pybind11::module_& m);

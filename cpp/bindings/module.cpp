@@ -40,4 +40,5 @@ PYBIND11_MODULE(_core, m) {
   bind_stability(m);
   bind_openigtlink(m);
   bind_transform_reader(m);
+  bind_network(m);
 }

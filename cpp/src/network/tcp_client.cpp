@@ -4,49 +4,17 @@
 
 #ifndef _WIN32
 
-#include <fcntl.h>
 #include <netdb.h>
-#include <netinet/in.h>
-#include <netinet/tcp.h>
 #include <poll.h>
-#include <sys/socket.h>
 #include <unistd.h>
 
 #include <cerrno>
 #include <chrono>
 #include <cstring>
 
-#ifndef MSG_NOSIGNAL
-#define MSG_NOSIGNAL 0  // macOS has SO_NOSIGPIPE instead
-#endif
+#include "socket_options.hpp"
 
 namespace burrlab {
-namespace {
-
-void set_flags(int descriptor) {
-  ::fcntl(descriptor, F_SETFL, ::fcntl(descriptor, F_GETFL) | O_NONBLOCK);
-  ::fcntl(descriptor, F_SETFD, FD_CLOEXEC);
-}
-
-void set_option(int socket, int level, int option, int value) {
-  ::setsockopt(socket, level, option, &value, sizeof value);  // each is a convenience: none is needed
-}
-
-/// A peer whose cable was pulled says nothing: the kernel asks after a second, and gives up after three more.
-void set_options(int socket) {
-  set_option(socket, SOL_SOCKET, SO_KEEPALIVE, 1);
-  set_option(socket, IPPROTO_TCP, TCP_NODELAY, 1);
-#ifdef SO_NOSIGPIPE
-  set_option(socket, SOL_SOCKET, SO_NOSIGPIPE, 1);
-#endif
-#ifdef TCP_KEEPIDLE
-  set_option(socket, IPPROTO_TCP, TCP_KEEPIDLE, 1);
-  set_option(socket, IPPROTO_TCP, TCP_KEEPINTVL, 1);
-  set_option(socket, IPPROTO_TCP, TCP_KEEPCNT, 3);
-#endif
-}
-
-}  // namespace
 
 TcpClient::TcpClient(const std::string& host, int port) {
   if (port < 1 || port > 65535) refuse("port", "1 to 65535", port);
@@ -112,8 +80,8 @@ bool TcpClient::connect(double timeout) {
   return false;
 }
 
-std::size_t TcpClient::receive(std::uint8_t* into, std::size_t room) {
-  while (socket_ >= 0 && wait(POLLIN, -1.0) == Wait::ready) {
+std::size_t TcpClient::receive(std::uint8_t* into, std::size_t room, double timeout) {
+  while (socket_ >= 0 && wait(POLLIN, timeout) == Wait::ready) {
     const ssize_t got = ::recv(socket_, into, room, 0);
     if (got > 0) return std::size_t(got);
     if (got == 0 || (errno != EAGAIN && errno != EWOULDBLOCK && errno != EINTR)) break;
@@ -161,7 +129,7 @@ TcpClient::TcpClient(const std::string&, int) {
 }
 TcpClient::~TcpClient() = default;
 bool TcpClient::connect(double) { return false; }
-std::size_t TcpClient::receive(std::uint8_t*, std::size_t) { return 0; }
+std::size_t TcpClient::receive(std::uint8_t*, std::size_t, double) { return 0; }
 bool TcpClient::send(const std::uint8_t*, std::size_t, double) { return false; }
 void TcpClient::close() {}
 bool TcpClient::pause(double) { return false; }

@@ -193,6 +193,11 @@ std::shared_ptr<VoxelBone> Follower::snapshot(std::uint64_t& tick) const {
   return std::make_shared<VoxelBone>(bone_.bone());
 }
 
+void Follower::visit(const std::function<void(FollowedBone&)>& function) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  function(bone_);
+}
+
 std::string Follower::digest() const {
   const std::lock_guard<std::mutex> lock(mutex_);
   return bone_.digest().text();

@@ -214,7 +214,7 @@ def _uniform(time: Array, center: Array, period: float) -> tuple[Array, Array]:
     raw = np.column_stack([np.interp(at, time, center[:, axis]) for axis in range(3)])
     cutoff = min(CUTOFF, 0.4 / grid)  # below half the sampling rate
     low_pass = butter(2, cutoff, fs=1.0 / grid, output="sos")
-    return at, sosfiltfilt(low_pass, raw, axis=0, padlen=min(count - 1, round(1.0 / (cutoff * grid))))
+    return at, sosfiltfilt(low_pass, raw, axis=0, padlen=min(count - 1, round(3.0 / (cutoff * grid))))
 
 
 def _motion(center: Array, time: Array) -> tuple[Array, Array, float]:

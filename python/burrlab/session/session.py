@@ -6,7 +6,7 @@ import os
 import secrets
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from burrlab._core import Burr, Device, Follower, HapticLoop, Material, RecordReader, TickExecutor, VoxelBone
 from burrlab.provenance import provenance
@@ -198,6 +198,8 @@ class Session:
             if self._writer.warning:
                 self._say(self._writer.warning)
         if self._publisher is not None:
+            if self._loop.started:
+                self._publisher.finish(self._loop.reason, failed=self._loop.failed)
             self._publisher.stop()
         if self._loop.failed:
             self._say(self._loop.reason)
@@ -288,5 +290,5 @@ class Session:
 
 def _tools(tools: Tool | Sequence[Tool]) -> list[Tool]:
     if isinstance(tools, tuple) and len(tools) == 2 and isinstance(tools[0], Burr):
-        return [(tools[0], tools[1])]  # type: ignore[list-item]
-    return list(tools)  # type: ignore[arg-type]
+        tools = [cast(Tool, tools)]
+    return list(cast(Sequence[Tool], tools))

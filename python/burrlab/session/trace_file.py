@@ -103,13 +103,13 @@ def create(path: Path, header: Header, bone: VoxelBone, *, capacity: int, digest
 
     with h5py.File(path, "w", alignment_threshold=1, alignment_interval=64) as file:
         _write_header(file, header, bone)
-        names = {
-            "ticks": _table(file, "ticks", row_dtype(len(header.tools)), capacity),
+        names = {  # what says how recording ended lies before the tables, where the file is never too long for it
             "recorded": file.create_dataset("recorded", data=np.uint64(0)),
-            "digests": _table(file, "digests", DIGEST_DTYPE, digest_capacity),
             "digests_recorded": file.create_dataset("digests_recorded", data=np.uint64(0)),
             "ended": file.create_dataset("ended", data=np.bytes_(b""), dtype=f"S{ENDED_LENGTH}"),
             "complete": file.create_dataset("complete", data=np.uint8(0)),
+            "digests": _table(file, "digests", DIGEST_DTYPE, digest_capacity),
+            "ticks": _table(file, "ticks", row_dtype(len(header.tools)), capacity),
         }
         file.flush()
         offsets = {name: dataset.id.get_offset() for name, dataset in names.items()}

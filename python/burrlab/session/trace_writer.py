@@ -188,7 +188,7 @@ class TraceWriter:
         try:
             while not self._ended:
                 last = self._stopping is not None  # before the ring is emptied
-                self._empty_ring()
+                self._empty_ring(last)
                 self._write_digests()
                 if last and not self._ended:
                     self._end(self._stopping or "stopped", complete=True)
@@ -201,14 +201,14 @@ class TraceWriter:
         if not self._complete and self._on_end is not None:
             self._on_end(self._ended)
 
-    def _empty_ring(self) -> None:
+    def _empty_ring(self, last: bool) -> None:
         while not self._ended:
             records, lost = self._reader.take(_MOST)
             if len(records):
                 self._write_ticks(records)
             if lost:
                 self._end("the ring was overrun: the disk or the processor was too slow")
-            if len(records) < _MOST:
+            if len(records) < (1 if last else _MOST):  # a fast loop always has a few more
                 return
 
     def _write_ticks(self, records: NDArray[np.void]) -> None:

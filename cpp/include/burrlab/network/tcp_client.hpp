@@ -19,8 +19,9 @@ class TcpClient {
 
   /// Tries each address for `timeout` [s]; false where none answers or the client was stopped.
   bool connect(double timeout = 1.0);
-  /// Waits for bytes; 0 where the connection ended or the client was stopped.
-  std::size_t receive(std::uint8_t* into, std::size_t room);
+  /// Waits for bytes; 0 where the connection ended, the client was stopped or `timeout` [s] went by (below 0:
+  /// never).
+  std::size_t receive(std::uint8_t* into, std::size_t room, double timeout = -1.0);
   /// Sends all of it; false where the connection ended, the client was stopped or `timeout` [s] went by.
   bool send(const std::uint8_t* bytes, std::size_t size, double timeout = 1.0);
   void close();

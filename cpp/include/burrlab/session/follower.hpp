@@ -3,6 +3,7 @@
 #pragma once
 
 #include <atomic>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <string>
@@ -81,6 +82,8 @@ class Follower {
   std::shared_ptr<VoxelBone> snapshot(std::uint64_t& tick) const;
   std::string digest() const;  ///< of the bone now
   std::shared_ptr<BoneView> view();
+  /// Calls with the bone between two ticks; none is executed meanwhile.
+  void visit(const std::function<void(FollowedBone&)>& function);
   /// Rebuilds at the next turn, as if too far behind; for tests.
   void ask_rebuild() { rebuild_asked_.store(true); }
   /// The bone that follows; for what never changes of it, as its shape.

@@ -1,0 +1,118 @@
+// The leader's side of two machines: a server that sends each tick of a follower to standard OpenIGTLink
+// peers and to replicas. Nobody waits for a peer.
+#pragma once
+
+#include <atomic>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "burrlab/network/message_framer.hpp"
+#include "burrlab/network/replica_protocol.hpp"
+#include "burrlab/network/tcp_server.hpp"
+#include "burrlab/network/tick_log.hpp"
+#include "burrlab/session/follower.hpp"
+
+namespace burrlab {
+
+struct PublisherSettings {
+  std::string host = "127.0.0.1";                  ///< address to listen on; there is no authentication
+  int port = 0;                                    ///< 0: any free one
+  std::string hello = "{}";                        ///< what replicas are told of the session: JSON
+  int header_version = 1;                          ///< 1 or 2
+  double log = 10.0;                               ///< ticks kept for replicas [s]
+  std::size_t most_peers = 32;                     ///< connections at once
+  std::size_t most_behind = std::size_t(1) << 19;  ///< that far behind a replica is cut off [bytes]
+  std::uint64_t thin_after = 100;  ///< that far behind a standard peer gets the newest [ticks]
+};
+
+/// Counts since the start, but for the first three.
+struct PublisherStatus {
+  std::uint64_t tick = 0;             ///< ticks sent or ready to be sent
+  std::uint64_t standard_peers = 0;   ///< connected now; also those that have not said yet what they are
+  std::uint64_t replicas = 0;         ///< connected now
+  std::uint64_t accepted = 0;         ///< connections
+  std::uint64_t refused = 0;          ///< connections beyond the most
+  std::uint64_t skipped = 0;          ///< ticks that slow standard peers did not get
+  std::uint64_t cut_off = 0;          ///< slow replicas
+  std::uint64_t stalled = 0;          ///< peers that took nothing for 5 s
+  std::uint64_t hellos = 0;           ///< asked for the hello only, or of another session or volume
+  std::uint64_t by_ticks = 0;         ///< replicas that went on from the log
+  std::uint64_t by_bricks = 0;        ///< replicas that were given bricks
+  std::uint64_t bad_words = 0;        ///< of replicas, malformed; their connections are closed
+  std::uint64_t ignored = 0;          ///< intact messages that are of no use here
+  std::uint64_t framing_lost = 0;     ///< connections closed because of that
+  std::uint64_t too_many_faults = 0;  ///< connections closed after 16 messages that had to be dropped
+  std::uint64_t out_of_range = 0;     ///< positions that no TRANSFORM was sent of
+  std::uint64_t bytes_sent = 0;
+  openigtlink::Counters received;  ///< messages of all peers, and what was dropped, by reason
+};
+
+/// A listener of a follower: give it to `Follower::add`. The follower's thread only appends to two logs of
+/// fixed size; a thread of its own sends from them.
+class Publisher : public TickListener {
+ public:
+  /// Listens from now on. std::invalid_argument where nobody can listen there, or a setting is out of range.
+  Publisher(Follower& follower, const PublisherSettings& settings);
+  ~Publisher() override { stop(); }
+
+  int port() const { return server_.port(); }
+  const PublisherSettings& settings() const { return settings_; }
+  std::uint64_t session() const { return session_; }  ///< the number that names the session
+  PublisherStatus status() const;
+
+  /// After the follower was stopped: tells the replicas why the session ended, with its last tick and digest,
+  /// waits up to `linger` [s] until they have it, and stops.
+  void finish(Follower& follower, const std::string& reason, bool failed, double linger = 2.0);
+  void stop();  ///< closes all connections
+
+  void on_tick(const TickRecord& record) override;
+  void on_digest(std::uint64_t tick, const Hash128& digest) override;
+  void on_rebuild(std::uint64_t tick) override;
+  void on_bone(FollowedBone& bone) override;
+
+ private:
+  struct Peer;
+  struct State;
+  using Peers = std::vector<std::unique_ptr<Peer>>;
+
+  static std::shared_ptr<const State> take_state(FollowedBone& bone);
+  bool may_take_state();
+  void run();
+  bool accept_all(Peers& peers);  // false: the system has no room
+  bool read(Peer& peer);          // false: the connection is to be closed, as of the next two
+  bool write(Peer& peer);
+  bool refill(Peer& peer);
+  bool refill_standard(Peer& peer);
+  bool refill_replica(Peer& peer);
+  void hear(Peer& peer, const openigtlink::Message& message);
+  void serve(Peer& peer, const replica_protocol::Word& word);
+  bool give_state(Peer& peer);
+  void say_idle(Peer& peer);
+  void count_peers(const Peers& peers);
+
+  PublisherSettings settings_;
+  std::uint64_t session_;
+  std::uint32_t burrs_;
+  TcpServer server_;
+  std::atomic<bool> stopping_{false}, waking_{false};
+  std::atomic<std::size_t> connected_{0};
+
+  mutable std::mutex mutex_;  // of all below, for moments only; the haptic loop never takes it
+  replica_protocol::Hello hello_;
+  TickLog log_, poses_;  // what replicas and what standard peers get
+  std::uint64_t digest_tick_;
+  openigtlink::Bytes scratch_;
+  bool wants_state_ = false, ended_ = false;
+  std::shared_ptr<const State> state_;  // of the bone, taken for those that wait; at the end the last one
+  std::vector<std::weak_ptr<const State>> states_;  // all that some peer still needs
+  std::int64_t last_state_ = 0;                     // [ns]
+  replica_protocol::End end_;
+  PublisherStatus status_;
+
+  std::thread thread_;  // the last member: it uses the others
+};
+
+}  // namespace burrlab

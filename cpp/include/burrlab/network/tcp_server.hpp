@@ -1,0 +1,52 @@
+// A listening TCP socket and what is done with the sockets that it accepts; nothing in it waits but `wait`.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace burrlab {
+
+class TcpServer {
+ public:
+  /// A socket that is waited for, and what became of it.
+  struct Interest {
+    int socket = -1;
+    bool read = false, write = false;         ///< wanted
+    bool readable = false, writable = false;  ///< found; an ended connection is readable
+  };
+
+  /// Listens; port 0 is any free one. `send_buffer`: of the system, for each connection [bytes]. Throws
+  /// std::invalid_argument where nobody can listen there.
+  TcpServer(const std::string& host, int port, int send_buffer);
+  ~TcpServer();
+  TcpServer(const TcpServer&) = delete;
+  TcpServer& operator=(const TcpServer&) = delete;
+
+  int port() const { return port_; }
+
+  /// Waits up to `milliseconds` for one of these, for a connection to accept if `accepting`, or for `wake`.
+  /// Whether there may be a connection to accept.
+  bool wait(std::vector<Interest>& interests, bool accepting, int milliseconds);
+  /// From any thread: `wait` returns.
+  void wake() noexcept;
+
+  enum class Accepted { connection, none, exhausted };
+  /// `exhausted`: the system has no room for another.
+  Accepted accept(int& socket);
+
+  /// Bytes received or sent; 0 where there is nothing to do now, -1 where the connection has ended.
+  static long receive(int socket, std::uint8_t* into, std::size_t room) noexcept;
+  static long send(int socket, const std::uint8_t* bytes, std::size_t size) noexcept;
+  static void close(int socket) noexcept;
+
+ private:
+  void listen(const std::string& host, int port, int send_buffer);
+
+  int socket_ = -1, port_ = 0;
+  int wake_[2] = {-1, -1};  // a pipe
+  std::vector<unsigned char> polled_;
+};
+
+}  // namespace burrlab

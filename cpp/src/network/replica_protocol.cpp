@@ -1,0 +1,198 @@
+#include "burrlab/network/replica_protocol.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "burrlab/check.hpp"
+#include "byte_string.hpp"
+
+namespace burrlab::replica_protocol {
+
+using openigtlink::ByteReader;
+using openigtlink::Bytes;
+using openigtlink::ByteView;
+using openigtlink::ByteWriter;
+using openigtlink::Drop;
+using openigtlink::Message;
+
+namespace {
+
+constexpr std::string_view names[] = {"",
+                                      "burrlab_replica",
+                                      "burrlab_hello",
+                                      "burrlab_tick",
+                                      "burrlab_digest",
+                                      "burrlab_bricks",
+                                      "burrlab_idle",
+                                      "burrlab_end"};
+constexpr std::size_t tick_head = 5, tick_burr = 11;  // numbers
+
+openigtlink::Envelope envelope(Kind kind, int header_version) {
+  openigtlink::Envelope envelope;
+  envelope.device_name = names[std::size_t(kind)];
+  envelope.timestamp = openigtlink::timestamp_now();
+  envelope.version = header_version;
+  return envelope;
+}
+
+void append(Bytes& out, Kind kind, int header_version, const Bytes& content) {
+  openigtlink::encode_ndarray_uint8(out, envelope(kind, header_version), {content.data(), content.size()});
+}
+
+bool open(const Message& message, Kind kind, ByteView& bytes) {
+  return kind_of(message) == kind && openigtlink::decode_ndarray_uint8(message, bytes) == Drop::none;
+}
+
+/// A whole number from 0 to `most`.
+template <class Integer>
+bool whole(double value, double most, Integer& integer) {
+  if (!(value >= 0.0 && value <= most && std::floor(value) == value)) return false;
+  integer = Integer(value);
+  return true;
+}
+
+}  // namespace
+
+Kind kind_of(const Message& message) {
+  const std::string_view name = message.header.device_name.view();
+  for (std::size_t kind = 1; kind < std::size(names); ++kind)
+    if (name == names[kind]) return Kind(kind);
+  return Kind::other;
+}
+
+void encode(Bytes& out, int header_version, const Word& word) {
+  Bytes content;
+  ByteWriter(content).number(version).number(std::uint32_t(word.holds)).number(word.session);
+  ByteWriter(content).number(word.tick).text(word.digest);
+  append(out, Kind::word, header_version, content);
+}
+
+bool decode(const Message& message, Word& word) {
+  ByteView bytes;
+  if (!open(message, Kind::word, bytes)) return false;
+  std::uint32_t theirs = 0, holds = 0;
+  ByteReader reader(bytes);
+  reader.number(theirs).number(holds).number(word.session).number(word.tick).text(digest_digits, word.digest);
+  word.holds = Holds(holds);
+  return reader.ended() && theirs == version && holds <= std::uint32_t(Holds::suspect);
+}
+
+void encode(Bytes& out, int header_version, const Hello& hello) {
+  Bytes content;
+  ByteWriter(content).number(hello.version).number(hello.session).number(hello.first_tick);
+  ByteWriter(content).text(hello.digest).text(hello.text);
+  append(out, Kind::hello, header_version, content);
+}
+
+bool decode(const Message& message, Hello& hello) {
+  ByteView bytes;
+  if (!open(message, Kind::hello, bytes)) return false;
+  ByteReader reader(bytes);
+  reader.number(hello.version).number(hello.session).number(hello.first_tick);
+  reader.text(digest_digits, hello.digest).rest(hello.text);
+  return reader.ended() && hello.session != 0;
+}
+
+void encode(Bytes& out, int header_version, const Tick& tick) {
+  const TickRecord& record = tick.record;
+  double values[tick_head + tick_burr * most_burrs] = {
+      double(record.index), double(record.k), double(record.burrs), record.time, double(tick.digest_tick)};
+  double* at = values + tick_head;
+  for (std::uint32_t i = 0; i < std::min<std::uint32_t>(record.burrs, most_burrs); ++i) {
+    const BurrRecord& burr = record.burr[i];
+    for (const double c : burr.center) *at++ = c;
+    *at++ = burr.radius;
+    *at++ = double(burr.material);
+    *at++ = double(burr.on);
+    for (const double f : burr.force) *at++ = f;
+    *at++ = burr.penetration;
+    *at++ = double(burr.removed);
+  }
+  openigtlink::encode_ndarray_float64(out, envelope(Kind::tick, header_version), values,
+                                      std::size_t(at - values));
+}
+
+bool decode(const Message& message, Tick& tick) {
+  if (kind_of(message) != Kind::tick) return false;
+  openigtlink::Ndarray array;
+  if (openigtlink::decode_ndarray_float64(message, array) != Drop::none) return false;
+  const std::vector<double>& values = array.values;
+  TickRecord& record = tick.record;
+  record = TickRecord{};
+  if (values.size() < tick_head) return false;
+  if (!whole(values[0], double(exact), record.index) || !whole(values[1], most_periods, record.k) ||
+      !whole(values[2], most_burrs, record.burrs) || !whole(values[4], double(exact), tick.digest_tick))
+    return false;
+  record.time = values[3];
+  if (record.k < 1 || record.burrs < 1 || values.size() != tick_head + tick_burr * record.burrs) return false;
+  const double* at = values.data() + tick_head;
+  for (std::uint32_t i = 0; i < record.burrs; ++i) {
+    BurrRecord& burr = record.burr[i];
+    for (double& c : burr.center)
+      if (!std::isfinite(c = *at++)) return false;
+    burr.radius = *at++;
+    if (!whole(*at++, 4294967295.0, burr.material) || !whole(*at++, 1.0, burr.on)) return false;
+    for (double& f : burr.force) f = *at++;
+    burr.penetration = *at++;
+    if (!whole(*at++, double(exact), burr.removed)) return false;
+  }
+  return true;
+}
+
+void encode(Bytes& out, int header_version, const Digest& digest) {
+  Bytes content;
+  ByteWriter(content).number(digest.tick).text(digest.digest);
+  append(out, Kind::digest, header_version, content);
+}
+
+bool decode(const Message& message, Digest& digest) {
+  ByteView bytes;
+  if (!open(message, Kind::digest, bytes)) return false;
+  return ByteReader(bytes).number(digest.tick).text(digest_digits, digest.digest).ended();
+}
+
+void encode(Bytes& out, int header_version, const Bricks& bricks) {
+  Bytes content;
+  ByteWriter(content).number(bricks.tick).text(bricks.digest).number(bricks.total).number(bricks.first);
+  ByteWriter(content).bytes(bricks.bricks.data, bricks.bricks.size);
+  append(out, Kind::bricks, header_version, content);
+}
+
+bool decode(const Message& message, Bricks& bricks) {
+  ByteView bytes;
+  if (!open(message, Kind::bricks, bytes)) return false;
+  ByteReader reader(bytes);
+  reader.number(bricks.tick).text(digest_digits, bricks.digest).number(bricks.total).number(bricks.first);
+  if (!reader.ok() || reader.left() % brick_bytes) return false;
+  const std::size_t here = reader.left() / brick_bytes;
+  reader.bytes(reader.left(), bricks.bricks);
+  return bricks.first <= bricks.total && here <= bricks.total - bricks.first &&
+         (here > 0 || bricks.total == 0);
+}
+
+void encode(Bytes& out, int header_version, const Idle& idle) {
+  Bytes content;
+  ByteWriter(content).number(idle.tick);
+  append(out, Kind::idle, header_version, content);
+}
+
+bool decode(const Message& message, Idle& idle) {
+  ByteView bytes;
+  return open(message, Kind::idle, bytes) && ByteReader(bytes).number(idle.tick).ended();
+}
+
+void encode(Bytes& out, int header_version, const End& end) {
+  Bytes content;
+  ByteWriter(content).number(end.tick).text(end.digest).number(end.failed).text(end.reason);
+  append(out, Kind::end, header_version, content);
+}
+
+bool decode(const Message& message, End& end) {
+  ByteView bytes;
+  if (!open(message, Kind::end, bytes)) return false;
+  ByteReader reader(bytes);
+  reader.number(end.tick).text(digest_digits, end.digest).number(end.failed).rest(end.reason);
+  return reader.ended() && end.failed <= 1;
+}
+
+}  // namespace burrlab::replica_protocol

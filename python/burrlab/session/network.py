@@ -1,0 +1,185 @@
+"""Two machines: publishing a session, and a replica that holds the same bone (docs/network.md)."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from burrlab._core import Burr, Follower, Material, Publisher, Replica, VoxelBone
+from burrlab.specimen import MOST_VOXELS
+from burrlab.volume import read_volume
+
+#: How a bone is made; JSON.
+Recipe = dict[str, Any]
+
+_NEEDED = ("seed", "rate_Hz", "scheme", "tools")  # of a hello
+
+
+def block_recipe(
+    size: Sequence[float], voxel: float, *, origin: Sequence[float] = (0.0, 0.0, 0.0), level: int = 255
+) -> Recipe:
+    """The recipe of `VoxelBone.block`.
+
+    Parameters
+    ----------
+    size : (x, y, z)
+        [mm]
+    voxel : float
+        [mm]
+    origin : (x, y, z)
+        Centre of the first voxel [mm].
+    level : int
+        0 to 255.
+
+    Examples
+    --------
+    >>> recipe = block_recipe((2, 2, 1), 0.1)
+    >>> make_bone(recipe).shape
+    (10, 20, 20)
+    """
+    return {"kind": "block", "size_mm": [float(s) for s in size], "voxel_mm": float(voxel),
+            "origin_mm": [float(o) for o in origin], "level": int(level)}  # fmt: skip
+
+
+def volume_recipe(path: str | os.PathLike[str], empty: float, solid: float) -> Recipe:
+    """The recipe of `read_volume(path).to_bone(empty, solid)`."""
+    return {"kind": "volume", "path": os.fspath(path), "map": [float(empty), float(solid)]}
+
+
+def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | None = None) -> VoxelBone:
+    """The bone of a recipe.
+
+    Parameters
+    ----------
+    recipe : mapping
+        Of `block_recipe` or `volume_recipe`; it may come from another machine.
+    volume : path, optional
+        Where the volume lies here, if elsewhere.
+
+    Raises
+    ------
+    ValueError
+        If the recipe cannot be read, names a block too large to make, or the volume cannot be read.
+    FileNotFoundError
+        If there is no such volume.
+    """
+    try:
+        if recipe["kind"] == "block":
+            size, voxel = [float(s) for s in recipe["size_mm"]], float(recipe["voxel_mm"])
+            origin, level = [float(o) for o in recipe["origin_mm"]], int(recipe["level"])
+        elif recipe["kind"] == "volume":
+            path = os.fspath(recipe["path"] if volume is None else volume)
+            empty, solid = map(float, recipe["map"])
+        else:
+            raise KeyError("kind")
+    except (KeyError, TypeError, ValueError):
+        raise ValueError(
+            f"recipe must be that of block_recipe or volume_recipe, got {dict(recipe)!r}"
+        ) from None
+    if recipe["kind"] == "volume":
+        return read_volume(path).to_bone(empty, solid)
+    if voxel > 0 and not (voxels := math.prod(s / voxel for s in size)) <= MOST_VOXELS:
+        raise ValueError(f"recipe must have at most {MOST_VOXELS:.3g} voxels, got {voxels:.3g}")
+    return VoxelBone.block(size, voxel, origin=origin, level=level)
+
+
+def open_publisher(
+    follower: Follower,
+    hello: Mapping[str, Any],
+    *,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    header_version: int = 1,
+    **options: Any,
+) -> Publisher:
+    """A publisher of a follower that is not yet started.
+
+    Parameters
+    ----------
+    follower : Follower
+    hello : mapping
+        What replicas need: seed, rate_Hz, scheme, tools (radius_mm, material, c_e_N_per_mm2, alpha_per_ms, shape), and
+        source, the bone's recipe. The provenance of a session is one.
+    host, port, header_version, options
+        As for `Publisher`.
+
+    Raises
+    ------
+    ValueError
+        If the hello lacks something, nobody can listen there, or an option is out of range.
+    """
+    for name in _NEEDED:
+        if name not in hello:
+            raise ValueError(f"hello must hold {', '.join(_NEEDED)}, got none of {name}")
+    text = json.dumps(dict(hello), default=str)
+    return Publisher(
+        follower, host=host, port=port, hello=text, header_version=header_version, **options
+    )
+
+
+def follow(
+    host: str,
+    port: int,
+    *,
+    bone: VoxelBone | None = None,
+    volume: str | os.PathLike[str] | None = None,
+    timeout: float = 10.0,
+) -> Replica:
+    """A replica of a published session; it follows from now on.
+
+    Parameters
+    ----------
+    host : str
+    port : int
+        Of the leader.
+    bone : VoxelBone, optional
+        Its initial volume, copied; without it made by the leader's recipe.
+    volume : path, optional
+        Where the volume of the leader's recipe lies on this machine, if elsewhere.
+    timeout : float
+        For the leader to answer [s].
+
+    Returns
+    -------
+    Replica
+        Its `wait`, `status`, `digest`, `snapshot` and `take` say how it goes; `stop` ends it.
+
+    Raises
+    ------
+    ConnectionError
+        If no leader answers.
+    ValueError
+        If the address cannot be looked up, the leader's hello cannot be read or has no recipe of the bone, or the
+        bone here is not the leader's.
+    FileNotFoundError
+        If the volume is not here.
+    """
+    replica = Replica(host, port)
+    until = time.monotonic() + timeout
+    while not replica.fetch_hello(0.5):
+        if time.monotonic() >= until:
+            raise ConnectionError(f"no leader answers at {host}:{port}")
+    try:
+        hello = json.loads(replica.hello)
+        tools = [_tool(tool) for tool in hello["tools"]]
+        seed, period, scheme = int(hello["seed"]), 1e3 / float(hello["rate_Hz"]), str(hello["scheme"])
+        recipe = hello.get("source") or {}
+    except (KeyError, TypeError, AttributeError, ValueError, ZeroDivisionError) as error:
+        raise ValueError(f"hello of the leader at {host}:{port} cannot be read: {error!r}") from None
+    if bone is None and not recipe:
+        raise ValueError(f"bone must be given: the leader at {host}:{port} does not say how its own was made")
+    mine = make_bone(recipe, volume=volume) if bone is None else bone.copy()
+    replica.start(mine, tools, seed, period=period, scheme=scheme)
+    return replica
+
+
+def _tool(tool: Mapping[str, Any]) -> tuple[Burr, Material]:
+    material = Material(
+        str(tool["material"]), c_e=float(tool["c_e_N_per_mm2"]), alpha=float(tool["alpha_per_ms"]),
+        shape=str(tool["shape"]), source="from the leader of a session",
+    )  # fmt: skip
+    return Burr(float(tool["radius_mm"])), material

@@ -1,0 +1,181 @@
+"""Metrics of a session against motions and forces whose figures are known."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from session_scenes import SEED, FakeReader, make_records, small_bone, tools
+
+import burrlab
+from burrlab import _core
+from burrlab.cli import main
+
+
+def trace_of(tmp_path, center, *, period=1.0, **columns):
+    """A trace with these centres and columns of the first burr, by their names in a record."""
+    records = np.zeros(len(center), _core.record_dtype)
+    records["index"], records["k"], records["burrs"] = np.arange(len(center)), 1, 1
+    burr = records["burr"][:, 0]
+    burr["center"], burr["touching"] = center, 1
+    for name, values in columns.items():
+        (records if name in ("k",) else burr)[name] = values
+    file = tmp_path / "session.h5"
+    bone = burrlab.VoxelBone.block((2, 2, 2), 0.1)
+    burrlab.TraceWriter(file, FakeReader(records), bone, tools(), seed=1, period=period, duration=600).stop()
+    return burrlab.load_trace(file)
+
+
+def stroking(seconds, rate, amplitude, period=1.0):
+    """Sinusoidal strokes along a slanted axis."""
+    time = np.arange(1, round(seconds * 1000 / period) + 1) * period / 1000
+    return amplitude * np.sin(2 * np.pi * rate * time)[:, None] * np.array([[0.6, 0.0, 0.8]])
+
+
+@pytest.mark.parametrize("period", [0.1, 0.5, 1.0, 2.0])
+def test_sinusoidal_strokes(tmp_path, period):
+    rate, amplitude, seconds = 1.4, 8.0, 20.0
+    found = burrlab.session_metrics(
+        trace_of(tmp_path, stroking(seconds, rate, amplitude, period), period=period)
+    )
+    gain = 1 / (1 + (rate / 10.0) ** 4)  # of the low pass, twice second order
+    omega, cycles = 2 * np.pi * rate, rate * seconds
+    assert found.duration == pytest.approx(seconds)
+    assert found.strokes == 2 * cycles + 1  # it begins and ends in the middle of one
+    assert found.stroke_rate == pytest.approx(2 * rate, rel=0.02)
+    assert found.path == pytest.approx(4 * amplitude * gain * cycles, rel=2e-3)
+    assert found.mean_speed == pytest.approx(4 * amplitude * gain * rate, rel=5e-3)
+    assert found.peak_speed == pytest.approx(amplitude * omega * gain, rel=5e-3)
+    assert found.rms_jerk == pytest.approx(amplitude * gain * omega**3 / np.sqrt(2), rel=0.02)
+    normalised = np.sqrt(0.5 * (amplitude * gain * omega**3) ** 2 / 2 * seconds**6) / found.path
+    assert found.normalised_jerk == pytest.approx(normalised, rel=0.02)
+
+
+def test_tremor_and_pauses_are_no_strokes(tmp_path):
+    random = np.random.default_rng(1)
+    steady = stroking(10, 0.5, 8.0)
+    time = np.arange(len(steady)) / 1000
+    shaking = steady + 0.2 * np.sin(2 * np.pi * 9.0 * time)[:, None] + random.normal(0, 0.05, steady.shape)
+    paused = np.concatenate([steady[:4400], np.repeat(steady[4400:4401], 3000, axis=0), steady[4400:]])
+    for motion in (steady, shaking, paused):
+        assert burrlab.session_metrics(trace_of(tmp_path, motion)).strokes == 11
+        (tmp_path / "session.h5").unlink()
+
+
+def test_the_hysteresis_decides_what_is_a_stroke(tmp_path):
+    trace = trace_of(tmp_path, stroking(10, 1.0, 0.8))
+    assert burrlab.session_metrics(trace, hysteresis=1.5).strokes == 19
+    assert burrlab.session_metrics(trace, hysteresis=1.7).strokes == 0
+
+
+def test_strokes_are_counted_between_first_and_last_contact(tmp_path):
+    motion = stroking(20, 1.0, 8.0)
+    touching = np.zeros(len(motion))
+    touching[5000:15000] = 1
+    found = burrlab.session_metrics(trace_of(tmp_path, motion, touching=touching))
+    assert found.strokes in (20, 21)
+    assert found.stroke_rate == pytest.approx(2.0, rel=0.06)
+    assert found.contact == pytest.approx(10.0)
+
+
+def test_a_still_burr(tmp_path):
+    found = burrlab.session_metrics(trace_of(tmp_path, np.zeros((2000, 3))))
+    assert (found.strokes, found.peak_speed, found.path, found.rms_jerk) == (0, 0.0, 0.0, 0.0)
+    assert np.isnan(found.normalised_jerk)
+    assert found.to_dict()["normalised_jerk"] is None
+
+
+def test_forces_are_weighted_by_the_time_of_their_tick(tmp_path):
+    force, touching, k = np.zeros((1000, 3)), np.zeros(1000), np.ones(1000)
+    force[:200], touching[:200], k[:200] = (0.0, 0.0, 3.0), 1, 4
+    force[200:600], touching[200:600] = (0.6, 0.0, 0.8), 1
+    found = burrlab.session_metrics(
+        trace_of(tmp_path, np.zeros((1000, 3)), sent=force, touching=touching, k=k)
+    )
+    assert found.duration == pytest.approx(1.6)
+    assert found.contact == pytest.approx(1.2)
+    assert found.mean_force == pytest.approx((3.0 * 0.8 + 1.0 * 0.4) / 1.2)
+    assert found.rms_force == pytest.approx(np.sqrt((9.0 * 0.8 + 1.0 * 0.4) / 1.2))
+    assert found.peak_force == pytest.approx(3.0)
+    assert found.over_threshold == pytest.approx(0.8)
+
+
+def test_the_threshold_is_the_callers(tmp_path):
+    force = np.zeros((1000, 3))
+    force[:250, 2] = 1.5
+    trace = trace_of(tmp_path, np.zeros((1000, 3)), sent=force)
+    assert burrlab.session_metrics(trace).over_threshold == 0
+    assert burrlab.session_metrics(trace, threshold=1.0).over_threshold == pytest.approx(0.25)
+
+
+def test_removed_volume_is_the_bones_own(tmp_path):
+    bone, begun = small_bone(), small_bone()
+    records = make_records(bone, 1500)
+    file = tmp_path / "session.h5"
+    burrlab.TraceWriter(file, FakeReader(records), begun, tools(), seed=SEED).stop()
+    found = burrlab.session_metrics(burrlab.load_trace(file))
+    assert found.removed == pytest.approx(bone.removed - begun.removed)
+    cutting = (records["k"] * (records["burr"]["removed"][:, 0] > 0)).sum() / 1000
+    assert 0 < found.cutting < found.duration
+    assert found.cutting == pytest.approx(cutting)
+    assert found.removal_rate == pytest.approx(found.removed / cutting)
+    assert found.series["removed"][-1] == found.removed
+
+
+def test_a_late_tick_moves_no_faster(tmp_path):
+    """Positions belong to the time that ticks stand for: lost deadlines change no speed."""
+    whole = stroking(10, 1.0, 8.0)
+    k = np.ones(len(whole), dtype=int)
+    keep = np.ones(len(whole), dtype=bool)
+    for at in range(100, len(whole) - 10, 50):
+        keep[at : at + 4] = False
+        k[at + 4] = 5
+    found = burrlab.session_metrics(trace_of(tmp_path, whole[keep], k=k[keep]))
+    assert found.duration == pytest.approx(10.0)
+    assert found.peak_speed == pytest.approx(8.0 * 2 * np.pi, rel=5e-3)
+    assert found.strokes == 21
+
+
+@pytest.mark.parametrize("ticks", [0, 1, 40])
+def test_a_session_too_short_for_its_motion_says_so(tmp_path, ticks):
+    found = burrlab.session_metrics(trace_of(tmp_path, np.zeros((ticks, 3))))
+    assert found.duration == pytest.approx(ticks / 1000)
+    assert np.isnan(found.path)
+    assert np.isnan(found.mean_speed)
+    assert np.isnan(found.rms_jerk)
+    assert found.to_dict()["path_mm"] is None
+    found.plot()
+
+
+def test_wrong_parameters(tmp_path):
+    trace = trace_of(tmp_path, np.zeros((10, 3)))
+    with pytest.raises(ValueError, match="threshold must be positive, got 0"):
+        burrlab.session_metrics(trace, threshold=0)
+    with pytest.raises(ValueError, match="hysteresis must be positive, got nan"):
+        burrlab.session_metrics(trace, hysteresis=float("nan"))
+    with pytest.raises(ValueError, match="burr must be an index below 1, got 1"):
+        burrlab.session_metrics(trace, burr=1)
+
+
+def test_table_and_figure(tmp_path):
+    found = burrlab.session_metrics(trace_of(tmp_path, stroking(5, 1.0, 8.0)), threshold=0.5)
+    assert "strokes, one way" in repr(found)
+    assert "threshold 0.5 N" in repr(found)
+    assert "<td>11</td>" in found._repr_html_()
+    axes = found.plot()
+    assert [a.get_ylabel() for a in axes] == ["force [N]", "speed [mm/s]", "removed [mm$^3$]"]
+    assert axes[2].get_xlabel() == "time [s]"
+
+
+def test_command_line(tmp_path, capsys):
+    trace_of(tmp_path, stroking(5, 1.0, 8.0))
+    file, figure = tmp_path / "session.h5", tmp_path / "session.png"
+    assert main(["metrics", str(file), "--json", "-", "--threshold", "1.5", "--plot", str(figure)]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["strokes"], result["threshold_N"], result["burr"]) == (11, 1.5, 0)
+    assert figure.stat().st_size > 10_000
+    assert main(["metrics", str(file)]) == 0
+    assert "peak speed [mm/s]" in capsys.readouterr().out
+    assert main(["metrics", str(file), "--burr", "1"]) == 2
+    assert "burr must be an index below 1, got 1" in capsys.readouterr().err

@@ -1,0 +1,457 @@
+"""Traces: what is recorded comes back to the bit, whatever ended the recording."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import textwrap
+import time
+
+import h5py
+import numpy as np
+import pytest
+from session_scenes import SEED, FakeReader, make_records, small_bone, tools
+
+import burrlab
+from burrlab.session import trace_writer
+from burrlab.session.trace_file import BURR_DTYPE
+
+
+@pytest.fixture(scope="module")
+def records():
+    return make_records(small_bone(), 1500, first=40)
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "session.h5"
+
+
+def writer(file, *batches, **options):
+    settings = {"seed": SEED, "first_tick": 40, **options}
+    return burrlab.TraceWriter(file, FakeReader(*batches), small_bone(), tools(), **settings)
+
+
+def record(file, *batches, **options):
+    made = writer(file, *batches, **options)
+    made.start()
+    made.stop()
+    return made
+
+
+def assert_holds(trace, records):
+    assert len(trace) == len(records)
+    for name, field in {"index": "index", "k": "k", "time_s": "time", "cpu_time_us": "cpu_time"}.items():
+        np.testing.assert_array_equal(trace.array(name), records[field])
+    columns = {
+        "center_mm": "center", "radius_mm": "radius", "material": "material", "on": "on", "touching": "touching",
+        "ambiguous": "ambiguous", "force_N": "force", "penetration_mm": "penetration", "removed_levels": "removed",
+        "sent_force_N": "sent", "device_position_mm": "device_position",
+        "device_velocity_mm_s": "device_velocity", "age_ms": "age",
+    }  # fmt: skip
+    assert set(columns) == set(BURR_DTYPE.names)
+    for burr in range(trace.burrs):
+        for name, field in columns.items():
+            assert trace.array(name, burr).tobytes() == records["burr"][field][:, burr].tobytes()
+
+
+def test_every_column_comes_back_to_the_bit(file, records):
+    made = record(file, records[:1], records[1:700], records[700:])
+    assert (made.recorded, made.ended, made.complete, made.warning) == (1500, "stopped", True, "")
+    trace = burrlab.load_trace(file)
+    assert_holds(trace, records)
+    assert trace.complete
+    assert trace.ended == "stopped"
+
+
+@pytest.mark.parametrize("burrs", [1, 2])
+def test_nan_payloads_and_extremes_survive(file, burrs):
+    records = make_records(small_bone(), 30, burrs=burrs)
+    bits = np.arange(30, dtype=np.uint64) + np.uint64(0x7FF8000000001234)
+    records["burr"]["age"][:, 0] = bits.view(np.float64)
+    records["burr"]["removed"][:, 0] = np.iinfo(np.int64).max
+    made = burrlab.TraceWriter(file, FakeReader(records), small_bone(), tools(burrs), seed=2**64 - 1)
+    made.stop()
+    trace = burrlab.load_trace(file)
+    assert_holds(trace, records)
+    assert trace.seed == 2**64 - 1
+    assert trace.burrs == burrs
+
+
+def test_the_header_comes_back(file):
+    start = small_bone()
+    before = time.time()
+    made = burrlab.TraceWriter(
+        file, FakeReader(), start, [(burrlab.Burr(2.0), burrlab.Material("wax", c_e=0.1, alpha=0.2, shape="power(1.5)", source="me"))],
+        seed=11, period=0.25, scheme="cell", first_tick=99, devices=["hand"], source="ct.nrrd",
+        note={"force_limit_N": 5.0, "coupling": None},
+    )  # fmt: skip
+    made.add_digest(99, start.digest())
+    made.stop("the device is lost")
+    trace = burrlab.load_trace(file)
+    burr, material = trace.tools[0]
+    assert (burr.radius, material.name, material.c_e, material.alpha) == (2.0, "wax", 0.1, 0.2)
+    assert (material.shape.name, material.source) == ("power(1.5)", "me")
+    assert (trace.seed, trace.period, trace.scheme, trace.first_tick) == (11, 0.25, "cell", 99)
+    assert (trace.devices, trace.source) == (("hand",), "ct.nrrd")
+    assert trace.note == {"force_limit_N": 5.0, "coupling": None}
+    assert trace.ended == "the device is lost"
+    assert trace.complete
+    assert trace.digests == ((99, start.digest()),)
+    assert trace.initial_digest == trace.bone().digest() == start.digest()
+    np.testing.assert_array_equal(trace.bone().pristine, start.pristine)
+    assert trace.provenance["burrlab"] == burrlab.__version__
+    assert before <= trace.provenance["started_unix_s"] <= time.time()
+    with h5py.File(file) as plain:
+        assert plain.attrs["loop_rate_Hz"] == 4000.0
+    assert len(trace) == 0
+    assert trace.duration == 0
+
+
+def test_a_session_that_still_runs_is_read_and_plain_h5py_reads_it_too(file, records):
+    reader = FakeReader(records[:600])
+    made = burrlab.TraceWriter(file, reader, small_bone(), tools(), seed=SEED, first_tick=40)
+    with made:
+        while made.recorded < 600:
+            time.sleep(0.005)
+        trace = burrlab.load_trace(file)
+        assert_holds(trace, records[:600])
+        assert (trace.ended, trace.complete) == ("", False)
+        with h5py.File(file) as plain:
+            rows = plain["ticks"][: plain["recorded"][()]]
+            assert rows["burr"]["force_N"][:, 0].tobytes() == records["burr"]["force"][:600, 0].tobytes()
+        assert "still recorded" in repr(trace)
+        reader.feed(records[600:])
+    assert_holds(burrlab.load_trace(file), records)
+    with h5py.File(file) as plain:
+        rows = plain["ticks"][: plain["recorded"][()]]
+        assert rows["index"].tolist() == records["index"].tolist()
+        assert plain["ticks"].compression == "gzip"
+    assert [p.name for p in file.parent.iterdir()] == [file.name]
+
+
+def test_the_raw_file_takes_room_only_as_it_is_written(file, records):
+    made = writer(file, records)
+    about = file.stat()
+    assert about.st_size > 4 * 3600 * 1000 * 150
+    if about.st_blocks * 512 > 1_000_000:
+        pytest.skip("this file system has no sparse files")
+    made.stop()
+    assert file.stat().st_size < 300_000
+
+
+def test_a_compact_copy_that_fails_leaves_the_raw_file(file, records, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(trace_writer, "make_compact", full)
+    made = record(file, records)
+    assert made.complete
+    assert "could not be compacted: [Errno 28] No space left on device" in made.warning
+    trace = burrlab.load_trace(file)
+    assert_holds(trace, records)
+    assert trace.complete
+
+
+def test_a_digest_waits_for_its_ticks(file, records):
+    start, end = small_bone().digest(), "0" * 32
+    made = writer(file, records)
+    made.add_digest(40, start)
+    made.add_digest(1540, end)
+    made.add_digest(1541, end)  # of a tick that never comes
+    made.start()
+    made.stop()
+    assert burrlab.load_trace(file).digests == ((40, start), (1540, end))
+    with pytest.raises(ValueError, match="digest must be 32 hexadecimal digits, got 'xyz'"):
+        made.add_digest(1, "xyz")
+
+
+class Full:
+    """Lets so many bytes through into the file, a part of a row at last, and then fails as a full disk does."""
+
+    def __init__(self, room):
+        self.room, self.write = room, trace_writer._write
+
+    def __call__(self, file, data, at):
+        if len(data) > 4096 and self.room < len(data):
+            if self.room == 0:
+                raise OSError(28, "No space left on device")
+            taken, self.room = self.write(file, data[: self.room], at), 0
+            return taken
+        self.room -= len(data) if len(data) > 4096 else 0
+        return self.write(file, data, at)
+
+
+def test_a_full_disk_ends_recording_at_a_tick_and_says_so_at_once(file, records, monkeypatch):
+    monkeypatch.setattr(trace_writer, "_write", Full(100_001))
+    told = []
+    made = writer(file, records[:400], records[400:], on_end=told.append)
+    row = made._row_bytes
+    made.start()
+    made._thread.join(10)
+    whole = 400 + (100_001 - 400 * row) // row
+    said = f"recording ended before tick {40 + whole}: the file could not be written: No space left on device"
+    assert told == [said]
+    assert (made.ended, made.recorded, made.complete) == (said, whole, False)
+    monkeypatch.undo()
+    trace = burrlab.load_trace(file)
+    assert_holds(trace, records[:whole])
+    assert (trace.ended, trace.complete) == (said, False)
+    assert burrlab.replay(trace).equal
+    made.stop()
+    trace = burrlab.load_trace(file)
+    assert_holds(trace, records[:whole])
+    assert (trace.ended, trace.complete) == (said, False)
+    assert told == [said]
+
+
+def test_a_count_that_cannot_be_written_does_not_count(file, records, monkeypatch):
+    real = trace_writer._write
+
+    def fails(descriptor, data, at):
+        if len(data) == 8:
+            raise OSError(5, "Input/output error")
+        return real(descriptor, data, at)
+
+    monkeypatch.setattr(trace_writer, "_write", fails)
+    made = record(file, records)
+    assert made.recorded == 0
+    assert made.ended == "recording ended before tick 40: the file could not be written: Input/output error"
+    assert len(burrlab.load_trace(file)) == 0
+
+
+def test_a_limit_of_the_system_ends_recording(file):
+    """A real write beyond a real limit (RLIMIT_FSIZE), in a process of its own."""
+    script = textwrap.dedent("""
+        import resource, sys
+        from session_scenes import *
+        start = small_bone()
+        records = make_records(small_bone(), 1500)
+        writer = burrlab.TraceWriter(sys.argv[1], FakeReader(records), start, tools(), seed=SEED, duration=5)
+        limit = writer._places.ticks + 1000 * writer._row_bytes + 17
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+        writer.start()
+        writer.stop()
+        print(writer.recorded, writer.ended, "|", writer.warning)
+    """)
+    run = subprocess.run(
+        [sys.executable, "-c", script, str(file)], capture_output=True, text=True, check=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
+    assert run.stdout.startswith(
+        "1000 recording ended before tick 1000: the file could not be written: File too large"
+    )
+    trace = burrlab.load_trace(file)
+    assert len(trace) == 1000
+    assert trace.ended.endswith("File too large")
+    assert burrlab.replay(trace).equal
+
+
+def test_an_overrun_ring_ends_recording(file, records):
+    told = []
+    reader = FakeReader(records[:300], lost_at_end=True)
+    made = burrlab.TraceWriter(
+        file, reader, small_bone(), tools(), seed=SEED, first_tick=40, on_end=told.append
+    )
+    made.start()
+    made._thread.join(10)
+    assert told == [
+        "recording ended before tick 340: the ring was overrun: the disk or the processor was too slow"
+    ]
+    made.stop()
+    trace = burrlab.load_trace(file)
+    assert_holds(trace, records[:300])
+    assert trace.ended == told[0]
+
+
+def test_a_missing_record_ends_recording_before_the_gap(file, records):
+    made = record(file, np.delete(records, 500), records[700:800])
+    assert made.ended == (
+        "recording ended before tick 540: the record of the next tick is missing, tick 541 came"
+    )
+    assert_holds(burrlab.load_trace(file), records[:500])
+
+
+def test_the_end_of_the_room_ends_recording(file, records):
+    made = record(file, records, duration=1.0)
+    assert made.ended == (
+        "recording ended before tick 1040: the file has no room for more ticks: its duration is over"
+    )
+    assert_holds(burrlab.load_trace(file), records[:1000])
+    exact = record(file.with_name("exact.h5"), records, duration=1.5)
+    assert exact.complete
+
+
+def test_a_reader_that_fails_ends_recording(file):
+    class Broken:
+        def take(self, most=0):
+            raise RuntimeError("the ring is gone")
+
+    told = []
+    made = burrlab.TraceWriter(file, Broken(), small_bone(), tools(), seed=1, on_end=told.append)
+    made.start()
+    made.stop()
+    assert told == ["recording ended before tick 0: recording failed: the ring is gone"]
+    assert burrlab.load_trace(file).ended == told[0]
+
+
+def test_an_exception_of_the_session_is_the_reason(file, records):
+    with pytest.raises(RuntimeError, match="outside"), writer(file, records):
+        raise RuntimeError("outside")
+    assert burrlab.load_trace(file).ended == "stopped by RuntimeError"
+
+
+def test_frames_and_columns(file):
+    pandas = pytest.importorskip("pandas")
+    records = make_records(small_bone(), 200, burrs=2)
+    burrlab.TraceWriter(file, FakeReader(records), small_bone(), tools(2), seed=SEED).stop()
+    trace = burrlab.load_trace(file)
+    table = trace.frame(1)
+    assert isinstance(table, pandas.DataFrame)
+    assert table.index.name == "index"
+    np.testing.assert_array_equal(table["sent_force_y_N"], records["burr"]["sent"][:, 1, 1])
+    np.testing.assert_array_equal(
+        table["device_velocity_z_mm_s"], records["burr"]["device_velocity"][:, 1, 2]
+    )
+    assert {"center_x_mm", "radius_mm", "removed_levels", "k", "time_s"} <= set(table.columns)
+    with pytest.raises(ValueError, match="burr must be an index below 2, got 2"):
+        trace.frame(2)
+    with pytest.raises(ValueError, match="burr must be an index below 2, got -1"):
+        trace.array("force_N", -1)
+    with pytest.raises(ValueError, match="name must be one of index, k, .*, got 'burr'"):
+        trace.array("burr")
+    with pytest.raises(ValueError, match="read-only"):
+        trace.array("force_N")[0] = 0.0
+    assert trace.time()[-1] == pytest.approx(trace.duration)
+    assert trace.duration == records["k"].sum() / 1000.0
+    assert "R = 1.5 mm in pettigrew" in repr(trace)
+    assert "<table>" in trace._repr_html_()
+
+
+def test_frames_need_pandas(file, records, monkeypatch):
+    record(file, records)
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ImportError, match="needs pandas"):
+        burrlab.load_trace(file).frame()
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"tools": []}, "number of tools must be 1 or 2, got 0"),
+        ({"tools": tools(1) * 3}, "number of tools must be 1 or 2, got 3"),
+        ({"seed": -1}, "seed must be a whole number from 0 and below 2\\^64, got -1"),
+        ({"first_tick": 2**64}, "tick must be a whole number from 0 and below 2\\^64"),
+        ({"period": 0.0}, "period must be positive, got 0"),
+        ({"duration": float("nan")}, "duration must be positive, got nan"),
+        ({"note": {"limit": object()}}, "note must be what JSON holds"),
+        ({"note": {"limit": float("nan")}}, "note must be what JSON holds"),
+    ],
+)
+def test_wrong_parameters(file, change, said):
+    given = {"tools": tools(), "seed": 1, **change}
+    with pytest.raises(ValueError, match=said):
+        burrlab.TraceWriter(file, FakeReader(), small_bone(), **given)
+    assert list(file.parent.iterdir()) == []
+
+
+def test_no_file_is_overwritten(file, records):
+    record(file, records)
+    with pytest.raises(FileExistsError, match="path must be a new file"):
+        writer(file)
+    assert_holds(burrlab.load_trace(file), records)
+
+
+def test_a_folder_that_is_not_there(tmp_path):
+    with pytest.raises(OSError, match="No such file"):
+        writer(tmp_path / "nowhere" / "session.h5")
+
+
+def test_what_is_no_trace(file):
+    with pytest.raises(FileNotFoundError):
+        burrlab.load_trace(file)
+    file.write_bytes(b"")
+    with pytest.raises(ValueError, match="is not a burrlab trace: not an HDF5 file"):
+        burrlab.load_trace(file)
+    file.unlink()
+    burrlab.save_bone(file, small_bone())
+    with pytest.raises(ValueError, match="is not a burrlab trace$"):
+        burrlab.load_trace(file)
+
+
+def newer(file):
+    file.attrs["format_version"] = 2
+
+
+def lose_ticks(file):
+    del file["ticks"]
+
+
+def lose_seed(file):
+    del file.attrs["seed"]
+
+
+def count_too_many(file):
+    file["recorded"][()] = 1501
+
+
+def blank_a_row(file):
+    row = file["ticks"][700]
+    row["index"] = 0
+    file["ticks"][700] = row
+
+
+def another_bone(file):
+    file["volume/density"][0, 0, 0] = 3
+
+
+def another_digest(file):
+    file.attrs["initial_digest"] = "0" * 32
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (newer, "of format 2, and this version reads up to 1"), (lose_ticks, "is damaged"),
+        (lose_seed, "is damaged"), (count_too_many, "1501 ticks are counted, and there is room for 1500"),
+        (blank_a_row, "is damaged: the row of tick 740 holds something else"),
+        (another_bone, "is damaged: the bone has digest"),
+        (another_digest, "its volume is not the one that the session began with"),
+    ],
+)  # fmt: skip
+def test_damage_is_found(file, records, damage, said):
+    record(file, records)
+    with h5py.File(file, "a") as plain:
+        damage(plain)
+    with pytest.raises(ValueError, match=said):
+        burrlab.load_trace(file)
+
+
+def test_a_trace_cut_short(file, records):
+    record(file, records)
+    file.write_bytes(file.read_bytes()[:-500])
+    with pytest.raises(ValueError, match="is damaged: it was cut short"):
+        burrlab.load_trace(file)
+
+
+def test_a_byte_lost_in_a_compressed_row_is_an_error(file, records):
+    record(file, records)
+    with h5py.File(file) as plain:
+        chunk = plain["ticks"].id.get_chunk_info(0)
+    data = bytearray(file.read_bytes())
+    for i in range(100):
+        data[chunk.byte_offset + chunk.size // 2 + i] ^= 0xFF
+    file.write_bytes(data)
+    with pytest.raises(ValueError, match="is damaged"):
+        burrlab.load_trace(file)
+
+
+@pytest.mark.parametrize("duration", [0.001, 1.0, 3600.0])
+def test_counts_lie_within_a_page_and_before_the_tables(file, duration):
+    made = writer(file, duration=duration)
+    at = made._places
+    small = [at.recorded, at.digests_recorded, at.ended, at.complete]
+    assert max(small) < min(at.ticks, at.digests)
+    assert all(place % 64 == 0 for place in [*small, at.ticks, at.digests])
+    made.stop()

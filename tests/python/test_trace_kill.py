@@ -1,0 +1,139 @@
+"""Sessions that are killed: every trace there is opens with plain h5py and replays bit for bit to its end."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from session_scenes import SEED, FakeReader, make_records, small_bone, tools
+
+import burrlab
+from burrlab.session import trace_writer
+
+SECONDS = 0.6  # of a session
+
+
+def kill(folder, after):
+    """Starts a session and kills it `after` seconds later; (ticks executed by then, stage)."""
+    (folder / "ticks").write_bytes(bytes(9))
+    command = [sys.executable, str(Path(__file__).with_name("session_process.py")), str(folder), str(SECONDS)]
+    path = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(command, env=path, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "go\n"
+        time.sleep(after)
+        shown = (folder / "ticks").read_bytes()
+        process.send_signal(signal.SIGKILL)
+    return struct.unpack("<Q", shown[:8])[0], shown[8]
+
+
+def examine(file):
+    """The trace, after all that must hold of it."""
+    with h5py.File(file, "r") as plain:
+        rows = plain["ticks"][: plain["recorded"][()]]
+    np.testing.assert_array_equal(rows["index"], np.arange(len(rows)))
+    trace = burrlab.load_trace(file)
+    assert trace.ticks.tobytes() == rows.tobytes()
+    again = burrlab.replay(trace)
+    assert again.equal, again
+    assert again.digests == len(trace.digests)
+    return trace
+
+
+def killed(folder, times, random, capsys, title):
+    lost, cut, digests, none = [], 0, 0, 0
+    for i in range(times):
+        here = folder / str(i)
+        here.mkdir()
+        executed, stage = kill(here, random.uniform(0.0, SECONDS + 0.25))
+        if not (here / "session.h5").exists():
+            assert stage == 0  # killed while the file was made, before the first tick
+            none += 1
+            continue
+        trace = examine(here / "session.h5")
+        digests += len(trace.digests)
+        if stage == 1:
+            assert not trace.complete
+            lost.append(max(0, executed - len(trace)))
+            cut += len(trace)
+        elif stage == 3:
+            assert trace.complete
+        (here / "session.h5").unlink()
+    assert lost
+    parts = np.percentile(lost, [0, 50, 90, 99, 100]).astype(int).tolist()
+    with capsys.disabled():
+        print(
+            f"\n{title}: {times} kills, {len(lost)} of them while ticks ran ({cut} ticks, {digests} digests replayed), {none} before "
+            f"the file was there; ticks lost: least, median, 90 %, 99 %, most {parts}"
+        )  # fmt: skip
+    return lost
+
+
+def test_killed_sessions_replay_to_their_end(tmp_path, capsys):
+    killed(tmp_path, 6, np.random.default_rng(1), capsys, "SIGKILL")
+
+
+def busy():
+    while True:
+        pass
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("load", [0, 2])
+def test_a_hundred_killed_sessions(tmp_path, capsys, load):
+    """Printed, not held against 100 ms: other processes of the machine decide that."""
+    context = multiprocessing.get_context("spawn")
+    others = [context.Process(target=busy, daemon=True) for _ in range(load)]
+    try:
+        for other in others:
+            other.start()
+        killed(
+            tmp_path, 100, np.random.default_rng(2 + load), capsys, f"SIGKILL beside {load} busy processes"
+        )
+    finally:
+        for other in others:
+            other.kill()
+            other.join()
+
+
+def test_a_kill_between_any_two_writes(tmp_path, monkeypatch):
+    """The file as a kill would leave it, before and after every single write and in the middle of each."""
+    records = make_records(small_bone(), 300)
+    file, copy = tmp_path / "session.h5", tmp_path / "copy.h5"
+    real, counts = trace_writer._write, []
+
+    def look():
+        copy.unlink(missing_ok=True)
+        subprocess.run(["cp", "--sparse=always", str(file), str(copy)], check=True)
+        trace = burrlab.load_trace(copy)
+        assert trace.ticks["burr"]["force_N"][:, 0].tobytes() == (
+            records["burr"]["force"][: len(trace), 0].tobytes()
+        )
+        assert burrlab.replay(trace).equal
+        counts.append(len(trace))
+
+    def write(descriptor, data, at):
+        look()
+        if len(data) > 8:
+            real(descriptor, data[: len(data) // 2 + 3], at)
+            look()
+        done = real(descriptor, data, at)
+        look()
+        return done
+
+    monkeypatch.setattr(trace_writer, "_write", write)
+    batches = [records[i : i + 60] for i in range(0, 300, 60)]
+    made = burrlab.TraceWriter(file, FakeReader(*batches), small_bone(), tools(), seed=SEED, duration=0.5)
+    made.add_digest(0, small_bone().digest())
+    made.stop()
+    assert made.complete
+    assert sorted(set(counts)) == [0, 60, 120, 180, 240, 300]
+    assert counts == sorted(counts)

@@ -1,0 +1,104 @@
+"""The export against the layout that volumetric_drilling documents and records."""
+
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+from session_scenes import SEED, FakeReader, make_records, small_bone, tools
+
+import burrlab
+
+TICKS = 2005
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("export")
+    bone = small_bone()
+    records = make_records(bone, TICKS, burrs=2, first=10)
+    burrlab.TraceWriter(
+        folder / "session.h5", FakeReader(records), small_bone(), tools(2), seed=SEED, first_tick=10
+    ).stop()
+    trace = burrlab.load_trace(folder / "session.h5")
+    done = []
+    burrlab.export_volumetric_drilling(trace, folder / "export.hdf5", progress=done.append)
+    assert done[-1] == 1.0
+    with h5py.File(folder / "export.hdf5") as file:
+        yield file, trace, records, bone
+
+
+def test_names_and_shapes_are_the_documented_ones(made):
+    file, *_ = made
+    found = {}
+    file.visititems(
+        lambda name, item: found.update({name: item.shape} if isinstance(item, h5py.Dataset) else {})
+    )
+    samples = len(file["data/time"])
+    voxels, groups = len(file["voxels_removed/voxel_removed"]), len(file["voxels_removed/voxel_time_stamp"])
+    assert found == {
+        "metadata/README": (), "metadata/voxel_volume": (),
+        "data/time": (samples,), "data/pose_mastoidectomy_drill": (samples, 7),
+        "data/pose_mastoidectomy_volume": (samples, 7),
+        "voxels_removed/voxel_time_stamp": (groups,), "voxels_removed/voxel_removed": (voxels, 4),
+        "voxels_removed/voxel_color": (voxels, 5), "voxels_removed/README": (),
+        "burr_change/time_stamp": (1,), "burr_change/burr_size": (1,),
+        "drill_force_feedback/time_stamp": (TICKS,), "drill_force_feedback/wrench": (TICKS, 6),
+        "high_frequency_poses/mastoidectomy_drill/time_stamp": (TICKS,),
+        "high_frequency_poses/mastoidectomy_drill/pose": (TICKS, 7),
+    }  # fmt: skip
+    assert samples == 101
+    assert 0 < groups < voxels
+
+
+def test_poses_are_metres_and_forces_newtons(made):
+    file, trace, records, _ = made
+    pose = file["high_frequency_poses/mastoidectomy_drill/pose"][()]
+    np.testing.assert_allclose(pose[:, :3] * 1000, records["burr"]["center"][:, 0], rtol=1e-14)
+    np.testing.assert_array_equal(pose[:, 3:], np.tile([0, 0, 0, 1], (TICKS, 1)))
+    wrench = file["drill_force_feedback/wrench"][()]
+    np.testing.assert_array_equal(wrench[:, :3], records["burr"]["sent"][:, 0])
+    assert not wrench[:, 3:].any()
+    np.testing.assert_array_equal(file["data/pose_mastoidectomy_drill"][()], pose[::20])
+    stamps = file["drill_force_feedback/time_stamp"][()]
+    np.testing.assert_allclose(
+        stamps - trace.provenance["started_unix_s"], np.cumsum(records["k"]) / 1000, atol=1e-6
+    )
+    assert file["burr_change/burr_size"][()].tolist() == [4]
+    assert file["metadata/voxel_volume"][()] == pytest.approx(0.008)
+    assert file["metadata/voxel_volume"].attrs["units"].startswith("mm^3")
+    np.testing.assert_allclose(file["data/pose_mastoidectomy_volume"][0, :3], [0.0, 0.0, -0.002], atol=1e-9)
+
+
+def test_the_voxels_are_those_that_lost_half_of_their_bone(made):
+    file, trace, _, bone = made
+    rows = file["voxels_removed/voxel_removed"][()].astype(int)
+    assert len(np.unique(rows[:, 1:], axis=0)) == len(rows)
+    gone = np.zeros(bone.shape, dtype=bool)
+    gone[rows[:, 3], rows[:, 2], rows[:, 1]] = True
+    before = trace.bone().density
+    np.testing.assert_array_equal(gone, 2 * bone.density.astype(int) < before)
+    stamps = file["voxels_removed/voxel_time_stamp"][()]
+    assert (np.diff(stamps) > 0).all()
+    assert np.unique(rows[:, 0]).tolist() == list(range(len(stamps)))
+    color = file["voxels_removed/voxel_color"][()]
+    np.testing.assert_array_equal(color[:, 0], rows[:, 0])
+    np.testing.assert_array_equal(color[:, 1], before[rows[:, 3], rows[:, 2], rows[:, 1]])
+    assert (color[:, 4] == 255).all()
+
+
+def test_a_session_that_removed_nothing(tmp_path):
+    file = tmp_path / "session.h5"
+    burrlab.TraceWriter(file, FakeReader(), small_bone(), tools(), seed=1).stop()
+    burrlab.export_volumetric_drilling(burrlab.load_trace(file), tmp_path / "export.hdf5")
+    with h5py.File(tmp_path / "export.hdf5") as made:
+        assert made["voxels_removed/voxel_removed"].shape == (0, 4)
+        assert made["high_frequency_poses/mastoidectomy_drill/pose"].shape == (0, 7)
+
+
+def test_wrong_burr_and_folder(made, tmp_path):
+    trace = made[1]
+    with pytest.raises(ValueError, match="burr must be an index below 2, got 2"):
+        burrlab.export_volumetric_drilling(trace, tmp_path / "export.hdf5", burr=2)
+    with pytest.raises(OSError, match="No such file"):
+        burrlab.export_volumetric_drilling(trace, tmp_path / "none" / "export.hdf5")

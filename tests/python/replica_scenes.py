@@ -85,7 +85,7 @@ class Proxy:
         self.listener = socket.create_server(("127.0.0.1", 0))
         self.port = self.listener.getsockname()[1]
         self.connections = 0
-        self.threads = []
+        self.threads, self.sockets = [], []
 
     def __enter__(self):
         self._begin(self._accept)
@@ -95,8 +95,13 @@ class Proxy:
         with contextlib.suppress(OSError):
             self.listener.shutdown(socket.SHUT_RDWR)
         self.listener.close()
+        for end in self.sockets:
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
         for thread in self.threads:
             thread.join(5)
+        for end in self.sockets:
+            end.close()
 
     def _begin(self, function, *arguments):
         thread = threading.Thread(target=function, args=arguments, daemon=True)
@@ -108,26 +113,26 @@ class Proxy:
             while True:
                 replica, _ = self.listener.accept()
                 leader = socket.socket()
+                self.sockets += [replica, leader]
+                for end in (replica, leader):
+                    end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 if self.receive_buffer:
                     leader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, self.receive_buffer)
                 try:
                     leader.connect(("127.0.0.1", self.port_behind))
                 except OSError:
-                    replica.close()
+                    replica.shutdown(socket.SHUT_RDWR)
                     continue
                 self.connections += 1
                 self._begin(self._pass, pass_all, replica, leader)
                 self._begin(self._pass, self.pump, leader, replica)
 
-    @staticmethod
-    def _pass(pump, source, sink):
+    def _pass(self, pump, source, sink):
         with contextlib.suppress(OSError):
             pump(source, sink)
         for end in (source, sink):  # either end of a connection ends both
             with contextlib.suppress(OSError):
                 end.shutdown(socket.SHUT_RDWR)
-        if pump is not pass_all:
-            source.close()
 
 
 def pass_all(source, sink):

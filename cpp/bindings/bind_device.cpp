@@ -130,7 +130,7 @@ array([0. , 0. , 3.2])
              s.encoder_step = encoder_step, s.on = on, s.on_after = on_after;
              return std::make_shared<HandDevice>(s);
            }),
-           py::kw_only(), py::arg("start") = defaults.start, py::arg("into") = defaults.into,
+           py::arg("start") = defaults.start, py::kw_only(), py::arg("into") = defaults.into,
            py::arg("along") = defaults.along, py::arg("push") = defaults.push,
            py::arg("amplitude") = defaults.amplitude, py::arg("strokes") = defaults.strokes,
            py::arg("strokes_after") = defaults.strokes_after, py::arg("approach") = defaults.approach,

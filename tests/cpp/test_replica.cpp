@@ -77,7 +77,7 @@ void test_round_trips() {
     CHECK(end.tick == 12 && end.failed == 1 && end.reason == "a reason");
 
     const TickRecord record = extreme_record();
-    const Tick tick = back(Tick{record, exact - 1}, version, Kind::tick);
+    const TickMessage tick = back(TickMessage{record, exact - 1}, version, Kind::tick);
     CHECK(std::memcmp(&tick.record, &record, sizeof record) == 0);  // to the bit
     CHECK(tick.digest_tick == exact - 1);
 
@@ -93,7 +93,7 @@ void test_round_trips() {
 
 template <class Change>
 bool accepted(Change&& change) {
-  Tick tick{extreme_record(), 0};
+  TickMessage tick{extreme_record(), 0};
   change(tick.record);
   Bytes bytes;
   encode(bytes, 1, tick);
@@ -135,7 +135,7 @@ void test_random_bytes() {
   const Bytes content(2 * brick_bytes, 5);
   encode(seeds[0], 1, Word{Holds::ticks, 1, 2, digest});
   encode(seeds[1], 1, Hello{1, 2, 3, digest, "{}"});
-  encode(seeds[2], 1, Tick{extreme_record(), 4});
+  encode(seeds[2], 1, TickMessage{extreme_record(), 4});
   encode(seeds[3], 1, replica_protocol::Digest{5, digest});
   encode(seeds[4], 1, Bricks{3, digest, 9, 7, {content.data(), content.size()}});
   encode(seeds[5], 1, Idle{6});
@@ -154,7 +154,7 @@ void test_random_bytes() {
     if (decode_body(header, {body.data(), body.size()}, message) != Drop::none) continue;
     Word word;
     Hello hello;
-    Tick tick;
+    TickMessage tick;
     replica_protocol::Digest at;
     Bricks bricks;
     Idle idle;
@@ -176,7 +176,7 @@ void test_log() {
     log.append_tick({message.data(), message.size()});
     if (tick % 10 == 0) log.append({message.data(), 7});
     CHECK(log.next() == tick + 1u);
-    const std::uint64_t oldest = std::max<std::uint64_t>(5, log.next() - 8);
+    const std::uint64_t oldest = std::uint64_t(std::max(5, tick - 7));
     CHECK(log.place_of(oldest, place) && log.place_of(log.next(), other));
     CHECK(oldest == 5 || !log.place_of(oldest - 1, place));
     CHECK(log.place_of(oldest, place));

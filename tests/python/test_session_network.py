@@ -38,7 +38,19 @@ def test_volume_recipe(tmp_path):
         make_bone(recipe)
 
 
-@pytest.mark.parametrize("recipe", [{}, {"kind": "sphere"}, {**BLOCK, "size_mm": None}, {"kind": "volume"}])
+@pytest.mark.parametrize(
+    "recipe",
+    [
+        {},
+        {"kind": "sphere"},
+        {"kind": "volume"},
+        {**BLOCK, "size_mm": None},
+        {**BLOCK, "size_mm": [1, 2]},
+        {**BLOCK, "level": 256},
+        {**BLOCK, "level": 10**30},
+        {**BLOCK, "level": float("inf")},
+    ],
+)
 def test_recipe_that_cannot_be_read(recipe):
     with pytest.raises(ValueError, match="recipe must be that of block_recipe or volume_recipe, got"):
         make_bone(recipe)
@@ -94,7 +106,15 @@ def test_follow_needs_a_recipe():
 
 def test_follow_needs_a_hello_that_can_be_read(leader):
     follower = _core.Follower(_core.HapticLoop(leader.executor, [burrlab.HandDevice()]))
-    for text in ("not JSON", "[]", '{"seed": 1, "rate_Hz": 0, "scheme": "layer", "tools": []}'):
+    good = '{"seed": 1, "rate_Hz": 1000, "scheme": "layer", "tools": []}'
+    bad = [good.replace("1,", f"{seed},", 1) for seed in (-1, 2**64, 1.5, "null")]
+    bad += [
+        good.replace("1000", "0"),
+        good.replace('"layer"', '"layer", "source": 3'),
+        "not JSON",
+        "[" * 100_000,
+    ]
+    for text in ("[]", *bad):
         publisher = _core.Publisher(follower, hello=text)
         with pytest.raises(ValueError, match=r"hello of the leader at .* cannot be read"):
             follow("127.0.0.1", publisher.port)

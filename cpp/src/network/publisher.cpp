@@ -17,8 +17,8 @@ using openigtlink::ByteView;
 
 namespace {
 
-constexpr std::size_t largest_tick = 400, largest_digest = 256;  // messages, either version [bytes]
-constexpr std::size_t largest_pose = 260, poses_kept = 1024;     // of one burr; ticks
+constexpr std::size_t largest_head = 130, largest_burr = 88;  // of a tick's message, either version [bytes]
+constexpr std::size_t largest_pose = 260, poses_kept = 1024;  // of one burr; ticks
 constexpr int send_buffer = 8192;  // of standard peers: small, so that a slow one gets no old poses [bytes]
 constexpr std::size_t most_states = 4;           // of the bone in memory at once
 constexpr std::int64_t state_pause = 100000000;  // between two of them [ns]
@@ -77,7 +77,7 @@ Publisher::Publisher(Follower& follower, const PublisherSettings& settings)
       poses_(poses_kept * largest_pose * burrs_, poses_kept, 0) {
   const Beginning begin(follower);
   const std::size_t ticks = ticks_of_log(settings.log, begin.period);
-  log_ = TickLog(ticks * (largest_tick + largest_digest) + 65536, ticks, begin.tick);
+  log_ = TickLog(ticks * (largest_head + largest_burr * burrs_) + 65536, ticks, begin.tick);
   poses_.restart(begin.tick);
   hello_ = {replica_protocol::version, session_, begin.tick, begin.digest, settings.hello};
   digest_tick_ = begin.tick;

@@ -17,6 +17,16 @@ from burrlab.volume import read_volume
 Recipe = dict[str, Any]
 
 _NEEDED = ("seed", "rate_Hz", "scheme", "tools")  # of a hello
+# What reading JSON of another machine may end in.
+_UNREADABLE = (
+    KeyError,
+    TypeError,
+    AttributeError,
+    ValueError,
+    OverflowError,
+    ZeroDivisionError,
+    RecursionError,
+)
 
 
 def block_recipe(
@@ -69,14 +79,14 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
     """
     try:
         if recipe["kind"] == "block":
-            size, voxel = [float(s) for s in recipe["size_mm"]], float(recipe["voxel_mm"])
-            origin, level = [float(o) for o in recipe["origin_mm"]], int(recipe["level"])
+            size, origin = _three(recipe["size_mm"]), _three(recipe["origin_mm"])
+            voxel, level = float(recipe["voxel_mm"]), _whole(recipe["level"], 255)
         elif recipe["kind"] == "volume":
             path = os.fspath(recipe["path"] if volume is None else volume)
             empty, solid = map(float, recipe["map"])
         else:
             raise KeyError("kind")
-    except (KeyError, TypeError, ValueError):
+    except _UNREADABLE:
         raise ValueError(
             f"recipe must be that of block_recipe or volume_recipe, got {dict(recipe)!r}"
         ) from None
@@ -164,9 +174,10 @@ def follow(
     try:
         hello = json.loads(replica.hello)
         tools = [_tool(tool) for tool in hello["tools"]]
-        seed, period, scheme = int(hello["seed"]), 1e3 / float(hello["rate_Hz"]), str(hello["scheme"])
-        recipe = hello.get("source") or {}
-    except (KeyError, TypeError, AttributeError, ValueError, ZeroDivisionError) as error:
+        seed, scheme = _whole(hello["seed"], 2**64 - 1), str(hello["scheme"])
+        period = 1e3 / float(hello["rate_Hz"])
+        recipe = dict(hello.get("source") or {})
+    except _UNREADABLE as error:
         raise ValueError(f"hello of the leader at {host}:{port} cannot be read: {error!r}") from None
     if bone is None and not recipe:
         raise ValueError(f"bone must be given: the leader at {host}:{port} does not say how its own was made")
@@ -181,3 +192,14 @@ def _tool(tool: Mapping[str, Any]) -> tuple[Burr, Material]:
         shape=str(tool["shape"]), source="from the leader of a session",
     )  # fmt: skip
     return Burr(float(tool["radius_mm"])), material
+
+
+def _three(numbers: Sequence[Any]) -> list[float]:
+    x, y, z = map(float, numbers)
+    return [x, y, z]
+
+
+def _whole(number: Any, most: int) -> int:
+    if not 0 <= int(number) <= most or int(number) != number:
+        raise ValueError(number)
+    return int(number)

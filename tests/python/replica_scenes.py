@@ -35,8 +35,16 @@ def soon(condition, seconds=20.0):
 class Leader:
     """A hand, or two, cutting a block at 1 kHz, published on a free port."""
 
-    def __init__(self, *, burrs=1, digest_every=100, source=BLOCK, seed=7, wall_clock=True, ticks=0, **options):
-        self.hello = {"seed": seed, "rate_Hz": 1000.0, "scheme": "layer", "tools": [TOOL] * burrs, "source": source}
+    def __init__(
+        self, *, burrs=1, digest_every=100, source=BLOCK, seed=7, wall_clock=True, ticks=0, **options
+    ):
+        self.hello = {
+            "seed": seed,
+            "rate_Hz": 1000.0,
+            "scheme": "layer",
+            "tools": [TOOL] * burrs,
+            "source": source,
+        }
         tools = [(burrlab.Burr(3.0), burrlab.materials["bone"])] * burrs
         starts = [(0.0, 2.5 * i, 3.3) for i in range(burrs)]
         self.tools = tools

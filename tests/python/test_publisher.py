@@ -146,7 +146,10 @@ def test_replica_is_told_what_the_protocol_says():
         (b"GET / HTTP/1.1\r\n" * 10, "framing_lost"),
         (_core.encode_ndarray_uint8("burrlab_replica", b"\0" * 55), "bad_words"),
         (_core.encode_ndarray_uint8("burrlab_replica", struct.pack(">I", 2) + WORD[4:]), "bad_words"),
-        (_core.encode_ndarray_uint8("burrlab_replica", WORD[:4] + struct.pack(">I", 9) + WORD[8:]), "bad_words"),
+        (
+            _core.encode_ndarray_uint8("burrlab_replica", WORD[:4] + struct.pack(">I", 9) + WORD[8:]),
+            "bad_words",
+        ),
         (_core.encode_ndarray_float64("burrlab_replica", np.zeros(7)), "bad_words"),
         (_core.encode_ndarray_uint8("burrlab_replica", WORD), "hellos"),  # of another session
         (_core.encode_transform("burr", (1, 2, 3))[:-1] + b"\7", None),
@@ -179,7 +182,10 @@ class Attack:
 
     def run(self, seed):
         chance = random.Random(seed)
-        good = [_core.encode_transform("burr", (1, 2, 3)), _core.encode_ndarray_uint8("burrlab_replica", WORD)]
+        good = [
+            _core.encode_transform("burr", (1, 2, 3)),
+            _core.encode_ndarray_uint8("burrlab_replica", WORD),
+        ]
         while not self.ending.is_set():
             with contextlib.suppress(OSError), connect(self.leader) as peer:
                 self.connections += 1
@@ -187,7 +193,9 @@ class Attack:
                     data = bytearray(chance.choice(good) * chance.randrange(1, 5))
                     for _ in range(chance.randrange(4)):
                         data[chance.randrange(len(data))] = chance.randrange(256)
-                    peer.sendall(data if chance.random() < 0.7 else chance.randbytes(chance.randrange(1, 50_000)))
+                    peer.sendall(
+                        data if chance.random() < 0.7 else chance.randbytes(chance.randrange(1, 50_000))
+                    )
                 if chance.random() < 0.3:
                     peer.recv(100)
 
@@ -282,7 +290,9 @@ def test_example_client_of_libopenigtlink(build):
 
     program = build(EXAMPLES / "Receiver" / "ReceiveClient.cxx")
     with Leader() as leader:
-        peer = subprocess.Popen(["stdbuf", "-o0", program, "127.0.0.1", str(leader.port)], stdout=subprocess.PIPE, text=True)
+        peer = subprocess.Popen(
+            ["stdbuf", "-o0", program, "127.0.0.1", str(leader.port)], stdout=subprocess.PIPE, text=True
+        )
         assert soon(lambda: leader.publisher.status["standard_peers"] == 1)
         leader.run_to(leader.tick + 1100)
         peer.kill()

@@ -297,5 +297,5 @@ class Session:
 
 def _tools(tools: Tool | Sequence[Tool]) -> list[Tool]:
     if isinstance(tools, tuple) and len(tools) == 2 and isinstance(tools[0], Burr):
-        tools = [cast(Tool, tools)]
+        return [tools]
     return list(cast(Sequence[Tool], tools))

@@ -135,6 +135,8 @@ def _session(options: Options) -> int:
         {"seed": session.seed, "interrupted": interrupted, **report.to_dict()},
         f"{report}\nseed {session.seed}",
     )
+    if interrupted:
+        return 130
     return 1 if session.failed else 0
 
 

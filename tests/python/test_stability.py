@@ -19,7 +19,7 @@ def check_still(material, hole, push, on):
     if ratio < 0.8:
         assert ripple < RIPPLE
         assert result.energy[2000:].max() < result.energy[2000] + 1e-3  # nothing given after the approach
-        assert np.allclose(before, push, rtol=0.005)  # the static force is the asked push
+        assert np.allclose(before, push, rtol=0.015)  # the push has come, within what is left after 2 s
     return ratio
 
 

@@ -46,7 +46,9 @@ def add_session_commands(command: AddCommand) -> None:
     )
     session.add_argument("--duration", type=_positive, metavar="S", help="[s], default until Ctrl-C")
     session.add_argument("--rate", type=_positive, default=1000.0, help="of the loop [Hz], default 1000")
-    session.add_argument("--material", choices=sorted(burrlab.materials), default="bone", help="default: bone")
+    session.add_argument(
+        "--material", choices=sorted(burrlab.materials), default="bone", help="default: bone"
+    )
     session.add_argument("--c-e", type=_positive, help="elastic constant instead of the material's [N/mm^2]")
     session.add_argument("--alpha", type=_positive, help="erosion rate instead of the material's [1/ms]")
     session.add_argument("--shape", type=_shape, help="erosion shape f instead of the material's")
@@ -55,12 +57,20 @@ def add_session_commands(command: AddCommand) -> None:
     session.add_argument("--voxel", type=_positive, help="of the block of 30 x 30 x 10 mm [mm], default 0.1")
     session.add_argument("--volume", metavar="FILE", help="a grey volume instead of a block")
     session.add_argument("--map", type=_grey_map, metavar="LO:HI", help="grey values of empty and solid")
-    session.add_argument("--entry", type=_vector, metavar="X,Y,Z", help="volume: where a simulated hand begins [mm]")
-    session.add_argument("--axis", type=_vector, metavar="X,Y,Z", help="volume: where a simulated hand pushes")
+    session.add_argument(
+        "--entry", type=_vector, metavar="X,Y,Z", help="volume: where a simulated hand begins [mm]"
+    )
+    session.add_argument(
+        "--axis", type=_vector, metavar="X,Y,Z", help="volume: where a simulated hand pushes"
+    )
     session.add_argument("--seed", type=_seed, help="default: drawn and recorded")
-    session.add_argument("--force-limit", type=_positive, default=8.0, help="of the force sent [N], default 8")
+    session.add_argument(
+        "--force-limit", type=_positive, default=8.0, help="of the force sent [N], default 8"
+    )
     session.add_argument("--slew-limit", type=_positive, default=1.0, help="of its change [N/ms], default 1")
-    session.add_argument("--coupling", type=_positive, help="spring between device and burr [N/mm], default none")
+    session.add_argument(
+        "--coupling", type=_positive, help="spring between device and burr [N/mm], default none"
+    )
     session.add_argument(
         "--no-realtime", action="store_true", help="do not ask for real-time priority and locked memory"
     )
@@ -69,7 +79,9 @@ def add_session_commands(command: AddCommand) -> None:
     replica = command("replica", _replica, "Hold a bit-identical copy of a published session's bone.")
     replica.add_argument("address", type=_address, metavar="HOST:PORT", help="of a session with --publish")
     replica.add_argument("--volume", metavar="FILE", help="the leader's volume, where it lies elsewhere here")
-    replica.add_argument("--duration", type=_positive, metavar="S", help="[s], default until the session ends")
+    replica.add_argument(
+        "--duration", type=_positive, metavar="S", help="[s], default until the session ends"
+    )
     replica.add_argument("--save", metavar="FILE", help="write the bone at the end (HDF5)")
     _output_options(replica, plot=False)
 
@@ -111,7 +123,9 @@ def _session(options: Options) -> int:
     if options.plot is not None:
         _save(report.plot()[0], options.plot)
     _deliver(
-        options, {"seed": session.seed, "interrupted": interrupted, **report.to_dict()}, f"{report}\nseed {session.seed}"
+        options,
+        {"seed": session.seed, "interrupted": interrupted, **report.to_dict()},
+        f"{report}\nseed {session.seed}",
     )
     return 1 if session.failed else 0
 
@@ -123,7 +137,9 @@ def _bone(options: Options, burr: Burr) -> tuple[VoxelBone, dict[str, Any], Mapp
             if getattr(options, name) is not None:
                 raise ValueError(f"--{name} goes with --volume")
         voxel = options.voxel or 0.1
-        source = block_recipe(_BLOCK, voxel, origin=[0.5 * voxel - side / 2 for side in _BLOCK[:2]] + [0.5 * voxel - _BLOCK[2]])
+        source = block_recipe(
+            _BLOCK, voxel, origin=[0.5 * voxel - side / 2 for side in _BLOCK[:2]] + [0.5 * voxel - _BLOCK[2]]
+        )
         return make_bone(source), source, {"start": (0.0, 0.0, burr.radius + _GAP)}
     if options.map is None:
         raise ValueError("--volume needs --map")
@@ -135,10 +151,16 @@ def _bone(options: Options, burr: Burr) -> tuple[VoxelBone, dict[str, Any], Mapp
     for name in ("entry", "axis"):
         if getattr(options, name) is None:
             raise ValueError(f"--device hand with --volume needs --{name}")
-    specimen = burrlab.read_volume(options.volume).specimen(*options.map, entry=options.entry, axis=options.axis)
+    specimen = burrlab.read_volume(options.volume).specimen(
+        *options.map, entry=options.entry, axis=options.axis
+    )
     across = np.cross(specimen.axis, np.eye(3)[np.argmin(np.abs(specimen.axis))])
     start = specimen.surface - (burr.radius + _GAP) * specimen.axis
-    return specimen.bone, source, {"start": start, "into": specimen.axis, "along": across / np.linalg.norm(across)}
+    return (
+        specimen.bone,
+        source,
+        {"start": start, "into": specimen.axis, "along": across / np.linalg.norm(across)},
+    )
 
 
 def _device(text: str, options: Options, burr: Burr, place: Mapping[str, Any], number: int) -> Device:

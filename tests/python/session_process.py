@@ -1,18 +1,22 @@
-"""A real session in a process of its own, to be killed: python session_process.py FOLDER SECONDS.
+"""Real sessions in processes of their own, to be killed: python session_process.py SECONDS.
 
-It shows the number of ticks executed in the first eight bytes of FOLDER/ticks, all the time, and its stage (1 loop runs,
+For each folder on its standard input it forks a process that runs a session there and prints "go"; on the next line it kills
+that process and prints "over". The session shows the number of ticks executed in the first eight bytes of FOLDER/ticks, all the time, and its stage (1 loop runs,
 2 recording is being closed, 3 closed) in the ninth.
 """
 
 from __future__ import annotations
 
 import mmap
+import os
+import signal
 import struct
 import sys
 import threading
 import time
 from pathlib import Path
 
+import h5py  # noqa: F401  (now, not in each session)
 import numpy as np
 
 import burrlab
@@ -36,7 +40,6 @@ def run(folder: Path, seconds: float) -> None:
             shown[:8] = struct.pack("<Q", loop.counts.ticks)
             time.sleep(0.0005)
 
-    print("go", flush=True)  # it may be killed from here on
     writer = burrlab.TraceWriter(folder / "session.h5", reader, bone, tools, seed=5, devices=[device.name])
     writer.start()
     device.put((0.0, 0.0, 3.0))
@@ -63,4 +66,13 @@ def run(folder: Path, seconds: float) -> None:
 
 
 if __name__ == "__main__":
-    run(Path(sys.argv[1]), float(sys.argv[2]))
+    while line := sys.stdin.readline():
+        child = os.fork()  # nothing but this thread runs here
+        if child == 0:
+            run(Path(line.strip()), float(sys.argv[1]))
+            os._exit(0)
+        print("go", flush=True)
+        sys.stdin.readline()
+        os.kill(child, signal.SIGKILL)  # not yet waited for: its number is its own
+        os.waitpid(child, 0)
+        print("over", flush=True)

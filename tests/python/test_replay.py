@@ -149,6 +149,13 @@ def test_another_k_seed_or_first_tick_gives_another_session(session):
     assert not burrlab.replay(replace(trace, seed=SEED + 1)).equal
 
 
+def test_a_recorded_nan_differs_and_goes_into_json(session):
+    trace = changed(burrlab.load_trace(session[0]), 50, 0, "force_N", lambda _: np.nan, 0)
+    found = burrlab.replay(trace).to_dict()["difference"]
+    assert (found["tick"], found["field"]) == (50, "force_N")
+    assert "nan" in json.loads(json.dumps(found, allow_nan=False))["recorded"]
+
+
 def test_what_is_for_analysis_only_is_not_compared(session):
     trace = burrlab.load_trace(session[0])
     ticks = trace.ticks.copy()

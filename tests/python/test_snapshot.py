@@ -74,7 +74,7 @@ def test_what_is_no_bone(tmp_path):
         burrlab.load_bone(file)
     with h5py.File(file, "w") as made:
         made.attrs["format"] = "something"
-    with pytest.raises(ValueError, match="is not a burrlab bone$"):
+    with pytest.raises(ValueError, match=r"is not a burrlab bone$"):
         burrlab.load_bone(file)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 import struct
 import subprocess
 import sys
@@ -22,16 +21,30 @@ from burrlab.session import trace_writer
 SECONDS = 0.6  # of a session
 
 
-def kill(folder, after):
+@pytest.fixture
+def nursery():
+    """A process that starts sessions."""
+    command = [sys.executable, str(Path(__file__).with_name("session_process.py")), str(SECONDS)]
+    path = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
+    with subprocess.Popen(
+        command, env=path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        yield process
+
+
+def tell(nursery, word, answer):
+    nursery.stdin.write(f"{word}\n")
+    nursery.stdin.flush()
+    assert nursery.stdout.readline() == f"{answer}\n"
+
+
+def kill(nursery, folder, after):
     """Starts a session and kills it `after` seconds later; (ticks executed by then, stage)."""
     (folder / "ticks").write_bytes(bytes(9))
-    command = [sys.executable, str(Path(__file__).with_name("session_process.py")), str(folder), str(SECONDS)]
-    path = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    with subprocess.Popen(command, env=path, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout.readline() == "go\n"
-        time.sleep(after)
-        shown = (folder / "ticks").read_bytes()
-        process.send_signal(signal.SIGKILL)
+    tell(nursery, str(folder), "go")
+    time.sleep(after)
+    shown = (folder / "ticks").read_bytes()
+    tell(nursery, "kill", "over")
     return struct.unpack("<Q", shown[:8])[0], shown[8]
 
 
@@ -48,12 +61,12 @@ def examine(file):
     return trace
 
 
-def killed(folder, times, random, capsys, title):
+def killed(nursery, folder, times, random, capsys, title):
     lost, cut, digests, none = [], 0, 0, 0
     for i in range(times):
         here = folder / str(i)
         here.mkdir()
-        executed, stage = kill(here, random.uniform(0.0, SECONDS + 0.25))
+        executed, stage = kill(nursery, here, random.uniform(0.0, SECONDS + 0.25))
         if not (here / "session.h5").exists():
             assert stage == 0  # killed while the file was made, before the first tick
             none += 1
@@ -77,8 +90,8 @@ def killed(folder, times, random, capsys, title):
     return lost
 
 
-def test_killed_sessions_replay_to_their_end(tmp_path, capsys):
-    killed(tmp_path, 6, np.random.default_rng(1), capsys, "SIGKILL")
+def test_killed_sessions_replay_to_their_end(nursery, tmp_path, capsys):
+    killed(nursery, tmp_path, 6, np.random.default_rng(1), capsys, "SIGKILL")
 
 
 def busy():
@@ -88,7 +101,7 @@ def busy():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("load", [0, 2])
-def test_a_hundred_killed_sessions(tmp_path, capsys, load):
+def test_a_hundred_killed_sessions(nursery, tmp_path, capsys, load):
     """Printed, not held against 100 ms: other processes of the machine decide that."""
     context = multiprocessing.get_context("spawn")
     others = [context.Process(target=busy, daemon=True) for _ in range(load)]

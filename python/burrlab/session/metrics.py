@@ -179,7 +179,7 @@ def session_metrics(
     force = np.linalg.norm(trace.array("sent_force_N", burr), axis=1)
     touching = trace.array("touching", burr) == 1
     contact, cutting = float(step[touching].sum()), float(step[levels > 0].sum())
-    volume = np.cumsum(levels) * (float(np.prod(trace._bone.spacing)) / 255.0)
+    volume = np.cumsum(levels) * (trace.voxel_volume / 255.0)
     removed = float(volume[-1]) if len(volume) else 0.0
     motion_time, center = _uniform(time, trace.array("center_mm", burr), trace.period)
     speed, jerk, path = _motion(center, motion_time)

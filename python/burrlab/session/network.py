@@ -116,9 +116,7 @@ def open_publisher(
         if name not in hello:
             raise ValueError(f"hello must hold {', '.join(_NEEDED)}, got none of {name}")
     text = json.dumps(dict(hello), default=str)
-    return Publisher(
-        follower, host=host, port=port, hello=text, header_version=header_version, **options
-    )
+    return Publisher(follower, host=host, port=port, hello=text, header_version=header_version, **options)
 
 
 def follow(

@@ -182,4 +182,8 @@ def _digest_difference(executor: TickExecutor, recorded: str) -> Difference | No
 
 
 def _plain(value: Any) -> Any:
-    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+    """For JSON, which has no NaN: that becomes text."""
+    if isinstance(value, str):
+        return value
+    plain = np.asarray(value)
+    return plain.tolist() if np.isfinite(plain).all() else str(plain)

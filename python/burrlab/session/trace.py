@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import os
 from dataclasses import dataclass, field
@@ -91,6 +92,11 @@ class Trace:
         """Digest of the bone before the first tick, present and pristine levels."""
         return self._bone.digest()
 
+    @property
+    def voxel_volume(self) -> float:
+        """Of the bone's grid [mm^3]."""
+        return float(np.prod(self._bone.spacing))
+
     def bone(self) -> VoxelBone:
         """A new bone as it was before the first tick."""
         return self._bone.copy()
@@ -166,7 +172,9 @@ class Trace:
             "initial digest": self.initial_digest, "ended": self.ended, "complete": self.complete,
             **self.provenance,
         }  # fmt: skip
-        body = "".join(f"<tr><th>{key}</th><td>{value}</td></tr>" for key, value in rows.items())
+        body = "".join(
+            f"<tr><th>{key}</th><td>{html.escape(str(value))}</td></tr>" for key, value in rows.items()
+        )
         return f"<table>{body}</table>"
 
 

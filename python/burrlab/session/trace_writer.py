@@ -280,7 +280,8 @@ class TraceWriter:
         try:
             make_compact(self.path, self._part)
         except (OSError, RuntimeError, ValueError, KeyError) as error:
-            self._compact_error = f"{self.path} stays as it was recorded, it could not be compacted: {error}"
+            why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else error
+            self._compact_error = f"{self.path} stays as it was recorded, it could not be compacted: {why}"
             with contextlib.suppress(OSError):
                 self._part.unlink(missing_ok=True)
 

@@ -96,7 +96,7 @@ def _put(group: h5py.Group, name: str, values: NDArray[np.generic]) -> None:
 
 def _write_metadata(file: h5py.File, trace: Trace) -> None:
     group = file.create_group("metadata")
-    volume = group.create_dataset("voxel_volume", data=float(np.prod(trace.bone().spacing)))
+    volume = group.create_dataset("voxel_volume", data=trace.voxel_volume)
     volume.attrs["units"] = "mm^3, millimeters cubed"
     group.create_dataset("README", data=_README)
 

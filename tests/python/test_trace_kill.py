@@ -46,8 +46,8 @@ def kill(nursery, folder, after):
     while not (folder / "session.h5").exists() and time.monotonic() < end:
         time.sleep(0.001)
     time.sleep(after)
-    shown = (folder / "ticks").read_bytes()
     tell(nursery, "kill", "over")
+    shown = (folder / "ticks").read_bytes()
     return struct.unpack("<Q", shown[:8])[0], shown[8]
 
 

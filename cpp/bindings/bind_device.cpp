@@ -99,6 +99,8 @@ encoder_step : float
     Positions are read to the nearest multiple on each axis [mm]; 0: exactly.
 on : bool
     The burr turns.
+on_after : float
+    But not before this time [s].
 
 Raises
 ------
@@ -119,22 +121,23 @@ array([0. , 0. , 3.2])
 )")
       .def(py::init([](const Vec3& start, const Vec3& into, const Vec3& along, double push, double amplitude,
                        double strokes, double strokes_after, double approach, double follow, double mass,
-                       double damping, double grip, double friction, double encoder_step, bool on) {
+                       double damping, double grip, double friction, double encoder_step, bool on,
+                       double on_after) {
              HandSettings s;
              s.start = start, s.into = into, s.along = along, s.push = push, s.amplitude = amplitude;
              s.strokes = strokes, s.strokes_after = strokes_after, s.approach = approach, s.follow = follow;
              s.mass = mass, s.damping = damping, s.grip = grip, s.friction = friction;
-             s.encoder_step = encoder_step, s.on = on;
+             s.encoder_step = encoder_step, s.on = on, s.on_after = on_after;
              return std::make_shared<HandDevice>(s);
            }),
-           py::kw_only(), py::arg("start") = defaults.start, py::arg("into") = defaults.into,
+           py::arg("start") = defaults.start, py::kw_only(), py::arg("into") = defaults.into,
            py::arg("along") = defaults.along, py::arg("push") = defaults.push,
            py::arg("amplitude") = defaults.amplitude, py::arg("strokes") = defaults.strokes,
            py::arg("strokes_after") = defaults.strokes_after, py::arg("approach") = defaults.approach,
            py::arg("follow") = defaults.follow, py::arg("mass") = defaults.mass,
            py::arg("damping") = defaults.damping, py::arg("grip") = defaults.grip,
            py::arg("friction") = defaults.friction, py::arg("encoder_step") = defaults.encoder_step,
-           py::arg("on") = defaults.on)
+           py::arg("on") = defaults.on, py::arg("on_after") = defaults.on_after)
       .def("set_on", &HandDevice::set_on, py::arg("on"), "The burr's switch, at any time.")
       .def_property_readonly("force", &HandDevice::force, "(3,) that the loop sent last [N]; a copy")
       .def_property_readonly(

@@ -45,6 +45,16 @@ void bind_stability(py::module_& m) {
   m.def("measured_stiffness", &measured_stiffness, py::arg("executor"), py::arg("burr"), py::arg("center"),
         py::arg("step") = 0.02,
         "k from the force `step` [mm] in and out along the contact's normal [N/mm]; 0 without contact.");
+  m.def(
+      "stiffest_contact",
+      [](const TickExecutor& executor, std::size_t burr, const Vec3& center, double step) {
+        const StiffestContact contact = stiffest_contact(executor, burr, center, step);
+        return py::make_tuple(contact.stiffness, contact.direction);
+      },
+      py::arg("executor"), py::arg("burr"), py::arg("center"), py::arg("step") = 0.02,
+      "(stiffness [N/mm], unit vector) of the direction in which the contact at a centre [mm] is stiffest; 0 "
+      "without "
+      "contact.");
   m.def("passivity_limit", &passivity_limit, py::arg("damping"), py::arg("period"), py::arg("age") = 0.0,
         py::arg("virtual_damping") = 0.0,
         "(b - |B|)/(T/2 + t_d) [N/mm]; dampings [N s/m], period and age of the position [ms] "

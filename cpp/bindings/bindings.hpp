@@ -33,4 +33,5 @@ void bind_session(pybind11::module_& m);
 void bind_device(pybind11::module_& m);
 void bind_stability(pybind11::module_& m);
 void bind_openigtlink(pybind11::module_& m);
+void bind_transform_reader(pybind11::module_& m);
 void bind_network(pybind11::module_& m);

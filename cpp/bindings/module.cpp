@@ -39,5 +39,6 @@ PYBIND11_MODULE(_core, m) {
   bind_device(m);  // after the base class
   bind_stability(m);
   bind_openigtlink(m);
+  bind_transform_reader(m);
   bind_network(m);
 }

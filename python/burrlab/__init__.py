@@ -42,6 +42,7 @@ from burrlab.rig import Rig, RigReading, VirtualRig
 from burrlab.session.metrics import SessionMetrics, session_metrics
 from burrlab.session.replay import Replay, replay
 from burrlab.session.report import SessionReport
+from burrlab.session.script import read_script
 from burrlab.session.session import Session
 from burrlab.session.snapshot import load_bone, save_bone
 from burrlab.session.trace import Trace, load_trace
@@ -112,6 +113,7 @@ __all__ = [
     "penetration",
     "penetration_velocity",
     "predicted_scatter",
+    "read_script",
     "read_volume",
     "replay",
     "save_bone",

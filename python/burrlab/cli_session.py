@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,16 @@ import numpy as np
 import burrlab
 from burrlab._core import Burr, Device, VoxelBone
 from burrlab.cli import (
-    Options, _deliver, _grey_map, _material, _number, _output_options, _positive, _save, _seed, _shape, _vector,
+    Options,
+    _deliver,
+    _grey_map,
+    _material,
+    _output_options,
+    _positive,
+    _save,
+    _seed,
+    _shape,
+    _vector,
 )  # fmt: skip
 from burrlab.session.network import block_recipe, follow, make_bone, volume_recipe
 
@@ -127,6 +135,8 @@ def _session(options: Options) -> int:
         {"seed": session.seed, "interrupted": interrupted, **report.to_dict()},
         f"{report}\nseed {session.seed}",
     )
+    if interrupted:
+        return 130
     return 1 if session.failed else 0
 
 

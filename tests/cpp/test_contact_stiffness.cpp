@@ -37,6 +37,28 @@ void check_against_voxels() {
   CHECK(measured_stiffness(executor, 0, Vec3(0.0, 0.0, 3.2)) == 0.0);
 }
 
+/// On flat bone and in a shallow hole the normal is the stiffest direction; in a tunnel as wide as the burr,
+/// sideways is.
+void check_stiffest() {
+  for (const double hole : {0.0, 1.0, 2.8}) {
+    const auto executor = scenes::executor(scenes::block_with_hole(3.0, hole), scenes::bone_material);
+    const Vec3 center(0.0, 0.0, 3.0 - hole - scenes::depth_of(executor, 2.0, 3.0 - hole));
+    const StiffestContact stiffest = stiffest_contact(executor, 0, center);
+    const double normal = measured_stiffness(executor, 0, center);
+    std::printf("hole %.1f mm: normal %.2f N/mm, stiffest %.2f along (%.2f, %.2f, %.2f)\n", hole, normal,
+                stiffest.stiffness, stiffest.direction[0], stiffest.direction[1], stiffest.direction[2]);
+    CHECK_NEAR(stiffest.direction.norm(), 1.0, 1e-12);
+    if (hole < 2.0) {
+      CHECK(std::abs(stiffest.direction[2]) > 0.99);
+      CHECK_NEAR(stiffest.stiffness, normal, 1e-3 * normal);
+    } else {
+      CHECK(std::abs(stiffest.direction[2]) < 0.01 && stiffest.stiffness > 1.05 * normal);
+    }
+  }
+  const auto executor = scenes::executor(scenes::block(), scenes::bone_material);
+  CHECK(stiffest_contact(executor, 0, Vec3(0.0, 0.0, 3.2)).stiffness == 0.0);
+}
+
 /// k of the flat closed form is dF/dh of Eq. 3 there; in a hole k is far above dF/dh.
 void check_closed_form() {
   const double c_e = 2.145, radius = 3.0, force = 1.0;
@@ -117,6 +139,7 @@ void check_refusals() {
 
 int main() {
   check_against_voxels();
+  check_stiffest();
   check_closed_form();
   check_limits();
   check_force_at_limit();

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import shutil
+import signal
+import subprocess
+import warnings
 from pathlib import Path
 
 import pytest
@@ -60,3 +65,41 @@ def shared_data():
     if not folder.is_dir():
         pytest.skip(f"local test data is not here: {folder} (set BURRLAB_SHARED)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def build(tmp_path_factory):
+    """Compiles a program against libopenigtlink; skips without it."""
+    headers = Path("/usr/include/openigtlink")
+    compiler = shutil.which("c++") or shutil.which("g++")
+    if not headers.is_dir() or compiler is None:
+        pytest.skip("libopenigtlink-dev and a C++ compiler are needed")
+    folder = tmp_path_factory.mktemp("openigtlink")
+
+    def compile_program(source: Path) -> str:
+        program = folder / source.stem
+        if not source.is_file():
+            pytest.skip(f"openigtlink-examples is needed: no {source}")
+        if not program.exists():
+            subprocess.run(
+                [compiler, "-w", "-O1", f"-I{headers}", source, "-o", program, "-lOpenIGTLink", "-lpthread"],
+                check=True,
+            )
+        return str(program)
+
+    return compile_program
+
+
+@pytest.fixture
+def pyigtl():
+    """The package, with the signal handlers that its server replaces put back."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            module = importlib.import_module("pyigtl")
+        except ImportError:
+            pytest.skip("pyigtl is needed")
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield module
+    for number, handler in before.items():
+        signal.signal(number, handler)

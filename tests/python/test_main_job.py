@@ -27,14 +27,21 @@ def test_voxel_descents_at_the_fitted_values_lie_on_the_data(shared_data, burr, 
     assert abs(np.mean(np.log(descents.velocity / fit.velocity(forces)))) < 0.03
 
 
+_ARGUMENTS = {
+    "grid_independence.py": ["grid.png", "--fast"],
+    "session_leader.py": ["trace.h5", "--seconds", "2", "--port", "0"],
+    "session_driver.py": ["--seconds", "2"],
+}
+
+
 @pytest.mark.parametrize("script", sorted(p.name for p in (ROOT / "examples").glob("*.py")))
 def test_examples_run(script, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    arguments = ["grid.png", "--fast"] if script == "grid_independence.py" else []
+    arguments = _ARGUMENTS.get(script, [])
     monkeypatch.setattr(sys, "argv", [script, *arguments])
     runpy.run_path(str(ROOT / "examples" / script), run_name="__main__")
     figures = list(tmp_path.rglob("*.png"))
-    assert figures
+    assert figures or script.startswith("session_")
     assert all(figure.stat().st_size > 10_000 for figure in figures)
 
 

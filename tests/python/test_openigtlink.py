@@ -6,15 +6,11 @@ Debian: ``apt-get install libopenigtlink-dev openigtlink-examples``; PyPI: ``pip
 from __future__ import annotations
 
 import contextlib
-import importlib
-import shutil
-import signal
 import socket
 import struct
 import subprocess
 import threading
 import time
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +19,6 @@ import pytest
 from burrlab import Burr, VoxelBone, _core, materials
 
 EXAMPLES = Path("/usr/share/doc/openigtlink-examples/examples")
-HEADERS = Path("/usr/include/openigtlink")
 NEWTON = (0x0B << 54) | (1 << 50)
 
 
@@ -68,43 +63,6 @@ def free_port():
 def random_rotation(random):
     q, _ = np.linalg.qr(random.normal(size=(3, 3)))
     return q.astype(np.float32)
-
-
-@pytest.fixture(scope="session")
-def build(tmp_path_factory):
-    """Compiles a program against libopenigtlink; skips without it."""
-    compiler = shutil.which("c++") or shutil.which("g++")
-    if not HEADERS.is_dir() or compiler is None:
-        pytest.skip("libopenigtlink-dev and a C++ compiler are needed")
-    folder = tmp_path_factory.mktemp("openigtlink")
-
-    def compile_program(source: Path) -> str:
-        program = folder / source.stem
-        if not source.is_file():
-            pytest.skip(f"openigtlink-examples is needed: no {source}")
-        if not program.exists():
-            subprocess.run(
-                [compiler, "-w", "-O1", f"-I{HEADERS}", source, "-o", program, "-lOpenIGTLink", "-lpthread"],
-                check=True,
-            )
-        return str(program)
-
-    return compile_program
-
-
-@pytest.fixture
-def pyigtl():
-    """The package, with the signal handlers that its server replaces put back."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            module = importlib.import_module("pyigtl")
-        except ImportError:
-            pytest.skip("pyigtl is needed")
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield module
-    for number, handler in before.items():
-        signal.signal(number, handler)
 
 
 # Messages

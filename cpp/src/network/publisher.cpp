@@ -194,7 +194,11 @@ void Publisher::finish(Follower& follower, const std::string& reason, bool faile
   }
   server_.wake();
   const std::int64_t until = steady_now() + std::int64_t(linger * 1e9);
-  while (steady_now() < until && status().replicas > 0)
+  const auto awaited = [this] {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    return status_.replicas > 0 || !missing_.empty();
+  };
+  while (steady_now() < until && awaited())
     std::this_thread::sleep_for(std::chrono::milliseconds(2));
   stop();
 }

@@ -17,6 +17,7 @@ constexpr std::uint64_t ticks_at_once = 64;  // taken for a standard peer
 constexpr std::uint64_t most_faults = 16;    // dropped messages until a connection is closed
 constexpr std::int64_t second = 1000000000;
 constexpr std::int64_t idle_every = second / 5, stalled_after = 5 * second;
+constexpr std::int64_t grace = 3 * second, end_grace = second / 3;  // for a replica to come back
 
 }  // namespace
 
@@ -38,12 +39,24 @@ void Publisher::run() {
         peer.last_allowance = now;
       }
       const bool alive = (!interests[i].readable || read(peer)) && write(peer);
-      if (!alive) peers[i].reset();
+      if (!alive) leave(peers[i], now);
     }
     peers.erase(std::remove(peers.begin(), peers.end(), nullptr), peers.end());
     room = knocking ? accept_all(peers) : true;
     count_peers(peers);
   }
+  server_.stop_listening();
+  peers.clear();
+  count_peers(peers);
+}
+
+/// A replica that was not told the end comes back; one that was may have missed a tick before it.
+void Publisher::leave(std::unique_ptr<Peer>& peer, std::int64_t now) {
+  if (peer->replica) {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    missing_.push_back(now + (peer->told_end ? end_grace : grace));
+  }
+  peer.reset();
 }
 
 bool Publisher::accept_all(Peers& peers) {
@@ -70,6 +83,9 @@ void Publisher::count_peers(const Peers& peers) {
   status_.replicas = std::uint64_t(
       std::count_if(peers.begin(), peers.end(), [](const auto& peer) { return peer->replica; }));
   status_.standard_peers = peers.size() - status_.replicas;
+  const std::int64_t now = steady_now();
+  missing_.erase(std::remove_if(missing_.begin(), missing_.end(), [now](auto until) { return until < now; }),
+                 missing_.end());
   const bool awaited =
       std::any_of(peers.begin(), peers.end(), [](const auto& peer) { return peer->wants_state; });
   wants_state_ = wants_state_ && awaited;
@@ -117,6 +133,7 @@ void Publisher::serve(Peer& peer, const Word& word) {
     return;
   }
   peer.replica = true;
+  if (!missing_.empty()) missing_.erase(missing_.begin());
   peer.holds = word.tick;
   const bool in_log = log_.place_of(word.tick, peer.place);
   if (in_log && word.holds == Holds::ticks) {

@@ -103,9 +103,9 @@ void Replica::run() {
       status_.received = framer_.counters();
       if (status_.ended) return;
     }
-    if (progress_) pause = first_pause;
-    if (!client_.pause(pause)) return;
-    pause = std::min(2.0 * pause, longest_pause);
+    // Where one message in a hundred is lost, a pause after each loss would never let it catch up.
+    if (!client_.pause(progress_ ? 0.0 : pause)) return;
+    pause = progress_ ? first_pause : std::min(2.0 * pause, longest_pause);
   }
 }
 

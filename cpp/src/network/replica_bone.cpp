@@ -38,7 +38,6 @@ void Replica::take(const Message& message) {
   if (!numbers_.empty() && kind != Kind::bricks) return fault("bricks were lost");
   if (first_ && status_.connections > 1 && kind != Kind::bricks && !suspect_) ++status_.by_ticks;
   first_ = false;
-  progress_ = true;
   if (kind == Kind::tick) return read(replica_protocol::Tick{}, &Replica::take_tick);
   if (kind == Kind::digest) return read(replica_protocol::Digest{}, &Replica::take_digest);
   if (kind == Kind::bricks) return read(replica_protocol::Bricks{}, &Replica::take_bricks);
@@ -69,7 +68,7 @@ void Replica::take_tick(const replica_protocol::Tick& tick) {
   digest_tick_ = tick.digest_tick;
   const Difference difference = bone_->execute(record);
   newest_ = record;
-  any_ = true;
+  any_ = progress_ = true;
   status_.tick = bone_->tick();
   if (suspect_) return;  // known to differ: the bricks are on their way
   if (difference) {

@@ -61,6 +61,11 @@ void TcpServer::listen(const std::string& host, int port, int send_buffer) {
                                               : reinterpret_cast<const sockaddr_in&>(address).sin_port);
 }
 
+void TcpServer::stop_listening() noexcept {
+  close(socket_);
+  socket_ = -1;
+}
+
 bool TcpServer::wait(std::vector<Interest>& interests, bool accepting, int milliseconds) {
   polled_.resize((interests.size() + 2) * sizeof(pollfd));
   auto* polled = reinterpret_cast<pollfd*>(polled_.data());
@@ -127,6 +132,7 @@ TcpServer::TcpServer(const std::string&, int, int) {
 }
 TcpServer::~TcpServer() = default;
 void TcpServer::listen(const std::string&, int, int) {}
+void TcpServer::stop_listening() noexcept {}
 bool TcpServer::wait(std::vector<Interest>&, bool, int) { return false; }
 void TcpServer::wake() noexcept {}
 TcpServer::Accepted TcpServer::accept(int&) { return Accepted::none; }

@@ -1,5 +1,6 @@
 #include "burrlab/session/contact_stiffness.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
@@ -52,6 +53,21 @@ double measured_stiffness(const TickExecutor& executor, std::size_t burr, const 
   const Vec3 in = executor.probe(burr, center - step * normal).force;
   const Vec3 out = executor.probe(burr, center + step * normal).force;
   return (in - out).dot(normal) / (2.0 * step);
+}
+
+StiffestContact stiffest_contact(const TickExecutor& executor, std::size_t burr, const Vec3& center,
+                                 double step) {
+  require_positive("step", step);
+  if (!executor.probe(burr, center).touching) return {};
+  Eigen::Matrix3d stiffness;
+  for (int axis = 0; axis < 3; ++axis) {
+    const Vec3 way = step * Vec3::Unit(axis);
+    stiffness.col(axis) =
+        (executor.probe(burr, center - way).force - executor.probe(burr, center + way).force) / (2.0 * step);
+  }
+  const Eigen::Matrix3d symmetric = 0.5 * (stiffness + stiffness.transpose());
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(symmetric);
+  return {solver.eigenvalues()[2], solver.eigenvectors().col(2)};
 }
 
 double passivity_limit(double damping, double period, double age, double virtual_damping) {

@@ -30,6 +30,7 @@ HandSettings checked(const HandSettings& s) {
   require_positive("grip", s.grip);
   require_not_negative("friction", s.friction);
   require_not_negative("encoder_step", s.encoder_step);
+  require_not_negative("on_after", s.on_after);
   return s;
 }
 
@@ -120,7 +121,7 @@ DeviceReading HandDevice::read(double, std::uint64_t periods) noexcept {
   now.position = reading();
   if (elapsed > 0.0) now.velocity = (now.position - last_reading_) / elapsed;
   last_reading_ = now.position;
-  now.on = on_.load(std::memory_order_acquire);
+  now.on = on_.load(std::memory_order_acquire) && time_ >= settings_.on_after - 0.5 * step_;
   return now;
 }
 

@@ -140,8 +140,9 @@ class SessionReport:
             lines.append(f"  burr {burr}: energy given to the hand {energy:.3g} mJ, at most {most:.3g} mJ")
         for name in ("network", "recording"):
             part = getattr(self, name)
-            if part:
-                lines.append(f"  {name}: " + ", ".join(f"{k} {v}" for k, v in part.items() if v != ""))
+            said = [f"{key} {value}" for key, value in part.items() if value not in (0, "", {})]
+            if said:
+                lines.append(f"  {name}: {', '.join(said)}")
         lines += [f"  {note}" for note in self.notes]
         lines += [f"  ! {message}" for message in self.messages]
         return "\n".join(lines)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 Tool = tuple[Burr, Material]
 
 _LOOK = 0.05  # [s] between two looks of the housekeeping thread
+_PATIENCE = 2.0  # with devices that have given no position [s]
 
 
 class Session:
@@ -41,7 +42,7 @@ class Session:
     tick : int
         Ticks executed on this bone before, as `load_bone` gives them.
     duration : float, optional
-        The session ends after so many periods [s]; without it, when it is stopped or a device comes to its end.
+        The session ends after duration times rate ticks [s]; without it, when it is stopped or a device comes to its end.
     force_limit, slew_limit : float
         Of the force sent [N] and of its change [N/ms]. Defaults are ours.
     coupling : float, optional
@@ -157,7 +158,7 @@ class Session:
                 source=str(self.provenance["source"]), note=self.provenance, duration=room, on_end=self._say,
             )  # fmt: skip
         self._digests = 0
-        self._warned = False
+        self._warned: set[int] = set()
         self._done = threading.Event()
         self._housekeeper = threading.Thread(target=self._keep_house, name="burrlab session", daemon=True)
 
@@ -174,35 +175,21 @@ class Session:
         return self
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Until the session ends, at most so long [s]; whether it has. Can be interrupted."""
+        """Until the session has ended and its trace is whole, at most so long [s]; whether it has. Can be interrupted."""
         left = float("inf") if seconds is None else seconds
-        while left > 0:
-            if self._loop.wait(min(left, 0.1)):
-                return True
+        while not self._done.is_set() and left > 0:
+            self._done.wait(min(left, 0.1))
             left -= 0.1
-        return not self._loop.running
+        return self._done.is_set()
 
     def stop(self, reason: str = "stopped") -> None:
         """Ends the session, and waits until all ticks are followed, recorded and published. Further calls do nothing."""
-        if self._done.is_set():
-            return
         if self._loop.started:
             self._loop.stop(reason)
-            self._follower.stop()
-        self._done.set()
-        if self._housekeeper.ident is not None:
-            self._housekeeper.join()
-        if self._writer is not None:
-            self._hand_digests()
-            self._writer.stop(self._loop.reason or reason)
-            if self._writer.warning:
-                self._say(self._writer.warning)
-        if self._publisher is not None:
-            if self._loop.started:
-                self._publisher.finish(self._loop.reason, failed=self._loop.failed)
-            self._publisher.stop()
-        if self._loop.failed:
-            self._say(self._loop.reason)
+            if self._housekeeper.ident is not None:
+                self._housekeeper.join()
+        elif not self._done.is_set():
+            self._close(reason)
 
     def __enter__(self) -> Session:
         return self.start()
@@ -268,16 +255,41 @@ class Session:
             self._on_message(text)
 
     def _keep_house(self) -> None:
-        while not self._done.wait(_LOOK):
+        """Looks after the parts while the loop runs, and ends them after it."""
+        waited = 0.0
+        while not self._loop.wait(_LOOK):
             self._hand_digests()
+            if self._loop.counts.ticks == 0 and waited < _PATIENCE <= waited + _LOOK:
+                self._say("no tick yet: the devices have not given a first position")
+            waited += _LOOK
             for burr in range(len(self.tools)):
-                at = self._follower.stability(burr)
-                if at["warning"] and not self._warned:
-                    self._warned = True
-                    self._say(
-                        f"burr {burr}: contact stiffness {at['stiffness_N_per_mm']:.2g} N/mm is {at['ratio']:.2g} of the limit that the "
-                        f"device's damping sets; below {at['force_at_limit_N']:.2g} N in this hole the force may make a hand tremble"
-                    )
+                self._warn_of_stiffness(burr)
+        self._follower.stop()
+        self._hand_digests()
+        if self._loop.failed:
+            self._say(self._loop.reason)
+        self._close(self._loop.reason)
+
+    def _close(self, reason: str) -> None:
+        if self._writer is not None:
+            self._writer.stop(reason)
+            if self._writer.warning:
+                self._say(self._writer.warning)
+        if self._publisher is not None:
+            if self._loop.started:
+                self._publisher.finish(reason, failed=self._loop.failed)
+            self._publisher.stop()
+        self._done.set()
+
+    def _warn_of_stiffness(self, burr: int) -> None:
+        at = self._follower.stability(burr)
+        if not at["warning"] or burr in self._warned:
+            return
+        self._warned.add(burr)
+        self._say(
+            f"burr {burr}: contact stiffness {at['stiffness_N_per_mm']:.2g} N/mm is {at['ratio']:.2g} of the limit that the device's "
+            f"damping sets; below {at['force_at_limit_N']:.2g} N in this hole the force may make a hand tremble"
+        )
 
     def _hand_digests(self) -> None:
         if self._writer is None:
@@ -290,5 +302,5 @@ class Session:
 
 def _tools(tools: Tool | Sequence[Tool]) -> list[Tool]:
     if isinstance(tools, tuple) and len(tools) == 2 and isinstance(tools[0], Burr):
-        tools = [cast(Tool, tools)]
+        return [tools]
     return list(cast(Sequence[Tool], tools))

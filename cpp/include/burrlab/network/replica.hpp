@@ -100,7 +100,7 @@ class Replica {
   openigtlink::MessageFramer framer_;
   Stage stage_ = Stage::hello;
   bool broken_ = false;    // this connection is given up
-  bool progress_ = false;  // it was of use
+  bool progress_ = false;  // it was of use, or showed a bone to be repaired: the next follows at once
   bool first_ = true;      // nothing followed on its hello yet
   bool any_digest_ = false;
   std::uint64_t digest_tick_ = 0;       // of the digest that came last

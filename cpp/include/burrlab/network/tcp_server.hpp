@@ -25,6 +25,7 @@ class TcpServer {
   TcpServer& operator=(const TcpServer&) = delete;
 
   int port() const { return port_; }
+  void stop_listening() noexcept;  ///< the port is free again
 
   /// Waits up to `milliseconds` for one of these, for a connection to accept if `accepting`, or for `wake`.
   /// Whether there may be a connection to accept.

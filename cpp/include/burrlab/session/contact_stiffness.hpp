@@ -24,6 +24,17 @@ double contact_area(double force, double stiffness, double radius, double c_e);
 double measured_stiffness(const TickExecutor& executor, std::size_t burr, const Vec3& center,
                           double step = 0.02);
 
+/// The direction in which a contact is stiffest, and how stiff it is there.
+struct StiffestContact {
+  double stiffness = 0.0;         ///< [N/mm]; 0 without contact
+  Vec3 direction = Vec3::Zero();  ///< unit vector
+};
+
+/// From the force at `step` in and out along each axis: largest eigenvalue of the symmetric part. In a hole
+/// deeper than R/2 the walls can be stiffer than the ground.
+StiffestContact stiffest_contact(const TickExecutor& executor, std::size_t burr, const Vec3& center,
+                                 double step = 0.02);
+
 /// Stiffness below which a sampled spring is passive [N/mm]: (b - |B|)/(T/2 + t_d), damping b and virtual
 /// damping B [N s/m], period T and age of the position t_d [ms] (Colgate and Schenkel 1997;
 /// docs/stability.md).

@@ -26,6 +26,7 @@ struct HandSettings {
   double friction = 0.0;             ///< Coulomb friction of the device, against its motion [N]
   double encoder_step = 0.0;         ///< positions are read to the nearest multiple, an axis [mm]; 0: exactly
   bool on = true;                    ///< the burr turns
+  double on_after = 0.0;             ///< not before this time [s]
 };
 
 /// A point mass with damping and friction, drawn by a spring to where the hand wants it. Along `into` the

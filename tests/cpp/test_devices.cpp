@@ -1,0 +1,272 @@
+// The simulated hand's mechanics against closed forms; scripts and recordings given as they are.
+#include <cmath>
+
+#include "burrlab/session/hand_device.hpp"
+#include "burrlab/session/scripted_device.hpp"
+#include "check.hpp"
+#include "count_allocations.hpp"
+
+using namespace burrlab;
+
+namespace {
+
+HandSettings still() {
+  HandSettings s;
+  s.strokes = 0.0;
+  s.start = Vec3(0.0, 0.0, 3.0);
+  return s;
+}
+
+/// A wall: a spring k below z = 3, felt in samples.
+struct Run {
+  double lowest = INFINITY, last = 0.0, fastest = 0.0;
+};
+
+Run against_wall(HandDevice& hand, double k, double period, double seconds) {
+  hand.start(period);
+  Run run;
+  for (int i = 0; i < int(std::lround(seconds / period)); ++i) {
+    const DeviceReading now = hand.read(i * period, 1);
+    const double depth = 3.0 - now.position[2];
+    hand.write(Vec3(0.0, 0.0, depth > 0.0 ? k * depth : 0.0));
+    run.lowest = std::min(run.lowest, now.position[2]);
+    run.fastest = std::max(run.fastest, hand.velocity().norm());
+    run.last = now.position[2];
+  }
+  return run;
+}
+
+void check_static_push() {
+  for (const double push : {0.3, 1.0, 2.0}) {
+    HandSettings s = still();
+    s.push = push;
+    s.start[2] = 4.0;
+    HandDevice hand(s);
+    const Run run = against_wall(hand, 4.0, 1e-3, 5.0);
+    CHECK_NEAR(4.0 * (3.0 - run.last), push, 1e-6);
+    CHECK(run.fastest < 10.0);                            // twice the hand: the mass swings into the motion
+    CHECK(4.0 * (3.0 - run.lowest) < push + 0.01 + 0.2);  // and its impact small
+  }
+}
+
+/// The sampled spring's edge of stability: a mass, damping b, k held over T. The mean of the discrete
+/// system's eigenvalues tells the sign of the growth; a step around it must flip what the simulation does.
+void check_edge_of_stability() {
+  HandSettings s = still();
+  s.damping = 2.0;
+  s.push = 0.0;
+  s.grip = 1e-9;
+  s.start[2] = 2.999;
+  // x' of mass and damper over T with the force held, in mm and s: eigenvalues on the unit circle where the
+  // determinant of the step matrix is 1.
+  const double m = 1e-4, b = 2e-3, period = 1e-3, a = std::exp(-b / m * period);
+  const double reach = (1.0 - a) * m / b, drift = (period - reach) / b;
+  const double edge = (1.0 - a) / (reach / m * reach - a * drift);
+  CHECK_NEAR(edge, 2.0 * b / period, 0.03 * edge);  // near 2 b/T = 4 N/mm
+  // Determinant of [[1 - k drift, reach], [-k reach/m, a]] is a - k (a drift - reach^2/m).
+  for (const double part : {0.98, 1.02}) {
+    HandDevice hand(s);
+    hand.start(period);
+    double early = 0.0, late = 0.0;
+    for (int i = 0; i < 8000; ++i) {
+      const double x = hand.read(i * period, 1).position[2] - 3.0;
+      hand.write(Vec3(0.0, 0.0, -part * edge * x));
+      if (i < 1000) early = std::max(early, std::abs(x));
+      if (i >= 7000) late = std::max(late, std::abs(x));
+    }
+    CHECK(part < 1.0 ? late < 0.8 * early : late > 1.25 * early);
+  }
+}
+
+/// Free motion: damping is exact, whatever the number of steps.
+void check_free_motion() {
+  HandSettings s = still();
+  s.grip = 1e-9;
+  s.push = 0.0;
+  s.damping = 5.0;
+  HandDevice hand(s);
+  hand.start(1e-3);
+  hand.read(0.0, 1);
+  hand.write(Vec3(0.5, 0.0, 0.0));
+  hand.read(0.0, 20);  // 20 ms under 0.5 N: v = F/b (1 - e^{-t b/m})
+  const double tau = 0.1 / 5.0, t = 0.02, terminal = 0.5 / 5.0 * 1e3;
+  CHECK_NEAR(hand.velocity()[0], terminal * (1.0 - std::exp(-t / tau)), 1e-6);
+  CHECK_NEAR(hand.position()[0], terminal * (t - tau * (1.0 - std::exp(-t / tau))), 1e-6);
+  hand.halt();
+  hand.read(0.0, 400);  // no force any more: it comes to rest
+  CHECK(std::abs(hand.velocity()[0]) < 1e-6);
+  hand.write(Vec3(9.0, 0.0, 0.0));
+  CHECK(hand.force().isZero(0.0));
+}
+
+/// The same time in one reading or in many.
+void check_periods() {
+  HandDevice one(still()), many(still());
+  one.start(1e-3), many.start(1e-3);
+  one.read(0.0, 1), many.read(0.0, 1);
+  one.write(Vec3(0.1, 0.2, 0.0)), many.write(Vec3(0.1, 0.2, 0.0));
+  const DeviceReading a = one.read(0.008, 8);
+  for (int i = 0; i < 8; ++i) many.read(0.001 * i, 1);
+  CHECK((a.position - many.position()).norm() < 1e-12 && (one.velocity() - many.velocity()).norm() < 1e-9);
+}
+
+/// Friction: below it nothing moves; above it a mass slides as with a smaller force; it stops, and stays.
+void check_friction() {
+  HandSettings s = still();
+  s.grip = 1e-9;
+  s.push = 0.0;
+  s.damping = 0.0;
+  s.friction = 0.1;
+  HandDevice hand(s);
+  hand.start(1e-3);
+  hand.read(0.0, 1);
+  hand.write(Vec3(0.06, -0.06, 0.0));  // 0.085 N
+  hand.read(0.0, 500);
+  CHECK(hand.position() == s.start && hand.velocity().isZero(0.0));
+  hand.write(Vec3(0.3, 0.0, 0.0));
+  hand.read(0.0, 10);
+  CHECK_NEAR(hand.velocity()[0], 0.2 / 0.1 * 0.01 * 1e3, 1e-6);  // (0.3 - 0.1) N, 0.1 kg, 10 ms
+  const double way = hand.position()[0], speed = hand.velocity()[0];
+  hand.write(Vec3::Zero());
+  hand.read(0.0, 100);  // decelerated by 1 m/s^2: v^2/2a
+  CHECK(hand.velocity().isZero(0.0));
+  CHECK_NEAR(hand.position()[0] - way, speed * speed / 2e3, 2e-4);
+  hand.write(Vec3(0.0, 0.0999, 0.0));
+  const Vec3 rest = hand.position();
+  hand.read(0.0, 100);
+  CHECK(hand.position() == rest);
+}
+
+void check_encoder() {
+  HandSettings s = still();
+  s.encoder_step = 0.03;
+  s.start = Vec3(0.0, 0.0, 3.2);
+  HandDevice hand(s);
+  hand.start(1e-3);
+  double last = hand.read(0.0, 1).position[2];
+  int moved = 0;
+  for (int i = 1; i < 300; ++i) {
+    const DeviceReading now = hand.read(0.001 * i, 1);
+    const double steps = now.position[2] / 0.03;
+    CHECK_NEAR(steps, std::round(steps), 1e-9);
+    CHECK(std::abs(now.position[2] - hand.position()[2]) <= 0.015 + 1e-12);
+    CHECK_NEAR(now.velocity[2], (now.position[2] - last) / 1e-3, 1e-9);
+    moved += now.position[2] != last;
+    last = now.position[2];
+  }
+  CHECK(moved > 5);
+}
+
+void check_strokes() {
+  HandSettings s;
+  HandDevice hand(s);
+  hand.start(1e-3);
+  double most = 0.0, fastest = 0.0;
+  int turns = 0;
+  double before = 0.0;
+  for (int i = 0; i < 6000; ++i) {
+    const long allocated = allocations;
+    const DeviceReading now = hand.read(0.001 * i, 1);
+    hand.write(Vec3::Zero());
+    CHECK(allocations == allocated);
+    if (i < 1000) CHECK(hand.target()[0] == 0.0);
+    if (i >= 2000) {
+      most = std::max(most, std::abs(hand.target()[0]));
+      fastest = std::max(fastest, std::abs(now.velocity[0]));
+      turns += before <= 0.0 && hand.target()[0] > 0.0;
+    }
+    before = hand.target()[0];
+  }
+  CHECK_NEAR(most, 8.0, 1e-3);
+  CHECK(turns == 5 || turns == 6);  // 4 s at 1.4 turns a second
+  CHECK(fastest > 60.0 && fastest < 90.0);
+}
+
+void check_switch() {
+  HandSettings s = still();
+  s.on_after = 0.01;
+  HandDevice hand(s);
+  hand.start(1e-3);
+  for (int i = 0; i < 20; ++i) CHECK(hand.read(0.001 * i, 1).on == (i >= 10));
+  hand.set_on(false);
+  CHECK(!hand.read(0.0, 1).on);
+}
+
+void check_hand_refusals() {
+  const auto with = [](auto change) {
+    HandSettings s;
+    change(s);
+    return HandDevice(s).settings().push;
+  };
+  CHECK_THROWS(with([](HandSettings& s) { s.mass = 0.0; }), "mass must be positive and finite, got 0");
+  CHECK_THROWS(with([](HandSettings& s) { s.damping = -1.0; }), "damping must be zero or positive");
+  CHECK_THROWS(with([](HandSettings& s) { s.grip = 0.0; }), "grip must be positive");
+  CHECK_THROWS(with([](HandSettings& s) { s.push = NAN; }), "push must be zero or positive and finite");
+  CHECK_THROWS(with([](HandSettings& s) { s.start[1] = NAN; }), "start must be finite");
+  CHECK_THROWS(with([](HandSettings& s) { s.into = Vec3(0.0, 0.0, -2.0); }),
+               "length of into must be 1, got 2");
+  CHECK_THROWS(with([](HandSettings& s) { s.along = s.into; }), "cosine between into and along must be 0");
+  CHECK_THROWS(with([](HandSettings& s) { s.friction = -0.1; }), "friction must be zero or positive");
+  CHECK_THROWS(with([](HandSettings& s) { s.encoder_step = -0.1; }), "encoder_step must be zero or positive");
+  CHECK_THROWS(with([](HandSettings& s) { s.follow = 0.0; }), "follow must be positive");
+  CHECK_THROWS(with([](HandSettings& s) { s.approach = 0.0; }), "approach must be positive");
+  CHECK_THROWS(with([](HandSettings& s) { s.strokes = -1.0; }), "strokes must be zero or positive");
+  CHECK_THROWS(with([](HandSettings& s) { s.strokes_after = -1.0; }),
+               "strokes_after must be zero or positive");
+  CHECK_THROWS(with([](HandSettings& s) { s.amplitude = -1.0; }), "amplitude must be zero or positive");
+  CHECK_THROWS(with([](HandSettings& s) { s.on_after = -1.0; }), "on_after must be zero or positive");
+}
+
+void check_script() {
+  using Status = DeviceReading::Status;
+  ScriptedDevice device(
+      {{0.5, Vec3(1.0, 0.0, 0.0), false}, {1.0, Vec3(2.0, 4.0, 0.0), true}, {1.5, Vec3::Zero(), true}});
+  DeviceReading now = device.read(0.2, 1);
+  CHECK(now.status == Status::ok && now.position == Vec3(1.0, 0.0, 0.0) && !now.on &&
+        now.velocity.isZero(0.0));
+  now = device.read(0.75, 1);
+  CHECK_NEAR((now.position - Vec3(1.5, 2.0, 0.0)).norm(), 0.0, 1e-15);
+  CHECK_NEAR((now.velocity - Vec3(2.0, 8.0, 0.0)).norm(), 0.0, 1e-14);
+  CHECK(!now.on && device.read(1.0, 1).on && device.read(1.0, 1).position == Vec3(2.0, 4.0, 0.0));
+  CHECK(device.read(1.5, 1).status == Status::ok && device.read(1.5000001, 1).status == Status::finished);
+  device.write(Vec3(1.0, 2.0, 3.0));
+  CHECK(device.force() == Vec3(1.0, 2.0, 3.0));
+  device.halt();
+  CHECK(device.force().isZero(0.0));
+  CHECK_THROWS(ScriptedDevice({}), "a script must have at least one row");
+  CHECK_THROWS(ScriptedDevice({{1.0, Vec3::Zero(), true}, {1.0, Vec3::Zero(), true}}),
+               "time must be increasing: after 1 s, got 1");
+  CHECK_THROWS(ScriptedDevice({{NAN, Vec3::Zero(), true}}), "time must be finite");
+  CHECK_THROWS(ScriptedDevice({{0.0, Vec3(0.0, NAN, 0.0), true}}), "position must be finite");
+}
+
+void check_replay() {
+  using Status = DeviceReading::Status;
+  ReplayDevice device(
+      {{Vec3(1.0, 2.0, 3.0), Vec3(4.0, 5.0, 6.0), false, 2}, {Vec3::Zero(), Vec3::Zero(), true, 1}});
+  const DeviceReading now = device.read(0.0, 1);
+  CHECK(now.position == Vec3(1.0, 2.0, 3.0) && now.velocity == Vec3(4.0, 5.0, 6.0) && !now.on);
+  CHECK(device.read(0.0, 5).on && device.next() == 2);
+  CHECK(device.read(0.0, 1).status == Status::finished && device.read(0.0, 1).status == Status::finished);
+  CHECK_THROWS(ReplayDevice({}), "a recording must have at least one tick");
+  CHECK_THROWS(ReplayDevice({{Vec3(NAN, 0.0, 0.0), Vec3::Zero(), true, 1}}), "position must be finite");
+  CHECK_THROWS(ReplayDevice({{Vec3::Zero(), Vec3(NAN, 0.0, 0.0), true, 1}}), "velocity must be finite");
+  CHECK_THROWS(ReplayDevice({{Vec3::Zero(), Vec3::Zero(), true, 9}}), "k must be 1 to 8, got 9");
+}
+
+}  // namespace
+
+int main() {
+  check_static_push();
+  check_edge_of_stability();
+  check_free_motion();
+  check_periods();
+  check_friction();
+  check_encoder();
+  check_strokes();
+  check_switch();
+  check_hand_refusals();
+  check_script();
+  check_replay();
+  return check::report();
+}

@@ -1,0 +1,260 @@
+"""A published session on the loopback address, and what stands between it and its replicas in the tests."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+
+import burrlab
+from burrlab import _core
+from burrlab.session.network import block_recipe, make_bone, open_publisher
+
+VOXEL = 0.2
+BLOCK = block_recipe((24, 16, 6), VOXEL, origin=(VOXEL / 2 - 12, VOXEL / 2 - 8, VOXEL / 2 - 6))
+TOOL = {
+    "radius_mm": 3.0, "material": "bone", "c_e_N_per_mm2": 2.145, "alpha_per_ms": 0.087, "shape": "parabolic",
+}  # fmt: skip
+
+
+def soon(condition, seconds=20.0):
+    """Whether the condition comes to hold in this time."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if condition():
+            return True
+        time.sleep(0.005)
+    return bool(condition())
+
+
+class Leader:
+    """A hand, or two, cutting a block at 1 kHz, published on a free port."""
+
+    def __init__(
+        self, *, burrs=1, digest_every=100, source=BLOCK, seed=7, wall_clock=True, ticks=0, **options
+    ):
+        self.hello = {
+            "seed": seed,
+            "rate_Hz": 1000.0,
+            "scheme": "layer",
+            "tools": [TOOL] * burrs,
+            "source": source,
+        }
+        tools = [(burrlab.Burr(3.0), burrlab.materials["bone"])] * burrs
+        starts = [(0.0, 2.5 * i, 3.3) for i in range(burrs)]
+        self.tools = tools
+        self.executor = _core.TickExecutor(make_bone(BLOCK), tools, seed)
+        devices = [burrlab.HandDevice(start=start, strokes_after=0.0) for start in starts]
+        self.loop = _core.HapticLoop(self.executor, devices, wall_clock=wall_clock, ticks=ticks)
+        self.follower = _core.Follower(self.loop, digest_every=digest_every)
+        self.publisher = open_publisher(self.follower, self.hello, **options)
+
+    @property
+    def port(self):
+        return self.publisher.port
+
+    @property
+    def tick(self):
+        return self.follower.status["tick"]
+
+    def __enter__(self):
+        self.loop.start()
+        self.follower.start()
+        return self
+
+    def end(self, reason="done", **options):
+        self.loop.stop()
+        self.follower.stop()
+        self.publisher.finish(reason, **options)
+
+    def __exit__(self, *_):
+        self.loop.stop()
+        self.follower.stop()
+        self.publisher.stop()
+
+    def run_to(self, tick):
+        assert soon(lambda: self.tick >= tick, 60.0), f"the session does not reach tick {tick}"
+
+    @property
+    def digest(self):
+        return self.follower.digest()
+
+
+class Proxy:
+    """Passes bytes between replicas and a leader. `pump(source, sink)` passes the leader's; anew for each connection."""
+
+    def __init__(self, port, pump, *, receive_buffer=None):
+        self.port_behind, self.pump, self.receive_buffer = port, pump, receive_buffer
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        self.connections = 0
+        self.threads, self.sockets = [], []
+
+    def __enter__(self):
+        self._begin(self._accept)
+        return self
+
+    def __exit__(self, *_):
+        with contextlib.suppress(OSError):
+            self.listener.shutdown(socket.SHUT_RDWR)
+        self.listener.close()
+        for end in self.sockets:
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+        for thread in self.threads:
+            thread.join(5)
+        for end in self.sockets:
+            end.close()
+
+    def _begin(self, function, *arguments):
+        thread = threading.Thread(target=function, args=arguments, daemon=True)
+        self.threads.append(thread)
+        thread.start()
+
+    def _accept(self):
+        with contextlib.suppress(OSError):
+            while True:
+                replica, _ = self.listener.accept()
+                leader = socket.socket()
+                self.sockets += [replica, leader]
+                for end in (replica, leader):
+                    end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                if self.receive_buffer:
+                    leader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, self.receive_buffer)
+                try:
+                    leader.connect(("127.0.0.1", self.port_behind))
+                except OSError:
+                    replica.shutdown(socket.SHUT_RDWR)
+                    continue
+                self.connections += 1
+                self._begin(self._pass, pass_all, replica, leader)
+                self._begin(self._pass, self.pump, leader, replica)
+
+    def _pass(self, pump, source, sink):
+        with contextlib.suppress(OSError):
+            pump(source, sink)
+        for end in (source, sink):  # either end of a connection ends both
+            with contextlib.suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+
+def pass_all(source, sink):
+    while data := source.recv(65536):
+        sink.sendall(data)
+
+
+def receive_exactly(source, size):
+    data = bytearray()
+    while len(data) < size:
+        part = source.recv(size - len(data))
+        if not part:
+            raise ConnectionError("ended")
+        data += part
+    return bytes(data)
+
+
+def messages_of(source):
+    """Whole messages of a stream."""
+    while True:
+        header = receive_exactly(source, 58)
+        yield header + receive_exactly(source, struct.unpack_from(">Q", header, 42)[0])
+
+
+def name_of(message):
+    return message[14:34].rstrip(b"\0").decode()
+
+
+class Dropper:
+    """Drops whole messages, each with the same probability."""
+
+    def __init__(self, probability, random):
+        self.probability, self.random = probability, random
+        self.passed, self.dropped = 0, []
+
+    def __call__(self, source, sink):
+        for message in messages_of(source):
+            if self.random.random() < self.probability:
+                self.dropped.append(name_of(message))
+            else:
+                self.passed += 1
+                sink.sendall(message)
+
+
+class Cutter:
+    """Cuts the stream in the middle of a message, once a second."""
+
+    def __init__(self, every=1.0):
+        self.every, self.cuts = every, 0
+
+    def __call__(self, source, sink):
+        end = time.monotonic() + self.every
+        for message in messages_of(source):
+            if time.monotonic() < end:
+                sink.sendall(message)
+                continue
+            sink.sendall(message[: len(message) // 2])
+            self.cuts += 1
+            return
+
+
+class Mangler:
+    """Leaves out some bytes of every so many thousand, so that the framing is lost."""
+
+    def __init__(self, every=200_000):
+        self.every, self.losses = every, 0
+
+    def __call__(self, source, sink):
+        passed = 0
+        while data := source.recv(4096):
+            passed += len(data)
+            if passed > self.every:
+                passed -= self.every
+                self.losses += 1
+                data = data[: len(data) // 2] + data[len(data) // 2 + 100 :]
+            sink.sendall(data)
+
+
+class Slower:
+    """Passes so many bytes a second."""
+
+    def __init__(self, rate):
+        self.rate = rate
+
+    def __call__(self, source, sink):
+        while data := source.recv(2048):
+            sink.sendall(data)
+            time.sleep(len(data) / self.rate)
+
+
+_REPLICA = """
+import json, sys
+from burrlab.session.network import follow
+replica = follow("127.0.0.1", int(sys.argv[1]))
+print("following", flush=True)
+ended = replica.wait(float(sys.argv[2]))
+replica.stop()
+print(json.dumps({"waited": ended, "digest": replica.digest(), **replica.status}))
+"""
+
+
+class ReplicaProcess:
+    """A replica in a process of its own."""
+
+    def __init__(self, port, seconds=120.0):
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", _REPLICA, str(port), str(seconds)], stdout=subprocess.PIPE, text=True
+        )
+        assert self.process.stdout.readline() == "following\n"
+
+    def kill(self):
+        self.process.kill()
+        self.process.communicate()
+
+    def result(self):
+        text, _ = self.process.communicate(timeout=60)
+        return json.loads(text)

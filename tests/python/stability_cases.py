@@ -1,0 +1,156 @@
+"""Runs of the simulated hand on bone, as the stability tests and docs/stability.md need them.
+
+`python tests/python/stability_cases.py` prints the table of docs/stability.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+import burrlab
+from burrlab import _core
+
+RADIUS = 3.0
+SPACING = 0.1
+SIZE = (26.0, 12.0, 9.0)  # [mm]
+SWITCH = 2.0  # when a still burr begins to turn: the push has settled [s]
+HOLE = RADIUS / 3
+GRID = [
+    (material, hole, push)
+    for material, pushes in (("bone", (0.3, 1.0, 2.0)), ("pettigrew", (0.3, 1.0, 2.0)), ("pvc", (0.1, 0.3)))
+    for hole in (0.0, HOLE)
+    for push in pushes
+]
+
+
+def block(hole: float) -> burrlab.VoxelBone:
+    """Solid bone with its top at z = 0 and, at the origin, a spherical hole of this depth that a burr has cut."""
+    origin = (-SIZE[0] / 2 + SPACING / 2, -SIZE[1] / 2 + SPACING / 2, -SIZE[2] + SPACING / 2)
+    bone = burrlab.VoxelBone.block(SIZE, SPACING, origin=origin)
+    if hole == 0:
+        return bone
+    z, y, x = np.meshgrid(
+        *(o + SPACING * np.arange(n) for o, n in zip(origin[::-1], bone.shape, strict=True)),
+        indexing="ij",
+        sparse=True,
+    )
+    distance = np.sqrt(x**2 + y**2 + (z - (RADIUS - hole)) ** 2)
+    share = np.clip((distance - RADIUS) / SPACING + 0.5, 0, 1)
+    cut = _core.VoxelBone.__new__(_core.VoxelBone)
+    cut.__setstate__((bone.pristine, np.rint(255 * share).astype(np.uint8), bone.spacing, bone.origin))
+    return cut
+
+
+def executor(material: str, hole: float, period: float) -> _core.TickExecutor:
+    tools = [(burrlab.Burr(RADIUS), burrlab.materials[material])]
+    return _core.TickExecutor(block(hole), tools, 1, period=period)
+
+
+def high_pass(force: np.ndarray, period: float) -> np.ndarray:
+    """Force above 20 Hz: Butterworth, fourth order, forwards and backwards."""
+    return sosfiltfilt(butter(4, 20.0, "highpass", fs=1e3 / period, output="sos"), force, axis=0)
+
+
+@dataclass
+class Run:
+    """A run on the virtual clock; arrays of one row a tick."""
+
+    material: str
+    hole: float
+    push: float
+    period: float
+    damping: float
+    position: np.ndarray  #: of the burr [mm]
+    force: np.ndarray  #: [N]
+    energy: np.ndarray  #: given to the hand [mJ]
+    records: np.ndarray
+
+    def window(self, start: float, until: float = np.inf) -> slice:
+        """Ticks from a time [s] to another, or to where the burr is a radius deep."""
+        deep = np.flatnonzero(RADIUS - self.position[:, 2] > RADIUS)
+        last = min(len(self.force), int(until * 1e3 / self.period) if np.isfinite(until) else len(self.force))
+        return slice(int(start * 1e3 / self.period), min(last, deep[0]) if len(deep) else last)
+
+    def ripple(self, window: slice) -> float:
+        """Force above 20 Hz, peak to peak, of the component where it is largest [N].
+
+        The filter sees half a second more before the window; 50 ms at the end of what it sees are left out.
+        """
+        rate = 1e3 / self.period
+        before = int(min(window.start, 0.5 * rate))
+        passed = high_pass(self.force[window.start - before : window.stop], self.period)
+        return float(np.ptp(passed[before : -int(0.05 * rate)], axis=0).max())
+
+    def stiffness(self, tick: int) -> float:
+        """Largest contact stiffness, in any direction, where the bone of this tick carries the push [N/mm]."""
+        again = executor(self.material, self.hole, self.period)
+        again.execute(self.records[:tick])
+        x, y, z = self.position[tick - 1]
+        low, high = z + 0.6, z - 0.6
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            pushed = again.probe(0, (x, y, middle)).force[2]
+            low, high = (middle, high) if pushed < self.push else (low, middle)
+        return max(
+            _core.stiffest_contact(again, 0, (x, y, low))[0],
+            _core.measured_stiffness(again, 0, (x, y, low)),
+        )
+
+    @property
+    def limit(self) -> float:
+        return _core.passivity_limit(self.damping, self.period)
+
+
+def run(
+    material: str, hole: float, push: float, seconds: float = 4.0, *, period: float = 1.0, **hand: object
+) -> Run:
+    """The hand pushes on a block; the loop runs on its virtual clock."""
+    ticks = round(seconds * 1e3 / period)
+    device = _core.HandDevice(start=(0, 0, RADIUS - hole + 0.3), push=push, **({"strokes": 0.0} | hand))
+    ring = 2.2e-3 * period * ticks + 1  # the loop waits for a reader half a ring behind
+    loop = _core.HapticLoop(
+        executor(material, hole, period), [device], wall_clock=False, realtime=False, ticks=ticks, ring=ring
+    )
+    reader = _core.RecordReader(loop)
+    loop.start()
+    assert loop.wait(120.0)
+    records, lost = reader.take(ticks)
+    assert not lost, loop.reason
+    assert len(records) == ticks, loop.reason
+    first = records["burr"][:, 0]
+    energy = _core.passivity_energy(first["device_position"], first["sent"])
+    return Run(
+        material, hole, push, period, device.damping, first["center"], first["force"], energy, records
+    )  # fmt: skip
+
+
+def still(material: str, hole: float, push: float, on: bool, **hand: object) -> tuple[Run, float, float]:
+    """A still push: the run, its ripple [N], and k over the limit, the larger of its window's two ends."""
+    result = run(material, hole, push, 3.5, on=on, on_after=SWITCH, **hand)
+    window = result.window(SWITCH + 0.1)
+    ratio = max(result.stiffness(t) for t in (window.start, window.stop)) / result.limit
+    return result, result.ripple(window), ratio
+
+
+def main() -> None:
+    print(
+        "| material | hole | push | burr | still: k/limit | ripple | energy | strokes: ripple | at 10 kHz | energy |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    for material, hole, push in GRID:
+        for on in (False, True):
+            rest, ripple, ratio = still(material, hole, push, on)
+            moved = [run(material, hole, push, strokes=1.4, on=on, period=period) for period in (1.0, 0.1)]
+            slow, fast = (m.ripple(m.window(2.0)) for m in moved)
+            print(
+                f"| {material} | {hole:g} mm | {push:g} N | {'on' if on else 'off'} | {ratio:.2f} | {ripple:.4f} N "
+                f"| {rest.energy.max():.3f} mJ | {slow:.3f} N | {fast:.3f} N | {moved[0].energy.max():.3f} mJ |",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

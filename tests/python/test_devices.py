@@ -1,0 +1,190 @@
+"""Devices that need no hardware: the simulated hand, scripts, recordings and mailboxes, in a loop."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+import burrlab
+from burrlab import _core
+from burrlab.session.script import read_script
+
+
+def play(device, ticks=0, *, period=1.0, material="bone"):
+    """The records of a loop on its virtual clock, and why it ended."""
+    bone = burrlab.VoxelBone.block((8, 8, 3), 0.2, origin=(-3.9, -3.9, -2.9))
+    tools = [(burrlab.Burr(2.0), burrlab.materials[material])]
+    executor = _core.TickExecutor(bone, tools, 1, period=period)
+    loop = _core.HapticLoop(executor, [device], wall_clock=False, realtime=False, ticks=ticks)
+    reader = _core.RecordReader(loop)
+    loop.start()
+    assert loop.wait(60.0)
+    return reader.take(10**6)[0], loop.reason, bone
+
+
+def test_hand_pushes_with_the_asked_force():
+    hand = _core.HandDevice(start=(0, 0, 2.3), push=0.8, strokes=0, on=False)
+    records, _, _ = play(hand, 4000)
+    first = records["burr"][:, 0]
+    assert first["touching"][0] == 0  # it begins out of contact
+    assert first["force"][-1] == pytest.approx([0, 0, 0.8], abs=1e-4)
+    assert np.abs(first["device_velocity"]).max() < 10
+    assert first["on"].sum() == 0
+    assert hand.name == "simulated hand"
+    assert np.array_equal(hand.force, [0, 0, 0])  # the session is over
+
+
+def test_hand_velocity_is_the_difference_of_its_readings():
+    records, _, _ = play(_core.HandDevice(start=(0, 0, 2.3), encoder_step=0.02), 500)
+    first = records["burr"][:, 0]
+    moved = np.diff(first["device_position"], axis=0) / 1e-3
+    assert np.allclose(first["device_velocity"][1:], moved, atol=1e-9)
+    steps = first["device_position"] / 0.02
+    assert np.allclose(steps, np.rint(steps), atol=1e-9)
+
+
+def test_hand_moves_the_same_at_any_rate():
+    ends = []
+    for period in (1.0, 0.25, 0.1):
+        hand = _core.HandDevice(start=(0, 0, 20.0), strokes_after=0.1)
+        play(hand, round(500 / period), period=period)
+        ends.append(hand.position)
+    # One period less is simulated than there are readings.
+    assert ends[1] == pytest.approx(ends[2], abs=0.02)
+    assert ends[0] == pytest.approx(ends[2], abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("setting", "sentence"),
+    [
+        ({"mass": 0}, "mass must be positive and finite, got 0"),
+        ({"start": (0, np.nan, 0)}, "start must be finite"),
+        ({"into": (0, 0, -2)}, "length of into must be 1, got 2"),
+        ({"along": (0, 0, 1)}, "cosine between into and along must be 0, got -1"),
+        ({"push": -1}, "push must be zero or positive and finite, got -1"),
+    ],
+)
+def test_hand_refusals(setting, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        _core.HandDevice(**setting)
+
+
+def test_script_is_followed_and_ends_the_session():
+    time, z = [0.0, 0.1, 0.3], [2.5, 1.8, 2.5]
+    device = _core.ScriptedDevice(time, [(0, 0, zi) for zi in z], [True, False, True])
+    assert (len(device), device.duration) == (3, 0.3)
+    records, reason, bone = play(device)
+    first = records["burr"][:, 0]
+    assert "has come to its end" in reason
+    assert first["center"][:, 2] == pytest.approx(np.interp(records["time"], time, z), abs=1e-12)
+    assert np.array_equal(first["on"] == 1, records["time"] < 0.1)
+    assert bone.removed > 0
+    assert records["time"][-1] == pytest.approx(0.3, abs=1.1e-3)  # rounding may cost the last tick
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (([], np.zeros((0, 3))), "a script must have at least one row, got none"),
+        (([0.0, 0.0], np.zeros((2, 3))), "time must be increasing: after 0 s, got 0"),
+        (([np.nan], np.zeros((1, 3))), "time must be finite"),
+        (([0.0], [[0, np.inf, 0]]), "position must be finite"),
+        (([0.0, 1.0], np.zeros((3, 3))), r"position must have shape \(n, 3\)"),
+        (([0.0, 1.0], np.zeros((2, 3)), [True]), r"on must have shape \(n,\)"),
+        (([[0.0]], np.zeros((1, 3))), r"time must have shape \(n,\)"),
+    ],
+)
+def test_script_refusals(arguments, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        _core.ScriptedDevice(*arguments)
+
+
+def test_replay_carves_the_same_bone():
+    records, _, carved = play(_core.HandDevice(start=(0, 0, 2.1), amplitude=1.0), 1500)
+    first = records["burr"][:, 0]
+    device = _core.ReplayDevice(
+        first["device_position"], first["device_velocity"], first["on"].astype(bool), records["k"]
+    )
+    again, reason, bone = play(device)
+    assert "has come to its end" in reason
+    assert (device.next, len(device)) == (1500, 1500)
+    assert np.array_equal(device.k, records["k"])
+    assert np.array_equal(again["burr"]["force"], records["burr"]["force"])
+    assert bone.digest() == carved.digest()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ((np.zeros((0, 3)),), "a recording must have at least one tick, got none"),
+        ((np.zeros((2, 2)),), r"position must have shape \(n, 3\)"),
+        (([[0, np.nan, 0]],), "position must be finite"),
+        ((np.zeros((1, 3)), [[0, np.nan, 0]]), "velocity must be finite"),
+        ((np.zeros((1, 3)), None, None, [9]), "k must be 1 to 8, got 9"),
+        ((np.zeros((1, 3)), None, None, [-1]), "k must be 1 to 8, got -1"),
+        ((np.zeros((1, 3)), None, [True, True]), r"on must have shape \(n,\)"),
+    ],
+)
+def test_replay_refusals(arguments, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        _core.ReplayDevice(*arguments)
+
+
+def test_mailbox_from_another_thread():
+    device = _core.MailboxDevice(lost_after=5000.0, name="rig")
+    bone = burrlab.VoxelBone.block((8, 8, 3), 0.2, origin=(-3.9, -3.9, -2.9))
+    executor = _core.TickExecutor(bone, [(burrlab.Burr(2.0), burrlab.materials["bone"])], 1)
+    loop = _core.HapticLoop(executor, [device], realtime=False)
+    reader = _core.RecordReader(loop)
+    loop.start()
+    writer = threading.Thread(target=device.put, args=((0.0, 0.0, 1.8),), kwargs={"on": False})
+    writer.start()
+    writer.join()
+    for _ in range(1000):
+        if device.force[2] > 0:
+            break
+        loop.wait(0.01)
+    force = device.force
+    loop.stop()
+    records, _ = reader.take()
+    assert force[2] > 0
+    assert records["burr"]["sent"][-1, 0] == pytest.approx(force)
+    assert device.name == "rig"
+    with pytest.raises(ValueError, match="position must be finite"):
+        device.put((0.0, 0.0, np.nan))
+    with pytest.raises(ValueError, match="lost_after must be positive"):
+        _core.MailboxDevice(lost_after=0.0)
+
+
+def test_read_script(tmp_path):
+    path = tmp_path / "way.csv"
+    path.write_text(
+        "# source: by hand\ntime_s,x_mm,y_mm,z_mm,on\n0,0,0,2.5,1\n0.05,0,0,1.8,0\n0.1,0,0,1.8,1\n"
+    )
+    records, _, _ = play(read_script(path))
+    first = records["burr"][:, 0]
+    assert first["center"][-1] == pytest.approx([0, 0, 1.8])
+    assert np.array_equal(first["on"] == 1, (records["time"] < 0.05) | (records["time"] >= 0.1))
+    path.write_text("time_s,x_mm,y_mm,z_mm\n0,1,2,3\n1,1,2,3\n")
+    assert len(read_script(path)) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("time_s,x_mm,y_mm\n0,0,0\n", "z_mm"),
+        ("time_s,x_mm,y_mm,z_mm\n0,0,0,oops\n", "line 2, column z_mm: 'oops' is not a number"),
+        ("time_s,x_mm,y_mm,z_mm\n0,0,0,\n", "line 2, column z_mm: every row needs a position"),
+        ("time_s,x_mm,y_mm,z_mm,on\n0,0,0,0,2\n", "line 2, column on: must be 0 or 1: got 2.0"),
+        ("time_s,x_mm,y_mm,z_mm,on\n0,0,0,0,\n", "line 2, column on: must be 0 or 1: got nan"),
+        ("time_s,x_mm,y_mm,z_mm\n1,0,0,0\n1,0,0,0\n", "way.csv: time must be increasing: after 1 s, got 1"),
+        ("", "the file is empty"),
+    ],
+)
+def test_read_script_refusals(tmp_path, text, sentence):
+    path = tmp_path / "way.csv"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=sentence):
+        read_script(path)

@@ -1,0 +1,319 @@
+"""What standard OpenIGTLink peers get of a session, and what hostile ones do to it: nothing."""
+
+import contextlib
+import random
+import resource
+import socket
+import struct
+import subprocess
+import threading
+import time
+
+import numpy as np
+import pytest
+from replica_scenes import Leader, messages_of, name_of, soon
+
+from burrlab import _core
+from burrlab.session.network import follow
+
+NEWTON = (0x0B << 54) | (1 << 50)
+WORD = struct.pack(">IIQQ32s", 1, 1, 1, 0, b"0" * 32)  # protocol, holds, session, tick, digest
+
+
+def connect(leader, receive_buffer=None):
+    peer = socket.socket()
+    if receive_buffer:
+        peer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+    peer.connect(("127.0.0.1", leader.port))
+    peer.settimeout(10)
+    return peer
+
+
+def receive(peer, ticks, burrs=1):
+    """Messages of so many ticks."""
+    framer, messages = _core.MessageFramer(), []
+    while len(messages) < 2 * burrs * ticks:
+        messages += framer.feed(peer.recv(4096))
+    assert framer.counters["messages"] == len(messages)
+    return messages[: 2 * burrs * ticks]
+
+
+def records_of(leader):
+    """All records so far, by index."""
+    return _core.RecordReader(leader.loop).take()[0]
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("burrs", [1, 2])
+def test_poses_and_forces_of_every_tick(version, burrs):
+    with Leader(burrs=burrs, header_version=version) as leader:
+        with connect(leader) as peer:
+            messages = receive(peer, 1000, burrs)
+        leader.loop.stop()
+        records = records_of(leader)
+    poses = np.array([m.value[:3, 3] for m in messages if m.device_name == "burrlab_burr_0"])
+    forces = np.array([m.value for m in messages if m.device_name == "burrlab_force_0"])
+    assert len(poses) == len(forces) == 1000
+    assert {m.version for m in messages} == {version}
+    assert {m.unit for m in messages if m.type == "SENSOR"} == {NEWTON}
+    sent = records["burr"]["center"][:, 0] * (-1, -1, 1)
+    first = int(np.flatnonzero((sent.astype(np.float32) == poses[0]).all(1))[0])
+    chosen = slice(first, first + 1000)
+    assert np.array_equal(poses, sent[chosen].astype(np.float32))
+    assert np.array_equal(forces, records["burr"]["force"][chosen, 0] * (-1, -1, 1))
+    assert np.abs(forces).max() > 0.1
+    if burrs == 2:
+        second = np.array([m.value[:3, 3] for m in messages if m.device_name == "burrlab_burr_1"])
+        assert np.array_equal(second, (records["burr"]["center"][chosen, 1] * (-1, -1, 1)).astype(np.float32))
+
+
+def test_slow_standard_peer_gets_the_newest():
+    with Leader() as leader, connect(leader, receive_buffer=4096) as peer:
+        framer = _core.MessageFramer()
+        end, positions = time.monotonic() + 3.0, []
+        while time.monotonic() < end:
+            positions += [m.value[:3, 3] for m in framer.feed(peer.recv(1000)) if m.type == "TRANSFORM"]
+            time.sleep(0.02)  # 50 kB a second, a quarter of the stream
+        leader.loop.stop()
+        records = records_of(leader)
+        status = leader.publisher.status
+    sent = (records["burr"]["center"][:, 0] * (-1, -1, 1)).astype(np.float32)
+    place = {tuple(position): i for i, position in enumerate(sent)}
+    ticks = [place[tuple(p)] for p in positions]
+    assert ticks == sorted(ticks)
+    assert status["skipped"] > 500 and status["cut_off"] == 0
+    assert framer.counters["messages"] > 300
+    # What lies in the buffers of both systems is old; nothing else is.
+    assert len(sent) - ticks[-1] < 1500
+
+
+def test_peer_that_takes_nothing_is_dropped():
+    with Leader() as leader, connect(leader, receive_buffer=4096):
+        assert soon(lambda: leader.publisher.status["standard_peers"] == 1)
+        assert soon(lambda: leader.publisher.status["stalled"] == 1, 15)
+        assert leader.publisher.status["standard_peers"] == 0
+
+
+def test_replica_that_takes_nothing_is_cut_off():
+    with Leader(most_behind=2000) as leader, connect(leader, receive_buffer=4096) as peer:
+        digest = leader.follower.digests[0][1]
+        word = struct.pack(">IIQQ32s", 1, 1, leader.publisher.session, 0, digest.encode())
+        peer.sendall(_core.encode_ndarray_uint8("burrlab_replica", word))
+        assert soon(lambda: leader.publisher.status["replicas"] == 1)
+        assert soon(lambda: leader.publisher.status["cut_off"] == 1)
+        assert leader.publisher.status["by_ticks"] == 1
+        with contextlib.suppress(ConnectionError):
+            while peer.recv(65536):
+                pass
+
+
+def test_replica_is_told_what_the_protocol_says():
+    """Hello first, then ticks in their order, digests between them, the end last, each under its name."""
+    with Leader() as leader, connect(leader) as peer:
+        digest = leader.follower.digests[0][1]
+        word = struct.pack(">IIQQ32s", 1, 1, leader.publisher.session, 0, digest.encode())
+        leader.run_to(150)
+        peer.sendall(_core.encode_ndarray_uint8("burrlab_replica", word))
+        names, next_tick, framer = [], 0, _core.MessageFramer()
+        ending = threading.Thread(target=lambda: (leader.run_to(350), leader.end(linger=5.0)))
+        ending.start()
+        for data in messages_of(peer):
+            (message,) = framer.feed(data)
+            if (name := name_of(data)).startswith(("burrlab_burr", "burrlab_force")):
+                assert not names
+                continue
+            names.append(name)
+            if name == "burrlab_tick":
+                assert message.value[0] == next_tick and message.value.shape == (16,)
+                next_tick += 1
+            elif name == "burrlab_end":
+                tick, told, failed = struct.unpack(">Q32sI", message.value[:44])
+                assert (tick, told.decode(), failed) == (leader.tick, leader.digest, 0)
+                assert message.value[44:] == b"done"
+                break
+        peer.shutdown(socket.SHUT_RDWR)
+        ending.join()
+    assert names[0] == "burrlab_hello" and names[-1] == "burrlab_end"
+    assert names.count("burrlab_tick") == leader.tick >= 350
+    assert set(names) <= {"burrlab_hello", "burrlab_tick", "burrlab_digest", "burrlab_idle", "burrlab_end"}
+    assert names.count("burrlab_digest") >= 3
+
+
+@pytest.mark.parametrize(
+    ("data", "counter"),
+    [
+        (b"\xff" * 58, "framing_lost"),
+        (b"GET / HTTP/1.1\r\n" * 10, "framing_lost"),
+        (_core.encode_ndarray_uint8("burrlab_replica", b"\0" * 55), "bad_words"),
+        (_core.encode_ndarray_uint8("burrlab_replica", struct.pack(">I", 2) + WORD[4:]), "bad_words"),
+        (
+            _core.encode_ndarray_uint8("burrlab_replica", WORD[:4] + struct.pack(">I", 9) + WORD[8:]),
+            "bad_words",
+        ),
+        (_core.encode_ndarray_float64("burrlab_replica", np.zeros(7)), "bad_words"),
+        (_core.encode_ndarray_uint8("burrlab_replica", WORD), "hellos"),  # of another session
+        (_core.encode_transform("burr", (1, 2, 3))[:-1] + b"\7", None),
+        (_core.encode_transform("burr", (1, 2, 3)), "ignored"),
+        ((_core.encode_transform("burr", (1, 2, 3))[:-1] + b"\7") * 20, "too_many_faults"),
+        (_core.encode_ndarray_uint8("x", b"\0" * 5000), None),
+    ],
+)
+def test_malformed_input_is_counted(data, counter):
+    with Leader() as leader, connect(leader) as peer:
+        peer.sendall(data)
+        if counter:
+            assert soon(lambda: leader.publisher.status[counter] == 1)
+        else:
+            assert soon(lambda: sum(leader.publisher.status["dropped"].values()) == 1)
+        if counter not in (None, "ignored"):
+            with contextlib.suppress(ConnectionError):  # closed
+                while peer.recv(65536):
+                    pass
+        before = leader.tick
+        leader.run_to(before + 50)
+
+
+class Attack:
+    """Threads that throw bytes at a port until told to end."""
+
+    def __init__(self, leader):
+        self.leader, self.ending, self.connections = leader, threading.Event(), 0
+        self.threads = [threading.Thread(target=self.run, args=(seed,)) for seed in range(3)]
+
+    def run(self, seed):
+        chance = random.Random(seed)
+        good = [
+            _core.encode_transform("burr", (1, 2, 3)),
+            _core.encode_ndarray_uint8("burrlab_replica", WORD),
+        ]
+        while not self.ending.is_set():
+            with contextlib.suppress(OSError), connect(self.leader) as peer:
+                self.connections += 1
+                for _ in range(chance.randrange(5)):
+                    data = bytearray(chance.choice(good) * chance.randrange(1, 5))
+                    for _ in range(chance.randrange(4)):
+                        data[chance.randrange(len(data))] = chance.randrange(256)
+                    peer.sendall(
+                        data if chance.random() < 0.7 else chance.randbytes(chance.randrange(1, 50_000))
+                    )
+                if chance.random() < 0.3:
+                    peer.recv(100)
+
+    def __enter__(self):
+        for thread in self.threads:
+            thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self.ending.set()
+        for thread in self.threads:
+            thread.join()
+
+
+@pytest.mark.parametrize("ticks", [2500, pytest.param(30_000, marks=pytest.mark.slow)])
+def test_hostile_peers_beside_a_session(ticks, record_property, capsys):
+    figures = {}
+    for hostile in (False, True):
+        with Leader() as leader:
+            replica = follow("127.0.0.1", leader.port)
+            with Attack(leader) if hostile else contextlib.nullcontext() as attack:
+                leader.run_to(ticks)
+            memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+            leader.end()
+            assert replica.wait(5)
+            loop, status = leader.loop, leader.publisher.status
+            name = "hostile" if hostile else "quiet"
+            figures[name] = {
+                "tick_p99_us": round(loop.tick_time.quantile(0.99), 1), "late": loop.counts.late,
+                "lateness_p99_us": round(loop.lateness.quantile(0.99)), "memory_MB": memory // 1024,
+            }  # fmt: skip
+            assert leader.follower.status["differing"] == leader.follower.status["rebuilds"] == 0
+            assert replica.status["faults"] == 0
+            assert replica.digest() == leader.digest == leader.executor.bone.digest()
+    assert attack.connections > 50
+    assert status["framing_lost"] > 0 and sum(status["dropped"].values()) > 0
+    record_property("figures", figures)
+    with capsys.disabled():
+        print(f"\n    {figures}, {attack.connections} connections, {status}")
+
+
+def test_a_thousand_connections():
+    with Leader(most_peers=8) as leader:
+        replica = follow("127.0.0.1", leader.port)
+        peers = []
+        with contextlib.suppress(OSError):
+            for _ in range(1000):
+                peers.append(connect(leader))
+        assert len(peers) > 200  # as many as the system lets a process have
+        assert soon(lambda: leader.publisher.status["refused"] > len(peers) - 200)
+        status = leader.publisher.status
+        assert status["standard_peers"] + status["replicas"] <= 8
+        for peer in peers:
+            peer.close()
+        assert soon(lambda: leader.publisher.status["standard_peers"] == 0)
+        with connect(leader) as peer:
+            receive(peer, 10)
+        leader.end()
+        assert replica.wait(5)
+    assert replica.status["faults"] == 0
+    assert replica.digest() == leader.digest
+
+
+def test_libopenigtlink_decodes_all(build, tmp_path):
+    """Debian's library beside a running session: each pose and force of 1000 ticks and more."""
+    with Leader() as leader:
+        with (tmp_path / "out").open("w") as out:
+            peer = subprocess.Popen(
+                [build(__import__("pathlib").Path(__file__).with_name("openigtlink_peer.cpp")), "127.0.0.1", str(leader.port)],
+                stdout=out,
+            )  # fmt: skip
+            assert soon(lambda: leader.publisher.status["standard_peers"] == 1)
+            leader.run_to(leader.tick + 1200)
+            leader.end()
+            assert peer.wait(10) == 0
+        records = records_of(leader)
+        assert leader.publisher.status["skipped"] == 0
+    lines = [line.split() for line in (tmp_path / "out").read_text().splitlines()]
+    poses = np.array([[float(line[3 + i]) for i in (3, 7, 11)] for line in lines if line[0] == "TRANSFORM"])
+    forces = np.array([[float(v) for v in line[5:]] for line in lines if line[0] == "SENSOR"])
+    assert {line[1] for line in lines} == {"burrlab_burr_0", "burrlab_force_0"}
+    assert {line[3] + " " + line[4] for line in lines if line[0] == "SENSOR"} == {"0 11^1"}
+    assert len(poses) == len(forces) >= 1000
+    last = records[-len(poses) :]["burr"]
+    assert np.array_equal(poses.astype(np.float32), (last["center"][:, 0] * (-1, -1, 1)).astype(np.float32))
+    assert np.array_equal(forces, last["force"][:, 0] * (-1, -1, 1))
+
+
+def test_example_client_of_libopenigtlink(build):
+    """The example ReceiveClient, as Debian ships it: it prints a TRANSFORM and a SENSOR of each tick."""
+    from test_openigtlink import EXAMPLES
+
+    program = build(EXAMPLES / "Receiver" / "ReceiveClient.cxx")
+    with Leader() as leader:
+        peer = subprocess.Popen(
+            ["stdbuf", "-o0", program, "127.0.0.1", str(leader.port)], stdout=subprocess.PIPE, text=True
+        )
+        assert soon(lambda: leader.publisher.status["standard_peers"] == 1)
+        leader.run_to(leader.tick + 1100)
+        peer.kill()
+        text, _ = peer.communicate()
+        skipped = leader.publisher.status["skipped"]
+    assert text.count("Receiving TRANSFORM data type") >= 1000
+    assert skipped == 0
+
+
+def test_pyigtl_reads_poses_and_forces(pyigtl):
+    """It keeps only the newest message of each device."""
+    with Leader() as leader:
+        client = pyigtl.OpenIGTLinkClient("127.0.0.1", leader.port)
+        try:
+            poses = []
+            for _ in range(20):
+                message = client.wait_for_message("burrlab_burr_0", timeout=5)
+                poses.append(tuple(np.float32(message.matrix[:3, 3])))
+        finally:
+            client.stop()
+        leader.loop.stop()
+        records = records_of(leader)
+    sent = {tuple(p) for p in (records["burr"]["center"][:, 0] * (-1, -1, 1)).astype(np.float32)}
+    assert len(set(poses)) > 5 and set(poses) <= sent

@@ -1,0 +1,257 @@
+"""Two machines: a replica holds the leader's bone to the bit, whatever the network does. Two seconds each; `slow` half a minute."""
+
+import random
+import time
+
+import numpy as np
+import pytest
+from replica_scenes import Cutter, Dropper, Leader, Mangler, Proxy, ReplicaProcess, Slower, soon
+
+from burrlab import _core
+from burrlab.session.network import follow, make_bone
+
+
+def lengths(short):
+    """The short one always, half a minute on demand [ticks]."""
+    return pytest.mark.parametrize("ticks", [short, pytest.param(30_000, marks=pytest.mark.slow)])
+
+
+def check_equal(leader, status, digest):
+    """The leader has ended: the replica knows, and holds the same bone."""
+    assert status["ended"] and not status["failed"], status
+    assert status["reason"] == "done"
+    assert status["tick"] == leader.tick
+    assert digest == leader.digest == leader.executor.bone.digest()
+    assert status["digests_different"] == 0 and status["differing_ticks"] == 0 and status["divergences"] == []
+    assert leader.follower.status["rebuilds"] == 0
+
+
+def report(record_property, capsys, **figures):
+    for name, value in figures.items():
+        record_property(name, value)
+    with capsys.disabled():
+        print("\n   ", ", ".join(f"{name} {value}" for name, value in figures.items()))
+
+
+def counted(status):
+    names = ("connections", "by_ticks", "by_bricks", "faults", "most_missed", "digests_equal")
+    return {name: status[name] for name in names}
+
+
+@lengths(2500)
+@pytest.mark.parametrize("burrs", [1, 2])
+@pytest.mark.parametrize("version", [1, 2])
+def test_replica_in_another_process(burrs, version, ticks, record_property, capsys):
+    with Leader(burrs=burrs, header_version=version) as leader:
+        replica = ReplicaProcess(leader.port)
+        leader.run_to(ticks)
+        leader.end()
+    result = replica.result()
+    check_equal(leader, result, result["digest"])
+    assert result["waited"] and result["faults"] == 0
+    assert result["digests_equal"] >= (leader.tick - 1000) // 100
+    assert leader.executor.bone.removed > 0
+    report(record_property, capsys, **counted(result), ticks=leader.tick)
+
+
+@lengths(3000)
+def test_killed_and_restarted_replica_catches_up(ticks, record_property, capsys):
+    with Leader() as leader:
+        for share in (0.2, 0.4, 0.6):
+            replica = ReplicaProcess(leader.port)
+            leader.run_to(int(share * ticks))
+            replica.kill()
+        replica = ReplicaProcess(leader.port)
+        leader.run_to(ticks)
+        leader.end()
+    result = replica.result()
+    check_equal(leader, result, result["digest"])
+    # What is missing is in the log of 10 s, or comes as bricks.
+    assert result["by_bricks"] == (0.6 * ticks > 10_000)
+    report(record_property, capsys, **counted(result))
+
+
+@lengths(4000)
+def test_proxy_that_drops_messages(ticks, record_property, capsys):
+    drop = Dropper(0.01, random.Random(1))
+    with Leader() as leader, Proxy(leader.port, drop) as proxy:
+        replica = follow("127.0.0.1", proxy.port)
+        leader.run_to(ticks)
+        leader.end(linger=20.0)
+        assert replica.wait(20), replica.status
+    status = replica.status
+    check_equal(leader, status, replica.digest())
+    assert len(drop.dropped) > 0 and status["faults"] > 0
+    assert status["most_missed"] <= 100
+    report(record_property, capsys, dropped=len(drop.dropped), passed=drop.passed, **counted(status))
+
+
+@pytest.mark.parametrize("pump", [Cutter, Mangler])
+@lengths(4000)
+def test_proxy_that_breaks_the_stream(pump, ticks, record_property, capsys):
+    pump = pump()
+    with Leader() as leader, Proxy(leader.port, pump) as proxy:
+        replica = follow("127.0.0.1", proxy.port)
+        leader.run_to(ticks)
+        leader.end(linger=20.0)
+        assert replica.wait(20), replica.status
+    status = replica.status
+    check_equal(leader, status, replica.digest())
+    assert status["faults"] >= 2
+    assert status["most_missed"] <= 100
+    report(record_property, capsys, breaks=getattr(pump, "cuts", 0) or pump.losses, **counted(status))
+
+
+def test_cut_is_noticed_at_once(record_property, capsys):
+    """Noticed by the clock: ticks that the leader was ahead when the replica had given the connection up."""
+    cutter = Cutter(0.3)
+    with Leader() as leader, Proxy(leader.port, cutter) as proxy:
+        replica = follow("127.0.0.1", proxy.port)
+        behind = []
+        for cut in range(1, 6):
+            assert soon(lambda cut=cut: cutter.cuts >= cut)
+            at = leader.tick
+            assert soon(lambda cut=cut: replica.status["faults"] >= cut)
+            behind.append(leader.tick - at)
+        replica.stop()
+    report(record_property, capsys, ticks_until_noticed=behind)
+
+
+@pytest.mark.parametrize("burrs", [1, 2])
+def test_corrupted_brick_is_named_and_repaired(burrs):
+    with Leader(burrs=burrs) as leader:
+        replica = follow("127.0.0.1", leader.port)
+        leader.run_to(500)
+        replica.flip((2, 3, 117))  # far from the burr
+        assert soon(lambda: replica.status["divergences"])
+        leader.run_to(1500)
+        leader.end()
+        assert replica.wait(5)
+    status = replica.status
+    (found,) = status["divergences"]
+    assert found["what"] == "digest" and found["bricks"] == [(0, 0, 14)] and found["exact"]
+    assert 500 <= found["tick"] <= 1200 and found["tick"] % 100 == 0
+    assert (status["digests_different"], status["differing_ticks"], status["by_bricks"]) == (1, 0, 1)
+    assert status["tick"] == leader.tick
+    assert replica.digest() == leader.digest
+
+
+def test_corruption_under_the_burr_is_found_by_its_force():
+    with Leader(digest_every=1_000_000) as leader:
+        replica = follow("127.0.0.1", leader.port)
+        leader.run_to(1000)
+        for voxel in ((28, 40, x) for x in range(40, 80)):
+            replica.flip(voxel)
+        assert soon(lambda: replica.status["divergences"])
+        leader.end()
+        assert replica.wait(5)
+    status = replica.status
+    found = status["divergences"][0]
+    assert found["what"].endswith("of burr 0") and status["differing_ticks"] >= 1
+    assert (3, 5, 7) in found["bricks"] or not found["exact"]
+    assert replica.digest() == leader.digest
+
+
+def test_out_of_the_log_it_is_given_bricks():
+    with Leader(log=0.2) as leader:
+        leader.run_to(1500)
+        replica = follow("127.0.0.1", leader.port)
+        leader.run_to(2000)
+        leader.end()
+        assert replica.wait(5)
+    check_equal(leader, replica.status, replica.digest())
+    assert replica.status["by_bricks"] >= 1
+
+
+def test_bricks_are_there_after_the_end():
+    with Leader(log=0.1) as leader:
+        waiting = follow("127.0.0.1", leader.port)
+        late = _core.Replica("127.0.0.1", leader.port)
+        assert late.fetch_hello()
+        leader.run_to(1000)
+        waiting_proxy = Proxy(leader.port, Slower(40_000))
+        with waiting_proxy as proxy:
+            slow = follow("127.0.0.1", proxy.port)  # keeps the end from being over at once
+            leader.loop.stop()
+            leader.follower.stop()
+            late.start(make_bone(leader.hello["source"]), leader.tools, 7)
+            leader.publisher.finish("done", linger=20.0)
+            assert waiting.wait(5) and late.wait(5) and slow.wait(20)
+    for replica in (waiting, late, slow):
+        check_equal(leader, replica.status, replica.digest())
+
+
+@lengths(4000)
+def test_slow_replica_is_cut_off_and_comes_back(ticks, record_property, capsys):
+    """The stream needs 190 kB a second; the proxy passes less, and holds little."""
+    with (
+        Leader(most_behind=30_000, log=0.5) as leader,
+        Proxy(leader.port, Slower(60_000), receive_buffer=4096) as proxy,
+    ):
+        slow, quick = follow("127.0.0.1", proxy.port), follow("127.0.0.1", leader.port)
+        leader.run_to(ticks)
+        proxy.pump.rate = 1e9
+        leader.end(linger=20.0)
+        assert slow.wait(20) and quick.wait(20)
+    assert leader.publisher.status["cut_off"] >= 1
+    check_equal(leader, quick.status, quick.digest())
+    assert quick.status["faults"] == 0
+    check_equal(leader, slow.status, slow.digest())
+    assert slow.status["faults"] >= 1 and slow.status["by_bricks"] >= 1
+    report(record_property, capsys, cut_off=leader.publisher.status["cut_off"], **counted(slow.status))
+
+
+def test_rebuilt_follower_sends_bricks():
+    """Ticks that the follower passed over are no more to be had: its replicas take the bone."""
+    with Leader() as leader:
+        replica = follow("127.0.0.1", leader.port)
+        leader.run_to(500)
+        leader.follower.ask_rebuild()
+        assert soon(lambda: leader.follower.status["rebuilds"] == 1)
+        leader.run_to(1500)
+        leader.end()
+        assert replica.wait(5)
+    assert replica.digest() == leader.digest == leader.executor.bone.digest()
+
+
+def test_replica_shows_what_changed():
+    with Leader() as leader:
+        replica = follow("127.0.0.1", leader.port)
+        leader.run_to(800)
+        first = replica.take()
+        leader.run_to(1500)
+        leader.end()
+        assert replica.wait(5)
+    second, third = replica.take(), replica.take()
+    assert 0 < first["tick"] < second["tick"] == leader.tick and len(third["bricks"]) == 0
+    assert second["newest"]["index"] == leader.tick - 1
+    bone, tick = replica.snapshot()
+    assert tick == leader.tick
+    shown = make_bone(leader.hello["source"]).density.copy()
+    for update in (first, second):
+        for (z, y, x), density in zip(update["bricks"], update["density"], strict=True):
+            box = shown[8 * z : 8 * z + 8, 8 * y : 8 * y + 8, 8 * x : 8 * x + 8]
+            box[:] = density[tuple(map(slice, box.shape))]
+    assert np.array_equal(shown, bone.density)
+
+
+def test_leader_that_has_gone():
+    with Leader() as leader:
+        replica = follow("127.0.0.1", leader.port)
+        leader.run_to(300)
+    time.sleep(0.3)
+    status = replica.status
+    assert not status["connected"] and not status["ended"] and status["faults"] >= 1
+    replica.stop()
+    assert replica.status["reason"] == "stopped"
+
+
+def test_another_session_on_the_same_port_ends_it():
+    with Leader() as leader:
+        replica = follow("127.0.0.1", leader.port)
+        leader.run_to(300)
+        port = leader.port
+    with Leader(port=port):
+        assert replica.wait(5)
+    assert replica.status["failed"]
+    assert replica.status["reason"] == "the leader has begun another session"

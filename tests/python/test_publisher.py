@@ -8,6 +8,7 @@ import struct
 import subprocess
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from replica_scenes import Leader, messages_of, name_of, soon
 from burrlab import _core
 from burrlab.session.network import follow
 
+EXAMPLES = Path("/usr/share/doc/openigtlink-examples/examples")
 NEWTON = (0x0B << 54) | (1 << 50)
 WORD = struct.pack(">IIQQ32s", 1, 1, 1, 0, b"0" * 32)  # protocol, holds, session, tick, digest
 
@@ -81,10 +83,11 @@ def test_slow_standard_peer_gets_the_newest():
     place = {tuple(position): i for i, position in enumerate(sent)}
     ticks = [place[tuple(p)] for p in positions]
     assert ticks == sorted(ticks)
-    assert status["skipped"] > 500 and status["cut_off"] == 0
+    assert status["skipped"] > 500
+    assert status["cut_off"] == 0
     assert framer.counters["messages"] > 300
-    # What lies in the buffers of both systems is old; nothing else is.
-    assert len(sent) - ticks[-1] < 1500
+    # What lies in the buffers of both systems is old, about a tenth of a second at this rate; nothing else is.
+    assert len(sent) - ticks[-1] < 800
 
 
 def test_peer_that_takes_nothing_is_dropped():
@@ -124,7 +127,8 @@ def test_replica_is_told_what_the_protocol_says():
                 continue
             names.append(name)
             if name == "burrlab_tick":
-                assert message.value[0] == next_tick and message.value.shape == (16,)
+                assert message.value[0] == next_tick
+                assert message.value.shape == (16,)
                 next_tick += 1
             elif name == "burrlab_end":
                 tick, told, failed = struct.unpack(">Q32sI", message.value[:44])
@@ -133,7 +137,8 @@ def test_replica_is_told_what_the_protocol_says():
                 break
         peer.shutdown(socket.SHUT_RDWR)
         ending.join()
-    assert names[0] == "burrlab_hello" and names[-1] == "burrlab_end"
+    assert names[0] == "burrlab_hello"
+    assert names[-1] == "burrlab_end"
     assert names.count("burrlab_tick") == leader.tick >= 350
     assert set(names) <= {"burrlab_hello", "burrlab_tick", "burrlab_digest", "burrlab_idle", "burrlab_end"}
     assert names.count("burrlab_digest") >= 3
@@ -231,7 +236,8 @@ def test_hostile_peers_beside_a_session(ticks, record_property, capsys):
             assert replica.status["faults"] == 0
             assert replica.digest() == leader.digest == leader.executor.bone.digest()
     assert attack.connections > 50
-    assert status["framing_lost"] > 0 and sum(status["dropped"].values()) > 0
+    assert status["framing_lost"] > 0
+    assert sum(status["dropped"].values()) > 0
     record_property("figures", figures)
     with capsys.disabled():
         print(f"\n    {figures}, {attack.connections} connections, {status}")
@@ -240,6 +246,7 @@ def test_hostile_peers_beside_a_session(ticks, record_property, capsys):
 def test_a_thousand_connections():
     with Leader(most_peers=8) as leader:
         replica = follow("127.0.0.1", leader.port)
+        assert soon(lambda: replica.status["connected"])
         peers = []
         with contextlib.suppress(OSError):
             for _ in range(1000):
@@ -254,7 +261,7 @@ def test_a_thousand_connections():
         with connect(leader) as peer:
             receive(peer, 10)
         leader.end()
-        assert replica.wait(5)
+        assert replica.wait(5), replica.status
     assert replica.status["faults"] == 0
     assert replica.digest() == leader.digest
 
@@ -264,9 +271,9 @@ def test_libopenigtlink_decodes_all(build, tmp_path):
     with Leader() as leader:
         with (tmp_path / "out").open("w") as out:
             peer = subprocess.Popen(
-                [build(__import__("pathlib").Path(__file__).with_name("openigtlink_peer.cpp")), "127.0.0.1", str(leader.port)],
+                [build(Path(__file__).with_name("openigtlink_peer.cpp")), "127.0.0.1", str(leader.port)],
                 stdout=out,
-            )  # fmt: skip
+            )
             assert soon(lambda: leader.publisher.status["standard_peers"] == 1)
             leader.run_to(leader.tick + 1200)
             leader.end()
@@ -284,21 +291,21 @@ def test_libopenigtlink_decodes_all(build, tmp_path):
     assert np.array_equal(forces, last["force"][:, 0] * (-1, -1, 1))
 
 
-def test_example_client_of_libopenigtlink(build):
-    """The example ReceiveClient, as Debian ships it: it prints a TRANSFORM and a SENSOR of each tick."""
-    from test_openigtlink import EXAMPLES
-
+def test_example_client_of_libopenigtlink(build, tmp_path):
+    """The example ReceiveClient, as Debian ships it: it prints a line for each TRANSFORM that it could unpack."""
     program = build(EXAMPLES / "Receiver" / "ReceiveClient.cxx")
-    with Leader() as leader:
+    with Leader() as leader, (tmp_path / "out").open("w") as out:
         peer = subprocess.Popen(
-            ["stdbuf", "-o0", program, "127.0.0.1", str(leader.port)], stdout=subprocess.PIPE, text=True
+            [program, "127.0.0.1", str(leader.port)], stdout=subprocess.DEVNULL, stderr=out
         )
         assert soon(lambda: leader.publisher.status["standard_peers"] == 1)
-        leader.run_to(leader.tick + 1100)
-        peer.kill()
-        text, _ = peer.communicate()
+        leader.run_to(leader.tick + 1200)
         skipped = leader.publisher.status["skipped"]
+        peer.kill()
+        peer.wait()
+    text = (tmp_path / "out").read_text()
     assert text.count("Receiving TRANSFORM data type") >= 1000
+    assert text.count("Receiving : SENSOR") >= 1000
     assert skipped == 0
 
 
@@ -316,4 +323,5 @@ def test_pyigtl_reads_poses_and_forces(pyigtl):
         leader.loop.stop()
         records = records_of(leader)
     sent = {tuple(p) for p in (records["burr"]["center"][:, 0] * (-1, -1, 1)).astype(np.float32)}
-    assert len(set(poses)) > 5 and set(poses) <= sent
+    assert len(set(poses)) > 5
+    assert set(poses) <= sent

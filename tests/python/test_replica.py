@@ -18,11 +18,13 @@ def lengths(short):
 
 def check_equal(leader, status, digest):
     """The leader has ended: the replica knows, and holds the same bone."""
-    assert status["ended"] and not status["failed"], status
+    assert (status["ended"], status["failed"]) == (True, False), status
     assert status["reason"] == "done"
     assert status["tick"] == leader.tick
     assert digest == leader.digest == leader.executor.bone.digest()
-    assert status["digests_different"] == 0 and status["differing_ticks"] == 0 and status["divergences"] == []
+    assert status["digests_different"] == 0
+    assert status["differing_ticks"] == 0
+    assert status["divergences"] == []
     assert leader.follower.status["rebuilds"] == 0
 
 
@@ -48,7 +50,8 @@ def test_replica_in_another_process(burrs, version, ticks, record_property, caps
         leader.end()
     result = replica.result()
     check_equal(leader, result, result["digest"])
-    assert result["waited"] and result["faults"] == 0
+    assert result["waited"]
+    assert result["faults"] == 0
     assert result["digests_equal"] >= (leader.tick - 1000) // 100
     assert leader.executor.bone.removed > 0
     report(record_property, capsys, **counted(result), ticks=leader.tick)
@@ -81,7 +84,8 @@ def test_proxy_that_drops_messages(ticks, record_property, capsys):
         assert replica.wait(20), replica.status
     status = replica.status
     check_equal(leader, status, replica.digest())
-    assert len(drop.dropped) > 0 and status["faults"] > 0
+    assert len(drop.dropped) > 0
+    assert status["faults"] > 0
     assert status["most_missed"] <= 100
     report(record_property, capsys, dropped=len(drop.dropped), passed=drop.passed, **counted(status))
 
@@ -129,8 +133,11 @@ def test_corrupted_brick_is_named_and_repaired(burrs):
         assert replica.wait(5)
     status = replica.status
     (found,) = status["divergences"]
-    assert found["what"] == "digest" and found["bricks"] == [(0, 0, 14)] and found["exact"]
-    assert 500 <= found["tick"] <= 1200 and found["tick"] % 100 == 0
+    assert found["what"] == "digest"
+    assert found["bricks"] == [(0, 0, 14)]
+    assert found["exact"]
+    assert 500 <= found["tick"] <= 1200
+    assert found["tick"] % 100 == 0
     assert (status["digests_different"], status["differing_ticks"], status["by_bricks"]) == (1, 0, 1)
     assert status["tick"] == leader.tick
     assert replica.digest() == leader.digest
@@ -147,7 +154,8 @@ def test_corruption_under_the_burr_is_found_by_its_force():
         assert replica.wait(5)
     status = replica.status
     found = status["divergences"][0]
-    assert found["what"].endswith("of burr 0") and status["differing_ticks"] >= 1
+    assert found["what"].endswith("of burr 0")
+    assert status["differing_ticks"] >= 1
     assert (3, 5, 7) in found["bricks"] or not found["exact"]
     assert replica.digest() == leader.digest
 
@@ -176,7 +184,9 @@ def test_bricks_are_there_after_the_end():
             leader.follower.stop()
             late.start(make_bone(leader.hello["source"]), leader.tools, 7)
             leader.publisher.finish("done", linger=20.0)
-            assert waiting.wait(5) and late.wait(5) and slow.wait(20)
+            assert waiting.wait(5)
+            assert late.wait(5)
+            assert slow.wait(20)
     for replica in (waiting, late, slow):
         check_equal(leader, replica.status, replica.digest())
 
@@ -192,12 +202,14 @@ def test_slow_replica_is_cut_off_and_comes_back(ticks, record_property, capsys):
         leader.run_to(ticks)
         proxy.pump.rate = 1e9
         leader.end(linger=20.0)
-        assert slow.wait(20) and quick.wait(20)
+        assert slow.wait(20)
+        assert quick.wait(20)
     assert leader.publisher.status["cut_off"] >= 1
     check_equal(leader, quick.status, quick.digest())
     assert quick.status["faults"] == 0
     check_equal(leader, slow.status, slow.digest())
-    assert slow.status["faults"] >= 1 and slow.status["by_bricks"] >= 1
+    assert slow.status["faults"] >= 1
+    assert slow.status["by_bricks"] >= 1
     report(record_property, capsys, cut_off=leader.publisher.status["cut_off"], **counted(slow.status))
 
 
@@ -223,7 +235,8 @@ def test_replica_shows_what_changed():
         leader.end()
         assert replica.wait(5)
     second, third = replica.take(), replica.take()
-    assert 0 < first["tick"] < second["tick"] == leader.tick and len(third["bricks"]) == 0
+    assert 0 < first["tick"] < second["tick"] == leader.tick
+    assert len(third["bricks"]) == 0
     assert second["newest"]["index"] == leader.tick - 1
     bone, tick = replica.snapshot()
     assert tick == leader.tick
@@ -241,7 +254,9 @@ def test_leader_that_has_gone():
         leader.run_to(300)
     time.sleep(0.3)
     status = replica.status
-    assert not status["connected"] and not status["ended"] and status["faults"] >= 1
+    assert not status["connected"]
+    assert not status["ended"]
+    assert status["faults"] >= 1
     replica.stop()
     assert replica.status["reason"] == "stopped"
 

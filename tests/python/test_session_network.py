@@ -75,7 +75,7 @@ def test_follow_needs_an_address():
 
 def test_follow_needs_the_same_bone(leader):
     other = make_bone({**BLOCK, "level": 254})
-    with pytest.raises(ValueError, match="bone must be the leader's initial volume, digest .*, got"):
+    with pytest.raises(ValueError, match=r"bone must be the leader's initial volume, digest .*, got"):
         follow("127.0.0.1", leader.port, bone=other)
 
 
@@ -96,7 +96,7 @@ def test_follow_needs_a_hello_that_can_be_read(leader):
     follower = _core.Follower(_core.HapticLoop(leader.executor, [burrlab.HandDevice()]))
     for text in ("not JSON", "[]", '{"seed": 1, "rate_Hz": 0, "scheme": "layer", "tools": []}'):
         publisher = _core.Publisher(follower, hello=text)
-        with pytest.raises(ValueError, match="hello of the leader at .* cannot be read"):
+        with pytest.raises(ValueError, match=r"hello of the leader at .* cannot be read"):
             follow("127.0.0.1", publisher.port)
         publisher.stop()
 

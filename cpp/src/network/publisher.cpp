@@ -19,7 +19,7 @@ namespace {
 
 constexpr std::size_t largest_tick = 400, largest_digest = 256;  // messages, either version [bytes]
 constexpr std::size_t largest_pose = 260, poses_kept = 1024;     // of one burr; ticks
-constexpr int send_buffer = 65536;      // small, so that a slow peer is noticed and gets no old poses [bytes]
+constexpr int send_buffer = 8192;  // of standard peers: small, so that a slow one gets no old poses [bytes]
 constexpr std::size_t most_states = 4;  // of the bone in memory at once
 constexpr std::int64_t state_pause = 100000000;  // between two of them [ns]
 

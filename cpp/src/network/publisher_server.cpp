@@ -15,6 +15,7 @@ constexpr std::size_t chunk = 65536;         // bytes taken from a log at once
 constexpr std::size_t a_turn = 4 * chunk;    // sent to one peer before it is another's turn [bytes]
 constexpr std::uint64_t ticks_at_once = 64;  // taken for a standard peer
 constexpr std::uint64_t most_faults = 16;    // dropped messages until a connection is closed
+constexpr int replica_send_buffer = 65536;   // of the system [bytes]
 constexpr std::int64_t second = 1000000000;
 constexpr std::int64_t idle_every = second / 5, stalled_after = 5 * second;
 constexpr std::int64_t grace = 3 * second, end_grace = second / 3;  // for a replica to come back
@@ -133,6 +134,7 @@ void Publisher::serve(Peer& peer, const Word& word) {
     return;
   }
   peer.replica = true;
+  TcpServer::set_send_buffer(peer.socket, replica_send_buffer);
   if (!missing_.empty()) missing_.erase(missing_.begin());
   peer.holds = word.tick;
   const bool in_log = log_.place_of(word.tick, peer.place);

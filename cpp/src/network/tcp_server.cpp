@@ -121,6 +121,10 @@ void TcpServer::close(int socket) noexcept {
   if (socket >= 0) ::close(socket);
 }
 
+void TcpServer::set_send_buffer(int socket, int bytes) noexcept {
+  set_option(socket, SOL_SOCKET, SO_SNDBUF, bytes);
+}
+
 }  // namespace burrlab
 
 #else  // no sockets of Windows yet
@@ -139,6 +143,7 @@ TcpServer::Accepted TcpServer::accept(int&) { return Accepted::none; }
 long TcpServer::receive(int, std::uint8_t*, std::size_t) noexcept { return -1; }
 long TcpServer::send(int, const std::uint8_t*, std::size_t) noexcept { return -1; }
 void TcpServer::close(int) noexcept {}
+void TcpServer::set_send_buffer(int, int) noexcept {}
 
 }  // namespace burrlab
 

@@ -41,6 +41,7 @@ class TcpServer {
   static long receive(int socket, std::uint8_t* into, std::size_t room) noexcept;
   static long send(int socket, const std::uint8_t* bytes, std::size_t size) noexcept;
   static void close(int socket) noexcept;
+  static void set_send_buffer(int socket, int bytes) noexcept;  ///< of the system
 
  private:
   void listen(const std::string& host, int port, int send_buffer);

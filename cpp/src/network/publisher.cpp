@@ -20,7 +20,7 @@ namespace {
 constexpr std::size_t largest_tick = 400, largest_digest = 256;  // messages, either version [bytes]
 constexpr std::size_t largest_pose = 260, poses_kept = 1024;     // of one burr; ticks
 constexpr int send_buffer = 8192;  // of standard peers: small, so that a slow one gets no old poses [bytes]
-constexpr std::size_t most_states = 4;  // of the bone in memory at once
+constexpr std::size_t most_states = 4;           // of the bone in memory at once
 constexpr std::int64_t state_pause = 100000000;  // between two of them [ns]
 
 PublisherSettings checked(const PublisherSettings& settings) {
@@ -100,7 +100,7 @@ void Publisher::on_tick(const TickRecord& record) {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (ended_) return;
   scratch_.clear();
-  encode(scratch_, settings_.header_version, replica_protocol::Tick{record, digest_tick_});
+  encode(scratch_, settings_.header_version, replica_protocol::TickMessage{record, digest_tick_});
   log_.append_tick({scratch_.data(), scratch_.size()});
 
   scratch_.clear();
@@ -198,8 +198,7 @@ void Publisher::finish(Follower& follower, const std::string& reason, bool faile
     const std::lock_guard<std::mutex> lock(mutex_);
     return status_.replicas > 0 || !missing_.empty();
   };
-  while (steady_now() < until && awaited())
-    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  while (steady_now() < until && awaited()) std::this_thread::sleep_for(std::chrono::milliseconds(2));
   stop();
 }
 

@@ -38,7 +38,7 @@ void Replica::take(const Message& message) {
   if (!numbers_.empty() && kind != Kind::bricks) return fault("bricks were lost");
   if (first_ && status_.connections > 1 && kind != Kind::bricks && !suspect_) ++status_.by_ticks;
   first_ = false;
-  if (kind == Kind::tick) return read(replica_protocol::Tick{}, &Replica::take_tick);
+  if (kind == Kind::tick) return read(replica_protocol::TickMessage{}, &Replica::take_tick);
   if (kind == Kind::digest) return read(replica_protocol::Digest{}, &Replica::take_digest);
   if (kind == Kind::bricks) return read(replica_protocol::Bricks{}, &Replica::take_bricks);
   if (kind == Kind::end) return read(replica_protocol::End{}, &Replica::take_end);
@@ -55,7 +55,7 @@ void Replica::take_hello(const replica_protocol::Hello& hello) {
   ++status_.connections;
 }
 
-void Replica::take_tick(const replica_protocol::Tick& tick) {
+void Replica::take_tick(const replica_protocol::TickMessage& tick) {
   const TickRecord& record = tick.record;
   if (record.index != bone_->tick()) return fault("ticks were lost", record.index);
   const std::vector<Tool>& tools = bone_->executor().setup().tools;

@@ -93,7 +93,7 @@ bool decode(const Message& message, Hello& hello) {
   return reader.ended() && hello.session != 0;
 }
 
-void encode(Bytes& out, int header_version, const Tick& tick) {
+void encode(Bytes& out, int header_version, const TickMessage& tick) {
   const TickRecord& record = tick.record;
   double values[tick_head + tick_burr * most_burrs] = {
       double(record.index), double(record.k), double(record.burrs), record.time, double(tick.digest_tick)};
@@ -112,7 +112,7 @@ void encode(Bytes& out, int header_version, const Tick& tick) {
                                       std::size_t(at - values));
 }
 
-bool decode(const Message& message, Tick& tick) {
+bool decode(const Message& message, TickMessage& tick) {
   if (kind_of(message) != Kind::tick) return false;
   openigtlink::Ndarray array;
   if (openigtlink::decode_ndarray_float64(message, array) != Drop::none) return false;

@@ -84,7 +84,7 @@ class Replica {
   bool say_word();
   void take(const openigtlink::Message& message);
   void take_hello(const replica_protocol::Hello& hello);
-  void take_tick(const replica_protocol::Tick& tick);
+  void take_tick(const replica_protocol::TickMessage& tick);
   void take_digest(const replica_protocol::Digest& digest);
   void take_bricks(const replica_protocol::Bricks& bricks);
   void take_end(const replica_protocol::End& end);

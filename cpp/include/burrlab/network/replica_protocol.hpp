@@ -43,7 +43,7 @@ struct Hello {
   std::string text;              ///< what the session says of itself
 };
 
-struct Tick {
+struct TickMessage {
   TickRecord record;              ///< index, k, burrs, time; per burr the first two blocks
   std::uint64_t digest_tick = 0;  ///< of the last digest sent before it
 };
@@ -75,7 +75,7 @@ struct End {
 // Each appends one message with a header of version 1 or 2.
 void encode(openigtlink::Bytes& out, int header_version, const Word& word);
 void encode(openigtlink::Bytes& out, int header_version, const Hello& hello);
-void encode(openigtlink::Bytes& out, int header_version, const Tick& tick);
+void encode(openigtlink::Bytes& out, int header_version, const TickMessage& tick);
 void encode(openigtlink::Bytes& out, int header_version, const Digest& digest);
 void encode(openigtlink::Bytes& out, int header_version, const Bricks& bricks);
 void encode(openigtlink::Bytes& out, int header_version, const Idle& idle);
@@ -84,7 +84,7 @@ void encode(openigtlink::Bytes& out, int header_version, const End& end);
 // False where the message is not one of these, or its content cannot be.
 bool decode(const openigtlink::Message& message, Word& word);
 bool decode(const openigtlink::Message& message, Hello& hello);
-bool decode(const openigtlink::Message& message, Tick& tick);
+bool decode(const openigtlink::Message& message, TickMessage& tick);
 bool decode(const openigtlink::Message& message, Digest& digest);
 bool decode(const openigtlink::Message& message, Bricks& bricks);
 bool decode(const openigtlink::Message& message, Idle& idle);

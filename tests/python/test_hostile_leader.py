@@ -1,0 +1,158 @@
+"""A replica of a leader that says what no leader may: it gives the connection up, says why, and its bone stays as it was."""
+
+import contextlib
+import socket
+import struct
+import threading
+import time
+
+import numpy as np
+import pytest
+from replica_scenes import BLOCK, TOOL, soon
+
+import burrlab
+from burrlab import _core
+from burrlab.session.network import make_bone
+
+BONE = make_bone(BLOCK)
+DIGEST = BONE.digest().encode()
+COUNT = 8 * 10 * 15  # bricks; of 30 x 80 x 120 voxels 4 x 10 x 15
+
+
+def say(kind, data):
+    return _core.encode_ndarray_uint8(f"burrlab_{kind}", data)
+
+
+def hello(version=1, session=5, digest=DIGEST):
+    return say("hello", struct.pack(">IQQ32s", version, session, 0, digest) + b"{}")
+
+
+def tick(index=0, k=1, burrs=1, x=0.0, radius=TOOL["radius_mm"], material=0, on=1, removed=0, last=0):
+    values = [index, k, burrs, 0.0, last, x, 0.0, 9.0, radius, material, on, 0.0, 0.0, 0.0, 0.0, removed]
+    return _core.encode_ndarray_float64("burrlab_tick", np.array(values, dtype=float))
+
+
+def brick(number, q, p):
+    return struct.pack(">I", number) + bytes([q]) * 512 + bytes([p]) * 512
+
+
+def bricks(total, first, *these, tick=0):
+    return say("bricks", struct.pack(">Q32sII", tick, DIGEST, total, first) + b"".join(these))
+
+
+class FakeLeader:
+    """Says the same to everybody who connects, then waits."""
+
+    def __init__(self, *messages, pause=0.0):
+        self.messages, self.pause, self.sockets, self.words = messages, pause, [], []
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        self.thread = threading.Thread(target=self.run)
+
+    def run(self):
+        with contextlib.suppress(OSError):
+            while True:
+                peer, _ = self.listener.accept()
+                self.sockets.append(peer)
+                word = peer.recv(4096)
+                self.words.append(word)
+                # The first asks for the hello only.
+                if len(self.words) == 1:
+                    peer.sendall(hello())
+                elif self.pause:
+                    for message in self.messages:
+                        peer.sendall(message)
+                        time.sleep(self.pause)
+                else:
+                    peer.sendall(b"".join(self.messages))
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self.listener.shutdown(socket.SHUT_RDWR)
+        self.thread.join()
+        for end in (self.listener, *self.sockets):
+            end.close()
+
+
+@contextlib.contextmanager
+def following(*messages, pause=0.0):
+    with FakeLeader(*messages, pause=pause) as leader:
+        replica = _core.Replica("127.0.0.1", leader.port)
+        assert replica.fetch_hello(5.0)
+        replica.start(make_bone(BLOCK), [(burrlab.Burr(3.0), burrlab.materials["bone"])], 1)
+        yield replica
+        replica.stop()
+
+
+def test_a_leader_that_behaves():
+    with following(hello(), tick(), tick(1), say("digest", struct.pack(">Q32s", 2, DIGEST))) as replica:
+        assert soon(lambda: replica.status["digests_equal"] == 1)
+        assert replica.status["tick"] == 2
+        assert replica.status["faults"] == 0
+
+
+@pytest.mark.parametrize(
+    ("messages", "reason"),
+    [
+        ([tick()], "the hello was lost"),
+        ([hello(digest=b"0" * 32)], "the hello is not that of this session"),
+        ([hello(version=2)], "the hello is not that of this session"),
+        ([hello(), tick(1)], "ticks were lost"),
+        ([hello(), tick(), tick()], "ticks were lost"),
+        ([hello(), tick(k=9)], "a message could not be read"),
+        ([hello(), tick(x=np.nan)], "a message could not be read"),
+        ([hello(), tick(x=0.5, index=0.5)], "a message could not be read"),
+        ([hello(), tick(burrs=2)], "a message could not be read"),
+        ([hello(), tick(radius=2.0)], "a tick is not of these burrs"),
+        ([hello(), tick(material=1)], "a tick is not of these burrs"),
+        ([hello(), tick(removed=1)], "the bone is not the leader's: another removed of burr 0"),
+        ([hello(), tick(), tick(1, last=1)], "a digest was lost"),
+        ([hello(), say("digest", struct.pack(">Q32s", 0, b"f" * 32))], "the bone is not the leader's: another digest"),
+        ([hello(), say("digest", struct.pack(">Q32s", 9, DIGEST))], "ticks were lost"),
+        ([hello(), say("digest", b"")], "a message could not be read"),
+        ([hello(), say("idle", struct.pack(">Q", 4))], "ticks were lost"),
+        ([hello(), say("idle", b"")], "a message could not be read"),
+        ([hello(), say("end", struct.pack(">Q32sI", 3, DIGEST, 0))], "ticks were lost"),
+        ([hello(), say("end", struct.pack(">Q32sI", 0, DIGEST, 7))], "a message could not be read"),
+        ([hello(), say("replica", b"")], "a message came that only replicas send"),
+        ([hello(), bricks(2**32 - 1, 0, brick(0, 0, 0))], "bricks were lost"),
+        ([hello(), bricks(2, 1, brick(0, 0, 0))], "bricks were lost"),
+        ([hello(), bricks(2, 0, brick(0, 0, 0)), tick()], "bricks were lost"),
+        ([hello(), bricks(2, 0, brick(3, 0, 0)), bricks(2, 1, brick(3, 0, 0))], "a message could not be read"),
+        ([hello(), bricks(1, 0, brick(COUNT, 0, 0))], "a message could not be read"),
+        ([hello(), bricks(1, 0, brick(0, 2, 1))], "a message could not be read"),  # q above p
+        ([hello(), bricks(2, 0, brick(0, 0, 0)), say("idle", struct.pack(">Q", 0))], "ticks were lost"),
+        ([hello(), tick()[:-1] + b"\7"], "a message had to be dropped"),
+        ([hello(), b"\xff" * 58], "the framing was lost"),
+        ([_core.encode_transform("burr", (1, 2, 3))], "the connection ended, or nothing came for 1 s"),
+    ],
+)  # fmt: skip
+def test_reason(messages, reason):
+    with following(*messages) as replica:
+        assert soon(lambda: replica.status["faults"] >= 1)
+        assert replica.status["last_faults"][0][2] == reason
+    assert replica.digest() == DIGEST.decode()
+
+
+def test_poses_without_an_end_are_no_hello():
+    with following(*[_core.encode_transform("burr", (1, 2, 3))] * 200, pause=0.01) as replica:
+        assert soon(lambda: replica.status["faults"] >= 1)
+        assert replica.status["last_faults"][0][2] == "no hello came"
+
+
+def test_a_bone_that_cannot_be_made_equal_ends_it():
+    wrong = say("bricks", struct.pack(">Q32sII", 0, b"f" * 32, 0, 0))
+    with following(hello(), wrong) as replica:
+        assert replica.wait(10)
+    assert replica.status["failed"]
+    assert replica.status["reason"] == "the bone cannot be made equal to the leader's"
+
+
+def test_silence_is_noticed():
+    with following(hello(), tick()) as replica:
+        assert soon(lambda: replica.status["tick"] == 1)
+        assert soon(lambda: replica.status["faults"] >= 1, 5)
+        assert replica.status["last_faults"][0][2] == "the connection ended, or nothing came for 1 s"

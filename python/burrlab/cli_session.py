@@ -40,6 +40,11 @@ def add_session_commands(command: AddCommand) -> None:
         help="what moves the burr: a simulated hand, a CSV of time_s,x_mm,y_mm,z_mm[,on], or a server's OpenIGTLink TRANSFORM "
         "stream; given twice, two burrs",
     )  # fmt: skip
+    session.add_argument(
+        "--lost-after", type=_positive, default=100.0, metavar="MS",
+        help="age at which a position over the network counts as lost, and the session stops [ms], default 100; a peer that sends "
+        "only what changes (3D Slicer) needs more",
+    )  # fmt: skip
     session.add_argument("--record", metavar="FILE", help="write the complete trace (HDF5), a new file")
     session.add_argument(
         "--publish", type=_port, metavar="PORT",
@@ -189,7 +194,7 @@ def _device(text: str, options: Options, burr: Burr, place: Mapping[str, Any], n
             host, port = _address(rest)
         except argparse.ArgumentTypeError as error:
             raise ValueError(f"--device igtl: {error}") from None
-        return burrlab.IgtlDevice(host, port)
+        return burrlab.IgtlDevice(host, port, lost_after=options.lost_after)
     raise ValueError(f"--device must be hand, scripted:FILE or igtl:HOST:PORT, got '{text}'")
 
 

@@ -64,7 +64,7 @@ figures: $(VENV)/installed
 format: $(VENV)/developed
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
-	$(BIN)/clang-format -i cpp/*/*.cpp cpp/src/*.hpp cpp/src/kernel/*.hpp cpp/include/burrlab/*.hpp tests/cpp/*.cpp tests/cpp/*.hpp tests/bench/*.cpp tests/bench/*.hpp
+	$(BIN)/clang-format -i $(shell find cpp tests -name '*.cpp' -o -name '*.hpp')
 
 clean:
 	rm -rf build $(VENV) demo bench

@@ -24,7 +24,9 @@ def leader() -> burrlab.Session:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("host", nargs="?")
     parser.add_argument("--port", type=int, default=18944)
     options = parser.parse_args()

@@ -297,7 +297,8 @@ rebuild_after : float
           },
           py::arg("burr") = 0,
           "The stiffness measured last against the passivity limit of the burr's device: force_N, "
-          "stiffness_N_per_mm, limit_N_per_mm, ratio, force_at_limit_N (below it the limit is exceeded in "
+          "stiffness_N_per_mm, limit_N_per_mm, ratio (of the stiffest direction), force_at_limit_N (below it "
+          "the limit is exceeded in "
           "this "
           "hole), warning (ratio above 0.8); nan where the device does not say its damping.")
       .def("digest", &Follower::digest, py::call_guard<py::gil_scoped_release>(), "Of the bone now.")

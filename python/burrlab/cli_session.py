@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,16 @@ import numpy as np
 import burrlab
 from burrlab._core import Burr, Device, VoxelBone
 from burrlab.cli import (
-    Options, _deliver, _grey_map, _material, _number, _output_options, _positive, _save, _seed, _shape, _vector,
+    Options,
+    _deliver,
+    _grey_map,
+    _material,
+    _output_options,
+    _positive,
+    _save,
+    _seed,
+    _shape,
+    _vector,
 )  # fmt: skip
 from burrlab.session.network import block_recipe, follow, make_bone, volume_recipe
 
@@ -31,6 +39,11 @@ def add_session_commands(command: AddCommand) -> None:
         "--device", action="append", required=True, metavar="hand|scripted:FILE|igtl:HOST:PORT",
         help="what moves the burr: a simulated hand, a CSV of time_s,x_mm,y_mm,z_mm[,on], or a server's OpenIGTLink TRANSFORM "
         "stream; given twice, two burrs",
+    )  # fmt: skip
+    session.add_argument(
+        "--lost-after", type=_positive, default=100.0, metavar="MS",
+        help="age at which a position over the network counts as lost, and the session stops [ms], default 100; a peer that sends "
+        "only what changes (3D Slicer) needs more",
     )  # fmt: skip
     session.add_argument("--record", metavar="FILE", help="write the complete trace (HDF5), a new file")
     session.add_argument(
@@ -127,6 +140,8 @@ def _session(options: Options) -> int:
         {"seed": session.seed, "interrupted": interrupted, **report.to_dict()},
         f"{report}\nseed {session.seed}",
     )
+    if interrupted:
+        return 130
     return 1 if session.failed else 0
 
 
@@ -179,7 +194,7 @@ def _device(text: str, options: Options, burr: Burr, place: Mapping[str, Any], n
             host, port = _address(rest)
         except argparse.ArgumentTypeError as error:
             raise ValueError(f"--device igtl: {error}") from None
-        return burrlab.IgtlDevice(host, port)
+        return burrlab.IgtlDevice(host, port, lost_after=options.lost_after)
     raise ValueError(f"--device must be hand, scripted:FILE or igtl:HOST:PORT, got '{text}'")
 
 

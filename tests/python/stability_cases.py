@@ -64,7 +64,7 @@ class Run:
     period: float
     damping: float
     position: np.ndarray  #: of the burr [mm]
-    force: np.ndarray  #: [N]
+    force: np.ndarray  #: sent to the hand [N]
     energy: np.ndarray  #: given to the hand [mJ]
     records: np.ndarray
 
@@ -105,14 +105,27 @@ class Run:
 
 
 def run(
-    material: str, hole: float, push: float, seconds: float = 4.0, *, period: float = 1.0, **hand: object
+    material: str,
+    hole: float,
+    push: float,
+    seconds: float = 4.0,
+    *,
+    period: float = 1.0,
+    coupling: float | None = None,
+    **hand: object,
 ) -> Run:
     """The hand pushes on a block; the loop runs on its virtual clock."""
     ticks = round(seconds * 1e3 / period)
     device = _core.HandDevice(start=(0, 0, RADIUS - hole + 0.3), push=push, **({"strokes": 0.0} | hand))
     ring = 2.2e-3 * period * ticks + 1  # the loop waits for a reader half a ring behind
     loop = _core.HapticLoop(
-        executor(material, hole, period), [device], wall_clock=False, realtime=False, ticks=ticks, ring=ring
+        executor(material, hole, period),
+        [device],
+        wall_clock=False,
+        realtime=False,
+        ticks=ticks,
+        ring=ring,
+        coupling=coupling,
     )
     reader = _core.RecordReader(loop)
     loop.start()
@@ -123,7 +136,7 @@ def run(
     first = records["burr"][:, 0]
     energy = _core.passivity_energy(first["device_position"], first["sent"])
     return Run(
-        material, hole, push, period, device.damping, first["center"], first["force"], energy, records
+        material, hole, push, period, device.damping, first["center"], first["sent"], energy, records
     )  # fmt: skip
 
 

@@ -15,17 +15,21 @@ README = (ROOT / "README.md").read_text()
 
 def test_script(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (script,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    exec(compile(script, "README.md", "exec"), {})
+    first, second = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    exec(compile(first, "README.md", "exec"), {})
     assert "[[Variables]]" in capsys.readouterr().out
     assert {p.name for p in tmp_path.iterdir()} == {"descent.png", "curve.csv", "fit.png", "region.png"}
+    exec(compile(second, "README.md", "exec"), {})
+    said = capsys.readouterr().out
+    assert "Replay(equal, 5000 ticks" in said
+    assert "path length" in said
 
 
 def test_commands(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (block,) = re.findall(r"```sh\n(.*?)```", README, re.DOTALL)
     commands = block.strip().splitlines()
-    assert len(commands) >= 6
+    assert len(commands) >= 9
     for line in commands:
         name, *arguments = shlex.split(line)
         assert name == "burrlab"

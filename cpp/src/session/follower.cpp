@@ -150,6 +150,7 @@ void Follower::measure_stiffness() {
   for (std::size_t i = 0; i < bone_.executor().burrs(); ++i) {
     const Vec3 center = to_vector(newest_.burr[i].center);
     stiffness_[i] = {bone_.tick(), measured_stiffness(bone_.executor(), i, center),
+                     stiffest_contact(bone_.executor(), i, center).stiffness,
                      to_vector(newest_.burr[i].force).norm(), newest_.burr[i].age};
   }
 }
@@ -176,10 +177,16 @@ StiffnessAt Follower::stiffness(std::size_t burr) const {
 StabilityReport Follower::stability(std::size_t burr) const {
   const StiffnessAt at = stiffness(burr);
   const SessionSetup& setup = loop_->executor()->setup();
-  const double coupling = loop_->settings().coupling;
-  return stability_report(at.force, at.stiffness, setup.tools[burr], loop_->devices()[burr]->model(),
-                          setup.period, at.age, 0.0,
-                          coupling > 0.0 ? coupling : std::numeric_limits<double>::infinity());
+  const double spring = loop_->settings().coupling;
+  const auto report_of = [&](double k) {
+    return stability_report(at.force, k, setup.tools[burr], loop_->devices()[burr]->model(), setup.period,
+                            at.age, 0.0, spring > 0.0 ? spring : std::numeric_limits<double>::infinity());
+  };
+  StabilityReport report = report_of(at.stiffness);
+  const StabilityReport worst = report_of(std::max(at.stiffness, at.stiffest));
+  report.ratio = worst.ratio;
+  report.warning = worst.warning;
+  return report;
 }
 
 TickRecord Follower::newest() const {

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 Tool = tuple[Burr, Material]
 
 _LOOK = 0.05  # [s] between two looks of the housekeeping thread
+_PATIENCE = 2.0  # with devices that have given no position [s]
 
 
 class Session:
@@ -41,7 +42,7 @@ class Session:
     tick : int
         Ticks executed on this bone before, as `load_bone` gives them.
     duration : float, optional
-        The session ends after so many periods [s]; without it, when it is stopped or a device comes to its end.
+        The session ends after duration times rate ticks [s]; without it, when it is stopped or a device comes to its end.
     force_limit, slew_limit : float
         Of the force sent [N] and of its change [N/ms]. Defaults are ours.
     coupling : float, optional
@@ -255,8 +256,12 @@ class Session:
 
     def _keep_house(self) -> None:
         """Looks after the parts while the loop runs, and ends them after it."""
+        waited = 0.0
         while not self._loop.wait(_LOOK):
             self._hand_digests()
+            if self._loop.counts.ticks == 0 and waited < _PATIENCE <= waited + _LOOK:
+                self._say("no tick yet: the devices have not given a first position")
+            waited += _LOOK
             for burr in range(len(self.tools)):
                 self._warn_of_stiffness(burr)
         self._follower.stop()
@@ -297,5 +302,5 @@ class Session:
 
 def _tools(tools: Tool | Sequence[Tool]) -> list[Tool]:
     if isinstance(tools, tuple) and len(tools) == 2 and isinstance(tools[0], Burr):
-        tools = [cast(Tool, tools)]
+        return [tools]
     return list(cast(Sequence[Tool], tools))

@@ -44,6 +44,7 @@ struct DigestAt {
 struct StiffnessAt {
   std::uint64_t tick = 0;
   double stiffness = 0.0;  ///< k [N/mm]; 0 without contact
+  double stiffest = 0.0;   ///< in any direction: in a tunnel the walls can be stiffer [N/mm]
   double force = 0.0;      ///< [N]
   double age = 0.0;        ///< of the position [ms]
 };
@@ -75,7 +76,8 @@ class Follower {
   FollowerStatus status() const;
   std::vector<DigestAt> digests() const;
   StiffnessAt stiffness(std::size_t burr) const;
-  /// The stiffness against the limits of the burr's device.
+  /// The stiffness against the limits of the burr's device; ratio and warning are those of the stiffest
+  /// direction.
   StabilityReport stability(std::size_t burr) const;
   TickRecord newest() const;  ///< record of the last tick executed
   /// A copy of the bone now, and the number of ticks it has seen.

@@ -1,0 +1,155 @@
+"""The commands session and replica."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import burrlab
+from burrlab.cli import main
+
+FAST = ["--voxel", "0.4", "--radius", "3", "--seed", "5"]
+
+
+def test_hand_recorded(tmp_path, capsys):
+    path, figure, said = tmp_path / "hand.h5", tmp_path / "time.png", tmp_path / "said.json"
+    arguments = ["session", "--device", "hand", "--duration", "1", *FAST, "--record", str(path)]
+    assert main([*arguments, "--plot", str(figure), "--json", str(said)]) == 0
+    out = capsys.readouterr().out
+    assert "1000 ticks" in out
+    assert "contact stiffness" in out
+    assert "seed 5" in out
+    assert figure.stat().st_size > 10_000
+    plain = json.loads(said.read_text())
+    assert (plain["seed"], plain["ticks"], plain["state"]) == (5, 1000, "all ticks were executed")
+    trace = burrlab.load_trace(path)
+    assert trace.bone().spacing == (0.4, 0.4, 0.4)
+    assert main(["replay", str(path)]) == 0
+    assert capsys.readouterr().out.startswith("equal: 1000 ticks")
+
+
+def test_script_and_two_burrs(tmp_path, capsys):
+    script, path = tmp_path / "way.csv", tmp_path / "two.h5"
+    script.write_text("time_s,x_mm,y_mm,z_mm,on\n0,0,6,3.5,1\n0.2,0,6,2.7,1\n0.5,2,6,2.7,0\n")
+    assert (
+        main(["session", "--device", f"scripted:{script}", "--device", "hand", *FAST, "--record", str(path)])
+        == 0
+    )
+    assert "device 0 has come to its end" in capsys.readouterr().out
+    trace = burrlab.load_trace(path)
+    np.testing.assert_allclose(trace.array("center_mm", burr=0)[0], (0, 6, 3.5), atol=0.05)
+    assert trace.array("removed_levels", burr=0).sum() > 0
+    assert burrlab.replay(trace).equal
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--device", "mouse"], "--device must be hand, scripted:FILE or igtl:HOST:PORT, got 'mouse'"),
+        (["--device", "igtl:nowhere"], "--device igtl: must be HOST:PORT, got 'nowhere'"),
+        (["--device", "scripted:none.csv"], "none.csv"),
+        (["--device", "hand", "--map", "0:1"], "--map goes with --volume"),
+        (["--device", "hand", "--volume", "x.nrrd"], "--volume needs --map"),
+        (
+            ["--device", "hand", "--volume", "x.nrrd", "--map", "0:1"],
+            "--device hand with --volume needs --entry",
+        ),
+        (["--device", "hand", "--radius", "0.3"], "radius must be at least 4 voxels"),
+        (["--device", "hand", "--record", "/nowhere/t.h5"], "/nowhere"),
+    ],
+)
+def test_wrong_input(arguments, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "x.nrrd").write_text("")
+    assert main(["session", "--duration", "0.1", *arguments]) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+
+
+def test_bad_options(capsys):
+    for arguments, message in [
+        (["session"], "the following arguments are required: --device"),
+        (["session", "--device", "hand", "--publish", "70000"], "must be a port, 0 to 65535, got '70000'"),
+        (["replica", "here"], "must be HOST:PORT, got 'here'"),
+    ]:
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == 2
+        assert message in capsys.readouterr().err
+
+
+def test_help_says_that_nobody_is_asked_who_he_is(capsys):
+    with pytest.raises(SystemExit):
+        main(["session", "--help"])
+    assert "there is no authentication" in " ".join(capsys.readouterr().out.split())
+
+
+def test_leader_and_replica(tmp_path, capsys):
+    """Two processes; the replica's is interrupted in the middle and run again."""
+    command = [sys.executable, "-m", "burrlab"]
+    leader = subprocess.Popen(
+        [*command, "session", "--device", "hand", "--duration", "6", *FAST, "--publish", "0",
+         "--record", str(tmp_path / "leader.h5")],
+        stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert leader.stderr is not None
+    first = leader.stderr.readline()
+    assert "published on 127.0.0.1, port" in first
+    port = first.split("port ")[1].split(";")[0]
+    early = subprocess.Popen([*command, "replica", f"127.0.0.1:{port}"], stdout=subprocess.PIPE, text=True)
+    time.sleep(2.5)
+    early.send_signal(signal.SIGINT)
+    assert "interrupted: True" in early.communicate(timeout=30)[0]
+    bone = tmp_path / "bone.h5"
+    assert main(["replica", f"127.0.0.1:{port}", "--save", str(bone), "--json", "-"]) == 0
+    status = json.loads(capsys.readouterr().out)
+    out, _ = leader.communicate(timeout=30)
+    assert leader.returncode == 0
+    assert "6000 ticks" in out
+    trace = burrlab.load_trace(tmp_path / "leader.h5")
+    assert (status["tick"], status["digest"]) == trace.digests[-1]
+    assert status["ended"]
+    assert burrlab.load_bone(bone)[0].digest() == status["digest"]
+
+
+def test_interrupted_session_is_whole(tmp_path):
+    path = tmp_path / "cut.h5"
+    run = subprocess.Popen(
+        [sys.executable, "-m", "burrlab", "session", "--device", "hand", *FAST, "--record", str(path)],
+        stdout=subprocess.PIPE, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+    until = time.monotonic() + 30
+    while not path.exists() and time.monotonic() < until:
+        time.sleep(0.05)
+    time.sleep(1.5)
+    run.send_signal(signal.SIGINT)
+    out, _ = run.communicate(timeout=30)
+    assert run.returncode == 130
+    assert out.startswith("interrupted: ")
+    trace = burrlab.load_trace(path)
+    assert trace.complete
+    assert trace.ended == "interrupted"
+    assert burrlab.replay(trace).equal
+
+
+def test_waiting_device_is_said(tmp_path):
+    """A network device without a server: the session says that it waits."""
+    said = []
+    device = burrlab.IgtlDevice("127.0.0.1", 9)
+    bone = burrlab.VoxelBone.block((8, 8, 3), 0.4)
+    tool = burrlab.Burr(3.0), burrlab.materials["bone"]
+    with burrlab.Session(bone, tool, device, seed=1, on_message=said.append) as session:
+        done = threading.Event()
+        for _ in range(100):
+            if said:
+                break
+            done.wait(0.1)
+        assert session.ticks == 0
+    assert said[0] == "no tick yet: the devices have not given a first position"

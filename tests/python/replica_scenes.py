@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import socket
 import struct
 import subprocess
@@ -245,10 +246,12 @@ print(json.dumps({"waited": ended, "digest": replica.digest(), **replica.status}
 class ReplicaProcess:
     """A replica in a process of its own."""
 
-    def __init__(self, port, seconds=120.0):
+    def __init__(self, port, seconds=120.0, cpu_path=None):
+        environment = dict(os.environ) if cpu_path is None else {**os.environ, "BURRLAB_CPU_PATH": cpu_path}
         self.process = subprocess.Popen(
-            [sys.executable, "-c", _REPLICA, str(port), str(seconds)], stdout=subprocess.PIPE, text=True
-        )
+            [sys.executable, "-c", _REPLICA, str(port), str(seconds)],
+            stdout=subprocess.PIPE, text=True, env=environment,
+        )  # fmt: skip
         assert self.process.stdout.readline() == "following\n"
 
     def kill(self):

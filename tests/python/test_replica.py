@@ -57,6 +57,16 @@ def test_replica_in_another_process(burrs, version, ticks, record_property, caps
     report(record_property, capsys, **counted(result), ticks=leader.tick)
 
 
+@pytest.mark.parametrize("path", _core.cpu_paths())
+def test_replica_on_another_cpu_path(path):
+    with Leader(burrs=2) as leader:
+        replica = ReplicaProcess(leader.port, cpu_path=path)
+        leader.run_to(1000)
+        leader.end()
+    result = replica.result()
+    check_equal(leader, result, result["digest"])
+
+
 @lengths(3000)
 def test_killed_and_restarted_replica_catches_up(ticks, record_property, capsys):
     with Leader() as leader:

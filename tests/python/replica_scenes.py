@@ -51,8 +51,11 @@ class Leader:
         self.tools = tools
         self.executor = _core.TickExecutor(make_bone(BLOCK), tools, seed)
         devices = [burrlab.HandDevice(start=start, strokes_after=0.0) for start in starts]
-        self.loop = _core.HapticLoop(self.executor, devices, wall_clock=wall_clock, ticks=ticks)
-        self.follower = _core.Follower(self.loop, digest_every=digest_every)
+        # On a busy machine threads may wait for seconds; the tests are of what is sent, not of when.
+        self.loop = _core.HapticLoop(
+            self.executor, devices, wall_clock=wall_clock, ticks=ticks, stall_limit=5000.0
+        )
+        self.follower = _core.Follower(self.loop, digest_every=digest_every, rebuild_after=60.0)
         self.publisher = open_publisher(self.follower, self.hello, **options)
 
     @property

@@ -30,6 +30,8 @@ void bind_burr_contact(pybind11::module_& m);
 void bind_force_controller(pybind11::module_& m);
 void bind_mean_field(pybind11::module_& m);
 void bind_session(pybind11::module_& m);
+void bind_haptic_loop(pybind11::module_& m);
+void bind_follower(pybind11::module_& m);
 void bind_device(pybind11::module_& m);
 void bind_stability(pybind11::module_& m);
 void bind_openigtlink(pybind11::module_& m);

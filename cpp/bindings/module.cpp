@@ -36,6 +36,8 @@ PYBIND11_MODULE(_core, m) {
   bind_force_controller(m);
   bind_mean_field(m);
   bind_session(m);
+  bind_haptic_loop(m);
+  bind_follower(m);
   bind_device(m);  // after the base class
   bind_stability(m);
   bind_openigtlink(m);

@@ -105,7 +105,7 @@ def _output_options(parser: argparse.ArgumentParser, plot: bool = True) -> None:
         parser.add_argument("--plot", metavar="FILE", help="write a figure (PNG, PDF, SVG by its ending)")
 
 
-def _experiment_options(parser: argparse.ArgumentParser) -> None:
+def _material_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--material", choices=sorted(burrlab.materials), default="bone", help="default: bone")
     parser.add_argument("--c-e", type=_positive, help="elastic constant instead of the material's [N/mm^2]")
     parser.add_argument("--alpha", type=_positive, help="erosion rate instead of the material's [1/ms]")
@@ -113,6 +113,10 @@ def _experiment_options(parser: argparse.ArgumentParser) -> None:
         "--shape", type=_shape, help="erosion shape f: parabolic, linear, quartic, constant, power(k)"
     )
     parser.add_argument("--radius", type=_positive, default=3.0, help="burr radius R [mm], default 3")
+
+
+def _experiment_options(parser: argparse.ArgumentParser) -> None:
+    _material_options(parser)
     parser.add_argument("--voxel", type=_positive, help="voxel spacing of the block [mm], default 0.1")
     parser.add_argument("--dt", type=_positive, default=1.0, help="tick [ms], default 1")
     parser.add_argument("--seed", type=_seed, help="default: drawn and recorded")

@@ -16,11 +16,11 @@ from burrlab.cli import (
     _deliver,
     _grey_map,
     _material,
+    _material_options,
     _output_options,
     _positive,
     _save,
     _seed,
-    _shape,
     _vector,
 )  # fmt: skip
 from burrlab.session.network import block_recipe, follow, make_bone, volume_recipe
@@ -59,13 +59,7 @@ def add_session_commands(command: AddCommand) -> None:
     )
     session.add_argument("--duration", type=_positive, metavar="S", help="[s], default until Ctrl-C")
     session.add_argument("--rate", type=_positive, default=1000.0, help="of the loop [Hz], default 1000")
-    session.add_argument(
-        "--material", choices=sorted(burrlab.materials), default="bone", help="default: bone"
-    )
-    session.add_argument("--c-e", type=_positive, help="elastic constant instead of the material's [N/mm^2]")
-    session.add_argument("--alpha", type=_positive, help="erosion rate instead of the material's [1/ms]")
-    session.add_argument("--shape", type=_shape, help="erosion shape f instead of the material's")
-    session.add_argument("--radius", type=_positive, default=3.0, help="burr radius R [mm], default 3")
+    _material_options(session)
     session.add_argument("--push", type=_positive, default=1.0, help="of a simulated hand [N], default 1")
     session.add_argument("--voxel", type=_positive, help="of the block of 30 x 30 x 10 mm [mm], default 0.1")
     session.add_argument("--volume", metavar="FILE", help="a grey volume instead of a block")

@@ -207,6 +207,7 @@ def _line(session: burrlab.Session) -> str:
 def _replica(options: Options) -> int:
     host, port = options.address
     replica = follow(host, port, volume=options.volume)
+    _say(f"following {host}, port {port}")
     interrupted, left = False, float("inf") if options.duration is None else options.duration
     try:
         while left > 0 and not replica.wait(min(1.0, left)):

@@ -91,31 +91,39 @@ def test_help_says_that_nobody_is_asked_who_he_is(capsys):
     assert "there is no authentication" in " ".join(capsys.readouterr().out.split())
 
 
-def test_leader_and_replica(tmp_path, capsys):
-    """Two processes; the replica's is interrupted in the middle and run again."""
-    command = [sys.executable, "-m", "burrlab"]
-    leader = subprocess.Popen(
-        [*command, "session", "--device", "hand", "--duration", "6", *FAST, "--publish", "0",
-         "--record", str(tmp_path / "leader.h5")],
-        stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    assert leader.stderr is not None
-    first = leader.stderr.readline()
+def start(*arguments):
+    """A command in a process of its own, and the first line that it says."""
+    run = subprocess.Popen(
+        [sys.executable, "-m", "burrlab", *arguments],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert run.stderr is not None
+    return run, run.stderr.readline()
+
+
+def test_leader_and_replica(tmp_path):
+    """Two processes; the replica's is interrupted in the middle and run again, then the leader's."""
+    path, bone = str(tmp_path / "leader.h5"), tmp_path / "bone.h5"
+    leader, first = start("session", "--device", "hand", *FAST, "--publish", "0", "--record", path)
     assert "published on 127.0.0.1, port" in first
-    port = first.split("port ")[1].split(";")[0]
-    early = subprocess.Popen([*command, "replica", f"127.0.0.1:{port}"], stdout=subprocess.PIPE, text=True)
-    time.sleep(2.5)
+    address = "127.0.0.1:" + first.split("port ")[1].split(";")[0]
+    early, first = start("replica", address)
+    assert first.startswith("burrlab: following 127.0.0.1, port ")
+    time.sleep(0.5)
     early.send_signal(signal.SIGINT)
-    assert "interrupted: True" in early.communicate(timeout=30)[0]
-    bone = tmp_path / "bone.h5"
-    assert main(["replica", f"127.0.0.1:{port}", "--save", str(bone), "--json", "-"]) == 0
-    status = json.loads(capsys.readouterr().out)
-    out, _ = leader.communicate(timeout=30)
-    assert leader.returncode == 0
-    assert "6000 ticks" in out
-    trace = burrlab.load_trace(tmp_path / "leader.h5")
+    assert "interrupted: True" in early.communicate(timeout=60)[0]
+    late, _ = start("replica", address, "--save", str(bone), "--json", "-")
+    time.sleep(0.5)
+    leader.send_signal(signal.SIGINT)
+    out, said = leader.communicate(timeout=60)
+    assert leader.returncode == 130, said
+    assert out.startswith("interrupted: ")
+    status = json.loads(late.communicate(timeout=60)[0])
+    trace = burrlab.load_trace(path)
     assert (status["tick"], status["digest"]) == trace.digests[-1]
-    assert status["ended"]
+    assert (status["ended"], status["reason"]) == (True, "interrupted")
     assert burrlab.load_bone(bone)[0].digest() == status["digest"]
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.ticker import FormatStrFormatter
 
 from burrlab.figures import FORCE, REFERENCE, new_figure, tidy
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from burrlab.session.trace_writer import TraceWriter
 
 _QUANTILES = (0.5, 0.99, 0.999)
+_COARSER = 4  # bins of a histogram drawn as one
 _NAMES = {
     "tick_time": "tick, CPU time",
     "wall_time": "tick, wall time",
@@ -152,13 +154,19 @@ class SessionReport:
         figure = new_figure(6.4, 3.2) if figure is None else figure
         all_axes = figure.subplots(1, 2)
         for axes, name in zip(all_axes, ("tick_time", "jitter"), strict=True):
-            counts = self.histograms[name].astype(float)
+            counts = self.histograms[name].reshape(-1, _COARSER).sum(axis=1).astype(float)
+            edges = np.append(self.edges[:-1:_COARSER], self.edges[-1])
             used = np.flatnonzero(counts)
             if used.size:
                 shown = slice(max(used[0] - 1, 0), min(used[-1] + 2, len(counts) - 1))
-                edges = np.maximum(self.edges[shown.start : shown.stop + 1], 0.05)
-                axes.stairs(counts[shown], edges, color=FORCE, fill=True)
-                axes.set(xscale="log", yscale="log", ylim=(0.5, None))
+                axes.stairs(
+                    counts[shown],
+                    np.maximum(edges[shown.start : shown.stop + 1], 0.05),
+                    color=FORCE,
+                    fill=True,
+                )
+                axes.set(xscale="log", yscale="log", ylim=(0.5, 20 * counts.max()))
+                axes.xaxis.set_major_formatter(FormatStrFormatter("%g"))
                 for q in _QUANTILES:
                     value = self.times[name][_key(q)]
                     axes.axvline(value, color=REFERENCE, linewidth=0.8, linestyle="--")

@@ -72,6 +72,8 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
         if recipe["kind"] == "block":
             size, voxel = [float(s) for s in recipe["size_mm"]], float(recipe["voxel_mm"])
             origin, level = [float(o) for o in recipe["origin_mm"]], int(recipe["level"])
+            if len(size) != 3 or len(origin) != 3:
+                raise ValueError("size_mm or origin_mm")
         elif recipe["kind"] == "volume":
             path = os.fspath(recipe["path"] if volume is None else volume)
             empty, solid = map(float, recipe["map"])

@@ -193,7 +193,8 @@ ValueError
            py::call_guard<py::gil_scoped_release>(),
            "Asks for the leader's hello for `timeout` [s]; whether it came.")
       .def_property_readonly(
-          "hello", [](const Replica& r) { return text_of(r.hello().text); }, "What the leader says of its session")
+          "hello", [](const Replica& r) { return text_of(r.hello().text); },
+          "What the leader says of its session")
       .def_property_readonly(
           "initial_digest", [](const Replica& r) { return r.hello().digest; },
           "Of the leader's initial volume")

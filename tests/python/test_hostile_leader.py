@@ -186,7 +186,10 @@ UNREADABLE = "hello of the leader at .* cannot be read"
         ({**HELLO, "source": {**BLOCK, "level": float("inf")}}, "recipe must be that of block_recipe"),
         ({**HELLO, "source": {**BLOCK, "size_mm": [1, 1, 1, 1]}}, "recipe must be that of block_recipe"),
         ({**HELLO, "source": {**BLOCK, "origin_mm": [0, 0]}}, "recipe must be that of block_recipe"),
-        ({**HELLO, "source": {**BLOCK, "size_mm": [1e300, 1e-300, 1]}}, "recipe must have at most 2e\\+08 voxels"),
+        (
+            {**HELLO, "source": {**BLOCK, "size_mm": [1e300, 1e-300, 1]}},
+            "recipe must have at most 2e\\+08 voxels",
+        ),
     ],
 )
 def test_hello_that_no_leader_says(text, message):

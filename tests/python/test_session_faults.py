@@ -159,7 +159,9 @@ class TestEnds:
             assert burrlab.replay(trace).equal
 
     def test_follower_forgotten_while_the_loop_runs(self):
-        loop = _core.HapticLoop(_core.TickExecutor(block(), [TOOL], 1), [burrlab.HandDevice()], realtime=False)
+        loop = _core.HapticLoop(
+            _core.TickExecutor(block(), [TOOL], 1), [burrlab.HandDevice()], realtime=False
+        )
         follower = _core.Follower(loop)
         loop.start()
         follower.start()
@@ -172,9 +174,11 @@ class TestEnds:
 class TestDevices:
     def test_one_session_at_a_time(self):
         hand = burrlab.HandDevice()
-        with session(hand, wall_clock=True, realtime=False):
-            with pytest.raises(ValueError, match="device 0 must serve one burr of one session at a time"):
-                session(hand).start()
+        with (
+            session(hand, wall_clock=True, realtime=False),
+            pytest.raises(ValueError, match="device 0 must serve one burr of one session at a time"),
+        ):
+            session(hand).start()
         with session(hand, duration=0.1) as after:
             assert after.wait(20)
 
@@ -256,7 +260,10 @@ class TestArguments:
         ("options", "message"),
         [
             ({"seed": -1}, r"seed must be a whole number from 0 and below 2\^64, got -1"),
-            ({"seed": 2**64}, r"seed must be a whole number from 0 and below 2\^64, got 18446744073709551616"),
+            (
+                {"seed": 2**64},
+                r"seed must be a whole number from 0 and below 2\^64, got 18446744073709551616",
+            ),
             ({"seed": 1.5}, r"seed must be a whole number .* got 1\.5"),
             ({"tick": 2**53}, r"tick must be a whole number from 0 and below 2\^53, got 9007199254740992"),
             ({"cpu": -2}, r"cpu must be a whole number from 0 and below 2\^31, got -2"),

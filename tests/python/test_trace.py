@@ -405,7 +405,7 @@ def test_without_hard_links(file, monkeypatch):
 
 def test_longer_than_a_file_can_be(file):
     """Said in a sentence, and nothing of it stays."""
-    with pytest.raises(OSError, match="could not be made|File too large|could not be written"):
+    with pytest.raises(OSError, match=r"could not be made|File too large"):
         writer(file, duration=1e14)
     assert list(file.parent.iterdir()) == []
 

@@ -91,7 +91,15 @@ def told_as_damage(path: str | os.PathLike[str]) -> Iterator[None]:
     """Whatever the content of a broken file leads to, a ValueError that names the file."""
     try:
         yield
-    except (LookupError, OSError, TypeError, ValueError, ArithmeticError, AttributeError, RuntimeError) as error:
+    except (
+        LookupError,
+        OSError,
+        TypeError,
+        ValueError,
+        ArithmeticError,
+        AttributeError,
+        RuntimeError,
+    ) as error:
         if isinstance(error, ValueError) and str(error).startswith(f"{path} is "):
             raise
         raise ValueError(f"{path} is damaged: {error}") from None

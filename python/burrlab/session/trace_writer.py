@@ -108,9 +108,14 @@ class TraceWriter:
         on_end: Callable[[str], object] | None = None,
     ) -> None:
         self.path = Path(path)
-        _check(tools, seed, first_tick, {"period": period, "duration": duration, "digest_every": digest_every})
+        _check(
+            tools, seed, first_tick, {"period": period, "duration": duration, "digest_every": digest_every}
+        )
         header = Header(tools, seed, period, scheme, first_tick, devices, source, _json(note))
-        rows, digests = max(1, math.ceil(duration * 1000.0 / period)), math.ceil(duration / min(digest_every, 1.0)) + 16
+        rows, digests = (
+            max(1, math.ceil(duration * 1000.0 / period)),
+            math.ceil(duration / min(digest_every, 1.0)) + 16,
+        )
         self._part = Path(f"{self.path}.part")
         if self.path.exists():
             raise FileExistsError(f"path must be a new file, {self.path} exists")

@@ -232,7 +232,7 @@ void stopped_by_many() {
     Run run(settings);
     run.loop->start();
     std::vector<std::thread> threads;
-    for (int i = 0; i < 8; ++i) threads.emplace_back([&] { run.loop->stop(i % 2 ? "" : "stopped"); });
+    for (int i = 0; i < 8; ++i) threads.emplace_back([&run, i] { run.loop->stop(i % 2 ? "" : "stopped"); });
     for (std::thread& thread : threads) thread.join();
     CHECK(run.loop->reason() == "stopped");
     CHECK(!run.loop->running());

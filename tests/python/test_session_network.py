@@ -157,6 +157,12 @@ def test_replica_is_started_once(leader):
     replica.stop()
 
 
+def test_volume_recipe_is_absolute(tmp_path, monkeypatch):
+    """A replica is seldom run in the leader's folder."""
+    monkeypatch.chdir(tmp_path)
+    assert volume_recipe("here.nrrd", 0, 1)["path"] == str(tmp_path / "here.nrrd")
+
+
 def test_hello_with_what_json_has_not():
     loop = _core.HapticLoop(
         _core.TickExecutor(make_bone(BLOCK), [(burrlab.Burr(3.0), burrlab.materials["bone"])], 1),

@@ -47,8 +47,8 @@ def block_recipe(
 
 
 def volume_recipe(path: str | os.PathLike[str], empty: float, solid: float) -> Recipe:
-    """The recipe of `read_volume(path).to_bone(empty, solid)`."""
-    return {"kind": "volume", "path": os.fspath(path), "map": [float(empty), float(solid)]}
+    """The recipe of `read_volume(path).to_bone(empty, solid)`; the path is made absolute, for replicas run elsewhere."""
+    return {"kind": "volume", "path": os.path.abspath(path), "map": [float(empty), float(solid)]}
 
 
 def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | None = None) -> VoxelBone:

@@ -45,6 +45,7 @@ rebuild_after : float
 )")
       .def(py::init([](std::shared_ptr<HapticLoop> loop, std::uint64_t digest_every, double stiffness_every,
                        double rebuild_after) {
+             if (!loop) throw std::invalid_argument("loop must be a HapticLoop, got None");
              return std::make_shared<Follower>(
                  std::move(loop), FollowerSettings{digest_every, stiffness_every, rebuild_after});
            }),
@@ -107,6 +108,19 @@ rebuild_after : float
           "the limit is exceeded in "
           "this "
           "hole), warning (ratio above 0.8); nan where the device does not say its damping.")
+      .def(
+          "digests_since",
+          [](const Follower& f, std::size_t known) {
+            std::vector<DigestAt> digests;
+            {
+              const py::gil_scoped_release release;
+              digests = f.digests(known);
+            }
+            py::list out;
+            for (const DigestAt& at : digests) out.append(py::make_tuple(at.tick, at.digest));
+            return out;
+          },
+          py::arg("known"), "`digests` without the first `known`.")
       .def("digest", &Follower::digest, py::call_guard<py::gil_scoped_release>(), "Of the bone now.")
       .def(
           "snapshot",
@@ -120,10 +134,12 @@ rebuild_after : float
             return py::make_tuple(bone, tick);
           },
           "(copy of the bone, ticks it has seen)")
-      .def("view", &Follower::view, "A consumer's own view: what changed since it last asked.")
+      .def("view", &Follower::view, py::keep_alive<0, 1>(),
+           "A consumer's own view: what changed since it last asked.")
       .def(
           "take",
           [](Follower& f, BoneView& view) {
+            if (!view.is_of(f)) throw std::invalid_argument("view must be one of this follower");
             BoneView::Update update;
             {
               const py::gil_scoped_release release;

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <optional>
 
+#include "burrlab/check.hpp"
 #include "burrlab/session/haptic_loop.hpp"
 #include "records.hpp"
 
@@ -73,6 +74,7 @@ void bind_haptic_loop(py::module_& m) {
   bind_counts(m);
   py::class_<LoopReader>(m, "RecordReader", "One reader's place in a loop's ring of records.")
       .def(py::init([](const std::shared_ptr<HapticLoop>& loop) {
+             if (!loop) throw std::invalid_argument("loop must be a HapticLoop, got None");
              auto reader = std::make_shared<RecordReader>(loop->ring());
              if (!loop->started()) loop->wait_for(reader);
              return LoopReader{loop, reader};
@@ -118,12 +120,15 @@ coupling : float, optional
 Raises
 ------
 ValueError
-    If there is not one device a burr, the rate is above 10 kHz, or a limit or the coupling is not positive.
+    If there is not one device a burr, the rate is above 10 kHz or, on the wall clock, below 2 a `stall_limit`, or a
+    limit or the coupling is not positive.
 )")
       .def(py::init([](std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
                        bool wall_clock, bool realtime, int cpu, double stall_limit, double ring,
                        std::uint64_t ticks, double force_limit, double slew_limit,
                        std::optional<double> coupling) {
+             if (!executor) throw std::invalid_argument("executor must be a TickExecutor, got None");
+             if (cpu < -1) refuse("cpu", "-1 or the number of a CPU", cpu);
              LoopSettings settings;
              settings.wall_clock = wall_clock;
              settings.realtime.priority = settings.realtime.lock_memory = realtime;

@@ -15,6 +15,13 @@ struct BoundPublisher {
   std::shared_ptr<Publisher> publisher;
 };
 
+/// Text of a peer, which may be no UTF-8.
+py::str text_of(const std::string& bytes) {
+  PyObject* text = PyUnicode_DecodeUTF8(bytes.data(), static_cast<py::ssize_t>(bytes.size()), "replace");
+  if (!text) throw py::error_already_set();
+  return py::reinterpret_steal<py::str>(text);
+}
+
 py::dict to_dict(const openigtlink::Counters& counters) {
   py::dict dropped;
   for (std::size_t i = 0; i < counters.dropped.size(); ++i)
@@ -79,7 +86,7 @@ py::dict to_dict(const ReplicaStatus& s, const Replica& replica) {
   out["divergences"] = divergences;
   out["ended"] = s.ended;
   out["failed"] = s.failed;
-  out["reason"] = s.reason;
+  out["reason"] = text_of(s.reason);
   out["messages"] = s.received.messages;
   out["dropped"] = to_dict(s.received);
   return out;
@@ -122,6 +129,7 @@ ValueError
       .def(py::init([](const std::shared_ptr<Follower>& follower, const std::string& host, int port,
                        const std::string& hello, int header_version, double log, std::size_t most_peers,
                        std::size_t most_behind, std::uint64_t thin_after) {
+             if (!follower) throw std::invalid_argument("follower must be a Follower, got None");
              const PublisherSettings settings{host, port,       hello,       header_version,
                                               log,  most_peers, most_behind, thin_after};
              auto publisher = std::make_shared<Publisher>(*follower, settings);
@@ -185,7 +193,8 @@ ValueError
            py::call_guard<py::gil_scoped_release>(),
            "Asks for the leader's hello for `timeout` [s]; whether it came.")
       .def_property_readonly(
-          "hello", [](const Replica& r) { return r.hello().text; }, "What the leader says of its session")
+          "hello", [](const Replica& r) { return text_of(r.hello().text); },
+          "What the leader says of its session")
       .def_property_readonly(
           "initial_digest", [](const Replica& r) { return r.hello().digest; },
           "Of the leader's initial volume")

@@ -187,6 +187,105 @@ void follower() {
   CHECK(view->take().bricks.empty());
 }
 
+/// A device whose start throws.
+struct Unwilling : TestDevice {
+  void start(double) override { throw std::invalid_argument("no power"); }
+};
+
+/// What a device throws is passed on; those before it are halted and free again, and nothing hangs.
+void device_that_does_not_start() {
+  const auto well = std::make_shared<TestDevice>();
+  HapticLoop loop(executor(1.0, 2), {well, std::make_shared<Unwilling>()}, virtual_clock(10));
+  Follower follower(std::shared_ptr<HapticLoop>(&loop, [](HapticLoop*) {}));
+  follower.start();
+  CHECK_THROWS(loop.start(), "no power");
+  CHECK(loop.started() && !loop.running() && loop.failed());
+  CHECK(loop.reason() == "the loop could not be started: no power");
+  CHECK(loop.wait(1.0));
+  CHECK(well->halted);
+  CHECK(well->claim());
+  loop.stop();
+  follower.stop();
+  CHECK_THROWS(loop.start(), "loop must be started once");
+}
+
+/// All devices are at zero before the first is stopped.
+void zero_before_stop() {
+  struct Slow : TestDevice {
+    std::shared_ptr<TestDevice> other;
+    bool other_was_halted = false;
+    void stop() noexcept override { other_was_halted = other->halted; }
+  };
+  const auto first = std::make_shared<Slow>();
+  const auto second = first->other = std::make_shared<TestDevice>();
+  HapticLoop loop(executor(1.0, 2), {first, second}, virtual_clock(10));
+  loop.start();
+  CHECK(loop.wait(20.0));
+  loop.stop();
+  CHECK(first->other_was_halted);
+}
+
+void stopped_by_many() {
+  LoopSettings settings;
+  settings.realtime.priority = settings.realtime.lock_memory = false;
+  for (int round = 0; round < 5; ++round) {
+    Run run(settings);
+    run.loop->start();
+    std::vector<std::thread> threads;
+    for (int i = 0; i < 8; ++i) threads.emplace_back([&run, i] { run.loop->stop(i % 2 ? "" : "stopped"); });
+    for (std::thread& thread : threads) thread.join();
+    CHECK(run.loop->reason() == "stopped");
+    CHECK(!run.loop->running());
+  }
+}
+
+/// A first reading that ends the session, well or not.
+void first_reading() {
+  using Status = DeviceReading::Status;
+  for (const Status status : {Status::finished, Status::lost}) {
+    Run run(virtual_clock(10));
+    run.device->what = [status](int, DeviceReading& reading) { reading.status = status; };
+    run.to_end();
+    CHECK(run.loop->counts().ticks == 0);
+    CHECK(run.loop->failed() == (status == Status::lost));
+    CHECK(run.device->halted && run.device->last == Vec3::Zero());
+  }
+}
+
+/// A long limit of a stall does not keep `stop` waiting.
+void long_stall_limit() {
+  LoopSettings settings;
+  settings.stall_limit = 1e6;
+  Run run(settings);
+  run.loop->start();
+  const std::int64_t begin = steady_now();
+  run.loop->stop();
+  CHECK(steady_now() - begin < 20000000000);
+}
+
+/// A rebuilt follower's newest record is that of its last tick.
+void newest_after_rebuild() {
+  const auto loop = std::make_shared<HapticLoop>(
+      executor(), std::vector<std::shared_ptr<Device>>{std::make_shared<TestDevice>()}, virtual_clock(200));
+  Follower follower(loop);
+  loop->start();
+  CHECK(loop->wait(20.0));
+  follower.ask_rebuild();
+  follower.start();
+  follower.stop();
+  CHECK(follower.status().rebuilds == 1);
+  CHECK(follower.newest().index == 199);
+  CHECK(follower.digest() == loop->executor()->bone()->digest());
+  CHECK_THROWS(follower.add(nullptr), "listener must be added before the follower is started");
+}
+
+void clocks() {
+  const std::int64_t now = steady_now();
+  CHECK(steady_after(1e300) > now + 1000000000000 && steady_after(HUGE_VAL) > now + 1000000000000);
+  CHECK(steady_after(-1.0) - now < 1000000000 && steady_after(NAN) - now < 1000000000);
+  CHECK(steady_after(1.0) - now >= 1000000000);
+}
+
 void refusals() {
   const auto one = executor();
   const auto device = std::make_shared<TestDevice>();
@@ -196,6 +295,7 @@ void refusals() {
   LoopSettings settings;
   settings.stall_limit = 0.0;
   CHECK_THROWS(HapticLoop(one, {device}, settings), "stall_limit must be positive");
+  CHECK_THROWS(HapticLoop(executor(51.0), {device}, {}), "period must be at most half the limit of a stall");
   CHECK_THROWS(executor(1.0, 3), "number of burrs must be 1 or 2, got 3");
   CHECK_THROWS(executor(0.0), "period must be positive");
   CHECK_THROWS(executor(2000.0), "alpha dt must be at most 1000");
@@ -209,6 +309,13 @@ int main() {
   ends();
   stall();
   follower();
+  device_that_does_not_start();
+  zero_before_stop();
+  stopped_by_many();
+  first_reading();
+  long_stall_limit();
+  newest_after_rebuild();
+  clocks();
   refusals();
   return check::report();
 }

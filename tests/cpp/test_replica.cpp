@@ -21,7 +21,7 @@ using openigtlink::Message;
 
 namespace {
 
-const std::string digest = "0123456789abcdef0123456789ABCDEF";
+const std::string digest = "0123456789abcdef0123456789abcdef";
 
 Message message_of(const Bytes& bytes) {
   Message message;

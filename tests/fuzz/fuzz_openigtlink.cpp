@@ -8,6 +8,7 @@
 #include <random>
 #include <string>
 
+#include "burrlab/network/replica_protocol.hpp"
 #include "openigtlink_target.hpp"
 
 namespace {
@@ -52,7 +53,10 @@ class Mutator {
       envelope.metadata = &metadata;
     }
     Bytes bytes;
-    switch (below(4)) {
+    switch (below(5)) {
+      case 4:
+        encode_protocol(bytes, envelope.version);
+        break;
       case 0:
         encode_a_transform(bytes, envelope);
         break;
@@ -68,6 +72,43 @@ class Mutator {
       }
     }
     return bytes;
+  }
+
+  /// What leaders and replicas say to one another.
+  void encode_protocol(Bytes& bytes, int version) {
+    using namespace burrlab::replica_protocol;
+    const std::string digest(digest_digits, "0123456789abcdef"[below(16)]);
+    const std::string text(below(30), char(random_()));
+    switch (below(7)) {
+      case 0:
+        return encode(bytes, version, Word{Holds(below(4)), random_(), random_() >> below(64), digest});
+      case 1:
+        return encode(bytes, version, Hello{std::uint32_t(below(3)), random_(), below(1000), digest, text});
+      case 2:
+        return encode(bytes, version, Digest{random_() >> below(64), digest});
+      case 3:
+        return encode(bytes, version, Idle{random_() >> below(64)});
+      case 4:
+        return encode(bytes, version, End{random_() >> below(64), digest, std::uint32_t(below(3)), text});
+      case 5: {
+        const Bytes some(below(4) * brick_bytes, std::uint8_t(random_()));
+        const auto first = std::uint32_t(below(3)), total = std::uint32_t(below(8));
+        return encode(bytes, version, Bricks{below(1000), digest, total, first, {some.data(), some.size()}});
+      }
+      default: {
+        TickMessage tick;
+        tick.record.index = random_() >> (11 + below(53));
+        tick.record.k = std::uint32_t(below(10));
+        tick.record.burrs = std::uint32_t(below(4));
+        for (burrlab::BurrRecord& burr : tick.record.burr) {
+          for (double& c : burr.center) c = number();
+          for (double& f : burr.force) f = number();
+          burr.penetration = number();
+          burr.removed = std::int64_t(below(1000));
+        }
+        return encode(bytes, version, tick);
+      }
+    }
   }
 
   void encode_a_transform(Bytes& bytes, const Envelope& envelope) {

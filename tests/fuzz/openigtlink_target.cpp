@@ -7,6 +7,8 @@
 #include <cstring>
 #include <memory>
 
+#include "burrlab/network/replica_protocol.hpp"
+
 namespace fuzz {
 namespace {
 
@@ -70,6 +72,40 @@ void check_arrays(const Message& message, const Envelope& envelope) {
   }
 }
 
+/// What a leader or a replica accepted can be, and said again is the same.
+template <class Content>
+void check_protocol(const Message& message, Content content) {
+  using namespace burrlab::replica_protocol;
+  if (!decode(message, content)) return;
+  if constexpr (std::is_same_v<Content, TickMessage>) {
+    REQUIRE(content.record.k >= 1 && content.record.k <= burrlab::most_periods);
+    REQUIRE(content.record.burrs >= 1 && content.record.burrs <= burrlab::most_burrs);
+    for (std::uint32_t i = 0; i < content.record.burrs; ++i)
+      for (const double c : content.record.burr[i].center) REQUIRE(std::isfinite(c));
+  }
+  if constexpr (std::is_same_v<Content, Bricks>) {
+    REQUIRE(within(content.bricks, message.content) && content.bricks.size % brick_bytes == 0);
+    REQUIRE(content.first + content.bricks.size / brick_bytes <= content.total);
+  }
+  Bytes first, second;
+  encode(first, message.header.version, content);
+  const Message said = again(first);
+  REQUIRE(decode(said, content));
+  encode(second, message.header.version, content);
+  REQUIRE(equal(again(second).content, said.content));
+}
+
+void check_protocols(const Message& message) {
+  using namespace burrlab::replica_protocol;
+  check_protocol(message, Word{});
+  check_protocol(message, Hello{});
+  check_protocol(message, TickMessage{});
+  check_protocol(message, Digest{});
+  check_protocol(message, Bricks{});
+  check_protocol(message, Idle{});
+  check_protocol(message, End{});
+}
+
 void check(const Message& message) {
   const Header& header = message.header;
   REQUIRE(header.version == 1 || header.version == 2);
@@ -85,6 +121,7 @@ void check(const Message& message) {
   check_transform(message, envelope);
   check_sensor(message, envelope);
   check_arrays(message, envelope);
+  check_protocols(message);
 }
 
 std::uint64_t next(std::uint64_t& state) {  // splitmix64

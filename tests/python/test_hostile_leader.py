@@ -1,6 +1,7 @@
 """A replica of a leader that says what no leader may: it gives the connection up, says why, and its bone stays as it was."""
 
 import contextlib
+import json
 import socket
 import struct
 import threading
@@ -12,7 +13,7 @@ from replica_scenes import BLOCK, TOOL, soon
 
 import burrlab
 from burrlab import _core
-from burrlab.session.network import make_bone
+from burrlab.session.network import follow, make_bone
 
 BONE = make_bone(BLOCK)
 DIGEST = BONE.digest().encode()
@@ -156,3 +157,77 @@ def test_silence_is_noticed():
         assert soon(lambda: replica.status["tick"] == 1)
         assert soon(lambda: replica.status["faults"] >= 1, 5)
         assert replica.status["last_faults"][0][2] == "the connection ended, or nothing came for 1 s"
+
+
+def test_text_that_is_no_utf8():
+    """Of the end's reason: it is still told, and so is all else of the status."""
+    with following(hello(), say("end", struct.pack(">Q32sI", 0, DIGEST, 1) + b"bad \xff end")) as replica:
+        assert soon(lambda: replica.status["ended"])
+        assert replica.status["reason"] == "bad \ufffd end"
+
+
+HELLO = {
+    "seed": 1, "rate_Hz": 1000.0, "scheme": "layer", "tools": [TOOL], "source": BLOCK,
+}  # fmt: skip
+UNREADABLE = "hello of the leader at .* cannot be read"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b"[" * 500_000, UNREADABLE),
+        (b"\xff\xfe{}", UNREADABLE),
+        ({**HELLO, "seed": float("inf")}, UNREADABLE),
+        ({**HELLO, "seed": -1}, UNREADABLE),
+        ({**HELLO, "rate_Hz": 10**400}, UNREADABLE),
+        ({**HELLO, "rate_Hz": 0}, UNREADABLE),
+        ({**HELLO, "tools": "ab"}, UNREADABLE),
+        ({**HELLO, "source": [1]}, UNREADABLE),
+        ({**HELLO, "source": {**BLOCK, "level": float("inf")}}, "recipe must be that of block_recipe"),
+        ({**HELLO, "source": {**BLOCK, "size_mm": [1, 1, 1, 1]}}, "recipe must be that of block_recipe"),
+        ({**HELLO, "source": {**BLOCK, "origin_mm": [0, 0]}}, "recipe must be that of block_recipe"),
+        (
+            {**HELLO, "source": {**BLOCK, "size_mm": [1e300, 1e-300, 1]}},
+            "recipe must have at most 2e\\+08 voxels",
+        ),
+    ],
+)
+def test_hello_that_no_leader_says(text, message):
+    """One sentence, whatever it holds."""
+    text = text if isinstance(text, bytes) else json.dumps(text).encode()
+    said = say("hello", struct.pack(">IQQ32s", 1, 5, 0, DIGEST) + text)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def answer():
+            with contextlib.suppress(OSError), listener.accept()[0] as peer:
+                peer.recv(4096)
+                peer.sendall(said)
+                peer.recv(1)
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        with pytest.raises(ValueError, match=message):
+            follow("127.0.0.1", listener.getsockname()[1], timeout=5.0)
+        thread.join(10)
+
+
+def test_digest_that_is_none():
+    """It would end up in a sentence."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def answer():
+            with listener.accept()[0] as peer:
+                peer.recv(4096)
+                peer.sendall(hello(digest=b"\xff" * 32))
+                peer.recv(1)
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        assert not _core.Replica("127.0.0.1", listener.getsockname()[1]).fetch_hello(0.3)
+        thread.join(10)
+
+
+@pytest.mark.parametrize("timeout", [0.0, -1.0, float("nan")])
+def test_timeout(timeout):
+    with pytest.raises(ValueError, match="timeout must be positive, got"):
+        follow("127.0.0.1", 9, timeout=timeout)

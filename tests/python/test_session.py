@@ -242,7 +242,7 @@ class TestRefusals:
         run = session(duration=0.1)
         with run:
             run.wait()
-        with pytest.raises(ValueError, match="loop must be started once"):
+        with pytest.raises(ValueError, match="session must be started once"):
             run.start()
 
     def test_never_started(self):

@@ -175,3 +175,19 @@ def test_replica_is_started_once(leader):
     with pytest.raises(ValueError, match="hello must be fetched before the replica is started"):
         replica.fetch_hello()
     replica.stop()
+
+
+def test_volume_recipe_is_absolute(tmp_path, monkeypatch):
+    """A replica is seldom run in the leader's folder."""
+    monkeypatch.chdir(tmp_path)
+    assert volume_recipe("here.nrrd", 0, 1)["path"] == str(tmp_path / "here.nrrd")
+
+
+def test_hello_with_what_json_has_not():
+    loop = _core.HapticLoop(
+        _core.TickExecutor(make_bone(BLOCK), [(burrlab.Burr(3.0), burrlab.materials["bone"])], 1),
+        [burrlab.HandDevice()],
+    )
+    hello = {"seed": 1, "rate_Hz": 1000.0, "scheme": "layer", "tools": [], "force": float("nan")}
+    with pytest.raises(ValueError, match="hello must be what JSON holds"):
+        open_publisher(_core.Follower(loop), hello)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import textwrap
@@ -371,10 +372,49 @@ def test_a_file_that_is_not_whole_has_not_its_name(file, monkeypatch):
         assert not file.exists()
         raise OSError(5, "killed here")
 
-    monkeypatch.setattr(trace_writer.Path, "rename", killed)
+    monkeypatch.setattr(trace_writer, "_name", killed)
     with pytest.raises(OSError, match="killed here"):
         writer(file)
     assert list(file.parent.iterdir()) == []
+
+
+def test_a_file_that_comes_between(file, monkeypatch):
+    """Another session takes the name while this one makes its file: its trace stays."""
+    create = trace_writer.create
+
+    def slow(*args, **settings):
+        places = create(*args, **settings)
+        file.write_text("theirs")
+        return places
+
+    monkeypatch.setattr(trace_writer, "create", slow)
+    with pytest.raises(FileExistsError, match="path must be a new file"):
+        writer(file)
+    assert file.read_text() == "theirs"
+    assert list(file.parent.iterdir()) == [file]
+
+
+def test_without_hard_links(file, monkeypatch):
+    def refuse(*_):
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr(trace_writer.os, "link", refuse)
+    writer(file).stop()
+    assert burrlab.load_trace(file).complete
+
+
+def test_longer_than_a_file_can_be(file):
+    """Said in a sentence, and nothing of it stays."""
+    with pytest.raises(OSError, match=r"could not be made|File too large"):
+        writer(file, duration=1e14)
+    assert list(file.parent.iterdir()) == []
+
+
+def test_started_once(file):
+    made = writer(file)
+    made.stop()
+    with pytest.raises(ValueError, match="recording must be started once: it has been started or stopped"):
+        made.start()
 
 
 def test_a_folder_that_is_not_there(tmp_path):
@@ -476,3 +516,50 @@ def test_counts_lie_within_a_page_and_before_the_tables(file, duration):
     assert max(small) < min(at.ticks, at.digests)
     assert all(place % 64 == 0 for place in [*small, at.ticks, at.digests])
     made.stop()
+
+
+def _set(name, value):
+    def change(trace):
+        trace.attrs[name] = value
+
+    return change
+
+
+def _replace(name, data):
+    def change(trace):
+        del trace[name]
+        trace[name] = data
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        _set("burrs", 3), _set("burrs", "two"), _set("burrs", np.inf), _set("seed", "x"), _set("period_ms", "long"),
+        _set("first_tick", -1.5), _set("format_version", "new"), _set("initial_digest", [1, 2]),
+        _replace("note", "{not JSON"), _replace("note", np.bytes_(b"\xff\xfe")), _replace("note", 5),
+        _replace("ticks", 5), _replace("recorded", np.zeros(3)),
+        _replace("volume/density", np.zeros(5, np.uint8)), _replace("volume/density", np.zeros((2, 2, 2))),
+        lambda trace: trace.__delitem__("tools/0"), lambda trace: trace["tools/0"].attrs.__setitem__("shape", "odd"),
+        lambda trace: trace["tools/0"].attrs.__setitem__("radius_mm", np.nan),
+        lambda trace: trace["volume"].attrs.__setitem__("spacing_mm", [0.0, 1.0, 1.0]),
+        lambda trace: trace["volume"].attrs.__setitem__("tick", "late"),
+    ],
+)  # fmt: skip
+def test_content_that_no_session_wrote(file, records, change):
+    """Refused in a sentence that names the file."""
+    record(file, records[:20])
+    with h5py.File(file, "r+") as trace:
+        change(trace)
+    with pytest.raises(ValueError, match=rf"^{re.escape(str(file))} is "):
+        burrlab.load_trace(file)
+
+
+def test_cut_short(file, records):
+    record(file, records[:200])
+    whole = file.read_bytes()
+    for part in np.linspace(0, len(whole) - 1, 40, dtype=int):
+        file.write_bytes(whole[:part])
+        with pytest.raises(ValueError, match=rf"^{re.escape(str(file))} is "):
+            burrlab.load_trace(file)

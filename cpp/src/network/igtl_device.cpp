@@ -20,6 +20,12 @@ IgtlDevice::IgtlDevice(const std::string& host, int port, const std::string& dev
     : MailboxDevice(lost_after, "igtl:" + host + ":" + std::to_string(port)),
       reader_(host, port, device_name, [this](const NetworkPose& pose) { take(pose); }) {}
 
+void IgtlDevice::start(double period) {
+  if (reader_.stopped())
+    throw std::invalid_argument("IgtlDevice must be new: its connection was closed after a session");
+  MailboxDevice::start(period);
+}
+
 void IgtlDevice::take(const NetworkPose& pose) {
   const Vec3 position(pose.position[0], pose.position[1], pose.position[2]);
   const double step = last_.count ? step_between(last_, pose) : 0.0;

@@ -88,6 +88,7 @@ Publisher::Publisher(Follower& follower, const PublisherSettings& settings)
 void Publisher::stop() {
   stopping_.store(true);
   server_.wake();
+  const std::lock_guard<std::mutex> lock(life_mutex_);
   if (thread_.joinable()) thread_.join();
 }
 
@@ -193,7 +194,7 @@ void Publisher::finish(Follower& follower, const std::string& reason, bool faile
     ended_ = true;
   }
   server_.wake();
-  const std::int64_t until = steady_now() + std::int64_t(linger * 1e9);
+  const std::int64_t until = steady_after(linger);
   const auto awaited = [this] {
     const std::lock_guard<std::mutex> lock(mutex_);
     return status_.replicas > 0 || !missing_.empty();

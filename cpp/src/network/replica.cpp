@@ -27,8 +27,9 @@ Replica::Replica(const std::string& host, int port) : client_(host, port) {}
 
 bool Replica::fetch_hello(double timeout) {
   require_positive("timeout", timeout);
-  if (thread_.joinable()) throw std::invalid_argument("hello must be fetched before the replica is started");
-  const std::int64_t until = steady_now() + std::int64_t(timeout * 1e9);
+  const std::lock_guard<std::mutex> lock(life_mutex_);
+  if (started_) throw std::invalid_argument("hello must be fetched before the replica is started");
+  const std::int64_t until = steady_after(timeout);
   const auto left = [until] { return 1e-9 * double(until - steady_now()); };
   bool found = false;
   do {
@@ -54,7 +55,8 @@ bool Replica::fetch_hello(double timeout) {
 }
 
 void Replica::start(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup) {
-  if (thread_.joinable()) throw std::invalid_argument("replica must be started once: it has been");
+  const std::lock_guard<std::mutex> life(life_mutex_);
+  if (started_) throw std::invalid_argument("replica must be started once: it has been");
   if (!bone) throw std::invalid_argument("bone must be a VoxelBone, got None");
   if (hello_.session == 0) throw std::invalid_argument("hello must be fetched before the replica is started");
   if (hello_.version != replica_protocol::version)
@@ -69,17 +71,21 @@ void Replica::start(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup) 
   bone_ = std::move(followed);
   status_.tick = hello_.first_tick;
   thread_ = std::thread([this] { run(); });
+  started_ = true;
 }
 
 void Replica::stop(const std::string& reason) {
   client_.stop();
-  if (thread_.joinable()) thread_.join();
+  {
+    const std::lock_guard<std::mutex> lock(life_mutex_);
+    if (thread_.joinable()) thread_.join();
+  }
   const std::lock_guard<std::mutex> lock(mutex_);
   end(reason, false);
 }
 
 bool Replica::wait(double seconds) {
-  const std::int64_t until = steady_now() + std::int64_t(seconds * 1e9);
+  const std::int64_t until = steady_after(seconds);
   for (;;) {
     {
       const std::lock_guard<std::mutex> lock(mutex_);

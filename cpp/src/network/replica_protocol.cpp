@@ -43,6 +43,10 @@ bool open(const Message& message, Kind kind, ByteView& bytes) {
   return kind_of(message) == kind && openigtlink::decode_ndarray_uint8(message, bytes) == Drop::none;
 }
 
+bool is_digest(const std::string& text) {
+  return text.find_first_not_of("0123456789abcdef") == std::string::npos;
+}
+
 /// A whole number from 0 to `most`.
 template <class Integer>
 bool whole(double value, double most, Integer& integer) {
@@ -90,7 +94,7 @@ bool decode(const Message& message, Hello& hello) {
   ByteReader reader(bytes);
   reader.number(hello.version).number(hello.session).number(hello.first_tick);
   reader.text(digest_digits, hello.digest).rest(hello.text);
-  return reader.ended() && hello.session != 0;
+  return reader.ended() && hello.session != 0 && is_digest(hello.digest);
 }
 
 void encode(Bytes& out, int header_version, const TickMessage& tick) {

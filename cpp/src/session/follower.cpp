@@ -29,21 +29,30 @@ Follower::Follower(std::shared_ptr<HapticLoop> loop, const FollowerSettings& set
   digests_.push_back({bone_.tick(), bone_.digest().text()});
 }
 
-Follower::~Follower() { stop(); }
+Follower::~Follower() {
+  abandoned_.store(true);
+  stop();
+}
 
-void Follower::add(std::shared_ptr<TickListener> listener) { listeners_.push_back(std::move(listener)); }
+void Follower::add(std::shared_ptr<TickListener> listener) {
+  if (started_.load()) throw std::invalid_argument("listener must be added before the follower is started");
+  listeners_.push_back(std::move(listener));
+}
 
 void Follower::start() {
-  if (!thread_.joinable()) thread_ = std::thread([this] { run(); });
+  const std::lock_guard<std::mutex> lock(life_mutex_);
+  if (!started_.exchange(true)) thread_ = std::thread([this] { run(); });
 }
 
 void Follower::stop() {
   stopping_.store(true);
+  const std::lock_guard<std::mutex> lock(life_mutex_);
   if (thread_.joinable()) thread_.join();
 }
 
 void Follower::run() {
   for (;;) {
+    if (abandoned_.load()) return;
     const bool last = stopping_.load() && !loop_->running();
     const bool worked = turn();
     if (last && !worked) break;
@@ -137,6 +146,7 @@ void Follower::rebuild() {
     }
     bone_.executor().set_tick(tick);
     reader_->skip_to(until);
+    any_ |= until > 0 && ring->read(until - 1, newest_);
     ++status_.rebuilds;
     for (const auto& listener : listeners_) listener->on_rebuild(tick);
     return;
@@ -162,9 +172,9 @@ FollowerStatus Follower::status() const {
   return status;
 }
 
-std::vector<DigestAt> Follower::digests() const {
+std::vector<DigestAt> Follower::digests(std::size_t from) const {
   const std::lock_guard<std::mutex> lock(mutex_);
-  return digests_;
+  return {digests_.begin() + std::ptrdiff_t(std::min(from, digests_.size())), digests_.end()};
 }
 
 StiffnessAt Follower::stiffness(std::size_t burr) const {
@@ -182,8 +192,9 @@ StabilityReport Follower::stability(std::size_t burr) const {
     return stability_report(at.force, k, setup.tools[burr], loop_->devices()[burr]->model(), setup.period,
                             at.age, 0.0, spring > 0.0 ? spring : std::numeric_limits<double>::infinity());
   };
-  StabilityReport report = report_of(at.stiffness);
-  const StabilityReport worst = report_of(std::max(at.stiffness, at.stiffest));
+  // Where a thin wall gives way the force falls on the way in: no spring, and no limit to it.
+  StabilityReport report = report_of(std::max(at.stiffness, 0.0));
+  const StabilityReport worst = report_of(std::max({at.stiffness, at.stiffest, 0.0}));
   report.ratio = worst.ratio;
   report.warning = worst.warning;
   return report;

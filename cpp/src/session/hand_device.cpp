@@ -57,6 +57,7 @@ void HandDevice::start(double period) {
   time_ = depth_ = 0.0;
   read_ = false;
   last_reading_ = reading();
+  halted_.store(false, std::memory_order_release);
 }
 
 void HandDevice::aim(double time) noexcept {

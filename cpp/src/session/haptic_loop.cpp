@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <exception>
 
 #include "burrlab/check.hpp"
 
@@ -43,6 +44,8 @@ HapticLoop::HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::
   for (const auto& device : devices_)
     if (!device) throw std::invalid_argument("device must be a Device, got None");
   require_positive("stall_limit", settings.stall_limit);
+  if (settings.wall_clock && executor_->setup().period > 0.5 * settings.stall_limit)
+    refuse("period", "at most half the limit of a stall on the wall clock", executor_->setup().period);
   record_.burrs = std::uint32_t(devices_.size());
   guards_.assign(devices_.size(), ForceGuard(settings.force_limit, settings.slew_limit));
   if (settings.coupling != 0.0) couplings_.assign(devices_.size(), VirtualCoupling(settings.coupling));
@@ -52,34 +55,66 @@ HapticLoop::HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::
 HapticLoop::~HapticLoop() { stop(); }
 
 void HapticLoop::wait_for(std::shared_ptr<const RecordReader> reader) {
-  if (started_) throw std::invalid_argument("reader must be added before the loop is started");
-  readers_.push_back(std::move(reader));
+  if (started()) throw std::invalid_argument("reader must be added before the loop is started");
+  readers_.push_back(reader);
 }
 
 void HapticLoop::start() {
-  if (started_) throw std::invalid_argument("loop must be started once: it has been");
-  started_ = true;
-  executor_->bone()->touch();
-  for (const auto& device : devices_) device->start(1e-3 * executor_->setup().period);
+  const std::lock_guard<std::mutex> lock(life_mutex_);
+  if (started()) throw std::invalid_argument("loop must be started once: it has been");
+  claim_devices();
   running_.store(true, std::memory_order_release);
-  thread_ = std::thread([this] { run(); });
-  while (heartbeat_.load(std::memory_order_acquire) == 0)
-    std::this_thread::sleep_for(std::chrono::microseconds(100));
-  if (settings_.wall_clock) watchdog_ = std::thread([this] { watch(); });
+  started_.store(true, std::memory_order_release);
+  try {
+    executor_->bone()->touch();
+    for (const auto& device : devices_) device->start(1e-3 * executor_->setup().period);
+    thread_ = std::thread([this] { run(); });
+    while (heartbeat_.load(std::memory_order_acquire) == 0)
+      std::this_thread::sleep_for(std::chrono::microseconds(100));
+    if (settings_.wall_clock) watchdog_ = std::thread([this] { watch(); });
+  } catch (const std::exception& error) {  // of a device, or a system that gives no thread
+    end(std::string("the loop could not be started: ") + error.what(), true);
+    if (!thread_.joinable()) {
+      stop_devices();
+      running_.store(false, std::memory_order_release);
+    }
+    join();
+    throw;
+  }
 }
 
 void HapticLoop::stop(const std::string& reason) {
-  if (!started_) return;
-  if (running()) end(reason, false);
+  const std::lock_guard<std::mutex> lock(life_mutex_);
+  if (!started()) return;
+  if (running()) end(reason.empty() ? "stopped" : reason, false);
+  join();
+}
+
+/// The devices are free for another loop only when nobody of this one can halt them any more.
+void HapticLoop::join() {
   stopping_.store(true, std::memory_order_release);
   if (thread_.joinable()) thread_.join();
   if (watchdog_.joinable()) watchdog_.join();
+  if (claimed_)
+    for (const auto& device : devices_) device->release();
+  claimed_ = false;
+}
+
+void HapticLoop::claim_devices() {
+  for (std::size_t i = 0; i < devices_.size(); ++i) {
+    if (devices_[i]->claim()) continue;
+    for (std::size_t j = 0; j < i; ++j) devices_[j]->release();
+    throw std::invalid_argument("device " + std::to_string(i) +
+                                " must serve one burr of one session at a time: it serves another");
+  }
+  claimed_ = true;
 }
 
 bool HapticLoop::wait(double seconds) {
-  const std::int64_t until = steady_now() + std::llround(seconds * 1e9);
-  while (running() && steady_now() < until) std::this_thread::sleep_for(std::chrono::milliseconds(5));
-  return !running();
+  const std::int64_t until = steady_after(seconds);
+  const auto ended = [this] { return started() && !running(); };
+  while (!ended() && steady_now() < until) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  return ended();
 }
 
 void HapticLoop::end(const std::string& reason, bool failed) {
@@ -116,6 +151,13 @@ EnergyGiven HapticLoop::energy(std::size_t burr) const {
 
 void HapticLoop::halt_devices() noexcept {
   for (const auto& device : devices_) device->halt();
+}
+
+/// All are at zero before the first is stopped: that may take a while.
+void HapticLoop::stop_devices() noexcept {
+  for (const auto& device : devices_) device->write(Vec3::Zero());
+  halt_devices();
+  for (const auto& device : devices_) device->stop();
 }
 
 // Deadline n lies n periods after the start. A tick stands for all deadlines since the last one.
@@ -160,11 +202,7 @@ void HapticLoop::run() {
       break;
     }
   }
-  for (const auto& device : devices_) {
-    device->write(Vec3::Zero());
-    device->halt();
-    device->stop();
-  }
+  stop_devices();
   if (settings_.wall_clock && settings_.realtime.lock_memory) unlock_memory();
   running_.store(false, std::memory_order_release);
 }
@@ -245,8 +283,12 @@ bool HapticLoop::tick(std::uint64_t periods, double time) {
 
 // On a virtual clock nothing is lost because a reader is slow.
 void HapticLoop::make_room() {
+  const auto is_behind = [this](const std::weak_ptr<const RecordReader>& weak) {
+    const auto reader = weak.lock();  // one that nobody holds any more will never read
+    return reader && reader->behind() + 1 >= ring_->capacity() / 2;
+  };
   for (const auto& reader : readers_)
-    while (reader->behind() + 1 >= ring_->capacity() / 2 && !stopping_.load(std::memory_order_acquire))
+    while (is_behind(reader) && !stopping_.load(std::memory_order_acquire))
       std::this_thread::sleep_for(std::chrono::milliseconds(1));
 }
 
@@ -258,8 +300,9 @@ void HapticLoop::watch() {
   ++request.level;
   become_realtime(request);
   const std::int64_t limit = to_nanoseconds(settings_.stall_limit);
+  const std::int64_t pause = std::clamp<std::int64_t>(limit / 10, 100000, 10000000);
   while (running() && !stopping_.load(std::memory_order_acquire)) {
-    sleep_until(steady_now() + limit / 10);
+    sleep_until(steady_now() + pause);
     const std::int64_t last = heartbeat_.load(std::memory_order_acquire), silent = steady_now() - last;
     if (silent <= limit + period_ || !running()) continue;
     halt_devices();

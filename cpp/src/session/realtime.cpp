@@ -93,4 +93,9 @@ void unlock_memory() noexcept {}
 
 #endif
 
+std::int64_t steady_after(double seconds) noexcept {
+  constexpr double longest = 3.2e9;  // [s]
+  return steady_now() + (seconds > 0.0 ? std::int64_t(1e9 * (seconds < longest ? seconds : longest)) : 0);
+}
+
 }  // namespace burrlab

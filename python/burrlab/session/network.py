@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import reprlib
 import time
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -56,8 +57,8 @@ def block_recipe(
 
 
 def volume_recipe(path: str | os.PathLike[str], empty: float, solid: float) -> Recipe:
-    """The recipe of `read_volume(path).to_bone(empty, solid)`."""
-    return {"kind": "volume", "path": os.fspath(path), "map": [float(empty), float(solid)]}
+    """The recipe of `read_volume(path).to_bone(empty, solid)`; the path is made absolute, for replicas run elsewhere."""
+    return {"kind": "volume", "path": os.path.abspath(path), "map": [float(empty), float(solid)]}
 
 
 def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | None = None) -> VoxelBone:
@@ -88,11 +89,11 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
             raise KeyError("kind")
     except _UNREADABLE:
         raise ValueError(
-            f"recipe must be that of block_recipe or volume_recipe, got {dict(recipe)!r}"
+            f"recipe must be that of block_recipe or volume_recipe, got {reprlib.repr(recipe)}"
         ) from None
     if recipe["kind"] == "volume":
         return read_volume(path).to_bone(empty, solid)
-    if voxel > 0 and not (voxels := math.prod(s / voxel for s in size)) <= MOST_VOXELS:
+    if voxel > 0 and not (voxels := math.prod(max(s / voxel, 1.0) for s in size)) <= MOST_VOXELS:
         raise ValueError(f"recipe must have at most {MOST_VOXELS:.3g} voxels, got {voxels:.3g}")
     return VoxelBone.block(size, voxel, origin=origin, level=level)
 
@@ -120,12 +121,15 @@ def open_publisher(
     Raises
     ------
     ValueError
-        If the hello lacks something, nobody can listen there, or an option is out of range.
+        If the hello lacks something or is not JSON, nobody can listen there, or an option is out of range.
     """
     for name in _NEEDED:
         if name not in hello:
             raise ValueError(f"hello must hold {', '.join(_NEEDED)}, got none of {name}")
-    text = json.dumps(dict(hello), default=str)
+    try:
+        text = json.dumps(dict(hello), default=str, allow_nan=False)
+    except ValueError as error:
+        raise ValueError(f"hello must be what JSON holds: {error}") from None
     return Publisher(follower, host=host, port=port, hello=text, header_version=header_version, **options)
 
 
@@ -161,11 +165,13 @@ def follow(
     ConnectionError
         If no leader answers.
     ValueError
-        If the address cannot be looked up, the leader's hello cannot be read or has no recipe of the bone, or the
+        If the timeout is not positive, the address cannot be looked up, the leader's hello cannot be read or has no recipe of the bone, or the
         bone here is not the leader's.
     FileNotFoundError
         If the volume is not here.
     """
+    if not timeout > 0:
+        raise ValueError(f"timeout must be positive, got {timeout!r}")
     replica = Replica(host, port)
     until = time.monotonic() + timeout
     while not replica.fetch_hello(0.5):

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import atexit
+import contextlib
+import json
+import operator
 import os
 import secrets
 import threading
+import weakref
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
@@ -18,6 +23,8 @@ if TYPE_CHECKING:
 
 Tool = tuple[Burr, Material]
 
+_EXACT = 2**53  # ticks are told to replicas as float64
+_LEAST_RATE = 20.0  # a stall is told from a period by it [Hz]
 _LOOK = 0.05  # [s] between two looks of the housekeeping thread
 _PATIENCE = 2.0  # with devices that have given no position [s]
 
@@ -28,15 +35,16 @@ class Session:
     Parameters
     ----------
     bone : VoxelBone
-        Copied; `bone` of the session is what becomes of it.
+        Copied; `snapshot` gives what becomes of it.
     tools : (Burr, Material) or list of them
         One a burr, at most two; they act in this order within a tick.
     devices : Device or list of them
-        One a burr: `HandDevice`, `ScriptedDevice`, `ReplayDevice`, `MailboxDevice`, `IgtlDevice`.
+        One a burr: `HandDevice`, `ScriptedDevice`, `ReplayDevice`, `MailboxDevice`, `IgtlDevice`. A device serves one
+        session at a time.
     seed : int, optional
         None draws one; `seed` tells it.
     rate : float
-        Of the loop [Hz], up to 10 000.
+        Of the loop [Hz], up to 10 000; on the wall clock at least 20.
     scheme : {"layer", "cell"}
         See `BurrContact`.
     tick : int
@@ -66,12 +74,13 @@ class Session:
     digest_every : float
         Between digests [s].
     on_message : callable, optional
-        Called with each sentence that someone should read at once, from another thread; all are in `messages`.
+        Called with each sentence that someone should read at once, from another thread; all are in `messages`. It may
+        stop the session, but not wait for its end.
 
     Raises
     ------
     ValueError
-        If there is not one device a burr, or a number is out of range.
+        If there is not one device a burr, a number is out of range, or the source is not JSON.
     FileExistsError
         If the trace exists.
     OSError
@@ -116,25 +125,33 @@ class Session:
     ) -> None:
         self.tools: list[Tool] = _tools(tools)
         self.devices = [devices] if isinstance(devices, Device) else list(devices)
-        self.seed = secrets.randbits(64) if seed is None else seed
+        self.seed = secrets.randbits(64) if seed is None else _whole("seed", seed, 2**64, "2^64")
+        tick = _whole("tick", tick, _EXACT, "2^53")
+        # NumPy's numbers are welcome, and JSON knows Python's only.
+        rate, force_limit, slew_limit = float(rate), float(force_limit), float(slew_limit)
+        coupling = None if coupling is None else float(coupling)
         if not rate > 0:
             raise ValueError(f"rate must be positive, got {rate!r}")
+        if wall_clock and rate < _LEAST_RATE:
+            raise ValueError(f"rate must be at least {_LEAST_RATE:g} Hz on the wall clock, got {rate!r}")
         if duration is not None and not 0 < duration < 1e9:
             raise ValueError(f"duration must be positive, got {duration!r}")
-        if not digest_every > 0:
+        if not 0 < digest_every < 1e9:
             raise ValueError(f"digest_every must be positive, got {digest_every!r}")
+        recipe = _plain(source)
         period = 1e3 / rate
         start = bone.copy()
         self._executor = TickExecutor(start, self.tools, self.seed, period=period, scheme=scheme, tick=tick)
         ticks = 0 if duration is None else max(1, round(duration * rate))
         self._loop = HapticLoop(
             self._executor, self.devices, wall_clock=wall_clock, realtime=realtime,
-            cpu=-1 if cpu is None else cpu, ticks=ticks,
+            cpu=-1 if cpu is None else _whole("cpu", cpu, 2**31, "2^31"), ticks=ticks,
             force_limit=force_limit, slew_limit=slew_limit, coupling=coupling,
         )  # fmt: skip
-        self._follower = Follower(self._loop, digest_every=max(1, round(digest_every * rate)))
+        ticks_a_digest = max(1, round(digest_every * rate))
+        self._follower = Follower(self._loop, digest_every=ticks_a_digest)
         self.provenance = provenance(
-            seed=self.seed, rate_Hz=rate, scheme=scheme, first_tick=tick, digest=start.digest(), source=dict(source or {}),
+            seed=self.seed, rate_Hz=rate, scheme=scheme, first_tick=tick, digest=start.digest(), source=recipe,
             tools=[{"radius_mm": b.radius, "c_e_N_per_mm2": m.c_e, "alpha_per_ms": m.alpha, "shape": m.shape.name,
                     "material": m.name} for b, m in self.tools],
             devices=[device.name for device in self.devices],
@@ -152,26 +169,42 @@ class Session:
             )
         if record is not None:
             room = DEFAULT_DURATION if duration is None else duration + 1.0
-            self._writer = TraceWriter(
-                record, RecordReader(self._loop), start, self.tools, seed=self.seed, period=period,
-                scheme=scheme, first_tick=tick, devices=[device.name for device in self.devices],
-                source=str(self.provenance["source"]), note=self.provenance, duration=room, on_end=self._say,
-            )  # fmt: skip
+            try:
+                self._writer = TraceWriter(
+                    record, RecordReader(self._loop), start, self.tools, seed=self.seed, period=period,
+                    scheme=scheme, first_tick=tick, devices=[device.name for device in self.devices],
+                    source=str(recipe), note=self.provenance, duration=room, digest_every=ticks_a_digest * period / 1e3,
+                    on_end=self._say,
+                )  # fmt: skip
+            except BaseException:
+                if self._publisher is not None:
+                    self._publisher.stop()  # whoever keeps the exception keeps the port
+                raise
         self._digests = 0
         self._warned: set[int] = set()
+        self._finishing = threading.Lock()
+        self._saying = threading.local()
+        self._process = os.getpid()
         self._done = threading.Event()
         self._housekeeper = threading.Thread(target=self._keep_house, name="burrlab session", daemon=True)
 
     def start(self) -> Session:
-        """Starts all threads; once. ValueError the second time."""
-        self._loop.start()
-        self._follower.start()
-        if self._writer is not None:
-            self._writer.start()
-        self._housekeeper.start()
-        for note in self._loop.realtime_notes:
-            if "not granted" in note or "not available" in note:
-                self._say(note)
+        """Starts all threads; once. ValueError the second time, or if a device serves another session."""
+        if self._loop.started or self._done.is_set():
+            raise ValueError("session must be started once: it has been started or stopped")
+        _stop_at_exit(self)
+        try:
+            self._loop.start()
+            self._follower.start()
+            if self._writer is not None:
+                self._writer.start()
+            self._housekeeper.start()
+            for note in self._loop.realtime_notes:
+                if "not granted" in note or "not available" in note:
+                    self._say(note)
+        except BaseException as error:  # Ctrl-C as well: without it nobody would stop the loop
+            self.stop(f"stopped by {type(error).__name__}")
+            raise
         return self
 
     def wait(self, seconds: float | None = None) -> bool:
@@ -183,13 +216,17 @@ class Session:
         return self._done.is_set()
 
     def stop(self, reason: str = "stopped") -> None:
-        """Ends the session, and waits until all ticks are followed, recorded and published. Further calls do nothing."""
-        if self._loop.started:
-            self._loop.stop(reason)
-            if self._housekeeper.ident is not None:
-                self._housekeeper.join()
-        elif not self._done.is_set():
-            self._close(reason)
+        """Ends the session, and waits until all ticks are followed, recorded and published. Further calls do nothing.
+
+        Called by `on_message` it does not wait.
+        """
+        self._loop.stop(reason)
+        if getattr(self._saying, "now", False):  # maybe in the thread that would be waited for
+            return
+        if self._housekeeper.ident is not None:
+            self._housekeeper.join()
+        else:
+            self._finish(reason)
 
     def __enter__(self) -> Session:
         return self.start()
@@ -251,35 +288,54 @@ class Session:
 
     def _say(self, text: str) -> None:
         self.messages.append(text)
-        if self._on_message is not None:
+        if self._on_message is None:
+            return
+        self._saying.now = True
+        try:
             self._on_message(text)
+        except Exception as error:  # it must not end what it is told of
+            self.messages.append(f"on_message failed: {error!r}")
+        finally:
+            self._saying.now = False
 
     def _keep_house(self) -> None:
         """Looks after the parts while the loop runs, and ends them after it."""
-        waited = 0.0
+        waited, well = 0.0, True
         while not self._loop.wait(_LOOK):
-            self._hand_digests()
-            if self._loop.counts.ticks == 0 and waited < _PATIENCE <= waited + _LOOK:
-                self._say("no tick yet: the devices have not given a first position")
-            waited += _LOOK
-            for burr in range(len(self.tools)):
-                self._warn_of_stiffness(burr)
-        self._follower.stop()
-        self._hand_digests()
-        if self._loop.failed:
-            self._say(self._loop.reason)
-        self._close(self._loop.reason)
+            try:
+                self._hand_digests()
+                if self._loop.counts.ticks == 0 and waited < _PATIENCE <= waited + _LOOK:
+                    self._say("no tick yet: the devices have not given a first position")
+                waited += _LOOK
+                for burr in range(len(self.tools)):
+                    self._warn_of_stiffness(burr)
+            except Exception as error:  # whoever waits for the end depends on this thread
+                if well:
+                    self._say(f"the session goes on without warnings: {error!r}")
+                well = False
+        self._finish(self._loop.reason)
 
-    def _close(self, reason: str) -> None:
-        if self._writer is not None:
-            self._writer.stop(reason)
-            if self._writer.warning:
-                self._say(self._writer.warning)
-        if self._publisher is not None:
+    def _finish(self, reason: str) -> None:
+        """Ends the parts after the loop, once; `wait` returns whatever happens here."""
+        with self._finishing, contextlib.ExitStack() as last:
+            if self._done.is_set():
+                return
+            last.callback(self._done.set)
+            if self._publisher is not None:
+                last.callback(self._publisher.stop)
+            self._loop.stop()  # it has ended, and now lets go of its devices
             if self._loop.started:
+                reason = self._loop.reason
+                self._follower.stop()
+                self._hand_digests()
+            if self._loop.failed:
+                self._say(reason)
+            if self._writer is not None:
+                self._writer.stop(reason)
+                if self._writer.warning:
+                    self._say(self._writer.warning)
+            if self._publisher is not None and self._loop.started:
                 self._publisher.finish(reason, failed=self._loop.failed)
-            self._publisher.stop()
-        self._done.set()
 
     def _warn_of_stiffness(self, burr: int) -> None:
         at = self._follower.stability(burr)
@@ -294,10 +350,43 @@ class Session:
     def _hand_digests(self) -> None:
         if self._writer is None:
             return
-        digests = self._follower.digests
-        for tick, digest in digests[self._digests :]:
+        for tick, digest in self._follower.digests_since(self._digests):
             self._writer.add_digest(tick, digest)
-        self._digests = len(digests)
+            self._digests += 1
+
+
+_to_stop: weakref.WeakSet[Session] = weakref.WeakSet()
+
+
+def _stop_at_exit(session: Session) -> None:
+    """Remembers a session that nobody may stop: its threads would meet an interpreter that is gone."""
+    _to_stop.add(session)
+    atexit.unregister(_stop_all)  # registered last it runs first, before what writing a trace needs is gone
+    atexit.register(_stop_all)
+
+
+def _stop_all() -> None:
+    for session in list(_to_stop):
+        if session._process == os.getpid():  # a fork has no threads to wait for
+            session.stop("the program ended")
+
+
+def _whole(name: str, value: int, end: int, end_text: str) -> int:
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = -1
+    if not 0 <= number < end:
+        raise ValueError(f"{name} must be a whole number from 0 and below {end_text}, got {value!r}")
+    return number
+
+
+def _plain(source: Mapping[str, Any] | None) -> dict[str, Any]:
+    try:
+        plain: dict[str, Any] = json.loads(json.dumps(dict(source or {}), allow_nan=False))
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"source must be what JSON holds: {error}") from None
+    return plain
 
 
 def _tools(tools: Tool | Sequence[Tool]) -> list[Tool]:

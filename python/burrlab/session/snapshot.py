@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -80,11 +82,27 @@ def load_bone(path: str | os.PathLike[str]) -> tuple[VoxelBone, int]:
     OSError
         If the file cannot be read.
     """
-    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file:
-        try:
-            return read_bone(file)
-        except (KeyError, OSError) as error:
-            raise ValueError(f"{path} is damaged: {error}") from None
+    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file, told_as_damage(path):
+        return read_bone(file)
+
+
+@contextlib.contextmanager
+def told_as_damage(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Whatever the content of a broken file leads to, a ValueError that names the file."""
+    try:
+        yield
+    except (
+        LookupError,
+        OSError,
+        TypeError,
+        ValueError,
+        ArithmeticError,
+        AttributeError,
+        RuntimeError,
+    ) as error:
+        if isinstance(error, ValueError) and str(error).startswith(f"{path} is "):
+            raise
+        raise ValueError(f"{path} is damaged: {error}") from None
 
 
 def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File:
@@ -99,7 +117,12 @@ def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File
         if "truncated" in str(error):
             raise ValueError(f"{path} is damaged: it was cut short") from None
         raise ValueError(f"{path} is not a {kind}: not an HDF5 file") from None
-    found, version = file.attrs.get("format"), file.attrs.get("format_version", 0)
+    try:
+        with told_as_damage(path):
+            found, version = file.attrs.get("format"), int(file.attrs.get("format_version", 0))
+    except ValueError:
+        file.close()
+        raise
     if found == kind and 1 <= version <= newest:
         return file
     file.close()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from burrlab._core import Burr, Material, VoxelBone
 from burrlab.dataset import frame
-from burrlab.session.snapshot import open_hdf5, read_bone
+from burrlab.session.snapshot import open_hdf5, read_bone, told_as_damage
 from burrlab.session.trace_file import BURR_COLUMNS, FORMAT, FORMAT_VERSION, TICK_COLUMNS, row_dtype
 
 if TYPE_CHECKING:
@@ -190,11 +190,8 @@ def load_trace(path: str | os.PathLike[str]) -> Trace:
     OSError
         If it cannot be read.
     """
-    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file:
-        try:
-            return _read(file, Path(path))
-        except (KeyError, OSError, TypeError) as error:
-            raise ValueError(f"{path} is damaged: {error}") from None
+    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file, told_as_damage(path):
+        return _read(file, Path(path))
 
 
 def _read(file: h5py.File, path: Path) -> Trace:

@@ -66,6 +66,8 @@ class TraceWriter:
         What else is worth keeping, as safety parameters; JSON.
     duration : float
         Length that there is room for, at one tick a period [s]; recording stops there.
+    digest_every : float
+        Between digests that there is room for [s].
     on_end : callable, optional
         Called with the reason, from the writer's thread, at once when recording ends by itself: the ring was overrun,
         the disk is full or fails, there is no room left.
@@ -73,7 +75,8 @@ class TraceWriter:
     Raises
     ------
     ValueError
-        If there are not one or two tools, a seed, tick, period or duration is out of range, or the note is not JSON.
+        If there are not one or two tools, a seed, tick, period, duration or digest_every is out of range, or the note
+        is not JSON.
     FileExistsError
         If the file exists.
     OSError
@@ -101,22 +104,32 @@ class TraceWriter:
         source: str = "",
         note: Mapping[str, Any] | None = None,
         duration: float = DEFAULT_DURATION,
+        digest_every: float = 1.0,
         on_end: Callable[[str], object] | None = None,
     ) -> None:
         self.path = Path(path)
-        _check(tools, seed, period, first_tick, duration)
+        _check(
+            tools, seed, first_tick, {"period": period, "duration": duration, "digest_every": digest_every}
+        )
         header = Header(tools, seed, period, scheme, first_tick, devices, source, _json(note))
-        rows, digests = max(1, math.ceil(duration * 1000.0 / period)), math.ceil(duration) + 16
+        rows, digests = (
+            max(1, math.ceil(duration * 1000.0 / period)),
+            math.ceil(duration / min(digest_every, 1.0)) + 16,
+        )
         self._part = Path(f"{self.path}.part")
         if self.path.exists():
             raise FileExistsError(f"path must be a new file, {self.path} exists")
         try:  # a kill while the file is made leaves none of this name
             self._places = create(self._part, header, bone, capacity=rows, digest_capacity=digests)
-            self._part.rename(self.path)
-        except OSError:
-            self._part.unlink(missing_ok=True)
+            _name(self._part, self.path)
+        except BaseException as error:
+            with contextlib.suppress(OSError):
+                self._part.unlink(missing_ok=True)
+            if isinstance(error, RuntimeError):  # as HDF5 says that a disk or a limit is too small
+                raise OSError(f"{self.path} could not be made: {error}") from None
             raise
-        self._reader, self._burrs, self._first, self._on_end = reader, len(tools), first_tick, on_end
+        self._reader: Reader | None = reader
+        self._burrs, self._first, self._on_end = len(tools), first_tick, on_end
         self._row_bytes = row_dtype(self._burrs).itemsize
         self._recorded = self._digests_recorded = 0
         self._ended, self._compact_error = "", ""
@@ -161,6 +174,9 @@ class TraceWriter:
             self._pending.append((tick, digest))
 
     def start(self) -> None:
+        """Once, before `stop`; ValueError else."""
+        if self._stopping is not None or self._thread.ident is not None:
+            raise ValueError("recording must be started once: it has been started or stopped")
         self._thread.start()
 
     def stop(self, reason: str = "stopped") -> None:
@@ -198,11 +214,12 @@ class TraceWriter:
             self._end(f"recording failed: {error}")
         finally:
             os.close(self._file)
+            self._reader = None  # a loop on a virtual clock would wait for it
         if not self._complete and self._on_end is not None:
             self._on_end(self._ended)
 
     def _empty_ring(self, last: bool) -> None:
-        while not self._ended:
+        while not self._ended and self._reader is not None:
             records, lost = self._reader.take(_MOST)
             if len(records):
                 self._write_ticks(records)
@@ -290,6 +307,18 @@ def _write(file: int, data: bytes | memoryview, at: int) -> int:
     return os.pwrite(file, data, at)
 
 
+def _name(part: Path, path: Path) -> None:
+    """Gives a file its name, unless another has it by now."""
+    try:
+        os.link(part, path)
+    except FileExistsError:
+        raise FileExistsError(f"path must be a new file, {path} exists") from None
+    except OSError:  # a file system without hard links
+        part.rename(path)
+    else:
+        part.unlink()
+
+
 def _json(note: Mapping[str, Any] | None) -> str:
     try:
         return json.dumps(dict(note or {}), allow_nan=False)
@@ -298,13 +327,13 @@ def _json(note: Mapping[str, Any] | None) -> str:
 
 
 def _check(
-    tools: Sequence[tuple[Burr, Material]], seed: int, period: float, first_tick: int, duration: float
+    tools: Sequence[tuple[Burr, Material]], seed: int, first_tick: int, spans: Mapping[str, float]
 ) -> None:
     if not 1 <= len(tools) <= 2:
         raise ValueError(f"number of tools must be 1 or 2, got {len(tools)}")
     if not 0 <= seed < 2**64:
         raise ValueError(f"seed must be a whole number from 0 and below 2^64, got {seed}")
     check_tick(first_tick)
-    for name, value in (("period", period), ("duration", duration)):
+    for name, value in spans.items():
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be positive, got {value}")

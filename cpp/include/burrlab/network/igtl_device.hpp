@@ -16,6 +16,7 @@ class IgtlDevice : public MailboxDevice {
   IgtlDevice(const std::string& host, int port, const std::string& device_name = "",
              double lost_after = 100.0);
 
+  void start(double period) override;  ///< throws after `stop`
   void stop() noexcept override { reader_.stop(); }
   ReaderCounters counters() const { return reader_.counters(); }
   bool connected() const { return reader_.connected(); }

@@ -114,7 +114,8 @@ class Publisher : public TickListener {
   replica_protocol::End end_;
   PublisherStatus status_;
 
-  std::thread thread_;  // the last member: it uses the others
+  std::mutex life_mutex_;  // of the thread; the thread itself never takes it
+  std::thread thread_;     // the last member: it uses the others
 };
 
 }  // namespace burrlab

@@ -119,6 +119,8 @@ class Replica {
   std::vector<std::uint8_t> changed_;  // bricks, for `take_changed`
   ReplicaStatus status_;
 
+  std::mutex life_mutex_;  // of the thread; the thread itself never takes it
+  bool started_ = false;
   std::thread thread_;
 };
 

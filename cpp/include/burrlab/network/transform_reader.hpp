@@ -52,6 +52,7 @@ class TransformReader {
   ReaderCounters counters() const;
   /// Ends the thread, at once; not from within `receive`.
   void stop();
+  bool stopped() const { return client_.stopped(); }
 
  private:
   void run();

@@ -1,6 +1,7 @@
 // What moves the burr and feels the force: a haptic device, a simulated hand, a recording, a network peer.
 #pragma once
 
+#include <atomic>
 #include <limits>
 #include <string>
 
@@ -34,19 +35,27 @@ class Device {
  public:
   virtual ~Device() = default;
 
-  /// Before the first tick: the loop's period [s].
+  /// Before the first tick: the loop's period [s]. May throw: the session does not start then.
   virtual void start(double period) { static_cast<void>(period); }
   /// Newest reading. `time` [s] since the start of the session; `periods` since the last reading, at least 1.
   virtual DeviceReading read(double time, std::uint64_t periods) noexcept = 0;
   /// Force on the hand [N], once a tick.
   virtual void write(const Vec3& force) noexcept = 0;
-  /// Force zero from now on, for good, whoever calls: the watchdog does, from another thread.
+  /// Force zero from now on until another session starts, whoever calls: the watchdog does, from another
+  /// thread.
   virtual void halt() noexcept = 0;
   /// After the last tick.
   virtual void stop() noexcept {}
 
   virtual std::string name() const = 0;  ///< for the session's report
   virtual DeviceModel model() const { return {}; }
+
+  /// Taken by a loop; false where another has it.
+  bool claim() noexcept { return !claimed_.exchange(true, std::memory_order_acq_rel); }
+  void release() noexcept { claimed_.store(false, std::memory_order_release); }
+
+ private:
+  std::atomic<bool> claimed_{false};
 };
 
 }  // namespace burrlab

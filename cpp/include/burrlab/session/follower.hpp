@@ -65,16 +65,16 @@ class Follower {
  public:
   /// Before the loop is started: copies its bone.
   Follower(std::shared_ptr<HapticLoop> loop, const FollowerSettings& settings = {});
-  ~Follower();
+  ~Follower();  ///< does not wait for the loop's end
   Follower(const Follower&) = delete;
   Follower& operator=(const Follower&) = delete;
 
-  void add(std::shared_ptr<TickListener> listener);  ///< before `start`
+  void add(std::shared_ptr<TickListener> listener);  ///< before `start`; throws after it
   void start();
   void stop();  ///< executes what is left in the ring first
 
   FollowerStatus status() const;
-  std::vector<DigestAt> digests() const;
+  std::vector<DigestAt> digests(std::size_t from = 0) const;  ///< all but the first `from`
   StiffnessAt stiffness(std::size_t burr) const;
   /// The stiffness against the limits of the burr's device; ratio and warning are those of the stiffest
   /// direction.
@@ -103,8 +103,9 @@ class Follower {
   FollowerSettings settings_;
   std::shared_ptr<RecordReader> reader_;
   std::vector<std::shared_ptr<TickListener>> listeners_;
+  std::mutex life_mutex_;  // of the thread; the thread itself never takes it
   std::thread thread_;
-  std::atomic<bool> stopping_{false}, rebuild_asked_{false};
+  std::atomic<bool> started_{false}, stopping_{false}, abandoned_{false}, rebuild_asked_{false};
 
   mutable std::mutex mutex_;  // of all below; the loop never takes it
   mutable FollowedBone bone_;
@@ -129,6 +130,7 @@ class BoneView {
   };
   explicit BoneView(Follower& follower) : follower_(&follower) {}
   Update take();
+  bool is_of(const Follower& follower) const { return &follower == follower_; }
 
  private:
   friend class Follower;

@@ -50,11 +50,12 @@ class HapticLoop {
   HapticLoop(const HapticLoop&) = delete;
   HapticLoop& operator=(const HapticLoop&) = delete;
 
-  void start();  ///< once; returns when the thread runs
+  /// Once; returns when the thread runs. Throws what a device throws, and where one serves another loop.
+  void start();
   /// Ends the session with this reason, unless it has ended, and waits for the thread.
   void stop(const std::string& reason = "stopped");
   bool running() const { return running_.load(std::memory_order_acquire); }
-  bool started() const { return started_; }
+  bool started() const { return started_.load(std::memory_order_acquire); }
   bool wait(double seconds);  ///< until it ends; whether it has
 
   /// Why the session ended; empty while it runs.
@@ -75,7 +76,7 @@ class HapticLoop {
   std::uint64_t first_tick() const { return first_tick_; }  ///< index of record 0 of the ring
   const LoopSettings& settings() const { return settings_; }
   const std::vector<std::shared_ptr<Device>>& devices() const { return devices_; }
-  /// On a virtual clock the loop waits for this reader before it overruns it.
+  /// On a virtual clock the loop waits for this reader, as long as it lives, before it overruns it.
   void wait_for(std::shared_ptr<const RecordReader> reader);
 
  private:
@@ -86,7 +87,10 @@ class HapticLoop {
   bool send_forces();
   void end(const std::string& reason, bool failed);
   void make_room();
+  void claim_devices();
   void halt_devices() noexcept;
+  void stop_devices() noexcept;
+  void join();
 
   std::shared_ptr<TickExecutor> executor_;
   std::vector<std::shared_ptr<Device>> devices_;
@@ -94,7 +98,7 @@ class HapticLoop {
   std::int64_t period_;  // [ns]
   std::uint64_t first_tick_;
   std::shared_ptr<RecordRing> ring_;
-  std::vector<std::shared_ptr<const RecordReader>> readers_;
+  std::vector<std::weak_ptr<const RecordReader>> readers_;
   TickRecord record_;
   std::vector<ForceGuard> guards_;  // one a burr, as the next
   std::vector<VirtualCoupling> couplings_;
@@ -106,7 +110,9 @@ class HapticLoop {
   std::array<std::atomic<double>, most_burrs> energy_{}, most_energy_{};
   std::atomic<std::int64_t> heartbeat_{0};
   std::atomic<bool> running_{false}, stopping_{false};
-  bool started_ = false;
+  std::atomic<bool> started_{false};
+  std::mutex life_mutex_;  // of what follows; the threads themselves never take it
+  bool claimed_ = false;   // the devices are this loop's
   std::thread thread_, watchdog_;
   mutable std::mutex mutex_;  // of what follows; the loop takes it before its first and after its last tick
   std::string reason_;

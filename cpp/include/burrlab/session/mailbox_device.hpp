@@ -21,6 +21,7 @@ class MailboxDevice : public Device {
   Vec3 force() const;      ///< that the loop sent last; 0 after `halt` [N]
   bool has_value() const;  ///< a position was put
 
+  void start(double) override { halted_.store(false, std::memory_order_release); }
   DeviceReading read(double time, std::uint64_t periods) noexcept override;
   void write(const Vec3& force) noexcept override;
   void halt() noexcept override { halted_.store(true, std::memory_order_release); }

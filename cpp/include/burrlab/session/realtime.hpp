@@ -9,6 +9,8 @@ namespace burrlab {
 
 /// Steady clock [ns].
 std::int64_t steady_now() noexcept;
+/// What the steady clock will read in `seconds` [ns]: now for what is negative or NaN, at most 100 years on.
+std::int64_t steady_after(double seconds) noexcept;
 /// Sleeps until the steady clock reads `time` [ns]; as exactly as the system can.
 void sleep_until(std::int64_t time) noexcept;
 /// CPU time of this thread [ns].

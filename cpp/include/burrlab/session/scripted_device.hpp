@@ -24,6 +24,7 @@ class ScriptedDevice : public Device {
   /// Throws unless there are rows, finite, with increasing times.
   explicit ScriptedDevice(std::vector<Row> rows);
 
+  void start(double) override { halted_.store(false, std::memory_order_release); }
   DeviceReading read(double time, std::uint64_t periods) noexcept override;
   void write(const Vec3& force) noexcept override { out_.put({force[0], force[1], force[2]}); }
   void halt() noexcept override { halted_.store(true, std::memory_order_release); }
@@ -53,6 +54,10 @@ class ReplayDevice : public Device {
   /// Throws unless there are ticks, finite, with k 1..8.
   explicit ReplayDevice(std::vector<Tick> ticks);
 
+  void start(double) override {
+    next_.store(0, std::memory_order_release);
+    halted_.store(false, std::memory_order_release);
+  }
   DeviceReading read(double time, std::uint64_t periods) noexcept override;
   void write(const Vec3& force) noexcept override { out_.put({force[0], force[1], force[2]}); }
   void halt() noexcept override { halted_.store(true, std::memory_order_release); }

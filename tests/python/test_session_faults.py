@@ -1,0 +1,292 @@
+"""What goes wrong around a session: callbacks, threads, resources and exits; whoever waits for its end gets it."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+from test_session import TOOL, block, session
+
+import burrlab
+from burrlab import _core
+from burrlab.session import trace_writer
+
+
+def lost_soon(**options):
+    """A session whose device is lost after 100 ms."""
+    box = burrlab.MailboxDevice()
+    box.put((0, 0, 2.8))
+    return session(box, wall_clock=True, realtime=False, **options)
+
+
+class TestCallback:
+    """`on_message` runs in the session's threads."""
+
+    def test_that_raises_ends_nothing(self, tmp_path):
+        def fail(text):
+            raise RuntimeError("no terminal")
+
+        with lost_soon(on_message=fail, record=tmp_path / "a.h5") as run:
+            assert run.wait(20)
+        assert run.failed
+        assert "on_message failed: RuntimeError('no terminal')" in run.messages
+        assert burrlab.replay(burrlab.load_trace(tmp_path / "a.h5")).equal
+
+    def test_may_stop_the_session(self, tmp_path):
+        with lost_soon(on_message=lambda text: run.stop("seen"), record=tmp_path / "a.h5") as run:
+            assert run.wait(20)
+        assert burrlab.load_trace(tmp_path / "a.h5").complete
+
+    def test_may_stop_it_from_the_recorder(self, tmp_path, monkeypatch):
+        run = session(wall_clock=True, record=tmp_path / "a.h5", on_message=lambda text: run.stop("no trace"))
+        write = trace_writer._write
+
+        def full(file, data, at):
+            if run.ticks > 50:
+                raise OSError(28, "No space left on device")
+            return write(file, data, at)
+
+        monkeypatch.setattr(trace_writer, "_write", full)
+        with run:
+            assert run.wait(20)
+        assert run.reason == "no trace"
+        assert any("No space left" in text for text in run.messages)
+
+
+class TestEnds:
+    def test_force_that_falls_on_the_way_in(self):
+        """Through a plate thinner than the burr k = dF/dH is negative: no warning, and no end of the housekeeping."""
+        plate = burrlab.VoxelBone.block((16, 16, 0.4), 0.2, origin=(-7.9, -7.9, -0.1))
+        script = burrlab.ScriptedDevice([0.0, 0.5], [[0, 0, 0.5], [0, 0, -1.0]], on=[False, False])
+        with burrlab.Session(plate, TOOL, script, seed=1, realtime=False) as run:
+            assert run.wait(20)
+        assert not [text for text in run.messages if "without warnings" in text]
+        executor = _core.TickExecutor(plate, [TOOL], 1)
+        still = burrlab.ScriptedDevice([0.0, 0.05], [[0, 0, 0.2]] * 2, [False] * 2)
+        loop = _core.HapticLoop(executor, [still], wall_clock=False)
+        follower = _core.Follower(loop, stiffness_every=1e-6)
+        follower.start()
+        loop.start()
+        assert loop.wait(20)
+        follower.stop()
+        assert follower.stiffness()[1] < 0
+        assert follower.stability()["stiffness_N_per_mm"] == 0.0
+
+    def test_many_that_stop(self):
+        run = session(wall_clock=True, realtime=False).start()
+        stops = [run.stop, run.loop.stop, run.follower.stop] * 6
+        threads = [threading.Thread(target=stop, daemon=True) for stop in stops]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(20)
+        assert not any(thread.is_alive() for thread in threads)
+        assert run.wait(20)
+
+    def test_full_disk_on_the_virtual_clock(self, tmp_path, monkeypatch):
+        """The loop does not wait for a recorder that has given up; 40 s are more than half the ring."""
+        run = session(duration=40.0, record=tmp_path / "a.h5")
+
+        def full(file, data, at):
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr(trace_writer, "_write", full)
+        with run:
+            assert run.wait(60)
+        assert run.ticks == 40_000
+
+    def test_reader_that_nobody_holds(self):
+        run = session(duration=40.0)
+        _core.RecordReader(run.loop)
+        with run:
+            assert run.wait(60)
+
+    def test_interrupted_start(self, tmp_path, monkeypatch):
+        """Ctrl-C between the loop's start and the follower's: nothing runs on."""
+        run = session(wall_clock=True, realtime=False, record=tmp_path / "a.h5", publish=0)
+
+        class Interrupted:
+            def __getattr__(self, name):
+                return getattr(follower, name)
+
+            def start(self):
+                raise KeyboardInterrupt
+
+        follower = run._follower
+        monkeypatch.setattr(run, "_follower", Interrupted())
+        with pytest.raises(KeyboardInterrupt):
+            run.start()
+        assert run.reason == "stopped by KeyboardInterrupt"
+        assert not run.running
+        assert run.wait(20)
+        assert burrlab.load_trace(tmp_path / "a.h5").ended == "stopped by KeyboardInterrupt"
+
+    def test_start_after_stop(self, tmp_path):
+        run = session(record=tmp_path / "a.h5")
+        run.stop()
+        with pytest.raises(ValueError, match="session must be started once: it has been started or stopped"):
+            run.start()
+
+    def test_wait_before_start(self):
+        loop = session().loop
+        assert not loop.wait(0.01)
+        short = session(duration=0.1).start()
+        assert short.loop.wait(float("inf"))
+        short.stop()
+
+    @pytest.mark.parametrize("options", ["wall_clock=True, record=sys.argv[1]", "wall_clock=True, publish=0"])
+    def test_program_that_forgets(self, tmp_path, options):
+        """The interpreter ends while a session runs: no crash, no hang, and a whole trace."""
+        code = (
+            "import sys, time; from test_session import session\n"
+            f"run = session({options}, realtime=False).start(); time.sleep(0.3)"
+        )
+        path = os.pathsep.join([os.path.dirname(__file__), os.environ.get("PYTHONPATH", "")])
+        done = subprocess.run(
+            [sys.executable, "-c", code, str(tmp_path / "a.h5")], env={**os.environ, "PYTHONPATH": path},
+            capture_output=True, text=True, timeout=60, check=False,
+        )  # fmt: skip
+        assert (done.returncode, done.stderr) == (0, "")
+        if "record" in options:
+            trace = burrlab.load_trace(tmp_path / "a.h5")
+            assert trace.complete
+            assert trace.ended == "the program ended"
+            assert burrlab.replay(trace).equal
+
+    def test_follower_forgotten_while_the_loop_runs(self):
+        loop = _core.HapticLoop(
+            _core.TickExecutor(block(), [TOOL], 1), [burrlab.HandDevice()], realtime=False
+        )
+        follower = _core.Follower(loop)
+        loop.start()
+        follower.start()
+        begin = time.monotonic()
+        del follower
+        assert time.monotonic() - begin < 10
+        loop.stop()
+
+
+class TestDevices:
+    def test_one_session_at_a_time(self):
+        hand = burrlab.HandDevice()
+        with (
+            session(hand, wall_clock=True, realtime=False),
+            pytest.raises(ValueError, match="device 0 must serve one burr of one session at a time"),
+        ):
+            session(hand).start()
+        with session(hand, duration=0.1) as after:
+            assert after.wait(20)
+
+    def test_not_two_burrs(self):
+        hand = burrlab.HandDevice()
+        run = burrlab.Session(block(), [TOOL] * 2, [hand] * 2, seed=1, wall_clock=False)
+        with pytest.raises(ValueError, match="device 1 must serve one burr of one session at a time"):
+            run.start()
+        with session(hand, duration=0.1) as after:
+            assert after.wait(20)
+
+    def test_second_session_feels_the_bone(self):
+        """A device halted at the end of a session gives force again in the next."""
+        hand, digests = burrlab.HandDevice(), []
+        for _ in range(2):
+            with session(hand, duration=2.0) as run:
+                run.wait()
+            digests.append(run.digests[-1])
+        assert digests[0] == digests[1]
+
+    def test_replay_begins_again(self):
+        device = burrlab.ReplayDevice(np.tile([0.0, 0.0, 2.8], (100, 1)))
+        for _ in range(2):
+            with session(device) as run:
+                run.wait()
+            assert run.ticks == 100
+
+    def test_closed_network_device(self):
+        device = burrlab.IgtlDevice("127.0.0.1", 9)
+        with session(device, wall_clock=True, realtime=False):
+            pass
+        run = session(device, wall_clock=True, realtime=False)
+        with pytest.raises(ValueError, match="IgtlDevice must be new: its connection was closed"):
+            run.start()
+        assert run.reason.startswith("the loop could not be started: IgtlDevice must be new")
+        assert run.failed
+        assert run.wait(20)
+
+
+class TestResources:
+    def test_port_is_free_after_a_refusal(self, tmp_path):
+        """Even while the exception is kept, as notebooks do."""
+        (tmp_path / "old.h5").write_text("mine")
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
+        with pytest.raises(FileExistsError) as kept:
+            session(publish=port, record=tmp_path / "old.h5")
+        session(publish=port).stop()
+        assert kept.value
+
+    def test_digests_that_come_often(self, tmp_path):
+        with session(duration=3.0, digest_every=0.01, record=tmp_path / "a.h5") as run:
+            run.wait()
+        trace = burrlab.load_trace(tmp_path / "a.h5")
+        assert len(trace.digests) == 301
+        assert trace.digests[-1] == run.digests[-1]
+
+    def test_view_of_another_follower(self):
+        one, two = session(), session()
+        view = one.follower.view()
+        with pytest.raises(ValueError, match="view must be one of this follower"):
+            two.follower.take(view)
+
+
+class TestArguments:
+    def test_numpy_numbers(self, tmp_path):
+        options = {
+            "seed": np.uint64(2**64 - 1), "rate": np.float32(500), "tick": np.int64(3), "duration": np.float32(0.1),
+            "force_limit": np.float32(4), "slew_limit": np.int64(1), "coupling": np.float32(2), "publish": np.int64(0),
+        }  # fmt: skip
+        with session(**options, record=tmp_path / "a.h5") as run:
+            run.wait()
+        trace = burrlab.load_trace(tmp_path / "a.h5")
+        assert (trace.seed, trace.first_tick, len(trace)) == (2**64 - 1, 3, 50)
+        assert json.loads(json.dumps(trace.note))["seed"] == 2**64 - 1
+        assert burrlab.replay(trace).equal
+
+    @pytest.mark.parametrize(
+        ("options", "message"),
+        [
+            ({"seed": -1}, r"seed must be a whole number from 0 and below 2\^64, got -1"),
+            (
+                {"seed": 2**64},
+                r"seed must be a whole number from 0 and below 2\^64, got 18446744073709551616",
+            ),
+            ({"seed": 1.5}, r"seed must be a whole number .* got 1\.5"),
+            ({"tick": 2**53}, r"tick must be a whole number from 0 and below 2\^53, got 9007199254740992"),
+            ({"cpu": -2}, r"cpu must be a whole number from 0 and below 2\^31, got -2"),
+            ({"rate": 5.0, "wall_clock": True}, r"rate must be at least 20 Hz on the wall clock, got 5\.0"),
+            ({"digest_every": float("inf")}, "digest_every must be positive, got inf"),
+            ({"source": {"x": float("nan")}}, "source must be what JSON holds"),
+            ({"source": {"x": object()}}, "source must be what JSON holds"),
+        ],
+    )
+    def test_refused(self, options, message):
+        with pytest.raises(ValueError, match=message):
+            session(**options)
+
+    def test_core(self):
+        executor = _core.TickExecutor(block(), [TOOL], 1)
+        with pytest.raises(ValueError, match="executor must be a TickExecutor, got None"):
+            _core.HapticLoop(None, [])
+        with pytest.raises(ValueError, match="cpu must be -1 or the number of a CPU, got -2"):
+            _core.HapticLoop(executor, [burrlab.HandDevice()], cpu=-2)
+        for kind in (_core.Follower, _core.RecordReader):
+            with pytest.raises(ValueError, match="loop must be a HapticLoop, got None"):
+                kind(None)
+        with pytest.raises(ValueError, match="follower must be a Follower, got None"):
+            _core.Publisher(None)
+        with pytest.raises(ValueError, match=r"tick must be below 2\^53"):
+            _core.TickExecutor(block(), [TOOL], 1, tick=2**53)

@@ -28,6 +28,9 @@ def test_hand_recorded(tmp_path, capsys):
     assert figure.stat().st_size > 10_000
     plain = json.loads(said.read_text())
     assert (plain["seed"], plain["ticks"], plain["state"]) == (5, 1000, "all ticks were executed")
+    assert set(plain["times_us"]["jitter"]) == {"p50", "p99", "p99.9", "max"}
+    assert set(plain["energy"][0]) == {"given_mJ", "most_mJ"}
+    assert plain["provenance"]["tools"][0]["radius_mm"] == 3.0
     trace = burrlab.load_trace(path)
     assert trace.bone().spacing == (0.4, 0.4, 0.4)
     assert main(["replay", str(path)]) == 0
@@ -61,7 +64,9 @@ def test_script_and_two_burrs(tmp_path, capsys):
             "--device hand with --volume needs --entry",
         ),
         (["--device", "hand", "--radius", "0.3"], "radius must be at least 4 voxels"),
-        (["--device", "hand", "--record", "/nowhere/t.h5"], "/nowhere"),
+        (["--device", "hand", "--record", "/nowhere/t.h5"], "--record: /nowhere/t.h5 cannot be written"),
+        (["--device", "hand", "--voxel", "0.001"], "--voxel makes a block of 9e+12 voxels"),
+        (["--device", "hand", "--host", "127.0.0.1"], "--host goes with --publish"),
     ],
 )
 def test_wrong_input(arguments, message, capsys, tmp_path, monkeypatch):
@@ -107,6 +112,10 @@ def test_leader_and_replica(tmp_path, capsys):
     time.sleep(2.5)
     early.send_signal(signal.SIGINT)
     assert "interrupted: True" in early.communicate(timeout=30)[0]
+    assert early.returncode == 130
+    trace = tmp_path / "leader.h5"
+    assert main(["replica", f"127.0.0.1:{port}", "--save", str(trace)]) == 2
+    assert "path must be a new file or a burrlab bone" in capsys.readouterr().err
     bone = tmp_path / "bone.h5"
     assert main(["replica", f"127.0.0.1:{port}", "--save", str(bone), "--json", "-"]) == 0
     status = json.loads(capsys.readouterr().out)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,7 +30,7 @@ _NAMES = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False, eq=False)
 class SessionReport:
     """A session's counts and times at one moment; `to_dict` has it for JSON.
 
@@ -151,6 +152,12 @@ class SessionReport:
         lines += [f"  {note}" for note in self.notes]
         lines += [f"  ! {message}" for message in self.messages]
         return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"SessionReport({self.state}, {self.ticks} ticks, {self.late} late, {self.dropped} periods dropped)"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(str(self))}</pre>"
 
     def plot(self, figure: Figure | None = None) -> list[Axes]:
         """Histograms of tick time and period jitter, logarithmic."""

@@ -222,7 +222,10 @@ def _replica(options: Options) -> int:
     if options.save is not None:
         check_bone_file(options.save)
     host, port = options.address
-    replica = follow(host, port, volume=options.volume)
+    try:
+        replica = follow(host, port, volume=options.volume)
+    except FileNotFoundError as error:
+        raise ValueError(f"{error}; --volume says where the leader's volume lies here") from None
     interrupted, left = False, float("inf") if options.duration is None else options.duration
     try:
         while left > 0 and not replica.wait(min(1.0, left)):

@@ -162,3 +162,15 @@ def test_waiting_device_is_said(tmp_path):
             done.wait(0.1)
         assert session.ticks == 0
     assert said[0] == "no tick yet: the devices have not given a first position"
+
+
+def test_volume_that_is_elsewhere(monkeypatch, capsys):
+    def missing(*_, **__):
+        raise FileNotFoundError("ct.nrrd: no such file")
+
+    monkeypatch.setattr("burrlab.cli_session.follow", missing)
+    assert main(["replica", "localhost:1"]) == 2
+    assert (
+        capsys.readouterr().err
+        == "burrlab replica: ct.nrrd: no such file; --volume says where the leader's volume lies here\n"
+    )

@@ -111,6 +111,17 @@ class TestWallClock:
         assert 0 < report.times["tick_time"]["p50"] <= report.times["tick_time"]["max"]
         assert sum(report.histograms["jitter"]) == 1499
 
+    def test_periods_before_the_first_position_are_in_no_histogram(self):
+        box = burrlab.MailboxDevice(lost_after=60_000.0)
+        with session(box, wall_clock=True, duration=0.05) as run:
+            time.sleep(0.2)
+            box.put((0, 0, 2.8))
+            assert run.wait(60)
+        histograms = run.report().histograms
+        assert {name: int(sum(counts)) for name, counts in histograms.items()} == {
+            "tick_time": 50, "wall_time": 50, "jitter": 49, "lateness": 50,
+        }  # fmt: skip
+
     def test_python_does_not_delay_the_loop(self):
         """Nothing that holds the interpreter stops a tick."""
         box = burrlab.MailboxDevice(lost_after=60_000.0)

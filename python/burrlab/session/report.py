@@ -150,7 +150,7 @@ class SessionReport:
             if said:
                 lines.append(f"  {name}: {', '.join(said)}")
         lines += [f"  {note}" for note in self.notes]
-        lines += [f"  ! {message}" for message in self.messages]
+        lines += [f"  ! {message}" for message in self.messages if message not in self.notes]
         return "\n".join(lines)
 
     def __repr__(self) -> str:

@@ -114,8 +114,8 @@ them, unfiltered, as from an encoder. Integrated in steps of at most 20 us.
 
 Examples
 --------
->>> from burrlab import _core
->>> hand = _core.HandDevice(start=(0, 0, 3.2), push=0.5, strokes=0)
+>>> import burrlab
+>>> hand = burrlab.HandDevice(start=(0, 0, 3.2), push=0.5, strokes=0)
 >>> hand.position
 array([0. , 0. , 3.2])
 )")

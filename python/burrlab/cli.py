@@ -1,4 +1,4 @@
-"""The command line, thin over the API: burrlab descend | sweep | fit | replay | metrics | materials | version."""
+"""The command line, thin over the API: `burrlab COMMAND`, with the live ones in `cli_session` and traces in `cli_trace`."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ def _save(axes: Axes, path: str) -> None:
 
 def _check_outputs(options: Options) -> None:
     """ValueError before any work if a result could not be written."""
-    for name in ("json", "plot", "out", "region", "profile"):
+    for name in ("json", "plot", "out", "region", "profile", "record", "save"):
         path = getattr(options, name, None)
         if path is None or path == "-":
             continue
@@ -420,7 +420,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command; 0 done (a run without a number too), 2 wrong input, 130 interrupted."""
+    """Runs one command; 0 done (a run without a number too), 1 different or failed, 2 wrong input, 130 interrupted."""
     options = _parser().parse_args(_join_vectors(sys.argv[1:] if arguments is None else arguments))
     try:
         _check_outputs(options)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -24,6 +25,8 @@ from burrlab.cli import (
     _vector,
 )  # fmt: skip
 from burrlab.session.network import block_recipe, follow, make_bone, volume_recipe
+from burrlab.session.snapshot import check_bone_file
+from burrlab.specimen import MOST_VOXELS
 
 #: Adds a command: its name, what runs it, its help.
 AddCommand = Callable[[str, Callable[[Options], int], str], argparse.ArgumentParser]
@@ -51,9 +54,7 @@ def add_session_commands(command: AddCommand) -> None:
         help="publish poses, forces and ticks over OpenIGTLink on this port (0: any free one); there is no authentication: "
         "whoever reaches the port can read the session",
     )  # fmt: skip
-    session.add_argument(
-        "--host", default="127.0.0.1", help="address to publish on, default 127.0.0.1: this machine only"
-    )
+    session.add_argument("--host", help="address to publish on, default 127.0.0.1: this machine only")
     session.add_argument(
         "--header-version", type=int, choices=[1, 2], default=1, help="of the OpenIGTLink messages, default 1"
     )
@@ -107,18 +108,21 @@ def _address(text: str) -> tuple[str, int]:
 
 
 def _session(options: Options) -> int:
+    if options.host is not None and options.publish is None:
+        raise ValueError("--host goes with --publish")
+    host = options.host or "127.0.0.1"
     burr = Burr(options.radius)
     bone, source, place = _bone(options, burr)
     devices = [_device(text, options, burr, place, i) for i, text in enumerate(options.device)]
     session = burrlab.Session(
         bone, [(burr, _material(options))] * len(devices), devices, seed=options.seed, rate=options.rate,
         duration=options.duration, force_limit=options.force_limit, slew_limit=options.slew_limit,
-        coupling=options.coupling, record=options.record, publish=options.publish, host=options.host,
+        coupling=options.coupling, record=options.record, publish=options.publish, host=host,
         header_version=options.header_version, source=source, realtime=not options.no_realtime, on_message=_say,
     )  # fmt: skip
     interrupted = False
     if session.port is not None:
-        _say(f"published on {options.host}, port {session.port}; there is no authentication")
+        _say(f"published on {host}, port {session.port}; there is no authentication")
     with session:
         try:
             while not session.wait(1.0):
@@ -126,12 +130,18 @@ def _session(options: Options) -> int:
         except KeyboardInterrupt:
             interrupted = True
             session.stop("interrupted")
+    _show("")
     report = session.report()
     if options.plot is not None:
         _save(report.plot()[0], options.plot)
     _deliver(
         options,
-        {"seed": session.seed, "interrupted": interrupted, **report.to_dict()},
+        {
+            "seed": session.seed,
+            "interrupted": interrupted,
+            **report.to_dict(),
+            "provenance": session.provenance,
+        },
         f"{report}\nseed {session.seed}",
     )
     if interrupted:
@@ -146,6 +156,10 @@ def _bone(options: Options, burr: Burr) -> tuple[VoxelBone, dict[str, Any], Mapp
             if getattr(options, name) is not None:
                 raise ValueError(f"--{name} goes with --volume")
         voxel = options.voxel or 0.1
+        if (voxels := math.prod(_BLOCK) / voxel**3) > MOST_VOXELS:
+            raise ValueError(
+                f"--voxel makes a block of {voxels:.3g} voxels, and {MOST_VOXELS:.3g} are the most"
+            )
         source = block_recipe(
             _BLOCK, voxel, origin=[0.5 * voxel - side / 2 for side in _BLOCK[:2]] + [0.5 * voxel - _BLOCK[2]]
         )
@@ -205,8 +219,13 @@ def _line(session: burrlab.Session) -> str:
 
 
 def _replica(options: Options) -> int:
+    if options.save is not None:
+        check_bone_file(options.save)
     host, port = options.address
-    replica = follow(host, port, volume=options.volume)
+    try:
+        replica = follow(host, port, volume=options.volume)
+    except FileNotFoundError as error:
+        raise ValueError(f"{error}; --volume says where the leader's volume lies here") from None
     _say(f"following {host}, port {port}")
     interrupted, left = False, float("inf") if options.duration is None else options.duration
     try:
@@ -217,14 +236,18 @@ def _replica(options: Options) -> int:
     except KeyboardInterrupt:
         interrupted = True
     replica.stop()
+    _show("")
     if options.save is not None:
         burrlab.save_bone(options.save, *replica.snapshot())
     status = {"interrupted": interrupted, "digest": replica.digest(), **replica.status}
     _deliver(options, status, "\n".join(f"{name}: {value}" for name, value in status.items()))
-    return 1 if status["divergences"] else 0
+    if interrupted:
+        return 130
+    return 1 if status["divergences"] or status["failed"] else 0
 
 
 def _say(text: str) -> None:
+    _show("")
     print(f"burrlab: {text}", file=sys.stderr, flush=True)
 
 

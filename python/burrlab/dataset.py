@@ -54,12 +54,12 @@ def equal(one: Any, other: Any) -> bool:
     return all(_same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
 
 
-def frame(columns: Mapping[str, Sequence[Any]]) -> pandas.DataFrame:
+def frame(columns: Mapping[str, Sequence[Any]], what: str = "to_frame") -> pandas.DataFrame:
     """The columns as a pandas DataFrame; ImportError with one sentence without pandas."""
     try:
         import pandas
     except ImportError:
-        raise ImportError("to_frame needs pandas: pip install 'burrlab[pandas]'") from None
+        raise ImportError(f"{what} needs pandas: pip install 'burrlab[pandas]'") from None
     return pandas.DataFrame(dict(columns))
 
 

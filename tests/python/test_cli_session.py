@@ -28,6 +28,9 @@ def test_hand_recorded(tmp_path, capsys):
     assert figure.stat().st_size > 10_000
     plain = json.loads(said.read_text())
     assert (plain["seed"], plain["ticks"], plain["state"]) == (5, 1000, "all ticks were executed")
+    assert set(plain["times_us"]["jitter"]) == {"p50", "p99", "p99.9", "max"}
+    assert set(plain["energy"][0]) == {"given_mJ", "most_mJ"}
+    assert plain["provenance"]["tools"][0]["radius_mm"] == 3.0
     trace = burrlab.load_trace(path)
     assert trace.bone().spacing == (0.4, 0.4, 0.4)
     assert main(["replay", str(path)]) == 0
@@ -61,7 +64,9 @@ def test_script_and_two_burrs(tmp_path, capsys):
             "--device hand with --volume needs --entry",
         ),
         (["--device", "hand", "--radius", "0.3"], "radius must be at least 4 voxels"),
-        (["--device", "hand", "--record", "/nowhere/t.h5"], "/nowhere"),
+        (["--device", "hand", "--record", "/nowhere/t.h5"], "--record: /nowhere/t.h5 cannot be written"),
+        (["--device", "hand", "--voxel", "0.001"], "--voxel makes a block of 9e+12 voxels"),
+        (["--device", "hand", "--host", "127.0.0.1"], "--host goes with --publish"),
     ],
 )
 def test_wrong_input(arguments, message, capsys, tmp_path, monkeypatch):
@@ -114,6 +119,11 @@ def test_leader_and_replica(tmp_path):
     time.sleep(0.5)
     early.send_signal(signal.SIGINT)
     assert "interrupted: True" in early.communicate(timeout=60)[0]
+    assert early.returncode == 130
+    refused, said = start("replica", address, "--save", path)
+    assert "path must be a new file or a burrlab bone" in said
+    assert refused.wait(60) == 2
+    refused.communicate()
     late, _ = start("replica", address, "--save", str(bone), "--json", "-")
     time.sleep(0.5)
     leader.send_signal(signal.SIGINT)
@@ -161,3 +171,15 @@ def test_waiting_device_is_said(tmp_path):
             done.wait(0.1)
         assert session.ticks == 0
     assert said[0] == "no tick yet: the devices have not given a first position"
+
+
+def test_volume_that_is_elsewhere(monkeypatch, capsys):
+    def missing(*_, **__):
+        raise FileNotFoundError("ct.nrrd: no such file")
+
+    monkeypatch.setattr("burrlab.cli_session.follow", missing)
+    assert main(["replica", "localhost:1"]) == 2
+    assert (
+        capsys.readouterr().err
+        == "burrlab replica: ct.nrrd: no such file; --volume says where the leader's volume lies here\n"
+    )

@@ -106,8 +106,21 @@ class TestWallClock:
         assert report.follower["differing"] == 0
         assert report.follower["tick"] == 1500
         assert report.recording["complete"]
+        assert repr(report).startswith("SessionReport(all ticks were executed, 1500 ticks, ")
+        assert report._repr_html_().startswith("<pre>all ticks were executed: 1500 ticks")
         assert 0 < report.times["tick_time"]["p50"] <= report.times["tick_time"]["max"]
         assert sum(report.histograms["jitter"]) == 1499
+
+    def test_periods_before_the_first_position_are_in_no_histogram(self):
+        box = burrlab.MailboxDevice(lost_after=60_000.0)
+        with session(box, wall_clock=True, duration=0.05) as run:
+            time.sleep(0.2)
+            box.put((0, 0, 2.8))
+            assert run.wait(60)
+        histograms = run.report().histograms
+        assert {name: int(sum(counts)) for name, counts in histograms.items()} == {
+            "tick_time": 50, "wall_time": 50, "jitter": 49, "lateness": 50,
+        }  # fmt: skip
 
     def test_python_does_not_delay_the_loop(self):
         """Nothing that holds the interpreter stops a tick."""
@@ -217,7 +230,8 @@ class TestRefusals:
         for options, message in [
             ({"rate": 0.0}, "rate must be positive, got 0"),
             ({"rate": 20_000.0}, "rate must be at most 10000 Hz, got 20000"),
-            ({"duration": -1.0}, r"duration must be positive, got -1\.0"),
+            ({"duration": -1.0}, r"duration must be positive and below 1e9 s, got -1\.0"),
+            ({"duration": 1e9}, "duration must be positive and below 1e9 s"),
             ({"digest_every": 0.0}, r"digest_every must be positive, got 0\.0"),
             ({"force_limit": 0.0}, "limit must be positive"),
             ({"coupling": -1.0}, "coupling must be positive and finite, got -1"),
@@ -229,6 +243,15 @@ class TestRefusals:
     def test_devices(self):
         with pytest.raises(ValueError, match="number of devices must be one a burr, 1, got 2"):
             session([burrlab.HandDevice(), burrlab.HandDevice()])
+        burr, bone = TOOL
+        for tools in (burr, [burr, bone], (bone, burr), [TOOL, None]):
+            with pytest.raises(
+                TypeError, match=r"tools must be \(Burr, Material\) or a list of such pairs, got"
+            ):
+                burrlab.Session(block(), tools, burrlab.HandDevice())
+        for devices in (3, ["hand"], None):
+            with pytest.raises(TypeError, match="devices must be a Device or a list of them, got"):
+                burrlab.Session(block(), TOOL, devices)
         with pytest.raises(ValueError, match="number of burrs must be 1 or 2, got 3"):
             burrlab.Session(block(), [TOOL] * 3, [burrlab.HandDevice()] * 3)
 

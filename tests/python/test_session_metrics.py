@@ -156,6 +156,10 @@ def test_wrong_parameters(tmp_path):
         burrlab.session_metrics(trace, hysteresis=float("nan"))
     with pytest.raises(ValueError, match="burr must be an index below 1, got 1"):
         burrlab.session_metrics(trace, burr=1)
+    with pytest.raises(TypeError, match=r"trace must be a Trace, as load_trace gives it, got 'session\.h5'"):
+        burrlab.session_metrics("session.h5")
+    with pytest.raises(TypeError, match="trace must be a Trace"):
+        burrlab.replay("session.h5")
 
 
 def test_table_and_figure(tmp_path):

@@ -130,3 +130,27 @@ def test_restore_sets_present_levels_only():
         bone.restore(worn.density[1:])
     with pytest.raises(ValueError, match="density must be at most the pristine level, got 255 over 254"):
         burrlab.VoxelBone.block((1, 1, 1), 0.1, level=254).restore(np.full((10, 10, 10), 255, np.uint8))
+
+
+def test_only_a_bone_is_replaced(tmp_path):
+    """The name of a trace, given by mistake, does not cost the trace."""
+    file = tmp_path / "bone.h5"
+    for tick in (1, 2):
+        burrlab.save_bone(file, small_bone(), tick)
+    assert burrlab.load_bone(file)[1] == 2
+    trace = tmp_path / "session.h5"
+    with h5py.File(trace, "w") as made:
+        made.attrs["format"] = "burrlab trace"
+    with pytest.raises(FileExistsError, match="path must be a new file or a burrlab bone"):
+        burrlab.save_bone(trace, small_bone())
+    with h5py.File(trace) as kept:
+        assert kept.attrs["format"] == "burrlab trace"
+
+
+def test_a_tick_is_a_whole_number(tmp_path):
+    with pytest.raises(TypeError, match="integer"):
+        burrlab.save_bone(tmp_path / "bone.h5", small_bone(), 1.5)
+    with pytest.raises(FileNotFoundError, match=r"folder must exist, got .*nowhere"):
+        burrlab.save_bone(tmp_path / "nowhere" / "bone.h5", small_bone())
+    burrlab.save_bone(tmp_path / "bone.h5", small_bone(), np.int64(7))
+    assert burrlab.load_bone(tmp_path / "bone.h5")[1] == 7

@@ -100,5 +100,14 @@ def test_wrong_burr_and_folder(made, tmp_path):
     trace = made[1]
     with pytest.raises(ValueError, match="burr must be an index below 2, got 2"):
         burrlab.export_volumetric_drilling(trace, tmp_path / "export.hdf5", burr=2)
-    with pytest.raises(OSError, match="No such file"):
+    with pytest.raises(FileNotFoundError, match="folder must exist, got"):
         burrlab.export_volumetric_drilling(trace, tmp_path / "none" / "export.hdf5")
+    with pytest.raises(TypeError, match="trace must be a Trace, as load_trace gives it"):
+        burrlab.export_volumetric_drilling("session.h5", tmp_path / "export.hdf5")
+
+
+def test_the_trace_itself_is_not_overwritten(made):
+    trace = made[1]
+    with pytest.raises(ValueError, match="path must be another file than the trace"):
+        burrlab.export_volumetric_drilling(trace, trace.path)
+    assert len(burrlab.load_trace(trace.path)) == TICKS

@@ -171,7 +171,9 @@ void HapticLoop::run() {
   std::int64_t deadline = 0, last_start = start;
   heartbeat_.store(start, std::memory_order_release);
   while (!stopping_.load(std::memory_order_acquire)) {
+    const std::uint64_t executed = ticks_.load(std::memory_order_relaxed);
     std::uint64_t periods = 1;
+    double late = 0.0;  // [us]
     std::int64_t now = start + (deadline + 1) * period_;
     if (settings_.wall_clock) {
       sleep_until(now);
@@ -183,9 +185,9 @@ void HapticLoop::run() {
         end("the loop stalled: " + std::to_string((now - last_start) / 1000000) + " ms without a tick", true);
         break;
       }
-      if (ticks_.load(std::memory_order_relaxed) > 0)
+      if (executed > 0)
         jitter_.add(1e-3 * std::abs(double(now - last_start) - double(periods) * double(period_)));
-      lateness_.add(1e-3 * double(now - start - due * period_));
+      late = 1e-3 * double(now - start - due * period_);
       last_start = now;
     } else {
       make_room();
@@ -194,7 +196,10 @@ void HapticLoop::run() {
     if (!tick(periods, 1e-9 * double(now - start))) break;
     if (settings_.wall_clock) {
       const std::int64_t done = steady_now();
-      wall_time_.add(1e-3 * double(done - now));
+      if (ticks_.load(std::memory_order_relaxed) > executed) {  // not while a device has given no position
+        lateness_.add(late);
+        wall_time_.add(1e-3 * double(done - now));
+      }
       heartbeat_.store(done, std::memory_order_release);
     }
     if (settings_.ticks && ticks_.load(std::memory_order_relaxed) >= settings_.ticks) {

@@ -12,7 +12,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from burrlab.dataset import html_table
 from burrlab.figures import FORCE, POSITION, REFERENCE, VELOCITY, new_figure, tidy
-from burrlab.session.trace import Trace
+from burrlab.session.trace import Trace, check_trace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -160,16 +160,19 @@ def session_metrics(
     ------
     ValueError
         If there is no such burr, or threshold or hysteresis is not positive.
+    TypeError
+        If `trace` is not a trace.
 
     Notes
     -----
     Time is the sum of the periods that the ticks stand for. Positions are the burr's centres, at 1 kHz at most, through a
     Butterworth low pass of second order at 10 Hz run forwards and backwards (no delay). A stroke is a run between two
-    reversals of the smoothed motion along its main axis, the first principal component of the positions in contact; a
-    reversal counts once the burr has come back by the hysteresis, so that neither tremor nor a pause makes one.
+    reversals of the smoothed motion along its main axis, the first principal component of the positions in contact (of
+    all, if there is no contact); a reversal counts once the burr has come back by the hysteresis, so that neither tremor nor a pause makes one.
     Normalised jerk is that of Teulings et al. 1997 (Exp. Brain Res. 114); it grows with the number of strokes, so it
     compares sessions of like length and task.
     """
+    check_trace(trace)
     for name, value in (("threshold", threshold), ("hysteresis", hysteresis)):
         if not (math.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be positive, got {value}")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from burrlab import _core
 from burrlab._core import TickExecutor, VoxelBone
-from burrlab.session.trace import Trace
+from burrlab.session.trace import Trace, check_trace
 from burrlab.session.trace_file import to_records, to_rows
 
 #: What the model gives, and is compared: to the bit.
@@ -113,7 +113,10 @@ def replay(
     ValueError
         If `until` is not a tick of the trace, or the trace holds what no session executes, as a centre that is not
         finite.
+    TypeError
+        If `trace` is not a trace.
     """
+    check_trace(trace)
     end = len(trace) if until is None else until - trace.first_tick
     if not 0 <= end <= len(trace):
         raise ValueError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,8 +20,9 @@ if TYPE_CHECKING:
     from burrlab._core import Follower, HapticLoop, Histogram, Publisher
     from burrlab.session.trace_writer import TraceWriter
 
+Floats = np.ndarray[Any, np.dtype[np.float64]]
+
 _QUANTILES = (0.5, 0.99, 0.999)
-_COARSER = 4  # bins of a histogram drawn as one
 _NAMES = {
     "tick_time": "tick, CPU time",
     "wall_time": "tick, wall time",
@@ -29,9 +31,9 @@ _NAMES = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False, eq=False)
 class SessionReport:
-    """A session's counts and times at one moment.
+    """A session's counts and times at one moment; `to_dict` has it for JSON.
 
     Attributes
     ----------
@@ -62,7 +64,7 @@ class SessionReport:
     dropped: int
     times: dict[str, dict[str, float]]
     histograms: dict[str, np.ndarray[Any, np.dtype[np.uint64]]]
-    edges: np.ndarray[Any, np.dtype[np.float64]]
+    edges: Floats
     follower: dict[str, Any]
     stability: list[dict[str, Any]]
     energy: list[tuple[float, float]]
@@ -105,10 +107,13 @@ class SessionReport:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """All but the histograms, ready for JSON; what is unknown is None."""
-        names = ("state", "ticks", "late", "missed", "dropped", "times", "follower", "stability", "energy", "network",
-                 "recording", "notes", "messages")  # fmt: skip
-        plain = _plain({name: getattr(self, name) for name in names})
+        """All but the histograms, ready for JSON, with units in the names; what is unknown is None."""
+        plain = _plain({
+            "state": self.state, "ticks": self.ticks, "late": self.late, "missed": self.missed, "dropped": self.dropped,
+            "times_us": self.times, "follower": self.follower, "stability": self.stability,
+            "energy": [{"given_mJ": given, "most_mJ": most} for given, most in self.energy],
+            "network": self.network, "recording": self.recording, "notes": self.notes, "messages": self.messages,
+        })  # fmt: skip
         assert isinstance(plain, dict)
         return plain
 
@@ -146,34 +151,44 @@ class SessionReport:
             if said:
                 lines.append(f"  {name}: {', '.join(said)}")
         lines += [f"  {note}" for note in self.notes]
-        lines += [f"  ! {message}" for message in self.messages]
+        lines += [f"  ! {message}" for message in self.messages if message not in self.notes]
         return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"SessionReport({self.state}, {self.ticks} ticks, {self.late} late, {self.dropped} periods dropped)"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(str(self))}</pre>"
 
     def plot(self, figure: Figure | None = None) -> list[Axes]:
         """Histograms of tick time and period jitter, logarithmic."""
         figure = new_figure(6.4, 3.2) if figure is None else figure
         all_axes = figure.subplots(1, 2)
         for axes, name in zip(all_axes, ("tick_time", "jitter"), strict=True):
-            counts = self.histograms[name].reshape(-1, _COARSER).sum(axis=1).astype(float)
-            edges = np.append(self.edges[:-1:_COARSER], self.edges[-1])
-            used = np.flatnonzero(counts)
-            if used.size:
-                shown = slice(max(used[0] - 1, 0), min(used[-1] + 2, len(counts) - 1))
-                axes.stairs(
-                    counts[shown],
-                    np.maximum(edges[shown.start : shown.stop + 1], 0.05),
-                    color=FORCE,
-                    fill=True,
-                )
-                axes.set(xscale="log", yscale="log", ylim=(0.5, 20 * counts.max()))
-                axes.xaxis.set_major_formatter(FormatStrFormatter("%g"))
-                for q in _QUANTILES:
+            counts, edges = self.histograms[name].astype(float), self.edges
+            if counts.any():
+                counts, edges = _coarser(counts, edges)
+                axes.stairs(counts, edges, color=FORCE, fill=True)
+                axes.set(xscale="log", yscale="log", ylim=(0.5, 40 * counts.max()))  # room for the names
+                for i, q in enumerate(_QUANTILES):
                     value = self.times[name][_key(q)]
                     axes.axvline(value, color=REFERENCE, linewidth=0.8, linestyle="--")
-                    axes.annotate(f"{_key(q)}", (value, 0.98), xycoords=("data", "axes fraction"), rotation=90,
-                                  ha="right", va="top", fontsize=8, color=REFERENCE)  # fmt: skip
+                    axes.annotate(f"{_key(q)}: {value:.3g}", (value, 0.98 - 0.09 * i), xycoords=("data", "axes fraction"),
+                                  xytext=(-3, 0), textcoords="offset points", ha="right", va="top", fontsize=8,
+                                  color=REFERENCE, bbox={"color": "white", "pad": 0.5})  # fmt: skip
             axes.set(xlabel=f"{_NAMES[name]} [µs]", ylabel="ticks")
         return [tidy(axes) for axes in all_axes]
+
+
+def _coarser(counts: Floats, edges: Floats) -> tuple[Floats, Floats]:
+    """Bins of a width that the eye can tell apart, from the first to the last that holds something."""
+    width = 4
+    counts = counts.reshape(-1, width).sum(axis=1)
+    edges = np.append(edges[:-1:width], edges[-1])
+    edges[0] = edges[1] ** 2 / edges[2]  # zero has no place on a logarithmic axis
+    edges[-1] = edges[-2] ** 2 / edges[-3]
+    used = np.flatnonzero(counts)
+    return counts[used[0] : used[-1] + 1], edges[used[0] : used[-1] + 2]
 
 
 def _key(q: float) -> str:

@@ -81,6 +81,8 @@ class Session:
     ------
     ValueError
         If there is not one device a burr, a number is out of range, or the source is not JSON.
+    TypeError
+        If a tool is not (Burr, Material), or a device is no Device.
     FileExistsError
         If the trace exists.
     OSError
@@ -124,7 +126,7 @@ class Session:
         on_message: Callable[[str], object] | None = None,
     ) -> None:
         self.tools: list[Tool] = _tools(tools)
-        self.devices = [devices] if isinstance(devices, Device) else list(devices)
+        self.devices = _devices(devices)
         self.seed = secrets.randbits(64) if seed is None else _whole("seed", seed, 2**64, "2^64")
         tick = _whole("tick", tick, _EXACT, "2^53")
         # NumPy's numbers are welcome, and JSON knows Python's only.
@@ -135,7 +137,7 @@ class Session:
         if wall_clock and rate < _LEAST_RATE:
             raise ValueError(f"rate must be at least {_LEAST_RATE:g} Hz on the wall clock, got {rate!r}")
         if duration is not None and not 0 < duration < 1e9:
-            raise ValueError(f"duration must be positive, got {duration!r}")
+            raise ValueError(f"duration must be positive and below 1e9 s, got {duration!r}")
         if not 0 < digest_every < 1e9:
             raise ValueError(f"digest_every must be positive, got {digest_every!r}")
         recipe = _plain(source)
@@ -390,6 +392,18 @@ def _plain(source: Mapping[str, Any] | None) -> dict[str, Any]:
 
 
 def _tools(tools: Tool | Sequence[Tool]) -> list[Tool]:
-    if isinstance(tools, tuple) and len(tools) == 2 and isinstance(tools[0], Burr):
-        return [tools]
-    return list(cast(Sequence[Tool], tools))
+    found = [tools] if _is_tool(tools) else tools
+    if not isinstance(found, Sequence) or not all(_is_tool(tool) for tool in found):
+        raise TypeError(f"tools must be (Burr, Material) or a list of such pairs, got {tools!r}")
+    return list(cast(Sequence[Tool], found))
+
+
+def _devices(devices: Device | Sequence[Device]) -> list[Device]:
+    found = [devices] if isinstance(devices, Device) else devices
+    if not isinstance(found, Sequence) or not all(isinstance(device, Device) for device in found):
+        raise TypeError(f"devices must be a Device or a list of them, got {devices!r}")
+    return list(found)
+
+
+def _is_tool(tool: object) -> bool:
+    return isinstance(tool, tuple) and [type(part) for part in tool] == [Burr, Material]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import operator
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,7 +21,7 @@ FORMAT, FORMAT_VERSION = "burrlab bone", 1
 
 
 def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, source: str = "") -> None:
-    """Writes a bone and its tick index to an HDF5 file; an older file of that name is replaced when it is whole.
+    """Writes a bone and its tick index to an HDF5 file; an older bone of that name is replaced when it is whole.
 
     Parameters
     ----------
@@ -35,6 +36,10 @@ def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, s
     ------
     ValueError
         If the tick is negative or not below 2^64.
+    TypeError
+        If it is no whole number.
+    FileExistsError
+        If there is a file of that name that holds no bone, as a trace.
     OSError
         If the file cannot be written.
 
@@ -49,12 +54,11 @@ def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, s
     (True, 1000)
     >>> folder.cleanup()
     """
-    import h5py
-
     path, part = Path(path), Path(f"{os.fspath(path)}.part")
     check_tick(tick)
+    check_bone_file(path)
     try:
-        with h5py.File(part, "w") as file:
+        with new_hdf5(part) as file:
             file.attrs["format"] = FORMAT
             file.attrs["format_version"] = FORMAT_VERSION
             file.attrs["burrlab"] = __version__
@@ -103,6 +107,28 @@ def told_as_damage(path: str | os.PathLike[str]) -> Iterator[None]:
         if isinstance(error, ValueError) and str(error).startswith(f"{path} is "):
             raise
         raise ValueError(f"{path} is damaged: {error}") from None
+
+
+def check_bone_file(path: str | os.PathLike[str]) -> None:
+    """FileExistsError if `save_bone` would replace a file that holds no bone."""
+    if not Path(path).exists():
+        return
+    try:
+        open_hdf5(path, FORMAT, FORMAT_VERSION).close()
+    except (ValueError, OSError):
+        raise FileExistsError(f"path must be a new file or a {FORMAT}, {path} is neither") from None
+
+
+def new_hdf5(path: str | os.PathLike[str], **options: Any) -> h5py.File:
+    """A new file, or an older one emptied; OSError with one sentence where its folder does not let it."""
+    import h5py
+
+    folder = Path(path).parent
+    if not folder.is_dir():
+        raise FileNotFoundError(f"folder must exist, got {folder}")
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(f"folder must be writable, got {folder}")
+    return h5py.File(path, "w", **options)
 
 
 def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File:
@@ -160,7 +186,7 @@ def read_bone(group: h5py.Group) -> tuple[VoxelBone, int]:
 
 
 def check_tick(tick: int) -> None:
-    if not 0 <= tick < 2**64:
+    if not 0 <= operator.index(tick) < 2**64:
         raise ValueError(f"tick must be a whole number from 0 and below 2^64, got {tick}")
 
 

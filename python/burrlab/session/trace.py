@@ -151,7 +151,7 @@ class Trace:
                 continue
             stem, unit = _split_unit(name)
             columns.update({f"{stem}_{_AXES[i]}_{unit}": values[:, i] for i in range(3)})
-        table = frame(columns)
+        table = frame(columns, "a frame")
         return table.set_index("index")
 
     def _check_burr(self, burr: int) -> None:
@@ -176,6 +176,12 @@ class Trace:
             f"<tr><th>{key}</th><td>{html.escape(str(value))}</td></tr>" for key, value in rows.items()
         )
         return f"<table>{body}</table>"
+
+
+def check_trace(trace: Trace) -> None:
+    """TypeError unless it is a trace: the file's name is given too easily."""
+    if not isinstance(trace, Trace):
+        raise TypeError(f"trace must be a Trace, as load_trace gives it, got {trace!r}")
 
 
 def load_trace(path: str | os.PathLike[str]) -> Trace:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from burrlab._core import Burr, Material, VoxelBone
 from burrlab.provenance import provenance
-from burrlab.session.snapshot import write_bone
+from burrlab.session.snapshot import new_hdf5, write_bone
 
 if TYPE_CHECKING:
     import h5py
@@ -99,9 +99,7 @@ def create(path: Path, header: Header, bone: VoxelBone, *, capacity: int, digest
     The tables are allocated at once and never filled: on file systems with sparse files they take room only as they
     are written. Everything begins at a multiple of 64 bytes, so that no count lies across a page of memory.
     """
-    import h5py
-
-    with h5py.File(path, "w", alignment_threshold=1, alignment_interval=64) as file:
+    with new_hdf5(path, alignment_threshold=1, alignment_interval=64) as file:
         _write_header(file, header, bone)
         names = {  # what says how recording ended lies before the tables, where the file is never too long for it
             "recorded": file.create_dataset("recorded", data=np.uint64(0)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 
 from burrlab._core import TickExecutor, VoxelBone
 from burrlab.session.replay import inputs
-from burrlab.session.trace import Trace
+from burrlab.session.snapshot import new_hdf5
+from burrlab.session.trace import Trace, check_trace
 
 if TYPE_CHECKING:
     import h5py
@@ -56,7 +58,9 @@ def export_volumetric_drilling(
     Raises
     ------
     ValueError
-        If there is no such burr.
+        If there is no such burr, or the path is the trace's own.
+    TypeError
+        If `trace` is not a trace.
     OSError
         If the file cannot be written.
 
@@ -67,13 +71,14 @@ def export_volumetric_drilling(
     Without a counterpart, and left out: stereo images, depth, segmentation, camera poses, intrinsics, extrinsics and
     baseline, torques (zeros), the drill's orientation. `burr_size` is the diameter in whole millimetres, as there.
     """
-    import h5py
-
+    check_trace(trace)
+    if Path(path).exists() and Path(path).samefile(trace.path):
+        raise ValueError(f"path must be another file than the trace, got {path}")
     center = trace.array("center_mm", burr) / 1000.0
     start = float(trace.provenance["started_unix_s"])
     stamps = start + trace.time()
     pose = np.hstack([center, np.tile(_NO_TURN, (len(trace), 1))])
-    with h5py.File(path, "w") as file:
+    with new_hdf5(path) as file:
         _write_metadata(file, trace)
         _write_data(file, trace, pose, stamps)
         drill = file.create_group("high_frequency_poses/mastoidectomy_drill")

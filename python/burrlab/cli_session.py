@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
+import signal
 import sys
-from collections.abc import Callable, Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -123,7 +126,7 @@ def _session(options: Options) -> int:
     interrupted = False
     if session.port is not None:
         _say(f"published on {host}, port {session.port}; there is no authentication")
-    with session:
+    with _ended_by_signals(), session:
         try:
             while not session.wait(1.0):
                 _show(_line(session))
@@ -229,10 +232,11 @@ def _replica(options: Options) -> int:
     _say(f"following {host}, port {port}")
     interrupted, left = False, float("inf") if options.duration is None else options.duration
     try:
-        while left > 0 and not replica.wait(min(1.0, left)):
-            left -= 1.0
-            status = replica.status
-            _show(f"tick {status['tick']}, {'connected' if status['connected'] else 'not connected'}")
+        with _ended_by_signals():
+            while left > 0 and not replica.wait(min(1.0, left)):
+                left -= 1.0
+                status = replica.status
+                _show(f"tick {status['tick']}, {'connected' if status['connected'] else 'not connected'}")
     except KeyboardInterrupt:
         interrupted = True
     replica.stop()
@@ -244,6 +248,20 @@ def _replica(options: Options) -> int:
     if interrupted:
         return 130
     return 1 if status["divergences"] or status["failed"] else 0
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """SIGTERM and a closed terminal end what runs as Ctrl-C does: the force zero, the trace whole."""
+    names = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    if threading.current_thread() is not threading.main_thread():
+        names = []  # only the main thread may
+    before = {name: signal.signal(name, signal.default_int_handler) for name in names}
+    try:
+        yield
+    finally:
+        for name, handler in before.items():
+            signal.signal(name, handler)
 
 
 def _say(text: str) -> None:

@@ -137,7 +137,8 @@ def test_leader_and_replica(tmp_path):
     assert burrlab.load_bone(bone)[0].digest() == status["digest"]
 
 
-def test_interrupted_session_is_whole(tmp_path):
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_interrupted_session_is_whole(tmp_path, name):
     path = tmp_path / "cut.h5"
     run = subprocess.Popen(
         [sys.executable, "-m", "burrlab", "session", "--device", "hand", *FAST, "--record", str(path)],
@@ -147,7 +148,7 @@ def test_interrupted_session_is_whole(tmp_path):
     while not path.exists() and time.monotonic() < until:
         time.sleep(0.05)
     time.sleep(1.5)
-    run.send_signal(signal.SIGINT)
+    run.send_signal(getattr(signal, name))
     out, _ = run.communicate(timeout=30)
     assert run.returncode == 130
     assert out.startswith("interrupted: ")

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.ticker import FormatStrFormatter
 
 from burrlab.figures import FORCE, REFERENCE, new_figure, tidy
 

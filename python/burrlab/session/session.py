@@ -175,7 +175,7 @@ class Session:
                 self._writer = TraceWriter(
                     record, RecordReader(self._loop), start, self.tools, seed=self.seed, period=period,
                     scheme=scheme, first_tick=tick, devices=[device.name for device in self.devices],
-                    source=str(recipe), note=self.provenance, duration=room, digest_every=ticks_a_digest * period / 1e3,
+                    source=json.dumps(recipe), note=self.provenance, duration=room, digest_every=ticks_a_digest * period / 1e3,
                     on_end=self._say,
                 )  # fmt: skip
             except BaseException:

@@ -122,18 +122,7 @@ rebuild_after : float
           },
           py::arg("known"), "`digests` without the first `known`.")
       .def("digest", &Follower::digest, py::call_guard<py::gil_scoped_release>(), "Of the bone now.")
-      .def(
-          "snapshot",
-          [](const Follower& f) {
-            std::uint64_t tick = 0;
-            std::shared_ptr<VoxelBone> bone;
-            {
-              const py::gil_scoped_release release;
-              bone = f.snapshot(tick);
-            }
-            return py::make_tuple(bone, tick);
-          },
-          "(copy of the bone, ticks it has seen)")
+      .def("snapshot", &snapshot_of<Follower>, "(copy of the bone, ticks it has seen)")
       .def("view", &Follower::view, py::keep_alive<0, 1>(),
            "A consumer's own view: what changed since it last asked.")
       .def(

@@ -250,18 +250,7 @@ ValueError
           "reason)], most_missed (ticks until a loss was noticed), divergences [{tick, what, compared_at, "
           "exact, bricks (z, y, x)}], ended, failed, reason, messages, dropped {reason: messages}")
       .def("digest", &Replica::digest, py::call_guard<py::gil_scoped_release>(), "Of the bone now.")
-      .def(
-          "snapshot",
-          [](const Replica& replica) {
-            std::uint64_t tick = 0;
-            std::shared_ptr<VoxelBone> bone;
-            {
-              const py::gil_scoped_release release;
-              bone = replica.snapshot(tick);
-            }
-            return py::make_tuple(bone, tick);
-          },
-          "(copy of the bone, ticks it has seen)")
+      .def("snapshot", &snapshot_of<Replica>, "(copy of the bone, ticks it has seen)")
       .def(
           "take",
           [](Replica& replica) {

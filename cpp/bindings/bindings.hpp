@@ -22,6 +22,18 @@ inline burrlab::Shape to_shape(const ShapeArgument& shape) {
 /// tick, newest, bricks and density of what a consumer has not seen yet.
 pybind11::dict to_dict(const burrlab::BoneView::Update& update, const burrlab::VoxelBone& bone);
 
+/// (copy of the bone, ticks it has seen) of whatever follows a session.
+template <class Following>
+pybind11::tuple snapshot_of(const Following& following) {
+  std::uint64_t tick = 0;
+  std::shared_ptr<burrlab::VoxelBone> bone;
+  {
+    const pybind11::gil_scoped_release release;
+    bone = following.snapshot(tick);
+  }
+  return pybind11::make_tuple(bone, tick);
+}
+
 void bind_shape(pybind11::module_& m);
 void bind_material(pybind11::module_& m);
 void bind_voxel_bone(pybind11::module_& m);

@@ -1,7 +1,6 @@
 #include "burrlab/voxel_bone.hpp"
 
 #include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <new>
 #include <utility>
@@ -263,73 +262,6 @@ void VoxelBone::reset() {
     occupancy_.set(at, sums_[brick].mass > 0);
   });
   level_sum_ = pristine_sum_;
-}
-
-void VoxelBone::touch() {
-  constexpr std::size_t page = 4096;
-  for (Tiles* tiles : {&density_, &pristine_}) {
-    if (tiles->empty()) continue;
-    volatile std::uint8_t* first = tiles->tile(0);
-    for (std::size_t i = 0; i < sums_.size() * brick_voxels; i += page) first[i] = first[i];
-  }
-}
-
-std::vector<std::uint32_t> VoxelBone::bricks_between(const Vec3& low, const Vec3& high) const {
-  Index3 first, last;
-  for (int axis = 0; axis < 3; ++axis) {
-    const double size = brick_side * spacing_[axis], begin = origin_[axis] - 0.5 * spacing_[axis];
-    const auto most = double(bricks_[2 - axis] - 1);
-    first[2 - axis] = std::int64_t(std::clamp(std::floor((low[axis] - begin) / size), 0.0, most + 1.0));
-    last[2 - axis] = std::int64_t(std::clamp(std::floor((high[axis] - begin) / size), -1.0, most));
-  }
-  std::vector<std::uint32_t> numbers;
-  for (std::int64_t z = first[0]; z <= last[0]; ++z)
-    for (std::int64_t y = first[1]; y <= last[1]; ++y)
-      for (std::int64_t x = first[2]; x <= last[2]; ++x)
-        numbers.push_back(static_cast<std::uint32_t>(brick_number(z, y, x)));
-  return numbers;
-}
-
-std::vector<std::uint32_t> VoxelBone::take_changed() {
-  std::vector<std::uint32_t> numbers;
-  for (std::size_t brick = 0; brick < state_.size(); ++brick) {
-    if (!(state_[brick] & changed)) continue;
-    state_[brick] &= static_cast<std::uint8_t>(~changed);
-    numbers.push_back(static_cast<std::uint32_t>(brick));
-  }
-  return numbers;
-}
-
-void VoxelBone::read_brick(std::size_t brick, std::uint8_t* density, std::uint8_t* pristine) const {
-  std::memcpy(density, tile(brick), brick_voxels);
-  copy_pristine(place(brick), brick, pristine);
-}
-
-void VoxelBone::write_brick(std::size_t brick, const std::uint8_t* density, const std::uint8_t* pristine) {
-  if (brick >= sums_.size()) refuse("brick", "below " + std::to_string(sums_.size()), double(brick));
-  const Index3 at = place(brick), n = extent(at);
-  for (int i = 0; i < brick_voxels; ++i) {
-    const bool inside = i / 64 < n[0] && i / 8 % 8 < n[1] && i % 8 < n[2];
-    if (density[i] > pristine[i]) refuse("density of a brick", "at most its pristine level", density[i]);
-    if (!inside && pristine[i]) refuse("levels of a brick beyond the volume", "0", pristine[i]);
-  }
-  std::uint8_t before[brick_voxels];  // the tile may be where the pristine levels lie
-  std::memcpy(before, pristine, brick_voxels);
-  std::memcpy(density_.tile(brick), density, brick_voxels);
-  settle(at, brick, before);
-}
-
-void VoxelBone::copy_brick(std::size_t brick, const VoxelBone& from) {
-  level_sum_ -= sums_[brick].mass;
-  std::memcpy(density_.tile(brick), from.tile(brick), brick_voxels);
-  if (from.state_[brick] & saved) {
-    if (pristine_.empty()) pristine_ = Tiles(sums_.size());
-    std::memcpy(pristine_.tile(brick), from.pristine_.tile(brick), brick_voxels);
-  }
-  state_[brick] = from.state_[brick] | changed;
-  sums_[brick] = from.sums_[brick];
-  level_sum_ += sums_[brick].mass;
-  occupancy_.set(place(brick), sums_[brick].mass > 0);
 }
 
 std::uint8_t* VoxelBone::open(std::size_t brick) {

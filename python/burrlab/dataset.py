@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -17,12 +18,12 @@ if TYPE_CHECKING:
 Floats: TypeAlias = NDArray[np.float64]
 
 
-class DataSet:
+class DataSet(ABC):
     """What every data set has: equality by its fields, and its table as a DataFrame."""
 
+    @abstractmethod
     def _table(self) -> Mapping[str, Sequence[Any]]:
         """Columns by their names in the CSV file."""
-        raise NotImplementedError
 
     def to_frame(self) -> pandas.DataFrame:
         """The data as a pandas DataFrame with the columns of the CSV file.

@@ -75,3 +75,17 @@ class FakeReader:
         if len(batch) > most:
             self.batches.insert(0, batch[most:])
         return batch[:most], False
+
+
+def writer(file, *batches, **options):
+    """A recorder of these batches of records, not yet started."""
+    settings = {"seed": SEED, "first_tick": 40, **options}
+    return burrlab.TraceWriter(file, FakeReader(*batches), small_bone(), tools(), **settings)
+
+
+def record(file, *batches, **options):
+    """The same, run to its end."""
+    made = writer(file, *batches, **options)
+    made.start()
+    made.stop()
+    return made

@@ -83,16 +83,22 @@ def test_killed_and_restarted_replica_catches_up(ticks, record_property, capsys)
     report(record_property, capsys, **counted(result))
 
 
-@lengths(3000)
-def test_proxy_that_drops_messages(ticks, record_property, capsys):
-    drop = Dropper(0.01, random.Random(1))
-    with Leader() as leader, Proxy(leader.port, drop) as proxy:
+def followed_through(pump, ticks):
+    """Status of a replica that followed so many ticks through a proxy, and holds the leader's bone."""
+    with Leader() as leader, Proxy(leader.port, pump) as proxy:
         replica = follow("127.0.0.1", proxy.port)
         leader.run_to(ticks)
         leader.end(linger=20.0)
         assert replica.wait(20), replica.status
     status = replica.status
     check_equal(leader, status, replica.digest())
+    return status
+
+
+@lengths(3000)
+def test_proxy_that_drops_messages(ticks, record_property, capsys):
+    drop = Dropper(0.01, random.Random(1))
+    status = followed_through(drop, ticks)
     assert len(drop.dropped) > 0
     assert status["faults"] > 0
     assert status["most_missed"] <= 100
@@ -103,13 +109,7 @@ def test_proxy_that_drops_messages(ticks, record_property, capsys):
 @lengths(3000)
 def test_proxy_that_breaks_the_stream(pump, ticks, record_property, capsys):
     pump = pump()
-    with Leader() as leader, Proxy(leader.port, pump) as proxy:
-        replica = follow("127.0.0.1", proxy.port)
-        leader.run_to(ticks)
-        leader.end(linger=20.0)
-        assert replica.wait(20), replica.status
-    status = replica.status
-    check_equal(leader, status, replica.digest())
+    status = followed_through(pump, ticks)
     assert status["faults"] >= 2
     assert status["most_missed"] <= 100
     report(record_property, capsys, breaks=getattr(pump, "cuts", 0) or pump.losses, **counted(status))

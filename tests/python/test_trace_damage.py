@@ -1,0 +1,165 @@
+"""Files that are no trace, or no more: each is told in one sentence, and none gives a wrong value."""
+
+from __future__ import annotations
+
+import re
+
+import h5py
+import numpy as np
+import pytest
+from session_scenes import make_records, record, small_bone, writer
+
+import burrlab
+
+
+@pytest.fixture(scope="module")
+def records():
+    return make_records(small_bone(), 1500, first=40)
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "session.h5"
+
+
+def test_what_is_no_trace(file):
+    with pytest.raises(FileNotFoundError):
+        burrlab.load_trace(file)
+    file.write_bytes(b"")
+    with pytest.raises(ValueError, match="is not a burrlab trace: not an HDF5 file"):
+        burrlab.load_trace(file)
+    file.unlink()
+    burrlab.save_bone(file, small_bone())
+    with pytest.raises(ValueError, match=r"is not a burrlab trace$"):
+        burrlab.load_trace(file)
+
+
+def newer(file):
+    file.attrs["format_version"] = 2
+
+
+def lose_ticks(file):
+    del file["ticks"]
+
+
+def lose_seed(file):
+    del file.attrs["seed"]
+
+
+def count_too_many(file):
+    file["recorded"][()] = 1501
+
+
+def blank_a_row(file):
+    row = file["ticks"][700]
+    row["index"] = 0
+    file["ticks"][700] = row
+
+
+def stand_for_nothing(file):
+    row = file["ticks"][3]
+    row["k"] = 0
+    file["ticks"][3] = row
+
+
+def another_bone(file):
+    file["volume/density"][0, 0, 0] = 3
+
+
+def another_digest(file):
+    file.attrs["initial_digest"] = "0" * 32
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (newer, "of format 2, and this version reads up to 1"), (lose_ticks, "is damaged"),
+        (lose_seed, "is damaged"), (count_too_many, "1501 ticks are counted, and there is room for 1500"),
+        (blank_a_row, "is damaged: the row of tick 740 holds something else"),
+        (stand_for_nothing, "is damaged: the row of tick 43 holds something else"),
+        (another_bone, "is damaged: the bone has digest"),
+        (another_digest, "its volume is not the one that the session began with"),
+    ],
+)  # fmt: skip
+def test_damage_is_found(file, records, damage, said):
+    record(file, records)
+    with h5py.File(file, "a") as plain:
+        damage(plain)
+    with pytest.raises(ValueError, match=said):
+        burrlab.load_trace(file)
+
+
+def test_a_trace_cut_short(file, records):
+    record(file, records)
+    file.write_bytes(file.read_bytes()[:-500])
+    with pytest.raises(ValueError, match="is damaged: it was cut short"):
+        burrlab.load_trace(file)
+
+
+def test_a_byte_lost_in_a_compressed_row_is_an_error(file, records):
+    record(file, records)
+    with h5py.File(file) as plain:
+        chunk = plain["ticks"].id.get_chunk_info(0)
+    data = bytearray(file.read_bytes())
+    for i in range(100):
+        data[chunk.byte_offset + chunk.size // 2 + i] ^= 0xFF
+    file.write_bytes(data)
+    with pytest.raises(ValueError, match="is damaged"):
+        burrlab.load_trace(file)
+
+
+@pytest.mark.parametrize("duration", [0.001, 1.0, 3600.0])
+def test_counts_lie_within_a_page_and_before_the_tables(file, duration):
+    made = writer(file, duration=duration)
+    at = made._places
+    small = [at.recorded, at.digests_recorded, at.ended, at.complete]
+    assert max(small) < min(at.ticks, at.digests)
+    assert all(place % 64 == 0 for place in [*small, at.ticks, at.digests])
+    made.stop()
+
+
+def _set(name, value):
+    def change(trace):
+        trace.attrs[name] = value
+
+    return change
+
+
+def _replace(name, data):
+    def change(trace):
+        del trace[name]
+        trace[name] = data
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        _set("burrs", 3), _set("burrs", "two"), _set("burrs", np.inf), _set("seed", "x"), _set("period_ms", "long"),
+        _set("first_tick", -1.5), _set("format_version", "new"), _set("initial_digest", [1, 2]),
+        _replace("note", "{not JSON"), _replace("note", np.bytes_(b"\xff\xfe")), _replace("note", 5),
+        _replace("ticks", 5), _replace("recorded", np.zeros(3)),
+        _replace("volume/density", np.zeros(5, np.uint8)), _replace("volume/density", np.zeros((2, 2, 2))),
+        lambda trace: trace.__delitem__("tools/0"), lambda trace: trace["tools/0"].attrs.__setitem__("shape", "odd"),
+        lambda trace: trace["tools/0"].attrs.__setitem__("radius_mm", np.nan),
+        lambda trace: trace["volume"].attrs.__setitem__("spacing_mm", [0.0, 1.0, 1.0]),
+        lambda trace: trace["volume"].attrs.__setitem__("tick", "late"),
+    ],
+)  # fmt: skip
+def test_content_that_no_session_wrote(file, records, change):
+    """Refused in a sentence that names the file."""
+    record(file, records[:20])
+    with h5py.File(file, "r+") as trace:
+        change(trace)
+    with pytest.raises(ValueError, match=rf"^{re.escape(str(file))} is "):
+        burrlab.load_trace(file)
+
+
+def test_cut_short(file, records):
+    record(file, records[:200])
+    whole = file.read_bytes()
+    for part in np.linspace(0, len(whole) - 1, 40, dtype=int):
+        file.write_bytes(whole[:part])
+        with pytest.raises(ValueError, match=rf"^{re.escape(str(file))} is "):
+            burrlab.load_trace(file)

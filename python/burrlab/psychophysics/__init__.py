@@ -1,0 +1,1 @@
+"""Can it be felt? Experiments on what people tell apart: designed, run, simulated, analysed."""

@@ -1,0 +1,203 @@
+"""From d' to the rates of answers and back: decision rules of same-different, ABX and two-interval tasks.
+
+d' is the distance between the two stimuli in standard deviations of one observation. Formulas as in Macmillan and
+Creelman, *Detection Theory: A User's Guide*, chapter 9 (same-different, ABX) and 7 (two intervals).
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import erf, erfc, erfcinv, erfinv, ndtr, ndtri
+
+Floats: TypeAlias = NDArray[np.float64]
+TaskName: TypeAlias = Literal["same-different", "abx", "2ifc"]
+RuleName: TypeAlias = Literal["independent-observations", "differencing"]
+
+TASKS: tuple[TaskName, ...] = ("same-different", "abx", "2ifc")
+RULES: tuple[RuleName, ...] = ("independent-observations", "differencing")
+
+_ROOT2, _ROOT3 = math.sqrt(2.0), math.sqrt(3.0)
+_LARGEST = 75.0  # d' whose rates a double tells from 0 and 1
+_HALVINGS = 100  # of an interval of that length: to the last bit
+
+
+class Rule(ABC):
+    """How an observer decides.
+
+    The two rates are those of one answer, given the stimuli that ask for it (hit) and those that do not (false alarm):
+
+    * same-different: "different", on pairs AB and BA (hit) and AA and BB (false alarm);
+    * ABX: "the first", where the first alternative (hit) or the second (false alarm) matches the reference;
+    * two intervals: "the first", where the first (hit) or the second (false alarm) has more of what is asked for.
+
+    All methods take numbers or arrays that broadcast, and return arrays.
+
+    Attributes
+    ----------
+    task : {"same-different", "abx", "2ifc"}
+    name : {"independent-observations", "differencing"}
+    """
+
+    task: TaskName
+    name: RuleName
+
+    @abstractmethod
+    def rates(self, d_prime: ArrayLike, criterion: ArrayLike | None = None) -> tuple[Floats, Floats]:
+        """(hit rate, false-alarm rate) at d' >= 0 and a criterion, by default the unbiased one."""
+
+    @abstractmethod
+    def invert(self, hit: ArrayLike, false_alarm: ArrayLike) -> tuple[Floats, Floats]:
+        """(d', criterion) of a pair of rates. d' is 0 where hit <= false alarm, inf where hit is 1 or false alarm 0."""
+
+    @abstractmethod
+    def unbiased(self, d_prime: ArrayLike) -> Floats:
+        """The criterion with the most correct answers when both kinds of trial are equally frequent."""
+
+    @abstractmethod
+    def criterion_of(self, d_prime: ArrayLike, false_alarm: ArrayLike) -> Floats:
+        """The criterion with which an observer of this d' has this false-alarm rate."""
+
+    def proportion_correct(
+        self, d_prime: ArrayLike, criterion: ArrayLike | None = None, *, lapse: float = 0.0
+    ) -> Floats:
+        """Of both kinds of trial, equally frequent; a lapse answers at random."""
+        hit, false_alarm = self.rates(d_prime, criterion)
+        return np.asarray((1.0 - lapse) * 0.5 * (1.0 + hit - false_alarm) + 0.5 * lapse)
+
+
+class _Differencing(Rule):
+    """Same-different: "different" where the two observations are further apart than k, the criterion [sd]."""
+
+    task, name = "same-different", "differencing"
+
+    def rates(self, d_prime: ArrayLike, criterion: ArrayLike | None = None) -> tuple[Floats, Floats]:
+        d = np.asarray(d_prime, dtype=np.float64)
+        k = self.unbiased(d) if criterion is None else np.asarray(criterion, dtype=np.float64)
+        hit = ndtr((d - k) / _ROOT2) + ndtr((-d - k) / _ROOT2)
+        return np.asarray(hit), np.asarray(2.0 * ndtr(-k / _ROOT2) + 0.0 * d)
+
+    def criterion_of(self, d_prime: ArrayLike, false_alarm: ArrayLike) -> Floats:
+        return np.asarray(-_ROOT2 * ndtri(0.5 * np.asarray(false_alarm, dtype=np.float64)))
+
+    def unbiased(self, d_prime: ArrayLike) -> Floats:
+        # exp(d^2/4) = cosh(d k/2); log of it, so that large d' do not overflow
+        d = np.asarray(d_prime, dtype=np.float64)
+        square = 0.25 * d * d
+        with np.errstate(divide="ignore", invalid="ignore"):
+            arcosh = square + np.log1p(np.sqrt(-np.expm1(-2.0 * square)))
+            return np.asarray(np.where(d < 1e-5, _ROOT2, 2.0 * arcosh / d))
+
+    def invert(self, hit: ArrayLike, false_alarm: ArrayLike) -> tuple[Floats, Floats]:
+        h, f = np.broadcast_arrays(
+            np.asarray(hit, dtype=np.float64), np.asarray(false_alarm, dtype=np.float64)
+        )
+        k = self.criterion_of(0.0, f)
+        # A criterion at infinity answers no question: any d' gives these rates.
+        some = np.where(np.isfinite(k), k, 0.0)
+        d = _root(lambda x: self.rates(x, some)[0] - h, h.shape)
+        d = np.where(h <= f, 0.0, np.where((h >= 1.0) | (f <= 0.0), np.inf, d))
+        return d, k
+
+
+class _Symmetric(Rule):
+    """z(hit) and z(false alarm) are +-z/2 - c, with erf(z/(2 sqrt 2)) = erf(d'/a) erf(d'/b): exact without bias.
+
+    With bias it is Macmillan and Creelman's approximation: a receiver operating characteristic of unit slope.
+    """
+
+    def __init__(self, task: TaskName, name: RuleName, a: float, b: float) -> None:
+        self.task, self.name, self._scales = task, name, (a, b)
+
+    def _z(self, d_prime: ArrayLike) -> Floats:
+        """z(hit) - z(false alarm)."""
+        d = np.asarray(d_prime, dtype=np.float64)
+        a, b = (d / scale for scale in self._scales)
+        low, far_a, far_b = erf(a) * erf(b), erfc(a), erfc(b)
+        high = far_a + far_b - far_a * far_b  # 1 - low without its rounding
+        return np.asarray(2.0 * _ROOT2 * np.where(low < 0.5, erfinv(np.minimum(low, 0.9)), erfcinv(high)))
+
+    def rates(self, d_prime: ArrayLike, criterion: ArrayLike | None = None) -> tuple[Floats, Floats]:
+        c = np.float64(0.0) if criterion is None else np.asarray(criterion, dtype=np.float64)
+        half = 0.5 * self._z(d_prime)
+        return np.asarray(ndtr(half - c)), np.asarray(ndtr(-half - c))
+
+    def criterion_of(self, d_prime: ArrayLike, false_alarm: ArrayLike) -> Floats:
+        return np.asarray(-0.5 * self._z(d_prime) - ndtri(np.asarray(false_alarm, dtype=np.float64)))
+
+    def unbiased(self, d_prime: ArrayLike) -> Floats:
+        return np.zeros_like(np.asarray(d_prime, dtype=np.float64))
+
+    def invert(self, hit: ArrayLike, false_alarm: ArrayLike) -> tuple[Floats, Floats]:
+        h, f = np.broadcast_arrays(
+            np.asarray(hit, dtype=np.float64), np.asarray(false_alarm, dtype=np.float64)
+        )
+        with np.errstate(invalid="ignore"):
+            z, c = ndtri(h) - ndtri(f), -0.5 * (ndtri(h) + ndtri(f))
+        some = np.where(np.isfinite(z), z, 1.0)
+        d = _root(lambda x: self._z(x) - some, h.shape)
+        d = np.where(h <= f, 0.0, np.where((h >= 1.0) | (f <= 0.0), np.inf, d))
+        return d, np.asarray(c)
+
+
+class _TwoIntervals(_Symmetric):
+    """The larger of two observations: z(hit) - z(false alarm) = sqrt(2) d', whatever rule it is called by."""
+
+    def __init__(self, name: RuleName) -> None:
+        super().__init__("2ifc", name, 1.0, 1.0)
+
+    def _z(self, d_prime: ArrayLike) -> Floats:
+        return np.asarray(_ROOT2 * np.asarray(d_prime, dtype=np.float64))
+
+
+def _root(function: Callable[[Floats], Floats], shape: tuple[int, ...]) -> Floats:
+    """The zero of an increasing function of d' in [0, _LARGEST], by halving, for all elements at once."""
+    low, high = np.zeros(shape), np.full(shape, _LARGEST)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        above = function(middle) > 0.0
+        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    return 0.5 * (low + high)
+
+
+_ALL: dict[tuple[str, str], Rule] = {
+    (rule.task, rule.name): rule
+    for rule in (
+        # Pc = Phi(d'/2)^2 + Phi(-d'/2)^2
+        _Symmetric("same-different", "independent-observations", 2.0 * _ROOT2, 2.0 * _ROOT2),
+        _Differencing(),
+        # Pc = Phi(d'/sqrt 2) Phi(d'/2) + Phi(-d'/sqrt 2) Phi(-d'/2)
+        _Symmetric("abx", "independent-observations", 2.0, 2.0 * _ROOT2),
+        # Pc = Phi(d'/sqrt 2) Phi(d'/sqrt 6) + Phi(-d'/sqrt 2) Phi(-d'/sqrt 6)
+        _Symmetric("abx", "differencing", 2.0, 2.0 * _ROOT3),
+        _TwoIntervals("independent-observations"),
+        _TwoIntervals("differencing"),
+    )
+}
+
+
+def rule_of(task: str, name: str) -> Rule:
+    """The rule of a task by its name.
+
+    Raises
+    ------
+    ValueError
+        If the task or the rule is unknown.
+
+    Examples
+    --------
+    >>> rule = rule_of("same-different", "differencing")
+    >>> d, criterion = rule.invert(0.7, 0.2)
+    >>> print(f"{d:.5f} {criterion:.5f}")
+    2.54986 1.81239
+    """
+    if task not in TASKS:
+        raise ValueError(f"task must be one of {', '.join(TASKS)}, got {task!r}")
+    if name not in RULES:
+        raise ValueError(f"rule must be one of {', '.join(RULES)}, got {name!r}")
+    return _ALL[task, name]

@@ -162,7 +162,7 @@ def _root(function: Callable[[Floats], Floats], shape: tuple[int, ...]) -> Float
         middle = 0.5 * (low + high)
         above = function(middle) > 0.0
         low, high = np.where(above, low, middle), np.where(above, middle, high)
-    return 0.5 * (low + high)
+    return np.asarray(0.5 * (low + high))
 
 
 _ALL: dict[tuple[str, str], Rule] = {

@@ -111,6 +111,7 @@ class Runner:
         self._seat, self._experimenter, self._rig, self._clock = seat, experimenter, rig, clock
         self._heard: set[str] = set()  # sentences of sessions that need no second saying
         self._silent = False
+        self._before = len(order.answered)
 
     def run(self) -> int:
         """Until the order has no more trials; how many were answered now.
@@ -122,7 +123,7 @@ class Runner:
         KeyboardInterrupt
             If the subject or the experimenter ended the run.
         """
-        before = len(self._order.answered)
+        self._before = len(self._order.answered)
         if self._order.next() is not None:
             self._welcome()
         while (trial := self._order.next()) is not None:
@@ -136,7 +137,7 @@ class Runner:
             self._keep(Answer(trial, onset, duration, response, response_time, endings))
             self._order.answer(response)
             self._after(trial, response, response_time, endings)
-        return len(self._order.answered) - before
+        return len(self._order.answered) - self._before
 
     def _welcome(self) -> None:
         keys = " or ".join(f"{key} for {answer}" for key, answer in enumerate(self._design.answers, start=1))
@@ -148,7 +149,7 @@ class Runner:
         )
 
     def _rest_before(self, trial: Trial) -> None:
-        """A break where a block begins that is not the first thing in this sitting."""
+        """A break where a block ends; whoever has just sat down needs none."""
         if not self._order.answered:
             return
         last, _ = self._order.answered[-1]
@@ -157,7 +158,7 @@ class Runner:
         self._seat.progress("")
         if last.phase == "practice":
             self._seat.ready("That was practice. Now it counts.")
-        else:
+        elif len(self._order.answered) > self._before:
             self._experimenter.say(f"break of {self._rig.rest:g} s before block {trial.block}")
             self._seat.rest("Take a break.", self._rig.rest)
 

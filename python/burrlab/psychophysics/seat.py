@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from burrlab.psychophysics.design import Design
-from burrlab.psychophysics.trial import Trial
+from burrlab.psychophysics.trial import Interval, Trial
 
 if TYPE_CHECKING:
     from burrlab.psychophysics.interval import Rendered
@@ -26,6 +26,10 @@ class Seat(ABC):
 
     wall_clock: bool = True
     simulated: bool = False
+
+    def stand_in(self, interval: Interval) -> Interval:
+        """What is rendered for an interval: itself, unless nobody is here who could feel a real specimen."""
+        return interval
 
     @abstractmethod
     def progress(self, text: str) -> None:

@@ -12,14 +12,16 @@ class Clock:
     ----------
     began : float
         When the run was begun: seconds since 1970, as `time.time` has them.
+    least : float
+        What the clock shows at least, the end of the last trial [s]: the time of day may have been set back since.
 
     Notes
     -----
     The time of day is read once: a clock that is set while somebody takes part moves no onset.
     """
 
-    def __init__(self, began: float) -> None:
-        self._offset = time.time() - began - time.monotonic()
+    def __init__(self, began: float, least: float = 0.0) -> None:
+        self._offset = max(time.time() - began, least) - time.monotonic()
 
     def now(self) -> float:
         """[s]"""

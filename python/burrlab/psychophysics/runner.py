@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from burrlab._core import Burr, Device
-from burrlab.psychophysics.answers import Answer
+from burrlab.psychophysics.answer_row import Answer
 from burrlab.psychophysics.clock import Clock
 from burrlab.psychophysics.design import Design, Order
 from burrlab.psychophysics.experimenter import Experimenter

@@ -73,6 +73,16 @@ class Rig:
     trace: Callable[[Trial, int], Path] | None = None
 
 
+@dataclass(frozen=True)
+class _Felt:
+    """An interval that was felt; `rendered` is None of a real specimen. Times are the run's [s]."""
+
+    rendered: Rendered | None
+    ended: str
+    began: float
+    over: float
+
+
 class Runner:
     """Takes one subject through what is left of one task.
 
@@ -129,12 +139,10 @@ class Runner:
         while (trial := self._order.next()) is not None:
             self._rest_before(trial)
             self._announce(trial)
-            onset = self._clock.now()
-            rendered = [self._interval(trial, number) for number in range(1, len(trial.intervals) + 1)]
-            duration = self._clock.now() - onset
-            response, response_time = self._seat.ask(self._design, trial, [seen for seen, _ in rendered])
-            endings = tuple(ended for _, ended in rendered)
-            self._keep(Answer(trial, onset, duration, response, response_time, endings))
+            felt = [self._interval(trial, number) for number in range(1, len(trial.intervals) + 1)]
+            response, response_time = self._seat.ask(self._design, trial, [one.rendered for one in felt])
+            onset, endings = felt[0].began, tuple(one.ended for one in felt)
+            self._keep(Answer(trial, onset, felt[-1].over - onset, response, response_time, endings))
             self._order.answer(response)
             self._after(trial, response, response_time, endings)
         return len(self._order.answered) - self._before
@@ -172,27 +180,26 @@ class Runner:
             f"trial {trial.number} ({place}), {trial.trial_type}{level}: {stimuli}; right is {trial.correct}"
         )
 
-    def _interval(self, trial: Trial, number: int) -> tuple[Rendered | None, str]:
-        """What was rendered, and how the interval ended."""
+    def _interval(self, trial: Trial, number: int) -> _Felt:
         interval, name = trial.intervals[number - 1], _NAMES[self._design.task][number - 1]
         real = interval.stimulus.material is None
         do = "Take the real specimen." if real else "Lift the burr clear of the material."
         self._seat.ready(f"Next: {name.lower()}.\n\n{do}")
         to_end = "\n\nPress the space bar when you have felt enough." if interval.duration is None else ""
         self._seat.begins(f"{name}.\n\n{_DO[self._design.mode]}{to_end}")
+        began = self._clock.now()
         if real and not self._seat.simulated:
-            rendered, ended = None, self._real(interval)
+            felt = _Felt(None, self._real(interval), began, self._clock.now())
         else:
             rendered = self._render(trial, number)
-            ended = rendered.ended
-            self._clock.advance(rendered.duration)
+            self._clock.rendered(rendered.duration)
+            felt = _Felt(rendered, rendered.ended, began, self._clock.now())
         self._seat.ends(f"Stop: end of the {name.lower()}.\n\nLift the burr.", self._rig.pause)
-        if ended in ("break-through", "wall"):
-            assert rendered is not None
+        if felt.ended in ("break-through", "wall"):
             self._experimenter.say(
-                f"{name.lower()} of trial {trial.number} ended by {ended} after {rendered.duration:.2f} s"
+                f"{name.lower()} of trial {trial.number} ended by {felt.ended} after {felt.over - began:.2f} s"
             )
-        return rendered, ended
+        return felt
 
     def _real(self, interval: Interval) -> str:
         end = None if interval.duration is None else time.monotonic() + interval.duration
@@ -236,14 +243,13 @@ class Runner:
             self._experimenter.say(text)
 
     def _after(
-        self, trial: Trial, response: str, response_time: float | None, endings: tuple[str, ...]
+        self, trial: Trial, response: str, response_time: float, endings: tuple[str, ...]
     ) -> None:
         right = response == trial.correct
         main = [(t, r) for t, r in self._order.answered if t.phase == "main"]
         score = sum(r == t.correct for t, r in main)
-        taken = "" if response_time is None else f" in {response_time:.2f} s"
         self._experimenter.say(
-            f"trial {trial.number} ended by {', '.join(endings)}; answered {response}{taken}, "
+            f"trial {trial.number} ended by {', '.join(endings)}; answered {response} in {response_time:.2f} s, "
             f"{'right' if right else 'wrong'}; {score} of {len(main)} right"
         )
         if self._rig.feedback and trial.phase == "practice":

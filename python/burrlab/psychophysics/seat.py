@@ -54,8 +54,8 @@ class Seat(ABC):
     @abstractmethod
     def ask(
         self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
-    ) -> tuple[str, float | None]:
-        """(one of the design's answers, seconds from the question to it; None where that means nothing)."""
+    ) -> tuple[str, float]:
+        """(one of the design's answers, time from the question to it [s])."""
 
     @abstractmethod
     def tell(self, text: str) -> None:

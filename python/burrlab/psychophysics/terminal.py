@@ -154,7 +154,7 @@ class TerminalSeat(Seat):
 
     def ask(
         self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
-    ) -> tuple[str, float | None]:
+    ) -> tuple[str, float]:
         keys = {str(number): answer for number, answer in enumerate(design.answers, start=1)}
         choices = "\n".join(f"{key}   {answer}" for key, answer in keys.items())
         self._keyboard.flush()

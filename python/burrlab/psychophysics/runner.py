@@ -242,9 +242,7 @@ class Runner:
             self._heard.add(text)
             self._experimenter.say(text)
 
-    def _after(
-        self, trial: Trial, response: str, response_time: float, endings: tuple[str, ...]
-    ) -> None:
+    def _after(self, trial: Trial, response: str, response_time: float, endings: tuple[str, ...]) -> None:
         right = response == trial.correct
         main = [(t, r) for t, r in self._order.answered if t.phase == "main"]
         score = sum(r == t.correct for t, r in main)

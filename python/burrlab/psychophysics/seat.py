@@ -52,9 +52,7 @@ class Seat(ABC):
         """Whether the subject has ended the interval, since it began."""
 
     @abstractmethod
-    def ask(
-        self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
-    ) -> tuple[str, float]:
+    def ask(self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]) -> tuple[str, float]:
         """(one of the design's answers, time from the question to it [s])."""
 
     @abstractmethod

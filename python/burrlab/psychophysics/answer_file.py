@@ -30,6 +30,8 @@ class AnswerFile:
         As it was at the start of the run.
     notes : tuple of str
         What the experimenter should know: a last line that was broken off and cut.
+    end : float
+        Of the last answer, from the start of the run [s].
     """
 
     def __init__(
@@ -41,6 +43,7 @@ class AnswerFile:
         self._reader, self._lines = reader, lines
         # The wall clock may have been set back since the start: onsets never go back.
         started = datetime.fromisoformat(side_car.started)
+        self.end = end
         self._zero = time.monotonic() - max((datetime.now(UTC) - started).total_seconds(), end)
 
     @classmethod
@@ -125,10 +128,7 @@ class AnswerFile:
             reader = RowReader(first.task)
             for line, row in rows:
                 reader.add(line, row)
-            end = max(
-                (row.onset + (row.duration or 0.0) + (row.response_time or 0.0) for _, row in rows),
-                default=0.0,
-            )
+            end = max((_end(row) for _, row in rows), default=0.0)
             result = cls(path, file, first, end, reader, content.count(b"\n"))
             if torn:
                 os.ftruncate(file, len(content))
@@ -194,6 +194,7 @@ class AnswerFile:
         _write(self._file, self.path, line)
         self._lines += 1
         self._reader.add(self._lines, row)
+        self.end = max(self.end, _end(row))
 
     def close(self) -> None:
         """Ends writing; another process may open the file."""
@@ -210,6 +211,11 @@ class AnswerFile:
     def __repr__(self) -> str:
         state = "closed" if self._file is None else "open"
         return f"AnswerFile({os.fspath(self.path)!r}, {self._lines - 1} answers, {state})"
+
+
+def _end(row: Row) -> float:
+    """Of an answer, from the start of the run [s]."""
+    return row.onset + (row.duration or 0.0) + (row.response_time or 0.0)
 
 
 def _head(side_car: SideCar) -> bytes:

@@ -1,8 +1,31 @@
 """Can it be felt? Experiments on what people tell apart: designed, run, simulated, analysed."""
 
 from burrlab.psychophysics.abx import ABX
+from burrlab.psychophysics.answer_file import AnswerFile
+from burrlab.psychophysics.answers import Answer, Answers, read_answers, read_folder
+from burrlab.psychophysics.block import Block
+from burrlab.psychophysics.hands import drilling_hand, probing_hand
+from burrlab.psychophysics.interval import ENDINGS, Rendered, render
 from burrlab.psychophysics.orders import counterbalanced
 from burrlab.psychophysics.same_different import SameDifferent
 from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 
-__all__ = ["ABX", "Interval", "SameDifferent", "Stimulus", "Trial", "counterbalanced"]
+__all__ = [
+    "ABX",
+    "ENDINGS",
+    "Answer",
+    "AnswerFile",
+    "Answers",
+    "Block",
+    "Interval",
+    "Rendered",
+    "SameDifferent",
+    "Stimulus",
+    "Trial",
+    "counterbalanced",
+    "drilling_hand",
+    "probing_hand",
+    "read_answers",
+    "read_folder",
+    "render",
+]

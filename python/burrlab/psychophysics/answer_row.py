@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from burrlab.psychophysics import tsv_text
+from burrlab.psychophysics.interval import ENDINGS
 from burrlab.psychophysics.rules import TaskName
 from burrlab.psychophysics.trial import Phase, Trial
 
@@ -27,8 +28,6 @@ TYPES: Mapping[TaskName, Mapping[str, str | None]] = {
     "2ifc": {"RC": None, "CR": None},
 }
 PHASES: tuple[Phase, ...] = ("practice", "main")
-#: How an interval may end.
-ENDINGS = ("time", "break-through", "wall", "subject", "device")
 
 REQUIRED = ("onset", "duration", "trial_type", "response", "correct", "response_time", "trial")
 

@@ -7,6 +7,8 @@ from burrlab.psychophysics.block import Block
 from burrlab.psychophysics.hands import drilling_hand, probing_hand
 from burrlab.psychophysics.interval import ENDINGS, Rendered, render
 from burrlab.psychophysics.orders import counterbalanced
+from burrlab.psychophysics.protocol import Protocol
+from burrlab.psychophysics.protocol_template import template
 from burrlab.psychophysics.same_different import SameDifferent
 from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 
@@ -18,6 +20,7 @@ __all__ = [
     "Answers",
     "Block",
     "Interval",
+    "Protocol",
     "Rendered",
     "SameDifferent",
     "Stimulus",
@@ -28,4 +31,5 @@ __all__ = [
     "read_answers",
     "read_folder",
     "render",
+    "template",
 ]

@@ -1,11 +1,15 @@
 """Can it be felt? Experiments on what people tell apart: designed, run, simulated, analysed."""
 
 from burrlab.psychophysics.abx import ABX
+from burrlab.psychophysics.answer_file import AnswerFile
+from burrlab.psychophysics.answers import Answer, Answers, read_answers, read_folder
 from burrlab.psychophysics.block import Block
 from burrlab.psychophysics.cues import Cues, closed_form_cues, interval_cues, rendered_cues
 from burrlab.psychophysics.hands import drilling_hand, probing_hand
 from burrlab.psychophysics.interval import ENDINGS, Rendered, render
 from burrlab.psychophysics.orders import counterbalanced
+from burrlab.psychophysics.protocol import Protocol
+from burrlab.psychophysics.protocol_template import template
 from burrlab.psychophysics.same_different import SameDifferent
 from burrlab.psychophysics.simulated_subject import SimulatedSubject
 from burrlab.psychophysics.trial import Interval, Stimulus, Trial
@@ -13,9 +17,13 @@ from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 __all__ = [
     "ABX",
     "ENDINGS",
+    "Answer",
+    "AnswerFile",
+    "Answers",
     "Block",
     "Cues",
     "Interval",
+    "Protocol",
     "Rendered",
     "SameDifferent",
     "SimulatedSubject",
@@ -26,6 +34,9 @@ __all__ = [
     "drilling_hand",
     "interval_cues",
     "probing_hand",
+    "read_answers",
+    "read_folder",
     "render",
     "rendered_cues",
+    "template",
 ]

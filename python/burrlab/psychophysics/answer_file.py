@@ -15,6 +15,7 @@ from burrlab.psychophysics import tsv_text
 from burrlab.psychophysics.answer_row import Answer, Row, RowReader, as_text, columns_of
 from burrlab.psychophysics.answers import read_rows, replay
 from burrlab.psychophysics.design import Order
+from burrlab.psychophysics.locked import lock, sync_folder, synced_write
 from burrlab.psychophysics.side_car import SideCar, read_side_car, side_car_path
 
 
@@ -30,6 +31,8 @@ class AnswerFile:
         As it was at the start of the run.
     notes : tuple of str
         What the experimenter should know: a last line that was broken off and cut.
+    end : float
+        Of the last answer, from the start of the run [s].
     """
 
     def __init__(
@@ -41,6 +44,7 @@ class AnswerFile:
         self._reader, self._lines = reader, lines
         # The wall clock may have been set back since the start: onsets never go back.
         started = datetime.fromisoformat(side_car.started)
+        self.end = end
         self._zero = time.monotonic() - max((datetime.now(UTC) - started).total_seconds(), end)
 
     @classmethod
@@ -73,7 +77,7 @@ class AnswerFile:
         except FileExistsError:
             raise FileExistsError(f"path must be a new file, {path} exists: resume the run") from None
         with _closed_on_error(file):
-            _lock(file, path)
+            lock(file, path)
             return cls._begin(path, file, side_car)
 
     @classmethod
@@ -111,7 +115,7 @@ class AnswerFile:
         except FileNotFoundError:
             raise FileNotFoundError(f"{path}: there is no such run to resume") from None
         with _closed_on_error(file):
-            _lock(file, path)
+            lock(file, path)
             first = read_side_car(path)
             if first is None:
                 return cls._begin_again(path, file, side_car)
@@ -125,10 +129,7 @@ class AnswerFile:
             reader = RowReader(first.task)
             for line, row in rows:
                 reader.add(line, row)
-            end = max(
-                (row.onset + (row.duration or 0.0) + (row.response_time or 0.0) for _, row in rows),
-                default=0.0,
-            )
+            end = max((_end(row) for _, row in rows), default=0.0)
             result = cls(path, file, first, end, reader, content.count(b"\n"))
             if torn:
                 os.ftruncate(file, len(content))
@@ -141,7 +142,7 @@ class AnswerFile:
     @classmethod
     def _begin(cls, path: Path, file: int, side_car: SideCar) -> Self:
         """Column names first: whoever finds them without a side-car knows that no trial was asked."""
-        _write(file, path, _head(side_car))
+        synced_write(file, path, _head(side_car))
         text = json.dumps(side_car.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
         temporary = side_car_path(path).with_suffix(".json.new")
         with temporary.open("wb") as stream:
@@ -149,7 +150,7 @@ class AnswerFile:
             stream.flush()
             os.fsync(stream.fileno())
         temporary.rename(side_car_path(path))
-        _sync_folder(path.parent)
+        sync_folder(path.parent)
         return cls(path, file, side_car, 0.0, RowReader(side_car.task), 1)
 
     @classmethod
@@ -191,9 +192,10 @@ class AnswerFile:
             row = self._reader.parse(dict(zip(columns_of(task), fields, strict=True)))
         except ValueError as error:
             raise ValueError(f"answer: {error}") from None
-        _write(self._file, self.path, line)
+        synced_write(self._file, self.path, line)
         self._lines += 1
         self._reader.add(self._lines, row)
+        self.end = max(self.end, _end(row))
 
     def close(self) -> None:
         """Ends writing; another process may open the file."""
@@ -212,39 +214,13 @@ class AnswerFile:
         return f"AnswerFile({os.fspath(self.path)!r}, {self._lines - 1} answers, {state})"
 
 
+def _end(row: Row) -> float:
+    """Of an answer, from the start of the run [s]."""
+    return row.onset + (row.duration or 0.0) + (row.response_time or 0.0)
+
+
 def _head(side_car: SideCar) -> bytes:
     return tsv_text.line(columns_of(side_car.task))
-
-
-def _write(file: int, path: Path, text: bytes) -> None:
-    """All of the text, on disk, or none of it."""
-    before = os.fstat(file).st_size
-    try:
-        if (written := os.write(file, text)) < len(text):
-            raise OSError(f"{path} took {written} of {len(text)} bytes: is the disk full?")
-        os.fsync(file)
-    except OSError:
-        os.ftruncate(file, before)
-        raise
-
-
-def _lock(file: int, path: Path) -> None:
-    """The lock ends with the process, however that ends."""
-    import fcntl
-
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise BlockingIOError(f"{path}: another process runs this experiment for this subject") from None
-
-
-def _sync_folder(folder: Path) -> None:
-    """So that the names of new files outlive a power cut."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 @contextlib.contextmanager

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from burrlab.psychophysics import tsv_text
+from burrlab.psychophysics.interval import ENDINGS
 from burrlab.psychophysics.rules import TaskName
 from burrlab.psychophysics.trial import Phase, Trial
 
@@ -23,12 +24,10 @@ INTERVALS: Mapping[TaskName, int] = {"same-different": 2, "abx": 3, "2ifc": 2}
 #: Types of trials and, where the type alone decides, the correct answer.
 TYPES: Mapping[TaskName, Mapping[str, str | None]] = {
     "same-different": {"AA": "same", "AB": "different", "BA": "different", "BB": "same"},
-    "abx": {"AB": None, "BA": None},
+    "abx": {"AB": "first", "BA": "second"},
     "2ifc": {"RC": None, "CR": None},
 }
 PHASES: tuple[Phase, ...] = ("practice", "main")
-#: How an interval may end.
-ENDINGS = ("time", "break-through", "wall", "subject", "device")
 
 REQUIRED = ("onset", "duration", "trial_type", "response", "correct", "response_time", "trial")
 
@@ -46,8 +45,8 @@ class Answer:
         From there to the end of the last interval [s].
     response : str
         One of the design's answers.
-    response_time : float
-        From the question [s].
+    response_time : float or None
+        From the question [s]; None for a simulated subject.
     endings : tuple of str
         Of each interval: "time", "break-through", "wall", "subject" or "device".
 
@@ -60,12 +59,13 @@ class Answer:
     onset: float
     duration: float
     response: str
-    response_time: float
+    response_time: float | None
     endings: tuple[str, ...]
 
     def __post_init__(self) -> None:
         for name in ("onset", "duration", "response_time"):
-            object.__setattr__(self, name, round(float(getattr(self, name)), 6))
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, round(float(value), 6))
         object.__setattr__(self, "endings", tuple(self.endings))
 
     @property
@@ -224,9 +224,11 @@ class RowReader:
                 f"column correct: after {row.trial_type} the correct answer is {due!r}, and the response "
                 f"{row.response!r} is called {'correct' if row.correct else 'wrong'}"
             )
+        if due is not None:
+            return
         for line, one in self._before:
             other = _side(one, one.correct_answer(ANSWERS[self.task]))
-            if due is None and None not in (other, side := _side(row, answer)) and other != side:
+            if None not in (other, side := _side(row, answer)) and other != side:
                 raise ValueError(
                     f"column correct: the response {row.response!r} is called {'correct' if row.correct else 'wrong'} "
                     f"after {row.trial_type}, which contradicts line {line}"
@@ -234,15 +236,11 @@ class RowReader:
 
 
 def _side(row: Row, answer: str) -> bool | None:
-    """What all rows must agree on: which of two stimuli is the answer.
-
-    ABX: whether A is the reference; two intervals: whether more of the parameter is more of what is asked, which a
-    comparison that equals the reference does not tell.
-    """
-    first = (answer == "first") == (row.trial_type in ("AB", "CR"))
-    if row.trial_type in ("AB", "BA"):
-        return first
-    return None if row.level is None or row.level == 1.0 else first == (row.level > 1.0)
+    """Whether more of the parameter is more of what is asked; a comparison that equals the reference does not tell."""
+    if row.level is None or row.level == 1.0:
+        return None
+    comparison = (answer == "first") == (row.trial_type == "CR")
+    return comparison == (row.level > 1.0)
 
 
 def _check_place(row: Row, before: Row | None) -> None:

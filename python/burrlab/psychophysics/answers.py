@@ -13,12 +13,14 @@ import numpy as np
 
 from burrlab.dataset import DataSet, html_table
 from burrlab.psychophysics import tsv_text
-from burrlab.psychophysics.answer_row import ANSWERS, COUNTED, REQUIRED, Row, RowReader, columns_of
+from burrlab.psychophysics.answer_row import ANSWERS, COUNTED, REQUIRED, Answer, Row, RowReader, columns_of
 from burrlab.psychophysics.counts import Counts
 from burrlab.psychophysics.design import Order
 from burrlab.psychophysics.rules import TASKS, TaskName
 from burrlab.psychophysics.side_car import SideCar, read_side_car, side_car_path
 from burrlab.psychophysics.trial import Trial
+
+__all__ = ["Answer", "Answers", "read_answers", "read_folder", "read_rows", "replay"]
 
 _LABELS = re.compile(r"sub-([A-Za-z0-9]+)_(?:.*_)?task-([A-Za-z0-9]+)(?:_.*)?\.tsv")
 _PARTICIPANT = "participant_id"

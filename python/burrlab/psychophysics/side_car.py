@@ -22,7 +22,7 @@ _FORMAT = 1
 _KEY = "BurrlabRun"
 #: Of the tables of a protocol, those whose change makes another run; of [experiment], these keys.
 _TABLES = ("burr", "bone", "design")
-_EXPERIMENT = ("seed", "feedback", "break_s")
+_EXPERIMENT = ("seed", "feedback", "pause_s", "break_s")
 
 _ENDED = {
     "time": "after its time",

@@ -1,5 +1,4 @@
-"""The command line, thin over the API: `burrlab COMMAND`, with the live ones in `cli_session`, traces in `cli_trace`,
-experiments in `cli_experiment`."""
+"""The command line, thin over the API: `burrlab COMMAND`, with more of them in `cli_session`, `cli_trace`, `cli_experiment`."""
 
 from __future__ import annotations
 

@@ -161,8 +161,7 @@ def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
     except ValueError as error:
         raise ValueError(f"device {error}") from None
     if device.kind == "hand":
-        hands = {"probing": probing_hand, "drilling": drilling_hand}
-        return lambda mode: hands[mode](protocol.burr)
+        return lambda mode: (probing_hand if mode == "probing" else drilling_hand)(protocol.burr)
     if device.kind == "scripted":
         script = burrlab.read_script(device.file)
         return lambda mode: script

@@ -152,7 +152,7 @@ def group_d_prime(counts: Sequence[Counts], *, rule: str, level: float = 0.95) -
     >>> subject = Counts("same-different", hits=5, signals=6, false_alarms=1, noises=6)
     >>> other = Counts("same-different", hits=4, signals=6, false_alarms=2, noises=6)
     >>> print(group_d_prime([subject, other] * 6, rule="differencing"))
-    group d' (differencing): 2.51, 95 % interval 1.90 to 3.12, 12 of 12 subjects informative
+    group d' (differencing): 2.42, 95 % interval 1.82 to 3.01, 12 of 12 subjects informative
     """
     check_level(level)
     group = Group(counts, rule)

@@ -1,8 +1,21 @@
 """Can it be felt? Experiments on what people tell apart: designed, run, simulated, analysed."""
 
 from burrlab.psychophysics.abx import ABX
+from burrlab.psychophysics.adaptive import AdaptiveStaircase
+from burrlab.psychophysics.constant_stimuli import ConstantStimuli
 from burrlab.psychophysics.orders import counterbalanced
 from burrlab.psychophysics.same_different import SameDifferent
+from burrlab.psychophysics.staircase import Staircase
 from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 
-__all__ = ["ABX", "Interval", "SameDifferent", "Stimulus", "Trial", "counterbalanced"]
+__all__ = [
+    "ABX",
+    "AdaptiveStaircase",
+    "ConstantStimuli",
+    "Interval",
+    "SameDifferent",
+    "Staircase",
+    "Stimulus",
+    "Trial",
+    "counterbalanced",
+]

@@ -1,6 +1,8 @@
 """Can it be felt? Experiments on what people tell apart: designed, run, simulated, analysed."""
 
 from burrlab.psychophysics.abx import ABX
+from burrlab.psychophysics.adaptive import AdaptiveStaircase
+from burrlab.psychophysics.constant_stimuli import ConstantStimuli
 from burrlab.psychophysics.counts import Counts
 from burrlab.psychophysics.d_prime import DPrime, binomial_test, d_prime, score_interval
 from burrlab.psychophysics.group import (
@@ -16,11 +18,14 @@ from burrlab.psychophysics.pair_checks import PairCheck, pair_checks
 from burrlab.psychophysics.published_score import PublishedScore, group_score_from
 from burrlab.psychophysics.rules import rule_of
 from burrlab.psychophysics.same_different import SameDifferent
+from burrlab.psychophysics.staircase import Staircase
 from burrlab.psychophysics.subject_tests import SubjectTest
 from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 
 __all__ = [
     "ABX",
+    "AdaptiveStaircase",
+    "ConstantStimuli",
     "Counts",
     "DPrime",
     "GroupDPrime",
@@ -30,6 +35,7 @@ __all__ = [
     "PublishedScore",
     "SameDifferent",
     "ScoreDifference",
+    "Staircase",
     "Stimulus",
     "SubjectTest",
     "Trial",

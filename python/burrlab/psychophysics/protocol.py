@@ -131,7 +131,9 @@ class Protocol:
         if kind.kind == "scripted":
             device = f"scripted:{path.parent / kind.file}"
         trace, feedback = experiment.flag("trace", False), experiment.flag("feedback", False)
-        pause, rest = (_seconds(experiment, key, value) for key, value in (("pause_s", 1.0), ("break_s", 60.0)))
+        pause, rest = (
+            _seconds(experiment, key, value) for key, value in (("pause_s", 1.0), ("break_s", 60.0))
+        )
         selected_by = experiment.text("selected_by", None)
         experiment.done()
         burr, bone = _burr_and_bone(file)
@@ -169,7 +171,12 @@ class Protocol:
         return ExperimentFolder(self.folder, self.name)
 
     def side_car(
-        self, subject: str, task: str, *, device: str | None = None, simulated: Mapping[str, Any] | None = None
+        self,
+        subject: str,
+        task: str,
+        *,
+        device: str | None = None,
+        simulated: Mapping[str, Any] | None = None,
     ) -> SideCar:
         """What is known of a run before its first trial.
 
@@ -193,7 +200,12 @@ class Protocol:
         )  # fmt: skip
 
     def begin(
-        self, subject: str, task: str, *, device: str | None = None, simulated: Mapping[str, Any] | None = None
+        self,
+        subject: str,
+        task: str,
+        *,
+        device: str | None = None,
+        simulated: Mapping[str, Any] | None = None,
     ) -> tuple[AnswerFile, Order]:
         """A new file of answers for a run, and its trials; the subject is entered in participants.tsv.
 
@@ -211,7 +223,12 @@ class Protocol:
         return AnswerFile.create(self.data.answers(subject, task), car), self.order(subject, task)
 
     def resume(
-        self, subject: str, task: str, *, device: str | None = None, simulated: Mapping[str, Any] | None = None
+        self,
+        subject: str,
+        task: str,
+        *,
+        device: str | None = None,
+        simulated: Mapping[str, Any] | None = None,
     ) -> tuple[AnswerFile, Order]:
         """The file of answers of a run that was ended early, and its trials, fed with the answers that are there.
 
@@ -297,7 +314,9 @@ def _check_labels(table: Table, what: str, labels: list[str]) -> None:
     seen: dict[str, str] = {}
     for label in labels:
         if not (label.isascii() and label.isalnum()):
-            raise table.error(f"{what}'s name must be of letters and digits, as BIDS labels are, got {label!r}")
+            raise table.error(
+                f"{what}'s name must be of letters and digits, as BIDS labels are, got {label!r}"
+            )
         if (other := seen.setdefault(label.lower(), label)) is not label:
             raise table.error(f"{what}'s name must be there once, got {other!r} and {label!r}")
 
@@ -335,13 +354,20 @@ def _tasks(file: Table) -> Mapping[str, Design]:
         tasks[name] = design_of(one, stimuli)
         for other, design in tasks.items():
             if other != name and design.to_dict() == tasks[name].to_dict():
-                raise one.error(f"this is task {other} again, trial by trial: give one of them more trials or blocks")
+                raise one.error(
+                    f"this is task {other} again, trial by trial: give one of them more trials or blocks"
+                )
     return MappingProxyType(tasks)
 
 
 def _analysis(table: Table) -> AnalysisSettings:
     rules = table.value("rules", list(RULES))
-    if not (isinstance(rules, list) and rules and all(rule in RULES for rule in rules) and len({*rules}) == len(rules)):
+    if not (
+        isinstance(rules, list)
+        and rules
+        and all(rule in RULES for rule in rules)
+        and len({*rules}) == len(rules)
+    ):
         raise table.error(f"rules must be a list of {', '.join(RULES)}, each once at most, got {rules!r}")
     delta, level = table.number("delta", None), table.number("level", 0.95)
     if delta is not None and delta <= 0:

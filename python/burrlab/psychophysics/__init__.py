@@ -2,6 +2,9 @@
 
 from burrlab.psychophysics.abx import ABX
 from burrlab.psychophysics.adaptive import AdaptiveStaircase
+from burrlab.psychophysics.answer_file import AnswerFile
+from burrlab.psychophysics.answers import Answer, Answers, read_answers, read_folder
+from burrlab.psychophysics.block import Block
 from burrlab.psychophysics.constant_stimuli import ConstantStimuli
 from burrlab.psychophysics.counts import Counts
 from burrlab.psychophysics.d_prime import DPrime, binomial_test, d_prime, score_interval
@@ -13,8 +16,12 @@ from burrlab.psychophysics.group import (
     group_score,
 )
 from burrlab.psychophysics.group_d_prime import GroupDPrime, group_d_prime
+from burrlab.psychophysics.hands import drilling_hand, probing_hand
+from burrlab.psychophysics.interval import ENDINGS, Rendered, render
 from burrlab.psychophysics.orders import counterbalanced
 from burrlab.psychophysics.pair_checks import PairCheck, pair_checks
+from burrlab.psychophysics.protocol import Protocol
+from burrlab.psychophysics.protocol_template import template
 from burrlab.psychophysics.published_score import PublishedScore, group_score_from
 from burrlab.psychophysics.rules import rule_of
 from burrlab.psychophysics.same_different import SameDifferent
@@ -24,7 +31,12 @@ from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 
 __all__ = [
     "ABX",
+    "ENDINGS",
     "AdaptiveStaircase",
+    "Answer",
+    "AnswerFile",
+    "Answers",
+    "Block",
     "ConstantStimuli",
     "Counts",
     "DPrime",
@@ -32,7 +44,9 @@ __all__ = [
     "GroupScore",
     "Interval",
     "PairCheck",
+    "Protocol",
     "PublishedScore",
+    "Rendered",
     "SameDifferent",
     "ScoreDifference",
     "Staircase",
@@ -44,10 +58,16 @@ __all__ = [
     "compare_groups",
     "counterbalanced",
     "d_prime",
+    "drilling_hand",
     "group_d_prime",
     "group_score",
     "group_score_from",
     "pair_checks",
+    "probing_hand",
+    "read_answers",
+    "read_folder",
+    "render",
     "rule_of",
     "score_interval",
+    "template",
 ]

@@ -7,6 +7,7 @@ from burrlab.psychophysics.answers import Answer, Answers, read_answers, read_fo
 from burrlab.psychophysics.block import Block
 from burrlab.psychophysics.constant_stimuli import ConstantStimuli
 from burrlab.psychophysics.counts import Counts
+from burrlab.psychophysics.cues import Cues, closed_form_cues, interval_cues, rendered_cues
 from burrlab.psychophysics.d_prime import DPrime, binomial_test, d_prime, score_interval
 from burrlab.psychophysics.group import (
     GroupScore,
@@ -25,6 +26,7 @@ from burrlab.psychophysics.protocol_template import template
 from burrlab.psychophysics.published_score import PublishedScore, group_score_from
 from burrlab.psychophysics.rules import rule_of
 from burrlab.psychophysics.same_different import SameDifferent
+from burrlab.psychophysics.simulated_subject import SimulatedSubject
 from burrlab.psychophysics.staircase import Staircase
 from burrlab.psychophysics.subject_tests import SubjectTest
 from burrlab.psychophysics.trial import Interval, Stimulus, Trial
@@ -39,6 +41,7 @@ __all__ = [
     "Block",
     "ConstantStimuli",
     "Counts",
+    "Cues",
     "DPrime",
     "GroupDPrime",
     "GroupScore",
@@ -49,11 +52,13 @@ __all__ = [
     "Rendered",
     "SameDifferent",
     "ScoreDifference",
+    "SimulatedSubject",
     "Staircase",
     "Stimulus",
     "SubjectTest",
     "Trial",
     "binomial_test",
+    "closed_form_cues",
     "compare_conditions",
     "compare_groups",
     "counterbalanced",
@@ -62,11 +67,13 @@ __all__ = [
     "group_d_prime",
     "group_score",
     "group_score_from",
+    "interval_cues",
     "pair_checks",
     "probing_hand",
     "read_answers",
     "read_folder",
     "render",
+    "rendered_cues",
     "rule_of",
     "score_interval",
     "template",

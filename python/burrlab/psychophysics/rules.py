@@ -13,7 +13,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import erf, erfc, erfcinv, erfinv, ndtr, ndtri
+from scipy.special import erf, erfc, erfcinv, erfinv, log_ndtr, ndtr, ndtri
 
 Floats: TypeAlias = NDArray[np.float64]
 TaskName: TypeAlias = Literal["same-different", "abx", "2ifc"]
@@ -25,6 +25,7 @@ RULES: tuple[RuleName, ...] = ("independent-observations", "differencing")
 _ROOT2, _ROOT3 = math.sqrt(2.0), math.sqrt(3.0)
 _LARGEST = 75.0  # d' whose rates a double tells from 0 and 1
 _HALVINGS = 100  # of an interval of that length: to the last bit
+_FAR = 20.0  # of a criterion behind both means [sd]: one answer is always given
 
 
 class Rule(ABC):
@@ -63,6 +64,23 @@ class Rule(ABC):
     def criterion_of(self, d_prime: ArrayLike, false_alarm: ArrayLike) -> Floats:
         """The criterion with which an observer of this d' has this false-alarm rate."""
 
+    @abstractmethod
+    def log_rates(self, d_prime: ArrayLike, criterion: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
+        """Logarithms of hit rate, miss rate, false-alarm rate and correct-rejection rate, precise where they are tiny.
+
+        All four are concave in the criterion, so a likelihood has one best criterion at any d'.
+        """
+
+    @abstractmethod
+    def slopes(self, d_prime: ArrayLike, criterion: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
+        """Of hit rate and false-alarm rate: dH/dd', dH/dc, dF/dd', dF/dc."""
+
+    @abstractmethod
+    def criterion_range(
+        self, d_prime: ArrayLike, hit: ArrayLike, false_alarm: ArrayLike
+    ) -> tuple[Floats, Floats]:
+        """Two criteria, between which lies the likeliest one for these rates at a d' of their own or another."""
+
     def proportion_correct(
         self, d_prime: ArrayLike, criterion: ArrayLike | None = None, *, lapse: float = 0.0
     ) -> Floats:
@@ -81,6 +99,30 @@ class _Differencing(Rule):
         k = self.unbiased(d) if criterion is None else np.asarray(criterion, dtype=np.float64)
         hit = ndtr((d - k) / _ROOT2) + ndtr((-d - k) / _ROOT2)
         return np.asarray(hit), np.asarray(2.0 * ndtr(-k / _ROOT2) + 0.0 * d)
+
+    def log_rates(self, d_prime: ArrayLike, criterion: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
+        d, k = np.asarray(d_prime, dtype=np.float64), np.asarray(criterion, dtype=np.float64)
+        upper, lower = log_ndtr((d - k) / _ROOT2), log_ndtr((-d - k) / _ROOT2)
+        with np.errstate(divide="ignore"):
+            miss = log_ndtr((k - d) / _ROOT2) + np.log1p(-np.exp(lower - log_ndtr((k - d) / _ROOT2)))
+            rejection = np.log(erf(0.5 * k)) + 0.0 * d
+        alarm = math.log(2.0) + log_ndtr(-k / _ROOT2) + 0.0 * d
+        return np.logaddexp(upper, lower), np.asarray(miss), np.asarray(alarm), np.asarray(rejection)
+
+    def slopes(self, d_prime: ArrayLike, criterion: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
+        d, k = np.asarray(d_prime, dtype=np.float64), np.asarray(criterion, dtype=np.float64)
+        upper, lower = _density((d - k) / _ROOT2) / _ROOT2, _density((d + k) / _ROOT2) / _ROOT2
+        none = np.zeros(np.broadcast_shapes(d.shape, k.shape))
+        return upper - lower, -upper - lower, none, none - _ROOT2 * _density(k / _ROOT2)
+
+    def criterion_range(
+        self, d_prime: ArrayLike, hit: ArrayLike, false_alarm: ArrayLike
+    ) -> tuple[Floats, Floats]:
+        d, h = np.asarray(d_prime, dtype=np.float64), np.asarray(hit, dtype=np.float64)
+        # Phi((d' - k)/sqrt 2) <= H <= 2 Phi((d' - k)/sqrt 2)
+        bounds = (self.criterion_of(d, false_alarm), d - _ROOT2 * ndtri(h), d - _ROOT2 * ndtri(0.5 * h))
+        most = d + _FAR
+        return np.clip(np.minimum.reduce(bounds), 0.0, most), np.clip(np.maximum.reduce(bounds), 0.0, most)
 
     def criterion_of(self, d_prime: ArrayLike, false_alarm: ArrayLike) -> Floats:
         return np.asarray(-_ROOT2 * ndtri(0.5 * np.asarray(false_alarm, dtype=np.float64)))
@@ -127,6 +169,31 @@ class _Symmetric(Rule):
         half = 0.5 * self._z(d_prime)
         return np.asarray(ndtr(half - c)), np.asarray(ndtr(-half - c))
 
+    def log_rates(self, d_prime: ArrayLike, criterion: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
+        half, c = 0.5 * self._z(d_prime), np.asarray(criterion, dtype=np.float64)
+        return log_ndtr(half - c), log_ndtr(c - half), log_ndtr(-half - c), log_ndtr(half + c)
+
+    def _slope(self, d_prime: ArrayLike) -> Floats:
+        """dz/dd'."""
+        d, (a, b) = np.asarray(d_prime, dtype=np.float64), self._scales
+        grown = self._z(d) ** 2 / 8.0
+        parts = [np.exp(grown - (d / s) ** 2) / s * erf(d / other) for s, other in ((a, b), (b, a))]
+        return np.asarray(2.0 * _ROOT2 * (parts[0] + parts[1]))
+
+    def slopes(self, d_prime: ArrayLike, criterion: ArrayLike) -> tuple[Floats, Floats, Floats, Floats]:
+        half, c = 0.5 * self._z(d_prime), np.asarray(criterion, dtype=np.float64)
+        hit, alarm, slope = _density(half - c), _density(half + c), 0.5 * self._slope(d_prime)
+        return hit * slope, -hit, -alarm * slope, -alarm
+
+    def criterion_range(
+        self, d_prime: ArrayLike, hit: ArrayLike, false_alarm: ArrayLike
+    ) -> tuple[Floats, Floats]:
+        half = 0.5 * self._z(d_prime)
+        of_hit = half - ndtri(np.asarray(hit, dtype=np.float64))
+        of_alarm = -half - ndtri(np.asarray(false_alarm, dtype=np.float64))
+        low, high, most = np.minimum(of_hit, of_alarm), np.maximum(of_hit, of_alarm), half + _FAR
+        return np.clip(low, -most, most), np.clip(high, -most, most)
+
     def criterion_of(self, d_prime: ArrayLike, false_alarm: ArrayLike) -> Floats:
         return np.asarray(-0.5 * self._z(d_prime) - ndtri(np.asarray(false_alarm, dtype=np.float64)))
 
@@ -151,8 +218,15 @@ class _TwoIntervals(_Symmetric):
     def __init__(self, name: RuleName) -> None:
         super().__init__("2ifc", name, 1.0, 1.0)
 
+    def _slope(self, d_prime: ArrayLike) -> Floats:
+        return np.full(np.shape(d_prime), _ROOT2)
+
     def _z(self, d_prime: ArrayLike) -> Floats:
         return np.asarray(_ROOT2 * np.asarray(d_prime, dtype=np.float64))
+
+
+def _density(x: Floats) -> Floats:
+    return np.asarray(np.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi))
 
 
 def _root(function: Callable[[Floats], Floats], shape: tuple[int, ...]) -> Floats:

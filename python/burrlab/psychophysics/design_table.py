@@ -38,7 +38,7 @@ def design_of(table: Table, stimuli: Mapping[str, Stimulus]) -> Design:
         If a key is unknown, missing or of another type, a material is unknown, or the design refuses a value.
     """
     kind = DESIGNS[table.text("design", choices=tuple(DESIGNS))]
-    hints = get_type_hints(kind.__init__)
+    hints = get_type_hints(kind)
     given: dict[str, Any] = {}
     for name, parameter in inspect.signature(kind).parameters.items():
         key = key_of(name)

@@ -100,9 +100,7 @@ class Analysis:
         OSError
             If it cannot be read.
         """
-        text = (
-            Path(file).read_text(encoding="utf-8") if isinstance(file, (str, os.PathLike)) else file.read()
-        )
+        text = Path(file).read_text(encoding="utf-8") if isinstance(file, (str, os.PathLike)) else file.read()
         values = json.loads(text)
         if not isinstance(values, dict):
             raise ValueError(f"an analysis must be a JSON object, got {type(values).__name__}")
@@ -211,12 +209,12 @@ def _analysis(
         ScoredTask.of_data(task, rules=named, delta=delta, level=level, incomplete=incomplete)
         for task in tasks
     )
-    notes = ["Practice trials are left out." if any(one.answers for task in tasks for one in task.subjects) else ""]
+    notes = [
+        "Practice trials are left out." if any(one.answers for task in tasks for one in task.subjects) else ""
+    ]
     if delta is not None:
         notes.append(before or f"Delta = {delta:g} counts only if it was set before the answers were seen.")
-    return Analysis(
-        name, results, tuple(note for note in notes if note), plain_json(provenance(**settings))
-    )
+    return Analysis(name, results, tuple(note for note in notes if note), plain_json(provenance(**settings)))
 
 
 def _selected(

@@ -39,7 +39,11 @@ def warnings(task: ScoredTask) -> list[str]:
         found += selection_lines(task)
     if task.left_out:
         found.append(f"left out, as their runs are incomplete: {', '.join(task.left_out)}")
-    partly = [f"{one.subject} ({one.counts.trials} of {one.planned} trials)" for one in task.subjects if not one.complete]
+    partly = [
+        f"{one.subject} ({one.counts.trials} of {one.planned} trials)"
+        for one in task.subjects
+        if not one.complete
+    ]
     if partly:
         found.append(f"incomplete, and taken in on request: {', '.join(partly)}")
     if not task.subjects:
@@ -50,11 +54,21 @@ def warnings(task: ScoredTask) -> list[str]:
 def selection_lines(task: ScoredTask) -> list[str]:
     """What selection does to what is below."""
     n, by = len(task.subjects), f" by {task.selected_by}" if task.selected_by else ""
-    first = f"SELECTED SUBJECTS: {n} of {task.of}{by}" if task.of else f"SELECTED SUBJECTS{by}, of how many is not known"
-    lines = [f"{first}; what holds for them need not hold for others, and p values and intervals below do not allow for it"]
+    first = (
+        f"SELECTED SUBJECTS: {n} of {task.of}{by}"
+        if task.of
+        else f"SELECTED SUBJECTS{by}, of how many is not known"
+    )
+    lines = [
+        f"{first}; what holds for them need not hold for others, and p values and intervals below do not allow for it"
+    ]
     effect = task.selection
     if effect is not None:
-        p = "" if task.score is None else f"; a mean of {task.score.mean:.2f} or more has p = {p_text(effect.p_value(task.score.mean))}"
+        p = (
+            ""
+            if task.score is None
+            else f"; a mean of {task.score.mean:.2f} or more has p = {p_text(effect.p_value(task.score.mean))}"
+        )
         lines.append(
             f"if by this very score: the best {n} of {task.of} chance performers have {effect.expected:.2f} of "
             f"{effect.trials} on average, {effect.excess:.2f} above chance{p}"

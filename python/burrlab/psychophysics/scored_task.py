@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from burrlab.psychophysics.d_prime import DPrime, binomial_test, d_prime, score_interval
+from burrlab.psychophysics.d_prime import binomial_test, d_prime, score_interval
 from burrlab.psychophysics.equivalence import Equivalence, equivalence
 from burrlab.psychophysics.group import GroupScore, group_score
 from burrlab.psychophysics.group_d_prime import GroupDPrime, group_d_prime
-from burrlab.psychophysics.pair_checks import PairCheck, pair_checks
+from burrlab.psychophysics.pair_checks import pair_checks
 from burrlab.psychophysics.rules import RuleName, TaskName
 from burrlab.psychophysics.selection import SelectionEffect
 from burrlab.psychophysics.subject_result import SubjectResult, holm
@@ -205,7 +205,9 @@ class ScoredTask:
 
     def __repr__(self) -> str:
         kind = "simulated subjects" if self.simulated else "subjects"
-        mean = "" if self.score is None else f", {self.score.mean:.1f} +- {self.score.sem:.1f} of {self.trials}"
+        mean = (
+            "" if self.score is None else f", {self.score.mean:.1f} +- {self.score.sem:.1f} of {self.trials}"
+        )
         return f"ScoredTask({self.name!r}, {self.task}, {len(self.subjects)} {kind}{mean})"
 
 
@@ -222,7 +224,9 @@ def _results(
             score_interval=score_interval(one.counts, level),
             p_value=p,
             holm=corrected,
-            d_prime=tuple(d_prime(one.counts, rule=rule, level=level, correction=CORRECTION) for rule in rules),
+            d_prime=tuple(
+                d_prime(one.counts, rule=rule, level=level, correction=CORRECTION) for rule in rules
+            ),
             checks=pair_checks(one.counts) if one.counts.by_type else (),
         )
         for one, p, corrected in zip(used, p_values, holm(p_values), strict=True)

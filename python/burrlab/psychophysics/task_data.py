@@ -80,7 +80,9 @@ class TaskData:
         kept = tuple(one for one in self.subjects if subjects is None or one.subject in subjects)
         several = len(kept) < len(self.subjects)
         of = pool or self.of or (len(self.subjects) if several else 0)
-        return replace(self, subjects=kept, of=of if of > len(kept) else 0, selected_by=by or self.selected_by)
+        return replace(
+            self, subjects=kept, of=of if of > len(kept) else 0, selected_by=by or self.selected_by
+        )
 
 
 def of_answers(found: Iterable[Answers]) -> list[TaskData]:

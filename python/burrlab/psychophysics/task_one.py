@@ -243,9 +243,7 @@ def _published(cue: str) -> float:
     return PUBLISHED["probing" if cue.startswith("probing") else "drilling"]
 
 
-def _row(
-    cue: str, pair: str, decision: Decision, noise: float, distance: float, lapse: float
-) -> TaskOneRow:
+def _row(cue: str, pair: str, decision: Decision, noise: float, distance: float, lapse: float) -> TaskOneRow:
     rule = rule_of("same-different", SimulatedSubject(1.0, decision=decision).rule)
     d_prime = distance / noise
     rates = np.array([float(rate) for rate in rule.rates(d_prime)])

@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from burrlab.psychophysics.d_prime import DPrime, binomial_test, d_prime, score_interval
+from burrlab.psychophysics.d_prime import binomial_test, d_prime, score_interval
 from burrlab.psychophysics.equivalence import Equivalence, equivalence
 from burrlab.psychophysics.group import GroupScore, group_score
 from burrlab.psychophysics.group_d_prime import GroupDPrime, group_d_prime
-from burrlab.psychophysics.pair_checks import PairCheck, pair_checks
+from burrlab.psychophysics.pair_checks import pair_checks
 from burrlab.psychophysics.rules import RuleName, TaskName
 from burrlab.psychophysics.selection import SelectionEffect
 from burrlab.psychophysics.subject_result import SubjectResult, holm
@@ -223,7 +223,7 @@ def _results(
             p_value=p,
             holm=corrected,
             d_prime=tuple(d_prime(one.counts, rule=rule, level=level, correction=CORRECTION) for rule in rules),
-            checks=pair_checks(one.counts) if one.counts.by_type else (),
+            checks=tuple(pair_checks(one.counts)) if one.counts.by_type else (),
         )
         for one, p, corrected in zip(used, p_values, holm(p_values), strict=True)
         if one.counts is not None

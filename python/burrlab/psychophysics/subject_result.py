@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from burrlab.psychophysics.counts import Counts
-from burrlab.psychophysics.d_prime import DPrime, binomial_test, d_prime, score_interval
-from burrlab.psychophysics.pair_checks import PairCheck, pair_checks
+from burrlab.psychophysics.d_prime import DPrime
+from burrlab.psychophysics.pair_checks import PairCheck
 
 
 @dataclass(frozen=True)

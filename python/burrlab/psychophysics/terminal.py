@@ -52,9 +52,7 @@ class Keyboard:
             self._file = stream.fileno()
             self._before = termios.tcgetattr(self._file)
         except (OSError, ValueError, AttributeError, termios.error):
-            raise ValueError(
-                "answers are read from a terminal: standard input is a pipe or a file"
-            ) from None
+            raise ValueError("answers are read from a terminal: standard input is a pipe or a file") from None
         self._termios = termios
 
     def __enter__(self) -> Keyboard:
@@ -154,9 +152,7 @@ class TerminalSeat(Seat):
     def done(self) -> bool:
         return self._keyboard.pressed(SPACE, 0.0) is not None
 
-    def ask(
-        self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
-    ) -> tuple[str, float | None]:
+    def ask(self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]) -> tuple[str, float]:
         keys = {str(number): answer for number, answer in enumerate(design.answers, start=1)}
         choices = "\n".join(f"{key}   {answer}" for key, answer in keys.items())
         self._keyboard.flush()

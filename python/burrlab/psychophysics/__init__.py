@@ -9,6 +9,8 @@ from burrlab.psychophysics.constant_stimuli import ConstantStimuli
 from burrlab.psychophysics.counts import Counts
 from burrlab.psychophysics.cues import Cues, closed_form_cues, interval_cues, rendered_cues
 from burrlab.psychophysics.d_prime import DPrime, binomial_test, d_prime, score_interval
+from burrlab.psychophysics.design_size import subjects_needed, trials_needed
+from burrlab.psychophysics.equivalence import Equivalence, equivalence
 from burrlab.psychophysics.group import (
     GroupScore,
     ScoreDifference,
@@ -21,6 +23,7 @@ from burrlab.psychophysics.hands import drilling_hand, probing_hand
 from burrlab.psychophysics.interval import ENDINGS, Rendered, render
 from burrlab.psychophysics.orders import counterbalanced
 from burrlab.psychophysics.pair_checks import PairCheck, pair_checks
+from burrlab.psychophysics.power import DesignPower, design_power
 from burrlab.psychophysics.protocol import Protocol
 from burrlab.psychophysics.protocol_template import template
 from burrlab.psychophysics.published_score import PublishedScore, group_score_from
@@ -29,6 +32,7 @@ from burrlab.psychophysics.same_different import SameDifferent
 from burrlab.psychophysics.simulated_subject import SimulatedSubject
 from burrlab.psychophysics.staircase import Staircase
 from burrlab.psychophysics.subject_tests import SubjectTest
+from burrlab.psychophysics.tost import SignedEquivalence, tost
 from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 
 __all__ = [
@@ -43,6 +47,8 @@ __all__ = [
     "Counts",
     "Cues",
     "DPrime",
+    "DesignPower",
+    "Equivalence",
     "GroupDPrime",
     "GroupScore",
     "Interval",
@@ -52,6 +58,7 @@ __all__ = [
     "Rendered",
     "SameDifferent",
     "ScoreDifference",
+    "SignedEquivalence",
     "SimulatedSubject",
     "Staircase",
     "Stimulus",
@@ -63,7 +70,9 @@ __all__ = [
     "compare_groups",
     "counterbalanced",
     "d_prime",
+    "design_power",
     "drilling_hand",
+    "equivalence",
     "group_d_prime",
     "group_score",
     "group_score_from",
@@ -76,5 +85,8 @@ __all__ = [
     "rendered_cues",
     "rule_of",
     "score_interval",
+    "subjects_needed",
     "template",
+    "tost",
+    "trials_needed",
 ]

@@ -4,6 +4,8 @@ from burrlab.psychophysics.abx import ABX
 from burrlab.psychophysics.adaptive import AdaptiveStaircase
 from burrlab.psychophysics.constant_stimuli import ConstantStimuli
 from burrlab.psychophysics.orders import counterbalanced
+from burrlab.psychophysics.psychometric import psychometric_function
+from burrlab.psychophysics.psychometric_fit import PsychometricFit
 from burrlab.psychophysics.same_different import SameDifferent
 from burrlab.psychophysics.staircase import Staircase
 from burrlab.psychophysics.trial import Interval, Stimulus, Trial
@@ -13,9 +15,11 @@ __all__ = [
     "AdaptiveStaircase",
     "ConstantStimuli",
     "Interval",
+    "PsychometricFit",
     "SameDifferent",
     "Staircase",
     "Stimulus",
     "Trial",
     "counterbalanced",
+    "psychometric_function",
 ]

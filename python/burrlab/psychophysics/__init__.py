@@ -26,6 +26,8 @@ from burrlab.psychophysics.pair_checks import PairCheck, pair_checks
 from burrlab.psychophysics.power import DesignPower, design_power
 from burrlab.psychophysics.protocol import Protocol
 from burrlab.psychophysics.protocol_template import template
+from burrlab.psychophysics.psychometric import psychometric_function
+from burrlab.psychophysics.psychometric_fit import PsychometricFit
 from burrlab.psychophysics.published_score import PublishedScore, group_score_from
 from burrlab.psychophysics.rules import rule_of
 from burrlab.psychophysics.same_different import SameDifferent
@@ -54,6 +56,7 @@ __all__ = [
     "Interval",
     "PairCheck",
     "Protocol",
+    "PsychometricFit",
     "PublishedScore",
     "Rendered",
     "SameDifferent",
@@ -79,6 +82,7 @@ __all__ = [
     "interval_cues",
     "pair_checks",
     "probing_hand",
+    "psychometric_function",
     "read_answers",
     "read_folder",
     "render",

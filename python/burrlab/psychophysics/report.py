@@ -5,13 +5,37 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from html import escape
+from typing import TYPE_CHECKING
 
 from burrlab.psychophysics.scored_task import ScoredTask
 from burrlab.psychophysics.subject_result import SubjectResult
 from burrlab.psychophysics.task_data import design_text
 
+if TYPE_CHECKING:
+    from burrlab.psychophysics.analysis import Analysis
+
 #: A column: what it belongs to, its name, its cells.
 Column = tuple[str, str, list[str]]
+
+
+def text(analysis: Analysis) -> str:
+    """See `Analysis.report`."""
+    lines = [_head(analysis), *analysis.notes]
+    for task in analysis.tasks:
+        lines += ["", *task_lines(task)]
+    return "\n".join(lines)
+
+
+def html(analysis: Analysis) -> str:
+    """The report for notebooks."""
+    said = "".join(f"<p>{escape(line)}</p>" for line in analysis.notes)
+    return f"<h3>{escape(_head(analysis))}</h3>{said}" + "".join(map(task_html, analysis.tasks))
+
+
+def _head(analysis: Analysis) -> str:
+    kind = "SIMULATED SUBJECTS" if analysis.simulated else ""
+    name = f"Experiment {analysis.name}" if analysis.name else "Analysis"
+    return f"{name}, {kind}" if kind else name
 
 
 def task_lines(task: ScoredTask) -> list[str]:

@@ -227,7 +227,7 @@ def _results(
             d_prime=tuple(
                 d_prime(one.counts, rule=rule, level=level, correction=CORRECTION) for rule in rules
             ),
-            checks=pair_checks(one.counts) if one.counts.by_type else (),
+            checks=tuple(pair_checks(one.counts)) if one.counts.by_type else (),
         )
         for one, p, corrected in zip(used, p_values, holm(p_values), strict=True)
         if one.counts is not None

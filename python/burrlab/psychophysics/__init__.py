@@ -6,8 +6,10 @@ from burrlab.psychophysics.cues import Cues, closed_form_cues, interval_cues, re
 from burrlab.psychophysics.hands import drilling_hand, probing_hand
 from burrlab.psychophysics.interval import ENDINGS, Rendered, render
 from burrlab.psychophysics.orders import counterbalanced
+from burrlab.psychophysics.rehearsal import rehearse, teach
 from burrlab.psychophysics.same_different import SameDifferent
 from burrlab.psychophysics.simulated_subject import SimulatedSubject
+from burrlab.psychophysics.task_one import TaskOneTable, task1_table
 from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 
 __all__ = [
@@ -20,12 +22,16 @@ __all__ = [
     "SameDifferent",
     "SimulatedSubject",
     "Stimulus",
+    "TaskOneTable",
     "Trial",
     "closed_form_cues",
     "counterbalanced",
     "drilling_hand",
     "interval_cues",
     "probing_hand",
+    "rehearse",
     "render",
     "rendered_cues",
+    "task1_table",
+    "teach",
 ]

@@ -282,13 +282,13 @@ def test_table_of_given_differences_and_its_refusals():
     assert row.score == pytest.approx(12 * p)
     assert row.high - row.score == pytest.approx(1.959964 * math.sqrt(12 * p * (1 - p) / 20))
     assert table.noise_of_published["sinking speed", "covert"] is None
-    with pytest.raises(ValueError, match="the table has no row probing force, bone-ivory, covert, 0.5"):
+    with pytest.raises(ValueError, match="the table has no row probing force, bone-ivory, covert"):
         table.row("probing force", "bone-ivory", "covert", 0.5)
     with pytest.raises(
         ValueError, match="differences must be 'rendered', 'closed form' or a mapping, got 'felt'"
     ):
         task1_table(differences="felt")
-    with pytest.raises(ValueError, match="noises must be positive and finite, got 0.0"):
+    with pytest.raises(ValueError, match=r"noises must be positive and finite, got 0\.0"):
         task1_table(differences=given, noises=(0.0,))
 
 
@@ -310,7 +310,7 @@ def test_every_interval_rendered_scores_as_the_table_says(mode, cue, noise):
     burr, bone, task = burrlab.Burr(3.0), Block(voxel=0.2), design(mode=mode, interval=20.0)
     subject = teach(SimulatedSubject(noise, (cue,)), task, bone=bone)
     rng, score, trials = np.random.default_rng(SEED), 0, 0
-    for number in range(8):
+    for number in range(5):
         order = task.order(seed=SEED, subject=f"{number:02d}")
         while (one := order.next()) is not None:
             felt = []

@@ -42,6 +42,12 @@ class Experimenter:
             with contextlib.suppress(OSError):
                 os.write(self._view, line.encode())
 
+    def __enter__(self) -> Experimenter:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
     def close(self) -> None:
         self._log.close()
         if self._view is not None:

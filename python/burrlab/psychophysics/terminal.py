@@ -52,9 +52,7 @@ class Keyboard:
             self._file = stream.fileno()
             self._before = termios.tcgetattr(self._file)
         except (OSError, ValueError, AttributeError, termios.error):
-            raise ValueError(
-                "answers are read from a terminal: standard input is a pipe or a file"
-            ) from None
+            raise ValueError("answers are read from a terminal: standard input is a pipe or a file") from None
         self._termios = termios
 
     def __enter__(self) -> Keyboard:

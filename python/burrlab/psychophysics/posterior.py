@@ -1,0 +1,188 @@
+"""What the answers of a two-interval task say about threshold, slope and lapse rate: a posterior on a grid."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import entr
+
+from burrlab.psychophysics.comparison import checked_answers
+from burrlab.psychophysics.rules import Floats
+
+_THRESHOLDS, _LEVELS = 61, 41  # of the grids, evenly spaced in the logarithm of the difference
+_SLOPES = np.geomspace(0.7, 4.0, 9)
+_LAPSES = 0.01 + 0.02 * np.arange(5)  # the middles of cells from 0 to 0.1; 0 would make one slip impossible
+_LAPSE_PRIOR = (1.0 - _LAPSES) ** 9  # beta(1, 10), as psignifit has it
+_DIGITS = 10  # of an information [nat] that decide: the last ones differ from machine to machine
+
+
+def proportion_correct(
+    difference: ArrayLike, threshold: ArrayLike, slope: ArrayLike, lapse: ArrayLike
+) -> Floats:
+    """Of two intervals, 1/2 + (1/2 - lapse/2) (1 - 2^-((difference/threshold)^slope)): 75 % at threshold without lapses.
+
+    A lapse answers at random. A Weibull function of slope 1.25 is within 0.012 of an observer with Gaussian noise,
+    Phi(d'/sqrt 2) with d' proportional to the difference.
+    """
+    ratio = np.asarray(difference, dtype=np.float64) / np.asarray(threshold, dtype=np.float64)
+    seen = -np.expm1(-math.log(2.0) * ratio ** np.asarray(slope, dtype=np.float64))
+    return np.asarray(0.5 + 0.5 * (1.0 - np.asarray(lapse, dtype=np.float64)) * seen)
+
+
+class ThresholdPosterior:
+    """Posterior of one subject over threshold, slope and lapse rate.
+
+    The prior is even in the logarithms of threshold (between the two differences) and slope (0.7 to 4), and beta(1, 10)
+    of the lapse rate (0 to 0.1).
+
+    Parameters
+    ----------
+    smallest, largest : float
+        Differences |ln level| between which thresholds and levels are.
+    """
+
+    def __init__(self, smallest: float, largest: float) -> None:
+        self.thresholds: Floats = np.geomspace(smallest, largest, _THRESHOLDS)
+        self.differences: Floats = np.geomspace(smallest, largest, _LEVELS)
+        shape = (_THRESHOLDS, _SLOPES.size, _LAPSES.size)
+        t, s, q = np.broadcast_arrays(
+            self.thresholds[:, None, None], _SLOPES[None, :, None], _LAPSES[None, None, :]
+        )
+        self._grid = t.ravel(), s.ravel(), q.ravel()
+        self._log = np.broadcast_to(np.log(_LAPSE_PRIOR), shape).ravel().copy()
+        self._correct = np.stack([proportion_correct(x, *self._grid) for x in self.differences])
+        self._entropy = entr(self._correct) + entr(1.0 - self._correct)
+
+    def weights(self) -> Floats:
+        """Of the grid, with the sum 1."""
+        weights = np.exp(self._log - self._log.max())
+        return np.asarray(weights / weights.sum())
+
+    def update(self, difference: float, correct: bool) -> None:
+        p = proportion_correct(difference, *self._grid)
+        self._log += np.log(p if correct else 1.0 - p)
+
+    def most_informative(self) -> float:
+        """The difference whose answer leaves the least expected entropy of the posterior.
+
+        That is where the answer and the parameters share most information: the entropy of the expected answer less the
+        expected entropy of the answer. Of equal ones the smallest.
+        """
+        weights = self.weights()
+        p = self._correct @ weights
+        information = entr(p) + entr(1.0 - p) - self._entropy @ weights
+        return float(self.differences[int(np.argmax(np.round(information, _DIGITS)))])
+
+    def summary(self, level: float = 0.95) -> dict[str, Any]:
+        """Threshold (geometric mean) and interval of equal tails, means of slope and lapse rate, mass at the ends."""
+        weights = self.weights().reshape(_THRESHOLDS, _SLOPES.size, _LAPSES.size)
+        marginal = weights.sum(axis=(1, 2))
+        logs = np.log(self.thresholds)
+        # A grid point stands for the cell around it; those at the ends have half a one.
+        edges = np.concatenate([logs[:1], 0.5 * (logs[1:] + logs[:-1]), logs[-1:]])
+        width = np.diff(edges) / (logs[1] - logs[0])
+        mass = marginal * width / (marginal * width).sum()
+        below = np.concatenate([[0.0], np.cumsum(mass)])
+        tails = 0.5 - 0.5 * level, 0.5 + 0.5 * level
+        return {
+            "threshold": math.exp(float(mass @ (0.5 * (edges[1:] + edges[:-1])))),
+            "interval": tuple(float(np.exp(np.interp(tail, below, edges))) for tail in tails),
+            "slope": math.exp(float(weights.sum(axis=(0, 2)) @ np.log(_SLOPES))),
+            "lapse": float(weights.sum(axis=(0, 1)) @ _LAPSES),
+            "at_ends": (float(mass[0]), float(mass[-1])),
+        }
+
+
+@dataclass(frozen=True)
+class PosteriorThreshold:
+    """A threshold with its credible interval.
+
+    Attributes
+    ----------
+    level : float
+        Ratio to the reference's parameter, where 75 % would be correct without lapses (d' = 0.954).
+    interval : (float, float)
+        Of the level, with equal tails, the end nearer to 1 first.
+    credible : float
+        Probability that it holds.
+    difference : float
+        |ln level|
+    slope, lapse : float
+        Posterior means of the Weibull function's exponent (geometric) and of the rate of answers at random.
+    trials : int
+    open_below, open_above : bool
+        Whether the interval reaches an end of the levels, so that the threshold may lie outside.
+    """
+
+    level: float
+    interval: tuple[float, float]
+    credible: float
+    difference: float
+    slope: float
+    lapse: float
+    trials: int
+    open_below: bool
+    open_above: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {**asdict(self), "interval": list(self.interval)}
+
+    def __str__(self) -> str:
+        near, far = self.interval
+        ends = "".join(
+            f"; it may lie {where} the levels"
+            for where, is_open in (("nearer to 1 than", self.open_below), ("beyond", self.open_above))
+            if is_open
+        )
+        return (
+            f"75 % correct at a ratio of {self.level:.3g}, with {100 * self.credible:g} % between {near:.3g} and {far:.3g} "
+            f"({self.trials} trials){ends}"
+        )
+
+
+def posterior_threshold(
+    smallest: float,
+    largest: float,
+    levels: Sequence[float],
+    correct: Sequence[bool],
+    *,
+    level: float = 0.95,
+) -> PosteriorThreshold:
+    """From levels on one side of 1 and their answers.
+
+    Raises
+    ------
+    ValueError
+        If `levels` and `correct` differ in number, a level is no ratio above 0 other than 1, they are on both sides of 1,
+        or `level` is not between 0 and 1.
+    """
+    ratios, right = checked_answers(levels, correct)
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level must be between 0 and 1, got {level}")
+    if len({ratio > 1.0 for ratio in ratios}) > 1:
+        raise ValueError("levels must be on one side of 1, got some below and some above")
+    side = -1.0 if ratios and ratios[0] < 1.0 else 1.0
+    posterior = ThresholdPosterior(smallest, largest)
+    for ratio, answer in zip(ratios, right, strict=True):
+        posterior.update(abs(math.log(ratio)), answer)
+    return threshold_of(posterior, side, len(ratios), level)
+
+
+def threshold_of(posterior: ThresholdPosterior, side: float, trials: int, level: float) -> PosteriorThreshold:
+    """A posterior's, as a ratio above (side 1) or below 1 (side -1)."""
+    found = posterior.summary(level)
+    near, far = found["interval"]
+    tail = 0.5 - 0.5 * level
+    # An end that the prior cuts off: more than half a tail in the last cell of the grid
+    low, high = (mass > 0.5 * tail for mass in found["at_ends"])
+    return PosteriorThreshold(
+        level=math.exp(side * found["threshold"]), interval=(math.exp(side * near), math.exp(side * far)),
+        credible=level, difference=found["threshold"], slope=found["slope"], lapse=found["lapse"],
+        trials=trials, open_below=bool(low), open_above=bool(high),
+    )  # fmt: skip

@@ -20,19 +20,18 @@ from burrlab.psychophysics.group_d_prime import GroupDPrime, group_d_prime
 from burrlab.psychophysics.hands import drilling_hand, probing_hand
 from burrlab.psychophysics.interval import ENDINGS, Rendered, render
 from burrlab.psychophysics.orders import counterbalanced
-from burrlab.psychophysics.rehearsal import rehearse, teach
-from burrlab.psychophysics.same_different import SameDifferent
-from burrlab.psychophysics.simulated_subject import SimulatedSubject
-from burrlab.psychophysics.task_one import TaskOneTable, task1_table
 from burrlab.psychophysics.pair_checks import PairCheck, pair_checks
+from burrlab.psychophysics.prediction import Prediction, predicted_d_prime
 from burrlab.psychophysics.protocol import Protocol
 from burrlab.psychophysics.protocol_template import template
 from burrlab.psychophysics.published_score import PublishedScore, group_score_from
+from burrlab.psychophysics.rehearsal import rehearse, teach
 from burrlab.psychophysics.rules import rule_of
 from burrlab.psychophysics.same_different import SameDifferent
 from burrlab.psychophysics.simulated_subject import SimulatedSubject
 from burrlab.psychophysics.staircase import Staircase
 from burrlab.psychophysics.subject_tests import SubjectTest
+from burrlab.psychophysics.task_one import TaskOneTable, task1_table
 from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 
 __all__ = [
@@ -51,6 +50,7 @@ __all__ = [
     "GroupScore",
     "Interval",
     "PairCheck",
+    "Prediction",
     "Protocol",
     "PublishedScore",
     "Rendered",
@@ -59,8 +59,8 @@ __all__ = [
     "SimulatedSubject",
     "Staircase",
     "Stimulus",
-    "TaskOneTable",
     "SubjectTest",
+    "TaskOneTable",
     "Trial",
     "binomial_test",
     "closed_form_cues",
@@ -74,17 +74,16 @@ __all__ = [
     "group_score_from",
     "interval_cues",
     "pair_checks",
+    "predicted_d_prime",
     "probing_hand",
-    "rehearse",
-    "render",
-    "rendered_cues",
-    "task1_table",
-    "teach",
     "read_answers",
     "read_folder",
+    "rehearse",
     "render",
     "rendered_cues",
     "rule_of",
     "score_interval",
+    "task1_table",
+    "teach",
     "template",
 ]

@@ -59,7 +59,9 @@ class Prediction:
     subjects_needed: int | None
 
     def __str__(self) -> str:
-        parts = ", ".join(f"{cue} {d:.2f} (ln ratio {self.differences[cue]:+.3f})" for cue, d in self.by_cue.items())
+        parts = ", ".join(
+            f"{cue} {d:.2f} (ln ratio {self.differences[cue]:+.3f})" for cue, d in self.by_cue.items()
+        )
         needed = [
             f"{'no reasonable number' if number is None else number} {what}"
             for number, what in (
@@ -131,8 +133,8 @@ def predicted_d_prime(
     >>> m, subject = burrlab.materials, SimulatedSubject(weber=0.36)
     >>> print(predicted_d_prime(m["bone"], m["pvc"], "probing", subject, closed_form=True))
     same-different by probing, differencing: d' 2.84: stiffness 2.84 (ln ratio +1.024)
-    expected score 9.3 of 12 (2 % lapses); power of one subject 53 %
-    80 % power needs 20 trials of one subject, or 3 subjects of 12 trials
+    expected score 9.3 of 12 (2 % lapses); power of one subject 48 %
+    80 % power needs 24 trials of one subject, or 4 subjects of 12 trials
     """
     from burrlab.psychophysics.design_size import subjects_needed, trials_needed
     from burrlab.psychophysics.power import design_power

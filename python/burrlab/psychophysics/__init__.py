@@ -24,16 +24,19 @@ from burrlab.psychophysics.interval import ENDINGS, Rendered, render
 from burrlab.psychophysics.orders import counterbalanced
 from burrlab.psychophysics.pair_checks import PairCheck, pair_checks
 from burrlab.psychophysics.power import DesignPower, design_power
+from burrlab.psychophysics.prediction import Prediction, predicted_d_prime
 from burrlab.psychophysics.protocol import Protocol
 from burrlab.psychophysics.protocol_template import template
 from burrlab.psychophysics.psychometric import psychometric_function
 from burrlab.psychophysics.psychometric_fit import PsychometricFit
 from burrlab.psychophysics.published_score import PublishedScore, group_score_from
+from burrlab.psychophysics.rehearsal import rehearse, teach
 from burrlab.psychophysics.rules import rule_of
 from burrlab.psychophysics.same_different import SameDifferent
 from burrlab.psychophysics.simulated_subject import SimulatedSubject
 from burrlab.psychophysics.staircase import Staircase
 from burrlab.psychophysics.subject_tests import SubjectTest
+from burrlab.psychophysics.task_one import TaskOneTable, task1_table
 from burrlab.psychophysics.tost import SignedEquivalence, tost
 from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 
@@ -55,6 +58,7 @@ __all__ = [
     "GroupScore",
     "Interval",
     "PairCheck",
+    "Prediction",
     "Protocol",
     "PsychometricFit",
     "PublishedScore",
@@ -66,6 +70,7 @@ __all__ = [
     "Staircase",
     "Stimulus",
     "SubjectTest",
+    "TaskOneTable",
     "Trial",
     "binomial_test",
     "closed_form_cues",
@@ -81,15 +86,19 @@ __all__ = [
     "group_score_from",
     "interval_cues",
     "pair_checks",
+    "predicted_d_prime",
     "probing_hand",
     "psychometric_function",
     "read_answers",
     "read_folder",
+    "rehearse",
     "render",
     "rendered_cues",
     "rule_of",
     "score_interval",
     "subjects_needed",
+    "task1_table",
+    "teach",
     "template",
     "tost",
     "trials_needed",

@@ -81,9 +81,9 @@ def _of_union(kinds: tuple[Any, ...], value: Any) -> Any:
         return some[0]
     if isinstance(value, Mapping):
         for kind in some:
-            if dataclasses.is_dataclass(kind) and {
-                f.name for f in dataclasses.fields(kind) if f.init
-            } == set(value):
+            if dataclasses.is_dataclass(kind) and {f.name for f in dataclasses.fields(kind) if f.init} == set(
+                value
+            ):
                 return kind
     fitting = [kind for kind in some if isinstance(kind, type) and isinstance(value, kind)]
     return fitting[0] if fitting else float if float in some and value in tuple(_SPELT) else Any

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.psychophysics import ABX, Block, SameDifferent, Stimulus, drilling_hand, probing_hand
+from burrlab.psychophysics import ABX, Block, SameDifferent, Stimulus, drilling_hand, probing_hand, render
 from burrlab.psychophysics.clock import VirtualClock, WallClock
 from burrlab.psychophysics.experimenter import Experimenter
 from burrlab.psychophysics.runner import DeviceLost, Rig, Runner
@@ -123,24 +123,19 @@ def test_feedback_in_practice_only(tmp_path):
         assert [text for text in seat.seen if text in ("Right.", "Not right.")] == due
 
 
-def test_each_interval_its_own_seed_bone_and_device(tmp_path, monkeypatch):
+def test_each_interval_its_own_seed_bone_and_device(tmp_path):
     made, seeds = [], []
 
     def device(mode):
         made.append(hand(mode))
         return made[-1]
 
-    from burrlab.psychophysics import runner as module
-
-    real = module.render
-
     def spy(interval, device, **options):
         seeds.append((interval.seed, id(device), options["mode"]))
-        return real(interval, device, **options)
+        return render(interval, device, **options)
 
-    monkeypatch.setattr(module, "render", spy)
     design = SameDifferent(BONE, PVC, trials=4, interval=0.1, mode="drilling")
-    run(design, Paper(["same"] * 4), tmp_path, device=device)
+    run(design, Paper(["same"] * 4), tmp_path, device=device, render=spy)
     assert len({seed for seed, _, _ in seeds}) == len({one for _, one, _ in seeds}) == len(made) == 8
     assert {mode for _, _, mode in seeds} == {"drilling"}
 

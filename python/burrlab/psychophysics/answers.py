@@ -212,7 +212,7 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
     ------
     ValueError
         If there is no file, one is not right (see `read_answers`), a subject has two for one task, or simulated
-        subjects are among others.
+        subjects are among others, or a task was not the same for all.
     OSError
         If a file cannot be read.
     """
@@ -225,6 +225,7 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
             raise ValueError(
                 f"{path}: subject {one.subject} has another file for task {one.name}, {found[key].source}"
             )
+        _check_alike(one, next((other for other in found.values() if other.name == one.name), None))
         found[key] = one
     if not found:
         raise ValueError(f"{os.fspath(folder)}: there is no file of answers, sub-*/beh/*_events.tsv")
@@ -235,6 +236,14 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
         simulated = next(one.source for one in found.values() if one.simulated)
         raise ValueError(f"{os.fspath(folder)}: a simulated subject is among others: {simulated}")
     return tuple(found[key] for key in sorted(found))
+
+
+def _check_alike(one: Answers, other: Answers | None) -> None:
+    """That two subjects had the same task."""
+    if other is None or one.side_car is None or other.side_car is None:
+        return
+    if changes := other.side_car.differences_across_subjects(one.side_car):
+        raise ValueError(f"{one.source}: the task was another one in {other.source}: {'; '.join(changes)}")
 
 
 def replay(file: str, rows: Sequence[tuple[int, Row]], order: Order) -> None:

@@ -6,42 +6,28 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from burrlab._core import Burr
 from burrlab.csv_text import plain
 from burrlab.psychophysics.answer_file import AnswerFile
+from burrlab.psychophysics.answers import Answers, replay
 from burrlab.psychophysics.block import Block
 from burrlab.psychophysics.design import Design, Order
-from burrlab.psychophysics.design_table import design_of, stimuli_of
 from burrlab.psychophysics.experiment_folder import ExperimentFolder
 from burrlab.psychophysics.orders import counterbalanced
-from burrlab.psychophysics.rules import RULES, RuleName
+from burrlab.psychophysics.protocol_tables import (
+    AnalysisSettings,
+    analysis_of,
+    burr_and_bone_of,
+    designs_of,
+    device_of,
+    seconds_of,
+    subjects_of,
+    without_folder,
+)
 from burrlab.psychophysics.side_car import SideCar, digest
-from burrlab.psychophysics.toml_table import Table, read_toml
-from burrlab.session.device_text import parse_device
-
-_MOST_SUBJECTS = 9999
-
-
-@dataclass(frozen=True)
-class AnalysisSettings:
-    """What was settled beforehand about the analysis.
-
-    Attributes
-    ----------
-    rules : tuple of str
-        Decision rules that d' is estimated under.
-    delta : float or None
-        d' below which two materials count as alike in the equivalence test; None: no such test.
-    level : float
-        Of the intervals.
-    """
-
-    rules: tuple[RuleName, ...] = RULES
-    delta: float | None = None
-    level: float = 0.95
+from burrlab.psychophysics.toml_table import read_toml
 
 
 @dataclass(frozen=True)
@@ -120,25 +106,18 @@ class Protocol:
         experiment = file.table("experiment")
         name = experiment.text("name")
         seed = experiment.whole("seed")
-        subjects = _subjects(experiment)
+        subjects = subjects_of(experiment)
         folder = path.parent / experiment.text("folder", "data")
-        device = experiment.text("device", "hand")
-        with experiment.errors():
-            try:
-                kind = parse_device(device)
-            except ValueError as error:
-                raise ValueError(f"device {error}") from None
-        if kind.kind == "scripted":
-            device = f"scripted:{path.parent / kind.file}"
+        device = device_of(experiment, path.parent)
         trace, feedback = experiment.flag("trace", False), experiment.flag("feedback", False)
         pause, rest = (
-            _seconds(experiment, key, value) for key, value in (("pause_s", 1.0), ("break_s", 60.0))
+            seconds_of(experiment, key, value) for key, value in (("pause_s", 1.0), ("break_s", 60.0))
         )
         selected_by = experiment.text("selected_by", None)
         experiment.done()
-        burr, bone = _burr_and_bone(file)
-        tasks = _tasks(file)
-        analysis = _analysis(file.table("analysis", needed=False))
+        burr, bone = burr_and_bone_of(file)
+        tasks = designs_of(file)
+        analysis = analysis_of(file.table("analysis", needed=False))
         file.done()
         return cls(
             path, name, seed, subjects, tasks, burr, bone, device, folder, trace, feedback, pause, rest, selected_by,
@@ -196,7 +175,7 @@ class Protocol:
         design, order = self._design(task), self.order(subject, task)
         return SideCar(
             subject, task, design.task, design.question, design.to_dict(), self.to_dict(), self.seed,
-            device or self.device, order.total, simulated,
+            without_folder(device or self.device), order.total, simulated,
         )  # fmt: skip
 
     def begin(
@@ -249,14 +228,13 @@ class Protocol:
 
     def to_dict(self) -> dict[str, Any]:
         """The whole protocol, as JSON; where it lies on the disk is not in it."""
-        kind = parse_device(self.device)
         return plain(
             {
                 "experiment": {
                     "name": self.name,
                     "seed": self.seed,
                     "subjects": list(self.subjects),
-                    "device": f"scripted:{Path(kind.file).name}" if kind.kind == "scripted" else self.device,
+                    "device": without_folder(self.device),
                     "trace": self.trace,
                     "feedback": self.feedback,
                     "pause_s": self.pause,
@@ -273,6 +251,18 @@ class Protocol:
                 },
             }
         )
+
+    def is_complete(self, answers: Answers) -> bool:
+        """Whether a run has no trial left.
+
+        Raises
+        ------
+        ValueError
+            If the protocol has no such subject or task, or the answers are not to its trials: with the line.
+        """
+        order = self.order(answers.subject, answers.name)
+        replay(answers.source, list(enumerate(answers.rows, start=2)), order)
+        return order.next() is None
 
     @property
     def digest(self) -> str:
@@ -294,85 +284,3 @@ class Protocol:
         if task not in self.tasks:
             raise ValueError(f"{self.path}: there is no task {task!r}; there are {', '.join(self.tasks)}")
         return self.tasks[task]
-
-
-def _subjects(table: Table) -> tuple[str, ...]:
-    value = table.value("subjects")
-    if type(value) is int:
-        if not 1 <= value <= _MOST_SUBJECTS:
-            raise table.error(f"subjects must be 1 to {_MOST_SUBJECTS}, or a list of names, got {value}")
-        digits = max(2, len(str(value)))
-        return tuple(f"{number:0{digits}}" for number in range(1, value + 1))
-    if not (isinstance(value, list) and value and all(isinstance(one, str) for one in value)):
-        raise table.error(f"subjects must be a number or a list of names, got {value!r}")
-    _check_labels(table, "a subject", value)
-    return tuple(value)
-
-
-def _check_labels(table: Table, what: str, labels: list[str]) -> None:
-    """Names that go into names of files, on any file system."""
-    seen: dict[str, str] = {}
-    for label in labels:
-        if not (label.isascii() and label.isalnum()):
-            raise table.error(
-                f"{what}'s name must be of letters and digits, as BIDS labels are, got {label!r}"
-            )
-        if (other := seen.setdefault(label.lower(), label)) is not label:
-            raise table.error(f"{what}'s name must be there once, got {other!r} and {label!r}")
-
-
-def _seconds(table: Table, key: str, default: float) -> float:
-    value = float(table.number(key, default))
-    if value < 0:
-        raise table.error(f"{key} must be at least 0, got {value!r}")
-    return value
-
-
-def _burr_and_bone(file: Table) -> tuple[Burr, Block]:
-    table = file.table("burr")
-    with table.errors():
-        burr = Burr(table.number("radius_mm"))
-    table.done()
-    table = file.table("bone")
-    size, voxel = table.numbers("size_mm"), table.number("voxel_mm")
-    table.done()
-    with table.errors():
-        bone = Block(tuple(size), voxel)
-        bone.check_burr(burr)
-    return burr, bone
-
-
-def _tasks(file: Table) -> Mapping[str, Design]:
-    stimuli = stimuli_of(file.table("materials", needed=False))
-    table = file.table("tasks")
-    tables = table.tables()
-    if not tables:
-        raise table.error("there must be at least one task, [tasks.NAME]")
-    _check_labels(table, "a task", list(tables))
-    tasks: dict[str, Design] = {}
-    for name, one in tables.items():
-        tasks[name] = design_of(one, stimuli)
-        for other, design in tasks.items():
-            if other != name and design.to_dict() == tasks[name].to_dict():
-                raise one.error(
-                    f"this is task {other} again, trial by trial: give one of them more trials or blocks"
-                )
-    return MappingProxyType(tasks)
-
-
-def _analysis(table: Table) -> AnalysisSettings:
-    rules = table.value("rules", list(RULES))
-    if not (
-        isinstance(rules, list)
-        and rules
-        and all(rule in RULES for rule in rules)
-        and len({*rules}) == len(rules)
-    ):
-        raise table.error(f"rules must be a list of {', '.join(RULES)}, each once at most, got {rules!r}")
-    delta, level = table.number("delta", None), table.number("level", 0.95)
-    if delta is not None and delta <= 0:
-        raise table.error(f"delta must be a d' above 0, got {delta!r}")
-    if not 0.5 <= level < 1:
-        raise table.error(f"level must be from 0.5 to below 1, got {level!r}")
-    table.done()
-    return AnalysisSettings(tuple(rules), delta, level)

@@ -62,6 +62,8 @@ class Rig:
         In practice the subject is told whether the answer was right.
     trace : callable, optional
         The new file for the trace of a trial's interval, numbered from 1.
+    render : callable
+        As `burrlab.psychophysics.render`.
     """
 
     burr: Burr
@@ -71,6 +73,7 @@ class Rig:
     rest: float = 60.0
     feedback: bool = False
     trace: Callable[[Trial, int], Path] | None = None
+    render: Callable[..., Rendered] = render
 
 
 @dataclass(frozen=True)
@@ -213,7 +216,7 @@ class Runner:
         """An interval on fresh bone and a new device; DeviceLost if the device did not last to its end."""
         interval = self._seat.stand_in(trial.intervals[number - 1])
         self._silent = False
-        rendered = render(
+        rendered = self._rig.render(
             interval,
             self._rig.device(self._design.mode),
             burr=self._rig.burr,
@@ -242,12 +245,15 @@ class Runner:
             self._heard.add(text)
             self._experimenter.say(text)
 
-    def _after(self, trial: Trial, response: str, response_time: float, endings: tuple[str, ...]) -> None:
+    def _after(
+        self, trial: Trial, response: str, response_time: float | None, endings: tuple[str, ...]
+    ) -> None:
         right = response == trial.correct
         main = [(t, r) for t, r in self._order.answered if t.phase == "main"]
         score = sum(r == t.correct for t, r in main)
+        taken = "" if response_time is None else f" in {response_time:.2f} s"
         self._experimenter.say(
-            f"trial {trial.number} ended by {', '.join(endings)}; answered {response} in {response_time:.2f} s, "
+            f"trial {trial.number} ended by {', '.join(endings)}; answered {response}{taken}, "
             f"{'right' if right else 'wrong'}; {score} of {len(main)} right"
         )
         if self._rig.feedback and trial.phase == "practice":

@@ -52,8 +52,10 @@ class Seat(ABC):
         """Whether the subject has ended the interval, since it began."""
 
     @abstractmethod
-    def ask(self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]) -> tuple[str, float]:
-        """(one of the design's answers, time from the question to it [s])."""
+    def ask(
+        self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
+    ) -> tuple[str, float | None]:
+        """(one of the design's answers, time from the question to it [s]; None where no key was pressed)."""
 
     @abstractmethod
     def tell(self, text: str) -> None:

@@ -21,7 +21,7 @@ from burrlab.psychophysics.rules import TASKS, TaskName
 _FORMAT = 1
 _KEY = "BurrlabRun"
 #: Of the tables of a protocol, those whose change makes another run; of [experiment], these keys.
-_TABLES = ("burr", "bone", "design")
+_TABLES = ("burr", "bone")
 _EXPERIMENT = ("seed", "feedback", "pause_s", "break_s")
 
 _ENDED = {
@@ -100,19 +100,26 @@ class SideCar:
     def differences(self, other: SideCar) -> tuple[str, ...]:
         """What another run of this subject and task would change: sentences, empty where nothing matters.
 
-        Neither subjects, folder, traces, the settings of the analysis and other tasks, nor the address of a device count.
+        Neither the list of subjects, folder, traces, the settings of the analysis and other tasks, nor the address of a
+        device count.
         """
-        return _changes("", self._essence(), other._essence())
+        mine, others = (
+            {"subject": one.subject, "simulated subject": one.simulated, **one._shared()}
+            for one in (self, other)
+        )
+        return _changes("", mine, others)
 
-    def _essence(self) -> dict[str, Any]:
+    def differences_across_subjects(self, other: SideCar) -> tuple[str, ...]:
+        """The same for another subject's run of this task, which may differ in who the subject is."""
+        return _changes("", self._shared(), other._shared())
+
+    def _shared(self) -> dict[str, Any]:
         experiment = self.protocol.get("experiment", {})
         return {
-            "subject": self.subject,
             "task": self.name,
             "experiment": {key: experiment.get(key) for key in _EXPERIMENT} | {"seed": self.seed},
             "device": self.device.partition(":")[0],
-            "simulated subject": self.simulated,
-            **{key: self.protocol.get(key) for key in _TABLES if key != "design"},
+            **{key: self.protocol.get(key) for key in _TABLES},
             f"tasks.{self.name}": self.design,
         }
 

@@ -17,16 +17,18 @@ from burrlab.psychophysics.interval import Rendered
 from burrlab.psychophysics.orders import Draws
 from burrlab.psychophysics.same_different import SameDifferent
 from burrlab.psychophysics.seat import Seat
-from burrlab.psychophysics.simulated_subject import SimulatedSubject
+from burrlab.psychophysics.simulated_subject import Decision, SimulatedSubject
 from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
 from burrlab.psychophysics.weber import COMPLIANCE_WITHOUT_SURFACE
 
 SELF_PACED = 10.0  # [s] that nobody feels a stimulus who could feel it as long as he likes; ours
 
 
-def default_subject(mode: Mode, *, weber: float = COMPLIANCE_WITHOUT_SURFACE) -> SimulatedSubject:
-    """Feels stiffness by probing, sinking speed by drilling, with the same Weber fraction; no value is published for the speed."""
-    return SimulatedSubject(weber=weber, cues=CUES_OF[mode][:1])
+def default_subject(
+    mode: Mode, *, weber: float = COMPLIANCE_WITHOUT_SURFACE, decision: Decision = "differencing"
+) -> SimulatedSubject:
+    """Feels stiffness by probing, sinking speed by drilling; a Weber fraction for the speed is not published."""
+    return SimulatedSubject(weber=weber, cues=CUES_OF[mode][:1], decision=decision)
 
 
 class SimulatedSeat(Seat):
@@ -69,11 +71,13 @@ class SimulatedSeat(Seat):
         duration = SELF_PACED if interval.duration is None else interval.duration
         return replace(interval, stimulus=stimulus, duration=duration)
 
-    def ask(self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]) -> tuple[str, float]:
+    def ask(
+        self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
+    ) -> tuple[str, float | None]:
         cues = [Cues() if one is None else interval_cues(one) for one in rendered]
         what: dict[str, Any] = {**design.to_dict(), "phase": trial.phase, "trial": trial.number}
         draws = Draws(self._seed, self._name, {"simulated": what})
-        return self._subject.respond(trial, cues, np.random.default_rng(draws.interval_seed())), 0.0
+        return self._subject.respond(trial, cues, np.random.default_rng(draws.interval_seed())), None
 
     def progress(self, text: str) -> None:
         """Nobody reads it, here and below."""

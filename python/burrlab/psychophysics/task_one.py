@@ -112,9 +112,9 @@ class TaskOneTable:
                         + "".join(f"{c.score:>8.1f} +- {0.5 * (c.high - c.low):.1f}" for c in cells)
                     )
         lines.append("")
-        for (cue, decision), noise in self.noise_of_published.items():
+        for (cue, rule), noise in self.noise_of_published.items():
             there = "no noise" if noise is None else f"a noise of {100 * noise:.0f} %"
-            lines.append(f"{cue}, {decision}: {there} gives the paper's {_published(cue)} for bone and PVC")
+            lines.append(f"{cue}, {rule}: {there} gives the paper's {_published(cue)} for bone and PVC")
         return "\n".join(lines)
 
     def __repr__(self) -> str:
@@ -171,7 +171,7 @@ def task1_table(
         for noise in noises
     ]
     first = next(iter(found))
-    published = {
+    published: dict[tuple[str, str], float | None] = {
         (name, decision): noise_for_score(_published(name), _distance(found[first], cues), decision, lapse=lapse)
         for name, cues in _NAMES.items()
         for decision in DECISIONS
@@ -243,9 +243,7 @@ def _published(cue: str) -> float:
     return PUBLISHED["probing" if cue.startswith("probing") else "drilling"]
 
 
-def _row(
-    cue: str, pair: str, decision: Decision, noise: float, distance: float, lapse: float
-) -> TaskOneRow:
+def _row(cue: str, pair: str, decision: Decision, noise: float, distance: float, lapse: float) -> TaskOneRow:
     rule = rule_of("same-different", SimulatedSubject(1.0, decision=decision).rule)
     d_prime = distance / noise
     rates = np.array([float(rate) for rate in rule.rates(d_prime)])

@@ -152,7 +152,9 @@ class TerminalSeat(Seat):
     def done(self) -> bool:
         return self._keyboard.pressed(SPACE, 0.0) is not None
 
-    def ask(self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]) -> tuple[str, float]:
+    def ask(
+        self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
+    ) -> tuple[str, float | None]:
         keys = {str(number): answer for number, answer in enumerate(design.answers, start=1)}
         choices = "\n".join(f"{key}   {answer}" for key, answer in keys.items())
         self._keyboard.flush()

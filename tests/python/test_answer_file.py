@@ -89,6 +89,17 @@ def test_a_side_car_alone_is_not_overwritten(tmp_path):
         one.resume("01", "probing")
 
 
+def test_a_folder_that_cannot_be_made(tmp_path):
+    one = protocol(tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match="file"):
+        AnswerFile.create(tmp_path / "file" / "beh" / "x.tsv", one.side_car("01", "probing"))
+    with pytest.raises(OSError, match="file"):
+        AnswerFile.open(
+            tmp_path / "file" / "x.tsv", one.order("01", "probing"), one.side_car("01", "probing")
+        )
+
+
 def test_only_tables_are_made(tmp_path):
     one = protocol(tmp_path)
     with pytest.raises(ValueError, match=r"path must end in .tsv, got .*answers.csv"):

@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from burrlab.psychophysics.design import Design
     from burrlab.psychophysics.psychometric import PsychometricFit
 
-WITHOUT_EXTRA = "without the extra 'psychometric' no psychometric function is fitted: pip install 'burrlab[psychometric]'"
+WITHOUT_EXTRA = (
+    "without the extra 'psychometric' no psychometric function is fitted: pip install 'burrlab[psychometric]'"
+)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FixedLocator, MaxNLocator
 from scipy import stats
 
 from burrlab.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from burrlab.psychophysics.scored_task import ScoredTask
+    from burrlab.psychophysics.threshold_task import ThresholdTask
 
 #: Of an estimate: lower end, estimate, upper end; the last two may be infinite.
 Span: TypeAlias = tuple[float, float, float]
@@ -50,7 +51,7 @@ def plot_scores(task: ScoredTask, ax: Axes | None) -> Axes:
     ax.set(xlabel=f"score [correct answers of {trials}]", ylabel="subjects", xlim=(-0.6, trials + 0.6))
     ax.set_ylim(0, 1.5 * top)
     ax.yaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
-    ax.xaxis.set_major_locator(MaxNLocator(nbins=13, integer=True))
+    ax.xaxis.set_major_locator(FixedLocator(score) if trials <= 14 else MaxNLocator(nbins=13, integer=True))
     ax.legend(frameon=False, fontsize=8, loc="upper left")
     ax.set_title(task.title, fontsize=10)
     return tidy(ax)
@@ -72,6 +73,7 @@ def plot_intervals(task: ScoredTask, ax: Axes | None, rule: str | None) -> Axes:
     else:
         spans = [one.span(rule) for one in task.subjects]
         end = _end(spans)
+        _say_infinite(ax, spans)
         _draw(ax, spans, np.arange(len(names)), end, COLOURS[rule], _MARKERS[rule], None)
         ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
         ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd], {rule}, {100 * task.level:g} % interval")
@@ -93,6 +95,7 @@ def plot_d_prime(task: ScoredTask, ax: Axes | None) -> Axes:
         rows = np.append(rows, len(rows) + 0.4)
         ax.axhline(len(rows) - 1.1, color="0.8", linewidth=0.8)
     end = _end([span for spans in all_spans.values() for span in spans])
+    _say_infinite(ax, [span for spans in all_spans.values() for span in spans])
     for i, (rule, spans) in enumerate(all_spans.items()):
         shift = 0.36 * (i - 0.5 * (len(all_spans) - 1))
         _draw(ax, spans, rows + shift, end, COLOURS[rule], _MARKERS[rule], rule)
@@ -100,6 +103,32 @@ def plot_d_prime(task: ScoredTask, ax: Axes | None) -> Axes:
     if task.delta is not None:
         ax.axvline(task.delta, color="black", linestyle=":", linewidth=1, label=f"Δ = {task.delta:g}")
     ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd], {100 * task.level:g} % interval")
+    _name_rows(ax, names, "subject", rows)
+    _legend_above(ax, task.title)
+    return tidy(ax)
+
+
+def plot_thresholds(task: ThresholdTask, ax: Axes | None) -> Axes:
+    """See `ThresholdTask.plot_thresholds`."""
+    ax = axes_or_new(ax)
+    found = [(one.subject, one.threshold, one.interval) for one in task.subjects if one.threshold is not None]
+    names, rows = [name for name, *_ in found], np.arange(len(found), dtype=np.float64)
+    for (_, threshold, interval), row in zip(found, rows, strict=True):
+        if interval is not None:
+            ax.plot(interval, [row, row], "|-", color=POSITION, linewidth=1.2, markersize=5)
+        ax.plot(threshold, row, "o", color=POSITION, markersize=4.5)
+    if (group := task.group_threshold) is not None:
+        row = len(rows) + 0.4
+        names, rows = [*names, "all"], np.append(rows, row)
+        ax.axhline(row - 0.7, color="0.8", linewidth=0.8)
+        ax.plot(group[1:], [row, row], "|-", color=VELOCITY, linewidth=1.2, markersize=5)
+        ax.plot(group[0], row, "D", color=VELOCITY, markersize=5)
+    ax.axvline(1.0, color=REFERENCE, linestyle="--", linewidth=1, label="the reference")
+    some = any(interval is not None for *_, interval in found) or group is not None
+    said = f", {100 * task.level:g} % interval" if some else ""
+    ax.set_xlabel(
+        f"threshold, ratio of {task.design.get('parameter', 'the parameter')} to the reference{said}"
+    )
     _name_rows(ax, names, "subject", rows)
     _legend_above(ax, task.title)
     return tidy(ax)
@@ -130,6 +159,11 @@ def _draw(
             ax.plot(estimate, row, marker, color=colour, markersize=4.5, zorder=4, clip_on=False)
     if label is not None:
         ax.plot([], [], marker, linestyle="-", color=colour, markersize=4.5, linewidth=1.2, label=label)
+
+
+def _say_infinite(ax: Axes, spans: Sequence[Span]) -> None:
+    if any(math.isinf(estimate) for _, estimate, _ in spans):
+        ax.plot([], [], "o", color=REFERENCE, mfc="white", markersize=5, label="estimate infinite")
 
 
 def _name_rows(

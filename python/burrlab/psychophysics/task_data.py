@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.counts import Counts
@@ -158,6 +158,15 @@ def _subject(one: Answers) -> SubjectData:
     return SubjectData(one.subject, one.counts() if one.main else None, planned, one.simulated, levels, one)
 
 
+def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) -> list[TaskData]:
+    """The same, with what participants were selected by, subject -> text."""
+    found = []
+    for task in tasks:
+        texts = dict.fromkeys(selected_by.get(one.subject, "") for one in task.subjects)
+        found.append(replace(task, selected_by="; ".join(text for text in texts if text)))
+    return found
+
+
 def design_text(design: Mapping[str, Any]) -> str:
     """What is compared with what, how: one line; "" of no design."""
     mode = f", {design['mode']}" if "mode" in design else ""
@@ -181,3 +190,24 @@ def left_out_text(one: SubjectData) -> str:
     if one.trials == 0:
         return f"{one.subject} (none of the main trials)"
     return f"{one.subject} ({one.trials} of {one.planned} trials)"
+
+
+class Chosen(Protocol):
+    """A task's result, of whose subjects a title tells what must not be overlooked."""
+
+    @property
+    def simulated(self) -> bool: ...
+    @property
+    def selected(self) -> bool: ...
+    @property
+    def of(self) -> int: ...
+    @property
+    def subjects(self) -> Sequence[object]: ...
+
+
+def titled(text: str, task: Chosen) -> str:
+    """A title of figures, with what must not be overlooked."""
+    said = ["simulated subjects"] if task.simulated else []
+    if task.selected:
+        said.append(f"{len(task.subjects)} selected of {task.of}" if task.of else "selected subjects")
+    return f"{text} ({'; '.join(said)})" if said else text

@@ -16,7 +16,7 @@ from burrlab.psychophysics.group_tails import excess_hits, group_tails
 from burrlab.psychophysics.rules import RuleName, TaskName, rule_of
 
 # Where an end of an interval is looked for: beyond, a double sees no difference.
-_GRID = (*np.arange(0.0, 4.0, 0.1), *np.arange(4.0, 10.0, 0.25), *np.arange(10.0, 21.0), math.inf)
+GRID = (*np.arange(0.0, 4.0, 0.1), *np.arange(4.0, 10.0, 0.25), *np.arange(10.0, 21.0), math.inf)
 
 
 @dataclass(frozen=True)
@@ -114,11 +114,11 @@ class Group:
 
     def upper(self, error: float) -> float:
         """The least d' above which all are rejected, each with this one-sided error rate."""
-        return _last(lambda d: self.few(d) > error, _GRID[::-1], otherwise=0.0)
+        return _last(lambda d: self.few(d) > error, GRID[::-1], otherwise=0.0)
 
     def lower(self, error: float) -> float:
         """The largest d' below which all are rejected."""
-        return _last(lambda d: self.many(d) > error, _GRID, otherwise=math.inf)
+        return _last(lambda d: self.many(d) > error, GRID, otherwise=math.inf)
 
 
 def group_d_prime(counts: Sequence[Counts], *, rule: str, level: float = 0.95) -> GroupDPrime:

@@ -5,19 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import entr
 
-from burrlab.psychophysics.comparison import checked_answers
 from burrlab.psychophysics.rules import Floats
+from burrlab.psychophysics.staircased import checked_answers
 
 _THRESHOLDS, _LEVELS = 61, 41  # of the grids, evenly spaced in the logarithm of the difference
 _SLOPES = np.geomspace(0.7, 4.0, 9)
 _LAPSES = 0.01 + 0.02 * np.arange(5)  # the middles of cells from 0 to 0.1; 0 would make one slip impossible
-_LAPSE_PRIOR = (1.0 - _LAPSES) ** 9  # beta(1, 10), as psignifit has it
+_LAPSE_PRIOR = (1.0 - _LAPSES) ** 9  # beta(1, 10)
 _DIGITS = 10  # of an information [nat] that decide: the last ones differ from machine to machine
 
 
@@ -34,6 +35,26 @@ def proportion_correct(
     return np.asarray(0.5 + 0.5 * (1.0 - np.asarray(lapse, dtype=np.float64)) * seen)
 
 
+@dataclass(frozen=True)
+class _Tables:
+    """What all posteriors between two differences share."""
+
+    thresholds: Floats
+    differences: Floats
+    grid: tuple[Floats, Floats, Floats]  # threshold, slope, lapse of each point
+    correct: Floats  # proportion, by difference and point
+    entropy: Floats  # of an answer [nat]
+
+
+@lru_cache(maxsize=4)
+def _tables(smallest: float, largest: float) -> _Tables:
+    thresholds = np.geomspace(smallest, largest, _THRESHOLDS)
+    differences = np.geomspace(smallest, largest, _LEVELS)
+    t, s, q = (axis.ravel() for axis in np.meshgrid(thresholds, _SLOPES, _LAPSES, indexing="ij"))
+    correct = np.stack([proportion_correct(x, t, s, q) for x in differences])
+    return _Tables(thresholds, differences, (t, s, q), correct, entr(correct) + entr(1.0 - correct))
+
+
 class ThresholdPosterior:
     """Posterior of one subject over threshold, slope and lapse rate.
 
@@ -47,16 +68,9 @@ class ThresholdPosterior:
     """
 
     def __init__(self, smallest: float, largest: float) -> None:
-        self.thresholds: Floats = np.geomspace(smallest, largest, _THRESHOLDS)
-        self.differences: Floats = np.geomspace(smallest, largest, _LEVELS)
-        shape = (_THRESHOLDS, _SLOPES.size, _LAPSES.size)
-        t, s, q = np.broadcast_arrays(
-            self.thresholds[:, None, None], _SLOPES[None, :, None], _LAPSES[None, None, :]
-        )
-        self._grid = t.ravel(), s.ravel(), q.ravel()
-        self._log = np.broadcast_to(np.log(_LAPSE_PRIOR), shape).ravel().copy()
-        self._correct = np.stack([proportion_correct(x, *self._grid) for x in self.differences])
-        self._entropy = entr(self._correct) + entr(1.0 - self._correct)
+        self._tables = tables = _tables(smallest, largest)
+        self.thresholds, self.differences = tables.thresholds, tables.differences
+        self._log = np.tile(np.log(_LAPSE_PRIOR), _THRESHOLDS * _SLOPES.size)
 
     def weights(self) -> Floats:
         """Of the grid, with the sum 1."""
@@ -64,8 +78,11 @@ class ThresholdPosterior:
         return np.asarray(weights / weights.sum())
 
     def update(self, difference: float, correct: bool) -> None:
-        p = proportion_correct(difference, *self._grid)
-        self._log += np.log(p if correct else 1.0 - p)
+        self.update_counts(difference, int(correct), 1)
+
+    def update_counts(self, difference: float, correct: int, trials: int) -> None:
+        p = proportion_correct(difference, *self._tables.grid)
+        self._log += correct * np.log(p) + (trials - correct) * np.log1p(-p)
 
     def most_informative(self) -> float:
         """The difference whose answer leaves the least expected entropy of the posterior.
@@ -74,8 +91,8 @@ class ThresholdPosterior:
         expected entropy of the answer. Of equal ones the smallest.
         """
         weights = self.weights()
-        p = self._correct @ weights
-        information = entr(p) + entr(1.0 - p) - self._entropy @ weights
+        p = self._tables.correct @ weights
+        information = entr(p) + entr(1.0 - p) - self._tables.entropy @ weights
         return float(self.differences[int(np.argmax(np.round(information, _DIGITS)))])
 
     def summary(self, level: float = 0.95) -> dict[str, Any]:

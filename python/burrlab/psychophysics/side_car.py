@@ -24,6 +24,8 @@ _KEY = "BurrlabRun"
 _TABLES = ("burr", "bone")
 _EXPERIMENT = ("seed", "feedback", "pause_s", "break_s")
 
+_KINDS: Mapping[type, str] = {str: "a text", int: "a whole number", bool: "true or false", dict: "an object"}
+
 _ENDED = {
     "time": "after its time",
     "break-through": "the burr came out below the bone",
@@ -261,7 +263,7 @@ def _typed(values: Mapping[str, Any], key: str, kind: type) -> Any:
     if key not in values:
         raise ValueError(f"{key} is missing")
     if type(values[key]) is not kind:
-        raise ValueError(f"{key} must be a {kind.__name__}, got {values[key]!r}")
+        raise ValueError(f"{key} must be {_KINDS[kind]}, got {values[key]!r}")
     return values[key]
 
 

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from burrlab.psychophysics.comparison import Staircased, checked_answers, checked_level
+from burrlab.psychophysics.comparison import checked_level
 from burrlab.psychophysics.design_checks import whole
+from burrlab.psychophysics.staircased import Staircased, checked_answers
 
 _SMALLEST = 1e-4  # difference, that no step goes below: nobody feels it
 
@@ -152,7 +153,11 @@ class Staircase(Staircased):
         return track.threshold()
 
     def power(self, subjects: int = 1) -> str:
-        return ""
+        """How well the threshold of a stated observer is found; a second or so of simulation."""
+        from burrlab.psychophysics.precision import staircase_precision
+
+        first = f"{self.what}; aims at {100 * self.target:.1f} % correct, at most {self.trials} trials"
+        return f"{first}\n{staircase_precision(self, subjects)}"
 
     def to_dict(self) -> dict[str, Any]:
         names = (

@@ -59,7 +59,7 @@ def probability_text(p: float) -> str:
 
 def t_test(values: ArrayLike, *, side: Side = "greater", name: str = "t test") -> SubjectTest:
     """Of a mean of 0."""
-    x = _finite(values)
+    x = finite_values(values)
     error = float(np.std(x, ddof=1)) / math.sqrt(len(x)) if len(x) > 1 else 0.0
     if error == 0.0:
         return SubjectTest(name, None, None, None, side)
@@ -68,7 +68,7 @@ def t_test(values: ArrayLike, *, side: Side = "greater", name: str = "t test") -
 
 def welch_test(first: ArrayLike, second: ArrayLike, *, name: str = "Welch's t test") -> SubjectTest:
     """Of equal means of two groups, two-sided; the variances may differ (Welch, Biometrika 34, 28, 1947)."""
-    x, y = _finite(first), _finite(second)
+    x, y = finite_values(first), finite_values(second)
     if len(x) < 2 or len(y) < 2:
         return SubjectTest(name, None, None, None, "two-sided")
     a, b = float(np.var(x, ddof=1)) / len(x), float(np.var(y, ddof=1)) / len(y)
@@ -88,8 +88,8 @@ def sign_flip_test(values: ArrayLike, *, side: Side = "greater", name: str = "si
     ValueError
         If there is no value, one is not finite, or the sums are too many to count.
     """
-    x = np.abs(_finite(values))
-    total = float(np.sum(_finite(values)))
+    x = np.abs(finite_values(values))
+    total = float(np.sum(finite_values(values)))
     sums: dict[float, float] = {0.0: 1.0}
     for value in x:
         after: dict[float, float] = {}
@@ -118,7 +118,7 @@ def label_test(
     ValueError
         If a group is empty, a value is not finite, or the sums are too many to count.
     """
-    x, y = _finite(first), _finite(second)
+    x, y = finite_values(first), finite_values(second)
     everyone, size = np.concatenate([x, y]), len(x)
     mean = float(np.mean(everyone))
     # ways[k][s]: choices of k subjects whose deviations sum to s
@@ -141,7 +141,8 @@ def _of_t(name: str, t: float, freedom: float, side: Side) -> SubjectTest:
     return SubjectTest(name, t, freedom, float(p), side)
 
 
-def _finite(values: ArrayLike) -> Floats:
+def finite_values(values: ArrayLike) -> Floats:
+    """One row of numbers, or one sentence."""
     x = np.asarray(values, dtype=np.float64)
     if x.ndim != 1 or len(x) == 0:
         raise ValueError(f"values must be one row with at least one value, got shape {x.shape}")

@@ -31,7 +31,7 @@ from burrlab.psychophysics.protocol_template import template
 from burrlab.psychophysics.psychometric import psychometric_function
 from burrlab.psychophysics.psychometric_fit import PsychometricFit
 from burrlab.psychophysics.published_score import PublishedScore, group_score_from
-from burrlab.psychophysics.rehearsal import rehearse, teach
+from burrlab.psychophysics.rehearsal import rehearse, rehearsed_order, teach
 from burrlab.psychophysics.rules import rule_of
 from burrlab.psychophysics.same_different import SameDifferent
 from burrlab.psychophysics.selection import SelectionEffect
@@ -97,6 +97,7 @@ __all__ = [
     "read_answers",
     "read_folder",
     "rehearse",
+    "rehearsed_order",
     "render",
     "rendered_cues",
     "rule_of",

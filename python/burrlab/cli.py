@@ -178,7 +178,7 @@ def _save(axes: Axes, path: str) -> None:
 
 def _check_outputs(options: Options) -> None:
     """ValueError before any work if a result could not be written."""
-    for name in ("json", "plot", "out", "region", "profile", "record", "save"):
+    for name in ("json", "plot", "out", "region", "profile", "record", "save", "tsv"):
         path = getattr(options, name, None)
         if path is None or path == "-":
             continue

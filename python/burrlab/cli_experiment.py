@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from burrlab.cli import Options, _positive
+from burrlab.cli import Options, _deliver, _positive, _save
 from burrlab.cli_session import AddCommand, _ended_by_signals, _say, _show
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from burrlab.psychophysics.protocol import Protocol
+    from burrlab.psychophysics.scored_task import ScoredTask
     from burrlab.psychophysics.seat import Seat
     from burrlab.psychophysics.simulated_subject import SimulatedSubject
     from burrlab.psychophysics.sitting import Sitting
+    from burrlab.psychophysics.threshold_task import ThresholdTask
 
 
 def add_experiment_commands(command: AddCommand) -> None:
@@ -35,6 +40,13 @@ def add_experiment_commands(command: AddCommand) -> None:
     action("power", _power, "Print what the designs of a protocol can show, before anybody has taken part.")
     _running_options(action("run", _run, "Take a subject through the tasks, at this terminal."))
     _running_options(action("resume", _resume, "Go on with a run that was ended early, at the next trial."))
+    analysis = action("analyse", _analyse, "Scores, d' and intervals of each subject and of the group.")
+    analysis.add_argument("--json", metavar="FILE", help="write the result as JSON; - for standard output")
+    analysis.add_argument("--tsv", metavar="FILE", help="write a row a subject and task")
+    analysis.add_argument("--plot", metavar="FOLDER", dest="figures", help="write all figures there, as PNG")
+    analysis.add_argument(
+        "--incomplete", action="store_true", help="with runs that did not come to their end"
+    )
 
 
 def _running_options(parser: argparse.ArgumentParser) -> None:
@@ -100,6 +112,45 @@ def _resume(options: Options) -> int:
         begin = _command("run", options, sittings[0])
         raise ValueError(f"subject {sittings[0].subject} has begun no task: {begin} begins")
     return _sit(options, sittings)
+
+
+def _analyse(options: Options) -> int:
+    from burrlab.psychophysics.analysis import analyse
+
+    figures = None if options.figures is None else Path(options.figures)
+    if figures is not None and figures.exists() and not figures.is_dir():
+        raise ValueError(f"--plot: {figures} is no folder")
+    analysis = analyse(options.config, incomplete=options.incomplete)
+    if options.tsv is not None:
+        analysis.to_tsv(options.tsv)
+    if figures is not None:
+        figures.mkdir(parents=True, exist_ok=True)
+        for task in analysis.tasks:
+            for name, draw in _figures(task).items():
+                _save(draw(), str(figures / f"task-{task.name}_{name}.png"))
+    _deliver(options, analysis.to_dict(), analysis.report())
+    return 0
+
+
+def _figures(task: ScoredTask | ThresholdTask) -> dict[str, Callable[[], Axes]]:
+    """The figures that a task's data allow."""
+    from burrlab.psychophysics.psychometric_fit import PsychometricFit
+    from burrlab.psychophysics.threshold_task import ThresholdTask
+
+    if not task.subjects:
+        return {}
+    drawn: dict[str, Callable[[], Axes]] = {}
+    if isinstance(task, ThresholdTask):
+        for one in task.subjects:
+            if isinstance(one.estimate, PsychometricFit):
+                draw = functools.partial(task.plot_psychometric, subject=one.subject)
+                drawn[f"psychometric_sub-{one.subject}"] = draw
+        if any(one.threshold is not None for one in task.subjects):
+            drawn["thresholds"] = task.plot_thresholds
+        return drawn
+    if task.trials is not None:
+        drawn["scores"] = task.plot_scores
+    return {**drawn, "intervals": task.plot_intervals, "d_prime": task.plot_d_prime}
 
 
 def _sittings(options: Options) -> list[Sitting]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
-from burrlab.psychophysics.comparison import Staircased, checked_answers, checked_level
+from burrlab.psychophysics.comparison import checked_level
 from burrlab.psychophysics.design_checks import whole
 from burrlab.psychophysics.posterior import (
     PosteriorThreshold,
@@ -15,6 +15,7 @@ from burrlab.psychophysics.posterior import (
     posterior_threshold,
     threshold_of,
 )
+from burrlab.psychophysics.staircased import Staircased, checked_answers
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,11 @@ class AdaptiveStaircase(Staircased):
         return posterior_threshold(near, far, levels, correct, level=level)
 
     def power(self, subjects: int = 1) -> str:
-        return ""
+        """How well the threshold of a stated observer is found; a second or so of simulation."""
+        from burrlab.psychophysics.precision import adaptive_precision
+
+        first = f"{self.what}; {self.trials} trials"
+        return f"{first}\n{adaptive_precision(self, subjects)}"
 
     def to_dict(self) -> dict[str, Any]:
         return {

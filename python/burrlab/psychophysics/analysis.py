@@ -3,26 +3,38 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any, Self
 
 from burrlab.csv_text import plain as plain_json
 from burrlab.provenance import provenance
-from burrlab.psychophysics import report
+from burrlab.psychophysics import report, subject_table
 from burrlab.psychophysics.answers import Answers, read_folder
+from burrlab.psychophysics.experiment_folder import ExperimentFolder
+from burrlab.psychophysics.protocol import AnalysisSettings, Protocol
 from burrlab.psychophysics.records import plain, restored
-from burrlab.psychophysics.rules import RULES, RuleName, rule_of
+from burrlab.psychophysics.rules import rule_of
 from burrlab.psychophysics.scored_task import ScoredTask
-from burrlab.psychophysics.task_data import CountsBySubject, CountsByTask, TaskData, of_answers, of_counts
+from burrlab.psychophysics.task_data import (
+    CountsBySubject,
+    CountsByTask,
+    TaskData,
+    of_answers,
+    of_counts,
+    with_selection,
+)
+from burrlab.psychophysics.threshold_task import ThresholdTask
+from burrlab.psychophysics.tsv_text import NOTHING
 
 _KIND = "burrlab analysis"
 FORMAT = 1
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Analysis:
     """The results of an experiment, made by `analyse`.
 
@@ -30,7 +42,7 @@ class Analysis:
     ----------
     name : str
         Of the experiment.
-    tasks : tuple of ScoredTask
+    tasks : tuple of ScoredTask and ThresholdTask
     notes : tuple of str
         What is said above the tasks.
     provenance : mapping
@@ -38,11 +50,11 @@ class Analysis:
     """
 
     name: str
-    tasks: tuple[ScoredTask, ...]
+    tasks: tuple[ScoredTask | ThresholdTask, ...]
     notes: tuple[str, ...]
     provenance: Mapping[str, Any]
 
-    def __getitem__(self, name: str) -> ScoredTask:
+    def __getitem__(self, name: str) -> ScoredTask | ThresholdTask:
         """A task by its name.
 
         Raises
@@ -83,11 +95,7 @@ class Analysis:
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Write to a file that `from_json` reads back without loss."""
-        text = json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n"
-        if isinstance(file, (str, os.PathLike)):
-            Path(file).write_text(text, encoding="utf-8")
-        else:
-            file.write(text)
+        _write(file, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
 
     @classmethod
     def from_json(cls, file: str | os.PathLike[str] | IO[str]) -> Self:
@@ -108,11 +116,13 @@ class Analysis:
 
     def to_tsv(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """One row a subject and task, tab-separated; n/a for nothing, inf for an open end."""
-        text = "".join("\t".join(row) + "\n" for row in report.subject_rows(self))
-        if isinstance(file, (str, os.PathLike)):
-            Path(file).write_text(text, encoding="utf-8")
-        else:
-            file.write(text)
+        _write(file, subject_table.text(self))
+
+    def __eq__(self, other: object) -> bool:
+        # A criterion may be NaN, which as a number differs from itself.
+        return isinstance(other, Analysis) and self.to_dict() == other.to_dict()
+
+    __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
         kind = "simulated subjects, " if self.simulated else ""
@@ -123,8 +133,15 @@ class Analysis:
         return report.html(self)
 
 
+def _write(file: str | os.PathLike[str] | IO[str], text: str) -> None:
+    if isinstance(file, (str, os.PathLike)):
+        Path(file).write_text(text, encoding="utf-8")
+    else:
+        file.write(text)
+
+
 def analyse(
-    data: CountsBySubject | CountsByTask | Iterable[Answers] | str | os.PathLike[str],
+    data: Protocol | CountsBySubject | CountsByTask | Iterable[Answers] | str | os.PathLike[str],
     *,
     rules: Sequence[str] | None = None,
     delta: float | None = None,
@@ -139,20 +156,22 @@ def analyse(
 
     Parameters
     ----------
-    data : folder, answers, or mapping
-        A folder of answers; what `read_answers` gave; or counts of one's own, subject -> Counts or task -> subject -> Counts.
+    data : Protocol, path, answers, or mapping
+        A protocol or its TOML file; a folder of answers; what `read_answers` gave; or counts of one's own,
+        subject -> Counts or task -> subject -> Counts.
     rules : sequence of str, optional
-        Decision rules that d' is given under; by default both.
+        Decision rules that d' is given under; by default those of the protocol, or both.
     delta : float, optional
-        d' below which two stimuli count as not told apart, set before the answers were seen: asks for an equivalence test.
+        d' below which two stimuli count as not told apart, set before the answers were seen: asks for an equivalence
+        test. By default the protocol's.
     level : float, optional
-        Of all intervals; 0.95 by default.
+        Of all intervals; by default the protocol's, or 0.95.
     subjects : sequence of str, optional
-        Only these. What was left out is said: a selection.
+        Only these. That is a selection, and the result says so.
     selected_from : int, optional
-        Number of subjects that those in `data` were selected from.
+        Number of subjects that those analysed were selected from.
     selected_by : str
-        What subjects were selected by, such as "score of task 1".
+        What they were selected by, such as "score of task 1".
     incomplete : bool
         Whether runs that did not come to their end are taken in; else they are listed.
     simulated : bool
@@ -165,8 +184,8 @@ def analyse(
     Raises
     ------
     ValueError
-        If a file is not right (see `read_answers`), there is no subject, a subject, rule or level is unknown or out of
-        range, or fewer than those there were selected from.
+        If a file is not right (see `Protocol.read` and `read_answers`), there is no subject, a subject or rule is
+        unknown, the level not in [0.5, 1), delta not above 0, or there are more subjects than they were selected from.
     TypeError
         If a subject has neither Counts nor Answers.
     OSError
@@ -175,58 +194,101 @@ def analyse(
     Examples
     --------
     >>> from burrlab.psychophysics.counts import Counts
-    >>> counts = {"01": Counts("abx", hits=5, signals=5, false_alarms=1, noises=5), "02": Counts("abx", hits=4, signals=5, false_alarms=0, noises=5)}
-    >>> analyse(counts)
+    >>> one, two = Counts("abx", 5, 5, 1, 5), Counts("abx", 4, 5, 0, 5)
+    >>> analyse({"01": one, "02": two})
     Analysis(abx (n = 2))
     """
-    if isinstance(data, (str, os.PathLike)):
-        name, tasks = Path(data).name, of_answers(read_folder(data))
+    if isinstance(data, (str, os.PathLike)) and Path(data).suffix == ".toml":
+        data = Protocol.read(data)
+    settings, notes = AnalysisSettings(), []
+    if isinstance(data, Protocol):
+        settings = data.analysis
+        name, tasks = data.name, _of_folder(data.folder)
+        tasks.sort(key=lambda task: (*data.tasks, task.name).index(task.name))
+        notes += _missing(data, tasks)
+    elif isinstance(data, (str, os.PathLike)):
+        name, tasks = Path(data).resolve().name, _of_folder(data)
     elif isinstance(data, Mapping):
         name, tasks = "", of_counts(data, simulated=simulated)
     else:
         name, tasks = "", of_answers(data)
-    return _analysis(
-        name, tasks, rules=rules or RULES, delta=delta, level=0.95 if level is None else level, subjects=subjects,
-        selected_from=selected_from, selected_by=selected_by, incomplete=incomplete, before="",
-    )  # fmt: skip
-
-
-def _analysis(
-    name: str, tasks: Sequence[TaskData], *, rules: Sequence[str], delta: float | None, level: float,
-    subjects: Sequence[str] | None, selected_from: int | None, selected_by: str, incomplete: bool, before: str,
-) -> Analysis:  # fmt: skip
     if not tasks:
         raise ValueError("data must hold answers, got none")
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level must be above 0 and below 1, got {level}")
-    named: list[RuleName] = [rule_of(tasks[0].task, rule).name for rule in dict.fromkeys(rules)]
-    tasks = [_selected(task, subjects, selected_from, selected_by) for task in tasks]
-    settings = {
-        "rules": named, "delta": delta, "level": level, "incomplete": incomplete,
-        "subjects": None if subjects is None else list(subjects),
-    }  # fmt: skip
-    results = tuple(
-        ScoredTask.of_data(task, rules=named, delta=delta, level=level, incomplete=incomplete)
-        for task in tasks
-    )
-    notes = [
-        "Practice trials are left out." if any(one.answers for task in tasks for one in task.subjects) else ""
-    ]
+    settings = _settled(settings, rules, delta, level)
+    if any(one.answers for task in tasks for one in task.subjects):
+        notes.append("Practice trials are left out.")
+    if settings.delta is not None:
+        beforehand = isinstance(data, Protocol) and settings.delta == data.analysis.delta
+        notes.append(
+            f"Delta = {settings.delta:g}, as the protocol has it."
+            if beforehand
+            else f"Delta = {settings.delta:g}, given to the analysis: it counts only if it was set before the answers were seen."
+        )
+    chosen = [_selected(task, subjects, selected_from, selected_by) for task in tasks]
+    made = provenance(
+        rules=list(settings.rules), delta=settings.delta, level=settings.level,
+        subjects=None if subjects is None else list(subjects), incomplete=incomplete,
+    )  # fmt: skip
+    results = tuple(_result(task, settings, incomplete) for task in chosen)
+    return Analysis(name, results, tuple(notes), plain_json(made))
+
+
+def _of_folder(folder: str | os.PathLike[str]) -> list[TaskData]:
+    entries = ExperimentFolder(folder, "").participants()
+    by = {subject: entry.get("selected_by", NOTHING) for subject, entry in entries.items()}
+    texts = {subject: text for subject, text in by.items() if text != NOTHING}
+    return with_selection(of_answers(read_folder(folder)), texts)
+
+
+def _missing(protocol: Protocol, tasks: Sequence[TaskData]) -> list[str]:
+    """Who has not begun what."""
+    there = {task.name: {one.subject for one in task.subjects} for task in tasks}
+    notes = []
+    for name in protocol.tasks:
+        absent = [subject for subject in protocol.subjects if subject not in there.get(name, ())]
+        if absent:
+            notes.append(f"No run of {name} yet: {', '.join(absent)}.")
+    return notes
+
+
+def _settled(
+    settings: AnalysisSettings, rules: Sequence[str] | None, delta: float | None, level: float | None
+) -> AnalysisSettings:
+    """Those of the protocol, with what was given in their place."""
+    if rules is not None:
+        if not rules:
+            raise ValueError("rules must hold one at least, got none")
+        named = tuple(rule_of("same-different", rule).name for rule in dict.fromkeys(rules))
+        settings = replace(settings, rules=named)
     if delta is not None:
-        notes.append(before or f"Delta = {delta:g} counts only if it was set before the answers were seen.")
-    return Analysis(name, results, tuple(note for note in notes if note), plain_json(provenance(**settings)))
+        if not 0.0 < delta < math.inf:
+            raise ValueError(f"delta must be a d' above 0, got {delta!r}")
+        settings = replace(settings, delta=float(delta))
+    if level is not None:
+        if not 0.5 <= level < 1.0:
+            raise ValueError(f"level must be in [0.5, 1), got {level!r}")
+        settings = replace(settings, level=float(level))
+    return settings
 
 
 def _selected(
     task: TaskData, subjects: Sequence[str] | None, selected_from: int | None, selected_by: str
 ) -> TaskData:
-    if subjects is not None:
-        known = [one.subject for one in task.subjects]
-        unknown = [name for name in subjects if name not in known]
-        if unknown:
-            raise ValueError(f"subjects must be of {', '.join(known)}, got {', '.join(unknown)}")
-    if selected_from is not None and selected_from < len(task.subjects):
+    known = [one.subject for one in task.subjects]
+    unknown = [name for name in subjects or () if name not in known]
+    if unknown or subjects == []:
+        raise ValueError(f"subjects must be of {', '.join(known)}, got {', '.join(unknown) or 'none'}")
+    chosen = task.select(subjects, selected_from or 0, selected_by)
+    if selected_from is not None and selected_from < len(chosen.subjects):
         raise ValueError(
-            f"selected_from must be at least the {len(task.subjects)} subjects of task {task.name}, got {selected_from}"
+            f"selected_from must be at least the {len(chosen.subjects)} subjects of task {task.name}, got {selected_from}"
         )
-    return task.select(subjects, selected_from or 0, selected_by)
+    return chosen
+
+
+def _result(task: TaskData, settings: AnalysisSettings, incomplete: bool) -> ScoredTask | ThresholdTask:
+    if any(one.levels for one in task.subjects):
+        return ThresholdTask.of_data(task, level=settings.level, incomplete=incomplete)
+    return ScoredTask.of_data(
+        task, rules=settings.rules, delta=settings.delta, level=settings.level, incomplete=incomplete
+    )

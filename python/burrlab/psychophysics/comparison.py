@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, Literal, Protocol, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from burrlab._core import Material
-from burrlab.psychophysics.design import Design, Order
+from burrlab.psychophysics.design import Design
 from burrlab.psychophysics.design_checks import one_of, rendered, seconds, stimulus_dict, whole
-from burrlab.psychophysics.orders import Draws, checked_trial
+from burrlab.psychophysics.orders import Draws
 from burrlab.psychophysics.trial import MODES, Interval, Mode, Phase, Stimulus, Trial
 
 Parameter: TypeAlias = Literal["c_e", "alpha"]
@@ -21,8 +19,6 @@ Hold: TypeAlias = Literal["other", "sinking speed"]
 UNITS = {"c_e": "N/mm^2", "alpha": "1/ms"}
 STIFFER = "In which interval was the material stiffer, the first or the second?"
 FASTER = "In which interval did the burr sink faster, the first or the second?"
-
-_RUN = 8  # trials over which a staircase's orders are balanced
 
 
 @dataclass(frozen=True)
@@ -35,7 +31,8 @@ class Comparison(Design):
     * c_e drilled, alpha held (`hold="other"`): in which the burr sinks faster, which is that of *less* c_e; the
       stiffness changes as well;
     * c_e drilled, alpha/c_e^p held (`hold="sinking speed"`): which is stiffer. p = 4 (k + 1)/3 for an f with a zero of
-      order k: 8/3 for the parabolic. The speed stays at forces below 0.068 c_e R^2; above it, it does not;
+      order k: 8/3 for the parabolic. The speed stays at forces below 0.068 c_e R^2: bone with a burr of 3 mm at 1 N within
+      1 % for levels of 0.75 to 1.3 (mean-field), at 2 N 10 % faster to 17 % slower;
     * alpha drilled: in which the burr sinks faster, that of more alpha.
 
     Parameters
@@ -94,7 +91,7 @@ class Comparison(Design):
             )
         for name in ("c_e", "alpha"):
             if getattr(self._material, name) == 0.0:
-                raise ValueError(f"reference must have a {name} above 0, got 0")
+                raise ValueError(f"reference must have {name} above 0, got 0")
         object.__setattr__(self, "interval", seconds("interval", self.interval))
         whole("practice", self.practice, at_least=0)
         whole("blocks", self.blocks, at_least=1)
@@ -119,6 +116,11 @@ class Comparison(Design):
             return f"alpha/c_e^{self._exponent:.3g} is held, and with it the sinking speed at forces below 0.068 c_e R^2"
         held = f"alpha is held at {material.alpha:g} /ms"
         return held if self.mode == "probing" else f"{held}; stiffness and sinking speed both change"
+
+    @property
+    def what(self) -> str:
+        """What is varied around what and what is held, in words."""
+        return f"{self.parameter} around {self.reference.name} ({self.mode}; {self.held}), chance {self.chance:g}"
 
     @property
     def _exponent(self) -> float:
@@ -171,91 +173,3 @@ def checked_level(name: str, level: float) -> float:
     if value == 1.0:
         raise ValueError(f"{name} must differ from 1, got 1: two alike intervals have no correct answer")
     return value
-
-
-class Track(Protocol):
-    """Where a staircase stands; it is told of each answer."""
-
-    def level(self) -> float | None:
-        """Of the next trial; None at the end."""
-
-    def update(self, correct: bool) -> None: ...
-
-
-class Staircased(Comparison):
-    """A comparison whose levels follow the answers."""
-
-    trials: int
-
-    @abstractmethod
-    def track(self) -> Track:
-        """A new one, at its start."""
-
-    @abstractmethod
-    def easy_level(self) -> float:
-        """Of the practice."""
-
-    def order(self, *, seed: int, subject: str) -> StaircaseOrder:
-        return StaircaseOrder(self, Draws(seed, subject, self.to_dict()))
-
-
-class StaircaseOrder(Order):
-    """Trials whose levels follow the answers; orders of the intervals and seeds do not.
-
-    RC and CR are equally often in every eight trials, from the first on. The same answers give the same trials again.
-
-    Attributes
-    ----------
-    track : Track
-    """
-
-    def __init__(self, design: Staircased, draws: Draws) -> None:
-        self.answered = []
-        self.track = design.track()
-        self._design, self._draws = design, draws
-        self._kinds = self._drawn(design.practice) + self._drawn(design.trials)
-        self._next: Trial | None = None
-
-    def _drawn(self, trials: int) -> list[str]:
-        runs = -(-trials // _RUN)
-        if runs == 0:
-            return []
-        drawn = self._draws.balanced((("RC",), ("CR",)), runs * _RUN, runs)
-        return [kind for run in drawn for kind in run][:trials]
-
-    @property
-    def total(self) -> int:
-        return len(self._kinds)
-
-    def next(self) -> Trial | None:
-        done, design = len(self.answered), self._design
-        if self._next is None and done < self.total:
-            number = done - design.practice
-            level = design.easy_level() if number < 0 else self.track.level()
-            if level is not None:
-                phase: Phase = "practice" if number < 0 else "main"
-                block = 0 if number < 0 else 1 + number * design.blocks // design.trials
-                self._next = design.trial(
-                    self._kinds[done], level, (done if number < 0 else number) + 1, phase, block, self._draws
-                )
-        return self._next
-
-    def answer(self, response: str) -> None:
-        trial = checked_trial(self.next(), response, self._design.answers)
-        self.answered.append((trial, response))
-        if trial.phase == "main":
-            self.track.update(response == trial.correct)
-        self._next = None
-
-
-def checked_answers(levels: Sequence[float], correct: Sequence[bool]) -> tuple[list[float], list[bool]]:
-    """Levels and answers of trials, one each.
-
-    Raises
-    ------
-    ValueError
-        If there are not as many of one as of the other, or a level is no ratio above 0 other than 1.
-    """
-    if len(levels) != len(correct):
-        raise ValueError(f"levels and correct must be equally many, got {len(levels)} and {len(correct)}")
-    return [checked_level("level", level) for level in levels], [bool(right) for right in correct]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from scipy.stats import binom
 
 from burrlab.psychophysics.rules import Floats, Rule, rule_of
 
-Integers = NDArray[np.int64]
+Integers: TypeAlias = NDArray[np.int64]
 
 _CORRECTIONS = 2  # to the odds ratio; a third changes less than a hundredth of a standard deviation
 _HALVINGS = 60
@@ -38,6 +39,7 @@ class ConditionalHits:
         Of 0, 1, ... signals hits, a row for each K.
     mean : ndarray, shape (signals + noises + 1,)
         Expected hits.
+    variance : ndarray, shape (signals + noises + 1,)
     informative : ndarray of bool, shape (signals + noises + 1,)
         Whether more than one number of hits is possible.
     """
@@ -47,6 +49,7 @@ class ConditionalHits:
     noises: int
     probability: Floats
     mean: Floats
+    variance: Floats
     informative: NDArray[np.bool_]
 
 
@@ -72,7 +75,7 @@ def conditional_hits(task: str, rule: str, d_prime: float, signals: int, noises:
     -----
     The odds ratio depends on the criterion, if only weakly. It is taken at the criterion that gives K answers on average, and
     then corrected so that the expected hits, averaged over the K that this criterion produces, are the model's own. Without
-    the correction the mean is off by up to 0.1 standard deviations of a subject, which a group adds up; with it by less than 0.04.
+    the correction the mean is off by up to 0.1 standard deviations of a subject, which a group adds up; with it by less than 0.05.
 
     Examples
     --------
@@ -96,9 +99,10 @@ def conditional_hits(task: str, rule: str, d_prime: float, signals: int, noises:
         )
         probability = _distribution(decision, d_prime, signals, noises, log_ways)
     mean, informative = probability @ hits, most > least
-    for array in (probability, mean, informative):
+    variance = np.maximum(0.0, probability @ hits**2 - mean**2)
+    for array in (probability, mean, variance, informative):
         array.flags.writeable = False
-    return ConditionalHits(d_prime, signals, noises, probability, mean, informative)
+    return ConditionalHits(d_prime, signals, noises, probability, mean, variance, informative)
 
 
 def _distribution(rule: Rule, d_prime: float, signals: int, noises: int, log_ways: Floats) -> Floats:

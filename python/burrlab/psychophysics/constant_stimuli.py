@@ -83,7 +83,11 @@ class ConstantStimuli(Comparison):
         )  # fmt: skip
 
     def power(self, subjects: int = 1) -> str:
-        return ""
+        """How well the threshold of a stated observer is found; a second or so of simulation."""
+        from burrlab.psychophysics.precision import constant_stimuli_precision
+
+        first = f"{self.what}; {len(self.levels)} levels of {self.repeats} trials each"
+        return f"{first}\n{constant_stimuli_precision(self, subjects)}"
 
     def to_dict(self) -> dict[str, Any]:
         return {

@@ -107,7 +107,7 @@ def closed_form_cues(material: Material, *, burr: Burr) -> Cues:
     >>> import burrlab
     >>> a, b = (closed_form_cues(burrlab.materials[name], burr=burrlab.Burr(3.0)) for name in ("bone", "pvc"))
     >>> print(f"{a.stiffness - b.stiffness:.3f} {a.force - b.force:.3f} {b.sinking - a.sinking:.3f}")
-    1.023 1.535 5.173
+    1.024 1.535 5.173
     """
     scale = material.c_e * burr.radius**2
     penetration = burr.radius * (PROBING_PUSH / scale) ** (2.0 / 3.0)

@@ -5,19 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import entr
+from scipy.stats import chi2
 
-from burrlab.psychophysics.comparison import checked_answers
 from burrlab.psychophysics.rules import Floats
+from burrlab.psychophysics.staircased import checked_answers
 
 _THRESHOLDS, _LEVELS = 61, 41  # of the grids, evenly spaced in the logarithm of the difference
 _SLOPES = np.geomspace(0.7, 4.0, 9)
 _LAPSES = 0.01 + 0.02 * np.arange(5)  # the middles of cells from 0 to 0.1; 0 would make one slip impossible
-_LAPSE_PRIOR = (1.0 - _LAPSES) ** 9  # beta(1, 10), as psignifit has it
+_LAPSE_PRIOR = (1.0 - _LAPSES) ** 9  # beta(1, 10)
 _DIGITS = 10  # of an information [nat] that decide: the last ones differ from machine to machine
 
 
@@ -34,6 +36,26 @@ def proportion_correct(
     return np.asarray(0.5 + 0.5 * (1.0 - np.asarray(lapse, dtype=np.float64)) * seen)
 
 
+@dataclass(frozen=True)
+class _Tables:
+    """What all posteriors between two differences share."""
+
+    thresholds: Floats
+    differences: Floats
+    grid: tuple[Floats, Floats, Floats]  # threshold, slope, lapse of each point
+    correct: Floats  # proportion, by difference and point
+    entropy: Floats  # of an answer [nat]
+
+
+@lru_cache(maxsize=4)
+def _tables(smallest: float, largest: float) -> _Tables:
+    thresholds = np.geomspace(smallest, largest, _THRESHOLDS)
+    differences = np.geomspace(smallest, largest, _LEVELS)
+    t, s, q = (axis.ravel() for axis in np.meshgrid(thresholds, _SLOPES, _LAPSES, indexing="ij"))
+    correct = np.stack([proportion_correct(x, t, s, q) for x in differences])
+    return _Tables(thresholds, differences, (t, s, q), correct, entr(correct) + entr(1.0 - correct))
+
+
 class ThresholdPosterior:
     """Posterior of one subject over threshold, slope and lapse rate.
 
@@ -47,16 +69,9 @@ class ThresholdPosterior:
     """
 
     def __init__(self, smallest: float, largest: float) -> None:
-        self.thresholds: Floats = np.geomspace(smallest, largest, _THRESHOLDS)
-        self.differences: Floats = np.geomspace(smallest, largest, _LEVELS)
-        shape = (_THRESHOLDS, _SLOPES.size, _LAPSES.size)
-        t, s, q = np.broadcast_arrays(
-            self.thresholds[:, None, None], _SLOPES[None, :, None], _LAPSES[None, None, :]
-        )
-        self._grid = t.ravel(), s.ravel(), q.ravel()
-        self._log = np.broadcast_to(np.log(_LAPSE_PRIOR), shape).ravel().copy()
-        self._correct = np.stack([proportion_correct(x, *self._grid) for x in self.differences])
-        self._entropy = entr(self._correct) + entr(1.0 - self._correct)
+        self._tables = tables = _tables(smallest, largest)
+        self.thresholds, self.differences = tables.thresholds, tables.differences
+        self._log = np.tile(np.log(_LAPSE_PRIOR), _THRESHOLDS * _SLOPES.size)
 
     def weights(self) -> Floats:
         """Of the grid, with the sum 1."""
@@ -64,8 +79,11 @@ class ThresholdPosterior:
         return np.asarray(weights / weights.sum())
 
     def update(self, difference: float, correct: bool) -> None:
-        p = proportion_correct(difference, *self._grid)
-        self._log += np.log(p if correct else 1.0 - p)
+        self.update_counts(difference, int(correct), 1)
+
+    def update_counts(self, difference: float, correct: int, trials: int) -> None:
+        p = proportion_correct(difference, *self._tables.grid)
+        self._log += correct * np.log(p) + (trials - correct) * np.log1p(-p)
 
     def most_informative(self) -> float:
         """The difference whose answer leaves the least expected entropy of the posterior.
@@ -74,12 +92,13 @@ class ThresholdPosterior:
         expected entropy of the answer. Of equal ones the smallest.
         """
         weights = self.weights()
-        p = self._correct @ weights
-        information = entr(p) + entr(1.0 - p) - self._entropy @ weights
+        p = self._tables.correct @ weights
+        information = entr(p) + entr(1.0 - p) - self._tables.entropy @ weights
         return float(self.differences[int(np.argmax(np.round(information, _DIGITS)))])
 
     def summary(self, level: float = 0.95) -> dict[str, Any]:
-        """Threshold (geometric mean) and interval of equal tails, means of slope and lapse rate, mass at the ends."""
+        """Threshold (geometric mean) and interval of equal tails, means of slope and lapse rate, density at the ends over
+        the largest."""
         weights = self.weights().reshape(_THRESHOLDS, _SLOPES.size, _LAPSES.size)
         marginal = weights.sum(axis=(1, 2))
         logs = np.log(self.thresholds)
@@ -94,7 +113,7 @@ class ThresholdPosterior:
             "interval": tuple(float(np.exp(np.interp(tail, below, edges))) for tail in tails),
             "slope": math.exp(float(weights.sum(axis=(0, 2)) @ np.log(_SLOPES))),
             "lapse": float(weights.sum(axis=(0, 1)) @ _LAPSES),
-            "at_ends": (float(mass[0]), float(mass[-1])),
+            "at_ends": (float(marginal[0] / marginal.max()), float(marginal[-1] / marginal.max())),
         }
 
 
@@ -116,7 +135,7 @@ class PosteriorThreshold:
         Posterior means of the Weibull function's exponent (geometric) and of the rate of answers at random.
     trials : int
     open_below, open_above : bool
-        Whether the interval reaches an end of the levels, so that the threshold may lie outside.
+        Whether the posterior has not fallen at an end of the levels, so that the threshold may lie outside.
     """
 
     level: float
@@ -178,9 +197,8 @@ def threshold_of(posterior: ThresholdPosterior, side: float, trials: int, level:
     """A posterior's, as a ratio above (side 1) or below 1 (side -1)."""
     found = posterior.summary(level)
     near, far = found["interval"]
-    tail = 0.5 - 0.5 * level
-    # An end that the prior cuts off: more than half a tail in the last cell of the grid
-    low, high = (mass > 0.5 * tail for mass in found["at_ends"])
+    # Where a likelihood interval would go on beyond the grid
+    low, high = (density > math.exp(-0.5 * float(chi2.ppf(level, 1))) for density in found["at_ends"])
     return PosteriorThreshold(
         level=math.exp(side * found["threshold"]), interval=(math.exp(side * near), math.exp(side * far)),
         credible=level, difference=found["threshold"], slope=found["slope"], lapse=found["lapse"],

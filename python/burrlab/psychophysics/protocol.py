@@ -23,11 +23,14 @@ from burrlab.psychophysics.protocol_tables import (
     designs_of,
     device_of,
     seconds_of,
+    selection_of,
     subjects_of,
     without_folder,
 )
 from burrlab.psychophysics.side_car import SideCar, digest
 from burrlab.psychophysics.toml_table import read_toml
+
+__all__ = ["AnalysisSettings", "Protocol"]
 
 
 @dataclass(frozen=True)
@@ -113,7 +116,7 @@ class Protocol:
         pause, rest = (
             seconds_of(experiment, key, value) for key, value in (("pause_s", 1.0), ("break_s", 60.0))
         )
-        selected_by = experiment.text("selected_by", None)
+        selected_by = selection_of(experiment)
         experiment.done()
         burr, bone = burr_and_bone_of(file)
         tasks = designs_of(file)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from burrlab.psychophysics.design_table import design_of, stimuli_of
 from burrlab.psychophysics.rules import RULES, RuleName
 from burrlab.psychophysics.toml_table import Table
 from burrlab.session.device_text import parse_device
+from burrlab.specimen import MOST_VOXELS
 
 _MOST_SUBJECTS = 9999
 
@@ -59,8 +61,9 @@ def _check_labels(table: Table, what: str, labels: list[str]) -> None:
             raise table.error(
                 f"{what}'s name must be of letters and digits, as BIDS labels are, got {label!r}"
             )
-        if (other := seen.setdefault(label.lower(), label)) is not label:
+        if (other := seen.get(label.lower())) is not None:
             raise table.error(f"{what}'s name must be there once, got {other!r} and {label!r}")
+        seen[label.lower()] = label
 
 
 def device_of(table: Table, folder: Path) -> str:
@@ -77,6 +80,14 @@ def without_folder(device: str) -> str:
     """A device's text that is the same on every machine."""
     kind, _, file = device.partition(":")
     return f"scripted:{Path(file).name}" if kind == "scripted" else device
+
+
+def selection_of(table: Table) -> str | None:
+    """The selection of [experiment], which goes into a file of tabs."""
+    text: str | None = table.text("selected_by", None)
+    if text is not None and any(mark in text for mark in '\t\r\n"'):
+        raise table.error(f"selected_by must be without tabs, line breaks and quotation marks, got {text!r}")
+    return text
 
 
 def seconds_of(table: Table, key: str, default: float) -> float:
@@ -96,6 +107,8 @@ def burr_and_bone_of(file: Table) -> tuple[Burr, Block]:
     table = file.table("bone")
     size, voxel = table.numbers("size_mm"), table.number("voxel_mm")
     table.done()
+    if voxel > 0 and (voxels := math.prod(size) / voxel**3) > MOST_VOXELS:
+        raise table.error(f"the block has {voxels:.3g} voxels, and {MOST_VOXELS:.3g} are the most")
     with table.errors():
         bone = Block(tuple(size), voxel)
         bone.check_burr(burr)

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
-from burrlab.psychophysics.d_prime import binomial_test, d_prime, score_interval
+from burrlab.psychophysics.counts import Counts
+from burrlab.psychophysics.d_prime import DPrime, binomial_test, d_prime, score_interval
 from burrlab.psychophysics.equivalence import Equivalence, equivalence
 from burrlab.psychophysics.group import GroupScore, group_score
 from burrlab.psychophysics.group_d_prime import GroupDPrime, group_d_prime
-from burrlab.psychophysics.pair_checks import pair_checks
+from burrlab.psychophysics.pair_checks import PairCheck, pair_checks
 from burrlab.psychophysics.rules import RuleName, TaskName
 from burrlab.psychophysics.selection import SelectionEffect
 from burrlab.psychophysics.subject_result import SubjectResult, holm
-from burrlab.psychophysics.task_data import SubjectData, TaskData, design_text, left_out_text
+from burrlab.psychophysics.task_data import SubjectData, TaskData, design_text, left_out_text, titled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,6 +52,8 @@ class ScoredTask:
         One a rule; none of a single subject.
     equivalence : tuple of Equivalence
         One a rule; none without a delta.
+    checks : tuple of PairCheck
+        Of the types of trials against one another, all subjects together; none where a subject's types were not counted.
     """
 
     name: str
@@ -65,6 +69,7 @@ class ScoredTask:
     score: GroupScore | None
     group_d_prime: tuple[GroupDPrime, ...]
     equivalence: tuple[Equivalence, ...]
+    checks: tuple[PairCheck, ...]
 
     @classmethod
     def of_data(
@@ -94,6 +99,7 @@ class ScoredTask:
                 for rule in rules
                 if counts and delta is not None
             ),
+            checks=tuple(pair_checks(counts)) if counts and all(map(_has_types, counts)) else (),
         )
 
     @property
@@ -116,8 +122,7 @@ class ScoredTask:
     def title(self) -> str:
         """Of figures: name, what was compared, and whether the subjects were simulated."""
         about = design_text(self.design)
-        said = f"{self.name}: {about}" if about else self.name
-        return f"{said} (simulated subjects)" if self.simulated else said
+        return titled(f"{self.name}: {about}" if about else self.name, self)
 
     @property
     def selected(self) -> bool:
@@ -224,11 +229,27 @@ def _results(
             score_interval=score_interval(one.counts, level),
             p_value=p,
             holm=corrected,
-            d_prime=tuple(
-                d_prime(one.counts, rule=rule, level=level, correction=CORRECTION) for rule in rules
-            ),
-            checks=tuple(pair_checks(one.counts)) if one.counts.by_type else (),
+            d_prime=tuple(_d_prime(one.counts, rule, level) for rule in rules),
+            checks=tuple(pair_checks(one.counts)) if _has_types(one.counts) else (),
         )
         for one, p, corrected in zip(used, p_values, holm(p_values), strict=True)
         if one.counts is not None
     )
+
+
+def _d_prime(counts: Counts, rule: RuleName, level: float) -> DPrime:
+    bare = counts.task, counts.hits, counts.signals, counts.false_alarms, counts.noises
+    return replace(_of_outcome(*bare, rule, level), counts=counts)
+
+
+@lru_cache(maxsize=4096)  # an exact interval takes 0.1 s, and subjects with equal counts are many
+def _of_outcome(
+    task: TaskName, hits: int, signals: int, false_alarms: int, noises: int, rule: RuleName, level: float
+) -> DPrime:
+    counts = Counts(task, hits, signals, false_alarms, noises)
+    return d_prime(counts, rule=rule, level=level, correction=CORRECTION)
+
+
+def _has_types(counts: Counts) -> bool:
+    """Whether the types of trials can be compared: a position always can, pairs where all four were counted."""
+    return counts.task != "same-different" or set(counts.by_type) >= {"AA", "AB", "BA", "BB"}

@@ -24,12 +24,19 @@ _KEY = "BurrlabRun"
 _TABLES = ("burr", "bone")
 _EXPERIMENT = ("seed", "feedback", "pause_s", "break_s")
 
+_KINDS: Mapping[type, str] = {str: "a text", int: "a whole number", bool: "true or false", dict: "an object"}
+
 _ENDED = {
     "time": "after its time",
     "break-through": "the burr came out below the bone",
     "wall": "the burr reached the side of the bone",
     "subject": "by the subject",
     "device": "the device was lost",
+}
+_DESCRIBED: Mapping[TaskName, str] = {
+    "same-different": "Two intervals of virtual bone burring: was the material the same?",
+    "abx": "A reference and two intervals of virtual bone burring: which of the two is as the reference?",
+    "2ifc": "Two intervals of virtual bone burring: which has more of what is asked?",
 }
 _TYPES: Mapping[TaskName, str] = {
     "same-different": "The materials A and B of the two intervals, in order",
@@ -127,6 +134,7 @@ class SideCar:
         """As the file has it, with the columns described."""
         return {
             "TaskName": self.name,
+            "TaskDescription": _DESCRIBED[self.task],
             "Instructions": self.question,
             "StimulusPresentation": {
                 "OperatingSystem": f"{platform.system()} {platform.release()}",
@@ -261,7 +269,7 @@ def _typed(values: Mapping[str, Any], key: str, kind: type) -> Any:
     if key not in values:
         raise ValueError(f"{key} is missing")
     if type(values[key]) is not kind:
-        raise ValueError(f"{key} must be a {kind.__name__}, got {values[key]!r}")
+        raise ValueError(f"{key} must be {_KINDS[kind]}, got {values[key]!r}")
     return values[key]
 
 

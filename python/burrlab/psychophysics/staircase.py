@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from burrlab.psychophysics.comparison import Staircased, checked_answers, checked_level
+from burrlab.psychophysics.comparison import checked_level
 from burrlab.psychophysics.design_checks import whole
+from burrlab.psychophysics.staircased import Staircased, checked_answers
 
 _SMALLEST = 1e-4  # difference, that no step goes below: nobody feels it
 
@@ -62,6 +63,12 @@ class Staircase(Staircased):
         is odd, the target is at chance, `trials` is no multiple of `blocks`, or what is varied cannot be felt.
     TypeError
         If the reference is no Stimulus, or a number is not whole.
+
+    Notes
+    -----
+    The mean of the reversals is the target's in the limit of small steps only. In 300 runs of 60 reversals of a Gaussian
+    observer with 2 % lapses it lies 2 to 5 % below (of the difference) with steps of 1.1, 5 to 15 % with steps of
+    1.4. `power` simulates the staircase at hand.
 
     References
     ----------
@@ -152,7 +159,11 @@ class Staircase(Staircased):
         return track.threshold()
 
     def power(self, subjects: int = 1) -> str:
-        return ""
+        """How well the threshold of a stated observer is found; a second or so of simulation."""
+        from burrlab.psychophysics.precision import staircase_precision
+
+        first = f"{self.what}; aims at {100 * self.target:.1f} % correct, at most {self.trials} trials"
+        return f"{first}\n{staircase_precision(self, subjects)}"
 
     def to_dict(self) -> dict[str, Any]:
         names = (
@@ -228,7 +239,7 @@ class StaircaseThreshold:
         exp of the standard deviation of ln difference between pairs of reversals: a factor. No standard error, as
         reversals of one staircase depend on one another.
     target : float
-        Proportion correct that the staircase aims at. Its mean lies within a few per cent of it for small steps.
+        Proportion correct that the staircase aims at.
     reversals : int
         That count.
     trials : int

@@ -47,9 +47,14 @@ class SubjectResult:
     checks: tuple[PairCheck, ...]
 
     @property
+    def trials(self) -> int:
+        """Answered in the main phase."""
+        return self.counts.trials
+
+    @property
     def complete(self) -> bool:
         """Whether all planned trials were answered."""
-        return self.planned is None or self.counts.trials >= self.planned
+        return self.planned is None or self.trials >= self.planned
 
     def of_rule(self, rule: str) -> DPrime:
         """d' under a rule.

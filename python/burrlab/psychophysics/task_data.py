@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.counts import Counts
@@ -13,6 +14,9 @@ from burrlab.psychophysics.rules import TaskName
 #: Subject -> counts, or task -> subject -> counts.
 CountsBySubject: TypeAlias = Mapping[str, Counts | Answers]
 CountsByTask: TypeAlias = Mapping[str, CountsBySubject]
+
+
+_OF = re.compile(r"\b\d+ of (\d+)\b")
 
 
 @dataclass(frozen=True)
@@ -158,6 +162,21 @@ def _subject(one: Answers) -> SubjectData:
     return SubjectData(one.subject, one.counts() if one.main else None, planned, one.simulated, levels, one)
 
 
+def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) -> list[TaskData]:
+    """The same, with what participants were selected by, subject -> text.
+
+    A text such as "best 12 of 20" says how many they were selected from.
+    """
+    found = []
+    for task in tasks:
+        texts = dict.fromkeys(selected_by.get(one.subject, "") for one in task.subjects)
+        text = "; ".join(text for text in texts if text)
+        numbers = _OF.search(text)
+        of = int(numbers[1]) if numbers else 0
+        found.append(replace(task, selected_by=text, of=of if of > len(task.subjects) else 0))
+    return found
+
+
 def design_text(design: Mapping[str, Any]) -> str:
     """What is compared with what, how: one line; "" of no design."""
     mode = f", {design['mode']}" if "mode" in design else ""
@@ -181,3 +200,24 @@ def left_out_text(one: SubjectData) -> str:
     if one.trials == 0:
         return f"{one.subject} (none of the main trials)"
     return f"{one.subject} ({one.trials} of {one.planned} trials)"
+
+
+class Chosen(Protocol):
+    """A task's result, of whose subjects a title tells what must not be overlooked."""
+
+    @property
+    def simulated(self) -> bool: ...
+    @property
+    def selected(self) -> bool: ...
+    @property
+    def of(self) -> int: ...
+    @property
+    def subjects(self) -> Sequence[object]: ...
+
+
+def titled(text: str, task: Chosen) -> str:
+    """A title of figures, with what must not be overlooked."""
+    said = ["simulated subjects"] if task.simulated else []
+    if task.selected:
+        said.append(f"{len(task.subjects)} selected of {task.of}" if task.of else "selected subjects")
+    return f"{text} ({'; '.join(said)})" if said else text

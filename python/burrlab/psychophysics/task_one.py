@@ -66,8 +66,8 @@ class TaskOneTable:
     differences : dict
         pair -> cue -> difference of the logarithm between the two materials.
     noise_of_published : dict
-        (cue, decision) -> the noise at which bone and PVC give the paper's mean, None where no noise up to 100 times the
-        difference does: probing cues 9.3, sinking speed and all 9.6.
+        (cue, decision) -> the noise at which the first pair, bone and PVC, gives the paper's mean: 9.3 for the probing cues,
+        9.6 for sinking speed and for all. None where no noise does.
     source : str
         Of the differences: "rendered" or "closed form".
     lapse : float
@@ -204,7 +204,7 @@ def noise_for_score(
         return TRIALS * float(rule.proportion_correct(d_prime, lapse=lapse)) - score
 
     low, high = 0.01, 50.0
-    if excess(low) >= 0.0 or excess(high) <= 0.0:
+    if difference == 0.0 or excess(low) >= 0.0 or excess(high) <= 0.0:
         return None
     return float(abs(difference) / brentq(excess, low, high))
 

@@ -77,6 +77,8 @@ along : (x, y, z)
     Unit vector of the strokes, perpendicular to `into`.
 push : float
     Static force into the bone [N].
+presses : float
+    A second, of `push` at their height, from the first contact on; 0 for a steady push.
 amplitude : float
     Of a stroke [mm].
 strokes : float
@@ -109,6 +111,9 @@ ValueError
 
 Notes
 -----
+A press is a quarter of its time the rise of the push, three tenths its height, a quarter its fall and a fifth nothing;
+rise and fall are x^2 (3 - 2x). The target takes the push's change at once, so that `follow` does not flatten it.
+
 The defaults are ours. The velocity that the device reports is the difference of two readings over the time between
 them, unfiltered, as from an encoder. Integrated in steps of at most 20 us.
 
@@ -119,12 +124,13 @@ Examples
 >>> hand.position
 array([0. , 0. , 3.2])
 )")
-      .def(py::init([](const Vec3& start, const Vec3& into, const Vec3& along, double push, double amplitude,
-                       double strokes, double strokes_after, double approach, double follow, double mass,
-                       double damping, double grip, double friction, double encoder_step, bool on,
-                       double on_after) {
+      .def(py::init([](const Vec3& start, const Vec3& into, const Vec3& along, double push, double presses,
+                       double amplitude, double strokes, double strokes_after, double approach, double follow,
+                       double mass, double damping, double grip, double friction, double encoder_step,
+                       bool on, double on_after) {
              HandSettings s;
-             s.start = start, s.into = into, s.along = along, s.push = push, s.amplitude = amplitude;
+             s.start = start, s.into = into, s.along = along, s.push = push, s.presses = presses;
+             s.amplitude = amplitude;
              s.strokes = strokes, s.strokes_after = strokes_after, s.approach = approach, s.follow = follow;
              s.mass = mass, s.damping = damping, s.grip = grip, s.friction = friction;
              s.encoder_step = encoder_step, s.on = on, s.on_after = on_after;
@@ -132,12 +138,13 @@ array([0. , 0. , 3.2])
            }),
            py::arg("start") = defaults.start, py::kw_only(), py::arg("into") = defaults.into,
            py::arg("along") = defaults.along, py::arg("push") = defaults.push,
-           py::arg("amplitude") = defaults.amplitude, py::arg("strokes") = defaults.strokes,
-           py::arg("strokes_after") = defaults.strokes_after, py::arg("approach") = defaults.approach,
-           py::arg("follow") = defaults.follow, py::arg("mass") = defaults.mass,
-           py::arg("damping") = defaults.damping, py::arg("grip") = defaults.grip,
-           py::arg("friction") = defaults.friction, py::arg("encoder_step") = defaults.encoder_step,
-           py::arg("on") = defaults.on, py::arg("on_after") = defaults.on_after)
+           py::arg("presses") = defaults.presses, py::arg("amplitude") = defaults.amplitude,
+           py::arg("strokes") = defaults.strokes, py::arg("strokes_after") = defaults.strokes_after,
+           py::arg("approach") = defaults.approach, py::arg("follow") = defaults.follow,
+           py::arg("mass") = defaults.mass, py::arg("damping") = defaults.damping,
+           py::arg("grip") = defaults.grip, py::arg("friction") = defaults.friction,
+           py::arg("encoder_step") = defaults.encoder_step, py::arg("on") = defaults.on,
+           py::arg("on_after") = defaults.on_after)
       .def("set_on", &HandDevice::set_on, py::arg("on"), "The burr's switch, at any time.")
       .def_property_readonly("force", &HandDevice::force, "(3,) that the loop sent last [N]; a copy")
       .def_property_readonly(

@@ -313,6 +313,7 @@ class HandDevice(Device):
         into: _Vector = ...,
         along: _Vector = ...,
         push: float = 1.0,
+        presses: float = 0.0,
         amplitude: float = 8.0,
         strokes: float = 1.4,
         strokes_after: float = 1.0,

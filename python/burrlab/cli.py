@@ -1,4 +1,4 @@
-"""The command line, thin over the API: `burrlab COMMAND`, with the live ones in `cli_session` and traces in `cli_trace`."""
+"""The command line, thin over the API: `burrlab COMMAND`, with more of them in `cli_session`, `cli_trace`, `cli_experiment`."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ def _save(axes: Axes, path: str) -> None:
 
 def _check_outputs(options: Options) -> None:
     """ValueError before any work if a result could not be written."""
-    for name in ("json", "plot", "out", "region", "profile", "record", "save"):
+    for name in ("json", "plot", "out", "region", "profile", "record", "save", "tsv"):
         path = getattr(options, name, None)
         if path is None or path == "-":
             continue
@@ -409,11 +409,13 @@ def _parser() -> argparse.ArgumentParser:
     fit.add_argument("--store", metavar="FILE", help="voxel engine: keeps descents, the same command goes on")
     _output_options(fit)
 
+    from burrlab.cli_experiment import add_experiment_commands
     from burrlab.cli_session import add_session_commands
     from burrlab.cli_trace import add_trace_commands
 
     add_session_commands(command)
     add_trace_commands(command)
+    add_experiment_commands(command)
     _output_options(command("materials", _materials, "The paper's materials and their source."), plot=False)
     _output_options(command("version", _version, "Version and what it runs on."), plot=False)
     return parser

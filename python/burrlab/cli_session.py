@@ -27,6 +27,7 @@ from burrlab.cli import (
     _seed,
     _vector,
 )  # fmt: skip
+from burrlab.session.device_text import parse_address, parse_device
 from burrlab.session.network import block_recipe, follow, make_bone, volume_recipe
 from burrlab.session.snapshot import check_bone_file
 from burrlab.specimen import MOST_VOXELS
@@ -104,10 +105,10 @@ def _port(text: str) -> int:
 
 
 def _address(text: str) -> tuple[str, int]:
-    host, colon, port = text.rpartition(":")
-    if not colon or not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise argparse.ArgumentTypeError(f"must be HOST:PORT, got '{text}'")
-    return host.strip("[]"), int(port)
+    try:
+        return parse_address(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _session(options: Options) -> int:
@@ -190,23 +191,20 @@ def _bone(options: Options, burr: Burr) -> tuple[VoxelBone, dict[str, Any], Mapp
 
 
 def _device(text: str, options: Options, burr: Burr, place: Mapping[str, Any], number: int) -> Device:
-    kind, _, rest = text.partition(":")
-    if text == "hand":
+    try:
+        device = parse_device(text)
+    except ValueError as error:
+        raise ValueError(f"--device {error}") from None
+    if device.kind == "hand":
         if number == 0 or not place:
             return burrlab.HandDevice(push=options.push, **place)
         along = np.asarray(place.get("along", (1.0, 0.0, 0.0)))
         into = np.asarray(place.get("into", (0.0, 0.0, -1.0)))
         beside = np.asarray(place["start"]) + 3 * burr.radius * np.cross(into, along)
         return burrlab.HandDevice(push=options.push, **{**place, "start": beside})
-    if kind == "scripted" and rest:
-        return burrlab.read_script(rest)
-    if kind == "igtl" and rest:
-        try:
-            host, port = _address(rest)
-        except argparse.ArgumentTypeError as error:
-            raise ValueError(f"--device igtl: {error}") from None
-        return burrlab.IgtlDevice(host, port, lost_after=options.lost_after)
-    raise ValueError(f"--device must be hand, scripted:FILE or igtl:HOST:PORT, got '{text}'")
+    if device.kind == "scripted":
+        return burrlab.read_script(device.file)
+    return burrlab.IgtlDevice(device.host, device.port, lost_after=options.lost_after)
 
 
 def _line(session: burrlab.Session) -> str:

@@ -44,6 +44,17 @@ class Layout:
         object.__setattr__(self, "names", {column: name for name, column in self.columns.items()})
 
 
+def decoded(name: str, content: bytes) -> str:
+    """The text of a file; ValueError where it is none in UTF-8."""
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ValueError(f"{name}: this is not a text file in UTF-8") from None
+    if "\0" in text:
+        raise ValueError(f"{name}: this is not a text file, it holds zero bytes")
+    return text
+
+
 def positive_problem(value: float, unit: str, *, or_zero: bool = False) -> str | None:
     """The sentence on a number that is not finite or not above 0 (or, as asked, not at least 0)."""
     if math.isfinite(value) and (value > 0 or (or_zero and value == 0)):
@@ -148,13 +159,7 @@ def _text(file: Path | IO[str] | IO[bytes]) -> tuple[str, str]:
     else:
         name, raw = str(getattr(file, "name", "CSV text")), file.read()
         content = raw.encode() if isinstance(raw, str) else raw
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise ValueError(f"{name}: this is not a text file in UTF-8") from None
-    if "\0" in text:
-        raise ValueError(f"{name}: this is not a text file, it holds zero bytes")
-    return name, text
+    return name, decoded(name, content)
 
 
 def _lines(text: str, comments: dict[str, str]) -> Iterator[tuple[int, str]]:

@@ -1,4 +1,5 @@
 // The simulated hand's mechanics against closed forms; scripts and recordings given as they are.
+#include <array>
 #include <cmath>
 
 #include "burrlab/session/hand_device.hpp"
@@ -182,6 +183,46 @@ void check_strokes() {
   CHECK(fastest > 60.0 && fastest < 90.0);
 }
 
+/// Presses on a stiff and on a soft wall: from the first contact on, each as high as the push, nothing
+/// between them.
+void check_presses() {
+  for (const double k : {4.0, 1.5}) {
+    HandSettings s = still();
+    s.push = 1.5;
+    s.presses = 0.5;
+    s.start[2] = 3.5;
+    HandDevice hand(s);
+    hand.start(1e-3);
+    double touched = -1.0;
+    std::array<double, 5> most{}, least;
+    least.fill(INFINITY);
+    for (int i = 0; i < 10500; ++i) {
+      const long allocated = allocations;
+      const DeviceReading now = hand.read(0.001 * i, 1);
+      const double force = std::max(0.0, k * (3.0 - now.position[2]));
+      hand.write(Vec3(0.0, 0.0, force));
+      CHECK(allocations == allocated);
+      if (touched < 0.0 && force > 0.0) touched = 0.001 * i;
+      if (touched < 0.0) continue;
+      const double turns = 0.5 * (0.001 * i - touched);
+      if (turns >= 5.0) break;
+      double& peak = most[std::size_t(turns)];
+      peak = std::max(peak, force);
+      if (turns - std::floor(turns) > 0.5)
+        least[std::size_t(turns)] = std::min(least[std::size_t(turns)], force);
+    }
+    CHECK(touched > 0.09 && touched < 0.2);  // 0.5 mm at 5 mm/s
+    for (const double peak : most) CHECK_NEAR(peak, s.push, 0.03 * s.push);
+    for (const double force : least) CHECK(force < 0.05 * s.push);
+    hand.start(1e-3);  // the next session waits for its own contact
+    for (int i = 0; i < 50; ++i) {
+      hand.read(0.001 * i, 1);
+      hand.write(Vec3::Zero());
+    }
+    CHECK_NEAR(hand.position()[2], 3.5 - 5.0 * 0.05, 0.15);
+  }
+}
+
 void check_switch() {
   HandSettings s = still();
   s.on_after = 0.01;
@@ -210,6 +251,7 @@ void check_hand_refusals() {
   CHECK_THROWS(with([](HandSettings& s) { s.encoder_step = -0.1; }), "encoder_step must be zero or positive");
   CHECK_THROWS(with([](HandSettings& s) { s.follow = 0.0; }), "follow must be positive");
   CHECK_THROWS(with([](HandSettings& s) { s.approach = 0.0; }), "approach must be positive");
+  CHECK_THROWS(with([](HandSettings& s) { s.presses = -1.0; }), "presses must be zero or positive");
   CHECK_THROWS(with([](HandSettings& s) { s.strokes = -1.0; }), "strokes must be zero or positive");
   CHECK_THROWS(with([](HandSettings& s) { s.strokes_after = -1.0; }),
                "strokes_after must be zero or positive");
@@ -264,6 +306,7 @@ int main() {
   check_friction();
   check_encoder();
   check_strokes();
+  check_presses();
   check_switch();
   check_hand_refusals();
   check_script();

@@ -36,6 +36,17 @@ def test_hand_pushes_with_the_asked_force():
     assert np.array_equal(hand.force, [0, 0, 0])  # the session is over
 
 
+@pytest.mark.parametrize("material", ["bone", "pvc"])
+def test_hand_presses_as_hard_as_asked(material):
+    hand = _core.HandDevice(start=(0, 0, 2.3), push=0.8, presses=0.5, strokes=0, on=False)
+    records, _, _ = play(hand, 8200, material=material)
+    force = records["burr"]["force"][:, 0, 2]
+    first = int(np.argmax(force > 0))
+    presses = force[first : first + 8000].reshape(4, 2000)
+    assert presses.max(axis=1) == pytest.approx([0.8] * 4, rel=0.03)
+    assert presses[:, -1].max() < 0.06
+
+
 def test_hand_velocity_is_the_difference_of_its_readings():
     records, _, _ = play(_core.HandDevice(start=(0, 0, 2.3), encoder_step=0.02), 500)
     first = records["burr"][:, 0]
@@ -63,6 +74,7 @@ def test_hand_moves_the_same_at_any_rate():
         ({"start": (0, np.nan, 0)}, "start must be finite"),
         ({"into": (0, 0, -2)}, "length of into must be 1, got 2"),
         ({"along": (0, 0, 1)}, "cosine between into and along must be 0, got -1"),
+        ({"presses": -1}, "presses must be zero or positive and finite, got -1"),
         ({"push": -1}, "push must be zero or positive and finite, got -1"),
     ],
 )

@@ -10,6 +10,11 @@ namespace {
 
 constexpr double pi = 3.14159265358979323846;
 
+// Of a press's time: where its height begins and ends, and where it is over.
+constexpr double press_up = 0.25, press_down = 0.55, press_over = 0.8;
+
+double ease_in(double x) { return x * x * (3.0 - 2.0 * x); }
+
 HandSettings checked(const HandSettings& s) {
   for (int axis = 0; axis < 3; ++axis) require_finite("start", s.start[axis]);
   const auto require_unit = [](const char* name, const Vec3& v) {
@@ -20,6 +25,7 @@ HandSettings checked(const HandSettings& s) {
   if (!(std::abs(s.into.dot(s.along)) < 1e-9))
     refuse("cosine between into and along", "0", s.into.dot(s.along));
   require_not_negative("push", s.push);
+  require_not_negative("presses", s.presses);
   require_not_negative("amplitude", s.amplitude);
   require_not_negative("strokes", s.strokes);
   require_not_negative("strokes_after", s.strokes_after);
@@ -55,18 +61,43 @@ void HandDevice::start(double period) {
   velocity_.setZero();
   force_.setZero();
   time_ = depth_ = 0.0;
+  felt_ = -1.0;
   read_ = false;
   last_reading_ = reading();
   halted_.store(false, std::memory_order_release);
 }
 
+// The push at this time [N]; returns its change [N/s]. Before the first contact it is the whole push, and
+// moves the hand towards the bone.
+double HandDevice::press(double time, double& push) noexcept {
+  const HandSettings& s = settings_;
+  push = s.push;
+  if (felt_ < 0.0) {
+    if (force_.isZero(0.0)) return 0.0;
+    felt_ = time;
+  }
+  const double turns = s.presses * (time - felt_), part = turns - std::floor(turns);
+  const bool rises = part < press_up;
+  if (part >= press_up && part < press_down) return 0.0;
+  if (part >= press_over) {
+    push = 0.0;
+    return 0.0;
+  }
+  const double width = rises ? press_up : press_over - press_down;
+  const double x = rises ? part / width : (press_over - part) / width;
+  push = s.push * ease_in(x);
+  return (rises ? 1.0 : -1.0) * s.push * 6.0 * x * (1.0 - x) * s.presses / width;
+}
+
 void HandDevice::aim(double time) noexcept {
   const HandSettings& s = settings_;
   const double here = (position_ - s.start).dot(s.into);
-  const double wanted = (here + s.push / s.grip - depth_) / (1e-3 * s.follow);
+  double push = s.push;
+  if (s.presses > 0.0) depth_ += step_ * press(time, push) / s.grip;
+  const double wanted = (here + push / s.grip - depth_) / (1e-3 * s.follow);
   depth_ += step_ * std::clamp(wanted, -s.approach, s.approach);
   const double since = time - s.strokes_after;
-  const double grown = std::clamp(since, 0.0, 1.0), ease = grown * grown * (3.0 - 2.0 * grown);
+  const double grown = std::clamp(since, 0.0, 1.0), ease = ease_in(grown);
   const double swing = since > 0.0 ? ease * s.amplitude * std::sin(2.0 * pi * s.strokes * since) : 0.0;
   target_ = s.start + depth_ * s.into + swing * s.along;
 }

@@ -1,36 +1,44 @@
-"""The time of a run."""
+"""The time of a run, to which onsets count."""
 
 from __future__ import annotations
 
-import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 
 
-class Clock:
-    """Seconds since a run began, which never go back and go on where the run was resumed.
+class Clock(ABC):
+    """Seconds since the start of a run, across resumptions."""
+
+    @abstractmethod
+    def now(self) -> float:
+        """[s]"""
+
+    @abstractmethod
+    def rendered(self, seconds: float) -> None:
+        """An interval has been rendered that lasted so long [s]."""
+
+
+class WallClock(Clock):
+    """Time as it passes.
 
     Parameters
     ----------
-    began : float
-        When the run was begun: seconds since 1970, as `time.time` has them.
-
-    Notes
-    -----
-    The time of day is read once: a clock that is set while somebody takes part moves no onset.
+    elapsed : callable
+        Since the start of the run [s], such as `AnswerFile.elapsed`.
     """
 
-    def __init__(self, began: float) -> None:
-        self._offset = time.time() - began - time.monotonic()
+    def __init__(self, elapsed: Callable[[], float]) -> None:
+        self._elapsed = elapsed
 
     def now(self) -> float:
-        """[s]"""
-        return self._offset + time.monotonic()
+        return self._elapsed()
 
-    def advance(self, seconds: float) -> None:
-        """Tells that so much time of an interval has passed; on this clock it has."""
+    def rendered(self, seconds: float) -> None:
+        """It has passed already."""
 
 
 class VirtualClock(Clock):
-    """A clock that only intervals move.
+    """Only intervals take time.
 
     Parameters
     ----------
@@ -44,5 +52,5 @@ class VirtualClock(Clock):
     def now(self) -> float:
         return self._now
 
-    def advance(self, seconds: float) -> None:
+    def rendered(self, seconds: float) -> None:
         self._now += seconds

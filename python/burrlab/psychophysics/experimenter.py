@@ -42,6 +42,12 @@ class Experimenter:
             with contextlib.suppress(OSError):
                 os.write(self._view, line.encode())
 
+    def __enter__(self) -> Experimenter:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
     def close(self) -> None:
         self._log.close()
         if self._view is not None:
@@ -52,11 +58,7 @@ class Experimenter:
 def _open_view(path: Path) -> int:
     """Never blocks: neither here nor when nobody reads."""
     kind = path.stat().st_mode if path.exists() else 0
-    if stat.S_ISCHR(kind) and any(
-        stream.isatty() and os.path.samestat(os.fstat(stream.fileno()), path.stat())
-        for stream in (sys.__stdin__, sys.__stdout__)
-        if stream is not None
-    ):
+    if stat.S_ISCHR(kind) and _is_own_terminal(path):
         raise ValueError(f"the experimenter's view must not be the subject's terminal, {path}")
     flags = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | getattr(os, "O_NOCTTY", 0)
     if not stat.S_ISFIFO(kind) and not stat.S_ISCHR(kind):
@@ -67,3 +69,10 @@ def _open_view(path: Path) -> int:
         if stat.S_ISFIFO(kind):
             raise ValueError(f"the experimenter's view is a fifo that nobody reads: {path}") from None
         raise
+
+
+def _is_own_terminal(path: Path) -> bool:
+    own = [stream for stream in (sys.__stdin__, sys.__stdout__) if stream is not None and stream.isatty()]
+    if path.resolve() == Path("/dev/tty"):  # another name of the terminal that a program has
+        return bool(own)
+    return any(os.path.samestat(os.fstat(stream.fileno()), path.stat()) for stream in own)

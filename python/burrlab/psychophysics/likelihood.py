@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,9 +14,11 @@ from scipy.special import chdtri, xlogy
 from burrlab.psychophysics.counts import Counts
 from burrlab.psychophysics.rules import Floats, Rule
 
+CorrectionName: TypeAlias = Literal["none", "log-linear", "half"]
+
 LARGEST = 40.0  # d' at which both answers of every rule are certain to a double
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-_SECTIONS = 42  # leave 2e-9 of the criterion's range, 1e-15 of the likelihood at its flat top
+_SECTIONS = 32  # leave 2e-7 of the range of criteria, 1e-11 of the likelihood at its flat top
 _HALVINGS = 40  # of LARGEST: 4e-11
 
 
@@ -115,6 +118,28 @@ class Outcomes:
             at_one, at_two = np.where(left, at_new, at_two), np.where(left, at_one, at_new)
             best = np.maximum(best, at_new)
         return np.asarray(np.where(self.undetermined, 0.0, np.maximum(2.0 * (self.greatest() - best), 0.0)))
+
+    def standard_error(self, rule: Rule) -> Floats:
+        """Of d', from the information at the estimate; nan where the estimate is 0, inf or at a rate of 0 or 1."""
+        h, f = self.rates
+        d, criterion = self.estimate(rule)
+        inner = (h > f) & (h < 1.0) & (f > 0.0) & ~self.undetermined
+        hit_d, hit_c, alarm_d, alarm_c = rule.slopes(np.where(inner, d, 1.0), np.where(inner, criterion, 1.0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            variance = (
+                alarm_c**2 * h * (1.0 - h) / self.signals + hit_c**2 * f * (1.0 - f) / self.noises
+            ) / (hit_d * alarm_c - hit_c * alarm_d) ** 2
+        return np.where(inner, np.sqrt(variance), np.nan)
+
+    def corrected(self, correction: CorrectionName) -> tuple[Floats, Floats]:
+        """Hit rate and false-alarm rate after a correction of perfect scores and empty cells."""
+        if correction == "log-linear":
+            return (self.hits + 0.5) / (self.signals + 1.0), (self.false_alarms + 0.5) / (self.noises + 1.0)
+        if correction == "half":
+            half = [np.where(n > 0, 0.5 / np.maximum(n, 1.0), 0.5) for n in (self.signals, self.noises)]
+            h, f = (np.clip(rate, x, 1.0 - x) for rate, x in zip(self.rates, half, strict=True))
+            return h, f
+        return self.rates
 
     def profile_interval(self, rule: Rule, level: float) -> tuple[Floats, Floats]:
         """The d' in [0, inf) whose deviance is at most the chi-square quantile of one degree of freedom.

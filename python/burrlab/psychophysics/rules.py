@@ -120,9 +120,10 @@ class _Differencing(Rule):
     ) -> tuple[Floats, Floats]:
         d, h = np.asarray(d_prime, dtype=np.float64), np.asarray(hit, dtype=np.float64)
         # Phi((d' - k)/sqrt 2) <= H <= 2 Phi((d' - k)/sqrt 2)
-        bounds = (self.criterion_of(d, false_alarm), d - _ROOT2 * ndtri(h), d - _ROOT2 * ndtri(0.5 * h))
-        most = d + _FAR
-        return np.clip(np.minimum.reduce(bounds), 0.0, most), np.clip(np.maximum.reduce(bounds), 0.0, most)
+        nearest, farthest = d - _ROOT2 * ndtri(h), d - _ROOT2 * ndtri(0.5 * h)
+        of_alarm, most = self.criterion_of(d, false_alarm), d + _FAR
+        low, high = np.minimum(nearest, of_alarm), np.maximum(farthest, of_alarm)
+        return np.clip(low, 0.0, most), np.clip(high, 0.0, most)
 
     def criterion_of(self, d_prime: ArrayLike, false_alarm: ArrayLike) -> Floats:
         return np.asarray(-_ROOT2 * ndtri(0.5 * np.asarray(false_alarm, dtype=np.float64)))

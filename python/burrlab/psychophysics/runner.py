@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from burrlab._core import Burr, Device
-from burrlab.psychophysics.answers import Answer
+from burrlab.psychophysics.answer_row import Answer
 from burrlab.psychophysics.clock import Clock
 from burrlab.psychophysics.design import Design, Order
 from burrlab.psychophysics.experimenter import Experimenter
@@ -62,6 +62,8 @@ class Rig:
         In practice the subject is told whether the answer was right.
     trace : callable, optional
         The new file for the trace of a trial's interval, numbered from 1.
+    render : callable
+        As `burrlab.psychophysics.render`.
     """
 
     burr: Burr
@@ -71,6 +73,17 @@ class Rig:
     rest: float = 60.0
     feedback: bool = False
     trace: Callable[[Trial, int], Path] | None = None
+    render: Callable[..., Rendered] = render
+
+
+@dataclass(frozen=True)
+class _Felt:
+    """An interval that was felt; `rendered` is None of a real specimen. Times are the run's [s]."""
+
+    rendered: Rendered | None
+    ended: str
+    began: float
+    over: float
 
 
 class Runner:
@@ -111,6 +124,7 @@ class Runner:
         self._seat, self._experimenter, self._rig, self._clock = seat, experimenter, rig, clock
         self._heard: set[str] = set()  # sentences of sessions that need no second saying
         self._silent = False
+        self._before = len(order.answered)
 
     def run(self) -> int:
         """Until the order has no more trials; how many were answered now.
@@ -122,21 +136,19 @@ class Runner:
         KeyboardInterrupt
             If the subject or the experimenter ended the run.
         """
-        before = len(self._order.answered)
+        self._before = len(self._order.answered)
         if self._order.next() is not None:
             self._welcome()
         while (trial := self._order.next()) is not None:
             self._rest_before(trial)
             self._announce(trial)
-            onset = self._clock.now()
-            rendered = [self._interval(trial, number) for number in range(1, len(trial.intervals) + 1)]
-            duration = self._clock.now() - onset
-            response, response_time = self._seat.ask(self._design, trial, [seen for seen, _ in rendered])
-            endings = tuple(ended for _, ended in rendered)
-            self._keep(Answer(trial, onset, duration, response, response_time, endings))
+            felt = [self._interval(trial, number) for number in range(1, len(trial.intervals) + 1)]
+            response, response_time = self._seat.ask(self._design, trial, [one.rendered for one in felt])
+            onset, endings = felt[0].began, tuple(one.ended for one in felt)
+            self._keep(Answer(trial, onset, felt[-1].over - onset, response, response_time, endings))
             self._order.answer(response)
             self._after(trial, response, response_time, endings)
-        return len(self._order.answered) - before
+        return len(self._order.answered) - self._before
 
     def _welcome(self) -> None:
         keys = " or ".join(f"{key} for {answer}" for key, answer in enumerate(self._design.answers, start=1))
@@ -148,7 +160,7 @@ class Runner:
         )
 
     def _rest_before(self, trial: Trial) -> None:
-        """A break where a block begins that is not the first thing in this sitting."""
+        """A break where a block ends; whoever has just sat down needs none."""
         if not self._order.answered:
             return
         last, _ = self._order.answered[-1]
@@ -157,7 +169,7 @@ class Runner:
         self._seat.progress("")
         if last.phase == "practice":
             self._seat.ready("That was practice. Now it counts.")
-        else:
+        elif len(self._order.answered) > self._before:
             self._experimenter.say(f"break of {self._rig.rest:g} s before block {trial.block}")
             self._seat.rest("Take a break.", self._rig.rest)
 
@@ -171,27 +183,26 @@ class Runner:
             f"trial {trial.number} ({place}), {trial.trial_type}{level}: {stimuli}; right is {trial.correct}"
         )
 
-    def _interval(self, trial: Trial, number: int) -> tuple[Rendered | None, str]:
-        """What was rendered, and how the interval ended."""
+    def _interval(self, trial: Trial, number: int) -> _Felt:
         interval, name = trial.intervals[number - 1], _NAMES[self._design.task][number - 1]
         real = interval.stimulus.material is None
         do = "Take the real specimen." if real else "Lift the burr clear of the material."
         self._seat.ready(f"Next: {name.lower()}.\n\n{do}")
         to_end = "\n\nPress the space bar when you have felt enough." if interval.duration is None else ""
         self._seat.begins(f"{name}.\n\n{_DO[self._design.mode]}{to_end}")
+        began = self._clock.now()
         if real and not self._seat.simulated:
-            rendered, ended = None, self._real(interval)
+            felt = _Felt(None, self._real(interval), began, self._clock.now())
         else:
             rendered = self._render(trial, number)
-            ended = rendered.ended
-            self._clock.advance(rendered.duration)
+            self._clock.rendered(rendered.duration)
+            felt = _Felt(rendered, rendered.ended, began, self._clock.now())
         self._seat.ends(f"Stop: end of the {name.lower()}.\n\nLift the burr.", self._rig.pause)
-        if ended in ("break-through", "wall"):
-            assert rendered is not None
+        if felt.ended in ("break-through", "wall"):
             self._experimenter.say(
-                f"{name.lower()} of trial {trial.number} ended by {ended} after {rendered.duration:.2f} s"
+                f"{name.lower()} of trial {trial.number} ended by {felt.ended} after {felt.over - began:.2f} s"
             )
-        return rendered, ended
+        return felt
 
     def _real(self, interval: Interval) -> str:
         end = None if interval.duration is None else time.monotonic() + interval.duration
@@ -205,7 +216,7 @@ class Runner:
         """An interval on fresh bone and a new device; DeviceLost if the device did not last to its end."""
         interval = self._seat.stand_in(trial.intervals[number - 1])
         self._silent = False
-        rendered = render(
+        rendered = self._rig.render(
             interval,
             self._rig.device(self._design.mode),
             burr=self._rig.burr,

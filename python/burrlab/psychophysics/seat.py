@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from burrlab.psychophysics.design import Design
-from burrlab.psychophysics.trial import Trial
+from burrlab.psychophysics.trial import Interval, Trial
 
 if TYPE_CHECKING:
     from burrlab.psychophysics.interval import Rendered
@@ -26,6 +26,10 @@ class Seat(ABC):
 
     wall_clock: bool = True
     simulated: bool = False
+
+    def stand_in(self, interval: Interval) -> Interval:
+        """What is rendered for an interval: itself, unless nobody is here who could feel a real specimen."""
+        return interval
 
     @abstractmethod
     def progress(self, text: str) -> None:
@@ -51,7 +55,7 @@ class Seat(ABC):
     def ask(
         self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
     ) -> tuple[str, float | None]:
-        """(one of the design's answers, seconds from the question to it; None where that means nothing)."""
+        """(one of the design's answers, time from the question to it [s]; None where no key was pressed)."""
 
     @abstractmethod
     def tell(self, text: str) -> None:

@@ -138,8 +138,7 @@ class TerminalSeat(Seat):
         self._progress = text
 
     def ready(self, text: str) -> None:
-        self._page(f"{text}\n\nPress the space bar to go on.")
-        self._wait_for_space()
+        self._wait_for_space(f"{text}\n\nPress the space bar to go on.")
 
     def begins(self, text: str) -> None:
         self._keyboard.flush()
@@ -174,15 +173,15 @@ class TerminalSeat(Seat):
             minutes, rest = divmod(int(left) + 1, 60)
             self._page(f"{text}\n\nIt goes on in {minutes}:{rest:02d} min.")
             time.sleep(min(1.0, left))
-        self._page(f"{text}\n\nPress the space bar when you are ready.", beep=seconds > 0)
-        self._wait_for_space()
+        self._wait_for_space(f"{text}\n\nPress the space bar when you are ready.", beep=seconds > 0)
 
     def close(self, text: str) -> None:
         self._progress = ""
         self._page(text)
 
-    def _wait_for_space(self) -> None:
-        self._keyboard.flush()
+    def _wait_for_space(self, text: str, *, beep: bool = False) -> None:
+        self._keyboard.flush()  # what was pressed before the text could be read
+        self._page(text, beep=beep)
         self._keyboard.pressed(SPACE)
 
     def _page(self, text: str, *, beep: bool = False) -> None:

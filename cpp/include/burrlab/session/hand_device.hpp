@@ -15,6 +15,7 @@ struct HandSettings {
   Vec3 into = Vec3(0.0, 0.0, -1.0);  ///< unit vector into the bone: the hand pushes along it
   Vec3 along = Vec3(1.0, 0.0, 0.0);  ///< unit vector of the strokes, perpendicular to `into`
   double push = 1.0;                 ///< static force into the bone [N]
+  double presses = 0.0;              ///< a second, of `push` at their height; 0: a steady push
   double amplitude = 8.0;            ///< of a stroke [mm]
   double strokes = 1.4;              ///< a second; 0: a still push
   double strokes_after = 1.0;        ///< they grow to their amplitude over a second from here [s]
@@ -33,6 +34,11 @@ struct HandSettings {
 /// hand's target moves, no faster than `approach`, to where the spring pushes with `push`: out of contact
 /// that is the approach, at rest on bone it is that force exactly. The loop's force is held from one reading
 /// to the next. Deterministic.
+///
+/// Presses begin with the first force that the hand feels. Of a press, a quarter is the rise of the push,
+/// three tenths are its height, a quarter is its fall and the rest nothing; rise and fall are x^2 (3 - 2x).
+/// The target takes the change of the push at once, so that the time in which the hand gives way does not
+/// flatten a press.
 class HandDevice : public Device {
  public:
   static constexpr double longest_step = 0.02;  ///< of the integration [ms]
@@ -59,6 +65,7 @@ class HandDevice : public Device {
 
  private:
   void aim(double time) noexcept;
+  double press(double time, double& push) noexcept;
   void advance(double time) noexcept;
   Vec3 reading() const noexcept;
 
@@ -73,6 +80,7 @@ class HandDevice : public Device {
   double time_ = 0.0;                  // of the simulation [s]
   bool read_ = false;                  // before
   double depth_ = 0.0;                 // of the target along `into` [mm]
+  double felt_ = -1.0;                 // when the first force was; before it, below 0 [s]
   Vec3 position_, velocity_, target_, force_, last_reading_;
 };
 

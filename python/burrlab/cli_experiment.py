@@ -1,0 +1,255 @@
+"""Psychophysical experiments on the command line: burrlab experiment new | power | run | resume | analyse."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from burrlab.cli import Options, _deliver, _positive, _save
+from burrlab.cli_session import AddCommand, _ended_by_signals, _say, _show
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from burrlab.psychophysics.protocol import Protocol
+    from burrlab.psychophysics.scored_task import ScoredTask
+    from burrlab.psychophysics.seat import Seat
+    from burrlab.psychophysics.simulated_subject import SimulatedSubject
+    from burrlab.psychophysics.sitting import Sitting
+    from burrlab.psychophysics.threshold_task import ThresholdTask
+
+
+def add_experiment_commands(command: AddCommand) -> None:
+    """Adds `experiment` to the parser of `burrlab`."""
+    experiment = command(
+        "experiment", _new, "Can it be felt? Psychophysical experiments, designed, run and analysed."
+    )
+    actions = experiment.add_subparsers(dest="action", required=True, metavar="ACTION")
+
+    def action(name: str, run: Any, text: str) -> argparse.ArgumentParser:
+        sub = actions.add_parser(name, help=text, description=text)
+        sub.set_defaults(run=run)
+        sub.add_argument("config", metavar="CONFIG.toml", help="the protocol")
+        return sub
+
+    action("new", _new, "Write a protocol to begin with, and print what its designs can show.")
+    action("power", _power, "Print what the designs of a protocol can show, before anybody has taken part.")
+    _running_options(action("run", _run, "Take a subject through the tasks, at this terminal."))
+    _running_options(action("resume", _resume, "Go on with a run that was ended early, at the next trial."))
+    analysis = action("analyse", _analyse, "Scores, d' and intervals of each subject and of the group.")
+    analysis.add_argument("--json", metavar="FILE", help="write the result as JSON; - for standard output")
+    analysis.add_argument("--tsv", metavar="FILE", help="write a row a subject and task")
+    analysis.add_argument("--plot", metavar="FOLDER", dest="figures", help="write all figures there, as PNG")
+    analysis.add_argument(
+        "--incomplete", action="store_true", help="with runs that did not come to their end"
+    )
+
+
+def _running_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--subject", metavar="LABEL", help="as the protocol has it")
+    parser.add_argument("--task", metavar="NAME", help="one task; default: all, in the subject's own order")
+    parser.add_argument(
+        "--device", metavar="hand|scripted:FILE|igtl:HOST:PORT", help="instead of the protocol's"
+    )
+    parser.add_argument(
+        "--experimenter", metavar="FILE", help="a file, a fifo or another terminal that shows what the subject does not see; "
+        "a log is kept anyway",
+    )  # fmt: skip
+    parser.add_argument("--simulated", action="store_true", help="a simulated subject instead of a person")
+    simulated = parser.add_argument_group("simulated subjects")
+    simulated.add_argument("--all", action="store_true", help="all subjects of the protocol")
+    simulated.add_argument(
+        "--weber",
+        type=_positive,
+        metavar="W",
+        help="sd of the noise of a cue's logarithm an interval, default 0.45",
+    )
+    simulated.add_argument("--decision", choices=["differencing", "covert"], help="default: differencing")
+    simulated.add_argument(
+        "--fast", action="store_true", help="render each material once a task instead of every interval"
+    )
+
+
+def _new(options: Options) -> int:
+    from burrlab.psychophysics.protocol_template import template
+
+    path = Path(options.config)
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(template())
+    except FileExistsError:
+        raise FileExistsError(f"{path} exists and is not replaced") from None
+    print(f"{path} is written: a protocol to be changed\n")
+    return _power(options)
+
+
+def _power(options: Options) -> int:
+    protocol = _protocol(options)
+    subjects = len(protocol.subjects)
+    for name, design in protocol.tasks.items():
+        print(f"task {name}\n{design.power(subjects)}\n")
+    return 0
+
+
+def _run(options: Options) -> int:
+    sittings = _sittings(options)
+    for sitting in sittings:
+        if sitting.begun:
+            raise ValueError(
+                f"subject {sitting.subject} has begun task {sitting.begun[0]}: "
+                f"{_command('resume', options, sitting)} goes on"
+            )
+    return _sit(options, sittings)
+
+
+def _resume(options: Options) -> int:
+    sittings = _sittings(options)
+    if not any(sitting.begun for sitting in sittings):
+        begin = _command("run", options, sittings[0])
+        raise ValueError(f"subject {sittings[0].subject} has begun no task: {begin} begins")
+    return _sit(options, sittings)
+
+
+def _analyse(options: Options) -> int:
+    from burrlab.psychophysics.analysis import analyse
+
+    figures = None if options.figures is None else Path(options.figures)
+    if figures is not None and figures.exists() and not figures.is_dir():
+        raise ValueError(f"--plot: {figures} is no folder")
+    analysis = analyse(options.config, incomplete=options.incomplete)
+    if options.tsv is not None:
+        analysis.to_tsv(options.tsv)
+    if figures is not None:
+        figures.mkdir(parents=True, exist_ok=True)
+        for task in analysis.tasks:
+            for name, draw in _figures(task).items():
+                _save(draw(), str(figures / f"task-{task.name}_{name}.png"))
+    _deliver(options, analysis.to_dict(), analysis.report())
+    return 0
+
+
+def _figures(task: ScoredTask | ThresholdTask) -> dict[str, Callable[[], Axes]]:
+    """The figures that a task's data allow."""
+    from burrlab.psychophysics.psychometric_fit import PsychometricFit
+    from burrlab.psychophysics.threshold_task import ThresholdTask
+
+    if not task.subjects:
+        return {}
+    drawn: dict[str, Callable[[], Axes]] = {}
+    if isinstance(task, ThresholdTask):
+        for one in task.subjects:
+            if isinstance(one.estimate, PsychometricFit):
+                draw = functools.partial(task.plot_psychometric, subject=one.subject)
+                drawn[f"psychometric_sub-{one.subject}"] = draw
+        if any(one.threshold is not None for one in task.subjects):
+            drawn["thresholds"] = task.plot_thresholds
+        return drawn
+    if task.trials is not None:
+        drawn["scores"] = task.plot_scores
+    return {**drawn, "intervals": task.plot_intervals, "d_prime": task.plot_d_prime}
+
+
+def _sittings(options: Options) -> list[Sitting]:
+    """What is to be run, everything checked that can be."""
+    from burrlab.psychophysics.sitting import Sitting
+
+    protocol = _protocol(options)
+    for name in ("all", "weber", "decision", "fast"):
+        if getattr(options, name) and not options.simulated:
+            raise ValueError(f"--{name} goes with --simulated")
+    if (options.subject is None) != options.all:
+        raise ValueError("--subject LABEL or --simulated --all must say who takes part")
+    if options.simulated and options.device is not None:
+        raise ValueError("--device does not go with --simulated: a simulated subject has the simulated hand")
+    simulated = _simulated(options) if options.simulated else None
+    return [
+        Sitting(
+            protocol, subject, tasks=None if options.task is None else [options.task],
+            device="hand" if options.simulated else options.device, simulated=simulated, once=options.fast,
+            view=options.experimenter,
+        )
+        for subject in (protocol.subjects if options.all else [options.subject])
+    ]  # fmt: skip
+
+
+def _sit(options: Options, sittings: Sequence[Sitting]) -> int:
+    from burrlab.psychophysics.runner import DeviceLost
+
+    at = sittings[0]
+    try:
+        with ExitStack() as stack:
+            stack.enter_context(_ended_by_signals())
+            if not options.simulated:
+                return _sit_down(stack, at)
+            for at in sittings:
+                _show(f"simulated subject {at.subject}")
+                given = at.run(lambda task, sitting=at: _simulated_seat(options, sitting, task))  # type: ignore[misc]
+                _show("")
+                print(f"simulated subject {at.subject}: {given} trials answered")
+    except DeviceLost as error:
+        _say(f"{error}; {_command('resume', options, at)} goes on")
+        return 1
+    except KeyboardInterrupt:
+        _say(f"interrupted; every answer is kept, {_command('resume', options, at)} goes on")
+        return 130
+    return 0
+
+
+def _sit_down(stack: ExitStack, sitting: Sitting) -> int:
+    from burrlab.psychophysics.terminal import TerminalSeat
+
+    seat = stack.enter_context(TerminalSeat())
+    if sitting.run(lambda task: seat):
+        seat.close("That was all. Thank you.")
+    else:
+        print(f"subject {sitting.subject} has answered everything")
+    return 0
+
+
+def _simulated(options: Options) -> Mapping[str, Any]:
+    """For the side-car. What a subject attends to depends on the mode."""
+    from burrlab.psychophysics.trial import MODES
+
+    return {
+        "rendered": "each material once a task" if options.fast else "each interval",
+        **{mode: _simulated_subject(options, mode).to_dict() for mode in MODES},
+    }
+
+
+def _simulated_subject(options: Options, mode: Any) -> SimulatedSubject:
+    from burrlab.psychophysics.simulated_seat import default_subject
+
+    given = {name: getattr(options, name) for name in ("weber", "decision") if getattr(options, name)}
+    return default_subject(mode, **given)
+
+
+def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:
+    from burrlab.psychophysics.simulated_seat import SimulatedSeat
+
+    protocol = sitting.protocol
+    design = protocol.tasks[task]
+    return SimulatedSeat(
+        _simulated_subject(options, design.mode), design, burr=protocol.burr, bone=protocol.bone,
+        seed=protocol.seed, name=sitting.subject,
+    )  # fmt: skip
+
+
+def _command(action: str, options: Options, sitting: Sitting) -> str:
+    """What to type."""
+    words = ["burrlab", "experiment", action, str(options.config)]
+    words += ["--all"] if options.all else ["--subject", sitting.subject]
+    for name in ("task", "device", "experimenter", "weber", "decision"):
+        if getattr(options, name) is not None:
+            words += [f"--{name}", str(getattr(options, name))]
+    words += [f"--{name}" for name in ("simulated", "fast") if getattr(options, name)]
+    return " ".join(words)
+
+
+def _protocol(options: Options) -> Protocol:
+    from burrlab.psychophysics.protocol import Protocol
+
+    return Protocol.read(options.config)

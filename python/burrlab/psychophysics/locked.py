@@ -1,0 +1,61 @@
+"""Files that one process at a time writes, to the disk."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+def lock(file: int, path: Path, *, wait: bool = False) -> None:
+    """Takes the lock of an open file; it ends when the file is closed, and with the process, however that ends.
+
+    Raises
+    ------
+    BlockingIOError
+        If another has it, unless told to wait.
+    """
+    import fcntl
+
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except BlockingIOError:
+        raise BlockingIOError(f"{path}: another process has this run open") from None
+
+
+@contextmanager
+def locked(file: int, path: Path, *, wait: bool = False) -> Iterator[None]:
+    """Within, the lock of an open file is held; then the file is closed."""
+    try:
+        lock(file, path, wait=wait)
+        yield
+    finally:
+        os.close(file)
+
+
+def synced_write(file: int, path: Path, text: bytes) -> None:
+    """All of the text behind what is there, on the disk, or none of it.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    before = os.fstat(file).st_size
+    try:
+        if (written := os.write(file, text)) < len(text):
+            raise OSError(f"{path} took {written} of {len(text)} bytes: is the disk full?")
+        os.fsync(file)
+    except OSError:
+        os.ftruncate(file, before)
+        raise
+
+
+def sync_folder(folder: Path) -> None:
+    """So that the names of new files outlive a power cut."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,79 @@
+"""Small experiments for the tests of their files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from burrlab.psychophysics import Answer, Protocol
+
+SMALL = """
+[experiment]
+name = "test"
+seed = 7
+subjects = 3
+
+[burr]
+radius_mm = 3
+
+[bone]
+size_mm = [12, 12, 6]
+voxel_mm = 0.5
+
+[tasks.probing]
+design = "same-different"
+a = "bone"
+b = "pvc"
+trials = 8
+practice = 2
+blocks = 2
+
+[tasks.match]
+design = "abx"
+reference = "bone"
+foil = "pvc"
+trials = 4
+
+[tasks.up]
+design = "staircase"
+reference = "bone"
+parameter = "c_e"
+trials = 10
+"""
+
+TASKS = ("probing", "match", "up")
+
+
+def protocol(folder: Path, text: str = SMALL) -> Protocol:
+    """The protocol of a text, in a file."""
+    path = folder / "test.toml"
+    path.write_text(text, encoding="utf-8")
+    return Protocol.read(path)
+
+
+def answer(trial, response, onset, response_time=0.75):
+    """To a trial, at a time [s]."""
+    return Answer(trial, onset, 41.5, response, response_time, ("time",) * len(trial.intervals))
+
+
+def give(file, order, count, *, wrong=3):
+    """Appends answers, every so many wrong, and tells the order; returns the trials."""
+    trials = []
+    for _ in range(count):
+        trial = order.next()
+        place = len(order.answered)
+        answers = ("same", "different") if trial.correct in ("same", "different") else ("first", "second")
+        other = next(one for one in answers if one != trial.correct)
+        response = other if place % wrong == wrong - 1 else trial.correct
+        file.append(answer(trial, response, 60.0 * place))
+        order.answer(response)
+        trials.append(trial)
+    return trials
+
+
+def begun(folder: Path, task: str = "probing", count: int = 0, subject: str = "01", text: str = SMALL):
+    """A run with so many answers, closed: protocol and path."""
+    one = protocol(folder, text)
+    file, order = one.begin(subject, task)
+    with file:
+        give(file, order, count)
+    return one, file.path

@@ -1,0 +1,251 @@
+"""One interval: what is rendered, and when it ends."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from session_scenes import FakeReader
+
+import burrlab
+from burrlab import _core
+from burrlab.psychophysics import Block, Interval, Rendered, Stimulus, drilling_hand, probing_hand, render
+from burrlab.psychophysics.interval import TICK, _Watch
+
+BURR = burrlab.Burr(2.0)
+BONE = Block((14, 14, 4), 0.2)
+
+
+def interval(name="bone", *, seed=1, duration: float | None = 0.5):
+    return Interval(Stimulus(name, burrlab.materials[name]), seed, duration)
+
+
+def play(device, what=None, *, bone=BONE, mode="drilling", wall_clock=False, **options):
+    return render(
+        what or interval(), device, burr=BURR, bone=bone, mode=mode, wall_clock=wall_clock, **options
+    )
+
+
+def script(*rows, on=True):
+    """A device that is at (x, y, z) [mm] at a time [s]."""
+    time, x, y, z = np.array(rows, dtype=float).T
+    return burrlab.ScriptedDevice(time, np.column_stack([x, y, z]), np.full(len(time), on))
+
+
+def removed(rendered):
+    return int(rendered.ticks["removed"].sum())
+
+
+def test_it_ends_when_its_time_is_over():
+    found = play(drilling_hand(BURR, push=1.0, clearance=0.1))
+    assert (found.ended, found.duration, len(found.ticks), found.failed) == ("time", 0.5, 500, False)
+    assert found.reason == "all ticks were executed"
+    assert found.ticks["time"] == pytest.approx(0.001 * np.arange(500), abs=1e-9)
+    assert found.contact == pytest.approx(0.001 * found.ticks["touching"].sum())
+    assert 0.4 < found.contact < 0.5
+    assert removed(found) > 0
+    assert found.immersion == pytest.approx(2.0 - found.ticks["center"][:, 2])
+    assert not found.ticks.flags.writeable
+
+
+def test_probing_erodes_nothing_though_the_burr_turns():
+    found = play(drilling_hand(BURR, push=1.0), mode="probing")
+    assert found.ticks["on"].all()
+    assert found.ticks["touching"].any()
+    assert removed(found) == 0
+
+
+def test_drilling_erodes_only_while_the_burr_turns():
+    assert removed(play(probing_hand(BURR))) == 0
+
+
+def test_the_seed_alone_decides_what_is_eroded():
+    a, again, other = (play(drilling_hand(BURR, push=1.0), interval(seed=seed)) for seed in (1, 1, 2))
+    assert np.array_equal(a.ticks, again.ticks)
+    assert a.seed == 1
+    assert not np.array_equal(a.ticks["removed"], other.ticks["removed"])
+
+
+def test_every_interval_has_fresh_bone():
+    found = [play(drilling_hand(BURR, push=1.0)) for _ in range(2)]
+    assert np.array_equal(found[0].ticks, found[1].ticks)
+
+
+def test_break_through_ends_it_at_that_very_tick():
+    thin = Block((14, 14, 0.6), 0.2)
+    found = play(drilling_hand(BURR, push=1.0, strokes=0), interval("pvc", duration=20.0), bone=thin)
+    tip = found.ticks["center"][:, 2] - BURR.radius
+    assert found.ended == "break-through"
+    assert tip[-1] <= -0.6 < tip[-2]
+    assert found.duration == pytest.approx(0.001 * len(found.ticks))
+    assert np.array_equal(
+        play(
+            drilling_hand(BURR, push=1.0, strokes=0), interval("pvc", duration=20.0), bone=thin
+        ).ticks, found.ticks
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_wall_ends_it_where_the_sphere_below_the_surface_reaches_it(axis, side):
+    depth, way = 0.5, 10.0
+    end = np.zeros(3)
+    end[axis] = side * way
+    device = script((0, 0, 0, 2 - depth), (1, *(end[:2]), 2 - depth))
+    found = play(device, interval(duration=2.0), mode="probing")
+    reach = 7.0 - np.sqrt(2.0**2 - 1.5**2)
+    assert found.ended == "wall"
+    assert side * found.ticks["center"][-1, axis] == pytest.approx(reach, abs=0.011)
+    assert (side * found.ticks["center"][-2, axis]) < reach
+
+
+def test_beside_or_above_the_block_is_no_wall_before_a_contact():
+    outside = script(
+        (0, 20, 0, 1), (0.1, 20, 0, 5), (0.2, 0, 0, 5), (0.3, 0, 0, 1.8), (0.4, 0, 0, 5), (0.5, 30, 0, 2.1)
+    )
+    found = play(outside, interval(duration=1.0), mode="probing")
+    assert found.ended == "device"
+    assert found.ticks["touching"].any()
+
+
+def test_the_subject_ends_a_self_paced_interval():
+    asked = iter([False] * 40 + [True])
+    found = play(
+        drilling_hand(BURR, push=0.1), interval(duration=None), wall_clock=True, stop=lambda: next(asked)
+    )
+    assert found.ended == "subject"
+    assert not found.failed
+    assert next(asked, None) is None
+
+
+def test_stop_may_be_an_event_and_an_interval_of_a_length_may_be_stopped():
+    event = threading.Event()
+    event.set()
+    found = play(drilling_hand(BURR), interval(duration=60.0), wall_clock=True, stop=event.is_set)
+    assert found.ended == "subject"
+
+
+def test_a_device_that_comes_to_its_end_ends_it():
+    found = play(script((0, 0, 0, 3), (0.2, 0, 0, 1.9)))
+    assert (found.ended, found.failed) == ("device", False)
+    assert "has come to its end" in found.reason
+
+
+def test_a_lost_device_is_a_failure():
+    mailbox = burrlab.MailboxDevice(lost_after=50.0)
+    mailbox.put((0, 0, 2.5))
+    said = []
+    found = play(mailbox, interval(duration=5.0), wall_clock=True, on_message=said.append)
+    assert (found.ended, found.failed) == ("device", True)
+    assert found.reason in said
+
+
+def test_the_wall_clock_keeps_the_time():
+    begun = time.perf_counter()
+    found = play(drilling_hand(BURR), interval(duration=0.3), wall_clock=True)
+    assert time.perf_counter() - begun >= 0.29
+    assert found.ended == "time"
+    assert found.ticks["time"][-1] < 0.3
+    assert found.ticks["periods"].sum() <= 310
+
+
+def test_a_device_serves_the_next_interval_too():
+    hand = drilling_hand(BURR, push=1.0)
+    first, second = play(hand), play(hand)
+    assert np.array_equal(first.ticks, second.ticks)
+
+
+def test_the_trace_holds_the_interval(tmp_path):
+    file = tmp_path / "interval.h5"
+    thin = Block((14, 14, 0.6), 0.2)
+    found = play(
+        drilling_hand(BURR, push=1.0, strokes=0), interval("pvc", duration=20.0), bone=thin, record=file
+    )
+    trace = burrlab.load_trace(file)
+    assert trace.complete
+    assert len(trace) >= len(found.ticks)
+    assert np.array_equal(trace.array("center_mm")[: len(found.ticks)], found.ticks["center"])
+    assert trace.bone().digest() == thin.fresh().digest()
+    assert burrlab.replay(trace).equal
+    with pytest.raises(FileExistsError, match="path must be a new file"):
+        play(drilling_hand(BURR), record=file)
+
+
+@pytest.mark.parametrize("size", [1, 7, 1000])
+def test_the_end_does_not_depend_on_how_the_records_come(size):
+    executor = _core.TickExecutor(BONE.fresh(), [(BURR, burrlab.materials["pvc"])], 1)
+    loop = _core.HapticLoop(
+        executor,
+        [script((0, 0, 0, 2.5), (0.3, 0, 0, 1.5), (1, 10, 0, 1.5))],
+        wall_clock=False,
+        realtime=False,
+    )
+    reader = _core.RecordReader(loop)
+    loop.start()
+    assert loop.wait(30.0)
+    records, _ = reader.take(10**6)
+    whole, parts = (
+        _Watch(FakeReader(*batches), BURR, BONE, None)
+        for batches in ([records], [records[i : i + size] for i in range(0, len(records), size)])
+    )
+    whole.look()
+    while not parts.ended:
+        parts.look()
+    assert parts.ended == whole.ended == "wall"
+    assert np.array_equal(parts.ticks(), whole.ticks())
+    assert whole.ticks().dtype == TICK
+
+
+def test_lost_records_are_not_passed_over():
+    watch = _Watch(FakeReader(lost_at_end=True), BURR, BONE, 1.0)
+    with pytest.raises(RuntimeError, match="records of the interval were lost"):
+        watch.look()
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"mode": "looking"}, "mode must be one of probing, drilling, got 'looking'"),
+        (
+            {"what": Interval(Stimulus("real"), 1, 1.0)},
+            "must have a material to be rendered, 'real' is a real",
+        ),
+        ({"what": interval(duration=None)}, "stop must be given where the interval has no duration"),
+        ({"what": interval(duration=0.0)}, "duration of the interval must be positive, got 0.0"),
+        ({"bone": Block((14, 14, 4), 1.0)}, "radius of the burr must be at least 4 voxels of 1 mm, got 2"),
+        ({"bone": Block((4, 14, 4), 0.2)}, "diameter of the burr must be less than the block's sides, 4 mm"),
+    ],
+)
+def test_refusals(change, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        play(drilling_hand(BURR), **change)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (((1, 2), 0.1), "size must have three lengths, got 2"),
+        (((1, 2, 3), 0.0), "voxel must be positive and finite, got 0.0"),
+        (((1, 2, np.inf), 0.1), "size must be positive and finite, got inf"),
+        (((1, 2, 1.05), 0.1), "size must be a whole number of voxels of 0.1 mm, got 1.05"),
+    ],
+)
+def test_block_refusals(arguments, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        Block(*arguments)
+
+
+def test_a_block_has_its_top_at_zero_and_the_middle_below_the_burr():
+    block = Block((3, 2, 1), 0.1)
+    bone = block.fresh()
+    assert bone.shape == (10, 20, 30)
+    low = np.array(bone.origin) - 0.05
+    assert low == pytest.approx([-1.5, -1.0, -1.0])
+    assert block == Block((3.0, 2.0, 1.0), 0.1)
+    assert block.recipe()["size_mm"] == [3.0, 2.0, 1.0]
+
+
+def test_rendered_is_told_in_a_line():
+    assert "ticks=" not in repr(Rendered("probing", "time", 0.0, 0.0, 1, BURR, np.zeros(0, TICK)))

@@ -1,0 +1,308 @@
+"""Protocols: what their TOML says, and every mistake in it by table and key."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from answer_scenes import SMALL, protocol
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import burrlab
+from burrlab.psychophysics import ABX, Protocol, SameDifferent, Stimulus, template
+from burrlab.psychophysics.answer_row import columns_of
+from burrlab.psychophysics.design_table import DESIGNS, key_of
+from burrlab.session.device_text import DeviceText, parse_address, parse_device
+
+ALL_ON = re.sub(r"^#(?=[a-z\[])", "", template(), flags=re.MULTILINE)
+
+
+def test_what_a_protocol_says(tmp_path):
+    one = protocol(tmp_path)
+    assert (one.name, one.seed, one.subjects) == ("test", 7, ("01", "02", "03"))
+    assert one.folder == tmp_path / "data"
+    assert (one.burr, one.bone.size, one.bone.voxel) == (burrlab.Burr(3.0), (12.0, 12.0, 6.0), 0.5)
+    assert (one.device, one.trace, one.feedback, one.pause, one.rest) == ("hand", False, False, 1.0, 60.0)
+    assert one.selected_by is None
+    assert one.analysis.rules == ("independent-observations", "differencing")
+    assert (one.analysis.delta, one.analysis.level) == (None, 0.95)
+    bone, pvc = (Stimulus(name, burrlab.materials[name]) for name in ("bone", "pvc"))
+    assert one.tasks["probing"] == SameDifferent(bone, pvc, trials=8, practice=2, blocks=2)
+    assert one.tasks["match"] == ABX(bone, pvc, trials=4)
+    assert repr(one) == f"Protocol('test', 3 subjects, tasks probing, match, up, digest {one.digest[:12]})"
+
+
+def test_the_template_is_the_paper_s_first_task(tmp_path):
+    one = protocol(tmp_path, template())
+    assert list(one.tasks) == ["probing", "drilling"]
+    for mode, design in one.tasks.items():
+        assert (design.mode, design.trials, design.interval) == (mode, 12, 20.0)
+    assert len(one.subjects) == 12
+
+
+def test_the_template_s_examples_are_of_every_design(tmp_path):
+    one = protocol(tmp_path, ALL_ON)
+    assert {design.to_dict()["design"] for design in one.tasks.values()} == set(DESIGNS)
+    assert one.tasks["match"].reference == Stimulus("specimen")
+    assert one.tasks["match"].reference_interval is None
+    assert one.analysis.delta == 1.5
+    for task in one.tasks:
+        assert one.order("01", task).next() is not None
+
+
+def test_what_the_template_says_is_what_its_keys_default_to(tmp_path):
+    """So that a key that is taken out of it changes nothing."""
+    one = protocol(tmp_path, template())
+    kept = ("[", "name", "seed", "subjects", "radius", "size", "voxel", "design", "a =", "b =", "mode")
+    bare = "\n".join(line for line in template().splitlines() if line.startswith(kept))
+    assert protocol(tmp_path, bare).to_dict() == one.to_dict()
+
+
+def test_names_of_subjects(tmp_path):
+    assert protocol(tmp_path, SMALL.replace("subjects = 3", 'subjects = ["P1", "x"]')).subjects == ("P1", "x")
+    many = protocol(tmp_path, SMALL.replace("subjects = 3", "subjects = 100")).subjects
+    assert (many[0], many[-1]) == ("001", "100")
+
+
+def test_materials_of_one_s_own(tmp_path):
+    text = SMALL.replace('foil = "pvc"', 'foil = "soft_1"')
+    text += '[materials.soft_1]\nc_e = 1\nalpha = 0.2\nshape = "linear"\n'
+    foil = protocol(tmp_path, text).tasks["match"].foil
+    assert foil == Stimulus("soft_1", burrlab.Material("soft_1", c_e=1.0, alpha=0.2, shape="linear"))
+
+
+def test_the_folder_and_a_script_lie_beside_the_protocol(tmp_path):
+    text = SMALL.replace("seed = 7", 'seed = 7\nfolder = "there"\ndevice = "scripted:way.csv"')
+    one = protocol(tmp_path, text)
+    assert one.folder == tmp_path / "there"
+    assert one.device == f"scripted:{tmp_path / 'way.csv'}"
+    # Neither is the digest's business: the same protocol on another machine is the same.
+    other = tmp_path / "other"
+    other.mkdir()
+    assert protocol(other, text).digest == one.digest
+    assert one.side_car("01", "match").device == "scripted:way.csv"
+
+
+def test_tasks_are_counterbalanced(tmp_path):
+    one = protocol(tmp_path, template())
+    assert [one.tasks_of(subject)[0] for subject in one.subjects] == ["probing", "drilling"] * 6
+
+
+def test_orders_differ_between_subjects_and_tasks(tmp_path):
+    one = protocol(tmp_path, template())
+    seeds = [one.order(s, t).next().intervals[0].seed for s in one.subjects for t in one.tasks]
+    assert len(set(seeds)) == 24
+
+
+def test_unknown_subjects_and_tasks(tmp_path):
+    one = protocol(tmp_path)
+    for ask in (
+        one.tasks_of,
+        lambda subject: one.order(subject, "match"),
+        lambda subject: one.begin(subject, "match"),
+    ):
+        with pytest.raises(ValueError, match="there is no subject '9'; there are 01, 02, 03"):
+            ask("9")
+    for ask in (one.order, one.side_car, one.begin, one.resume):
+        with pytest.raises(ValueError, match="there is no task 'x'; there are probing, match, up"):
+            ask("01", "x")
+    assert not one.folder.exists()
+
+
+def test_the_digest_is_of_what_is_said_not_how(tmp_path):
+    one = protocol(tmp_path)
+    same = SMALL.replace("seed = 7", "feedback = false # as before\nseed = 0x7").replace(
+        "radius_mm = 3", "radius_mm=3.0"
+    )
+    assert protocol(tmp_path, same).digest == one.digest
+    for old, new in (
+        ("seed = 7", "seed = 8"),
+        ("trials = 4", "trials = 6"),
+        ('"pvc"', '"expert"'),
+        ("3\n", "4\n"),
+    ):
+        assert protocol(tmp_path, SMALL.replace(old, new)).digest != one.digest
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("[experiment]", "[experiments]", r": the table [experiment] is missing"),
+        ('name = "test"\n', "", r", [experiment]: name is missing"),
+        ('name = "test"', "name = 1", r", [experiment]: name must be a text, got 1"),
+        ('name = "test"', 'name = ""', r", [experiment]: name must be a text, got ''"),
+        ("seed = 7\n", "", r", [experiment]: seed is missing"),
+        ("seed = 7", "seed = -7", r", [experiment]: seed must be a whole number from 0 to"),
+        ("seed = 7", "seed = 7.0", r", [experiment]: seed must be a whole number"),
+        ("seed = 7", "seed = true", r", [experiment]: seed must be a whole number"),
+        ("seed = 7", "seed = 7\nseeds = 7", r", [experiment]: unknown key 'seeds'; known are name, seed, subjects"),
+        ("seed = 7", "seed = 7\nseed = 8", r": this is not TOML: Cannot overwrite a value (at line 5"),
+        ("seed = 7", "seed = 7\ntrace = 1", r", [experiment]: trace must be true or false, got 1"),
+        ("seed = 7", "seed = 7\npause_s = -1", r", [experiment]: pause_s must be at least 0, got -1.0"),
+        ("seed = 7", "seed = 7\nbreak_s = inf", r", [experiment]: break_s must be a finite number, got inf"),
+        ("seed = 7", 'seed = 7\ndevice = "mouse"', r", [experiment]: device must be hand, scripted:FILE or igtl:HOST:PORT"),
+        ("seed = 7", 'seed = 7\ndevice = "igtl:x"', r", [experiment]: device igtl: must be HOST:PORT, got 'x'"),
+        ("seed = 7", "seed = 7\nselected_by = 3", r", [experiment]: selected_by must be a text"),
+        ("seed = 7", 'seed = 7\nselected_by = "a\\tb"', r", [experiment]: selected_by must be without tabs"),
+        ("subjects = 3\n", "", r", [experiment]: subjects is missing"),
+        ("subjects = 3", "subjects = 0", r", [experiment]: subjects must be 1 to 9999, or a list of names, got 0"),
+        ("subjects = 3", "subjects = []", r", [experiment]: subjects must be a number or a list of names, got []"),
+        ("subjects = 3", "subjects = [1]", r", [experiment]: subjects must be a number or a list of names, got [1]"),
+        ("subjects = 3", 'subjects = ["a b"]', r", [experiment]: a subject's name must be of letters and digits"),
+        ("subjects = 3", 'subjects = ["a_b"]', r", [experiment]: a subject's name must be of letters and digits"),
+        ("subjects = 3", 'subjects = ["ä"]', r", [experiment]: a subject's name must be of letters and digits"),
+        ("subjects = 3", 'subjects = ["a", "a"]', r", [experiment]: a subject's name must be there once, got 'a' and 'a'"),
+        ("subjects = 3", 'subjects = ["a", "A"]', r", [experiment]: a subject's name must be there once, got 'a' and 'A'"),
+        ("[burr]\n", "[burr]\nwidth = 1\n", r", [burr]: unknown key 'width'; known are radius_mm"),
+        ("radius_mm = 3\n", "", r", [burr]: radius_mm is missing"),
+        ("radius_mm = 3", "radius_mm = -3", r", [burr]: radius must be"),
+        ("radius_mm = 3", "radius_mm = nan", r", [burr]: radius_mm must be a finite number, got nan"),
+        ("radius_mm = 3", "radius_mm = 1", r", [bone]: radius of the burr must be at least 4 voxels of 0.5 mm, got 1"),
+        ("radius_mm = 3", "radius_mm = 7", r", [bone]: diameter of the burr must be less than the block's sides"),
+        ("[12, 12, 6]", "12", r", [bone]: size_mm must be a list of numbers, got 12"),
+        ("[12, 12, 6]", "[12, 12]", r", [bone]: size must have three lengths, got 2"),
+        ("[12, 12, 6]", "[12, 12, 'x']", r", [bone]: size_mm must be a finite number, got 'x'"),
+        ("[12, 12, 6]", "[12, 12, -6]", r", [bone]: size must be positive"),
+        ("voxel_mm = 0.5", "voxel_mm = 0.35", r", [bone]: size must be a whole number of voxels of 0.35 mm"),
+        ("voxel_mm = 0.5", "voxel_mm = 0.001", r", [bone]: the block has 8.64e+11 voxels, and 2e+08 are the most"),
+        ("[tasks.probing]", "[tasks.pro-bing]", r", [tasks]: a task's name must be of letters and digits"),
+        ("[tasks.match]", "[tasks.Probing]", r", [tasks]: a task's name must be there once, got 'probing' and 'Probing'"),
+        ("[tasks.match]", "[tasks.probing]", r": this is not TOML: Cannot declare ('tasks', 'probing') twice"),
+        ('design = "abx"', 'design = "xab"', r", [tasks.match]: design must be one of same-different, abx, constant-stimuli"),
+        ('design = "abx"\n', "", r", [tasks.match]: design is missing"),
+        ('foil = "pvc"\n', "", r", [tasks.match]: foil is missing"),
+        ('foil = "pvc"', 'foil = "pvk"', r", [tasks.match]: foil must be a material, one of bone, pettigrew, pvc, expert, got 'pvk'"),
+        ('foil = "pvc"', 'foil = "bone"', r", [tasks.match]: match and foil must have different names"),
+        ('foil = "pvc"', 'foil = "pvc"\nfile = 1', r", [tasks.match]: unknown key 'file'; known are design, reference, foil"),
+        ('foil = "pvc"', 'foil = "pvc"\ninterval = 1', r", [tasks.match]: unknown key 'interval'; known are design, reference"),
+        ('foil = "pvc"', 'foil = "pvc"\ninterval_s = 0', r", [tasks.match]: interval_s must be a time above 0 [s], got 0"),
+        ('foil = "pvc"', 'foil = "pvc"\nmode = "up"', r", [tasks.match]: mode must be one of probing, drilling, got 'up'"),
+        ("trials = 8", "trials = 10", r", [tasks.probing]: trials must be a multiple of 4 (AA, AB, BA, BB equally often), got 10"),
+        ("trials = 8", "trials = 8.0", r", [tasks.probing]: trials must be a whole number"),
+        ('parameter = "c_e"', 'parameter = "alpha"', r", [tasks.up]: mode must be 'drilling' for parameter 'alpha', got 'probing'"),
+        ('parameter = "c_e"', 'parameter = "rho"', r", [tasks.up]: parameter must be one of c_e, alpha, got 'rho'"),
+        (
+            "[tasks.match]",
+            '[tasks.again]\ndesign = "same-different"\na="bone"\nb="pvc"\ntrials=8\npractice=2\nblocks=2\n[tasks.match]',
+            r", [tasks.again]: this is task probing again, trial by trial",
+        ),
+        ("[burr]", "[mood]\n[burr]", r": unknown key 'mood'; known are experiment, burr, bone, materials, tasks, analysis"),
+        ("[burr]", "[analysis]\nrules = ['x']\n[burr]", r", [analysis]: rules must be a list of independent-observations"),
+        ("[burr]", "[analysis]\nrules = []\n[burr]", r", [analysis]: rules must be a list of"),
+        ("[burr]", "[analysis]\nrules = [1]\n[burr]", r", [analysis]: rules must be a list of"),
+        ("[burr]", "[analysis]\nrules = [['differencing']]\n[burr]", r", [analysis]: rules must be a list of"),
+        ("[burr]", "[analysis]\ndelta = 0\n[burr]", r", [analysis]: delta must be a d' above 0, got 0.0"),
+        ("[burr]", "[analysis]\nlevel = 95\n[burr]", r", [analysis]: level must be from 0.5 to below 1, got 95.0"),
+        ("[burr]", "[analysis]\npower = 1\n[burr]", r", [analysis]: unknown key 'power'; known are rules, delta, level"),
+        ("[burr]", "[materials.bone]\nc_e = 1\nalpha = 1\n[burr]", r", [materials]: 'bone' is a material of the paper"),
+        ("[burr]", "[materials.'a b']\nc_e = 1\nalpha = 1\n[burr]", r", [materials]: a material's name must be of letters"),
+        ("[burr]", "[materials.a]\nalpha = 1\n[burr]", r", [materials.a]: c_e is missing"),
+        ("[burr]", "[materials.a]\nc_e = -1\nalpha = 1\n[burr]", r", [materials.a]: c_e must be"),
+        ("[burr]", "[materials.a]\nc_e = 1\nalpha = 1\nshape = 'x'\n[burr]", r", [materials.a]: shape must be"),
+        ("[burr]", "[materials.a]\nreal = true\nc_e = 1\n[burr]", r", [materials.a]: unknown key 'c_e'; known are real"),
+        ("[burr]", "[materials]\na = 1\n[burr]", r", [materials]: a must be a table, [materials.a], got 1"),
+        ("[burr]", "[burr", r": this is not TOML: "),
+    ],
+)  # fmt: skip
+def test_every_mistake_is_named_by_table_and_key(tmp_path, old, new, sentence):
+    assert old in SMALL
+    with pytest.raises(ValueError, match=re.escape(f"test.toml{sentence}")) as error:
+        protocol(tmp_path, SMALL.replace(old, new))
+    assert "\n" not in str(error.value)
+
+
+def test_a_protocol_without_tasks(tmp_path):
+    text = SMALL[: SMALL.index("[tasks.probing]")]
+    with pytest.raises(ValueError, match=r"test.toml: the table \[tasks\] is missing"):
+        protocol(tmp_path, text)
+    with pytest.raises(ValueError, match=r"\[tasks\]: there must be at least one task"):
+        protocol(tmp_path, f"{text}[tasks]")
+
+
+def test_a_real_reference_needs_its_match(tmp_path):
+    text = (
+        SMALL.replace('reference = "bone"\nfoil', 'reference = "resin"\nfoil')
+        + "[materials.resin]\nreal = true\n"
+    )
+    with pytest.raises(
+        ValueError, match=r"\[tasks.match\]: match must be given, as the reference 'resin' is a real"
+    ):
+        protocol(tmp_path, text)
+    with pytest.raises(ValueError, match=r"\[tasks.match\]: foil must have a material to be rendered"):
+        protocol(tmp_path, text.replace('foil = "pvc"', 'foil = "resin"\nmatch = "pvc"'))
+
+
+def test_not_text(tmp_path):
+    (tmp_path / "x.toml").write_bytes(b"\xff")
+    with pytest.raises(ValueError, match="this is not a text file in UTF-8"):
+        Protocol.read(tmp_path / "x.toml")
+    with pytest.raises(OSError, match=r"none\.toml"):
+        Protocol.read(tmp_path / "none.toml")
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_designs_survive_the_file(tmp_path, data):
+    """Any design that the classes take comes back from a table of its values."""
+    bone, pvc = (Stimulus(name, burrlab.materials[name]) for name in ("bone", "pvc"))
+    blocks = data.draw(st.integers(1, 3))
+    design = SameDifferent(
+        bone, pvc, trials=4 * blocks * data.draw(st.integers(1, 5)), blocks=blocks, practice=data.draw(st.integers(0, 9)),
+        mode=data.draw(st.sampled_from(["probing", "drilling"])),
+        interval=data.draw(st.floats(1e-3, 1e6)),
+    )  # fmt: skip
+    values = {key: value for key, value in design.to_dict().items() if not isinstance(value, dict)}
+    table = "".join(f"{key} = {value!r}\n" for key, value in values.items())
+    head = SMALL[: SMALL.index("[tasks.probing]")]
+    one = protocol(tmp_path, f"{head}[tasks.x]\na = 'bone'\nb = 'pvc'\n{table}")
+    assert one.tasks["x"] == design
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_any_text_is_read_or_named(tmp_path, data):
+    place = data.draw(st.integers(0, len(SMALL)))
+    cut = data.draw(st.integers(0, 5))
+    text = SMALL[:place] + data.draw(st.text(max_size=5)) + SMALL[place + cut :]
+    try:
+        protocol(tmp_path, text)
+    except ValueError as error:
+        assert "test.toml" in str(error)  # noqa: PT017  (both outcomes are right)
+
+
+def test_the_page_has_every_key_and_column():
+    page = (Path(__file__).parents[2] / "docs" / "experiment.md").read_text(encoding="utf-8")
+    for key in re.findall(r"^#?(\w+) =", template(), flags=re.MULTILINE):
+        assert f"`{key}`" in page or key in ("a", "b"), key
+    for name, kind in DESIGNS.items():
+        (row,) = [line for line in page.splitlines() if line.startswith(f'| `"{name}"`')]
+        common = page[page.index("All have") :].partition("\n")[0]
+        for key in map(key_of, inspect.signature(kind).parameters):
+            assert f"`{key}`" in row or f"`{key}`" in common, (name, key)
+    for column in columns_of("abx"):
+        assert f"`{column}`" in page or column[-1] in "23", column
+
+
+def test_devices_in_words():
+    assert parse_device("hand") == DeviceText("hand")
+    assert parse_device("scripted:a:b.csv") == DeviceText("scripted", file="a:b.csv")
+    assert parse_device("igtl:[::1]:1") == DeviceText("igtl", host="::1", port=1)
+    for text in ("", "hands", "hand:1", "scripted:", "igtl:"):
+        with pytest.raises(ValueError, match=r"must be hand, scripted:FILE or igtl:HOST:PORT, got"):
+            parse_device(text)
+    for text in ("x", "x:0", "x:65536", ":1", "x:y"):
+        with pytest.raises(ValueError, match="must be HOST:PORT, got"):
+            parse_address(text)
+        with pytest.raises(ValueError, match="igtl: must be HOST:PORT, got"):
+            parse_device(f"igtl:{text}")
+
+
+def test_a_protocol_is_frozen(tmp_path):
+    one = protocol(tmp_path)
+    with pytest.raises(TypeError):
+        one.tasks["x"] = one.tasks["match"]
+    assert replace(one, seed=8).digest != one.digest

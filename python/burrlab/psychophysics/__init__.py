@@ -2,6 +2,7 @@
 
 from burrlab.psychophysics.abx import ABX
 from burrlab.psychophysics.adaptive import AdaptiveStaircase
+from burrlab.psychophysics.analysis import Analysis, analyse
 from burrlab.psychophysics.answer_file import AnswerFile
 from burrlab.psychophysics.answers import Answer, Answers, read_answers, read_folder
 from burrlab.psychophysics.block import Block
@@ -33,6 +34,7 @@ from burrlab.psychophysics.published_score import PublishedScore, group_score_fr
 from burrlab.psychophysics.rehearsal import rehearse, teach
 from burrlab.psychophysics.rules import rule_of
 from burrlab.psychophysics.same_different import SameDifferent
+from burrlab.psychophysics.selection import SelectionEffect
 from burrlab.psychophysics.simulated_subject import SimulatedSubject
 from burrlab.psychophysics.staircase import Staircase
 from burrlab.psychophysics.subject_tests import SubjectTest
@@ -44,6 +46,7 @@ __all__ = [
     "ABX",
     "ENDINGS",
     "AdaptiveStaircase",
+    "Analysis",
     "Answer",
     "AnswerFile",
     "Answers",
@@ -65,6 +68,7 @@ __all__ = [
     "Rendered",
     "SameDifferent",
     "ScoreDifference",
+    "SelectionEffect",
     "SignedEquivalence",
     "SimulatedSubject",
     "Staircase",
@@ -72,6 +76,7 @@ __all__ = [
     "SubjectTest",
     "TaskOneTable",
     "Trial",
+    "analyse",
     "binomial_test",
     "closed_form_cues",
     "compare_conditions",

@@ -70,6 +70,12 @@ def test_chance_foil_and_reference_are_named():
     assert written["foil"]["name"] == "pvc"
     assert written["match"]["name"] == "pettigrew"
     assert written["reference_interval_s"] is None
+    said = PAPER.power(5)
+    assert (
+        "reference real Pettigrew, then match pettigrew and foil pvc for 10 s each (drilling), chance 0.5"
+        in said
+    )
+    assert "abx, 10 trials, 5 subjects" in said
 
 
 @pytest.mark.parametrize(

@@ -141,6 +141,9 @@ def test_a_design_is_written_whole():
         "practice": 1,
         "blocks": 2,
     }
+    said = SameDifferent(BONE, PVC).power(20)
+    assert said.startswith("bone or pvc in two intervals of 20 s (probing), chance 0.5")
+    assert "same-different, 12 trials, 20 subjects" in said
     assert (design.task, design.answers) == ("same-different", ("same", "different"))
 
 

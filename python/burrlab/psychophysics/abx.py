@@ -125,7 +125,11 @@ class ABX(Design):
     def power(self, subjects: int = 1) -> str:
         from burrlab.psychophysics.power import design_power
 
-        return str(design_power(self.task, trials=self.trials, subjects=subjects))
+        what = (
+            f"reference {self.reference.name}, then match {self.matching.name} and foil {self.foil.name} for "
+            f"{self.interval:g} s each ({self.mode}), chance {self.chance:g}"
+        )
+        return f"{what}\n{design_power(self.task, trials=self.trials, subjects=subjects)}"
 
     def to_dict(self) -> dict[str, Any]:
         return {

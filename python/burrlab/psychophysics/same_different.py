@@ -91,7 +91,8 @@ class SameDifferent(Design):
     def power(self, subjects: int = 1) -> str:
         from burrlab.psychophysics.power import design_power
 
-        return str(design_power(self.task, trials=self.trials, subjects=subjects))
+        what = f"{self.a.name} or {self.b.name} in two intervals of {self.interval:g} s ({self.mode}), chance 0.5"
+        return f"{what}\n{design_power(self.task, trials=self.trials, subjects=subjects)}"
 
     def to_dict(self) -> dict[str, Any]:
         return {

@@ -143,7 +143,7 @@ def test_terminal_closed():
     with os.fdopen(terminal, "r") as keys:
         keyboard = Keyboard(keys)
         os.close(controller)
-        with pytest.raises(OSError, match="the subject's terminal was closed"):
+        with pytest.raises(KeyboardInterrupt, match="the subject's terminal was closed"):
             keyboard.pressed(" ")
 
 

@@ -34,7 +34,7 @@ _KIND = "burrlab analysis"
 FORMAT = 1
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Analysis:
     """The results of an experiment, made by `analyse`.
 
@@ -117,6 +117,12 @@ class Analysis:
     def to_tsv(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """One row a subject and task, tab-separated; n/a for nothing, inf for an open end."""
         _write(file, subject_table.text(self))
+
+    def __eq__(self, other: object) -> bool:
+        # A criterion may be NaN, which as a number differs from itself.
+        return isinstance(other, Analysis) and self.to_dict() == other.to_dict()
+
+    __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
         kind = "simulated subjects, " if self.simulated else ""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator
 from scipy import stats
 
@@ -53,13 +55,13 @@ def plot_scores(task: ScoredTask, ax: Axes | None) -> Axes:
     ax.yaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
     ax.xaxis.set_major_locator(FixedLocator(score) if trials <= 14 else MaxNLocator(nbins=13, integer=True))
     ax.legend(frameon=False, fontsize=8, loc="upper left")
-    ax.set_title(task.title, fontsize=10)
+    ax.set_title(wrapped(task.title), fontsize=10)
     return tidy(ax)
 
 
 def plot_intervals(task: ScoredTask, ax: Axes | None, rule: str | None) -> Axes:
     """See `ScoredTask.plot_intervals`."""
-    ax = axes_or_new(ax)
+    ax = _room_for(ax, len(task.subjects))
     names = [one.subject for one in task.subjects]
     if rule is None:
         spans = [
@@ -73,9 +75,9 @@ def plot_intervals(task: ScoredTask, ax: Axes | None, rule: str | None) -> Axes:
     else:
         spans = [one.span(rule) for one in task.subjects]
         end = _end(spans)
-        _say_infinite(ax, spans)
         _draw(ax, spans, np.arange(len(names)), end, COLOURS[rule], _MARKERS[rule], None)
         ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
+        _say_infinite(ax, spans)
         ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd], {rule}, {100 * task.level:g} % interval")
     _name_rows(ax, names, "subject")
     _legend_above(ax, task.title)
@@ -84,7 +86,7 @@ def plot_intervals(task: ScoredTask, ax: Axes | None, rule: str | None) -> Axes:
 
 def plot_d_prime(task: ScoredTask, ax: Axes | None) -> Axes:
     """See `ScoredTask.plot_d_prime`."""
-    ax = axes_or_new(ax)
+    ax = _room_for(ax, 1.5 * len(task.subjects))
     names = [one.subject for one in task.subjects]
     rows = np.arange(len(names), dtype=np.float64)
     all_spans = {rule: [one.span(rule) for one in task.subjects] for rule in task.rules}
@@ -95,13 +97,13 @@ def plot_d_prime(task: ScoredTask, ax: Axes | None) -> Axes:
         rows = np.append(rows, len(rows) + 0.4)
         ax.axhline(len(rows) - 1.1, color="0.8", linewidth=0.8)
     end = _end([span for spans in all_spans.values() for span in spans])
-    _say_infinite(ax, [span for spans in all_spans.values() for span in spans])
     for i, (rule, spans) in enumerate(all_spans.items()):
         shift = 0.36 * (i - 0.5 * (len(all_spans) - 1))
         _draw(ax, spans, rows + shift, end, COLOURS[rule], _MARKERS[rule], rule)
     ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
     if task.delta is not None:
         ax.axvline(task.delta, color="black", linestyle=":", linewidth=1, label=f"Δ = {task.delta:g}")
+    _say_infinite(ax, [span for spans in all_spans.values() for span in spans])
     ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd], {100 * task.level:g} % interval")
     _name_rows(ax, names, "subject", rows)
     _legend_above(ax, task.title)
@@ -110,7 +112,7 @@ def plot_d_prime(task: ScoredTask, ax: Axes | None) -> Axes:
 
 def plot_thresholds(task: ThresholdTask, ax: Axes | None) -> Axes:
     """See `ThresholdTask.plot_thresholds`."""
-    ax = axes_or_new(ax)
+    ax = _room_for(ax, len(task.subjects))
     found = [(one.subject, one.threshold, one.interval) for one in task.subjects if one.threshold is not None]
     names, rows = [name for name, *_ in found], np.arange(len(found), dtype=np.float64)
     for (_, threshold, interval), row in zip(found, rows, strict=True):
@@ -132,6 +134,19 @@ def plot_thresholds(task: ThresholdTask, ax: Axes | None) -> Axes:
     _name_rows(ax, names, "subject", rows)
     _legend_above(ax, task.title)
     return tidy(ax)
+
+
+def wrapped(title: str) -> str:
+    """In lines that fit over a figure of one column."""
+    return textwrap.fill(title, 52)
+
+
+def _room_for(ax: Axes | None, rows: float) -> Axes:
+    """The given axes, or those of a new figure as tall as the rows need."""
+    ax, new = axes_or_new(ax), ax is None
+    if new and rows > 13 and isinstance(ax.figure, Figure):
+        ax.figure.set_figheight(1.2 + 0.19 * rows)
+    return ax
 
 
 def _end(spans: Sequence[Span]) -> float:
@@ -183,4 +198,4 @@ def _legend_above(ax: Axes, title: str) -> None:
     handles, labels = ax.get_legend_handles_labels()
     ax.legend(handles, labels, frameon=False, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0),
               ncols=min(3, len(labels)), columnspacing=1.2, handletextpad=0.5)  # fmt: skip
-    ax.set_title(title, fontsize=10, pad=22 if len(labels) <= 3 else 36)
+    ax.set_title(wrapped(title), fontsize=10, pad=22 if len(labels) <= 3 else 36)

@@ -106,12 +106,7 @@ def _selection(task: Task) -> list[str]:
 def columns(task: Task) -> list[Column]:
     """The table of the subjects."""
     if isinstance(task, ThresholdTask):
-        return [
-            ("", "subject", [one.subject for one in task.subjects]),
-            ("", "trials", [str(one.trials) for one in task.subjects]),
-            ("", "threshold", ["" if one.threshold is None else f"{one.threshold:.3f}" for one in task.subjects]),
-            ("", f"{100 * task.level:g} %", ["" if one.interval is None else f"{one.interval[0]:.3f} to {one.interval[1]:.3f}" for one in task.subjects]),
-        ]  # fmt: skip
+        return _threshold_columns(task)
     ones, counted = task.subjects, _COUNTED[task.task]
     found: list[Column] = [
         ("", "subject", [one.subject for one in ones]),
@@ -131,6 +126,19 @@ def columns(task: Task) -> list[Column]:
             (group, "corr.", [number(one.corrected) for one in d]),
         ]  # fmt: skip
     return found
+
+
+def _threshold_columns(task: ThresholdTask) -> list[Column]:
+    thresholds = ["" if one.threshold is None else f"{one.threshold:.3f}" for one in task.subjects]
+    found: list[Column] = [
+        ("", "subject", [one.subject for one in task.subjects]),
+        ("", "trials", [str(one.trials) for one in task.subjects]),
+        ("", "threshold", thresholds),
+    ]
+    intervals = [
+        "" if one.interval is None else "{:.3f} to {:.3f}".format(*one.interval) for one in task.subjects
+    ]
+    return [*found, ("", f"{100 * task.level:g} %", intervals)] if any(intervals) else found
 
 
 def legend(task: Task) -> list[str]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
 from burrlab.psychophysics.counts import Counts
-from burrlab.psychophysics.d_prime import binomial_test, d_prime, score_interval
+from burrlab.psychophysics.d_prime import DPrime, binomial_test, d_prime, score_interval
 from burrlab.psychophysics.equivalence import Equivalence, equivalence
 from burrlab.psychophysics.group import GroupScore, group_score
 from burrlab.psychophysics.group_d_prime import GroupDPrime, group_d_prime
@@ -228,14 +229,25 @@ def _results(
             score_interval=score_interval(one.counts, level),
             p_value=p,
             holm=corrected,
-            d_prime=tuple(
-                d_prime(one.counts, rule=rule, level=level, correction=CORRECTION) for rule in rules
-            ),
+            d_prime=tuple(_d_prime(one.counts, rule, level) for rule in rules),
             checks=tuple(pair_checks(one.counts)) if _has_types(one.counts) else (),
         )
         for one, p, corrected in zip(used, p_values, holm(p_values), strict=True)
         if one.counts is not None
     )
+
+
+def _d_prime(counts: Counts, rule: RuleName, level: float) -> DPrime:
+    bare = counts.task, counts.hits, counts.signals, counts.false_alarms, counts.noises
+    return replace(_of_outcome(*bare, rule, level), counts=counts)
+
+
+@lru_cache(maxsize=4096)  # an exact interval takes 0.1 s, and subjects with equal counts are many
+def _of_outcome(
+    task: TaskName, hits: int, signals: int, false_alarms: int, noises: int, rule: RuleName, level: float
+) -> DPrime:
+    counts = Counts(task, hits, signals, false_alarms, noises)
+    return d_prime(counts, rule=rule, level=level, correction=CORRECTION)
 
 
 def _has_types(counts: Counts) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, TypeAlias
@@ -13,6 +14,9 @@ from burrlab.psychophysics.rules import TaskName
 #: Subject -> counts, or task -> subject -> counts.
 CountsBySubject: TypeAlias = Mapping[str, Counts | Answers]
 CountsByTask: TypeAlias = Mapping[str, CountsBySubject]
+
+
+_OF = re.compile(r"\b\d+ of (\d+)\b")
 
 
 @dataclass(frozen=True)
@@ -159,11 +163,17 @@ def _subject(one: Answers) -> SubjectData:
 
 
 def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) -> list[TaskData]:
-    """The same, with what participants were selected by, subject -> text."""
+    """The same, with what participants were selected by, subject -> text.
+
+    A text such as "best 12 of 20" says how many they were selected from.
+    """
     found = []
     for task in tasks:
         texts = dict.fromkeys(selected_by.get(one.subject, "") for one in task.subjects)
-        found.append(replace(task, selected_by="; ".join(text for text in texts if text)))
+        text = "; ".join(text for text in texts if text)
+        numbers = _OF.search(text)
+        of = int(numbers[1]) if numbers else 0
+        found.append(replace(task, selected_by=text, of=of if of > len(task.subjects) else 0))
     return found
 
 

@@ -172,6 +172,8 @@ class ThresholdTask:
         ValueError
             If there is no such subject, none is given and there are several, or no psychometric function was fitted.
         """
+        from burrlab.psychophysics.plots import wrapped
+
         if subject is None and len(self.subjects) != 1:
             raise ValueError(
                 f"subject must be given, one of {', '.join(one.subject for one in self.subjects)}"
@@ -180,7 +182,7 @@ class ThresholdTask:
         if not isinstance(one.estimate, PsychometricFit):
             raise ValueError(f"subject {one.subject} has no psychometric function: {one.said}")
         axes = one.estimate.plot(ax)
-        axes.set_title(f"{self.title}, subject {one.subject}", fontsize=10)
+        axes.set_title(wrapped(f"{self.title}, subject {one.subject}"), fontsize=10)
         return axes
 
     def plot_thresholds(self, ax: Axes | None = None) -> Axes:

@@ -129,6 +129,12 @@ def test_needs_a_terminal(tmp_path):
     file.close()
 
 
+def test_needs_a_system_with_terminals(monkeypatch):
+    monkeypatch.setitem(sys.modules, "termios", None)
+    with pytest.raises(ValueError, match="a terminal, which this system does not have"):
+        Keyboard()
+
+
 def test_needs_a_screen(monkeypatch):
     controller, terminal = pty.openpty()
     with os.fdopen(terminal, "r") as keys:

@@ -2,6 +2,8 @@
 
 from burrlab.psychophysics.abx import ABX
 from burrlab.psychophysics.adaptive import AdaptiveStaircase
+from burrlab.psychophysics.analysis import analyse
+from burrlab.psychophysics.analysis_result import Analysis
 from burrlab.psychophysics.answer_file import AnswerFile
 from burrlab.psychophysics.answers import Answer, Answers, read_answers, read_folder
 from burrlab.psychophysics.block import Block
@@ -33,10 +35,13 @@ from burrlab.psychophysics.published_score import PublishedScore, group_score_fr
 from burrlab.psychophysics.rehearsal import rehearse, teach
 from burrlab.psychophysics.rules import rule_of
 from burrlab.psychophysics.same_different import SameDifferent
+from burrlab.psychophysics.scored_task import ScoredTask
+from burrlab.psychophysics.selection import SelectionEffect
 from burrlab.psychophysics.simulated_subject import SimulatedSubject
 from burrlab.psychophysics.staircase import Staircase
 from burrlab.psychophysics.subject_tests import SubjectTest
 from burrlab.psychophysics.task_one import TaskOneTable, task1_table
+from burrlab.psychophysics.threshold_task import ThresholdTask
 from burrlab.psychophysics.tost import SignedEquivalence, tost
 from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 
@@ -44,6 +49,7 @@ __all__ = [
     "ABX",
     "ENDINGS",
     "AdaptiveStaircase",
+    "Analysis",
     "Answer",
     "AnswerFile",
     "Answers",
@@ -65,13 +71,17 @@ __all__ = [
     "Rendered",
     "SameDifferent",
     "ScoreDifference",
+    "ScoredTask",
+    "SelectionEffect",
     "SignedEquivalence",
     "SimulatedSubject",
     "Staircase",
     "Stimulus",
     "SubjectTest",
     "TaskOneTable",
+    "ThresholdTask",
     "Trial",
+    "analyse",
     "binomial_test",
     "closed_form_cues",
     "compare_conditions",

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from answer_scenes import SMALL, TASKS, answer, begun, give, protocol
 
-from burrlab.psychophysics import AnswerFile, Protocol, read_answers
+from burrlab.psychophysics import ENDINGS, AnswerFile, Protocol, read_answers
 
 HERE = Path(__file__).parent
 
@@ -89,6 +89,17 @@ def test_a_side_car_alone_is_not_overwritten(tmp_path):
         one.resume("01", "probing")
 
 
+def test_a_folder_that_cannot_be_made(tmp_path):
+    one = protocol(tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match="file"):
+        AnswerFile.create(tmp_path / "file" / "beh" / "x.tsv", one.side_car("01", "probing"))
+    with pytest.raises(OSError, match="file"):
+        AnswerFile.open(
+            tmp_path / "file" / "x.tsv", one.order("01", "probing"), one.side_car("01", "probing")
+        )
+
+
 def test_only_tables_are_made(tmp_path):
     one = protocol(tmp_path)
     with pytest.raises(ValueError, match=r"path must end in .tsv, got .*answers.csv"):
@@ -100,7 +111,7 @@ def test_a_last_line_broken_off_at_any_byte_is_cut_and_asked_again(tmp_path, tas
     one, path = begun(tmp_path, task, 3)
     whole = path.read_bytes()
     kept = whole[: whole[:-1].rfind(b"\n") + 1]
-    for length in range(len(kept) + 1, len(whole)):
+    for length in range(len(kept) + 1, len(whole) - 1):
         path.write_bytes(whole[:length])
         answers = read_answers(path)
         assert len(answers.rows) == 2
@@ -116,6 +127,28 @@ def test_a_last_line_broken_off_at_any_byte_is_cut_and_asked_again(tmp_path, tas
     assert len(read_answers(path).rows) == 2
     one.resume("01", task)[0].close()
     assert path.read_bytes() == kept
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_a_last_line_that_lacks_its_end_alone_is_an_answer(tmp_path, task):
+    one, path = begun(tmp_path, task, 3)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-1])
+    answers = read_answers(path)
+    assert len(answers.rows) == 3
+    assert not answers.notes
+    file, order = one.resume("01", task)
+    with file:
+        assert not file.notes
+        assert path.read_bytes() == whole
+        give(file, order, 1)
+    assert path.read_bytes().startswith(whole)
+    assert len(read_answers(path).rows) == 4
+
+
+def test_no_ending_begins_another():
+    """On which it rests that a line is known to be whole."""
+    assert not any(one != other and other.startswith(one) for one in ENDINGS for other in ENDINGS)
 
 
 def test_a_start_broken_off_at_any_byte_begins_again(tmp_path):

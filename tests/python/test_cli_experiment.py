@@ -98,7 +98,7 @@ def test_simulated_subjects_from_run_to_analysis(config, capsys):
     # The analysis says that nobody took part.
     arguments = ["--json", "a.json", "--tsv", "a.tsv", "--plot", "figures"]
     assert main(["experiment", "analyse", "test.toml", *arguments]) == 0
-    assert "simulated" in said(capsys)[0]
+    assert "SIMULATED SUBJECTS" in said(capsys)[0]
     assert json.loads((config.parent / "a.json").read_text())["name"] == "Rehearsal"
     assert len((config.parent / "a.tsv").read_text().splitlines()) == 7
     assert {path.name for path in (config.parent / "figures").iterdir()} == {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 import re
 import termios
@@ -10,6 +11,7 @@ import time
 import pytest
 from pseudo_terminal import PseudoTerminal
 
+from burrlab.cli import main
 from burrlab.psychophysics import Protocol, read_answers
 
 SUBJECT, TASK = "01", "one"
@@ -125,7 +127,7 @@ def test_undisturbed(tmp_path):
         assert terminal.text == "subject 01 has answered everything"
 
 
-def test_killed_in_an_interval_and_in_a_question_then_resumed(tmp_path):
+def test_killed_in_an_interval_and_in_a_question_then_resumed_and_analysed(tmp_path, capsys):
     subject = Subject(tmp_path)
     for action, kind, trial, answered in (("run", "interval", 4, 3), ("resume", "question", 6, 5)):
         with subject.sit_down(action) as terminal:
@@ -141,6 +143,14 @@ def test_killed_in_an_interval_and_in_a_question_then_resumed(tmp_path):
     # The question that the kill left open is put again, no other.
     assert subject.asked == [1, 2, 3, 4, 5, 6, 6, 7, 8, 9, 10]
     subject.check()
+    assert main(["experiment", "analyse", str(subject.config), "--json", "-"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    counts = result["tasks"][0]["subjects"][0]["counts"]
+    main_phase = list(zip(subject.trials, subject.decided, strict=True))[2:]
+    different = [given == "different" for trial, given in main_phase if trial.correct == "different"]
+    alarms = [given == "different" for trial, given in main_phase if trial.correct == "same"]
+    assert (counts["hits"], counts["signals"]) == (sum(different), 4)
+    assert (counts["false_alarms"], counts["noises"]) == (sum(alarms), 4)
 
 
 def killed_at_random(subject, draw, longest, most):
@@ -248,8 +258,6 @@ def test_two_terminals_and_a_view(tmp_path):
 
 def test_without_a_terminal(tmp_path, capsys):
     subject = Subject(tmp_path)
-    from burrlab.cli import main
-
     assert main(["experiment", "run", str(subject.config), "--subject", SUBJECT]) == 2
     assert "answers are read from a terminal" in capsys.readouterr().err
     assert not subject.protocol.folder.exists()

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from answer_scenes import SMALL, protocol
@@ -12,7 +14,8 @@ from hypothesis import strategies as st
 
 import burrlab
 from burrlab.psychophysics import ABX, Protocol, SameDifferent, Stimulus, template
-from burrlab.psychophysics.design_table import DESIGNS
+from burrlab.psychophysics.answer_row import columns_of
+from burrlab.psychophysics.design_table import DESIGNS, key_of
 from burrlab.session.device_text import DeviceText, parse_address, parse_device
 
 ALL_ON = re.sub(r"^#(?=[a-z\[])", "", template(), flags=re.MULTILINE)
@@ -269,6 +272,19 @@ def test_any_text_is_read_or_named(tmp_path, data):
         protocol(tmp_path, text)
     except ValueError as error:
         assert "test.toml" in str(error)  # noqa: PT017  (both outcomes are right)
+
+
+def test_the_page_has_every_key_and_column():
+    page = (Path(__file__).parents[2] / "docs" / "experiment.md").read_text(encoding="utf-8")
+    for key in re.findall(r"^#?(\w+) =", template(), flags=re.MULTILINE):
+        assert f"`{key}`" in page or key in ("a", "b"), key
+    for name, kind in DESIGNS.items():
+        (row,) = [line for line in page.splitlines() if line.startswith(f'| `"{name}"`')]
+        common = page[page.index("All have") :].partition("\n")[0]
+        for key in map(key_of, inspect.signature(kind).parameters):
+            assert f"`{key}`" in row or f"`{key}`" in common, (name, key)
+    for column in columns_of("abx"):
+        assert f"`{column}`" in page or column[-1] in "23", column
 
 
 def test_devices_in_words():

@@ -15,10 +15,12 @@ import burrlab
 from burrlab.psychophysics import (
     ABX,
     Block,
+    ConstantStimuli,
     Cues,
     Interval,
     SameDifferent,
     SimulatedSubject,
+    Staircase,
     Stimulus,
     Trial,
     drilling_hand,
@@ -26,6 +28,7 @@ from burrlab.psychophysics import (
     probing_hand,
     rehearse,
     render,
+    rendered_cues,
     task1_table,
     teach,
     weber,
@@ -232,7 +235,34 @@ def test_a_real_reference_is_felt_as_its_match():
     assert stood_in(first)[0].duration == 10.0
 
 
+@pytest.mark.parametrize(
+    ("parameter", "mode", "cue", "more"),
+    [("c_e", "probing", "stiffness", 2 / 3 * math.log(1.4)), ("alpha", "drilling", "sinking", None)],
+)
+def test_two_intervals_are_rehearsed_too(parameter, mode, cue, more):
+    task = ConstantStimuli(STIMULI["bone"], parameter, [1.4], mode=mode, repeats=12, interval=4.0)
+    subject = SimulatedSubject(0.25, (cue,))
+    found = rehearse(task, subject, subjects=100, seed=SEED, bone=SMALL)
+    if more is None:
+        pair = [
+            rendered_cues(material, mode, burr=burrlab.Burr(3.0), bone=SMALL, duration=4.0).sinking
+            for material in (task.comparison(1.4).material, burrlab.materials["bone"])
+        ]
+        more = pair[0] - pair[1]
+    expected = 0.98 * norm.cdf(more / 0.25 / math.sqrt(2)) + 0.01
+    assert agrees(sum(counts.score for counts in found), 1200, float(expected))
+
+
+def test_a_staircase_is_rehearsed():
+    task = Staircase(STIMULI["bone"], "c_e", interval=2.0)
+    found = rehearse(task, SimulatedSubject(0.1), subjects=1, seed=SEED, bone=SMALL)
+    assert found[0].trials > 10
+
+
 def test_rehearsal_refusals():
+    held = ConstantStimuli(STIMULI["bone"], "c_e", [1.4], mode="drilling", hold="sinking speed")
+    with pytest.raises(ValueError, match="design must not hold the sinking speed"):
+        rehearse(held, SimulatedSubject(0.3, ("sinking",)), seed=1)
     with pytest.raises(ValueError, match="subjects must be at least 1, got 0"):
         rehearse(design(), SimulatedSubject(0.3), subjects=0, seed=1)
     with pytest.raises(ValueError, match="cue sinking must have a value"):

@@ -13,7 +13,7 @@ from typing import Self
 
 from burrlab.psychophysics import tsv_text
 from burrlab.psychophysics.answer_row import Answer, Row, RowReader, as_text, columns_of
-from burrlab.psychophysics.answers import read_rows, replay
+from burrlab.psychophysics.answers import read_own_rows, replay
 from burrlab.psychophysics.design import Order
 from burrlab.psychophysics.locked import lock, sync_folder, synced_write
 from burrlab.psychophysics.side_car import SideCar, read_side_car, side_car_path
@@ -95,7 +95,7 @@ class AnswerFile:
         Returns
         -------
         AnswerFile
-            A last line that was broken off is cut, and the notes say so: its answer never counted as given.
+            A last line that was broken off is cut, and the notes say so; one that lacks its end alone gets it.
 
         Raises
         ------
@@ -123,14 +123,16 @@ class AnswerFile:
                 raise ValueError(
                     f"{path}: the protocol was changed since the run began: {'; '.join(changes)}"
                 )
-            content, torn = tsv_text.split_torn(path.read_bytes())
-            rows = read_rows(os.fspath(path), content, first.task)
+            found = path.read_bytes()
+            rows, content, torn = read_own_rows(os.fspath(path), found, first.task)
             replay(os.fspath(path), rows, order)
             reader = RowReader(first.task)
             for line, row in rows:
                 reader.add(line, row)
             end = max((_end(row) for _, row in rows), default=0.0)
             result = cls(path, file, first, end, reader, content.count(b"\n"))
+            if len(content) > len(found):
+                synced_write(file, path, content[len(found) :])
             if torn:
                 os.ftruncate(file, len(content))
                 os.fsync(file)

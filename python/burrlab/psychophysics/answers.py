@@ -160,17 +160,14 @@ def read_answers(
         raise ValueError(f"task must be one of {', '.join(TASKS)}, got {labels['task']!r}")
     if answers is not None and len(set(answers)) != 2:
         raise ValueError(f"answers must be two that differ, in the order of their keys, got {answers!r}")
-    notes = []
-    if car is not None:
-        # Another program's last line may lack its end and be whole; ours is on disk only with it.
-        content, torn = tsv_text.split_torn(content)
-        if torn:
-            notes.append(f"the last line of {file} was broken off and is left out")
-    rows = read_rows(file, content, labels["task"], answers)
+    if car is None:
+        # Another program's last line may lack its end and be whole.
+        rows, torn = read_rows(file, content, labels["task"], answers), b""
+    else:
+        rows, content, torn = read_own_rows(file, content, car.task)
+    notes = (f"the last line of {file} was broken off and is left out",) if torn else ()
     labels["subject"] = _one_subject(file, content, labels["subject"])
-    return Answers(
-        **labels, rows=tuple(row for _, row in rows), side_car=car, notes=tuple(notes), source=file
-    )
+    return Answers(**labels, rows=tuple(row for _, row in rows), side_car=car, notes=notes, source=file)
 
 
 def read_rows(
@@ -194,6 +191,21 @@ def read_rows(
         reader.add(number, row)
         rows.append((number, row))
     return rows
+
+
+def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[list[tuple[int, Row]], bytes, bytes]:
+    """The rows of a file of this program, the bytes that they stand in, and what was broken off behind them.
+
+    A last line that lacks nothing but its end is whole: no ending of an interval, in the last column, begins another.
+    """
+    lines, torn = tsv_text.split_torn(content)
+    rows = read_rows(file, lines, task)
+    if torn:
+        try:
+            return read_rows(file, content + b"\n", task), content + b"\n", b""
+        except ValueError:
+            pass
+    return rows, lines, torn
 
 
 def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:

@@ -31,7 +31,8 @@ class Comparison(Design):
     * c_e drilled, alpha held (`hold="other"`): in which the burr sinks faster, which is that of *less* c_e; the
       stiffness changes as well;
     * c_e drilled, alpha/c_e^p held (`hold="sinking speed"`): which is stiffer. p = 4 (k + 1)/3 for an f with a zero of
-      order k: 8/3 for the parabolic. The speed stays at forces below 0.068 c_e R^2; above it, it does not;
+      order k: 8/3 for the parabolic. The speed stays at forces below 0.068 c_e R^2: bone with a burr of 3 mm at 1 N within
+      1 % for levels of 0.75 to 1.3 (mean-field), at 2 N 10 % faster to 17 % slower;
     * alpha drilled: in which the burr sinks faster, that of more alpha.
 
     Parameters
@@ -90,7 +91,7 @@ class Comparison(Design):
             )
         for name in ("c_e", "alpha"):
             if getattr(self._material, name) == 0.0:
-                raise ValueError(f"reference must have a {name} above 0, got 0")
+                raise ValueError(f"reference must have {name} above 0, got 0")
         object.__setattr__(self, "interval", seconds("interval", self.interval))
         whole("practice", self.practice, at_least=0)
         whole("blocks", self.blocks, at_least=1)

@@ -75,7 +75,7 @@ def conditional_hits(task: str, rule: str, d_prime: float, signals: int, noises:
     -----
     The odds ratio depends on the criterion, if only weakly. It is taken at the criterion that gives K answers on average, and
     then corrected so that the expected hits, averaged over the K that this criterion produces, are the model's own. Without
-    the correction the mean is off by up to 0.1 standard deviations of a subject, which a group adds up; with it by less than 0.04.
+    the correction the mean is off by up to 0.1 standard deviations of a subject, which a group adds up; with it by less than 0.05.
 
     Examples
     --------

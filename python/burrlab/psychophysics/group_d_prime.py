@@ -125,8 +125,8 @@ def group_d_prime(counts: Sequence[Counts], *, rule: str, level: float = 0.95) -
     """A group's d' with its interval.
 
     A subject's excess at a d' is his hits less those that an observer of this d' would have on average who gives the answer as
-    often as he did. The estimate is the d' of no mean excess; the interval holds every d' whose excess is not rejected on either side, by the
-    larger p of a t test over subjects and of the exact distribution of the sum.
+    often as he did. The estimate is the d' of no mean excess; the interval holds every d' whose excess is not rejected on either
+    side by `group_tails`: t over subjects, with and without skewness, and the exact distribution of the sum must all reject.
 
     Parameters
     ----------
@@ -144,8 +144,9 @@ def group_d_prime(counts: Sequence[Counts], *, rule: str, level: float = 0.95) -
     Notes
     -----
     Criteria may differ as they like: given how often a subject gives the answer, his hits hardly depend on it. Where d' differs
-    between subjects, the group's is that of the mean excess: about the d' of the mean score at equal bias, less than the mean of the d'.
-    With subjects of several numbers of trials, those with more count for more.
+    between subjects, the group's is that of the mean excess, so about that of the mean score. Where few subjects can tell among many who
+    cannot, so small a group may hold none of them: the upper end is then too low more often than stated (docs/psychophysics.md has figures).
+    Of subjects with several numbers of trials, those with more count for more.
 
     Examples
     --------

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import entr
+from scipy.stats import chi2
 
 from burrlab.psychophysics.rules import Floats
 from burrlab.psychophysics.staircased import checked_answers
@@ -96,7 +97,8 @@ class ThresholdPosterior:
         return float(self.differences[int(np.argmax(np.round(information, _DIGITS)))])
 
     def summary(self, level: float = 0.95) -> dict[str, Any]:
-        """Threshold (geometric mean) and interval of equal tails, means of slope and lapse rate, mass at the ends."""
+        """Threshold (geometric mean) and interval of equal tails, means of slope and lapse rate, density at the ends over
+        the largest."""
         weights = self.weights().reshape(_THRESHOLDS, _SLOPES.size, _LAPSES.size)
         marginal = weights.sum(axis=(1, 2))
         logs = np.log(self.thresholds)
@@ -111,7 +113,7 @@ class ThresholdPosterior:
             "interval": tuple(float(np.exp(np.interp(tail, below, edges))) for tail in tails),
             "slope": math.exp(float(weights.sum(axis=(0, 2)) @ np.log(_SLOPES))),
             "lapse": float(weights.sum(axis=(0, 1)) @ _LAPSES),
-            "at_ends": (float(mass[0]), float(mass[-1])),
+            "at_ends": (float(marginal[0] / marginal.max()), float(marginal[-1] / marginal.max())),
         }
 
 
@@ -133,7 +135,7 @@ class PosteriorThreshold:
         Posterior means of the Weibull function's exponent (geometric) and of the rate of answers at random.
     trials : int
     open_below, open_above : bool
-        Whether the interval reaches an end of the levels, so that the threshold may lie outside.
+        Whether the posterior has not fallen at an end of the levels, so that the threshold may lie outside.
     """
 
     level: float
@@ -195,9 +197,8 @@ def threshold_of(posterior: ThresholdPosterior, side: float, trials: int, level:
     """A posterior's, as a ratio above (side 1) or below 1 (side -1)."""
     found = posterior.summary(level)
     near, far = found["interval"]
-    tail = 0.5 - 0.5 * level
-    # An end that the prior cuts off: more than half a tail in the last cell of the grid
-    low, high = (mass > 0.5 * tail for mass in found["at_ends"])
+    # Where a likelihood interval would go on beyond the grid
+    low, high = (density > math.exp(-0.5 * float(chi2.ppf(level, 1))) for density in found["at_ends"])
     return PosteriorThreshold(
         level=math.exp(side * found["threshold"]), interval=(math.exp(side * near), math.exp(side * far)),
         credible=level, difference=found["threshold"], slope=found["slope"], lapse=found["lapse"],

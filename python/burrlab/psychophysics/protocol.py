@@ -30,6 +30,8 @@ from burrlab.psychophysics.protocol_tables import (
 from burrlab.psychophysics.side_car import SideCar, digest
 from burrlab.psychophysics.toml_table import read_toml
 
+__all__ = ["AnalysisSettings", "Protocol"]
+
 
 @dataclass(frozen=True)
 class Protocol:

@@ -53,7 +53,8 @@ def rehearse(
     Raises
     ------
     ValueError
-        If there is no subject, or the design's intervals do not have the subject's cues.
+        If there is no subject, the design's intervals do not have the subject's cues, or the design asks for stiffness by
+        drilling, which has no cue for it.
 
     Notes
     -----
@@ -64,6 +65,10 @@ def rehearse(
     """
     if operator.index(subjects) < 1:
         raise ValueError(f"subjects must be at least 1, got {subjects}")
+    if design.mode == "drilling" and getattr(design, "hold", "other") == "sinking speed":
+        raise ValueError(
+            "design must not hold the sinking speed, the only cue that simulated subjects have by drilling"
+        )
     burr, bone = burr or Burr(3.0), bone or Block()
     taught = subject if subject.known is not None else teach(subject, design, burr=burr, bone=bone)
     counts = []

@@ -33,6 +33,11 @@ _ENDED = {
     "subject": "by the subject",
     "device": "the device was lost",
 }
+_DESCRIBED: Mapping[TaskName, str] = {
+    "same-different": "Two intervals of virtual bone burring: was the material the same?",
+    "abx": "A reference and two intervals of virtual bone burring: which of the two is as the reference?",
+    "2ifc": "Two intervals of virtual bone burring: which has more of what is asked?",
+}
 _TYPES: Mapping[TaskName, str] = {
     "same-different": "The materials A and B of the two intervals, in order",
     "abx": "The alternatives A and B in the order in which they follow the reference",
@@ -129,6 +134,7 @@ class SideCar:
         """As the file has it, with the columns described."""
         return {
             "TaskName": self.name,
+            "TaskDescription": _DESCRIBED[self.task],
             "Instructions": self.question,
             "StimulusPresentation": {
                 "OperatingSystem": f"{platform.system()} {platform.release()}",

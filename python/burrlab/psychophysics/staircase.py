@@ -64,6 +64,12 @@ class Staircase(Staircased):
     TypeError
         If the reference is no Stimulus, or a number is not whole.
 
+    Notes
+    -----
+    The mean of the reversals is the target's in the limit of small steps only. In 300 runs of 60 reversals of a Gaussian
+    observer with 2 % lapses it lies 2 to 5 % below (of the difference) with steps of 1.1, 5 to 15 % with steps of
+    1.4. `power` simulates the staircase at hand.
+
     References
     ----------
     H. Levitt, Transformed up-down methods in psychoacoustics, J. Acoust. Soc. Am. 49 (1971) 467-477.
@@ -233,7 +239,7 @@ class StaircaseThreshold:
         exp of the standard deviation of ln difference between pairs of reversals: a factor. No standard error, as
         reversals of one staircase depend on one another.
     target : float
-        Proportion correct that the staircase aims at. Its mean lies within a few per cent of it for small steps.
+        Proportion correct that the staircase aims at.
     reversals : int
         That count.
     trials : int

@@ -15,7 +15,7 @@ from burrlab.psychophysics.rules import Floats
 
 Side: TypeAlias = Literal["greater", "two-sided"]
 
-_MOST_PATTERNS = 2**20
+_MOST_SUMS = 2**18
 
 
 @dataclass(frozen=True)
@@ -81,28 +81,21 @@ def welch_test(first: ArrayLike, second: ArrayLike, *, name: str = "Welch's t te
 def sign_flip_test(values: ArrayLike, *, side: Side = "greater", name: str = "sign-flip test") -> SubjectTest:
     """Exact test of values symmetric about 0: the share of all 2^n choices of signs whose sum is as large.
 
-    Sums are counted, not listed, so that any number of subjects with whole or half values is exact; other values up to 20 subjects.
+    Sums are counted, not listed, so that any number of subjects with whole or half values is exact; other values up to 18 subjects.
 
     Raises
     ------
     ValueError
         If there is no value, one is not finite, or the sums are too many to count.
     """
-    x = np.abs(finite_values(values))
-    total = float(np.sum(finite_values(values)))
-    sums: dict[float, float] = {0.0: 1.0}
-    for value in x:
-        after: dict[float, float] = {}
-        for s, p in sums.items():
-            for end in (s - value, s + value):
-                key = round(end, 9)
-                after[key] = after.get(key, 0.0) + 0.5 * p
-        if len(after) > _MOST_PATTERNS:
-            raise ValueError(f"values must have at most {_MOST_PATTERNS} different sums, got more")
-        sums = after
-    seen, slack = (abs(total) if side == "two-sided" else total), 1e-7 * max(1.0, float(np.sum(x)))
-    p = sum(q for s, q in sums.items() if (abs(s) if side == "two-sided" else s) >= seen - slack)
-    return SubjectTest(name, None, None, min(1.0, p), side)
+    x = finite_values(values)
+    sums, chances = np.zeros(1), np.ones(1)
+    for value in np.abs(x):
+        ends = np.concatenate([sums - value, sums + value])
+        sums, chances = _gathered(ends, np.tile(0.5 * chances, 2), "values")
+    seen, slack = float(np.sum(x)), 1e-7 * max(1.0, float(np.sum(np.abs(x))))
+    as_far = np.abs(sums) >= abs(seen) - slack if side == "two-sided" else sums >= seen - slack
+    return SubjectTest(name, None, None, min(1.0, float(np.sum(chances[as_far]))), side)
 
 
 def label_test(
@@ -121,19 +114,26 @@ def label_test(
     x, y = finite_values(first), finite_values(second)
     everyone, size = np.concatenate([x, y]), len(x)
     mean = float(np.mean(everyone))
-    # ways[k][s]: choices of k subjects whose deviations sum to s
-    ways: list[dict[float, float]] = [{0.0: 1.0}] + [{} for _ in range(size)]
+    # Of k subjects chosen among those so far: the sums of their deviations, and how many choices have each.
+    nothing = np.zeros(0)
+    ways = [(np.zeros(1), np.ones(1))] + [(nothing, nothing)] * size
     for value in everyone - mean:
         for k in range(size, 0, -1):
-            for s, count in ways[k - 1].items():
-                key = round(s + value, 9)
-                ways[k][key] = ways[k].get(key, 0.0) + count
-        if sum(map(len, ways)) > _MOST_PATTERNS:
-            raise ValueError(f"groups must have at most {_MOST_PATTERNS} different sums, got more")
+            sums = np.concatenate([ways[k][0], ways[k - 1][0] + value])
+            ways[k] = _gathered(sums, np.concatenate([ways[k][1], ways[k - 1][1]]), "groups")
     seen = abs(float(np.sum(x - mean)))
     slack = 1e-7 * max(1.0, float(np.sum(np.abs(everyone - mean))))
-    as_far = sum(count for s, count in ways[size].items() if abs(s) >= seen - slack)
-    return SubjectTest(name, None, None, min(1.0, as_far / math.comb(len(everyone), size)), "two-sided")
+    sums, choices = ways[size]
+    share = float(np.sum(choices[np.abs(sums) >= seen - slack])) / math.comb(len(everyone), size)
+    return SubjectTest(name, None, None, min(1.0, share), "two-sided")
+
+
+def _gathered(sums: Floats, weights: Floats, name: str) -> tuple[Floats, Floats]:
+    """Equal sums as one."""
+    kept, place = np.unique(np.round(sums, 9), return_inverse=True)
+    if len(kept) > _MOST_SUMS:
+        raise ValueError(f"{name} must have at most {_MOST_SUMS} different sums, got more")
+    return kept, np.bincount(place.ravel(), weights, minlength=len(kept))
 
 
 def _of_t(name: str, t: float, freedom: float, side: Side) -> SubjectTest:

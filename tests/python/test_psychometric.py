@@ -1,0 +1,183 @@
+"""The psychometric function: what psignifit is given, what is made of it, and that it finds a known observer."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+import warnings
+
+import matplotlib
+import numpy as np
+import pytest
+from scipy.stats import beta, norm
+
+from burrlab.psychophysics.precision import gaussian_correct
+from burrlab.psychophysics.psychometric import psychometric_function
+
+matplotlib.use("Agg")
+
+LEVELS = (1.03, 1.06, 1.12, 1.25, 1.5)
+THRESHOLD = math.log(1.12)
+
+
+def made(levels=LEVELS, correct=(21, 24, 30, 37, 40), trials=(40,) * 5, **options):
+    pytest.importorskip("psignifit", reason="extra `psychometric` is not installed")
+    return psychometric_function(levels, correct, trials, **options)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return made(parameter="c_e", reference=2.145)
+
+
+def test_many_trials_return_the_observer():
+    """Expected numbers of a Weibull observer, 4000 trials a level: threshold, slope and lapse rate come back."""
+    shares = [
+        0.5 + 0.5 * 0.96 * (1 - 2.0 ** -((math.log(level) / THRESHOLD) ** 1.4))
+        for level in (*LEVELS, 2.0, 3.0)
+    ]
+    found = made((*LEVELS, 2.0, 3.0), [round(4000 * share) for share in shares], [4000] * 7)
+    assert math.log(found.threshold) == pytest.approx(THRESHOLD, rel=0.02)
+    assert found.slope == pytest.approx(1.4, rel=0.03)
+    assert found.lapse == pytest.approx(0.04, abs=0.005)
+    for value, (low, high) in (
+        (math.exp(THRESHOLD), found.interval),
+        (1.4, found.slope_interval),
+        (0.04, found.lapse_interval),
+    ):
+        assert low < value < high
+    assert found.at_bounds == ()
+
+
+def test_it_finds_a_gaussian_observer():
+    """15 runs of 5 levels x 60 trials: the mean of ln threshold is off by 8 % at most, beside its error at 1e-6."""
+    draws = np.random.default_rng(1)
+    logs = []
+    for _ in range(15):
+        correct = [draws.binomial(60, gaussian_correct(math.log(level), THRESHOLD)) for level in LEVELS]
+        logs.append(math.log(math.log(made(correct=correct, trials=[60] * 5).threshold) / THRESHOLD))
+    assert abs(np.mean(logs)) < 0.08 + norm.isf(5e-7) * np.std(logs, ddof=1) / math.sqrt(15)
+    assert np.std(logs, ddof=1) < 0.4
+
+
+def test_what_is_said(fitted):
+    assert (fitted.guess_rate, fitted.proportion, fitted.level) == (0.5, 0.75, 0.95)
+    assert fitted.ratios == LEVELS
+    assert fitted.interval[0] < fitted.threshold < fitted.interval[1]
+    change, low, high = fitted.just_noticeable()
+    assert change == pytest.approx(2.145 * (fitted.threshold - 1))
+    assert (low, high) == pytest.approx([2.145 * (end - 1) for end in fitted.interval])
+    lines = str(fitted).splitlines()
+    assert lines[0].startswith("75 % correct (guess rate 0.5, without lapses) at a ratio of 1.12, 95 % ")
+    assert lines[1].startswith("just-noticeable increase of c_e 0.26")
+    assert "N/mm^2" in lines[1]
+    assert "200 trials" in lines[2]
+    assert fitted.provenance["psignifit"]
+    again = json.loads(json.dumps(fitted.to_dict()))
+    assert again["threshold"] == fitted.threshold
+
+
+def test_the_curve_is_half_where_there_is_no_difference(fitted):
+    assert fitted.proportion_at([1.0 + 1e-9]) == pytest.approx(0.5, abs=1e-6)
+    at = fitted.proportion_at([fitted.threshold, 1 / fitted.threshold])
+    assert at == pytest.approx(0.5 + 0.25 * (1 - fitted.lapse))
+
+
+def test_below_and_above_are_pooled_at_the_same_distance(fitted):
+    below = made([1 / level for level in LEVELS], parameter="alpha", reference=0.087)
+    assert below.side == "below"
+    assert below.threshold == pytest.approx(fitted.threshold, rel=1e-6)
+    assert below.just_noticeable()[0] == pytest.approx(0.087 * (1 - 1 / fitted.threshold), rel=1e-6)
+    assert "just-noticeable decrease of alpha" in str(below)
+    both = made(
+        [*LEVELS, *(1 / level for level in LEVELS)], [11, 14, 15, 18, 20, 10, 10, 15, 19, 20], [20] * 10
+    )
+    assert both.side == "both"
+    assert both.ratios == pytest.approx(LEVELS)
+    assert (both.correct, both.trials) == (fitted.correct, fitted.trials)
+    assert both.threshold == pytest.approx(fitted.threshold, rel=1e-6)
+    assert both.just_noticeable() is None
+
+
+def test_ends_that_the_prior_sets_are_said():
+    chance = made(LEVELS[:3], [20, 21, 19], [40] * 3)
+    assert ("threshold", "upper") in chance.at_bounds
+    assert "the upper end of the threshold is set by the prior, not by the data" in str(chance)
+    perfect = made(LEVELS[:2], [40, 40], [40] * 2)
+    assert ("threshold", "lower") in perfect.at_bounds
+
+
+def test_a_staircase_s_levels_are_no_mistake():
+    """psignifit warns of single trials and of many levels; warnings are errors here."""
+    draws = np.random.default_rng(4)
+    levels = [math.exp(THRESHOLD * math.exp(draws.normal(0.0, 0.8))) for _ in range(30)]
+    correct = [int(draws.random() < gaussian_correct(math.log(level), THRESHOLD)) for level in levels]
+    found = made(levels, correct, [1] * 30)
+    assert sum(found.trials) == 30
+    assert 1.0 < found.interval[0] < found.threshold < found.interval[1]
+
+
+def test_another_warning_of_psignifit_is_passed_on(monkeypatch):
+    psignifit = pytest.importorskip("psignifit", reason="extra `psychometric` is not installed")
+    real = psignifit.psignifit
+
+    def warns(*arguments, **options):
+        warnings.warn("something new", UserWarning, stacklevel=1)
+        return real(*arguments, **options)
+
+    monkeypatch.setattr(psignifit, "psignifit", warns)
+    with pytest.warns(UserWarning, match="something new"):
+        made()
+
+
+def test_the_plot_shows_data_curve_and_threshold(fitted):
+    axes = fitted.plot()
+    assert axes.get_xlabel() == "c_e, ratio to the reference's 2.145 N/mm^2 [1]"
+    assert axes.get_ylabel() == "proportion correct [1]"
+    bars = axes.collections[0].get_segments()
+    assert [bar[0][1] for bar in bars] == pytest.approx(
+        [beta.ppf(0.025, k, 41 - k) for k in (21, 24, 30, 37, 40)]
+    )
+    assert bars[-1][1][1] == 1.0
+    assert [text.get_text() for text in axes.get_xticklabels()] == ["1.03", "1.06", "1.12", "1.25", "1.5"]
+    again = fitted.plot(axes)
+    assert again is axes
+    matplotlib.pyplot.close(axes.figure)
+
+
+def test_no_psignifit(monkeypatch):
+    monkeypatch.setitem(sys.modules, "psignifit", None)
+    with pytest.raises(ImportError, match=r"needs psignifit \(GPL\): pip install 'burrlab\[psychometric\]'"):
+        psychometric_function(LEVELS, [20] * 5, [40] * 5)
+
+
+def test_psignifit_is_imported_when_asked_for_only():
+    program = "import sys, burrlab.psychophysics; sys.exit('psignifit' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False, timeout=60).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"correct": [1, 2]}, r"levels, correct and trials must be equally many, got 5, 2 and 5"),
+        ({"levels": [1.0, *LEVELS[1:]]}, r"levels must differ from 1, got 1"),
+        ({"levels": [0.0, *LEVELS[1:]]}, r"levels must be a ratio above 0, got 0.0"),
+        ({"levels": [1.1, 1.1, 1 / 1.1, 1.1, 1.1]}, r"levels must hold at least two different differences from 1, got 1"),
+        ({"correct": [41, 24, 30, 37, 40]}, r"correct must be from 0 to trials, at least 1, got 41 of 40"),
+        ({"correct": [0] * 5, "trials": [0] * 5}, r"correct must be from 0 to trials, at least 1, got 0 of 0"),
+        ({"parameter": "force"}, r"parameter must be one of c_e, alpha, got 'force'"),
+        ({"reference": 0.0}, r"reference must be above 0, got 0.0"),
+        ({"level": 95}, r"level must be between 0 and 1, got 95"),
+    ],
+)  # fmt: skip
+def test_wrong_values_are_named(change, message):
+    arguments = {"levels": LEVELS, "correct": [21, 24, 30, 37, 40], "trials": [40] * 5, **change}
+    with pytest.raises(ValueError, match=message):
+        psychometric_function(**arguments)
+
+
+def test_wrong_types_are_named():
+    with pytest.raises(TypeError, match="float"):
+        psychometric_function(LEVELS, [21.5, 24, 30, 37, 40], [40] * 5)

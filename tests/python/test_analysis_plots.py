@@ -12,7 +12,14 @@ from matplotlib.text import Annotation
 from scipy import stats
 
 from burrlab.figures import new_figure
-from burrlab.psychophysics import Counts, PsychometricFit, ScoredTask, ThresholdTask, analyse
+from burrlab.psychophysics import (
+    Counts,
+    PsychometricFit,
+    ScoredTask,
+    ThresholdTask,
+    analyse,
+    group_score_from,
+)
 from burrlab.psychophysics.plots import wrapped
 from burrlab.psychophysics.threshold_task import SubjectThreshold
 
@@ -65,6 +72,16 @@ def test_scores(task: ScoredTask) -> None:
     assert f"mean ± s.e.m., {task.score.mean:.1f} ± {task.score.sem:.1f}" in labels(axes)
     (mark,) = (line for line in axes.lines if line.get_marker() == "D")
     assert mark.get_xdata() == pytest.approx([9.75])
+
+
+def test_a_published_mean_beside_the_scores(task: ScoredTask) -> None:
+    paper = group_score_from(mean=9.3, sem=0.4, n=20, trials=12)
+    axes = task.plot_scores(published=paper)
+    assert "published, 9.3 ± 0.4, n = 20" in labels(axes)
+    (mark,) = (line for line in axes.lines if line.get_marker() == "s")
+    assert list(mark.get_xdata()) == [9.3]
+    with pytest.raises(ValueError, match="published must be of 12 trials, as the task, got 10"):
+        task.plot_scores(published=group_score_from(mean=9.4, sem=0.4, n=5, trials=10, task="abx"))
 
 
 def test_scores_of_one_subject_have_no_mean() -> None:

@@ -186,6 +186,11 @@ def test_thresholds_on_both_sides_have_no_mean() -> None:
     assert [text.get_text() for text in made.plot_thresholds().get_yticklabels()] == ["01", "02"]
 
 
+def test_thresholds_without_scatter_have_no_interval() -> None:
+    subjects = (threshold("01", 1.1, None), threshold("02", 1.1, None))
+    assert ThresholdTask("level", {}, 0.95, subjects, (), 0, "").group_threshold is None
+
+
 def test_psychometric_function() -> None:
     fit = PsychometricFit(
         threshold=1.2, interval=(1.1, 1.4), slope=1.25, slope_interval=(1.0, 2.0), lapse=0.02,

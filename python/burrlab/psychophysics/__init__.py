@@ -2,7 +2,8 @@
 
 from burrlab.psychophysics.abx import ABX
 from burrlab.psychophysics.adaptive import AdaptiveStaircase
-from burrlab.psychophysics.analysis import Analysis, analyse
+from burrlab.psychophysics.analysis import analyse
+from burrlab.psychophysics.analysis_result import Analysis
 from burrlab.psychophysics.answer_file import AnswerFile
 from burrlab.psychophysics.answers import Answer, Answers, read_answers, read_folder
 from burrlab.psychophysics.block import Block
@@ -36,6 +37,7 @@ from burrlab.psychophysics.rehearsal import rehearse, rehearsed_order, teach
 from burrlab.psychophysics.rules import rule_of
 from burrlab.psychophysics.runner import DeviceLost, Rig, Runner
 from burrlab.psychophysics.same_different import SameDifferent
+from burrlab.psychophysics.scored_task import ScoredTask
 from burrlab.psychophysics.seat import Seat
 from burrlab.psychophysics.selection import SelectionEffect
 from burrlab.psychophysics.simulated_seat import SimulatedSeat
@@ -45,6 +47,7 @@ from burrlab.psychophysics.staircase import Staircase
 from burrlab.psychophysics.subject_tests import SubjectTest
 from burrlab.psychophysics.task_one import TaskOneTable, task1_table
 from burrlab.psychophysics.terminal import TerminalSeat
+from burrlab.psychophysics.threshold_task import ThresholdTask
 from burrlab.psychophysics.tost import SignedEquivalence, tost
 from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 
@@ -78,6 +81,7 @@ __all__ = [
     "Runner",
     "SameDifferent",
     "ScoreDifference",
+    "ScoredTask",
     "Seat",
     "SelectionEffect",
     "SignedEquivalence",
@@ -89,6 +93,7 @@ __all__ = [
     "SubjectTest",
     "TaskOneTable",
     "TerminalSeat",
+    "ThresholdTask",
     "Trial",
     "analyse",
     "binomial_test",

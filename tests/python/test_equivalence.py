@@ -34,7 +34,7 @@ class TestDecision:
         assert str(yes).startswith(f"Equivalent: below 1.5 in d' ({rule}), upper bound")
         assert not no.equivalent
         assert no.power < 0.45
-        assert "12 subjects x 12 trials cannot decide Delta = 1: the power is" in str(no)
+        assert "12 subjects x 12 trials cannot be relied on to decide Delta = 1: the power is" in str(no)
         assert "That does not show a difference" in no.sentence
         assert 1.0 < no.decidable_delta < 1.5
         assert no.decidable_delta == yes.decidable_delta
@@ -84,7 +84,7 @@ class TestDecision:
     def test_one_subject(self, rule):
         result = equivalence([same(3, 3)], rule=rule, delta=1.5)
         assert not result.equivalent
-        assert "1 subject x 12 trials cannot decide" in result.design_sentence
+        assert "1 subject x 12 trials cannot be relied on to decide" in result.design_sentence
         many = equivalence([same(40, 40, 100)], rule=rule, delta=1.5)
         assert many.equivalent
 
@@ -191,7 +191,7 @@ class TestSigned:
         result = tost([0.1, -0.2, 0.05, 0.0, 0.15, -0.1], delta=0.1)
         assert _power(result.decidable_delta / result.sem, 6, 0.95) == pytest.approx(0.8, abs=1e-3)
         assert result.power < 0.8
-        assert "cannot decide Delta = 0.1" in result.design_sentence
+        assert "cannot be relied on to decide Delta = 0.1" in result.design_sentence
 
     def test_error_rate_at_the_boundary(self):
         """10 000 experiments with a mean of delta; false alarm 1e-6."""

@@ -94,7 +94,7 @@ class TestText:
         )
         assert "score subject group" in text
         assert (
-            "equivalence (differencing): 12 subjects x 12 trials cannot decide Delta = 1: the power is"
+            "equivalence (differencing): 12 subjects x 12 trials cannot be relied on to decide Delta = 1: the power is"
             in text
         )
         assert len({len(line) for line in text.splitlines()[2:6]}) == 1

@@ -220,4 +220,4 @@ def decision_text(size: str, delta: float, power: float, decidable: float, *, qu
     smallest = "no Delta has 80 %" if math.isinf(decidable) else f"80 % begin at Delta = {decidable:.3g}"
     if power >= WANTED_POWER:
         return f"{size} would decide Delta = {delta:g} with a power of {100 * power:.0f} % if {quantity} were 0; {smallest}."
-    return f"{size} cannot decide Delta = {delta:g}: the power is {100 * power:.0f} % if {quantity} were 0; {smallest}."
+    return f"{size} cannot be relied on to decide Delta = {delta:g}: the power is {100 * power:.0f} % if {quantity} were 0; {smallest}."

@@ -135,9 +135,8 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
     Examples
     --------
     >>> guessing = [Counts("same-different", 2, 6, 2, 6), Counts("same-different", 1, 6, 2, 6), Counts("same-different", 3, 6, 2, 6)]
-    >>> print(equivalence(guessing * 4, rule="independent-observations", delta=1.5))
+    >>> print(equivalence(guessing * 4, rule="independent-observations", delta=1.5).sentence)
     Equivalent: below 1.5 in d' (independent-observations), upper bound 1.02 at 95 %, p = 0.00024.
-    12 subjects x 12 trials would decide Delta = 1.5 with a power of 94 % if d' were 0; 80 % begin at Delta = 1.3.
     """
     check_level(level)
     if not 0.0 < delta < math.inf:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -194,7 +195,8 @@ def _sit(options: Options, sittings: Sequence[Sitting]) -> int:
         _say(f"{error}; {_command('resume', options, at)} goes on")
         return 1
     except KeyboardInterrupt:
-        _say(f"interrupted; every answer is kept, {_command('resume', options, at)} goes on")
+        with contextlib.suppress(OSError):  # the terminal may be what was lost
+            _say(f"interrupted; every answer is kept, {_command('resume', options, at)} goes on")
         return 130
     return 0
 

@@ -10,15 +10,19 @@ from pathlib import Path
 import pytest
 from scipy import stats
 
-from burrlab.psychophysics.analysis import Analysis, analyse
-from burrlab.psychophysics.answer_row import Answer
-from burrlab.psychophysics.answers import read_answers
-from burrlab.psychophysics.counts import Counts
-from burrlab.psychophysics.protocol import Protocol
-from burrlab.psychophysics.scored_task import ScoredTask
-from burrlab.psychophysics.selection import SelectionEffect
+from burrlab.psychophysics import (
+    Analysis,
+    Answer,
+    Counts,
+    Protocol,
+    ScoredTask,
+    SelectionEffect,
+    ThresholdTask,
+    Trial,
+    analyse,
+    read_answers,
+)
 from burrlab.psychophysics.task_data import of_counts
-from burrlab.psychophysics.trial import Trial
 
 RULES = ("independent-observations", "differencing")
 
@@ -257,7 +261,9 @@ def test_refused() -> None:
         analyse({"probing": {"01": THREE["01"], "02": Counts("abx", 4, 5, 0, 5)}})
     with pytest.raises(ValueError, match="rules must hold one at least, got none"):
         analyse(THREE, rules=[])
-    with pytest.raises(ValueError, match="rule must be one of independent-observations, differencing, got 'x'"):
+    with pytest.raises(
+        ValueError, match="rule must be one of independent-observations, differencing, got 'x'"
+    ):
         analyse(THREE, rules=["x"])
     with pytest.raises(ValueError, match=r"level must be in \[0.5, 1\), got 1.0"):
         analyse(THREE, level=1.0)
@@ -442,8 +448,6 @@ def test_simulated_and_selected_in_the_files(tmp_path: Path) -> None:
 
 
 def test_thresholds(tmp_path: Path) -> None:
-    from burrlab.psychophysics.threshold_task import ThresholdTask
-
     made = protocol(tmp_path, LEVELS)
     for subject, limit in (("01", 1.15), ("02", 1.3)):
         for task in made.tasks:

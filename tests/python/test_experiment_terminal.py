@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import random
 import re
 import termios
@@ -240,6 +241,23 @@ def test_interrupted_and_resumed(tmp_path):
         subject.take_part(terminal)
         assert terminal.end() == 0
         subject.leave(terminal)
+    subject.check()
+
+
+def test_terminal_closed_and_resumed_in_another(tmp_path):
+    subject = Subject(tmp_path, trials=4)
+    terminal = subject.sit_down()
+    subject.take_part(terminal, stop=lambda *now: now == ("interval", 3))
+    subject.leave(terminal)
+    os.close(terminal.terminal)
+    os.close(terminal.controller)
+    assert terminal.process.wait(30.0) in (120, 130)  # 120: Python could not flush what it had to say
+    assert len(subject.rows()) == 2
+    assert "ended early, KeyboardInterrupt" in subject.protocol.data.log(SUBJECT, TASK).read_text()
+    with subject.sit_down("resume") as another:
+        subject.take_part(another)
+        assert another.end() == 0
+        subject.leave(another)
     subject.check()
 
 

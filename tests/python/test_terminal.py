@@ -129,6 +129,12 @@ def test_needs_a_terminal(tmp_path):
     file.close()
 
 
+def test_needs_a_system_with_terminals(monkeypatch):
+    monkeypatch.setitem(sys.modules, "termios", None)
+    with pytest.raises(ValueError, match="a terminal, which this system does not have"):
+        Keyboard()
+
+
 def test_needs_a_screen(monkeypatch):
     controller, terminal = pty.openpty()
     with os.fdopen(terminal, "r") as keys:
@@ -143,7 +149,7 @@ def test_terminal_closed():
     with os.fdopen(terminal, "r") as keys:
         keyboard = Keyboard(keys)
         os.close(controller)
-        with pytest.raises(OSError, match="the subject's terminal was closed"):
+        with pytest.raises(KeyboardInterrupt, match="the subject's terminal was closed"):
             keyboard.pressed(" ")
 
 

@@ -2,7 +2,8 @@
 
 from burrlab.psychophysics.abx import ABX
 from burrlab.psychophysics.adaptive import AdaptiveStaircase
-from burrlab.psychophysics.analysis import Analysis, analyse
+from burrlab.psychophysics.analysis import analyse
+from burrlab.psychophysics.analysis_result import Analysis
 from burrlab.psychophysics.answer_file import AnswerFile
 from burrlab.psychophysics.answers import Answer, Answers, read_answers, read_folder
 from burrlab.psychophysics.block import Block
@@ -12,6 +13,7 @@ from burrlab.psychophysics.cues import Cues, closed_form_cues, interval_cues, re
 from burrlab.psychophysics.d_prime import DPrime, binomial_test, d_prime, score_interval
 from burrlab.psychophysics.design_size import subjects_needed, trials_needed
 from burrlab.psychophysics.equivalence import Equivalence, equivalence
+from burrlab.psychophysics.experimenter import Experimenter
 from burrlab.psychophysics.group import (
     GroupScore,
     ScoreDifference,
@@ -31,14 +33,21 @@ from burrlab.psychophysics.protocol_template import template
 from burrlab.psychophysics.psychometric import psychometric_function
 from burrlab.psychophysics.psychometric_fit import PsychometricFit
 from burrlab.psychophysics.published_score import PublishedScore, group_score_from
-from burrlab.psychophysics.rehearsal import rehearse, teach
+from burrlab.psychophysics.rehearsal import rehearse, rehearsed_order, teach
 from burrlab.psychophysics.rules import rule_of
+from burrlab.psychophysics.runner import DeviceLost, Rig, Runner
 from burrlab.psychophysics.same_different import SameDifferent
+from burrlab.psychophysics.scored_task import ScoredTask
+from burrlab.psychophysics.seat import Seat
 from burrlab.psychophysics.selection import SelectionEffect
+from burrlab.psychophysics.simulated_seat import SimulatedSeat
 from burrlab.psychophysics.simulated_subject import SimulatedSubject
+from burrlab.psychophysics.sitting import Sitting
 from burrlab.psychophysics.staircase import Staircase
 from burrlab.psychophysics.subject_tests import SubjectTest
 from burrlab.psychophysics.task_one import TaskOneTable, task1_table
+from burrlab.psychophysics.terminal import TerminalSeat
+from burrlab.psychophysics.threshold_task import ThresholdTask
 from burrlab.psychophysics.tost import SignedEquivalence, tost
 from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 
@@ -56,7 +65,9 @@ __all__ = [
     "Cues",
     "DPrime",
     "DesignPower",
+    "DeviceLost",
     "Equivalence",
+    "Experimenter",
     "GroupDPrime",
     "GroupScore",
     "Interval",
@@ -66,15 +77,23 @@ __all__ = [
     "PsychometricFit",
     "PublishedScore",
     "Rendered",
+    "Rig",
+    "Runner",
     "SameDifferent",
     "ScoreDifference",
+    "ScoredTask",
+    "Seat",
     "SelectionEffect",
     "SignedEquivalence",
+    "SimulatedSeat",
     "SimulatedSubject",
+    "Sitting",
     "Staircase",
     "Stimulus",
     "SubjectTest",
     "TaskOneTable",
+    "TerminalSeat",
+    "ThresholdTask",
     "Trial",
     "analyse",
     "binomial_test",
@@ -97,6 +116,7 @@ __all__ = [
     "read_answers",
     "read_folder",
     "rehearse",
+    "rehearsed_order",
     "render",
     "rendered_cues",
     "rule_of",

@@ -40,7 +40,7 @@ def design_of_dict(values: Mapping[str, Any]) -> Design:
     True
     """
     kind = values.get("design")
-    if kind not in _KINDS:
+    if not isinstance(kind, str) or kind not in _KINDS:
         raise ValueError(f"design must be one of {', '.join(_KINDS)}, got {kind!r}")
     made = _KINDS[kind]
     given: dict[str, Any] = {}

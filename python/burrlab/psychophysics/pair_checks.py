@@ -65,12 +65,13 @@ def pair_checks(counts: Counts | Sequence[Counts]) -> list[PairCheck]:
     Parameters
     ----------
     counts : Counts or sequence of Counts
-        Of one subject or several, in one task. Subjects may differ: each one's total is taken as given.
+        Of one subject or several, in one task. Subjects may differ: each one's total is taken as given. A type of pair that
+        is not in `by_type` had no trial (a run that was not finished).
 
     Raises
     ------
     ValueError
-        If there are no counts, they are of several tasks, or those of same-different lack a type of pair.
+        If there are no counts, they are of several tasks, or those of same-different lack `by_type`.
 
     Examples
     --------
@@ -89,12 +90,16 @@ def pair_checks(counts: Counts | Sequence[Counts]) -> list[PairCheck]:
     if subjects[0].task != "same-different":
         rows = [((s.hits, s.signals), (s.noises - s.false_alarms, s.noises)) for s in subjects]
         return [_check(("first", "second"), "correct", rows, "answers lean to one position")]
-    for subject in subjects:
-        missing = {"AA", "AB", "BA", "BB"} - set(subject.by_type)
-        if missing:
-            raise ValueError(f"counts must have all four types of pairs, got none of {sorted(missing)}")
+    if not all(subject.by_type for subject in subjects):
+        raise ValueError("counts must have the types of pairs, by_type, got none")
+    none = (0, 0)
     return [
-        _check((one, two), counted, [(s.by_type[one], s.by_type[two]) for s in subjects], meaning)
+        _check(
+            (one, two),
+            counted,
+            [(s.by_type.get(one, none), s.by_type.get(two, none)) for s in subjects],
+            meaning,
+        )
         for one, two, counted, meaning in _SAME_DIFFERENT
     ]
 
@@ -108,6 +113,8 @@ def _check(
     # The number of the first type, given each subject's total, is a sum of hypergeometric ones.
     probabilities, least = np.ones(1), 0
     for (n, trials), (m, others) in rows:
+        if trials + others == 0:
+            continue
         low, high = max(0, n + m - others), min(trials, n + m)
         own = hypergeom.pmf(np.arange(low, high + 1), trials + others, n + m, trials)
         probabilities, least = np.convolve(probabilities, own), least + low

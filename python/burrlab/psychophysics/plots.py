@@ -17,6 +17,7 @@ from burrlab.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, t
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from burrlab.psychophysics.published_score import PublishedScore
     from burrlab.psychophysics.scored_task import ScoredTask
     from burrlab.psychophysics.threshold_task import ThresholdTask
 
@@ -28,7 +29,7 @@ _MARKERS = {"independent-observations": "o", "differencing": "s"}
 _LOWEST = 4.0  # end of a d' axis at least, where all that is drawn ends below
 
 
-def plot_scores(task: ScoredTask, ax: Axes | None) -> Axes:
+def plot_scores(task: ScoredTask, ax: Axes | None, published: PublishedScore | None) -> Axes:
     """See `ScoredTask.plot_scores`."""
     trials = task.trials
     if trials is None:
@@ -36,6 +37,8 @@ def plot_scores(task: ScoredTask, ax: Axes | None) -> Axes:
             "a histogram of scores needs equally many trials a subject, "
             f"got {', '.join(str(one.counts.trials) for one in task.subjects)}"
         )
+    if published is not None and published.trials != trials:
+        raise ValueError(f"published must be of {trials} trials, as the task, got {published.trials}")
     ax = axes_or_new(ax)
     score = np.arange(trials + 1)
     scores = np.array([one.counts.score for one in task.subjects])
@@ -50,10 +53,16 @@ def plot_scores(task: ScoredTask, ax: Axes | None) -> Axes:
         mean, sem = task.score.mean, task.score.sem
         ax.errorbar(mean, 1.09 * top, xerr=sem, fmt="D", color=VELOCITY, markersize=5, capsize=3,
                     label=f"mean ± s.e.m., {mean:.1f} ± {sem:.1f}")  # fmt: skip
+    if published is not None:
+        mean, sem = published.mean, published.sem
+        ax.errorbar(mean, 1.2 * top, xerr=sem, fmt="s", color="black", mfc="white", markersize=5, capsize=3,
+                    label=f"published, {mean:g} ± {sem:g}, n = {published.n}")  # fmt: skip
     ax.set(xlabel=f"score [correct answers of {trials}]", ylabel="subjects", xlim=(-0.6, trials + 0.6))
-    ax.set_ylim(0, 1.5 * top)
+    ax.set_ylim(0, (1.5 if published is None else 1.75) * top)
     ax.yaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
-    ax.xaxis.set_major_locator(FixedLocator(score) if trials <= 14 else MaxNLocator(nbins=13, integer=True))
+    ax.xaxis.set_major_locator(
+        FixedLocator(range(trials + 1)) if trials <= 14 else MaxNLocator(nbins=13, integer=True)
+    )
     ax.legend(frameon=False, fontsize=8, loc="upper left")
     ax.set_title(wrapped(task.title), fontsize=10)
     return tidy(ax)
@@ -69,13 +78,13 @@ def plot_intervals(task: ScoredTask, ax: Axes | None, rule: str | None) -> Axes:
             for one in task.subjects
         ]  # fmt: skip
         end = 100.0
-        _draw(ax, spans, np.arange(len(names)), end, POSITION, "o", None)
+        _draw(ax, spans, np.arange(len(names), dtype=np.float64), end, POSITION, "o", None)
         ax.axvline(50, color=REFERENCE, linestyle="--", linewidth=1, label="chance")
         ax.set(xlim=(0, 102), xlabel=f"correct [%], {100 * task.level:g} % interval")
     else:
         spans = [one.span(rule) for one in task.subjects]
         end = _end(spans)
-        _draw(ax, spans, np.arange(len(names)), end, COLOURS[rule], _MARKERS[rule], None)
+        _draw(ax, spans, np.arange(len(names), dtype=np.float64), end, COLOURS[rule], _MARKERS[rule], None)
         ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
         _say_infinite(ax, spans)
         ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd], {rule}, {100 * task.level:g} % interval")
@@ -115,10 +124,10 @@ def plot_thresholds(task: ThresholdTask, ax: Axes | None) -> Axes:
     ax = _room_for(ax, len(task.subjects))
     found = [(one.subject, one.threshold, one.interval) for one in task.subjects if one.threshold is not None]
     names, rows = [name for name, *_ in found], np.arange(len(found), dtype=np.float64)
-    for (_, threshold, interval), row in zip(found, rows, strict=True):
+    for (_, threshold, interval), at in zip(found, rows, strict=True):
         if interval is not None:
-            ax.plot(interval, [row, row], "|-", color=POSITION, linewidth=1.2, markersize=5)
-        ax.plot(threshold, row, "o", color=POSITION, markersize=4.5)
+            ax.plot(interval, [at, at], "|-", color=POSITION, linewidth=1.2, markersize=5)
+        ax.plot(threshold, at, "o", color=POSITION, markersize=4.5)
     if (group := task.group_threshold) is not None:
         row = len(rows) + 0.4
         names, rows = [*names, "all"], np.append(rows, row)

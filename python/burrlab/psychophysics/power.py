@@ -167,7 +167,7 @@ def design_power(
     Raises
     ------
     ValueError
-        If the task or a rule is unknown, trials are not even and at least 2, there is no subject, a d' is negative, level is not in
+        If the task or a rule is unknown, there is no rule, trials are not even and at least 2, there is no subject, a d' is negative, level is not in
         (0, 0.5], lapse not in [0, 1), or delta not above 0.
 
     Notes
@@ -187,6 +187,8 @@ def design_power(
     """
     check_design(trials, subjects, level, lapse)
     decisions = [rule_of(task, rule) for rule in rules]
+    if not decisions:
+        raise ValueError("rules must hold a rule, got none")
     for d in d_primes:
         check_d_prime("d_primes", d)
     critical, error_rate = critical_score(trials, level)

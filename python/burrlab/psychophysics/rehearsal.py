@@ -11,7 +11,7 @@ from burrlab._core import Burr, Material
 from burrlab.psychophysics.block import Block
 from burrlab.psychophysics.counts import Counts
 from burrlab.psychophysics.cues import Cues, rendered_cues
-from burrlab.psychophysics.design import Design
+from burrlab.psychophysics.design import Design, Order
 from burrlab.psychophysics.rules import TaskName
 from burrlab.psychophysics.simulated_subject import SimulatedSubject
 from burrlab.psychophysics.trial import Interval, Trial
@@ -65,21 +65,37 @@ def rehearse(
     """
     if operator.index(subjects) < 1:
         raise ValueError(f"subjects must be at least 1, got {subjects}")
+    names = [f"{number:02d}" for number in range(1, subjects + 1)]
+    taught = subject if subject.known is not None else teach(subject, design, burr=burr, bone=bone)
+    orders = (rehearsed_order(design, taught, name=name, seed=seed, burr=burr, bone=bone) for name in names)
+    return [counts_of(design.task, order.answered) for order in orders]
+
+
+def rehearsed_order(
+    design: Design,
+    subject: SimulatedSubject,
+    *,
+    name: str = "01",
+    seed: int,
+    burr: Burr | None = None,
+    bone: Block | None = None,
+) -> Order:
+    """The order of one subject with all its answers, where counts are not enough: levels of a staircase.
+
+    Parameters and errors are those of `rehearse`; `name` is the subject's.
+    """
     if design.mode == "drilling" and getattr(design, "hold", "other") == "sinking speed":
         raise ValueError(
             "design must not hold the sinking speed, the only cue that simulated subjects have by drilling"
         )
     burr, bone = burr or Burr(3.0), bone or Block()
     taught = subject if subject.known is not None else teach(subject, design, burr=burr, bone=bone)
-    counts = []
-    for number in range(1, subjects + 1):
-        rng = np.random.default_rng([operator.index(seed), number])
-        order = design.order(seed=seed, subject=f"{number:02d}")
-        while (trial := order.next()) is not None:
-            felt = [_felt(design, interval, burr, bone) for interval in stood_in(trial)]
-            order.answer(taught.respond(trial, felt, rng))
-        counts.append(counts_of(design.task, order.answered))
-    return counts
+    rng = np.random.default_rng([operator.index(seed), *name.encode()])
+    order = design.order(seed=seed, subject=name)
+    while (trial := order.next()) is not None:
+        felt = [_felt(design, interval, burr, bone) for interval in stood_in(trial)]
+        order.answer(taught.respond(trial, felt, rng))
+    return order
 
 
 def teach(

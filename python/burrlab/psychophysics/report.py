@@ -13,7 +13,7 @@ from burrlab.psychophysics.task_data import design_text
 from burrlab.psychophysics.threshold_task import ThresholdTask
 
 if TYPE_CHECKING:
-    from burrlab.psychophysics.analysis import Analysis
+    from burrlab.psychophysics.analysis_result import Analysis
 
 Task: TypeAlias = ScoredTask | ThresholdTask
 

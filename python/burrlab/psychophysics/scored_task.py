@@ -21,6 +21,8 @@ from burrlab.psychophysics.task_data import SubjectData, TaskData, design_text, 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from burrlab.psychophysics.published_score import PublishedScore
+
 CORRECTION: Literal["log-linear"] = "log-linear"
 
 
@@ -151,22 +153,24 @@ class ScoredTask:
             f"subject must be one of {', '.join(one.subject for one in self.subjects)}, got {name!r}"
         )
 
-    def plot_scores(self, ax: Axes | None = None) -> Axes:
+    def plot_scores(self, ax: Axes | None = None, *, published: PublishedScore | None = None) -> Axes:
         """Histogram of the scores, with that expected at chance and mean ± s.e.m. (the paper's Figs. 7 and 8).
 
         Parameters
         ----------
         ax : matplotlib Axes, optional
+        published : PublishedScore, optional
+            A mean ± s.e.m. to be marked beside the subjects' own.
 
         Raises
         ------
         ValueError
-            If there is no subject, or subjects answered unequally many trials.
+            If there is no subject, subjects answered unequally many trials, or the published score is of another number.
         """
         from burrlab.psychophysics.plots import plot_scores
 
         self._some()
-        return plot_scores(self, ax)
+        return plot_scores(self, ax, published)
 
     def plot_intervals(self, ax: Axes | None = None, *, rule: str | None = None) -> Axes:
         """Each subject's proportion correct with its interval, and the chance line.

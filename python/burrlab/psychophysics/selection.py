@@ -40,7 +40,7 @@ class SelectionEffect:
     --------
     >>> effect = SelectionEffect(kept=12, of=20, trials=12)
     >>> print(f"{effect.expected:.2f} of 12, {effect.excess:.2f} above chance")
-    7.07 of 12, 1.07 above chance
+    7.06 of 12, 1.06 above chance
     """
 
     kept: int

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +98,9 @@ class Sitting:
                 return 0
             kind = "simulated subject" if seat.simulated else "subject"
             done = f", {len(order.answered)} trials were answered before" if order.answered else ""
-            experimenter.say(f"{kind} {self.subject}, task {task}, at most {order.total} trials{done}")
+            experimenter.say(
+                f"{datetime.now():%Y-%m-%d}: {kind} {self.subject}, task {task}, at most {order.total} trials{done}"
+            )
             for note in file.notes:
                 experimenter.say(note)
             if rest:

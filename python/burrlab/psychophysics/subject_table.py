@@ -9,7 +9,7 @@ from burrlab.psychophysics.subject_result import SubjectResult
 from burrlab.psychophysics.threshold_task import SubjectThreshold
 
 if TYPE_CHECKING:
-    from burrlab.psychophysics.analysis import Analysis
+    from burrlab.psychophysics.analysis_result import Analysis
 
 
 def text(analysis: Analysis) -> str:

@@ -133,7 +133,7 @@ def _gathered(sums: Floats, weights: Floats, name: str) -> tuple[Floats, Floats]
     kept, place = np.unique(np.round(sums, 9), return_inverse=True)
     if len(kept) > _MOST_SUMS:
         raise ValueError(f"{name} must have at most {_MOST_SUMS} different sums, got more")
-    return kept, np.bincount(place.ravel(), weights, minlength=len(kept))
+    return kept, np.asarray(np.bincount(place.ravel(), weights, minlength=len(kept)), dtype=np.float64)
 
 
 def _of_t(name: str, t: float, freedom: float, side: Side) -> SubjectTest:

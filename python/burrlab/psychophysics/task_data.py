@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias, cast
 
 from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.counts import Counts
@@ -124,9 +124,10 @@ def of_counts(data: CountsBySubject | CountsByTask, *, simulated: bool = False) 
     """
     if not data:
         raise ValueError("data must hold a subject, got none")
-    if not all(isinstance(value, Mapping) for value in data.values()):
-        data = {"": data}  # type: ignore[dict-item]
-    return [_of_one(name, subjects, simulated) for name, subjects in data.items()]  # type: ignore[arg-type]
+    if all(isinstance(value, Mapping) for value in data.values()):
+        tasks = cast(CountsByTask, data)
+        return [_of_one(str(name), subjects, simulated) for name, subjects in tasks.items()]
+    return [_of_one("", cast(CountsBySubject, data), simulated)]
 
 
 def _of_one(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import select
@@ -69,8 +70,9 @@ class Keyboard:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        # TCSANOW: a terminal that is not read any more must not keep the program
-        self._termios.tcsetattr(self._file, self._termios.TCSANOW, self._before)
+        # Not drained: a terminal that is not read any more must not keep the program. One that is gone has no settings.
+        with contextlib.suppress(self._termios.error):
+            self._termios.tcsetattr(self._file, self._termios.TCSANOW, self._before)
 
     def flush(self) -> None:
         """Forgets the keys pressed so far."""
@@ -81,8 +83,8 @@ class Keyboard:
 
         Raises
         ------
-        OSError
-            If the terminal was closed.
+        KeyboardInterrupt
+            If the terminal was closed: nobody is there any more.
         """
         end = None if seconds is None else time.monotonic() + seconds
         while True:
@@ -93,7 +95,7 @@ class Keyboard:
                 except OSError:
                     typed = b""
                 if not typed:
-                    raise OSError("the subject's terminal was closed")
+                    raise KeyboardInterrupt("the subject's terminal was closed")
                 for key in _ESCAPED.sub(b"", typed).decode(errors="ignore"):
                     if key in keys:
                         return key
@@ -196,5 +198,8 @@ class TerminalSeat(Seat):
             above = "\n" * max(1, (height - len(lines)) // 2 - 2)
             body = "\n".join(f"{left}\x1b[1m{line}\x1b[0m" for line in lines)
             page = f"\x1b[2J\x1b[H{self._progress}\n{above}{body}\n"
-        self._screen.write(page + ("\a" if beep else ""))
-        self._screen.flush()
+        try:
+            self._screen.write(page + ("\a" if beep else ""))
+            self._screen.flush()
+        except OSError:
+            raise KeyboardInterrupt("the subject's screen was closed") from None

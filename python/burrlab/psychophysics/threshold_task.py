@@ -14,7 +14,8 @@ from burrlab.psychophysics.adaptive import AdaptiveStaircase
 from burrlab.psychophysics.constant_stimuli import ConstantStimuli
 from burrlab.psychophysics.design_record import design_of_dict
 from burrlab.psychophysics.posterior import PosteriorThreshold
-from burrlab.psychophysics.psychometric import PsychometricFit, psychometric_function
+from burrlab.psychophysics.psychometric import psychometric_function
+from burrlab.psychophysics.psychometric_fit import PsychometricFit
 from burrlab.psychophysics.staircase import Staircase, StaircaseThreshold
 from burrlab.psychophysics.task_data import SubjectData, TaskData, design_text, left_out_text, titled
 
@@ -132,10 +133,11 @@ class ThresholdTask:
     def group_threshold(self) -> tuple[float, float, float] | None:
         """Threshold of the group with the ends of its interval, the subject as the unit; None of fewer than two.
 
-        The geometric mean of the differences |ln ratio|, by t; None also where thresholds lie on both sides of 1.
+        The geometric mean of the differences |ln ratio|, by t; None also where thresholds lie on both sides of 1, or do
+        not differ at all.
         """
         logs = [math.log(one.threshold) for one in self.subjects if one.threshold not in (None, 1.0)]
-        if len(logs) < 2 or len({x > 0 for x in logs}) > 1:
+        if len(logs) < 2 or len({x > 0 for x in logs}) > 1 or len(set(logs)) == 1:
             return None
         side, values = math.copysign(1.0, logs[0]), np.log(np.abs(logs))
         mean, error = float(values.mean()), float(stats.sem(values))
@@ -212,26 +214,27 @@ def _threshold(one: SubjectData, design: Design | None, level: float) -> Subject
     rows = [] if one.answers is None else [row for row in one.answers.main if row.level is not None]
     levels = [row.level for row in rows if row.level is not None]
     correct = [row.correct for row in rows]
-    planned, interval, estimate = one.planned, None, None
+    planned = one.planned
+    threshold: float | None
+    interval: tuple[float, float] | None = None
+    estimate: Estimate | None
     if isinstance(design, Staircase):
-        estimate = design.threshold(levels, correct)
+        estimate = reversals = design.threshold(levels, correct)
         # It may end before its last trial.
-        planned = None if estimate.complete else planned
-        threshold, said = estimate.level, str(estimate)
+        planned = None if reversals.complete else planned
+        threshold, said = reversals.level, str(reversals)
     elif isinstance(design, AdaptiveStaircase):
-        estimate = design.threshold(levels, correct, level=level)
-        threshold, interval, said = estimate.level, estimate.interval, str(estimate)
+        estimate = posterior = design.threshold(levels, correct, level=level)
+        threshold, interval, said = posterior.level, posterior.interval, str(posterior)
     else:
         estimate, said = _fitted(one, design, level)
         threshold = None if estimate is None else estimate.threshold
         interval = None if estimate is None else estimate.interval
-        if (
-            estimate is not None
-            and threshold is not None
-            and interval is not None
-            and estimate.side == "below"
-        ):
-            threshold, interval = 1.0 / threshold, (1.0 / interval[0], 1.0 / interval[1])
+        if estimate is not None and estimate.side == "below":
+            threshold, interval = (
+                1.0 / estimate.threshold,
+                (1.0 / estimate.interval[0], 1.0 / estimate.interval[1]),
+            )
     return SubjectThreshold(
         one.subject, one.simulated, one.trials, planned, one.levels, threshold, interval, said, estimate
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.stats import t as student
 
 from burrlab.psychophysics.equivalence import WANTED_POWER, decision_text
 from burrlab.psychophysics.group_d_prime import check_level
+from burrlab.psychophysics.rules import Floats
 from burrlab.psychophysics.subject_tests import finite_values, probability_text
 
 _QUANTILES = 2000
@@ -134,7 +136,14 @@ def tost(values: ArrayLike, *, delta: float, level: float = 0.95) -> SignedEquiv
 
 def _power(delta: float, n: int, level: float) -> float:
     """At a mean of 0, delta in true standard errors: the mean over the sample's standard error of P(|mean| < delta - t s)."""
-    steps = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
-    error = np.sqrt(chi2.ppf(steps, n - 1) / (n - 1))
-    room = delta - float(student.ppf(level, n - 1)) * error
+    room = delta - float(student.ppf(level, n - 1)) * _errors(n)
     return float(np.mean(np.where(room > 0.0, 2.0 * ndtr(room) - 1.0, 0.0)))
+
+
+@lru_cache
+def _errors(n: int) -> Floats:
+    """Quantiles of a sample's standard error over the true one."""
+    steps = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
+    errors = np.sqrt(chi2.ppf(steps, n - 1) / (n - 1))
+    errors.flags.writeable = False
+    return np.asarray(errors)

@@ -67,6 +67,12 @@ def psychometric_function(
     TypeError
         If a number of answers is not whole.
 
+    Notes
+    -----
+    Five levels around the threshold of a Gaussian observer with 2 % lapses: of 120 fits each the 95 % intervals held it in
+    94 % (20 trials a level; in 29 of them the prior set an end) and 97 % (60 trials, 2); |ln threshold| was 5 and 3 %
+    too small, with a standard deviation of 31 and 17 %.
+
     References
     ----------
     H. H. Schütt, S. Harmeling, J. H. Macke, F. A. Wichmann, Painfree and accurate Bayesian estimation of psychometric

@@ -293,3 +293,43 @@ def test_subjects_terminal_is_no_view(tmp_path, monkeypatch):
 def test_view_must_be_writable(tmp_path):
     with pytest.raises(OSError, match="nowhere"):
         Experimenter(tmp_path / "log.txt", tmp_path / "nowhere" / "view.txt")
+
+
+THRESHOLDS = """
+[tasks.staircase]
+design = "staircase"
+reference = "bone"
+parameter = "c_e"
+start = 2.0
+trials = 12
+interval_s = 2.5
+[tasks.adaptive]
+design = "adaptive"
+reference = "bone"
+parameter = "alpha"
+mode = "drilling"
+trials = 6
+interval_s = 0.5
+[tasks.levels]
+design = "constant-stimuli"
+reference = "bone"
+parameter = "c_e"
+levels = [1.1, 2.0]
+repeats = 2
+interval_s = 2.5
+"""
+
+
+@pytest.mark.parametrize("task", ["staircase", "adaptive", "levels"])
+def test_thresholds_resume_where_they_were(config, capsys, task):
+    config.write_text(CONFIG.partition("[tasks.probing]")[0] + THRESHOLDS)
+    run = ["test.toml", "--simulated", "--subject", "01", "--task", task, "--weber", "0.2"]
+    assert main(["experiment", "run", *run]) == 0
+    path = Protocol.read(config).data.answers("01", task)
+    first = path.read_bytes()
+    path.write_bytes(b"".join(first.splitlines(keepends=True)[:4]))
+    assert main(["experiment", "resume", *run]) == 0
+    assert path.read_bytes() == first
+    said(capsys)
+    assert main(["experiment", "analyse", "test.toml"]) == 0
+    assert f"\n{task}" in said(capsys)[0]

@@ -16,12 +16,12 @@ from burrlab.cli_session import AddCommand, _ended_by_signals, _say, _show
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from burrlab.psychophysics.protocol import Protocol
-    from burrlab.psychophysics.scored_task import ScoredTask
-    from burrlab.psychophysics.seat import Seat
-    from burrlab.psychophysics.simulated_subject import SimulatedSubject
-    from burrlab.psychophysics.sitting import Sitting
-    from burrlab.psychophysics.threshold_task import ThresholdTask
+    from burrlab.psychophysics.experiment.protocol import Protocol
+    from burrlab.psychophysics.experiment.seat import Seat
+    from burrlab.psychophysics.experiment.sitting import Sitting
+    from burrlab.psychophysics.report.scored_task import ScoredTask
+    from burrlab.psychophysics.report.threshold_task import ThresholdTask
+    from burrlab.psychophysics.simulation.simulated_subject import SimulatedSubject
 
 
 def add_experiment_commands(command: AddCommand) -> None:
@@ -76,7 +76,7 @@ def _running_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _new(options: Options) -> int:
-    from burrlab.psychophysics.protocol_template import template
+    from burrlab.psychophysics.experiment.protocol_template import template
 
     path = Path(options.config)
     try:
@@ -116,7 +116,7 @@ def _resume(options: Options) -> int:
 
 
 def _analyse(options: Options) -> int:
-    from burrlab.psychophysics.analysis import analyse
+    from burrlab.psychophysics.report.analysis import analyse
 
     figures = None if options.figures is None else Path(options.figures)
     if figures is not None and figures.exists() and not figures.is_dir():
@@ -135,8 +135,8 @@ def _analyse(options: Options) -> int:
 
 def _figures(task: ScoredTask | ThresholdTask) -> dict[str, Callable[[], Axes]]:
     """The figures that a task's data allow."""
-    from burrlab.psychophysics.psychometric_fit import PsychometricFit
-    from burrlab.psychophysics.threshold_task import ThresholdTask
+    from burrlab.psychophysics.designs.psychometric_fit import PsychometricFit
+    from burrlab.psychophysics.report.threshold_task import ThresholdTask
 
     if not task.subjects:
         return {}
@@ -156,7 +156,7 @@ def _figures(task: ScoredTask | ThresholdTask) -> dict[str, Callable[[], Axes]]:
 
 def _sittings(options: Options) -> list[Sitting]:
     """What is to be run, everything checked that can be."""
-    from burrlab.psychophysics.sitting import Sitting
+    from burrlab.psychophysics.experiment.sitting import Sitting
 
     protocol = _protocol(options)
     for name in ("all", "weber", "decision", "fast"):
@@ -178,7 +178,7 @@ def _sittings(options: Options) -> list[Sitting]:
 
 
 def _sit(options: Options, sittings: Sequence[Sitting]) -> int:
-    from burrlab.psychophysics.runner import DeviceLost
+    from burrlab.psychophysics.experiment.runner import DeviceLost
 
     at = sittings[0]
     try:
@@ -202,7 +202,7 @@ def _sit(options: Options, sittings: Sequence[Sitting]) -> int:
 
 
 def _sit_down(stack: ExitStack, sitting: Sitting) -> int:
-    from burrlab.psychophysics.terminal import TerminalSeat
+    from burrlab.psychophysics.experiment.terminal import TerminalSeat
 
     seat = stack.enter_context(TerminalSeat())
     if sitting.run(lambda task: seat):
@@ -223,14 +223,14 @@ def _simulated(options: Options) -> Mapping[str, Any]:
 
 
 def _simulated_subject(options: Options, mode: Any) -> SimulatedSubject:
-    from burrlab.psychophysics.simulated_seat import default_subject
+    from burrlab.psychophysics.experiment.simulated_seat import default_subject
 
     given = {name: getattr(options, name) for name in ("weber", "decision") if getattr(options, name)}
     return default_subject(mode, **given)
 
 
 def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:
-    from burrlab.psychophysics.simulated_seat import SimulatedSeat
+    from burrlab.psychophysics.experiment.simulated_seat import SimulatedSeat
 
     protocol = sitting.protocol
     design = protocol.tasks[task]
@@ -252,6 +252,6 @@ def _command(action: str, options: Options, sitting: Sitting) -> str:
 
 
 def _protocol(options: Options) -> Protocol:
-    from burrlab.psychophysics.protocol import Protocol
+    from burrlab.psychophysics.experiment.protocol import Protocol
 
     return Protocol.read(options.config)

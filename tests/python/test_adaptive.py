@@ -14,12 +14,12 @@ from scipy.stats import binom
 
 from burrlab import materials
 from burrlab.psychophysics import AdaptiveStaircase, Stimulus
-from burrlab.psychophysics.posterior import (
+from burrlab.psychophysics.designs.posterior import (
     ThresholdPosterior,
     posterior_threshold,
     proportion_correct,
 )
-from burrlab.psychophysics.precision import gaussian_correct
+from burrlab.psychophysics.designs.precision import gaussian_correct
 
 BONE = Stimulus("bone", materials["bone"])
 FALSE_ALARMS = 1e-6

@@ -22,7 +22,7 @@ from burrlab.psychophysics import (
     analyse,
     read_answers,
 )
-from burrlab.psychophysics.task_data import of_counts
+from burrlab.psychophysics.report.task_data import of_counts
 
 RULES = ("independent-observations", "differencing")
 

@@ -20,8 +20,8 @@ from burrlab.psychophysics import (
     analyse,
     group_score_from,
 )
-from burrlab.psychophysics.plots import wrapped
-from burrlab.psychophysics.threshold_task import SubjectThreshold
+from burrlab.psychophysics.report.plots import wrapped
+from burrlab.psychophysics.report.threshold_task import SubjectThreshold
 
 COUNTS = {
     "01": Counts("same-different", 5, 6, 1, 6),

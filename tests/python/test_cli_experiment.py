@@ -11,7 +11,7 @@ import pytest
 
 from burrlab.cli import main
 from burrlab.psychophysics import Protocol, read_folder
-from burrlab.psychophysics.experimenter import Experimenter
+from burrlab.psychophysics.experiment.experimenter import Experimenter
 
 CONFIG = """
 [experiment]
@@ -193,8 +193,8 @@ def test_lost_device_ends_with_1(config, capsys, monkeypatch):
     """A simulated subject whose hand is lost in the third interval."""
     import itertools
 
-    from burrlab.psychophysics import sitting
-    from burrlab.psychophysics.interval import render
+    from burrlab.psychophysics.experiment import sitting
+    from burrlab.psychophysics.experiment.interval import render
 
     count = itertools.count(1)
 
@@ -217,7 +217,7 @@ def test_lost_device_ends_with_1(config, capsys, monkeypatch):
 
 
 def test_interrupted_ends_with_130(config, capsys, monkeypatch):
-    from burrlab.psychophysics.simulated_seat import SimulatedSeat
+    from burrlab.psychophysics.experiment.simulated_seat import SimulatedSeat
 
     def interrupted(*given):
         raise KeyboardInterrupt

@@ -21,7 +21,7 @@ from burrlab.psychophysics import (
     render,
     rendered_cues,
 )
-from burrlab.psychophysics.interval import TICK
+from burrlab.psychophysics.experiment.interval import TICK
 
 BURR = burrlab.Burr(3.0)
 COARSE = Block(voxel=0.2)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from burrlab.psychophysics import Counts, d_prime, rule_of
-from burrlab.psychophysics.enumeration import (
+from burrlab.psychophysics.rules import RULES
+from burrlab.psychophysics.statistics.enumeration import (
     D_PRIMES,
     bias_table,
     binomial_error_rate,
@@ -14,7 +15,6 @@ from burrlab.psychophysics.enumeration import (
     enumerate_estimator,
     outcome_probabilities,
 )
-from burrlab.psychophysics.rules import RULES
 
 BOTH = [(task, rule) for task in ("same-different", "abx") for rule in RULES]
 

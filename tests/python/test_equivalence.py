@@ -12,9 +12,9 @@ from scipy import stats
 
 from burrlab.psychophysics import equivalence, group_d_prime, tost
 from burrlab.psychophysics.counts import Counts
-from burrlab.psychophysics.equivalence import decision_text
 from burrlab.psychophysics.rules import RULES
-from burrlab.psychophysics.tost import _power
+from burrlab.psychophysics.statistics.equivalence import decision_text
+from burrlab.psychophysics.statistics.tost import _power
 
 
 def same(hits: int, false_alarms: int, half: int = 6) -> Counts:

@@ -7,8 +7,8 @@ import json
 import pytest
 from answer_scenes import begun, protocol
 
-from burrlab.psychophysics.answer_row import columns_of
-from burrlab.psychophysics.experiment_folder import ExperimentFolder
+from burrlab.psychophysics.experiment.answer_row import columns_of
+from burrlab.psychophysics.experiment.experiment_folder import ExperimentFolder
 
 
 def test_the_folder_is_as_bids_has_it(tmp_path):

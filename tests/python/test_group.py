@@ -27,12 +27,12 @@ from burrlab.psychophysics import (
     group_score,
     group_score_from,
 )
-from burrlab.psychophysics.conditional_hits import conditional_hits
 from burrlab.psychophysics.counts import Counts
-from burrlab.psychophysics.group_d_prime import Group
-from burrlab.psychophysics.group_tails import excess_hits, group_tails, rejected_as_few
 from burrlab.psychophysics.rules import RULES, rule_of
-from burrlab.psychophysics.subject_tests import label_test, sign_flip_test, t_test, welch_test
+from burrlab.psychophysics.statistics.conditional_hits import conditional_hits
+from burrlab.psychophysics.statistics.group_d_prime import Group
+from burrlab.psychophysics.statistics.group_tails import excess_hits, group_tails, rejected_as_few
+from burrlab.psychophysics.statistics.subject_tests import label_test, sign_flip_test, t_test, welch_test
 
 DECISIONS = [(task, rule) for task in ("same-different", "abx") for rule in RULES] + [("2ifc", RULES[0])]
 

@@ -12,7 +12,7 @@ from session_scenes import FakeReader
 import burrlab
 from burrlab import _core
 from burrlab.psychophysics import Block, Interval, Rendered, Stimulus, drilling_hand, probing_hand, render
-from burrlab.psychophysics.interval import TICK, _Watch
+from burrlab.psychophysics.experiment.interval import TICK, _Watch
 
 BURR = burrlab.Burr(2.0)
 BONE = Block((14, 14, 4), 0.2)

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 import burrlab
 from burrlab.psychophysics import ABX, Protocol, SameDifferent, Stimulus, template
-from burrlab.psychophysics.answer_row import columns_of
-from burrlab.psychophysics.design_table import DESIGNS, key_of
+from burrlab.psychophysics.experiment.answer_row import columns_of
+from burrlab.psychophysics.experiment.design_table import DESIGNS, key_of
 from burrlab.session.device_text import DeviceText, parse_address, parse_device
 
 ALL_ON = re.sub(r"^#(?=[a-z\[])", "", template(), flags=re.MULTILINE)

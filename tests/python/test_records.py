@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from burrlab.psychophysics.counts import Counts
-from burrlab.psychophysics.records import plain, restored
+from burrlab.psychophysics.experiment.records import plain, restored
 
 
 @dataclass(frozen=True)

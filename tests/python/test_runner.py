@@ -9,10 +9,10 @@ import pytest
 
 import burrlab
 from burrlab.psychophysics import ABX, Block, SameDifferent, Stimulus, drilling_hand, probing_hand, render
-from burrlab.psychophysics.clock import VirtualClock, WallClock
-from burrlab.psychophysics.experimenter import Experimenter
-from burrlab.psychophysics.runner import DeviceLost, Rig, Runner
-from burrlab.psychophysics.seat import Seat
+from burrlab.psychophysics.experiment.clock import VirtualClock, WallClock
+from burrlab.psychophysics.experiment.experimenter import Experimenter
+from burrlab.psychophysics.experiment.runner import DeviceLost, Rig, Runner
+from burrlab.psychophysics.experiment.seat import Seat
 
 BURR = burrlab.Burr(3.0)
 BONE, PVC, PETTIGREW = (Stimulus(name, burrlab.materials[name]) for name in ("bone", "pvc", "pettigrew"))

@@ -33,10 +33,10 @@ from burrlab.psychophysics import (
     teach,
     weber,
 )
-from burrlab.psychophysics.rehearsal import counts_of, stood_in
 from burrlab.psychophysics.rules import rule_of
-from burrlab.psychophysics.simulated_subject import task_of
-from burrlab.psychophysics.task_one import noise_for_score
+from burrlab.psychophysics.simulation.rehearsal import counts_of, stood_in
+from burrlab.psychophysics.simulation.simulated_subject import task_of
+from burrlab.psychophysics.simulation.task_one import noise_for_score
 
 FALSE_ALARM = 1e-6
 MANY = 6000

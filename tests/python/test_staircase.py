@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from burrlab import materials
 from burrlab.psychophysics import Staircase, Stimulus
-from burrlab.psychophysics.precision import gaussian_correct, gaussian_difference
+from burrlab.psychophysics.designs.precision import gaussian_correct, gaussian_difference
 
 BONE = Stimulus("bone", materials["bone"])
 Z = 4.9  # of a two-sided false-alarm rate of 1e-6

@@ -13,7 +13,7 @@ import time
 import pytest
 from pseudo_terminal import _ADOPT, PseudoTerminal
 
-from burrlab.psychophysics.terminal import Keyboard, TerminalSeat
+from burrlab.psychophysics.experiment.terminal import Keyboard, TerminalSeat
 
 ASK = (
     _ADOPT
@@ -21,8 +21,8 @@ ASK = (
 import sys, time
 import burrlab
 from burrlab.cli_session import _ended_by_signals
-from burrlab.psychophysics.same_different import SameDifferent
-from burrlab.psychophysics.terminal import TerminalSeat
+from burrlab.psychophysics.designs.same_different import SameDifferent
+from burrlab.psychophysics.experiment.terminal import TerminalSeat
 from burrlab.psychophysics.trial import Stimulus
 bone, pvc = (Stimulus(name, burrlab.materials[name]) for name in ("bone", "pvc"))
 design = SameDifferent(bone, pvc)

@@ -1,0 +1,1 @@
+"""Running an experiment: protocol, files, screen, intervals, subject by subject."""

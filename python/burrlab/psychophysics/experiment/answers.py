@@ -1,0 +1,350 @@
+"""The answers of one subject in one task, read from a file."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from burrlab.dataset import DataSet, html_table
+from burrlab.psychophysics.counts import Counts
+from burrlab.psychophysics.design import Order
+from burrlab.psychophysics.experiment import tsv_text
+from burrlab.psychophysics.experiment.answer_row import (
+    ANSWERS,
+    COUNTED,
+    REQUIRED,
+    Answer,
+    Row,
+    RowReader,
+    columns_of,
+)
+from burrlab.psychophysics.experiment.side_car import SideCar, read_side_car, side_car_path
+from burrlab.psychophysics.rules import TASKS, TaskName
+from burrlab.psychophysics.trial import Trial
+
+__all__ = ["Answer", "Answers", "read_answers", "read_folder", "read_rows", "replay"]
+
+_LABELS = re.compile(r"sub-([A-Za-z0-9]+)_(?:.*_)?task-([A-Za-z0-9]+)(?:_.*)?\.tsv")
+_PARTICIPANT = "participant_id"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Answers(DataSet):
+    """The answers of one subject in one task.
+
+    Attributes
+    ----------
+    subject : str
+        BIDS label, without "sub-".
+    name : str
+        Of the task in the protocol, a BIDS label.
+    task : {"same-different", "abx", "2ifc"}
+    rows : tuple of Row
+        One an answer, practice included, in order.
+    side_car : SideCar or None
+        None for a file of another program.
+    notes : tuple of str
+        What the reader should know, such as a last line that was broken off.
+    source : str
+        The file.
+    """
+
+    subject: str
+    name: str
+    task: TaskName
+    rows: tuple[Row, ...]
+    side_car: SideCar | None = None
+    notes: tuple[str, ...] = ()
+    source: str = ""
+
+    @property
+    def main(self) -> tuple[Row, ...]:
+        """The rows of the main phase."""
+        return tuple(row for row in self.rows if row.phase == "main")
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the subject was; False where the file does not say."""
+        return self.side_car is not None and self.side_car.simulated is not None
+
+    @property
+    def trials(self) -> int | None:
+        """Of the whole run, practice included, of a staircase at most; None where the file does not say."""
+        return None if self.side_car is None else self.side_car.trials
+
+    def counts(self) -> Counts:
+        """Hits and false alarms of the main phase, with those of each trial type.
+
+        Raises
+        ------
+        ValueError
+            If there is no answer of the main phase.
+        """
+        rows, answers, counted = self.main, ANSWERS[self.task], COUNTED[self.task]
+        if not rows:
+            raise ValueError(f"{self}: there is no answer of the main phase to count")
+        given = np.array([row.response == counted for row in rows])
+        signal = np.array([row.correct_answer(answers) == counted for row in rows])
+        kinds = np.array([row.trial_type for row in rows])
+        return Counts(
+            self.task,
+            hits=int((given & signal).sum()),
+            signals=int(signal.sum()),
+            false_alarms=int((given & ~signal).sum()),
+            noises=int((~signal).sum()),
+            by_type={
+                str(kind): (int(given[kinds == kind].sum()), int((kinds == kind).sum()))
+                for kind in np.unique(kinds)
+            },
+        )
+
+    def _table(self) -> Mapping[str, Sequence[Any]]:
+        rows = [row.fields() for row in self.rows]
+        columns = [column for column in columns_of(self.task) if not rows or column in rows[0]]
+        return {column: [row[column] for row in rows] for column in columns}
+
+    def __repr__(self) -> str:
+        kind = "a simulated subject" if self.simulated else "subject"
+        practice = len(self.rows) - len(self.main)
+        text = f"Answers({kind} {self.subject}, task {self.name} ({self.task}), {len(self.main)} answers"
+        text += f" and {practice} in practice" if practice else ""
+        return text + "".join(f"; {note}" for note in self.notes) + ")"
+
+    def _repr_html_(self) -> str:
+        table = {
+            name: ["" if value is None else value for value in values]
+            for name, values in self._table().items()
+        }
+        return html_table(repr(self), table)
+
+
+def read_answers(
+    path: str | os.PathLike[str],
+    *,
+    task: str | None = None,
+    answers: Sequence[str] | None = None,
+    subject: str | None = None,
+    name: str | None = None,
+) -> Answers:
+    """The answers in a TSV, of this program or another.
+
+    Parameters
+    ----------
+    path : path
+        Columns onset, duration [s], trial_type, response, correct (1 or 0), response_time [s] and trial; the others that
+        this program writes may be missing. n/a where there is nothing.
+    task : {"same-different", "abx", "2ifc"}, optional
+        What the task is; by default as the side-car has it.
+    answers : (str, str), optional
+        What the file calls the answers, in the order "same", "different" or "first", "second"; by default these.
+    subject, name : str, optional
+        Labels of subject and task; by default as the side-car or the file's name, sub-LABEL_task-LABEL_..., has them.
+
+    Returns
+    -------
+    Answers
+        A last line without its end, from a run that was killed, is left out; the notes say so.
+
+    Raises
+    ------
+    ValueError
+        If the file is not text in UTF-8, is empty, lacks a column or has one that is unknown; a field is not what it
+        must be; a trial is there twice, missing or out of order; a correct flag contradicts trial type and
+        response; two subjects are in it; or what it must say is said neither there nor here: with the line where there is one.
+    OSError
+        If the file cannot be read.
+    """
+    file, content = os.fspath(path), Path(path).read_bytes()
+    car = read_side_car(path)
+    given = {"subject": subject, "name": name, "task": task}
+    labels = _labels(file, car, given)
+    if labels["task"] not in TASKS:
+        raise ValueError(f"task must be one of {', '.join(TASKS)}, got {labels['task']!r}")
+    if answers is not None and len(set(answers)) != 2:
+        raise ValueError(f"answers must be two that differ, in the order of their keys, got {answers!r}")
+    if car is None:
+        # Another program's last line may lack its end and be whole.
+        rows, torn = read_rows(file, content, labels["task"], answers), b""
+    else:
+        rows, content, torn = read_own_rows(file, content, car.task)
+    notes = (f"the last line of {file} was broken off and is left out",) if torn else ()
+    labels["subject"] = _one_subject(file, content, labels["subject"])
+    return Answers(**labels, rows=tuple(row for _, row in rows), side_car=car, notes=notes, source=file)
+
+
+def read_rows(
+    file: str, content: bytes, task: TaskName, answers: Sequence[str] | None = None
+) -> list[tuple[int, Row]]:
+    """The checked rows of a file with their lines. See `read_answers`."""
+    table = tsv_text.parse(file, content)
+    known = (*columns_of(task), _PARTICIPANT)
+    for column in table.columns:
+        if column not in known:
+            raise ValueError(f"{file}, line 1: unknown column {column!r}; known are {', '.join(known)}")
+    for column in REQUIRED:
+        if column not in table.columns:
+            raise ValueError(f"{file}, line 1: column {column} is missing")
+    reader, rows = RowReader(task, answers), []
+    for number, fields in table.rows:
+        try:
+            row = reader.parse(fields)
+        except ValueError as error:
+            raise ValueError(f"{file}, line {number}, {error}") from None
+        reader.add(number, row)
+        rows.append((number, row))
+    return rows
+
+
+def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[list[tuple[int, Row]], bytes, bytes]:
+    """The rows of a file of this program, the bytes that they stand in, and what was broken off behind them.
+
+    A last line that lacks nothing but its end is whole: no ending of an interval, in the last column, begins another.
+    """
+    lines, torn = tsv_text.split_torn(content)
+    rows = read_rows(file, lines, task)
+    if torn:
+        try:
+            return read_rows(file, content + b"\n", task), content + b"\n", b""
+        except ValueError:
+            pass
+    return rows, lines, torn
+
+
+def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
+    """All answers of an experiment: sub-*/beh/*_events.tsv, by task and subject.
+
+    Parameters
+    ----------
+    folder : path
+        Of the data.
+
+    Returns
+    -------
+    tuple of Answers
+
+    Raises
+    ------
+    ValueError
+        If there is no file, one is not right (see `read_answers`), a subject has two for one task, or simulated
+        subjects are among others, or a task was not the same for all.
+    OSError
+        If a file cannot be read.
+    """
+    found: dict[tuple[str, str], Answers] = {}
+    for path in sorted(Path(folder).glob("sub-*/beh/*_events.tsv")):
+        one = read_answers(path)
+        if (label := path.parents[1].name) != f"sub-{one.subject}":
+            raise ValueError(f"{path}: the answers are of subject {one.subject}, the folder is {label}")
+        if (key := (one.name, one.subject)) in found:
+            raise ValueError(
+                f"{path}: subject {one.subject} has another file for task {one.name}, {found[key].source}"
+            )
+        _check_alike(one, next((other for other in found.values() if other.name == one.name), None))
+        found[key] = one
+    if not found:
+        raise ValueError(f"{os.fspath(folder)}: there is no file of answers, sub-*/beh/*_events.tsv")
+    for kind in (False, True):
+        if not any(one.simulated == kind for one in found.values()):
+            break
+    else:
+        simulated = next(one.source for one in found.values() if one.simulated)
+        raise ValueError(f"{os.fspath(folder)}: a simulated subject is among others: {simulated}")
+    return tuple(found[key] for key in sorted(found))
+
+
+def _check_alike(one: Answers, other: Answers | None) -> None:
+    """That two subjects had the same task."""
+    if other is None or one.side_car is None or other.side_car is None:
+        return
+    if changes := other.side_car.differences_across_subjects(one.side_car):
+        raise ValueError(f"{one.source}: the task was another one in {other.source}: {'; '.join(changes)}")
+
+
+def replay(file: str, rows: Sequence[tuple[int, Row]], order: Order) -> None:
+    """Feeds the responses of a file to an order, each checked against the trial that the order gives.
+
+    Parameters
+    ----------
+    file : str
+        Its name, for the sentence.
+    rows : sequence of (int, Row)
+        With their lines.
+    order : Order
+        At its beginning.
+
+    Raises
+    ------
+    ValueError
+        If a row is not the answer to the order's trial: with the line.
+    """
+    for line, row in rows:
+        trial = order.next()
+        if trial is None:
+            raise ValueError(f"{file}, line {line}: the run has no trial left that this could answer")
+        for column, found, due in _compared(row, trial):
+            if found != due:
+                raise ValueError(
+                    f"{file}, line {line}, column {column}: {found!r} where {row.phase} trial {row.trial} has {due!r}: made "
+                    "with another seed or protocol"
+                )
+        order.answer(row.response)
+
+
+def _compared(row: Row, trial: Trial) -> Iterator[tuple[str, object, object]]:
+    seeds = tuple(interval.seed for interval in trial.intervals)
+    stimuli = tuple(interval.stimulus.name for interval in trial.intervals)
+    yield "phase", row.phase, trial.phase
+    yield "trial", row.trial, trial.number
+    yield "block", row.block, trial.block
+    yield "trial_type", row.trial_type, trial.trial_type
+    yield "level", row.level, trial.level
+    yield "correct", row.correct, row.response == trial.correct
+    for name, found, due in (("stimulus", row.stimuli, stimuli), ("seed", row.seeds, seeds)):
+        for place, expected in enumerate(due, start=1):
+            yield f"{name}_{place}", found[place - 1] if len(found) == len(due) else None, expected
+
+
+def _labels(file: str, car: SideCar | None, given: Mapping[str, str | None]) -> dict[str, Any]:
+    """Subject, name and task: given, or of the side-car, or, of another program's file, of its name."""
+    match = _LABELS.fullmatch(os.path.basename(file))
+    named: dict[str, str | None] = dict(
+        zip(("subject", "name"), match.groups() if match else (None, None), strict=True)
+    )
+    labels: dict[str, Any] = {}
+    for key, value in given.items():
+        known = named.get(key) if car is None else getattr(car, key)
+        if value is not None and known is not None and value != known:
+            raise ValueError(f"{file}: {key} must be {known!r}, as the file says, got {value!r}")
+        labels[key] = known if value is None else value
+    if car is not None:
+        for key, value in named.items():
+            if value is not None and value != labels[key]:
+                raise ValueError(
+                    f"{file}: {key} is {value!r} in the file's name and {labels[key]!r} in {side_car_path(file).name}"
+                )
+    if labels["task"] is None:
+        raise ValueError(f"{file}: what the task is is unknown: give task=, one of {', '.join(TASKS)}")
+    labels["name"] = labels["name"] or labels["task"]
+    return labels
+
+
+def _one_subject(file: str, content: bytes, subject: str | None) -> str:
+    """The subject, where a column says it too."""
+    for line, fields in tsv_text.parse(file, content).rows:
+        found = fields.get(_PARTICIPANT, "").removeprefix("sub-")
+        if found and subject is not None and found != subject:
+            raise ValueError(
+                f"{file}, line {line}, column {_PARTICIPANT}: {found!r} in a file of subject {subject!r}"
+            )
+        subject = subject or found or None
+    if subject is None:
+        raise ValueError(
+            f"{file}: the subject is unknown: name the file sub-LABEL_task-LABEL_events.tsv or give subject="
+        )
+    return subject

@@ -1,0 +1,149 @@
+"""The folder of an experiment, as BIDS 1.10.0 has behavioural data."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from burrlab._core import __version__
+from burrlab.psychophysics.experiment import tsv_text
+from burrlab.psychophysics.experiment.locked import locked, synced_write
+
+BIDS_VERSION = "1.10.0"
+
+_COLUMNS = ("participant_id", "simulated", "selected_by")
+_PARTICIPANTS: Mapping[str, Any] = {
+    "participant_id": {"Description": "Label of the subject"},
+    "simulated": {
+        "Description": "Whether the subject is a program",
+        "Levels": {"yes": "a simulated subject", "no": "a person"},
+    },
+    "selected_by": {
+        "Description": "How the subject was chosen by the outcome of an earlier experiment, if so"
+    },
+}
+
+
+class ExperimentFolder:
+    """Where everything of an experiment lies; files are made where they are missing, and none is replaced.
+
+    Parameters
+    ----------
+    path : path
+    name : str
+        Of the experiment.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], name: str) -> None:
+        self.path, self.name = Path(path), name
+
+    def answers(self, subject: str, task: str) -> Path:
+        """The file of answers of a subject in a task; its side-car lies beside it."""
+        return self.path / f"sub-{subject}" / "beh" / f"sub-{subject}_task-{task}_events.tsv"
+
+    def log(self, subject: str, task: str) -> Path:
+        """What the experimenter sees of it."""
+        return self._source(subject) / f"sub-{subject}_task-{task}_log.txt"
+
+    def trace(self, subject: str, task: str, phase: str, trial: int, interval: int) -> Path:
+        """The trace of an interval."""
+        stem = f"sub-{subject}_task-{task}_{phase}-{trial:03d}_interval-{interval}"
+        return self._source(subject) / f"{stem}_trace.h5"
+
+    def _source(self, subject: str) -> Path:
+        # Not of a form that BIDS knows: it leaves what is in sourcedata alone.
+        return self.path / "sourcedata" / f"sub-{subject}" / "beh"
+
+    def prepare(self) -> None:
+        """The files that describe the folder, where they are missing.
+
+        Raises
+        ------
+        OSError
+            If they cannot be written.
+        """
+        self.path.mkdir(parents=True, exist_ok=True)
+        described = {
+            "Name": self.name,
+            "BIDSVersion": BIDS_VERSION,
+            "DatasetType": "raw",
+            "GeneratedBy": [{"Name": "burrlab", "Version": __version__}],
+        }
+        readme = (
+            f"{self.name}\n\nAnswers of a psychophysical experiment with virtual bone burring, made by burrlab "
+            f"{__version__}.\nOne file a subject and task: sub-LABEL/beh/sub-LABEL_task-LABEL_events.tsv, with what the run was "
+            "in the\nJSON beside it.\n"
+        )
+        for file, text in (
+            ("dataset_description.json", json.dumps(described, indent=1, ensure_ascii=False) + "\n"),
+            ("participants.json", json.dumps(_PARTICIPANTS, indent=1) + "\n"),
+            ("README", readme),
+        ):
+            try:
+                with (self.path / file).open("x", encoding="utf-8", newline="") as stream:
+                    stream.write(text)
+            except FileExistsError:
+                continue
+
+    def add(self, subject: str, *, simulated: bool, selected_by: str | None = None) -> None:
+        """Enters a subject in participants.tsv, unless it is there.
+
+        Raises
+        ------
+        ValueError
+            If simulated subjects would be among others, the subject is entered as something else, or the file is not right.
+        OSError
+            If it cannot be written.
+        """
+        self.prepare()
+        path = self.path / "participants.tsv"
+        row = (f"sub-{subject}", "yes" if simulated else "no", selected_by or tsv_text.NOTHING)
+        new = tsv_text.line(row)
+        file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
+        with locked(file, path, wait=True):
+            content, torn = tsv_text.split_torn(path.read_bytes())
+            if torn:
+                os.ftruncate(file, len(content))
+            if not content:
+                synced_write(file, path, tsv_text.line(_COLUMNS))
+            for other, entry in _participants(path).items():
+                if entry["simulated"] != row[1]:
+                    raise ValueError(
+                        f"{path}: simulated subjects and people do not go into one folder: sub-{other} has simulated "
+                        f"{entry['simulated']}, sub-{subject} {row[1]}"
+                    )
+                if other == subject:
+                    return
+            synced_write(file, path, new)
+
+    def participants(self) -> dict[str, dict[str, str]]:
+        """What participants.tsv says of each subject, by label; empty without the file.
+
+        Raises
+        ------
+        ValueError
+            If the file is not right: with the line.
+        """
+        path = self.path / "participants.tsv"
+        return _participants(path) if path.exists() else {}
+
+
+def _participants(path: Path) -> dict[str, dict[str, str]]:
+    table = tsv_text.parse(os.fspath(path), path.read_bytes())
+    for column in _COLUMNS[:2]:
+        if column not in table.columns:
+            raise ValueError(f"{path}, line 1: column {column} is missing")
+    found: dict[str, dict[str, str]] = {}
+    for line, fields in table.rows:
+        subject = fields["participant_id"].removeprefix("sub-")
+        if subject in found:
+            raise ValueError(f"{path}, line {line}: subject {subject} is there twice")
+        if fields["simulated"] not in ("yes", "no"):
+            raise ValueError(
+                f"{path}, line {line}, column simulated: must be yes or no, got {fields['simulated']!r}"
+            )
+        found[subject] = {**fields, "participant_id": subject}
+    return found

@@ -1,0 +1,153 @@
+"""The tables of a protocol, each with its rules."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+from burrlab._core import Burr
+from burrlab.psychophysics.design import Design
+from burrlab.psychophysics.experiment.block import Block
+from burrlab.psychophysics.experiment.design_table import design_of, stimuli_of
+from burrlab.psychophysics.experiment.toml_table import Table
+from burrlab.psychophysics.rules import RULES, RuleName
+from burrlab.session.device_text import parse_device
+from burrlab.specimen import MOST_VOXELS
+
+_MOST_SUBJECTS = 9999
+
+
+@dataclass(frozen=True)
+class AnalysisSettings:
+    """What was settled beforehand about the analysis.
+
+    Attributes
+    ----------
+    rules : tuple of str
+        Decision rules that d' is estimated under.
+    delta : float or None
+        d' below which two materials count as alike in the equivalence test; None: no such test.
+    level : float
+        Of the intervals.
+    """
+
+    rules: tuple[RuleName, ...] = RULES
+    delta: float | None = None
+    level: float = 0.95
+
+
+def subjects_of(table: Table) -> tuple[str, ...]:
+    """Labels of the subjects of [experiment]."""
+    value = table.value("subjects")
+    if type(value) is int:
+        if not 1 <= value <= _MOST_SUBJECTS:
+            raise table.error(f"subjects must be 1 to {_MOST_SUBJECTS}, or a list of names, got {value}")
+        digits = max(2, len(str(value)))
+        return tuple(f"{number:0{digits}}" for number in range(1, value + 1))
+    if not (isinstance(value, list) and value and all(isinstance(one, str) for one in value)):
+        raise table.error(f"subjects must be a number or a list of names, got {value!r}")
+    _check_labels(table, "a subject", value)
+    return tuple(value)
+
+
+def _check_labels(table: Table, what: str, labels: list[str]) -> None:
+    """Names that go into names of files, on any file system."""
+    seen: dict[str, str] = {}
+    for label in labels:
+        if not (label.isascii() and label.isalnum()):
+            raise table.error(
+                f"{what}'s name must be of letters and digits, as BIDS labels are, got {label!r}"
+            )
+        if (other := seen.get(label.lower())) is not None:
+            raise table.error(f"{what}'s name must be there once, got {other!r} and {label!r}")
+        seen[label.lower()] = label
+
+
+def device_of(table: Table, folder: Path) -> str:
+    """The device of [experiment], a script's file in the folder."""
+    text = table.text("device", "hand")
+    try:
+        device = parse_device(text)
+    except ValueError as error:
+        raise table.error(f"device {error}") from None
+    return f"scripted:{folder / device.file}" if device.kind == "scripted" else str(text)
+
+
+def without_folder(device: str) -> str:
+    """A device's text that is the same on every machine."""
+    kind, _, file = device.partition(":")
+    return f"scripted:{Path(file).name}" if kind == "scripted" else device
+
+
+def selection_of(table: Table) -> str | None:
+    """The selection of [experiment], which goes into a file of tabs."""
+    text: str | None = table.text("selected_by", None)
+    if text is not None and any(mark in text for mark in '\t\r\n"'):
+        raise table.error(f"selected_by must be without tabs, line breaks and quotation marks, got {text!r}")
+    return text
+
+
+def seconds_of(table: Table, key: str, default: float) -> float:
+    """A time of at least 0 [s]."""
+    value = float(table.number(key, default))
+    if value < 0:
+        raise table.error(f"{key} must be at least 0, got {value!r}")
+    return value
+
+
+def burr_and_bone_of(file: Table) -> tuple[Burr, Block]:
+    """[burr] and [bone], which must fit one another."""
+    table = file.table("burr")
+    with table.errors():
+        burr = Burr(table.number("radius_mm"))
+    table.done()
+    table = file.table("bone")
+    size, voxel = table.numbers("size_mm"), table.number("voxel_mm")
+    table.done()
+    if voxel > 0 and (voxels := math.prod(size) / voxel**3) > MOST_VOXELS:
+        raise table.error(f"the block has {voxels:.3g} voxels, and {MOST_VOXELS:.3g} are the most")
+    with table.errors():
+        bone = Block(tuple(size), voxel)
+        bone.check_burr(burr)
+    return burr, bone
+
+
+def designs_of(file: Table) -> Mapping[str, Design]:
+    """[tasks], with the stimuli of [materials], in the order of the file."""
+    stimuli = stimuli_of(file.table("materials", needed=False))
+    table = file.table("tasks")
+    tables = table.tables()
+    if not tables:
+        raise table.error("there must be at least one task, [tasks.NAME]")
+    _check_labels(table, "a task", list(tables))
+    tasks: dict[str, Design] = {}
+    for name, one in tables.items():
+        tasks[name] = design_of(one, stimuli)
+        for other, design in tasks.items():
+            if other != name and design.to_dict() == tasks[name].to_dict():
+                raise one.error(
+                    f"this is task {other} again, trial by trial: give one of them more trials or blocks"
+                )
+    return MappingProxyType(tasks)
+
+
+def analysis_of(table: Table) -> AnalysisSettings:
+    """[analysis]."""
+    rules = table.value("rules", list(RULES))
+    if not (
+        isinstance(rules, list)
+        and rules
+        and all(rule in RULES for rule in rules)
+        and len({*rules}) == len(rules)
+    ):
+        raise table.error(f"rules must be a list of {', '.join(RULES)}, each once at most, got {rules!r}")
+    delta, level = table.number("delta", None), table.number("level", 0.95)
+    if delta is not None and delta <= 0:
+        raise table.error(f"delta must be a d' above 0, got {delta!r}")
+    if not 0.5 <= level < 1:
+        raise table.error(f"level must be from 0.5 to below 1, got {level!r}")
+    table.done()
+    return AnalysisSettings(tuple(rules), delta, level)

@@ -1,0 +1,266 @@
+"""One subject through one task: intervals, question, answer on disk, next trial."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from burrlab._core import Burr, Device
+from burrlab.psychophysics.design import Design, Order
+from burrlab.psychophysics.experiment.answer_row import Answer
+from burrlab.psychophysics.experiment.clock import Clock
+from burrlab.psychophysics.experiment.experimenter import Experimenter
+from burrlab.psychophysics.experiment.interval import Rendered, render
+from burrlab.psychophysics.experiment.seat import Seat
+from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
+
+if TYPE_CHECKING:
+    from burrlab.psychophysics.experiment.block import Block
+
+_LOOK = 0.01  # [s] between two looks at the keys while a real specimen is felt
+_SILENT = "no tick yet"  # how a session begins to say that its device gives no position
+
+_NAMES = {
+    "same-different": ("First interval", "Second interval"),
+    "2ifc": ("First interval", "Second interval"),
+    "abx": ("Reference", "First after the reference", "Second after the reference"),
+}
+_DO = {
+    "probing": "Press the burr on the material. It does not turn.",
+    "drilling": "Drill into the material.",
+}
+_BEFORE = {
+    "same-different": "Each trial has two intervals. Then you are asked whether the material was the same in both.",
+    "2ifc": "Each trial has two intervals. Then you are asked to compare them.",
+    "abx": "Each trial has three intervals: a reference, and then two of which one is to be taken for the reference.",
+}
+
+
+class DeviceLost(RuntimeError):
+    """The device was lost during an interval: the trial was not asked, and comes again when the run is resumed."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What all intervals of an experiment share.
+
+    Attributes
+    ----------
+    burr : Burr
+    bone : Block
+        Fresh for each interval.
+    device : callable
+        Gives a new device for an interval of a mode.
+    pause : float
+        After an interval [s].
+    rest : float
+        Between blocks, at least [s].
+    feedback : bool
+        In practice the subject is told whether the answer was right.
+    trace : callable, optional
+        The new file for the trace of a trial's interval, numbered from 1.
+    render : callable
+        As `burrlab.psychophysics.render`.
+    """
+
+    burr: Burr
+    bone: Block
+    device: Callable[[Mode], Device]
+    pause: float = 1.0
+    rest: float = 60.0
+    feedback: bool = False
+    trace: Callable[[Trial, int], Path] | None = None
+    render: Callable[..., Rendered] = render
+
+
+@dataclass(frozen=True)
+class _Felt:
+    """An interval that was felt; `rendered` is None of a real specimen. Times are the run's [s]."""
+
+    rendered: Rendered | None
+    ended: str
+    began: float
+    over: float
+
+
+class Runner:
+    """Takes one subject through what is left of one task.
+
+    Parameters
+    ----------
+    design : Design
+    order : Order
+        With what was answered before.
+    keep : callable
+        Puts an answer on disk before it returns.
+    seat : Seat
+        Where the subject sits.
+    experimenter : Experimenter
+    rig : Rig
+    clock : Clock
+        Of the run.
+
+    Notes
+    -----
+    An answer is given to `keep` first and to the order afterwards, and the next trial comes after both: a run that is
+    killed at any moment has lost the trial it was in, no other, and that one was not answered.
+    """
+
+    def __init__(
+        self,
+        design: Design,
+        order: Order,
+        keep: Callable[[Answer], None],
+        seat: Seat,
+        experimenter: Experimenter,
+        rig: Rig,
+        *,
+        clock: Clock,
+    ) -> None:
+        self._design, self._order, self._keep = design, order, keep
+        self._seat, self._experimenter, self._rig, self._clock = seat, experimenter, rig, clock
+        self._heard: set[str] = set()  # sentences of sessions that need no second saying
+        self._silent = False
+        self._before = len(order.answered)
+
+    def run(self) -> int:
+        """Until the order has no more trials; how many were answered now.
+
+        Raises
+        ------
+        DeviceLost
+            If the device was lost during an interval.
+        KeyboardInterrupt
+            If the subject or the experimenter ended the run.
+        """
+        self._before = len(self._order.answered)
+        if self._order.next() is not None:
+            self._welcome()
+        while (trial := self._order.next()) is not None:
+            self._rest_before(trial)
+            self._announce(trial)
+            felt = [self._interval(trial, number) for number in range(1, len(trial.intervals) + 1)]
+            response, response_time = self._seat.ask(self._design, trial, [one.rendered for one in felt])
+            onset, endings = felt[0].began, tuple(one.ended for one in felt)
+            self._keep(Answer(trial, onset, felt[-1].over - onset, response, response_time, endings))
+            self._order.answer(response)
+            self._after(trial, response, response_time, endings)
+        return len(self._order.answered) - self._before
+
+    def _welcome(self) -> None:
+        keys = " or ".join(f"{key} for {answer}" for key, answer in enumerate(self._design.answers, start=1))
+        again = "You go on where you stopped. " if self._order.answered else ""
+        self._seat.progress("")
+        self._seat.ready(
+            f"{again}{_BEFORE[self._design.task]}\n\nAnswer with the keys: {keys}. "
+            "If you are not sure, choose what seems more likely."
+        )
+
+    def _rest_before(self, trial: Trial) -> None:
+        """A break where a block ends; whoever has just sat down needs none."""
+        if not self._order.answered:
+            return
+        last, _ = self._order.answered[-1]
+        if (last.phase, last.block) == (trial.phase, trial.block):
+            return
+        self._seat.progress("")
+        if last.phase == "practice":
+            self._seat.ready("That was practice. Now it counts.")
+        elif len(self._order.answered) > self._before:
+            self._experimenter.say(f"break of {self._rig.rest:g} s before block {trial.block}")
+            self._seat.rest("Take a break.", self._rig.rest)
+
+    def _announce(self, trial: Trial) -> None:
+        number, total = len(self._order.answered) + 1, self._order.total
+        place = "practice" if trial.phase == "practice" else f"block {trial.block}"
+        self._seat.progress(f"Trial {number} of {total}, {place}")
+        level = "" if trial.level is None else f", level {trial.level:g}"
+        stimuli = ", ".join(_described(interval.stimulus) for interval in trial.intervals)
+        self._experimenter.say(
+            f"trial {trial.number} ({place}), {trial.trial_type}{level}: {stimuli}; right is {trial.correct}"
+        )
+
+    def _interval(self, trial: Trial, number: int) -> _Felt:
+        interval, name = trial.intervals[number - 1], _NAMES[self._design.task][number - 1]
+        real = interval.stimulus.material is None
+        do = "Take the real specimen." if real else "Lift the burr clear of the material."
+        self._seat.ready(f"Next: {name.lower()}.\n\n{do}")
+        to_end = "\n\nPress the space bar when you have felt enough." if interval.duration is None else ""
+        self._seat.begins(f"{name}.\n\n{_DO[self._design.mode]}{to_end}")
+        began = self._clock.now()
+        if real and not self._seat.simulated:
+            felt = _Felt(None, self._real(interval), began, self._clock.now())
+        else:
+            rendered = self._render(trial, number)
+            self._clock.rendered(rendered.duration)
+            felt = _Felt(rendered, rendered.ended, began, self._clock.now())
+        self._seat.ends(f"Stop: end of the {name.lower()}.\n\nLift the burr.", self._rig.pause)
+        if felt.ended in ("break-through", "wall"):
+            self._experimenter.say(
+                f"{name.lower()} of trial {trial.number} ended by {felt.ended} after {felt.over - began:.2f} s"
+            )
+        return felt
+
+    def _real(self, interval: Interval) -> str:
+        end = None if interval.duration is None else time.monotonic() + interval.duration
+        while not self._seat.done():
+            if end is not None and time.monotonic() >= end:
+                return "time"
+            time.sleep(_LOOK)
+        return "subject"
+
+    def _render(self, trial: Trial, number: int) -> Rendered:
+        """An interval on fresh bone and a new device; DeviceLost if the device did not last to its end."""
+        interval = self._seat.stand_in(trial.intervals[number - 1])
+        self._silent = False
+        rendered = self._rig.render(
+            interval,
+            self._rig.device(self._design.mode),
+            burr=self._rig.burr,
+            bone=self._rig.bone,
+            mode=self._design.mode,
+            wall_clock=self._seat.wall_clock,
+            record=None if self._rig.trace is None else self._rig.trace(trial, number),
+            on_message=self._hear,
+            stop=self._stop_of(interval),
+        )
+        if rendered.failed or self._silent:
+            reason = "it gives no position" if self._silent else rendered.reason
+            self._experimenter.say(f"trial {trial.number} was not asked: device lost: {reason}")
+            raise DeviceLost(f"the device was lost during an interval: {reason}")
+        return rendered
+
+    def _stop_of(self, interval: Interval) -> Callable[[], bool]:
+        if interval.duration is None:
+            return lambda: self._silent or self._seat.done()
+        return lambda: self._silent
+
+    def _hear(self, text: str) -> None:
+        """Sentences of a session go to the experimenter, once."""
+        self._silent = self._silent or text.startswith(_SILENT)
+        if text not in self._heard:
+            self._heard.add(text)
+            self._experimenter.say(text)
+
+    def _after(
+        self, trial: Trial, response: str, response_time: float | None, endings: tuple[str, ...]
+    ) -> None:
+        right = response == trial.correct
+        main = [(t, r) for t, r in self._order.answered if t.phase == "main"]
+        score = sum(r == t.correct for t, r in main)
+        taken = "" if response_time is None else f" in {response_time:.2f} s"
+        self._experimenter.say(
+            f"trial {trial.number} ended by {', '.join(endings)}; answered {response}{taken}, "
+            f"{'right' if right else 'wrong'}; {score} of {len(main)} right"
+        )
+        if self._rig.feedback and trial.phase == "practice":
+            self._seat.tell("Right." if right else "Not right.")
+
+
+def _described(stimulus: Stimulus) -> str:
+    if stimulus.material is None:
+        return f"{stimulus.name} (real)"
+    return f"{stimulus.name} (c_e {stimulus.material.c_e:g} N/mm^2, alpha {stimulus.material.alpha:g} /ms)"

@@ -1,0 +1,110 @@
+"""A simulated subject in the place of a person."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from burrlab._core import Burr
+from burrlab.psychophysics.design import Design
+from burrlab.psychophysics.designs.abx import ABX
+from burrlab.psychophysics.designs.orders import Draws
+from burrlab.psychophysics.designs.same_different import SameDifferent
+from burrlab.psychophysics.experiment.block import Block
+from burrlab.psychophysics.experiment.interval import Rendered
+from burrlab.psychophysics.experiment.seat import Seat
+from burrlab.psychophysics.simulation.cues import CUES_OF, Cues, interval_cues, rendered_cues
+from burrlab.psychophysics.simulation.simulated_subject import Decision, SimulatedSubject
+from burrlab.psychophysics.simulation.weber import COMPLIANCE_WITHOUT_SURFACE
+from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
+
+SELF_PACED = 10.0  # [s] that nobody feels a stimulus who could feel it as long as he likes; ours
+
+
+def default_subject(
+    mode: Mode, *, weber: float = COMPLIANCE_WITHOUT_SURFACE, decision: Decision = "differencing"
+) -> SimulatedSubject:
+    """Feels stiffness by probing, sinking speed by drilling; a Weber fraction for the speed is not published."""
+    return SimulatedSubject(weber=weber, cues=CUES_OF[mode][:1], decision=decision)
+
+
+class SimulatedSeat(Seat):
+    """Feels each rendered interval's cues, and answers by a rule.
+
+    Parameters
+    ----------
+    subject : SimulatedSubject
+        Is taught the two materials of a same-different or ABX task first.
+    design : Design
+    burr : Burr
+    bone : Block
+    seed : int
+        Of the experiment.
+    name : str
+        Of the subject; with seed, design and trial it determines the answer.
+
+    Notes
+    -----
+    The alternative that matches stands for a real specimen.
+    """
+
+    wall_clock = False
+    simulated = True
+
+    def __init__(
+        self, subject: SimulatedSubject, design: Design, *, burr: Burr, bone: Block, seed: int, name: str
+    ) -> None:
+        self._subject, self._seed, self._name = subject, seed, name
+        self._design = design
+        pair = _pair(design)
+        if pair is not None:
+            a, b = (self._taught(stimulus, burr, bone) for stimulus in pair)
+            self._subject = subject.taught(a, b)
+
+    def stand_in(self, interval: Interval) -> Interval:
+        stimulus = interval.stimulus
+        if stimulus.material is None and isinstance(self._design, ABX):
+            stimulus = self._design.matching
+        duration = SELF_PACED if interval.duration is None else interval.duration
+        return replace(interval, stimulus=stimulus, duration=duration)
+
+    def ask(
+        self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
+    ) -> tuple[str, float | None]:
+        cues = [Cues() if one is None else interval_cues(one) for one in rendered]
+        what: dict[str, Any] = {**design.to_dict(), "phase": trial.phase, "trial": trial.number}
+        draws = Draws(self._seed, self._name, {"simulated": what})
+        return self._subject.respond(trial, cues, np.random.default_rng(draws.interval_seed())), None
+
+    def progress(self, text: str) -> None:
+        """Nobody reads it, here and below."""
+
+    def ready(self, text: str) -> None: ...
+
+    def begins(self, text: str) -> None: ...
+
+    def ends(self, text: str, pause: float) -> None: ...
+
+    def done(self) -> bool:
+        return False
+
+    def tell(self, text: str) -> None: ...
+
+    def rest(self, text: str, seconds: float) -> None: ...
+
+    def close(self, text: str) -> None: ...
+
+    def _taught(self, stimulus: Stimulus, burr: Burr, bone: Block) -> Cues:
+        assert stimulus.material is not None  # of a pair
+        interval = getattr(self._design, "interval", SELF_PACED)
+        return rendered_cues(stimulus.material, self._design.mode, burr=burr, bone=bone, duration=interval)
+
+
+def _pair(design: Design) -> tuple[Stimulus, Stimulus] | None:
+    """The two materials that a subject learns to know beforehand."""
+    if isinstance(design, SameDifferent):
+        return design.a, design.b
+    return (design.matching, design.foil) if isinstance(design, ABX) else None

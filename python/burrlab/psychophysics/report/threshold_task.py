@@ -1,0 +1,256 @@
+"""A task that varies a parameter around a reference: each subject's threshold, and the group's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+
+import numpy as np
+from scipy import stats
+
+from burrlab.psychophysics.designs.adaptive import AdaptiveStaircase
+from burrlab.psychophysics.designs.constant_stimuli import ConstantStimuli
+from burrlab.psychophysics.designs.design_record import design_of_dict
+from burrlab.psychophysics.designs.posterior import PosteriorThreshold
+from burrlab.psychophysics.designs.psychometric import psychometric_function
+from burrlab.psychophysics.designs.psychometric_fit import PsychometricFit
+from burrlab.psychophysics.designs.staircase import Staircase, StaircaseThreshold
+from burrlab.psychophysics.report.task_data import SubjectData, TaskData, design_text, left_out_text, titled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from burrlab.psychophysics.design import Design
+
+Estimate: TypeAlias = StaircaseThreshold | PosteriorThreshold | PsychometricFit
+
+
+@dataclass(frozen=True)
+class SubjectThreshold:
+    """One subject.
+
+    Attributes
+    ----------
+    subject : str
+    simulated : bool
+    trials : int
+        Answered in the main phase.
+    planned : int or None
+        Main trials of the design; None where the answers end it, or it is not known.
+    levels : tuple of (float, int, int)
+        Ratio to the reference's parameter, correct answers, trials.
+    threshold : float or None
+        Ratio to the reference's parameter.
+    interval : (float, float) or None
+        Of the threshold, where the method has one.
+    said : str
+        The estimate in words.
+    estimate : StaircaseThreshold, PosteriorThreshold, PsychometricFit or None
+        All of it; None where nothing could be fitted.
+    """
+
+    subject: str
+    simulated: bool
+    trials: int
+    planned: int | None
+    levels: tuple[tuple[float, int, int], ...]
+    threshold: float | None
+    interval: tuple[float, float] | None
+    said: str
+    estimate: Estimate | None
+
+    @property
+    def complete(self) -> bool:
+        """Whether all planned trials were answered."""
+        return self.planned is None or self.trials >= self.planned
+
+
+@dataclass(frozen=True)
+class ThresholdTask:
+    """Constant stimuli or a staircase.
+
+    Attributes
+    ----------
+    name : str
+    design : mapping
+        As `Design.to_dict` has it.
+    level : float
+        Of all intervals.
+    subjects : tuple of SubjectThreshold
+    left_out : tuple of str
+        Subjects whose run is incomplete, with how far they came.
+    of : int
+        Subjects that those here were selected from; 0 without selection, or where it is not known.
+    selected_by : str
+    """
+
+    name: str
+    design: Mapping[str, Any]
+    level: float
+    subjects: tuple[SubjectThreshold, ...]
+    left_out: tuple[str, ...]
+    of: int
+    selected_by: str
+
+    task: ClassVar[str] = "2ifc"
+    chance: ClassVar[float] = 0.5
+
+    @classmethod
+    def of_data(cls, data: TaskData, *, level: float, incomplete: bool) -> ThresholdTask:
+        """All of it; of incomplete runs only on request."""
+        design = design_of_dict(data.design) if data.design else None
+        results = [_threshold(one, design, level) for one in data.subjects if one.counts]
+        used = tuple(one for one in results if incomplete or one.complete)
+        names = [one.subject for one in used]
+        return cls(
+            name=data.name,
+            design=data.design,
+            level=level,
+            subjects=used,
+            left_out=tuple(left_out_text(one) for one in data.subjects if one.subject not in names),
+            of=data.of,
+            selected_by=data.selected_by,
+        )
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any subject was."""
+        return any(one.simulated for one in self.subjects)
+
+    @property
+    def selected(self) -> bool:
+        return bool(self.of or self.selected_by)
+
+    @property
+    def title(self) -> str:
+        """Of figures: name, what is varied, and whether the subjects were simulated."""
+        about = design_text(self.design)
+        return titled(f"{self.name}: {about}" if about else self.name, self)
+
+    @property
+    def group_threshold(self) -> tuple[float, float, float] | None:
+        """Threshold of the group with the ends of its interval, the subject as the unit; None of fewer than two.
+
+        The geometric mean of the differences |ln ratio|, by t; None also where thresholds lie on both sides of 1, or do
+        not differ at all.
+        """
+        logs = [math.log(one.threshold) for one in self.subjects if one.threshold not in (None, 1.0)]
+        if len(logs) < 2 or len({x > 0 for x in logs}) > 1 or len(set(logs)) == 1:
+            return None
+        side, values = math.copysign(1.0, logs[0]), np.log(np.abs(logs))
+        mean, error = float(values.mean()), float(stats.sem(values))
+        wide = float(stats.t.ppf(0.5 + 0.5 * self.level, len(values) - 1)) * error
+        found = [math.exp(side * math.exp(x)) for x in (mean, mean - wide, mean + wide)]
+        return found[0], found[1], found[2]
+
+    def subject(self, name: str) -> SubjectThreshold:
+        """One subject's result.
+
+        Raises
+        ------
+        ValueError
+            If there is none of that name.
+        """
+        for one in self.subjects:
+            if one.subject == name:
+                return one
+        raise ValueError(
+            f"subject must be one of {', '.join(one.subject for one in self.subjects)}, got {name!r}"
+        )
+
+    def plot_psychometric(self, ax: Axes | None = None, *, subject: str | None = None) -> Axes:
+        """A subject's proportion correct over the ratio, with the fitted psychometric function.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+        subject : str, optional
+            By default the only one.
+
+        Raises
+        ------
+        ValueError
+            If there is no such subject, none is given and there are several, or no psychometric function was fitted.
+        """
+        from burrlab.psychophysics.report.plots import wrapped
+
+        if subject is None and len(self.subjects) != 1:
+            raise ValueError(
+                f"subject must be given, one of {', '.join(one.subject for one in self.subjects)}"
+            )
+        one = self.subjects[0] if subject is None else self.subject(subject)
+        if not isinstance(one.estimate, PsychometricFit):
+            raise ValueError(f"subject {one.subject} has no psychometric function: {one.said}")
+        axes = one.estimate.plot(ax)
+        axes.set_title(wrapped(f"{self.title}, subject {one.subject}"), fontsize=10)
+        return axes
+
+    def plot_thresholds(self, ax: Axes | None = None) -> Axes:
+        """Each subject's threshold, with its interval where there is one, and the group's.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+
+        Raises
+        ------
+        ValueError
+            If no subject has a threshold.
+        """
+        from burrlab.psychophysics.report.plots import plot_thresholds
+
+        if not any(one.threshold for one in self.subjects):
+            raise ValueError(f"task {self.name} must hold a threshold to be drawn, got none")
+        return plot_thresholds(self, ax)
+
+    def __repr__(self) -> str:
+        kind = "simulated subjects" if self.simulated else "subjects"
+        return f"ThresholdTask({self.name!r}, {self.design.get('design', self.task)}, {len(self.subjects)} {kind})"
+
+
+def _threshold(one: SubjectData, design: Design | None, level: float) -> SubjectThreshold:
+    rows = [] if one.answers is None else [row for row in one.answers.main if row.level is not None]
+    levels = [row.level for row in rows if row.level is not None]
+    correct = [row.correct for row in rows]
+    planned = one.planned
+    threshold: float | None
+    interval: tuple[float, float] | None = None
+    estimate: Estimate | None
+    if isinstance(design, Staircase):
+        estimate = reversals = design.threshold(levels, correct)
+        # It may end before its last trial.
+        planned = None if reversals.complete else planned
+        threshold, said = reversals.level, str(reversals)
+    elif isinstance(design, AdaptiveStaircase):
+        estimate = posterior = design.threshold(levels, correct, level=level)
+        threshold, interval, said = posterior.level, posterior.interval, str(posterior)
+    else:
+        estimate, said = _fitted(one, design, level)
+        threshold = None if estimate is None else estimate.threshold
+        interval = None if estimate is None else estimate.interval
+        if estimate is not None and estimate.side == "below":
+            threshold, interval = (
+                1.0 / estimate.threshold,
+                (1.0 / estimate.interval[0], 1.0 / estimate.interval[1]),
+            )
+    return SubjectThreshold(
+        one.subject, one.simulated, one.trials, planned, one.levels, threshold, interval, said, estimate
+    )
+
+
+def _fitted(one: SubjectData, design: Design | None, level: float) -> tuple[PsychometricFit | None, str]:
+    """The psychometric function, or none and why."""
+    known = {}
+    if isinstance(design, ConstantStimuli):
+        known = {
+            "parameter": design.parameter,
+            "reference": getattr(design.reference.material, design.parameter),
+        }
+    ratios, correct, trials = zip(*one.levels, strict=True)
+    try:
+        fit = psychometric_function(ratios, correct, trials, level=level, **known)
+    except (ImportError, ValueError) as error:
+        return None, f"no psychometric function: {error}"
+    return fit, str(fit)

@@ -1,0 +1,1 @@
+"""What answers show: d', intervals, groups, equivalence, power."""

@@ -145,7 +145,8 @@ class Protocol:
         ValueError
             If the protocol has no such subject or task.
         """
-        return self._design(task).order(seed=self.seed, subject=self._checked(subject))
+        # Two tasks of one design have orders of their own.
+        return self._design(task).order(seed=self.seed, subject=f"{self._checked(subject)} {task}")
 
     @property
     def data(self) -> ExperimentFolder:

@@ -12,16 +12,14 @@ from burrlab._core import Burr
 from burrlab.psychophysics.design import Design
 from burrlab.psychophysics.designs.abx import ABX
 from burrlab.psychophysics.designs.orders import Draws
-from burrlab.psychophysics.designs.same_different import SameDifferent
 from burrlab.psychophysics.experiment.block import Block
 from burrlab.psychophysics.experiment.interval import Rendered
 from burrlab.psychophysics.experiment.seat import Seat
-from burrlab.psychophysics.simulation.cues import CUES_OF, Cues, interval_cues, rendered_cues
+from burrlab.psychophysics.simulation.cues import CUES_OF, Cues, interval_cues
+from burrlab.psychophysics.simulation.rehearsal import SELF_PACED, check_rehearsable, teach
 from burrlab.psychophysics.simulation.simulated_subject import Decision, SimulatedSubject
 from burrlab.psychophysics.simulation.weber import COMPLIANCE_WITHOUT_SURFACE
-from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
-
-SELF_PACED = 10.0  # [s] that nobody feels a stimulus who could feel it as long as he likes; ours
+from burrlab.psychophysics.trial import Interval, Mode, Trial
 
 
 def default_subject(
@@ -57,12 +55,9 @@ class SimulatedSeat(Seat):
     def __init__(
         self, subject: SimulatedSubject, design: Design, *, burr: Burr, bone: Block, seed: int, name: str
     ) -> None:
-        self._subject, self._seed, self._name = subject, seed, name
-        self._design = design
-        pair = _pair(design)
-        if pair is not None:
-            a, b = (self._taught(stimulus, burr, bone) for stimulus in pair)
-            self._subject = subject.taught(a, b)
+        check_rehearsable(design)
+        self._seed, self._name, self._design = seed, name, design
+        self._subject = teach(subject, design, burr=burr, bone=bone)
 
     def stand_in(self, interval: Interval) -> Interval:
         stimulus = interval.stimulus
@@ -96,15 +91,3 @@ class SimulatedSeat(Seat):
     def rest(self, text: str, seconds: float) -> None: ...
 
     def close(self, text: str) -> None: ...
-
-    def _taught(self, stimulus: Stimulus, burr: Burr, bone: Block) -> Cues:
-        assert stimulus.material is not None  # of a pair
-        interval = getattr(self._design, "interval", SELF_PACED)
-        return rendered_cues(stimulus.material, self._design.mode, burr=burr, bone=bone, duration=interval)
-
-
-def _pair(design: Design) -> tuple[Stimulus, Stimulus] | None:
-    """The two materials that a subject learns to know beforehand."""
-    if isinstance(design, SameDifferent):
-        return design.a, design.b
-    return (design.matching, design.foil) if isinstance(design, ABX) else None

@@ -84,10 +84,7 @@ def rehearsed_order(
 
     Parameters and errors are those of `rehearse`; `name` is the subject's.
     """
-    if design.mode == "drilling" and getattr(design, "hold", "other") == "sinking speed":
-        raise ValueError(
-            "design must not hold the sinking speed, the only cue that simulated subjects have by drilling"
-        )
+    check_rehearsable(design)
     burr, bone = burr or Burr(3.0), bone or Block()
     taught = subject if subject.known is not None else teach(subject, design, burr=burr, bone=bone)
     rng = np.random.default_rng([operator.index(seed), *name.encode()])
@@ -122,6 +119,14 @@ def teach(
         raise ValueError(f"design must have two materials, got {len(found)}")
     a, b = (_felt(design, interval, burr, bone) for interval in found.values())
     return subject.taught(a, b)
+
+
+def check_rehearsable(design: Design) -> None:
+    """ValueError for a design whose answers depend on what simulated subjects do not feel."""
+    if design.mode == "drilling" and getattr(design, "hold", "other") == "sinking speed":
+        raise ValueError(
+            "design must not hold the sinking speed, the only cue that simulated subjects have by drilling"
+        )
 
 
 def stood_in(trial: Trial) -> tuple[Interval, ...]:

@@ -174,7 +174,7 @@ def killed_at_random(subject, draw, longest, most):
             terminal.kill()
             subject.leave(terminal)
         if over:
-            return kills
+            return
         kills += 1
         rows = subject.rows()
         assert len(rows) >= before
@@ -185,16 +185,15 @@ def killed_at_random(subject, draw, longest, most):
         action = "resume" if subject.file.exists() else "run"
 
 
-def check_killed(folder, draw, **run):
+def check_killed(folder, draw, *, most, **run):
     subject = Subject(folder, **run)
-    kills = killed_at_random(subject, draw, longest=2.0, most=3 if run else 1)
+    killed_at_random(subject, draw, longest=2.0, most=most)
     assert subject.asked == list(range(1, len(subject.trials) + 1))  # none twice, none left out
     subject.check()
-    return kills
 
 
 def test_killed_at_a_random_moment(tmp_path):
-    check_killed(tmp_path, random.Random(1))
+    check_killed(tmp_path, random.Random(1), trials=4, most=1)
 
 
 @pytest.mark.slow
@@ -218,11 +217,11 @@ def test_killed_while_its_files_are_made(tmp_path, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20))
 def test_killed_again_and_again(tmp_path, seed):
-    check_killed(tmp_path, random.Random(seed), trials=12, interval=0.2)
+    check_killed(tmp_path, random.Random(seed), trials=12, interval=0.2, most=3)
 
 
-def test_interrupted_and_resumed(tmp_path):
-    subject = Subject(tmp_path)
+def test_interrupted_then_terminal_closed_then_resumed(tmp_path):
+    subject = Subject(tmp_path, trials=4)
     with subject.sit_down() as terminal:
         subject.take_part(terminal, stop=lambda *now: now == ("interval", 2))
         terminal.press("\x03")
@@ -233,27 +232,16 @@ def test_interrupted_and_resumed(tmp_path):
         )
         subject.leave(terminal)
     assert len(subject.rows()) == 1
-    assert (
-        "ended early, KeyboardInterrupt: 1 trials are answered"
-        in subject.protocol.data.log(SUBJECT, TASK).read_text()
-    )
-    with subject.sit_down("resume") as terminal:
-        subject.take_part(terminal)
-        assert terminal.end() == 0
-        subject.leave(terminal)
-    subject.check()
-
-
-def test_terminal_closed_and_resumed_in_another(tmp_path):
-    subject = Subject(tmp_path, trials=4)
-    terminal = subject.sit_down()
+    terminal = subject.sit_down("resume")
     subject.take_part(terminal, stop=lambda *now: now == ("interval", 3))
     subject.leave(terminal)
     os.close(terminal.terminal)
     os.close(terminal.controller)
     assert terminal.process.wait(30.0) in (120, 130)  # 120: Python could not flush what it had to say
     assert len(subject.rows()) == 2
-    assert "ended early, KeyboardInterrupt" in subject.protocol.data.log(SUBJECT, TASK).read_text()
+    told = subject.protocol.data.log(SUBJECT, TASK).read_text()
+    for answered in (1, 2):
+        assert f"ended early, KeyboardInterrupt: {answered} trials are answered" in told
     with subject.sit_down("resume") as another:
         subject.take_part(another)
         assert another.end() == 0
@@ -262,7 +250,7 @@ def test_terminal_closed_and_resumed_in_another(tmp_path):
 
 
 def test_two_terminals_and_a_view(tmp_path):
-    subject = Subject(tmp_path)
+    subject = Subject(tmp_path, trials=4)
     view = tmp_path / "view.txt"
     with subject.sit_down("run", "--experimenter", str(view)) as terminal:
         subject.take_part(terminal, stop=lambda kind, trial: trial == 1)

@@ -236,7 +236,7 @@ def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:
     design = protocol.tasks[task]
     return SimulatedSeat(
         _simulated_subject(options, design.mode), design, burr=protocol.burr, bone=protocol.bone,
-        seed=protocol.seed, name=sitting.subject,
+        seed=protocol.seed, name=f"{sitting.subject} {task}",
     )  # fmt: skip
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from burrlab.psychophysics.counts import Counts
 from burrlab.psychophysics.report.subject_result import SubjectResult, holm
-from burrlab.psychophysics.report.task_data import SubjectData, TaskData, design_text, left_out_text, titled
+from burrlab.psychophysics.report.task_data import SubjectData, TaskData, left_out_text
+from burrlab.psychophysics.report.task_result import TaskResult
 from burrlab.psychophysics.rules import RuleName, TaskName
 from burrlab.psychophysics.statistics.d_prime import DPrime, binomial_test, d_prime, score_interval
 from burrlab.psychophysics.statistics.equivalence import Equivalence, equivalence
@@ -27,27 +28,17 @@ CORRECTION: Literal["log-linear"] = "log-linear"
 
 
 @dataclass(frozen=True)
-class ScoredTask:
-    """One task: its subjects, and the group with the subject as the unit.
+class ScoredTask(TaskResult[SubjectResult]):
+    """One task: its subjects, and the group with the subject as the unit; beside what every `TaskResult` has:
 
     Attributes
     ----------
-    name : str
+    subjects : tuple of SubjectResult
     task : {"same-different", "abx", "2ifc"}
-    design : mapping
-        As `Design.to_dict` has it; empty where the counts came alone.
-    level : float
-        Of all intervals.
     rules : tuple of str
         Decision rules that d' is given under.
     delta : float or None
         d' that the equivalence test asks about.
-    subjects : tuple of SubjectResult
-    left_out : tuple of str
-        Subjects whose run is incomplete, with how far they came.
-    of : int
-        Subjects that those here were selected from; 0 without selection, or where it is not known.
-    selected_by : str
     score : GroupScore or None
         None of a single subject.
     group_d_prime : tuple of GroupDPrime
@@ -58,16 +49,10 @@ class ScoredTask:
         Of the types of trials against one another, all subjects together; none where a subject's types were not counted.
     """
 
-    name: str
+    subjects: tuple[SubjectResult, ...]  # again, since a record is read back by the declared types
     task: TaskName
-    design: Mapping[str, Any]
-    level: float
     rules: tuple[RuleName, ...]
     delta: float | None
-    subjects: tuple[SubjectResult, ...]
-    left_out: tuple[str, ...]
-    of: int
-    selected_by: str
     score: GroupScore | None
     group_d_prime: tuple[GroupDPrime, ...]
     equivalence: tuple[Equivalence, ...]
@@ -105,30 +90,10 @@ class ScoredTask:
         )
 
     @property
-    def chance(self) -> float:
-        """Proportion correct of a subject who guesses."""
-        return 0.5
-
-    @property
     def trials(self) -> int | None:
         """Of each subject; None where they differ."""
         numbers = {one.counts.trials for one in self.subjects}
         return numbers.pop() if len(numbers) == 1 else None
-
-    @property
-    def simulated(self) -> bool:
-        """Whether any subject was."""
-        return any(one.simulated for one in self.subjects)
-
-    @property
-    def title(self) -> str:
-        """Of figures: name, what was compared, and whether the subjects were simulated."""
-        about = design_text(self.design)
-        return titled(f"{self.name}: {about}" if about else self.name, self)
-
-    @property
-    def selected(self) -> bool:
-        return bool(self.of or self.selected_by)
 
     @property
     def selection(self) -> SelectionEffect | None:
@@ -137,21 +102,6 @@ class ScoredTask:
         if not n or self.trials is None or self.of <= n:
             return None
         return SelectionEffect(n, self.of, self.trials, self.chance)
-
-    def subject(self, name: str) -> SubjectResult:
-        """One subject's result.
-
-        Raises
-        ------
-        ValueError
-            If there is none of that name.
-        """
-        for one in self.subjects:
-            if one.subject == name:
-                return one
-        raise ValueError(
-            f"subject must be one of {', '.join(one.subject for one in self.subjects)}, got {name!r}"
-        )
 
     def plot_scores(self, ax: Axes | None = None, *, published: PublishedScore | None = None) -> Axes:
         """Histogram of the scores, with that expected at chance and mean ± s.e.m. (the paper's Figs. 7 and 8).

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol, TypeAlias, cast
+from typing import Any, TypeAlias, cast
 
 from burrlab.psychophysics.counts import Counts
 from burrlab.psychophysics.experiment.answers import Answers
@@ -201,24 +201,3 @@ def left_out_text(one: SubjectData) -> str:
     if one.trials == 0:
         return f"{one.subject} (none of the main trials)"
     return f"{one.subject} ({one.trials} of {one.planned} trials)"
-
-
-class Chosen(Protocol):
-    """A task's result, of whose subjects a title tells what must not be overlooked."""
-
-    @property
-    def simulated(self) -> bool: ...
-    @property
-    def selected(self) -> bool: ...
-    @property
-    def of(self) -> int: ...
-    @property
-    def subjects(self) -> Sequence[object]: ...
-
-
-def titled(text: str, task: Chosen) -> str:
-    """A title of figures, with what must not be overlooked."""
-    said = ["simulated subjects"] if task.simulated else []
-    if task.selected:
-        said.append(f"{len(task.subjects)} selected of {task.of}" if task.of else "selected subjects")
-    return f"{text} ({'; '.join(said)})" if said else text

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
 import numpy as np
 from scipy import stats
@@ -17,7 +16,8 @@ from burrlab.psychophysics.designs.posterior import PosteriorThreshold
 from burrlab.psychophysics.designs.psychometric import psychometric_function
 from burrlab.psychophysics.designs.psychometric_fit import PsychometricFit
 from burrlab.psychophysics.designs.staircase import Staircase, StaircaseThreshold
-from burrlab.psychophysics.report.task_data import SubjectData, TaskData, design_text, left_out_text, titled
+from burrlab.psychophysics.report.task_data import SubjectData, TaskData, left_out_text
+from burrlab.psychophysics.report.task_result import TaskResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,34 +68,12 @@ class SubjectThreshold:
 
 
 @dataclass(frozen=True)
-class ThresholdTask:
-    """Constant stimuli or a staircase.
+class ThresholdTask(TaskResult[SubjectThreshold]):
+    """Constant stimuli or a staircase: a `TaskResult` whose subjects are SubjectThreshold."""
 
-    Attributes
-    ----------
-    name : str
-    design : mapping
-        As `Design.to_dict` has it.
-    level : float
-        Of all intervals.
-    subjects : tuple of SubjectThreshold
-    left_out : tuple of str
-        Subjects whose run is incomplete, with how far they came.
-    of : int
-        Subjects that those here were selected from; 0 without selection, or where it is not known.
-    selected_by : str
-    """
-
-    name: str
-    design: Mapping[str, Any]
-    level: float
-    subjects: tuple[SubjectThreshold, ...]
-    left_out: tuple[str, ...]
-    of: int
-    selected_by: str
+    subjects: tuple[SubjectThreshold, ...]  # again, since a record is read back by the declared types
 
     task: ClassVar[str] = "2ifc"
-    chance: ClassVar[float] = 0.5
 
     @classmethod
     def of_data(cls, data: TaskData, *, level: float, incomplete: bool) -> ThresholdTask:
@@ -115,21 +93,6 @@ class ThresholdTask:
         )
 
     @property
-    def simulated(self) -> bool:
-        """Whether any subject was."""
-        return any(one.simulated for one in self.subjects)
-
-    @property
-    def selected(self) -> bool:
-        return bool(self.of or self.selected_by)
-
-    @property
-    def title(self) -> str:
-        """Of figures: name, what is varied, and whether the subjects were simulated."""
-        about = design_text(self.design)
-        return titled(f"{self.name}: {about}" if about else self.name, self)
-
-    @property
     def group_threshold(self) -> tuple[float, float, float] | None:
         """Threshold of the group with the ends of its interval, the subject as the unit; None of fewer than two.
 
@@ -144,21 +107,6 @@ class ThresholdTask:
         wide = float(stats.t.ppf(0.5 + 0.5 * self.level, len(values) - 1)) * error
         found = [math.exp(side * math.exp(x)) for x in (mean, mean - wide, mean + wide)]
         return found[0], found[1], found[2]
-
-    def subject(self, name: str) -> SubjectThreshold:
-        """One subject's result.
-
-        Raises
-        ------
-        ValueError
-            If there is none of that name.
-        """
-        for one in self.subjects:
-            if one.subject == name:
-                return one
-        raise ValueError(
-            f"subject must be one of {', '.join(one.subject for one in self.subjects)}, got {name!r}"
-        )
 
     def plot_psychometric(self, ax: Axes | None = None, *, subject: str | None = None) -> Axes:
         """A subject's proportion correct over the ratio, with the fitted psychometric function.

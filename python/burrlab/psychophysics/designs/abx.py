@@ -7,7 +7,13 @@ from typing import Any, ClassVar
 
 from burrlab.arguments import require_type
 from burrlab.psychophysics.design import Design
-from burrlab.psychophysics.designs.design_checks import one_of, rendered, seconds, stimulus_dict, whole
+from burrlab.psychophysics.designs.design_checks import (
+    balanced_trials,
+    one_of,
+    rendered,
+    seconds,
+    stimulus_dict,
+)
 from burrlab.psychophysics.designs.orders import Draws, FixedOrder, fixed_order
 from burrlab.psychophysics.trial import MODES, Interval, Mode, Phase, Stimulus, Trial
 
@@ -91,10 +97,7 @@ class ABX(Design):
         rendered("foil", self.foil)
         if self.matching.name == self.foil.name:
             raise ValueError(f"match and foil must have different names, got {self.foil.name!r} twice")
-        whole("trials", self.trials, at_least=2, multiple=2, why=" (AB and BA equally often)")
-        whole("blocks", self.blocks, at_least=1)
-        whole("trials", self.trials, at_least=2, multiple=self.blocks, why=", the number of blocks")
-        whole("practice", self.practice, at_least=0)
+        balanced_trials(self.trials, self.blocks, self.practice, multiple=2, types="AB and BA")
         object.__setattr__(self, "interval", seconds("interval", self.interval))
         if self.reference_interval is not None:
             length = seconds("reference_interval", self.reference_interval)

@@ -21,6 +21,14 @@ def whole(name: str, value: int, *, at_least: int, multiple: int = 1, why: str =
     return number
 
 
+def balanced_trials(trials: int, blocks: int, practice: int, *, multiple: int, types: str) -> None:
+    """One sentence unless the types of trials can be equally often, in blocks of one size."""
+    whole("trials", trials, at_least=multiple, multiple=multiple, why=f" ({types} equally often)")
+    whole("blocks", blocks, at_least=1)
+    whole("trials", trials, at_least=multiple, multiple=blocks, why=", the number of blocks")
+    whole("practice", practice, at_least=0)
+
+
 def seconds(name: str, value: float) -> float:
     """A time [s] above 0, or one sentence."""
     if not (math.isfinite(value) and value > 0):

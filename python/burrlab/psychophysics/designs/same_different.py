@@ -6,7 +6,13 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 from burrlab.psychophysics.design import Design
-from burrlab.psychophysics.designs.design_checks import one_of, rendered, seconds, stimulus_dict, whole
+from burrlab.psychophysics.designs.design_checks import (
+    balanced_trials,
+    one_of,
+    rendered,
+    seconds,
+    stimulus_dict,
+)
 from burrlab.psychophysics.designs.orders import Draws, FixedOrder, fixed_order
 from burrlab.psychophysics.trial import MODES, Interval, Mode, Phase, Stimulus, Trial
 
@@ -68,10 +74,7 @@ class SameDifferent(Design):
         rendered("b", self.b)
         if self.a.name == self.b.name:
             raise ValueError(f"a and b must have different names, got {self.a.name!r} twice")
-        whole("trials", self.trials, at_least=4, multiple=4, why=" (AA, AB, BA, BB equally often)")
-        whole("blocks", self.blocks, at_least=1)
-        whole("trials", self.trials, at_least=4, multiple=self.blocks, why=", the number of blocks")
-        whole("practice", self.practice, at_least=0)
+        balanced_trials(self.trials, self.blocks, self.practice, multiple=4, types="AA, AB, BA, BB")
         object.__setattr__(self, "interval", seconds("interval", self.interval))
         one_of("mode", self.mode, MODES)
 

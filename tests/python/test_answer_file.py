@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 from answer_scenes import SMALL, TASKS, answer, begun, give, protocol
 
-from burrlab.psychophysics import ENDINGS, AnswerFile, Protocol, read_answers
+from burrlab.psychophysics import AnswerFile, Protocol, read_answers
+from burrlab.psychophysics.experiment.interval import ENDINGS
 
 HERE = Path(__file__).parent
 

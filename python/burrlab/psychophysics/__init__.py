@@ -12,13 +12,11 @@ from burrlab.psychophysics.designs.staircase import Staircase
 from burrlab.psychophysics.experiment.answer_file import AnswerFile
 from burrlab.psychophysics.experiment.answers import Answer, Answers, read_answers, read_folder
 from burrlab.psychophysics.experiment.block import Block
-from burrlab.psychophysics.experiment.experimenter import Experimenter
-from burrlab.psychophysics.experiment.interval import ENDINGS, Rendered, render
+from burrlab.psychophysics.experiment.interval import Rendered, render
 from burrlab.psychophysics.experiment.protocol import Protocol
 from burrlab.psychophysics.experiment.protocol_template import template
-from burrlab.psychophysics.experiment.runner import DeviceLost, Rig, Runner
+from burrlab.psychophysics.experiment.runner import DeviceLost
 from burrlab.psychophysics.experiment.seat import Seat
-from burrlab.psychophysics.experiment.simulated_seat import SimulatedSeat
 from burrlab.psychophysics.experiment.sitting import Sitting
 from burrlab.psychophysics.experiment.terminal import TerminalSeat
 from burrlab.psychophysics.report.analysis import analyse
@@ -54,7 +52,6 @@ from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 
 __all__ = [
     "ABX",
-    "ENDINGS",
     "AdaptiveStaircase",
     "Analysis",
     "Answer",
@@ -68,7 +65,6 @@ __all__ = [
     "DesignPower",
     "DeviceLost",
     "Equivalence",
-    "Experimenter",
     "GroupDPrime",
     "GroupScore",
     "Interval",
@@ -78,15 +74,12 @@ __all__ = [
     "PsychometricFit",
     "PublishedScore",
     "Rendered",
-    "Rig",
-    "Runner",
     "SameDifferent",
     "ScoreDifference",
     "ScoredTask",
     "Seat",
     "SelectionEffect",
     "SignedEquivalence",
-    "SimulatedSeat",
     "SimulatedSubject",
     "Sitting",
     "Staircase",

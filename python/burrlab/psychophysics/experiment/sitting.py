@@ -29,8 +29,9 @@ class Sitting:
     subject : str
     tasks : sequence of str, optional
         By default all, in the subject's own order.
-    device : str, optional
-        hand, scripted:FILE or igtl:HOST:PORT; by default the protocol's.
+    device : str or callable, optional
+        hand, scripted:FILE or igtl:HOST:PORT; by default the protocol's. A callable gives a new device of your own for
+        an interval of a mode, "probing" or "drilling"; the side-car then has `own:` and the callable's name.
     simulated : mapping, optional
         What simulates the subject, for the side-car.
     once : bool
@@ -52,7 +53,7 @@ class Sitting:
         subject: str,
         *,
         tasks: Sequence[str] | None = None,
-        device: str | None = None,
+        device: str | Callable[[Mode], Device] | None = None,
         simulated: Mapping[str, Any] | None = None,
         once: bool = False,
         view: str | Path | None = None,
@@ -61,8 +62,11 @@ class Sitting:
         self.tasks = protocol.tasks_of(subject) if tasks is None else tuple(tasks)
         for task in self.tasks:
             protocol.order(subject, task)
-        self._text = device or protocol.device
-        self._device = device_maker(self._text, protocol)
+        if callable(device):
+            self._text, self._device = f"own:{getattr(device, '__name__', type(device).__name__)}", device
+        else:
+            self._text = device or protocol.device
+            self._device = device_maker(self._text, protocol)
         self._simulated, self._once, self._view = simulated, once, view
 
     @property

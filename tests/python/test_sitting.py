@@ -1,0 +1,76 @@
+"""A subject's tasks in a row, from Python: with a seat and a device of one's own."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from answer_scenes import protocol
+
+from burrlab.psychophysics import Seat, Sitting, probing_hand, read_answers
+
+TEXT = """
+[experiment]
+name = "own"
+seed = 1
+subjects = 1
+[burr]
+radius_mm = 3.0
+[bone]
+size_mm = [12.0, 12.0, 4.0]
+voxel_mm = 0.5
+[tasks.one]
+design = "same-different"
+a = "bone"
+b = "pvc"
+trials = 4
+interval_s = 0.3
+"""
+
+
+class Same(Seat):
+    """Says nothing, and always the same."""
+
+    wall_clock = False
+
+    def progress(self, text): ...
+    def ready(self, text): ...
+    def begins(self, text): ...
+    def ends(self, text, pause): ...
+    def tell(self, text): ...
+    def rest(self, text, seconds): ...
+    def close(self, text): ...
+
+    def done(self):
+        return False
+
+    def ask(self, design, trial, rendered):
+        return design.answers[0], 0.5
+
+
+def test_a_device_of_ones_own_renders_every_interval_and_is_named(tmp_path):
+    made = protocol(tmp_path, TEXT)
+    modes = []
+
+    def rig(mode):
+        modes.append(mode)
+        return probing_hand(made.burr, push=1.0)
+
+    assert Sitting(made, "01", device=rig).run(lambda task: Same()) == 4
+    assert modes == ["probing"] * 8  # a new device an interval
+    path = made.data.answers("01", "one")
+    assert read_answers(path).counts().trials == 4
+    assert json.loads(path.with_suffix(".json").read_text())["Device"] == "own:rig"
+
+
+@pytest.mark.parametrize(
+    ("subject", "options", "sentence"),
+    [
+        ("09", {}, "there is no subject '09'; there are 01"),
+        ("01", {"tasks": ["two"]}, "there is no task 'two'; there are one"),
+        ("01", {"device": "mouse"}, "^device must be hand, scripted:FILE or igtl:HOST:PORT"),
+    ],
+)
+def test_refusals(tmp_path, subject, options, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        Sitting(protocol(tmp_path, TEXT), subject, **options)

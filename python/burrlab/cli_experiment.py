@@ -121,6 +121,8 @@ def _analyse(options: Options) -> int:
     figures = None if options.figures is None else Path(options.figures)
     if figures is not None and figures.exists() and not figures.is_dir():
         raise ValueError(f"--plot: {figures} is no folder")
+    for name in ("json", "tsv"):
+        _check_apart(name, getattr(options, name), options.config)
     analysis = analyse(options.config, incomplete=options.incomplete)
     if options.tsv is not None:
         analysis.to_tsv(options.tsv)
@@ -131,6 +133,22 @@ def _analyse(options: Options) -> int:
                 _save(draw(), str(figures / f"task-{task.name}_{name}.png"))
     _deliver(options, analysis.to_dict(), analysis.report())
     return 0
+
+
+def _check_apart(option: str, path: str | None, config: str) -> None:
+    """ValueError if an output would go into a file of the experiment itself."""
+    if path is None or path == "-":
+        return
+    folder = Path(config) if Path(config).is_dir() else _read(config).folder
+    file = Path(path).resolve()
+    within = file.relative_to(folder.resolve()).parts if file.is_relative_to(folder.resolve()) else ("",)
+    described = ("participants.tsv", "participants.json", "dataset_description.json", "README")
+    if (
+        file == Path(config).resolve()
+        or within[0].startswith("sub-")
+        or within[0] in (*described, "sourcedata")
+    ):
+        raise ValueError(f"--{option}: {path} is of the experiment and is not written to")
 
 
 def _figures(task: ScoredTask | ThresholdTask) -> dict[str, Callable[[], Axes]]:
@@ -159,6 +177,7 @@ def _sittings(options: Options) -> list[Sitting]:
     from burrlab.psychophysics.experiment.sitting import Sitting
 
     protocol = _protocol(options)
+    _check_apart("experimenter", options.experimenter, options.config)
     for name in ("all", "weber", "decision", "fast"):
         if getattr(options, name) and not options.simulated:
             raise ValueError(f"--{name} goes with --simulated")
@@ -252,6 +271,10 @@ def _command(action: str, options: Options, sitting: Sitting) -> str:
 
 
 def _protocol(options: Options) -> Protocol:
+    return _read(options.config)
+
+
+def _read(config: str) -> Protocol:
     from burrlab.psychophysics.experiment.protocol import Protocol
 
-    return Protocol.read(options.config)
+    return Protocol.read(config)

@@ -3,6 +3,7 @@
 import io
 import json
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -497,3 +498,29 @@ def test_without_the_extra_the_counts_are_shown(tmp_path: Path, monkeypatch: pyt
 def test_of_counts_keeps_names() -> None:
     (task,) = of_counts(THREE)
     assert (task.name, task.task) == ("same-different", "same-different")
+
+
+def test_a_delta_that_was_set_after_the_runs_is_not_called_the_protocol_s(tmp_path: Path) -> None:
+    made = protocol(tmp_path, PROBING)
+    run(made, "01", "probing", wrong_in([1]))
+    changed = tmp_path / "experiment.toml"
+    changed.write_text(changed.read_text().replace("delta = 2", "delta = 3"))
+    run(Protocol.read(changed), "02", "probing", wrong_in([1]))
+    notes = analyse(changed).notes
+    assert (
+        "Delta = 3, as the protocol has it now, and it was 2 when 01 of probing began: it counts only if it was set before "
+        "the answers were seen."
+    ) in notes
+
+
+def test_what_the_protocol_does_not_name_is_said(tmp_path: Path) -> None:
+    made = protocol(tmp_path, PROBING + MATCH)
+    for subject, task in (("01", "probing"), ("02", "probing"), ("01", "match")):
+        run(made, subject, task, wrong_in([1]))
+    # Whatever its name ends in, a file is a protocol.
+    less = tmp_path / "less.txt"
+    text = (tmp_path / "experiment.toml").read_text().replace(MATCH, "")
+    less.write_text(re.sub(r"subjects = .*", 'subjects = ["01"]', text))
+    notes = analyse(less).notes
+    assert "In the folder and not in the protocol, of probing: 02." in notes
+    assert "Task match is in the folder and not in the protocol." in notes

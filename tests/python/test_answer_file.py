@@ -367,3 +367,23 @@ def test_a_simulated_subject_needs_no_response_time(tmp_path):
     assert answers.side_car.simulated == {"weber": 0.1}
     assert answers.rows[0].response_time is None
     assert "a simulated subject 01" in repr(answers)
+
+
+def test_columns_that_were_changed_are_not_gone_on_with(tmp_path):
+    """A row goes to the end by its place: among other columns it would be another answer."""
+    one, path = begun(tmp_path, count=3)
+    lines = [line.split("\t") for line in path.read_text().splitlines()]
+    for changed, sentence in (
+        ([[*line[1:], line[0]] for line in lines], "line 1: .* column 1 was 'onset', is now 'duration'"),
+        ([line[:-2] for line in lines], "line 1: .* column 15 was 'ended_1', is now none"),
+        (
+            [[*line, "sub-01" if number else "participant_id"] for number, line in enumerate(lines)],
+            "line 1: .* column 17 was none, is now 'participant_id'",
+        ),
+    ):
+        path.write_text("".join("\t".join(line) + "\n" for line in changed))
+        before = path.read_bytes()
+        assert len(read_answers(path).rows) == 3
+        with pytest.raises(ValueError, match=sentence):
+            one.resume("01", "probing")
+        assert path.read_bytes() == before

@@ -333,3 +333,24 @@ def test_thresholds_resume_where_they_were(config, capsys, task):
     said(capsys)
     assert main(["experiment", "analyse", "test.toml"]) == 0
     assert f"\n{task}" in said(capsys)[0]
+
+
+def test_outputs_do_not_go_into_the_files_of_the_experiment(config, capsys):
+    assert main(["experiment", "run", "test.toml", "--simulated", "--subject", "01", "--fast"]) == 0
+    said(capsys)
+    answers = "data/sub-01/beh/sub-01_task-match_events.tsv"
+    before = {path: path.read_bytes() for path in config.parent.rglob("*") if path.is_file()}
+    (config.parent / "link.tsv").symlink_to(answers)
+    for arguments in (
+        ["analyse", "test.toml", "--tsv", answers],
+        ["analyse", "test.toml", "--tsv", "link.tsv"],
+        ["analyse", "data", "--tsv", "data/participants.tsv"],
+        ["analyse", "test.toml", "--json", "test.toml"],
+        ["analyse", "test.toml", "--json", "data/sourcedata/sub-01/beh/sub-01_task-match_log.txt"],
+        ["resume", "test.toml", "--simulated", "--subject", "01", "--fast", "--experimenter", answers],
+    ):
+        path = arguments[-1]
+        expected = f"{arguments[-2]}: {path} is of the experiment and is not written to"
+        assert expected in wrong(arguments, capsys)
+    assert all(path.read_bytes() == content for path, content in before.items())
+    assert main(["experiment", "analyse", "data", "--json", "-", "--tsv", "data/mine.tsv"]) == 0

@@ -109,3 +109,24 @@ def test_a_name_that_would_break_the_file(tmp_path):
         ValueError, match="a field must be a text without tabs, line breaks and quotation marks"
     ):
         ExperimentFolder(tmp_path, "x").add("01", simulated=False, selected_by="best\tof all")
+
+
+@pytest.mark.parametrize("end", ["", "\n", "\r\n"])
+def test_a_laboratory_s_own_columns_stay_and_rows_keep_to_them(tmp_path, end):
+    path = tmp_path / "participants.tsv"
+    path.write_bytes(
+        f"participant_id\tage\tselected_by\tsimulated\nsub-07\t33\tbest 12 of 20\tno{end}".encode()
+    )
+    folder = ExperimentFolder(tmp_path, "x")
+    folder.add("02", simulated=False, selected_by="chance")
+    folder.add("03", simulated=False)
+    assert path.read_bytes().endswith(b"\nsub-02\tn/a\tchance\tno\nsub-03\tn/a\tn/a\tno\n")
+    assert folder.participants()["07"]["age"] == "33"
+    assert list(folder.participants()) == ["07", "02", "03"]
+
+
+def test_columns_of_participants_without_their_line_s_end(tmp_path):
+    path = tmp_path / "participants.tsv"
+    path.write_text("participant_id\tsimulated\tage")
+    ExperimentFolder(tmp_path, "x").add("01", simulated=False)
+    assert path.read_text() == "participant_id\tsimulated\tage\nsub-01\tno\tn/a\n"

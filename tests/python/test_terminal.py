@@ -8,6 +8,7 @@ import pty
 import signal
 import sys
 import termios
+import threading
 import time
 
 import pytest
@@ -151,6 +152,32 @@ def test_terminal_closed():
         os.close(controller)
         with pytest.raises(KeyboardInterrupt, match="the subject's terminal was closed"):
             keyboard.pressed(" ")
+        with pytest.raises(KeyboardInterrupt, match="the subject's terminal was closed"):
+            keyboard.flush()
+
+
+@pytest.mark.parametrize(
+    "parts", [("\x1b", "[15~"), ("\x1b[1", "5~"), ("\x1b", "[", "1", ";2", "P"), ("\x1bO", "2P")]
+)
+def test_a_key_whose_sequence_comes_in_parts_is_no_answer(parts):
+    controller, terminal = pty.openpty()
+    with os.fdopen(terminal, "r") as keys, Keyboard(keys) as keyboard:
+
+        def slowly():
+            for part in parts:
+                os.write(controller, part.encode())
+                time.sleep(0.02)
+
+        line = threading.Thread(target=slowly)
+        line.start()
+        assert keyboard.pressed("12", 0.5) is None
+        line.join()
+        # Escape alone does not hold up the answer after it.
+        os.write(controller, b"\x1b")
+        assert keyboard.pressed("12", 0.3) is None
+        os.write(controller, b"2")
+        assert keyboard.pressed("12", 0.3) == "2"
+    os.close(controller)
 
 
 def test_plain_screen(monkeypatch):

@@ -104,8 +104,8 @@ class AnswerFile:
         BlockingIOError
             If another process has it open.
         ValueError
-            If the protocol was changed since the start, with what; or a row is not right (see `read_answers`) or not the
-            answer to the order's trial, with its line.
+            If the protocol was changed since the start, with what; the columns were, or a row is not right (see
+            `read_answers`) or not the answer to the order's trial, with its line.
         OSError
             If it cannot be read and written.
         """
@@ -125,6 +125,7 @@ class AnswerFile:
                 )
             found = path.read_bytes()
             rows, content, torn = read_own_rows(os.fspath(path), found, first.task)
+            _check_columns(path, content, first)
             replay(os.fspath(path), rows, order)
             reader = RowReader(first.task)
             for line, row in rows:
@@ -219,6 +220,20 @@ class AnswerFile:
 def _end(row: Row) -> float:
     """Of an answer, from the start of the run [s]."""
     return row.onset + (row.duration or 0.0) + (row.response_time or 0.0)
+
+
+def _check_columns(path: Path, content: bytes, side_car: SideCar) -> None:
+    """ValueError unless the columns are those that `append` writes: a row goes to the end, by its place."""
+    due, found = columns_of(side_car.task), tsv_text.parse(os.fspath(path), content).columns
+    if found != due:
+        place = next(
+            (i for i, (one, other) in enumerate(zip(due, found, strict=False)) if one != other),
+            min(len(due), len(found)),
+        )
+        one, other = (repr(names[place]) if place < len(names) else "none" for names in (due, found))
+        raise ValueError(
+            f"{path}, line 1: to go on, the columns must be as they were written: column {place + 1} was {one}, is now {other}"
+        )
 
 
 def _head(side_car: SideCar) -> bytes:

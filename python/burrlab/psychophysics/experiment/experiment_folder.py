@@ -100,24 +100,26 @@ class ExperimentFolder:
         """
         self.prepare()
         path = self.path / "participants.tsv"
-        row = (f"sub-{subject}", "yes" if simulated else "no", selected_by or tsv_text.NOTHING)
-        new = tsv_text.line(row)
+        row = dict(
+            zip(
+                _COLUMNS,
+                (f"sub-{subject}", "yes" if simulated else "no", selected_by or tsv_text.NOTHING),
+                strict=True,
+            )
+        )
         file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
         with locked(file, path, wait=True):
-            content, torn = tsv_text.split_torn(path.read_bytes())
-            if torn:
-                os.ftruncate(file, len(content))
-            if not content:
-                synced_write(file, path, tsv_text.line(_COLUMNS))
+            columns = _mend(file, path, row)
             for other, entry in _participants(path).items():
-                if entry["simulated"] != row[1]:
+                if entry["simulated"] != row["simulated"]:
                     raise ValueError(
                         f"{path}: simulated subjects and people do not go into one folder: sub-{other} has simulated "
-                        f"{entry['simulated']}, sub-{subject} {row[1]}"
+                        f"{entry['simulated']}, sub-{subject} {row['simulated']}"
                     )
                 if other == subject:
                     return
-            synced_write(file, path, new)
+            # A laboratory adds columns of its own, such as age, or moves ours.
+            synced_write(file, path, tsv_text.line([row.get(column, tsv_text.NOTHING) for column in columns]))
 
     def participants(self) -> dict[str, dict[str, str]]:
         """What participants.tsv says of each subject, by label; empty without the file.
@@ -129,6 +131,32 @@ class ExperimentFolder:
         """
         path = self.path / "participants.tsv"
         return _participants(path) if path.exists() else {}
+
+
+def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
+    """The columns of participants.tsv, written where they are not; what a kill broke off is cut.
+
+    A last line that lacks its end alone, as an editor may leave it, gets it.
+    """
+    found = path.read_bytes()
+    content, torn = tsv_text.split_torn(found)
+    own = tsv_text.line(_COLUMNS)
+    if torn and not content and own.startswith(torn):
+        os.ftruncate(file, 0)
+    elif torn:
+        columns = tsv_text.parse(os.fspath(path), content or torn).columns
+        *before, last = torn.decode(errors="replace").split("\t")
+        whole = row.get(columns[-1], tsv_text.NOTHING)
+        if not content or (
+            len(before) == len(columns) - 1 and not (last != whole and whole.startswith(last))
+        ):
+            synced_write(file, path, b"\n")
+            return columns
+        os.ftruncate(file, len(content))
+    if content:
+        return tsv_text.parse(os.fspath(path), content).columns
+    synced_write(file, path, own)
+    return _COLUMNS
 
 
 def _participants(path: Path) -> dict[str, dict[str, str]]:

@@ -24,9 +24,13 @@ if TYPE_CHECKING:
 SPACE = " "
 
 _LOOK = 0.25  # the longest wait without a look for a signal [s]
+_CLOSED = "the subject's terminal was closed"
 _MOMENT = 1.5  # that a sentence stays [s]
 # Keys such as Home, Delete or F5 send digits after an escape: they are no answers.
 _ESCAPED = re.compile(rb"\x1b(?:[\[O][0-9;?]*[ -/]*[@-~]|.)?", re.DOTALL)
+# The same, not yet at its end: a slow line hands it over in parts. Who presses Escape and then a digit is slower.
+_BEGUN = re.compile(rb"\x1b(?:[\[O][0-9;?]*[ -/]*)?\Z")
+_PART = 0.1  # the longest wait for the next part [s]
 
 
 class Keyboard:
@@ -75,8 +79,26 @@ class Keyboard:
             self._termios.tcsetattr(self._file, self._termios.TCSANOW, self._before)
 
     def flush(self) -> None:
-        """Forgets the keys pressed so far."""
-        self._termios.tcflush(self._file, self._termios.TCIFLUSH)
+        """Forgets the keys pressed so far.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If the terminal was closed.
+        """
+        try:
+            self._termios.tcflush(self._file, self._termios.TCIFLUSH)
+        except self._termios.error:
+            raise KeyboardInterrupt(_CLOSED) from None
+
+    def _read(self) -> bytes:
+        try:
+            typed = os.read(self._file, 1024)
+        except OSError:
+            typed = b""
+        if not typed:
+            raise KeyboardInterrupt(_CLOSED)
+        return typed
 
     def pressed(self, keys: str, seconds: float | None = None) -> str | None:
         """The first of these keys that is pressed, at most after so long [s]; None if there is none.
@@ -90,13 +112,10 @@ class Keyboard:
         while True:
             left = _LOOK if end is None else max(0.0, min(_LOOK, end - time.monotonic()))
             if select.select([self._file], [], [], left)[0]:
-                try:
-                    typed = os.read(self._file, 1024)
-                except OSError:
-                    typed = b""
-                if not typed:
-                    raise KeyboardInterrupt("the subject's terminal was closed")
-                for key in _ESCAPED.sub(b"", typed).decode(errors="ignore"):
+                typed = self._read()
+                while _BEGUN.search(typed) and select.select([self._file], [], [], _PART)[0]:
+                    typed += self._read()
+                for key in _ESCAPED.sub(b"", _BEGUN.sub(b"", typed)).decode(errors="ignore"):
                     if key in keys:
                         return key
             if end is not None and time.monotonic() >= end:

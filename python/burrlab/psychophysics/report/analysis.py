@@ -87,7 +87,7 @@ def analyse(
     >>> analyse({"01": one, "02": two})
     Analysis(abx (n = 2))
     """
-    if isinstance(data, (str, os.PathLike)) and Path(data).suffix == ".toml":
+    if isinstance(data, (str, os.PathLike)) and (Path(data).suffix == ".toml" or Path(data).is_file()):
         data = Protocol.read(data)
     settings, notes = AnalysisSettings(), []
     if isinstance(data, Protocol):
@@ -107,12 +107,7 @@ def analyse(
     if any(one.answers for task in tasks for one in task.subjects):
         notes.append("Practice trials are left out.")
     if settings.delta is not None:
-        beforehand = isinstance(data, Protocol) and settings.delta == data.analysis.delta
-        notes.append(
-            f"Delta = {settings.delta:g}, as the protocol has it."
-            if beforehand
-            else f"Delta = {settings.delta:g}, given to the analysis: it counts only if it was set before the answers were seen."
-        )
+        notes.append(_origin_of_delta(settings.delta, data, tasks))
     chosen = [_selected(task, subjects, selected_from, selected_by) for task in tasks]
     made = provenance(
         rules=list(settings.rules), delta=settings.delta, level=settings.level,
@@ -130,14 +125,39 @@ def _of_folder(folder: str | os.PathLike[str]) -> list[TaskData]:
 
 
 def _missing(protocol: Protocol, tasks: Sequence[TaskData]) -> list[str]:
-    """Who has not begun what."""
+    """Who has not begun what, and what is there of others."""
     there = {task.name: {one.subject for one in task.subjects} for task in tasks}
     notes = []
     for name in protocol.tasks:
         absent = [subject for subject in protocol.subjects if subject not in there.get(name, ())]
         if absent:
             notes.append(f"No run of {name} yet: {', '.join(absent)}.")
+    for task in tasks:
+        others = [one.subject for one in task.subjects if one.subject not in protocol.subjects]
+        if task.name not in protocol.tasks:
+            notes.append(f"Task {task.name} is in the folder and not in the protocol.")
+        elif others:
+            notes.append(f"In the folder and not in the protocol, of {task.name}: {', '.join(others)}.")
     return notes
+
+
+def _origin_of_delta(delta: float, data: object, tasks: Sequence[TaskData]) -> str:
+    """Whether it was set before the runs began: each run's side-car has the protocol of that day."""
+    counts = "it counts only if it was set before the answers were seen"
+    if not isinstance(data, Protocol) or delta != data.analysis.delta:
+        return f"Delta = {delta:g}, given to the analysis: {counts}."
+    before: dict[str, list[str]] = {}
+    for task in tasks:
+        for one in task.subjects:
+            car = None if one.answers is None else one.answers.side_car
+            was = None if car is None else car.protocol.get("analysis", {}).get("delta")
+            if was != delta:
+                runs = before.setdefault("none" if was is None else f"{was:g}", [])
+                runs.append(f"{one.subject} of {task.name}")
+    if not before:
+        return f"Delta = {delta:g}, as the protocol has it."
+    changed = "; ".join(f"{was} when {', '.join(runs)} began" for was, runs in before.items())
+    return f"Delta = {delta:g}, as the protocol has it now, and it was {changed}: {counts}."
 
 
 def _settled(

@@ -47,6 +47,8 @@ class ScoredTask:
         Subjects whose run is incomplete, with how far they came.
     of : int
         Subjects that those here were selected from; 0 without selection, or where it is not known.
+    chosen : int
+        Subjects that were selected: more than those here while some are still to come; 0 as above.
     selected_by : str
     score : GroupScore or None
         None of a single subject.
@@ -67,6 +69,7 @@ class ScoredTask:
     subjects: tuple[SubjectResult, ...]
     left_out: tuple[str, ...]
     of: int
+    chosen: int
     selected_by: str
     score: GroupScore | None
     group_d_prime: tuple[GroupDPrime, ...]
@@ -93,6 +96,7 @@ class ScoredTask:
             subjects=_results(used, rules, level),
             left_out=tuple(left_out_text(one) for one in data.subjects if one not in used),
             of=data.of,
+            chosen=(data.chosen or len(data.subjects)) if data.of else 0,
             selected_by=data.selected_by,
             score=group_score(counts, level=level) if several else None,
             group_d_prime=tuple(group_d_prime(counts, rule=rule, level=level) for rule in rules if several),
@@ -133,10 +137,9 @@ class ScoredTask:
     @property
     def selection(self) -> SelectionEffect | None:
         """What selection by this very score does to the mean; None without selection, or where it cannot be said."""
-        n = len(self.subjects)
-        if not n or self.trials is None or self.of <= n:
+        if not self.subjects or self.trials is None or self.of <= self.chosen:
             return None
-        return SelectionEffect(n, self.of, self.trials, self.chance)
+        return SelectionEffect(self.chosen, self.of, self.trials, self.chance)
 
     def subject(self, name: str) -> SubjectResult:
         """One subject's result.

@@ -83,6 +83,8 @@ class ThresholdTask:
         Subjects whose run is incomplete, with how far they came.
     of : int
         Subjects that those here were selected from; 0 without selection, or where it is not known.
+    chosen : int
+        Subjects that were selected: more than those here while some are still to come; 0 as above.
     selected_by : str
     """
 
@@ -92,6 +94,7 @@ class ThresholdTask:
     subjects: tuple[SubjectThreshold, ...]
     left_out: tuple[str, ...]
     of: int
+    chosen: int
     selected_by: str
 
     task: ClassVar[str] = "2ifc"
@@ -111,6 +114,7 @@ class ThresholdTask:
             subjects=used,
             left_out=tuple(left_out_text(one) for one in data.subjects if one.subject not in names),
             of=data.of,
+            chosen=(data.chosen or len(data.subjects)) if data.of else 0,
             selected_by=data.selected_by,
         )
 

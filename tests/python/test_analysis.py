@@ -153,7 +153,7 @@ class TestSelection:
         task = scored(analysis, "same-different")
         assert task.selection == SelectionEffect(3, 20, 12)
         text = analysis.report()
-        assert "SELECTED: 3 of 20 subjects, by score of task 1." in text
+        assert "SELECTED (score of task 1): 3 of 20 subjects." in text
         effect = SelectionEffect(3, 20, 12)
         assert f"the best 3 of 20 guessing have {effect.expected:.2f} of 12 on average" in text
         assert "3 selected of 20" in task.title
@@ -173,7 +173,7 @@ class TestSelection:
 
     def test_by_what_alone(self) -> None:
         analysis = analyse({"probing": THREE}, selected_by="their teacher")
-        assert "SELECTED: 3 subjects, by their teacher, of how many is not known" in analysis.report()
+        assert "SELECTED (their teacher): 3 subjects, of how many is not known" in analysis.report()
 
     def test_refused(self) -> None:
         with pytest.raises(ValueError, match="subjects must be of 01, 02, 03, got 04"):
@@ -282,7 +282,7 @@ HEAD = """
 [experiment]
 name = "Trying"
 seed = 3
-subjects = 3
+subjects = {subjects}
 {more}
 [burr]
 radius_mm = 3.0
@@ -333,9 +333,9 @@ trials = 30
 """
 
 
-def protocol(folder: Path, tables: str, more: str = "") -> Protocol:
+def protocol(folder: Path, tables: str, more: str = "", subjects: int = 3) -> Protocol:
     path = folder / "experiment.toml"
-    path.write_text(HEAD.format(more=more) + tables)
+    path.write_text(HEAD.format(more=more, subjects=subjects) + tables)
     return Protocol.read(path)
 
 
@@ -444,8 +444,38 @@ def test_simulated_and_selected_in_the_files(tmp_path: Path) -> None:
     task = scored(analysis, "probing")
     assert task.simulated
     assert (task.of, task.selected_by) == (20, "best 2 of 20 in an earlier experiment")
-    assert "SELECTED: 2 of 20 subjects, by best 2 of 20 in an earlier experiment." in analysis.report()
+    assert "SELECTED (best 2 of 20 in an earlier experiment): 2 of 20 subjects." in analysis.report()
     assert "(simulated subjects; 2 selected of 20)" in task.title
+
+
+@pytest.mark.parametrize(
+    "more",
+    ['selected_by = "score of task 1"\nselected_from = 20', 'selected_by = "Best 12 of 20 by score"'],
+)
+def test_some_of_the_selected_subjects(tmp_path: Path, more: str) -> None:
+    made = protocol(tmp_path, PROBING, subjects=12, more=more)
+    run(made, "01", "probing", wrong_in([1]))
+    run(made, "02", "probing", wrong_in([2]))
+    run(made, "03", "probing", wrong_in([1]), stop=5)
+    task = scored(analyse(made), "probing")
+    assert (len(task.subjects), task.chosen, task.of) == (2, 12, 20)
+    text = analyse(made).report()
+    assert "): 12 of 20 subjects, of whom 2 are here. Others" in text
+    # Two of the best twelve are not the best two.
+    assert "the best 12 of 20 guessing have 7.06 of 12 on average, 1.06 above chance\n" in text
+    assert "2 of 12 selected of 20" in task.title
+    assert task.selection is not None
+    assert (task.selection.kept, task.selection.of) == (12, 20)
+    some = scored(analyse(made, subjects=["01"]), "probing")
+    assert (len(some.subjects), some.chosen, some.of) == (1, 12, 20)
+    given = scored(analyse(made, selected_from=4), "probing")
+    assert (given.chosen, given.of) == (3, 4)
+
+
+def test_a_text_about_answers_is_no_number_of_subjects(tmp_path: Path) -> None:
+    made = protocol(tmp_path, PROBING, more='selected_by = "10 of 12 right"')
+    run(made, "01", "probing", wrong_in([1]))
+    assert scored(analyse(made), "probing").of == 0
 
 
 def test_thresholds(tmp_path: Path) -> None:

@@ -28,6 +28,7 @@ def test_what_a_protocol_says(tmp_path):
     assert (one.burr, one.bone.size, one.bone.voxel) == (burrlab.Burr(3.0), (12.0, 12.0, 6.0), 0.5)
     assert (one.device, one.trace, one.feedback, one.pause, one.rest) == ("hand", False, False, 1.0, 60.0)
     assert one.selected_by is None
+    assert one.selected_from is None
     assert one.analysis.rules == ("independent-observations", "differencing")
     assert (one.analysis.delta, one.analysis.level) == (None, 0.95)
     bone, pvc = (Stimulus(name, burrlab.materials[name]) for name in ("bone", "pvc"))
@@ -146,6 +147,8 @@ def test_the_digest_is_of_what_is_said_not_how(tmp_path):
         ("seed = 7", "seed = 7\nbreak_s = inf", r", [experiment]: break_s must be a finite number, got inf"),
         ("seed = 7", 'seed = 7\ndevice = "mouse"', r", [experiment]: device must be hand, scripted:FILE or igtl:HOST:PORT"),
         ("seed = 7", 'seed = 7\ndevice = "igtl:x"', r", [experiment]: device igtl: must be HOST:PORT, got 'x'"),
+        ("seed = 7", "seed = 7\nselected_from = 2", r", [experiment]: selected_from must be more than the"),
+        ("seed = 7", 'seed = 7\nselected_from = "x"', r", [experiment]: selected_from must be a whole number"),
         ("seed = 7", "seed = 7\nselected_by = 3", r", [experiment]: selected_by must be a text"),
         ("seed = 7", 'seed = 7\nselected_by = "a\\tb"', r", [experiment]: selected_by must be without tabs"),
         ("subjects = 3\n", "", r", [experiment]: subjects is missing"),

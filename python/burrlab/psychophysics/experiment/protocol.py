@@ -23,6 +23,7 @@ from burrlab.psychophysics.experiment.protocol_tables import (
     designs_of,
     device_of,
     seconds_of,
+    selected_from_of,
     selection_of,
     subjects_of,
     without_folder,
@@ -65,6 +66,8 @@ class Protocol:
         Between blocks and between tasks, at least [s].
     selected_by : str or None
         How the subjects were chosen by the outcome of an earlier experiment; None if they were not.
+    selected_from : int or None
+        How many they were chosen from; None if they were not, or it is not known.
     analysis : AnalysisSettings
     """
 
@@ -82,6 +85,7 @@ class Protocol:
     pause: float
     rest: float
     selected_by: str | None
+    selected_from: int | None
     analysis: AnalysisSettings
 
     @classmethod
@@ -117,6 +121,7 @@ class Protocol:
             seconds_of(experiment, key, value) for key, value in (("pause_s", 1.0), ("break_s", 60.0))
         )
         selected_by = selection_of(experiment)
+        selected_from = selected_from_of(experiment, len(subjects))
         experiment.done()
         burr, bone = burr_and_bone_of(file)
         tasks = designs_of(file)
@@ -124,7 +129,7 @@ class Protocol:
         file.done()
         return cls(
             path, name, seed, subjects, tasks, burr, bone, device, folder, trace, feedback, pause, rest, selected_by,
-            analysis,
+            selected_from, analysis,
         )  # fmt: skip
 
     def tasks_of(self, subject: str) -> tuple[str, ...]:
@@ -244,6 +249,7 @@ class Protocol:
                     "pause_s": self.pause,
                     "break_s": self.rest,
                     "selected_by": self.selected_by,
+                    "selected_from": self.selected_from,
                 },
                 "burr": {"radius_mm": self.burr.radius},
                 "bone": {"size_mm": list(self.bone.size), "voxel_mm": self.bone.voxel},

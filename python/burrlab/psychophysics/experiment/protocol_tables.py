@@ -90,6 +90,16 @@ def selection_of(table: Table) -> str | None:
     return text
 
 
+def selected_from_of(table: Table, subjects: int) -> int | None:
+    """Of how many the subjects were selected, of [experiment]."""
+    if table.value("selected_from", None) is None:
+        return None
+    number = table.whole("selected_from")
+    if number <= subjects:
+        raise table.error(f"selected_from must be more than the {subjects} subjects, got {number}")
+    return int(number)
+
+
 def seconds_of(table: Table, key: str, default: float) -> float:
     """A time of at least 0 [s]."""
     value = float(table.number(key, default))

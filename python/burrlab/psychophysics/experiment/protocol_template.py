@@ -16,7 +16,8 @@ trace = false               # true keeps a complete trace of every interval
 feedback = false            # true tells the subject in practice whether the answer was right
 pause_s = 1.0               # after an interval
 break_s = 60.0              # at least, between blocks
-#selected_by = "best 12 of 20 in an earlier experiment"   # if the subjects were: the report warns of it
+#selected_by = "score in an earlier experiment"   # if the subjects were: the report warns of it
+#selected_from = 20         # of how many
 
 [burr]
 radius_mm = 3.0

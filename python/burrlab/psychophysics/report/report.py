@@ -97,15 +97,20 @@ def warnings(task: Task) -> list[str]:
 
 def _selection(task: Task) -> list[str]:
     """What selection does to what is below."""
-    n, by = len(task.subjects), f", by {task.selected_by}" if task.selected_by else ""
-    whom = f"{n} of {task.of} subjects{by}" if task.of else f"{n} subjects{by}, of how many is not known"
-    lines = [f"SELECTED: {whom}. Others may differ, and p values and intervals below do not allow for it"]
+    n, by = len(task.subjects), f" ({task.selected_by})" if task.selected_by else ""
+    partly = n != task.chosen
+    whom = f"{n} subjects, of how many is not known"
+    if task.of:
+        whom = f"{task.chosen} of {task.of} subjects{f', of whom {n} are here' if partly else ''}"
+    lines = [f"SELECTED{by}: {whom}. Others may differ, and p values and intervals below do not allow for it"]
     effect = task.selection if isinstance(task, ScoredTask) else None
     if effect is not None and isinstance(task, ScoredTask) and task.score is not None:
         mean = task.score.mean
+        # The probability is that of a mean of all who were selected.
+        as_good = "" if partly else f", and {mean:.2f} or more with {probability_text(effect.p_value(mean))}"
         lines.append(
-            f"if selected by this very score: the best {n} of {task.of} guessing have {effect.expected:.2f} of {effect.trials} on "
-            f"average, {effect.excess:.2f} above chance, and {mean:.2f} or more with {probability_text(effect.p_value(mean))}"
+            f"if selected by this very score: the best {task.chosen} of {task.of} guessing have {effect.expected:.2f} of "
+            f"{effect.trials} on average, {effect.excess:.2f} above chance{as_good}"
         )
     return lines
 

@@ -78,6 +78,7 @@ class ScoredTask(TaskResult[SubjectResult]):
             subjects=_results(used, rules, level),
             left_out=tuple(left_out_text(one) for one in data.subjects if one not in used),
             of=data.of,
+            chosen=(data.chosen or len(data.subjects)) if data.of else 0,
             selected_by=data.selected_by,
             score=group_score(counts, level=level) if several else None,
             group_d_prime=tuple(group_d_prime(counts, rule=rule, level=level) for rule in rules if several),
@@ -98,10 +99,9 @@ class ScoredTask(TaskResult[SubjectResult]):
     @property
     def selection(self) -> SelectionEffect | None:
         """What selection by this very score does to the mean; None without selection, or where it cannot be said."""
-        n = len(self.subjects)
-        if not n or self.trials is None or self.of <= n:
+        if not self.subjects or self.trials is None or self.of <= self.chosen:
             return None
-        return SelectionEffect(n, self.of, self.trials, self.chance)
+        return SelectionEffect(self.chosen, self.of, self.trials, self.chance)
 
     def plot_scores(self, ax: Axes | None = None, *, published: PublishedScore | None = None) -> Axes:
         """Histogram of the scores, with that expected at chance and mean ± s.e.m. (the paper's Figs. 7 and 8).

@@ -16,7 +16,7 @@ CountsBySubject: TypeAlias = Mapping[str, Counts | Answers]
 CountsByTask: TypeAlias = Mapping[str, CountsBySubject]
 
 
-_OF = re.compile(r"\b\d+ of (\d+)\b")
+_OF = re.compile(r"\bbest (\d+) of (\d+)\b", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,8 @@ class TaskData:
         Subjects that those here were selected from; 0 without selection.
     selected_by : str
         What they were selected by, if that is known.
+    chosen : int
+        Subjects that were selected, where more were than did the task so far; 0: those here.
     """
 
     name: str
@@ -78,14 +80,21 @@ class TaskData:
     design: Mapping[str, Any] = field(default_factory=dict)
     of: int = 0
     selected_by: str = ""
+    chosen: int = 0
 
     def select(self, subjects: Sequence[str] | None, pool: int, by: str) -> TaskData:
         """Those of these subjects, by default all, who did the task; `pool` as `of`, where it is known."""
         kept = tuple(one for one in self.subjects if subjects is None or one.subject in subjects)
         several = len(kept) < len(self.subjects)
         of = pool or self.of or (len(self.subjects) if several else 0)
+        # Some of those who were selected are no smaller selection of the same number.
+        chosen = (self.chosen or len(self.subjects)) if self.of and not pool else 0
         return replace(
-            self, subjects=kept, of=of if of > len(kept) else 0, selected_by=by or self.selected_by
+            self,
+            subjects=kept,
+            of=of if of > len(kept) else 0,
+            selected_by=by or self.selected_by,
+            chosen=chosen,
         )
 
 
@@ -166,16 +175,33 @@ def _subject(one: Answers) -> SubjectData:
 def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) -> list[TaskData]:
     """The same, with what participants were selected by, subject -> text.
 
-    A text such as "best 12 of 20" says how many they were selected from.
+    The protocol in the side-cars says how many they were selected from (`selected_from`), or else a text such as "best 12
+    of 20" does.
     """
     found = []
     for task in tasks:
         texts = dict.fromkeys(selected_by.get(one.subject, "") for one in task.subjects)
         text = "; ".join(text for text in texts if text)
         numbers = _OF.search(text)
-        of = int(numbers[1]) if numbers else 0
-        found.append(replace(task, selected_by=text, of=of if of > len(task.subjects) else 0))
+        chosen, of = (int(numbers[1]), int(numbers[2])) if numbers else (0, 0)
+        chosen, of = _settled_selection(task) or (chosen, of)
+        n = len(task.subjects)
+        found.append(
+            replace(task, selected_by=text, of=of if of > n else 0, chosen=chosen if n <= chosen < of else 0)
+        )
     return found
+
+
+def _settled_selection(task: TaskData) -> tuple[int, int] | None:
+    """How many the protocol's subjects are, and of how many they were selected; None if it does not say."""
+    found = []
+    for one in task.subjects:
+        car = None if one.answers is None else one.answers.side_car
+        settled = {} if car is None else car.protocol.get("experiment", {})
+        if (of := settled.get("selected_from")) is not None:
+            found.append((len(settled["subjects"]), of))
+    # Subjects may have been added while the experiment ran.
+    return max(found, default=None)
 
 
 def design_text(design: Mapping[str, Any]) -> str:

@@ -37,6 +37,8 @@ class TaskResult(Generic[Subject]):
         Subjects whose run is incomplete, with how far they came.
     of : int
         Subjects that those here were selected from; 0 without selection, or where it is not known.
+    chosen : int
+        Subjects that were selected: more than those here while some are still to come; 0 as above.
     selected_by : str
     """
 
@@ -46,6 +48,7 @@ class TaskResult(Generic[Subject]):
     subjects: tuple[Subject, ...]
     left_out: tuple[str, ...]
     of: int
+    chosen: int
     selected_by: str
 
     @property
@@ -70,8 +73,18 @@ class TaskResult(Generic[Subject]):
         text = f"{self.name}: {about}" if about else self.name
         said = ["simulated subjects"] if self.simulated else []
         if self.selected:
-            said.append(f"{len(self.subjects)} selected of {self.of}" if self.of else "selected subjects")
+            said.append(self.selected_text if self.of else "selected subjects")
         return f"{text} ({'; '.join(said)})" if said else text
+
+    @property
+    def selected_text(self) -> str:
+        """How many, of how many that were selected, of how many."""
+        n = len(self.subjects)
+        return (
+            f"{n} selected of {self.of}"
+            if n == self.chosen
+            else f"{n} of {self.chosen} selected of {self.of}"
+        )
 
     def subject(self, name: str) -> Subject:
         """One subject's result.

@@ -89,6 +89,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
             subjects=used,
             left_out=tuple(left_out_text(one) for one in data.subjects if one.subject not in names),
             of=data.of,
+            chosen=(data.chosen or len(data.subjects)) if data.of else 0,
             selected_by=data.selected_by,
         )
 

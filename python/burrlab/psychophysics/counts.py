@@ -33,8 +33,9 @@ class Counts:
 
     Examples
     --------
-    >>> Counts("same-different", hits=5, signals=6, false_alarms=1, noises=6).score
-    10
+    >>> counts = Counts("same-different", hits=6, signals=8, false_alarms=2, noises=8)
+    >>> counts.score, counts.hit_rate, counts.false_alarm_rate
+    (12, 0.75, 0.25)
     """
 
     task: TaskName
@@ -78,6 +79,7 @@ class Counts:
 
     @property
     def hit_rate(self) -> float:
+        """NaN without such trials, as the next."""
         return self.hits / self.signals if self.signals else float("nan")
 
     @property

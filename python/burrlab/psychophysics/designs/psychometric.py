@@ -83,20 +83,7 @@ def psychometric_function(
             f"levels, correct and trials must be equally many, got {len(levels)}, {len(correct)} and {len(trials)}"
         )
     ratios = [checked_level("levels", ratio) for ratio in levels]
-    counts: dict[float, list[int]] = {}
-    for ratio, right, number in zip(ratios, correct, trials, strict=True):
-        right, number = operator.index(right), operator.index(number)
-        if not 0 <= right <= number or number == 0:
-            raise ValueError(f"correct must be from 0 to trials, at least 1, got {right} of {number}")
-        above = max(ratio, 1.0 / ratio)
-        # A ratio and its inverse, up to rounding
-        total = counts.setdefault(
-            next((known for known in counts if math.isclose(known, above)), above), [0, 0]
-        )
-        total[0] += right
-        total[1] += number
-    if len(counts) < 2:
-        raise ValueError(f"levels must hold at least two different differences from 1, got {len(counts)}")
+    pooled = _pooled(ratios, correct, trials)
     if parameter is not None:
         one_of("parameter", parameter, tuple(UNITS))
     if reference is not None and not (math.isfinite(reference) and reference > 0.0):
@@ -104,7 +91,6 @@ def psychometric_function(
     if not 0.0 < level < 1.0:
         raise ValueError(f"level must be between 0 and 1, got {level}")
 
-    pooled = dict(sorted(counts.items()))
     data = np.array([(math.log(math.log(ratio)), *n) for ratio, n in pooled.items()])
     found, at_bounds = _fit(data, level)
     threshold, width, lapse = (
@@ -132,6 +118,24 @@ def psychometric_function(
         at_bounds=tuple(at_bounds),
         provenance=provenance(psignifit=_version()),
     )
+
+
+def _pooled(
+    ratios: Sequence[float], correct: Sequence[int], trials: Sequence[int]
+) -> dict[float, tuple[int, int]]:
+    """Correct answers and trials at each ratio above 1, a ratio and its inverse as one."""
+    counts: dict[float, tuple[int, int]] = {}
+    for ratio, right, number in zip(ratios, correct, trials, strict=True):
+        right, number = operator.index(right), operator.index(number)
+        if not 0 <= right <= number or number == 0:
+            raise ValueError(f"correct must be from 0 to trials, at least 1, got {right} of {number}")
+        above = max(ratio, 1.0 / ratio)
+        same = next((known for known in counts if math.isclose(known, above)), above)  # up to rounding
+        before = counts.get(same, (0, 0))
+        counts[same] = (before[0] + right, before[1] + number)
+    if len(counts) < 2:
+        raise ValueError(f"levels must hold at least two different differences from 1, got {len(counts)}")
+    return dict(sorted(counts.items()))
 
 
 def _ends(values: Sequence[float]) -> tuple[float, tuple[float, float]]:

@@ -268,9 +268,10 @@ def test_a_side_car_that_was_changed(tmp_path, change, sentence):
 
 def test_a_side_car_that_is_no_json(tmp_path):
     _, path = begun(tmp_path, count=3)
-    path.with_suffix(".json").write_text("{")
-    with pytest.raises(ValueError, match="this is not JSON in UTF-8"):
-        read_answers(path)
+    for text in ("{", "[" * 100_000):
+        path.with_suffix(".json").write_text(text)
+        with pytest.raises(ValueError, match="this is not JSON in UTF-8"):
+            read_answers(path)
 
 
 def test_read_folder(tmp_path):

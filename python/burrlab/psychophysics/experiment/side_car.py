@@ -212,7 +212,7 @@ def read_side_car(path: str | os.PathLike[str]) -> SideCar | None:
         return None
     try:
         values = json.loads(file.read_bytes())
-    except ValueError:
+    except (ValueError, RecursionError):
         raise ValueError(f"{file}: this is not JSON in UTF-8") from None
     if not isinstance(values, dict) or _KEY not in values:
         return None

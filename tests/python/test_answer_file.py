@@ -16,6 +16,7 @@ from answer_scenes import SMALL, TASKS, answer, begun, give, protocol
 
 from burrlab.psychophysics import AnswerFile, Protocol, read_answers
 from burrlab.psychophysics.experiment.interval import ENDINGS
+from burrlab.psychophysics.experiment.sitting import Sitting
 
 HERE = Path(__file__).parent
 
@@ -387,3 +388,12 @@ def test_columns_that_were_changed_are_not_gone_on_with(tmp_path):
         with pytest.raises(ValueError, match=sentence):
             one.resume("01", "probing")
         assert path.read_bytes() == before
+
+
+def test_what_was_begun_comes_first_when_the_order_of_tasks_has_moved(tmp_path):
+    one, _ = begun(tmp_path, "up", count=2, subject="02")
+    other = protocol(tmp_path, SMALL.replace("subjects = 3", 'subjects = ["02", "01"]'))
+    assert other.tasks_of("02")[0] != "up"
+    sitting = Sitting(other, "02")
+    assert sitting.tasks == ("up", *(task for task in other.tasks_of("02") if task != "up"))
+    assert Sitting(one, "01").tasks == one.tasks_of("01")

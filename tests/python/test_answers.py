@@ -254,6 +254,12 @@ def test_what_the_file_says_otherwise(tmp_path):
             lambda car: car["Protocol"]["experiment"].update(seed=8),
             "ProtocolDigest does not belong to the Protocol",
         ),
+        (lambda car: car.update(Seed=8), "Seed is not that of the Protocol beside it"),
+        (lambda car: car["Design"].update(trials=4), "Design is not that of the Protocol beside it"),
+        (
+            lambda car: car.update(Trials=4),
+            "Task and Trials must be 'same-different' and 10, those of the Design, got 'same-different' and 4",
+        ),
     ],
 )
 def test_a_side_car_that_was_changed(tmp_path, change, sentence):
@@ -268,9 +274,10 @@ def test_a_side_car_that_was_changed(tmp_path, change, sentence):
 
 def test_a_side_car_that_is_no_json(tmp_path):
     _, path = begun(tmp_path, count=3)
-    path.with_suffix(".json").write_text("{")
-    with pytest.raises(ValueError, match="this is not JSON in UTF-8"):
-        read_answers(path)
+    for text in ("{", "[" * 100_000):
+        path.with_suffix(".json").write_text(text)
+        with pytest.raises(ValueError, match="this is not JSON in UTF-8"):
+            read_answers(path)
 
 
 def test_read_folder(tmp_path):
@@ -423,3 +430,25 @@ def test_any_field_is_read_or_named(data):
         RowReader("abx").parse(good | {column: text})
     except ValueError as error:
         assert str(error).startswith("column ")  # noqa: PT017
+
+
+@pytest.mark.parametrize(
+    ("task", "one", "other", "sentence"),
+    [
+        ("probing", "AB", "BA", "column stimulus_1: BA has 'pvc' there, got 'bone'"),
+        ("match", "AB", "BA", "column stimulus_2: BA has 'pvc' there, got 'bone'"),
+    ],
+)
+def test_a_type_that_contradicts_the_stimuli(tmp_path, task, one, other, sentence):
+    """The answers are right or wrong as before, and the pairs would be counted as others."""
+    _, path = begun(tmp_path, task, count=4)
+    text = path.read_text()
+    line = next(n for n, row in enumerate(text.splitlines(), start=1) if f"\t{one}\t" in row)
+    rows = text.splitlines()
+    rows[line - 1] = rows[line - 1].replace(f"\t{one}\t", f"\t{other}\t")
+    if task == "match":
+        rows[line - 1] = rows[line - 1].replace("\tfirst\t", "\tX\t").replace("\tsecond\t", "\tfirst\t")
+        rows[line - 1] = rows[line - 1].replace("\tX\t", "\tsecond\t")
+    path.write_text("\n".join(rows) + "\n")
+    with pytest.raises(ValueError, match=f"line {line}, {sentence}"):
+        read_answers(path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 
 import pytest
 from answer_scenes import begun, protocol
@@ -130,3 +131,25 @@ def test_columns_of_participants_without_their_line_s_end(tmp_path):
     path.write_text("participant_id\tsimulated\tage")
     ExperimentFolder(tmp_path, "x").add("01", simulated=False)
     assert path.read_text() == "participant_id\tsimulated\tage\nsub-01\tno\tn/a\n"
+
+
+def test_a_full_disk_is_named_and_leaves_no_part(tmp_path):
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    folder = ExperimentFolder(tmp_path, "x")
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20, before[1]))
+        with pytest.raises(OSError, match=r"File too large: .*dataset_description\.json"):
+            folder.add("01", simulated=False)
+        assert not list(tmp_path.iterdir())
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        folder.prepare()
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20, before[1]))
+        with pytest.raises(OSError, match=r"participants\.tsv"):
+            folder.add("01", simulated=False)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+    folder.add("01", simulated=False)
+    assert list(folder.participants()) == ["01"]

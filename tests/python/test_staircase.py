@@ -245,3 +245,17 @@ def test_wrong_types_are_named():
         Staircase(materials["bone"], "c_e")
     with pytest.raises(TypeError, match="float"):
         staircase(trials=20.5)
+
+
+def test_a_step_beyond_all_numbers_goes_to_the_limit() -> None:
+    design = Staircase(
+        Stimulus("bone", materials["bone"]), "c_e", step=1e308, up_weight=2.0, discard=0, limit=8.0
+    )
+    order = design.order(seed=1, subject="01")
+    for _ in range(3):
+        trial = order.next()
+        assert trial is not None
+        order.answer(next(answer for answer in design.answers if answer != trial.correct))
+    trial = order.next()
+    assert trial is not None
+    assert trial.level == pytest.approx(8.0)

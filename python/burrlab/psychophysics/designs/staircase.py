@@ -204,7 +204,11 @@ class StaircaseTrack:
         self._direction = direction
         factor = design.step if len(self._reversals) >= design.discard else design.coarse_step
         exponent = -1.0 if correct else design.up_weight
-        self._difference = max(_SMALLEST, min(self._difference * factor**exponent, self._limit))
+        try:
+            grown = self._difference * factor**exponent
+        except OverflowError:
+            grown = math.inf
+        self._difference = max(_SMALLEST, min(grown, self._limit))
 
     def threshold(self) -> StaircaseThreshold:
         counted = self._reversals[self._design.discard :]

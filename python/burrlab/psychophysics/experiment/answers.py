@@ -173,6 +173,7 @@ def read_answers(
         rows, torn = read_rows(file, content, labels["task"], answers), b""
     else:
         rows, content, torn = read_own_rows(file, content, car.task)
+        _check_stimuli(file, rows, car)
     notes = (f"the last line of {file} was broken off and is left out",) if torn else ()
     labels["subject"] = _one_subject(file, content, labels["subject"])
     return Answers(**labels, rows=tuple(row for _, row in rows), side_car=car, notes=notes, source=file)
@@ -214,6 +215,27 @@ def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[list[tuple
         except ValueError:
             pass
     return rows, lines, torn
+
+
+def _check_stimuli(file: str, rows: Sequence[tuple[int, Row]], car: SideCar) -> None:
+    """That a trial's type says what its intervals were, where the type alone decides: each is written down twice."""
+    names = {
+        key: str(value["name"])
+        for key, value in car.design.items()
+        if isinstance(value, Mapping) and "name" in value
+    }
+    for line, row in rows:
+        if car.task == "same-different":
+            due = [names[letter.lower()] for letter in row.trial_type]
+        elif car.task == "abx":
+            due = [names["reference"], *(names[{"A": "match", "B": "foil"}[one]] for one in row.trial_type)]
+        else:
+            continue
+        for place, (found, name) in enumerate(zip(row.stimuli, due, strict=False), start=1):
+            if found is not None and found != name:
+                raise ValueError(
+                    f"{file}, line {line}, column stimulus_{place}: {row.trial_type} has {name!r} there, got {found!r}"
+                )
 
 
 def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:

@@ -28,6 +28,10 @@ DESIGNS: Mapping[str, type[Design]] = {
 #: Parameters in seconds, whose keys say so.
 _SECONDS = ("interval", "reference_interval")
 
+#: Of anything that is counted, such as trials: more than one person answers. All orders are made before the first trial.
+_MOST = 10_000
+_LONGEST = 86400.0  # [s], a day
+
 
 def design_of(table: Table, stimuli: Mapping[str, Stimulus]) -> Design:
     """The design of a table: its keys are the parameters of the design's class, times with _s behind them.
@@ -100,5 +104,10 @@ def _read(table: Table, key: str, kind: Any, stimuli: Mapping[str, Stimulus], *,
         return stimuli.get(name)
     if get_origin(kind) is Literal:
         return table.text(key, *default, choices=get_args(kind))
-    readers = {int: table.whole, float: table.number, bool: table.flag, str: table.text}
-    return readers.get(kind, table.numbers)(key, *default)
+    if kind is int:
+        return table.whole(key, *default, most=_MOST)
+    readers = {float: table.number, bool: table.flag, str: table.text}
+    value = readers.get(kind, table.numbers)(key, *default)
+    if key.endswith("_s") and key in table and value > _LONGEST:
+        raise table.error(f"{key} must be at most {_LONGEST:g} [s], got {value!r}")
+    return value

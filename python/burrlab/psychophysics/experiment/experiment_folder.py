@@ -83,10 +83,17 @@ class ExperimentFolder:
             ("README", readme),
         ):
             try:
-                with (self.path / file).open("x", encoding="utf-8", newline="") as stream:
-                    stream.write(text)
+                stream = (self.path / file).open("x", encoding="utf-8", newline="")
             except FileExistsError:
                 continue
+            try:
+                with stream:
+                    stream.write(text)
+            except OSError as error:
+                (
+                    self.path / file
+                ).unlink()  # a part of it would stay, as whoever has written it would not again
+                raise OSError(error.errno, error.strerror, os.fspath(self.path / file)) from None
 
     def add(self, subject: str, *, simulated: bool, selected_by: str | None = None) -> None:
         """Enters a subject in participants.tsv, unless it is there.

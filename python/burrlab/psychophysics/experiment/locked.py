@@ -47,8 +47,10 @@ def synced_write(file: int, path: Path, text: bytes) -> None:
         if (written := os.write(file, text)) < len(text):
             raise OSError(f"{path} took {written} of {len(text)} bytes: is the disk full?")
         os.fsync(file)
-    except OSError:
+    except OSError as error:
         os.ftruncate(file, before)
+        if error.filename is None and error.errno is not None:  # a disk that is full does not say where
+            raise OSError(error.errno, error.strerror, os.fspath(path)) from None
         raise
 
 

@@ -18,6 +18,7 @@ from burrlab.session.device_text import parse_device
 from burrlab.specimen import MOST_VOXELS
 
 _MOST_SUBJECTS = 9999
+_LONGEST = 86400.0  # [s], a day: waiting has an end
 
 
 @dataclass(frozen=True)
@@ -101,10 +102,12 @@ def selected_from_of(table: Table, subjects: int) -> int | None:
 
 
 def seconds_of(table: Table, key: str, default: float) -> float:
-    """A time of at least 0 [s]."""
+    """A time from 0 to a day [s]."""
     value = float(table.number(key, default))
     if value < 0:
         raise table.error(f"{key} must be at least 0, got {value!r}")
+    if value > _LONGEST:
+        raise table.error(f"{key} must be at most {_LONGEST:g} [s], got {value!r}")
     return value
 
 
@@ -117,7 +120,8 @@ def burr_and_bone_of(file: Table) -> tuple[Burr, Block]:
     table = file.table("bone")
     size, voxel = table.numbers("size_mm"), table.number("voxel_mm")
     table.done()
-    if voxel > 0 and (voxels := math.prod(size) / voxel**3) > MOST_VOXELS:
+    # Side by side: a cube of a length near the ends of double is 0 or too large.
+    if voxel > 0 and (voxels := math.prod(side / voxel for side in size)) > MOST_VOXELS:
         raise table.error(f"the block has {voxels:.3g} voxels, and {MOST_VOXELS:.3g} are the most")
     with table.errors():
         bone = Block(tuple(size), voxel)

@@ -15,6 +15,7 @@ from typing import Any
 from burrlab._core import __version__
 from burrlab.csv_text import plain
 from burrlab.provenance import provenance
+from burrlab.psychophysics.designs.design_record import design_of_dict
 from burrlab.psychophysics.experiment.answer_row import ANSWERS, INTERVALS, TYPES, columns_of
 from burrlab.psychophysics.rules import TASKS, TaskName
 
@@ -191,7 +192,24 @@ class SideCar:
             raise ValueError(
                 "ProtocolDigest does not belong to the Protocol beside it: one of them was changed"
             )
+        car._check_against_protocol()
         return car
+
+    def _check_against_protocol(self) -> None:
+        """ValueError if what is told of the Protocol once more, for readers, is told otherwise: the digest is of it alone."""
+        design = self.protocol.get("tasks", {}).get(self.name)
+        for key, found, due in (
+            ("Design", self.design, design),
+            ("Seed", self.seed, self.protocol.get("experiment", {}).get("seed")),
+        ):
+            if found != due:
+                raise ValueError(f"{key} is not that of the Protocol beside it: one of them was changed")
+        made = design_of_dict(self.design)
+        due = made.order(seed=self.seed, subject=f"{self.subject} {self.name}").total
+        if (self.task, self.trials) != (made.task, due):
+            raise ValueError(
+                f"Task and Trials must be {made.task!r} and {due}, those of the Design, got {self.task!r} and {self.trials}"
+            )
 
 
 def side_car_path(path: str | os.PathLike[str]) -> Path:
@@ -212,7 +230,7 @@ def read_side_car(path: str | os.PathLike[str]) -> SideCar | None:
         return None
     try:
         values = json.loads(file.read_bytes())
-    except ValueError:
+    except (ValueError, RecursionError):
         raise ValueError(f"{file}: this is not JSON in UTF-8") from None
     if not isinstance(values, dict) or _KEY not in values:
         return None

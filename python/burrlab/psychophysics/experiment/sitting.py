@@ -59,9 +59,11 @@ class Sitting:
         view: str | Path | None = None,
     ) -> None:
         self.protocol, self.subject = protocol, subject
-        self.tasks = protocol.tasks_of(subject) if tasks is None else tuple(tasks)
-        for task in self.tasks:
+        due = protocol.tasks_of(subject) if tasks is None else tuple(tasks)
+        for task in due:
             protocol.order(subject, task)
+        # Subjects or tasks that were added move a subject's order: what was begun is gone on with first.
+        self.tasks = tuple(sorted(due, key=lambda task: not self._file(task).exists()))
         if callable(device):
             self._text, self._device = f"own:{getattr(device, '__name__', type(device).__name__)}", device
         else:

@@ -36,7 +36,7 @@ class Table:
         """A text that is not empty, of the choices where there are any."""
         value = self.value(key, default)
         if key in self and not (isinstance(value, str) and value):
-            raise self.error(f"{key} must be a text, got {value!r}")
+            raise self.error(f"{key} must be a text, got {_short(value)}")
         if key in self and choices and value not in choices:
             raise self.error(f"{key} must be one of {', '.join(choices)}, got {value!r}")
         return value
@@ -52,21 +52,21 @@ class Table:
         if key not in self:
             return value
         if not isinstance(value, list):
-            raise self.error(f"{key} must be a list of numbers, got {value!r}")
+            raise self.error(f"{key} must be a list of numbers, got {_short(value)}")
         return [self._number(key, one) for one in value]
 
     def whole(self, key: str, default: Any = _REQUIRED, *, most: int = 2**63 - 1) -> Any:
         """A whole number from 0."""
         value = self.value(key, default)
         if key in self and not (type(value) is int and 0 <= value <= most):
-            raise self.error(f"{key} must be a whole number from 0 to {most}, got {value!r}")
+            raise self.error(f"{key} must be a whole number from 0 to {most}, got {_short(value)}")
         return value
 
     def flag(self, key: str, default: Any = _REQUIRED) -> Any:
         """true or false."""
         value = self.value(key, default)
         if key in self and type(value) is not bool:
-            raise self.error(f"{key} must be true or false, got {value!r}")
+            raise self.error(f"{key} must be true or false, got {_short(value)}")
         return value
 
     def table(self, key: str, *, needed: bool = True) -> Table:
@@ -74,7 +74,7 @@ class Table:
         name = f"{self.name}.{key}" if self.name else key
         value = self.value(key, _REQUIRED if needed else {}, what=f"the table [{name}]")
         if not isinstance(value, dict):
-            raise self.error(f"{key} must be a table, [{name}], got {value!r}")
+            raise self.error(f"{key} must be a table, [{name}], got {_short(value)}")
         return Table(self.file, name, value)
 
     def tables(self) -> Mapping[str, Table]:
@@ -110,9 +110,18 @@ class Table:
         return key in self._values
 
     def _number(self, key: str, value: Any) -> float:
-        if type(value) not in (int, float) or not math.isfinite(value):
-            raise self.error(f"{key} must be a finite number, got {value!r}")
-        return float(value)
+        try:
+            number = float(value) if type(value) in (int, float) else math.nan
+        except OverflowError:  # TOML's whole numbers have no end
+            number = math.inf
+        if not math.isfinite(number):
+            raise self.error(f"{key} must be a finite number, got {_short(value)}")
+        return number
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def read_toml(name: str, content: bytes) -> Table:
@@ -123,7 +132,10 @@ def read_toml(name: str, content: bytes) -> Table:
     ValueError
         If it is no TOML in UTF-8: with the line; a table or key that is there twice is none.
     """
+    text = csv_text.decoded(name, content)
     try:
-        return Table(name, "", tomllib.loads(csv_text.decoded(name, content)))
-    except tomllib.TOMLDecodeError as error:
+        return Table(name, "", tomllib.loads(text))
+    except ValueError as error:  # TOMLDecodeError is one, and so is a number of thousands of digits
         raise ValueError(f"{name}: this is not TOML: {error}") from None
+    except RecursionError:
+        raise ValueError(f"{name}: lists or tables are nested too deeply") from None

@@ -17,7 +17,15 @@ from burrlab.psychophysics.designs.posterior import PosteriorThreshold
 from burrlab.psychophysics.designs.psychometric import psychometric_function
 from burrlab.psychophysics.designs.psychometric_fit import PsychometricFit
 from burrlab.psychophysics.designs.staircase import Staircase, StaircaseThreshold
-from burrlab.psychophysics.report.task_data import SubjectData, TaskData, design_text, left_out_text, titled
+from burrlab.psychophysics.report.task_data import (
+    Progress,
+    SubjectData,
+    TaskData,
+    design_text,
+    left_out_text,
+    titled,
+    told,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -101,12 +109,18 @@ class ThresholdTask:
     chance: ClassVar[float] = 0.5
 
     @classmethod
-    def of_data(cls, data: TaskData, *, level: float, incomplete: bool) -> ThresholdTask:
+    def of_data(
+        cls, data: TaskData, *, level: float, incomplete: bool, progress: Progress | None = None
+    ) -> ThresholdTask:
         """All of it; of incomplete runs only on request."""
         design = design_of_dict(data.design) if data.design else None
-        results = [_threshold(one, design, level) for one in data.subjects if one.counts]
-        used = tuple(one for one in results if incomplete or one.complete)
-        names = [one.subject for one in used]
+        tell, results = told(data.name, progress), []
+        for one in data.subjects:
+            if one.counts:
+                tell(one.subject)
+                results.append(_threshold(one, design, level))
+        used = tuple(result for result in results if incomplete or result.complete)
+        names = [result.subject for result in used]
         return cls(
             name=data.name,
             design=data.design,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import contextlib
 import functools
+import shutil
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from burrlab.psychophysics.experiment.protocol import Protocol
     from burrlab.psychophysics.experiment.seat import Seat
     from burrlab.psychophysics.experiment.sitting import Sitting
+    from burrlab.psychophysics.report.analysis_result import Analysis
     from burrlab.psychophysics.report.scored_task import ScoredTask
     from burrlab.psychophysics.report.threshold_task import ThresholdTask
     from burrlab.psychophysics.simulation.simulated_subject import SimulatedSubject
@@ -84,7 +87,11 @@ def _new(options: Options) -> int:
             file.write(template())
     except FileExistsError:
         raise FileExistsError(f"{path} exists and is not replaced") from None
-    print(f"{path} is written: a protocol to be changed\n")
+    print(
+        f"{path} is written: a protocol to be changed. Its designs can show what follows; "
+        f"burrlab experiment power {path} says it again.\n"
+        f"A rehearsal that needs nobody: burrlab experiment run {path} --simulated --all --fast\n"
+    )
     return _power(options)
 
 
@@ -92,7 +99,10 @@ def _power(options: Options) -> int:
     protocol = _protocol(options)
     subjects = len(protocol.subjects)
     for name, design in protocol.tasks.items():
-        print(f"task {name}\n{design.power(subjects)}\n")
+        _show(f"task {name}: simulating")
+        power = design.power(subjects)
+        _show("")
+        print(f"task {name}\n{power}\n", flush=True)
     return 0
 
 
@@ -123,15 +133,18 @@ def _analyse(options: Options) -> int:
         raise ValueError(f"--plot: {figures} is no folder")
     for name in ("json", "tsv"):
         _check_apart(name, getattr(options, name), options.config)
-    analysis = analyse(options.config, incomplete=options.incomplete)
+    analysis = analyse(
+        options.config, incomplete=options.incomplete,
+        progress=lambda task, subject: _show(f"task {task}, subject {subject}"),
+    )  # fmt: skip
     if options.tsv is not None:
         analysis.to_tsv(options.tsv)
+    drawn = 0 if figures is None else _draw(analysis, figures)
+    _show("")
+    report = analysis.report(width=shutil.get_terminal_size().columns if sys.stdout.isatty() else None)
     if figures is not None:
-        figures.mkdir(parents=True, exist_ok=True)
-        for task in analysis.tasks:
-            for name, draw in _figures(task).items():
-                _save(draw(), str(figures / f"task-{task.name}_{name}.png"))
-    _deliver(options, analysis.to_dict(), analysis.report())
+        report += f"\n\n{drawn} figures are in {figures}: task-NAME_FIGURE.png"
+    _deliver(options, analysis.to_dict(), report)
     return 0
 
 
@@ -149,6 +162,22 @@ def _check_apart(option: str, path: str | None, config: str) -> None:
         or within[0] in (*described, "sourcedata")
     ):
         raise ValueError(f"--{option}: {path} is of the experiment and is not written to")
+
+
+def _draw(analysis: Analysis, folder: Path) -> int:
+    """All figures, as files; how many."""
+    import matplotlib.pyplot as plt
+
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn = 0
+    for task in analysis.tasks:
+        for name, draw in _figures(task).items():
+            _show(f"figure {name} of task {task.name}")
+            axes = draw()
+            _save(axes, str(folder / f"task-{task.name}_{name}.png"))
+            plt.close(axes.get_figure(root=True))
+            drawn += 1
+    return drawn
 
 
 def _figures(task: ScoredTask | ThresholdTask) -> dict[str, Callable[[], Axes]]:
@@ -256,6 +285,7 @@ def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:
     return SimulatedSeat(
         _simulated_subject(options, design.mode), design, burr=protocol.burr, bone=protocol.bone,
         seed=protocol.seed, name=f"{sitting.subject} {task}",
+        on_progress=lambda text: _show(f"simulated subject {sitting.subject}, task {task}: {text.lower()}"),
     )  # fmt: skip
 
 

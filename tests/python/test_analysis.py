@@ -448,6 +448,25 @@ def test_simulated_and_selected_in_the_files(tmp_path: Path) -> None:
     assert "(simulated subjects; 2 selected of 20)" in task.title
 
 
+@pytest.mark.parametrize("width", [60, 80, 100, 130])
+def test_report_as_wide_as_the_screen(width: int) -> None:
+    analysis = analyse({"probing": THREE}, delta=1.5, simulated=True, selected_from=20)
+    text = analysis.report(width=width)
+    assert max(map(len, text.splitlines())) <= width
+    # Every word and number is still there; the subjects stand at the head of each part of the table.
+    assert set(analysis.report().split()) - set(text.split()) == set()
+    assert sum(line.lstrip().startswith("subject ") for line in text.splitlines()) == (
+        1 if width > 124 else 2 if width >= 100 else 3
+    )
+    assert analysis.report(width=500) == analysis.report()
+
+
+def test_progress_of_an_analysis() -> None:
+    told: list[tuple[str, str]] = []
+    analyse({"probing": THREE}, progress=lambda task, subject: told.append((task, subject)))
+    assert told == [("probing", subject) for subject in THREE]
+
+
 @pytest.mark.parametrize(
     "more",
     ['selected_by = "score of task 1"\nselected_from = 20', 'selected_by = "Best 12 of 20 by score"'],

@@ -7,8 +7,10 @@ import os
 import pty
 import threading
 
+import matplotlib.pyplot
 import pytest
 
+from burrlab import cli_experiment
 from burrlab.cli import main
 from burrlab.psychophysics import Protocol, read_folder
 from burrlab.psychophysics.experiment.experimenter import Experimenter
@@ -70,6 +72,7 @@ def test_new_writes_once_and_prints_the_power(tmp_path, monkeypatch, capsys):
     assert main(["experiment", "new", "mine.toml"]) == 0
     out, _ = said(capsys)
     assert "mine.toml is written" in out
+    assert "experiment run mine.toml --simulated --all --fast\n" in out
     protocol = Protocol.read("mine.toml")
     for task in protocol.tasks:
         assert f"task {task}\n" in out
@@ -77,10 +80,12 @@ def test_new_writes_once_and_prints_the_power(tmp_path, monkeypatch, capsys):
     assert "mine.toml exists and is not replaced" in wrong(["new", "mine.toml"], capsys)
     assert (tmp_path / "mine.toml").read_bytes() == before
     assert main(["experiment", "power", "mine.toml"]) == 0
-    assert said(capsys)[0].strip() == out.partition("\n\n")[2].strip()
+    assert said(capsys)[0].strip() == out[out.index("task ") :].strip()
 
 
-def test_simulated_subjects_from_run_to_analysis(config, capsys):
+def test_simulated_subjects_from_run_to_analysis(config, capsys, monkeypatch):
+    shown = []
+    monkeypatch.setattr(cli_experiment, "_show", shown.append)
     assert main(["experiment", "run", "test.toml", "--simulated", "--all", "--fast", "--weber", "0.2"]) == 0
     out, _ = said(capsys)
     assert out == "".join(f"simulated subject 0{n}: 6 trials answered\n" for n in (1, 2, 3))
@@ -98,7 +103,14 @@ def test_simulated_subjects_from_run_to_analysis(config, capsys):
     # The analysis says that nobody took part.
     arguments = ["--json", "a.json", "--tsv", "a.tsv", "--plot", "figures"]
     assert main(["experiment", "analyse", "test.toml", *arguments]) == 0
-    assert "SIMULATED SUBJECTS" in said(capsys)[0]
+    assert "simulated subject 02, task match: trial 2 of 2, block 1" in shown
+    assert "task probing, subject 03" in shown
+    assert "figure d_prime of task match" in shown
+    assert shown[-1] == ""
+    assert not matplotlib.pyplot.get_fignums()
+    out, _ = said(capsys)
+    assert "SIMULATED SUBJECTS" in out
+    assert out.endswith("6 figures are in figures: task-NAME_FIGURE.png\n")
     assert json.loads((config.parent / "a.json").read_text())["name"] == "Rehearsal"
     assert len((config.parent / "a.tsv").read_text().splitlines()) == 7
     assert {path.name for path in (config.parent / "figures").iterdir()} == {

@@ -142,6 +142,13 @@ def test_the_plot_shows_data_curve_and_threshold(fitted):
     )
     assert bars[-1][1][1] == 1.0
     assert [text.get_text() for text in axes.get_xticklabels()] == ["1.03", "1.06", "1.12", "1.25", "1.5"]
+    assert [text.get_text() for text in axes.texts] == [
+        f"threshold {fitted.threshold:.3g}, 95 % interval",
+        "chance",
+    ]
+    # The whole interval and the curve over it lie in the frame.
+    curve, span = axes.lines[0].get_xdata(), axes.lines[1].get_xdata()
+    assert axes.get_xlim()[0] < span[0] < span[1] < axes.get_xlim()[1] <= curve[-1]
     again = fitted.plot(axes)
     assert again is axes
     matplotlib.pyplot.close(axes.figure)

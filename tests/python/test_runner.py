@@ -115,6 +115,14 @@ def test_subject_sees_no_stimulus_and_the_experimenter_does(tmp_path):
     assert "in 1.25 s, right; 1 of 1 right" in told
 
 
+def test_the_welcome_says_how_long_intervals_are(tmp_path):
+    two, three = Paper(["right"] * 4), Paper(["right"] * 2)
+    run(SameDifferent(BONE, PVC, trials=4, interval=0.1), two, tmp_path)
+    assert "asked whether the material was the same in both. Each lasts 0.1 s; a beep" in two.seen[1]
+    run(ABX(BONE, PVC, trials=2, interval=0.1), three, tmp_path)
+    assert "They last as long as you like, 0.1 s and 0.1 s; a beep" in three.seen[1]
+
+
 def test_feedback_in_practice_only(tmp_path):
     design = SameDifferent(BONE, PVC, trials=4, interval=0.1, practice=2)
     for feedback, due in ((True, ["Right.", "Right."]), (False, [])):

@@ -97,6 +97,11 @@ def test_the_limit_holds_and_is_said():
     assert len(trials) == 20
     assert max(t.level for t in trials) == pytest.approx(3.0)
     assert design.threshold([t.level for t in trials], [False] * 20).at_limit == 19
+    mixed = [False, False, True, True, False, True, True, False, True, True]
+    levels = [t.level for t in run(design.order(seed=1, subject="01"), mixed)]
+    assert "at the limit, so the threshold is too small" in str(
+        design.threshold(levels, mixed[: len(levels)])
+    )
 
 
 def test_a_perfect_subject_never_reaches_one():

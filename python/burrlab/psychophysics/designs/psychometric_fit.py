@@ -127,7 +127,8 @@ class PsychometricFit:
         x = np.log(self.ratios)
         correct, trials = np.asarray(self.correct), np.asarray(self.trials)
         share, tail = correct / trials, 0.5 - 0.5 * self.level
-        span = np.geomspace(0.7 * x.min(), 1.4 * x.max(), 200)
+        reach = max(1.4 * x.max(), 1.05 * math.log(self.interval[1]))
+        span = np.geomspace(0.7 * x.min(), reach, 200)
         ax.plot(span, self.proportion_at(np.exp(span)), color=POSITION, linewidth=1.4)
         # Clopper and Pearson's; beta's parameters must stay above 0 where no or all answers were correct.
         low = np.where(correct == 0, 0.0, beta.ppf(tail, np.maximum(correct, 0.5), trials - correct + 1))
@@ -139,16 +140,27 @@ class PsychometricFit:
         sizes = 18.0 * np.sqrt(trials / trials.max())
         ax.scatter(x, share, s=sizes, color=REFERENCE, zorder=3)
         ends = np.log(self.interval)
-        ax.plot(ends, [self.proportion] * 2, color=VELOCITY, linewidth=2.0, solid_capstyle="butt")
+        ax.plot(
+            ends,
+            [self.proportion] * 2,
+            "|-",
+            color=VELOCITY,
+            linewidth=2.0,
+            markersize=7,
+            solid_capstyle="butt",
+        )
         ax.plot(math.log(self.threshold), self.proportion, "o", color=VELOCITY, zorder=4)
         name = {"both": "ratio or its inverse"}.get(self.side, "ratio")
-        ax.annotate(
-            f"threshold {self._shown(math.log(self.threshold)):.3g}", (math.log(self.threshold), self.proportion),
-            xytext=(6, -12), textcoords="offset points", color=VELOCITY, fontsize=8,
-        )  # fmt: skip
         ax.axhline(self.guess_rate, color=REFERENCE, linewidth=0.8, linestyle=":")
         ax.set_xscale("log")
-        ax.set_xlim(min(span[0], ends[0]), max(span[-1], ends[1]))
+        ax.set_xlim(min(span[0], 0.95 * ends[0]), reach)
+        # In the upper left, where a curve that rises is not; beside the point the text would leave the frame.
+        ax.text(
+            0.02, 0.98, f"threshold {self._shown(math.log(self.threshold)):.3g}, {100 * self.level:g} % interval",
+            transform=ax.transAxes, color=VELOCITY, fontsize=8, va="top",
+        )  # fmt: skip
+        ax.text(0.98, self.guess_rate, "chance", transform=ax.get_yaxis_transform(), color=REFERENCE, fontsize=8,
+                ha="right", va="bottom")  # fmt: skip
         ticks = x if x.size <= 8 else np.geomspace(x.min(), x.max(), 6)
         ax.set_xticks(ticks, [f"{self._shown(tick):.3g}" for tick in ticks])
         ax.minorticks_off()

@@ -274,7 +274,9 @@ class StaircaseThreshold:
         spread = (
             "" if self.spread is None else f", pairs of reversals spread by a factor of {self.spread:.2f}"
         )
-        limit = f"; {self.at_limit} trials at the limit: too small" if self.at_limit else ""
+        limit = (
+            f"; {self.at_limit} trials at the limit, so the threshold is too small" if self.at_limit else ""
+        )
         end = "" if self.complete else "; not complete"
         return (
             f"{100 * self.target:.1f} % correct at a ratio of {self.level:.3g} ({self.reversals} reversals, "

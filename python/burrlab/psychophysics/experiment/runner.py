@@ -155,9 +155,20 @@ class Runner:
         again = "You go on where you stopped. " if self._order.answered else ""
         self._seat.progress("")
         self._seat.ready(
-            f"{again}{_BEFORE[self._design.task]}\n\nAnswer with the keys: {keys}. "
+            f"{again}{_BEFORE[self._design.task]} {self._lengths()}\n\nAnswer with the keys: {keys}. "
             "If you are not sure, choose what seems more likely."
         )
+
+    def _lengths(self) -> str:
+        """How long the intervals are, as the first trial left has them: all trials are alike in that."""
+        trial = self._order.next()
+        assert trial is not None  # there is a welcome only where a trial is left
+        texts = [
+            "as long as you like" if i.duration is None else f"{i.duration:g} s" for i in trial.intervals
+        ]
+        if len(set(texts)) == 1:
+            return f"Each lasts {texts[0]}; a beep tells its start and its end."
+        return f"They last {', '.join(texts[:-1])} and {texts[-1]}; a beep tells start and end."
 
     def _rest_before(self, trial: Trial) -> None:
         """A break where a block ends; whoever has just sat down needs none."""

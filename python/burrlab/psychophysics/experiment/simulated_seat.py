@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -43,6 +43,8 @@ class SimulatedSeat(Seat):
         Of the experiment.
     name : str
         Of the subject; with seed, design and trial it determines the answer.
+    on_progress : callable, optional
+        Called with the progress line of each trial, for whoever waits.
 
     Notes
     -----
@@ -53,8 +55,10 @@ class SimulatedSeat(Seat):
     simulated = True
 
     def __init__(
-        self, subject: SimulatedSubject, design: Design, *, burr: Burr, bone: Block, seed: int, name: str
-    ) -> None:
+        self, subject: SimulatedSubject, design: Design, *, burr: Burr, bone: Block, seed: int, name: str,
+        on_progress: Callable[[str], object] | None = None,
+    ) -> None:  # fmt: skip
+        self._on_progress = on_progress
         check_rehearsable(design)
         self._seed, self._name, self._design = seed, name, design
         self._subject = teach(subject, design, burr=burr, bone=bone)
@@ -75,9 +79,12 @@ class SimulatedSeat(Seat):
         return self._subject.respond(trial, cues, np.random.default_rng(draws.interval_seed())), None
 
     def progress(self, text: str) -> None:
-        """Nobody reads it, here and below."""
+        """Only who waits reads it."""
+        if self._on_progress is not None:
+            self._on_progress(text)
 
-    def ready(self, text: str) -> None: ...
+    def ready(self, text: str) -> None:
+        """Nobody reads it, here and below."""
 
     def begins(self, text: str) -> None: ...
 

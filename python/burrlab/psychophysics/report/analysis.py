@@ -20,6 +20,7 @@ from burrlab.psychophysics.report.scored_task import ScoredTask
 from burrlab.psychophysics.report.task_data import (
     CountsBySubject,
     CountsByTask,
+    Progress,
     TaskData,
     of_answers,
     of_counts,
@@ -40,6 +41,7 @@ def analyse(
     selected_by: str = "",
     incomplete: bool = False,
     simulated: bool = False,
+    progress: Progress | None = None,
 ) -> Analysis:
     """Analyse an experiment, task by task, subject by subject and with the subject as the unit.
 
@@ -65,6 +67,9 @@ def analyse(
         Whether runs that did not come to their end are taken in; else they are listed.
     simulated : bool
         Of counts of one's own: whether the subjects were simulated. Files say it themselves.
+    progress : callable, optional
+        Called with the names of task and subject, as the analysis comes to each: a subject takes up to a second, or two with
+        a psychometric function.
 
     Returns
     -------
@@ -113,7 +118,7 @@ def analyse(
         rules=list(settings.rules), delta=settings.delta, level=settings.level,
         subjects=None if subjects is None else list(subjects), incomplete=incomplete,
     )  # fmt: skip
-    results = tuple(_result(task, settings, incomplete) for task in chosen)
+    results = tuple(_result(task, settings, incomplete, progress) for task in chosen)
     return Analysis(name, results, tuple(notes), plain(made))
 
 
@@ -195,9 +200,12 @@ def _selected(
     return chosen
 
 
-def _result(task: TaskData, settings: AnalysisSettings, incomplete: bool) -> ScoredTask | ThresholdTask:
+def _result(
+    task: TaskData, settings: AnalysisSettings, incomplete: bool, progress: Progress | None
+) -> ScoredTask | ThresholdTask:
     if any(one.levels for one in task.subjects):
-        return ThresholdTask.of_data(task, level=settings.level, incomplete=incomplete)
+        return ThresholdTask.of_data(task, level=settings.level, incomplete=incomplete, progress=progress)
     return ScoredTask.of_data(
-        task, rules=settings.rules, delta=settings.delta, level=settings.level, incomplete=incomplete
-    )
+        task, rules=settings.rules, delta=settings.delta, level=settings.level, incomplete=incomplete,
+        progress=progress,
+    )  # fmt: skip

@@ -56,9 +56,16 @@ class Analysis:
         """Whether any subject was."""
         return any(task.simulated for task in self.tasks)
 
-    def report(self) -> str:
-        """All of it as text."""
-        return report.text(self)
+    def report(self, *, width: int | None = None) -> str:
+        """All of it as text.
+
+        Parameters
+        ----------
+        width : int, optional
+            Of the screen, in characters: wider tables are parted between their groups of columns, sentences between words. By
+            default lines are as long as they are.
+        """
+        return report.text(self, width)
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON and `from_dict`; infinite numbers, as the end of an open interval, are spelt "inf"."""

@@ -12,7 +12,8 @@ from burrlab.psychophysics.report.report_table import (
     number,
     p_text,
     table_html,
-    table_lines,
+    tables_lines,
+    wrapped_lines,
 )
 from burrlab.psychophysics.report.scored_task import CORRECTION, ScoredTask
 from burrlab.psychophysics.report.task_data import design_text
@@ -28,19 +29,14 @@ _COUNTED = {"same-different": '"different"', "abx": '"first"', "2ifc": '"first"'
 _CORRECTIONS = {"log-linear": "half an answer more in each cell (log-linear)"}
 
 
-def text(analysis: Analysis) -> str:
+def text(analysis: Analysis, width: int | None = None) -> str:
     """See `Analysis.report`."""
-    lines = [head(analysis), *analysis.notes]
+    lines = wrapped_lines([head(analysis), *analysis.notes], width)
     for task in analysis.tasks:
-        lines += ["", heading(task), *(f"  ! {line}" for line in warnings(task))]
+        lines += wrapped_lines(["", heading(task), *(f"  ! {line}" for line in warnings(task))], width)
         if task.subjects:
-            lines += [
-                "",
-                *table_lines(columns(task)),
-                *(f"  {line}" for line in legend(task)),
-                "",
-                *group_lines(task),
-            ]
+            lines += ["", *tables_lines(columns(task), width)]
+            lines += wrapped_lines([*(f"  {line}" for line in legend(task)), "", *group_lines(task)], width)
     return "\n".join(lines)
 
 

@@ -3,12 +3,43 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Sequence
 from html import escape
 from typing import TypeAlias
 
 #: What a column belongs to, its name, its cells.
 Column: TypeAlias = tuple[str, str, list[str]]
+
+
+def tables_lines(columns: Sequence[Column], width: int | None = None) -> list[str]:
+    """One table, or as many as a screen of this width needs: parted between groups of columns, each with the first column."""
+    if width is None:
+        return table_lines(columns)
+    first = columns[0]
+    parts: list[list[Column]] = [[first]]
+    for start, end in _groups(columns[1:]):
+        group = list(columns[1:][start : end + 1])
+        if len(parts[-1]) > 1 and max(map(len, table_lines([*parts[-1], *group]))) > width:
+            parts.append([first])
+        parts[-1] += group
+    lines: list[str] = []
+    for part in parts:
+        lines += ["", *table_lines(part)] if lines else table_lines(part)
+    return lines
+
+
+def wrapped_lines(lines: Sequence[str], width: int | None) -> list[str]:
+    """Sentences parted between words, what follows further in."""
+    if width is None:
+        return list(lines)
+    found: list[str] = []
+    for line in lines:
+        inner = " " * (len(line) - len(line.lstrip()) + 4)
+        found += textwrap.wrap(
+            line, max(width, 40), subsequent_indent=inner, break_long_words=False, break_on_hyphens=False
+        ) or [""]
+    return found
 
 
 def table_lines(columns: Sequence[Column]) -> list[str]:

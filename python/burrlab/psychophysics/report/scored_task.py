@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Literal
 
 from burrlab.psychophysics.counts import Counts
 from burrlab.psychophysics.report.subject_result import SubjectResult, holm
-from burrlab.psychophysics.report.task_data import SubjectData, TaskData, left_out_text
+from burrlab.psychophysics.report.task_data import Progress, SubjectData, TaskData, left_out_text, told
 from burrlab.psychophysics.report.task_result import TaskResult
 from burrlab.psychophysics.rules import RuleName, TaskName
 from burrlab.psychophysics.statistics.d_prime import DPrime, binomial_test, d_prime, score_interval
@@ -60,8 +60,9 @@ class ScoredTask(TaskResult[SubjectResult]):
 
     @classmethod
     def of_data(
-        cls, data: TaskData, *, rules: Sequence[RuleName], delta: float | None, level: float, incomplete: bool
-    ) -> ScoredTask:
+        cls, data: TaskData, *, rules: Sequence[RuleName], delta: float | None, level: float, incomplete: bool,
+        progress: Progress | None = None,
+    ) -> ScoredTask:  # fmt: skip
         """All of it; of incomplete runs only on request."""
         used = [one for one in data.subjects if one.counts and (incomplete or one.complete)]
         # Both rules are one with two intervals.
@@ -75,7 +76,7 @@ class ScoredTask(TaskResult[SubjectResult]):
             level=level,
             rules=rules,
             delta=delta,
-            subjects=_results(used, rules, level),
+            subjects=_results(used, rules, level, told(data.name, progress)),
             left_out=tuple(left_out_text(one) for one in data.subjects if one not in used),
             of=data.of,
             chosen=(data.chosen or len(data.subjects)) if data.of else 0,
@@ -171,24 +172,28 @@ class ScoredTask(TaskResult[SubjectResult]):
 
 
 def _results(
-    used: Sequence[SubjectData], rules: Sequence[RuleName], level: float
+    used: Sequence[SubjectData], rules: Sequence[RuleName], level: float, tell: Callable[[str], None]
 ) -> tuple[SubjectResult, ...]:
     p_values = [binomial_test(one.counts) for one in used if one.counts is not None]
-    return tuple(
-        SubjectResult(
-            subject=one.subject,
-            counts=one.counts,
-            planned=one.planned,
-            simulated=one.simulated,
-            score_interval=score_interval(one.counts, level),
-            p_value=p,
-            holm=corrected,
-            d_prime=tuple(_d_prime(one.counts, rule, level) for rule in rules),
-            checks=tuple(pair_checks(one.counts)) if _has_types(one.counts) else (),
+    found = []
+    for one, p, corrected in zip(used, p_values, holm(p_values), strict=True):
+        if one.counts is None:
+            continue
+        tell(one.subject)
+        found.append(
+            SubjectResult(
+                subject=one.subject,
+                counts=one.counts,
+                planned=one.planned,
+                simulated=one.simulated,
+                score_interval=score_interval(one.counts, level),
+                p_value=p,
+                holm=corrected,
+                d_prime=tuple(_d_prime(one.counts, rule, level) for rule in rules),
+                checks=tuple(pair_checks(one.counts)) if _has_types(one.counts) else (),
+            )
         )
-        for one, p, corrected in zip(used, p_values, holm(p_values), strict=True)
-        if one.counts is not None
-    )
+    return tuple(found)
 
 
 def _d_prime(counts: Counts, rule: RuleName, level: float) -> DPrime:

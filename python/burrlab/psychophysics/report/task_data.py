@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias, cast
 
@@ -15,6 +15,8 @@ from burrlab.psychophysics.rules import TaskName
 CountsBySubject: TypeAlias = Mapping[str, Counts | Answers]
 CountsByTask: TypeAlias = Mapping[str, CountsBySubject]
 
+#: Told of task and subject as an analysis comes to them.
+Progress: TypeAlias = Callable[[str, str], object]
 
 _OF = re.compile(r"\bbest (\d+) of (\d+)\b", re.IGNORECASE)
 
@@ -227,3 +229,13 @@ def left_out_text(one: SubjectData) -> str:
     if one.trials == 0:
         return f"{one.subject} (none of the main trials)"
     return f"{one.subject} ({one.trials} of {one.planned} trials)"
+
+
+def told(task: str, progress: Progress | None) -> Callable[[str], None]:
+    """Tells of the subjects of a task, if anybody wants to know."""
+
+    def tell(subject: str) -> None:
+        if progress is not None:
+            progress(task, subject)
+
+    return tell

@@ -16,7 +16,7 @@ from burrlab.psychophysics.designs.posterior import PosteriorThreshold
 from burrlab.psychophysics.designs.psychometric import psychometric_function
 from burrlab.psychophysics.designs.psychometric_fit import PsychometricFit
 from burrlab.psychophysics.designs.staircase import Staircase, StaircaseThreshold
-from burrlab.psychophysics.report.task_data import SubjectData, TaskData, left_out_text
+from burrlab.psychophysics.report.task_data import Progress, SubjectData, TaskData, left_out_text, told
 from burrlab.psychophysics.report.task_result import TaskResult
 
 if TYPE_CHECKING:
@@ -76,12 +76,18 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
     task: ClassVar[str] = "2ifc"
 
     @classmethod
-    def of_data(cls, data: TaskData, *, level: float, incomplete: bool) -> ThresholdTask:
+    def of_data(
+        cls, data: TaskData, *, level: float, incomplete: bool, progress: Progress | None = None
+    ) -> ThresholdTask:
         """All of it; of incomplete runs only on request."""
         design = design_of_dict(data.design) if data.design else None
-        results = [_threshold(one, design, level) for one in data.subjects if one.counts]
-        used = tuple(one for one in results if incomplete or one.complete)
-        names = [one.subject for one in used]
+        tell, results = told(data.name, progress), []
+        for one in data.subjects:
+            if one.counts:
+                tell(one.subject)
+                results.append(_threshold(one, design, level))
+        used = tuple(result for result in results if incomplete or result.complete)
+        names = [result.subject for result in used]
         return cls(
             name=data.name,
             design=data.design,

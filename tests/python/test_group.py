@@ -33,6 +33,7 @@ from burrlab.psychophysics.statistics.conditional_hits import conditional_hits
 from burrlab.psychophysics.statistics.group_d_prime import Group
 from burrlab.psychophysics.statistics.group_tails import excess_hits, group_tails, rejected_as_few
 from burrlab.psychophysics.statistics.subject_tests import label_test, sign_flip_test, t_test, welch_test
+from reference import psychophysics as reference
 
 DECISIONS = [(task, rule) for task in ("same-different", "abx") for rule in RULES] + [("2ifc", RULES[0])]
 
@@ -289,6 +290,16 @@ class TestErrorRates:
         assert max(rates[12]) <= most_errors(0.05, 10_000)
         assert most_errors(0.05, 10_000) < rates[48][0] <= most_errors(0.095, 10_000)
         assert rates[48][1] <= most_errors(0.05, 10_000)
+
+    @pytest.mark.slow
+    def test_biases_of_independent_observations_are_approximated(self):
+        """The limit that the docs state, of observers with a bias of 1 in their log likelihood ratio: too high a lower end, a safe upper one."""
+        rng, rates = np.random.default_rng(9), reference.same_different_likelihood(1.5, 1.0)
+        hits = rng.binomial(24, rates[0], (10_000, 20))
+        answers = hits + rng.binomial(24, rates[1], hits.shape)
+        subjects = [conditional_hits("same-different", RULES[0], 1.5, 24, 24)] * 20
+        few, many = (np.sum(p <= 0.05) for p in group_tails(hits, answers, subjects))
+        assert few <= most_errors(0.05, 10_000) < many <= most_errors(0.16, 10_000)
 
 
 class TestSubjectTests:

@@ -33,6 +33,7 @@ from burrlab.psychophysics.statistics.conditional_hits import conditional_hits
 from burrlab.psychophysics.statistics.group_d_prime import Group
 from burrlab.psychophysics.statistics.group_tails import excess_hits, group_tails, rejected_as_few
 from burrlab.psychophysics.statistics.subject_tests import label_test, sign_flip_test, t_test, welch_test
+from reference import psychophysics as reference
 
 DECISIONS = [(task, rule) for task in ("same-different", "abx") for rule in RULES] + [("2ifc", RULES[0])]
 
@@ -290,6 +291,16 @@ class TestErrorRates:
         assert most_errors(0.05, 10_000) < rates[48][0] <= most_errors(0.095, 10_000)
         assert rates[48][1] <= most_errors(0.05, 10_000)
 
+    @pytest.mark.slow
+    def test_biases_of_independent_observations_are_approximated(self):
+        """The limit that the docs state, of observers with a bias of 1 in their log likelihood ratio: too high a lower end, a safe upper one."""
+        rng, rates = np.random.default_rng(9), reference.same_different_likelihood(1.5, 1.0)
+        hits = rng.binomial(24, rates[0], (10_000, 20))
+        answers = hits + rng.binomial(24, rates[1], hits.shape)
+        subjects = [conditional_hits("same-different", RULES[0], 1.5, 24, 24)] * 20
+        few, many = (np.sum(p <= 0.05) for p in group_tails(hits, answers, subjects))
+        assert few <= most_errors(0.05, 10_000) < many <= most_errors(0.16, 10_000)
+
 
 class TestSubjectTests:
     @settings(max_examples=40, deadline=None)
@@ -444,8 +455,33 @@ class TestPublishedScore:
         assert "depends on the rounding" in str(paper)
 
     def test_spread_beyond_chance(self):
-        assert "subjects differ" in str(group_score_from(mean=9.6, sem=0.5, n=20, trials=12))
+        assert "subjects differ, in d' or in bias" in str(
+            group_score_from(mean=9.6, sem=0.5, n=20, trials=12)
+        )
         assert "may be alike" in str(group_score_from(mean=9.4, sem=0.4, n=5, trials=10, task="abx"))
+
+    @pytest.mark.parametrize(("mean", "sem", "trials"), [(9.3, 0.4, 12), (9.6, 0.5, 12), (5.02, 0.4, 10)])
+    def test_spread_over_all_that_is_printed_so(self, mean, sem, trials):
+        """The mean is rounded as well, and chance's variance with it."""
+        ends = []
+        for m in np.linspace(mean - 0.05, mean + 0.05, 101):
+            for s in (sem - 0.05, sem + 0.05):
+                ends.append(stats.chi2.sf(19 * 20 * s**2 / (m * (1 - m / trials)), 19))
+        found = group_score_from(mean=mean, sem=sem, n=20, trials=trials).spread_p_range
+        assert found == pytest.approx((min(ends), max(ends)), rel=1e-3)
+
+    def test_a_mean_that_may_be_perfect_has_no_chance(self):
+        assert group_score_from(mean=9.98, sem=0.1, n=5, trials=10).spread_p_range[0] == 0.0
+
+    def test_unlike_criteria_alone_give_such_a_spread(self):
+        """Why the sentence does not say that d' differs: at one d' of 5 a third hardly ever says "different", and 9.6 +- 0.5 comes out."""
+        rule = rule_of("same-different", "differencing")
+        hit, alarm = rule.rates(5.0, rule.criterion_of(5.0, [1e-6, 0.1]))
+        mean, variance = 6 * (hit + 1 - alarm), 6 * (hit * (1 - hit) + alarm * (1 - alarm))
+        share = np.array([1 / 3, 2 / 3])
+        spread = math.sqrt(share @ (variance + mean**2) - (share @ mean) ** 2)
+        assert share @ mean == pytest.approx(9.6, abs=0.1)
+        assert spread / math.sqrt(20) == pytest.approx(0.5, abs=0.05)
 
     @pytest.mark.parametrize("rule", RULES)
     def test_d_prime_of_the_mean(self, rule):

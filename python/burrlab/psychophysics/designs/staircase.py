@@ -66,9 +66,8 @@ class Staircase(Staircased):
 
     Notes
     -----
-    The mean of the reversals is the target's in the limit of small steps only. In 300 runs of 60 reversals of a Gaussian
-    observer with 2 % lapses it lies 2 to 5 % below (of the difference) with steps of 1.1, 5 to 15 % with steps of
-    1.4. `power` simulates the staircase at hand.
+    The mean of the reversals is the target's in the limit of small steps only. In runs of 60 reversals of a Gaussian
+    observer with 2 % lapses it lies within 5 % (of the difference) with steps of 1.1, 4 to 15 % below with steps of 1.4. `power` simulates the staircase at hand.
 
     References
     ----------

@@ -40,7 +40,7 @@ class PublishedScore:
     spread_p_value : float
         Of so large a spread if all subjects are alike.
     spread_p_range : tuple of float
-        Over all that is printed so.
+        Over all means and standard errors that are printed so.
     guessers : float
         The share of subjects at chance, all others being alike, that gives this mean and spread.
     """
@@ -88,7 +88,7 @@ class PublishedScore:
     def _heterogeneity(self) -> str:
         low, high = self.spread_p_range
         if high < 0.05:
-            return "subjects differ"
+            return "subjects differ, in d' or in bias"
         return "whether subjects differ depends on the rounding" if low < 0.05 else "subjects may be alike"
 
     def to_dict(self) -> dict[str, Any]:
@@ -131,7 +131,7 @@ def group_score_from(
     Notes
     -----
     Chance within a subject has variance T p (1 - p) if every trial has the same p; trials of unequal difficulty have less, so the
-    test of the spread is cautious. A part w of guessers among subjects of one p gives the spread's excess for
+    test of the spread is cautious. A spread that is larger is of subjects with different p: unlike criteria do that at one d' too. A part w of guessers among subjects of one p gives the spread's excess for
     w = v/(v + (p - 1/2)^2), v the variance of p over subjects.
 
     Examples
@@ -173,10 +173,7 @@ def group_score_from(
         spread=spread,
         binomial_spread=math.sqrt(noise),
         spread_p_value=_spread_p(spread, noise, n),
-        spread_p_range=(
-            _spread_p((sem + rounding) * math.sqrt(n), noise, n),
-            _spread_p((sem - rounding) * math.sqrt(n), noise, n),
-        ),
+        spread_p_range=_spread_p_range(mean, sem, rounding, n, trials),
         guessers=between / (between + (p - 0.5) ** 2) if between > 0.0 else 0.0,
     )
 
@@ -201,5 +198,17 @@ def _of_scores(task: str, rule: str, proportions: Floats) -> tuple[float, float,
     return estimate, low, high
 
 
+def _spread_p_range(mean: float, sem: float, rounding: float, n: int, trials: int) -> tuple[float, float]:
+    # Chance's variance is largest at the mean nearest to the middle, and smallest at one of the ends.
+    ends = mean - rounding, mean + rounding
+    noises = [max(0.0, x * (1.0 - x / trials)) for x in (*ends, min(max(0.5 * trials, ends[0]), ends[1]))]
+    return (
+        _spread_p((sem + rounding) * math.sqrt(n), min(noises), n),
+        _spread_p((sem - rounding) * math.sqrt(n), max(noises), n),
+    )
+
+
 def _spread_p(spread: float, noise: float, n: int) -> float:
+    if noise == 0.0:  # only at a mean of all or nothing, where there is no chance
+        return 0.0
     return float(chi2.sf((n - 1) * spread**2 / noise, n - 1))

@@ -35,6 +35,9 @@ class Paper(Seat):
     def ready(self, text):
         self.seen.append(text)
 
+    def show(self, text):
+        self.seen.append(text)
+
     def begins(self, text):
         self._looks = 0
         self.seen.append(text)

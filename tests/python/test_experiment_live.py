@@ -113,6 +113,25 @@ def test_no_force_and_no_interval_until_the_burr_is_lifted():
     assert (lifted, len(asked), driver.most) == (True, 1, 0.0)
 
 
+def test_ctrl_c_in_an_interval_leaves_no_force():
+    with Driver(2.5) as driver:
+
+        def interrupt():
+            if driver.most > 0.5:
+                raise KeyboardInterrupt
+            return False
+
+        with pytest.raises(KeyboardInterrupt):
+            burrlab.psychophysics.render(
+                burrlab.psychophysics.Interval(
+                    burrlab.psychophysics.Stimulus("bone", burrlab.materials["bone"]), 1, None
+                ), driver.box, burr=BURR, bone=burrlab.psychophysics.Block((16, 16, 4), 0.5), mode="drilling",
+                stop=interrupt,
+            )  # fmt: skip
+        driver.most = 0.0
+        assert not driver.box.force.any()
+
+
 def test_waiting_ends_when_the_device_is_lost_or_someone_says_so():
     box = burrlab.MailboxDevice(lost_after=50.0)
     box.put((0, 0, 1))

@@ -23,6 +23,7 @@ from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
 if TYPE_CHECKING:
     from burrlab.psychophysics.experiment.block import Block
 
+_MANY_LATE = 0.01  # of an interval's ticks
 _LOOK = 0.01  # [s] between two looks at the keys while a real specimen is felt
 _SIMULATED = (HandDevice, ScriptedDevice, ReplayDevice)
 _SILENT = "no tick yet"  # how a session begins to say that its device gives no position
@@ -242,12 +243,18 @@ class Runner:
         )
         if rendered.failed or self._silent:
             raise self._lost(trial, "during an interval", rendered.reason)
-        if self._rig.live and len(rendered.ticks) and rendered.ticks["touching"][0]:
-            force = float(np.linalg.norm(rendered.ticks["force"][0]))
-            self._experimenter.say(
-                f"interval {number} of trial {trial.number} began in contact, at {force:.2f} N"
-            )
+        self._tell_of(rendered, number, trial)
         return rendered
+
+    def _tell_of(self, rendered: Rendered, number: int, trial: Trial) -> None:
+        """What may make an interval another one than was meant."""
+        ticks, which = rendered.ticks, f"interval {number} of trial {trial.number}"
+        if self._rig.live and len(ticks) and ticks["touching"][0]:
+            force = float(np.linalg.norm(ticks["force"][0]))
+            self._experimenter.say(f"{which} began in contact, at {force:.2f} N")
+        late = int((ticks["periods"] > 1).sum())
+        if late > _MANY_LATE * len(ticks):
+            self._experimenter.say(f"{which} had {late} late ticks of {len(ticks)}")
 
     def _lift(self, trial: Trial) -> None:
         """Until the burr is off the material; DeviceLost if the device did not last so long."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -33,6 +34,9 @@ class Paper(Seat):
         self.seen.append(text)
 
     def ready(self, text):
+        self.seen.append(text)
+
+    def show(self, text):
         self.seen.append(text)
 
     def begins(self, text):
@@ -256,3 +260,17 @@ def test_wall_clock_goes_on_where_the_run_was(tmp_path):
     clock = WallClock(lambda: next(start))
     run(design, Paper(["same"] * 4), tmp_path, kept=kept, clock=clock)
     assert [(a.onset, a.duration) for a in kept][:2] == [(100.0, 3.0), (104.0, 3.0)]
+
+
+def test_many_late_ticks_are_told(tmp_path):
+    late = iter([1, 2] + [0] * 6)
+
+    def slow(interval, device, **options):
+        found = render(interval, device, **options)
+        ticks = found.ticks.copy()
+        ticks["periods"][: next(late)] = 3
+        return dataclasses.replace(found, ticks=ticks)
+
+    run(SameDifferent(BONE, PVC, trials=4, interval=0.1), Paper(["same"] * 4), tmp_path, render=slow)
+    (told,) = [line for line in log(tmp_path).splitlines() if "late" in line]
+    assert told.endswith("interval 2 of trial 1 had 2 late ticks of 100")

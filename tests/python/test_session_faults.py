@@ -1,5 +1,6 @@
 """What goes wrong around a session: callbacks, threads, resources and exits; whoever waits for its end gets it."""
 
+import gc
 import json
 import os
 import socket
@@ -7,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+import weakref
 
 import numpy as np
 import pytest
@@ -290,3 +292,17 @@ class TestArguments:
             _core.Publisher(None)
         with pytest.raises(ValueError, match=r"tick must be below 2\^53"):
             _core.TickExecutor(block(), [TOOL], 1, tick=2**53)
+
+
+@pytest.mark.parametrize("record", [False, True])
+def test_a_session_that_nobody_holds_is_gone_with_its_bones(tmp_path, record):
+    """At once, not when the garbage is next collected: an experiment holds one session after the other."""
+    gc.disable()
+    try:
+        with session(record=tmp_path / "a.h5" if record else None) as run:
+            run.wait(20)
+        gone = weakref.ref(run)
+        del run
+        assert gone() is None
+    finally:
+        gc.enable()

@@ -34,6 +34,7 @@ class Same(Seat):
     wall_clock = False
 
     def progress(self, text): ...
+    def show(self, text): ...
     def ready(self, text): ...
     def begins(self, text): ...
     def ends(self, text, pause): ...
@@ -60,7 +61,7 @@ def test_a_device_of_ones_own_renders_every_interval_and_is_named(tmp_path):
     assert modes == ["probing"] * 8  # a new device an interval
     path = made.data.answers("01", "one")
     assert read_answers(path).counts().trials == 4
-    assert json.loads(path.with_suffix(".json").read_text())["Device"] == "own:rig"
+    assert json.loads(path.with_suffix(".json").read_text())["Device"] == "driver"
 
 
 @pytest.mark.parametrize(

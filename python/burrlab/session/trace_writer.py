@@ -189,6 +189,7 @@ class TraceWriter:
             else:
                 self._run()
             self._compact()
+            self._on_end = None  # a session's own method: the two would keep each other, and two bones, alive
 
     def __enter__(self) -> TraceWriter:
         self.start()

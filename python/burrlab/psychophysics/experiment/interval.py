@@ -84,6 +84,7 @@ def render(
     mode: Mode,
     wall_clock: bool = True,
     record: str | os.PathLike[str] | None = None,
+    publish: int | None = None,
     on_message: Callable[[str], object] | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Rendered:
@@ -103,7 +104,7 @@ def render(
         Keep absolute deadlines. Else as fast as it goes, and deterministic to the tick.
     record : path, optional
         A new file for the session's trace. It holds the few ticks after the end too.
-    on_message : callable, optional
+    publish, on_message : optional
         See `burrlab.Session`.
     stop : callable, optional
         The interval ends when it returns True; asked every few milliseconds, from the calling thread. Needed where the
@@ -135,7 +136,7 @@ def render(
     bone.check_burr(burr)
     session = Session(
         bone.fresh(), (burr, material), device, seed=interval.seed, duration=interval.duration, record=record,
-        source=bone.recipe(), wall_clock=wall_clock, realtime=wall_clock, on_message=on_message,
+        source=bone.recipe(), wall_clock=wall_clock, realtime=wall_clock, publish=publish, on_message=on_message,
     )  # fmt: skip
     watch = _Watch(RecordReader(session.loop), burr, bone, interval.duration)
     asked = False

@@ -22,6 +22,7 @@ from burrlab.psychophysics.experiment.protocol_tables import (
     burr_and_bone_of,
     designs_of,
     device_of,
+    network_of,
     seconds_of,
     selected_from_of,
     selection_of,
@@ -54,6 +55,10 @@ class Protocol:
         Fresh for each interval.
     device : str
         As for `burrlab session --device`; a script's file is relative to the TOML file.
+    lost_after : float
+        A position over the network that old is a lost device [ms].
+    publish : int or None
+        Port on which each interval is published over OpenIGTLink.
     folder : Path
         Of the data.
     trace : bool
@@ -79,6 +84,8 @@ class Protocol:
     burr: Burr
     bone: Block
     device: str
+    lost_after: float
+    publish: int | None
     folder: Path
     trace: bool
     feedback: bool
@@ -116,6 +123,7 @@ class Protocol:
         subjects = subjects_of(experiment)
         folder = path.parent / experiment.text("folder", "data")
         device = device_of(experiment, path.parent)
+        lost_after, publish = network_of(experiment)
         trace, feedback = experiment.flag("trace", False), experiment.flag("feedback", False)
         pause, rest = (
             seconds_of(experiment, key, value) for key, value in (("pause_s", 1.0), ("break_s", 60.0))
@@ -128,8 +136,8 @@ class Protocol:
         analysis = analysis_of(file.table("analysis", needed=False))
         file.done()
         return cls(
-            path, name, seed, subjects, tasks, burr, bone, device, folder, trace, feedback, pause, rest, selected_by,
-            selected_from, analysis,
+            path, name, seed, subjects, tasks, burr, bone, device, lost_after, publish, folder, trace, feedback, pause,
+            rest, selected_by, selected_from, analysis,
         )  # fmt: skip
 
     def tasks_of(self, subject: str) -> tuple[str, ...]:
@@ -244,6 +252,8 @@ class Protocol:
                     "seed": self.seed,
                     "subjects": list(self.subjects),
                     "device": without_folder(self.device),
+                    "lost_after_ms": self.lost_after,
+                    "publish": self.publish,
                     "trace": self.trace,
                     "feedback": self.feedback,
                     "pause_s": self.pause,

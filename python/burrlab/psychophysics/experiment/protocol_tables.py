@@ -77,6 +77,17 @@ def device_of(table: Table, folder: Path) -> str:
     return f"scripted:{folder / device.file}" if device.kind == "scripted" else str(text)
 
 
+def network_of(table: Table) -> tuple[float, int | None]:
+    """Of [experiment]: age of a lost position [ms], and the port to publish on."""
+    lost_after = float(table.number("lost_after_ms", 100.0))
+    if lost_after <= 0:
+        raise table.error(f"lost_after_ms must be positive, got {lost_after!r}")
+    publish: int | None = table.value("publish", None)
+    if publish is not None and not (type(publish) is int and 0 < publish < 65536):
+        raise table.error(f"publish must be a port, 1 to 65535, got {publish!r}")
+    return lost_after, publish
+
+
 def without_folder(device: str) -> str:
     """A device's text that is the same on every machine."""
     kind, _, file = device.partition(":")

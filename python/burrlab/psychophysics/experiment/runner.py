@@ -8,19 +8,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from burrlab._core import Burr, Device
+import numpy as np
+
+from burrlab._core import Burr, Device, HandDevice, ReplayDevice, ScriptedDevice
 from burrlab.psychophysics.design import Design, Order
 from burrlab.psychophysics.experiment.answer_row import Answer
 from burrlab.psychophysics.experiment.clock import Clock
 from burrlab.psychophysics.experiment.experimenter import Experimenter
 from burrlab.psychophysics.experiment.interval import Rendered, render
+from burrlab.psychophysics.experiment.lift import wait_until_lifted
 from burrlab.psychophysics.experiment.seat import Seat
 from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
 
 if TYPE_CHECKING:
     from burrlab.psychophysics.experiment.block import Block
 
+_MANY_LATE = 0.01  # of an interval's ticks
 _LOOK = 0.01  # [s] between two looks at the keys while a real specimen is felt
+_SIMULATED = (HandDevice, ScriptedDevice, ReplayDevice)
 _SILENT = "no tick yet"  # how a session begins to say that its device gives no position
 
 _NAMES = {
@@ -53,7 +58,7 @@ class Rig:
     bone : Block
         Fresh for each interval.
     device : callable
-        Gives a new device for an interval of a mode.
+        Gives a new device for an interval of a mode, or the same one again if it may serve another session.
     pause : float
         After an interval [s].
     rest : float
@@ -62,6 +67,10 @@ class Rig:
         In practice the subject is told whether the answer was right.
     trace : callable, optional
         The new file for the trace of a trial's interval, numbered from 1.
+    live : bool
+        The device is in a hand: an interval does not begin before the burr is lifted.
+    publish : int, optional
+        Port on which each interval is published over OpenIGTLink.
     render : callable
         As `burrlab.psychophysics.render`.
     """
@@ -73,6 +82,8 @@ class Rig:
     rest: float = 60.0
     feedback: bool = False
     trace: Callable[[Trial, int], Path] | None = None
+    live: bool = False
+    publish: int | None = None
     render: Callable[..., Rendered] = render
 
 
@@ -199,6 +210,8 @@ class Runner:
         real = interval.stimulus.material is None
         do = "Take the real specimen." if real else "Lift the burr clear of the material."
         self._seat.ready(f"Next: {name.lower()}.\n\n{do}")
+        if self._rig.live and not real:
+            self._lift(trial)
         to_end = "\n\nPress the space bar when you have felt enough." if interval.duration is None else ""
         self._seat.begins(f"{name}.\n\n{_DO[self._design.mode]}{to_end}")
         began = self._clock.now()
@@ -235,14 +248,46 @@ class Runner:
             mode=self._design.mode,
             wall_clock=self._seat.wall_clock,
             record=None if self._rig.trace is None else self._rig.trace(trial, number),
+            publish=self._rig.publish,
             on_message=self._hear,
             stop=self._stop_of(interval),
         )
         if rendered.failed or self._silent:
-            reason = "it gives no position" if self._silent else rendered.reason
-            self._experimenter.say(f"trial {trial.number} was not asked: device lost: {reason}")
-            raise DeviceLost(f"the device was lost during an interval: {reason}")
+            raise self._lost(trial, "during an interval", rendered.reason)
+        self._tell_of(rendered, number, trial)
         return rendered
+
+    def _tell_of(self, rendered: Rendered, number: int, trial: Trial) -> None:
+        """What may make an interval another one than was meant."""
+        ticks, which = rendered.ticks, f"interval {number} of trial {trial.number}"
+        if self._rig.live and len(ticks) and ticks["touching"][0]:
+            force = float(np.linalg.norm(ticks["force"][0]))
+            self._experimenter.say(f"{which} began in contact, at {force:.2f} N")
+        late = int((ticks["periods"] > 1).sum())
+        if late > _MANY_LATE * len(ticks):
+            self._experimenter.say(f"{which} had {late} late ticks of {len(ticks)}")
+
+    def _lift(self, trial: Trial) -> None:
+        """Until the burr is off the material; DeviceLost if the device did not last so long."""
+
+        def ask() -> None:
+            self._seat.show("Lift the burr clear of the material.\n\nThe interval begins by itself then.")
+            self._experimenter.say(f"trial {trial.number} waits until the burr is lifted")
+
+        self._silent = False
+        device = self._rig.device(self._design.mode)
+        if isinstance(device, _SIMULATED):
+            return  # it begins anew in each interval, where it is told to
+        lifted, reason = wait_until_lifted(
+            device, self._rig.burr, on_wait=ask, stop=lambda: self._silent, on_message=self._hear
+        )
+        if not lifted:
+            raise self._lost(trial, "before an interval", reason)
+
+    def _lost(self, trial: Trial, when: str, reason: str) -> DeviceLost:
+        reason = "it gives no position" if self._silent else reason
+        self._experimenter.say(f"trial {trial.number} was not asked: device lost: {reason}")
+        return DeviceLost(f"the device was lost {when}: {reason}")
 
     def _stop_of(self, interval: Interval) -> Callable[[], bool]:
         if interval.duration is None:

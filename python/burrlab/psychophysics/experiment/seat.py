@@ -40,6 +40,10 @@ class Seat(ABC):
         """Shows the text until the subject wants to go on."""
 
     @abstractmethod
+    def show(self, text: str) -> None:
+        """Shows the text until something else is shown."""
+
+    @abstractmethod
     def begins(self, text: str) -> None:
         """An interval begins."""
 

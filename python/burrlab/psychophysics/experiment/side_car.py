@@ -127,6 +127,8 @@ class SideCar:
             "task": self.name,
             "experiment": {key: experiment.get(key) for key in _EXPERIMENT} | {"seed": self.seed},
             "device": self.device.partition(":")[0],
+            # Over the network it is whether a hand feels anything; which port is nobody's business.
+            "force is published": experiment.get("publish") is not None,
             **{key: self.protocol.get(key) for key in _TABLES},
             f"tasks.{self.name}": self.design,
         }

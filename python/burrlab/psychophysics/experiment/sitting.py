@@ -19,6 +19,9 @@ from burrlab.psychophysics.simulation.hands import drilling_hand, probing_hand
 from burrlab.psychophysics.trial import Interval, Mode, Trial
 from burrlab.session.device_text import parse_device
 
+_DRIVER = "driver"  # what a side-car says of a device of one's own
+_NO_FORCE = "no force goes back over the network: [experiment] publish says no port"
+
 
 class Sitting:
     """One subject, from the first trial that is left to the last.
@@ -29,9 +32,10 @@ class Sitting:
     subject : str
     tasks : sequence of str, optional
         By default all, in the subject's own order.
-    device : str or callable, optional
-        hand, scripted:FILE or igtl:HOST:PORT; by default the protocol's. A callable gives a new device of your own for
-        an interval of a mode, "probing" or "drilling"; the side-car then has `own:` and the callable's name.
+    device : str, Device or callable, optional
+        hand, scripted:FILE or igtl:HOST:PORT, by default the protocol's; or a device of one's own that serves
+        one interval after the other, such as a `MailboxDevice` (examples/experiment_driver.py), or what gives one for an
+        interval of a mode ("probing" or "drilling"). Both are "driver" in the side-car.
     simulated : mapping, optional
         What simulates the subject, for the side-car.
     once : bool
@@ -53,7 +57,7 @@ class Sitting:
         subject: str,
         *,
         tasks: Sequence[str] | None = None,
-        device: str | Callable[[Mode], Device] | None = None,
+        device: str | Device | Callable[[Mode], Device] | None = None,
         simulated: Mapping[str, Any] | None = None,
         once: bool = False,
         view: str | Path | None = None,
@@ -64,11 +68,15 @@ class Sitting:
             protocol.order(subject, task)
         # Subjects or tasks that were added move a subject's order: what was begun is gone on with first.
         self.tasks = tuple(sorted(due, key=lambda task: not self._file(task).exists()))
-        if callable(device):
-            self._text, self._device = f"own:{getattr(device, '__name__', type(device).__name__)}", device
+        self._text = _DRIVER
+        if isinstance(device, Device):
+            self._device = _always(device)
+        elif callable(device):
+            self._device = device
         else:
             self._text = device or protocol.device
             self._device = device_maker(self._text, protocol)
+        self._live = self._text.partition(":")[0] in (_DRIVER, "igtl")
         self._simulated, self._once, self._view = simulated, once, view
 
     @property
@@ -107,6 +115,8 @@ class Sitting:
             experimenter.say(
                 f"{datetime.now():%Y-%m-%d}: {kind} {self.subject}, task {task}, at most {order.total} trials{done}"
             )
+            if self._text.startswith("igtl:") and self.protocol.publish is None:
+                experimenter.say(_NO_FORCE)
             for note in file.notes:
                 experimenter.say(note)
             if rest:
@@ -136,7 +146,7 @@ class Sitting:
         protocol = self.protocol
         return Rig(
             protocol.burr, protocol.bone, self._device, pause=protocol.pause, rest=protocol.rest,
-            feedback=protocol.feedback,
+            feedback=protocol.feedback, live=self._live, publish=None if self._simulated else protocol.publish,
             trace=(lambda trial, number: self._trace(task, trial, number)) if protocol.trace else None,
             render=_rendered_once() if self._once else render,
         )  # fmt: skip
@@ -174,7 +184,11 @@ def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
     if device.kind == "scripted":
         script = burrlab.read_script(device.file)
         return lambda mode: script
-    return lambda mode: burrlab.IgtlDevice(device.host, device.port)
+    return lambda mode: burrlab.IgtlDevice(device.host, device.port, lost_after=protocol.lost_after)
+
+
+def _always(device: Device) -> Callable[[Mode], Device]:
+    return lambda mode: device
 
 
 def _rendered_once() -> Callable[..., Rendered]:

@@ -161,6 +161,9 @@ class TerminalSeat(Seat):
     def ready(self, text: str) -> None:
         self._wait_for_space(f"{text}\n\nPress the space bar to go on.")
 
+    def show(self, text: str) -> None:
+        self._page(text)
+
     def begins(self, text: str) -> None:
         self._keyboard.flush()
         self._page(text, beep=True)

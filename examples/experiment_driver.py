@@ -1,0 +1,85 @@
+"""An experiment on a device driven from Python: where the code of a real haptic device goes.
+
+    python examples/experiment_driver.py CONFIG.toml 01
+
+Takes subject 01 through the tasks of a protocol at the terminal it is typed in; typed again it goes on where it was
+ended. The driver's loop runs all the time, in a thread of its own: in an interval the mailbox has the force of the
+material, between intervals zero.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+import burrlab
+from burrlab.psychophysics import DeviceLost, Protocol, Sitting, TerminalSeat
+
+
+class Hardware:
+    """Stands for a device's own library: a hand that lowers the burr of radius R [mm] and lifts it, once in 2 s.
+
+    Its motors give way by 0.2 mm/N.
+    """
+
+    def __init__(self, radius: float) -> None:
+        self.radius, self.force, self.begin = radius, np.zeros(3), time.perf_counter()
+
+    def position(self) -> np.ndarray:
+        """Centre of the burr, the untouched surface at z = 0 [mm]."""
+        t = time.perf_counter() - self.begin
+        return np.array([0.0, 0.0, self.radius + 0.8 * math.cos(math.pi * t)]) + 0.2 * self.force
+
+
+@contextlib.contextmanager
+def driven(hardware: Hardware, box: burrlab.MailboxDevice, on: bool) -> Iterator[None]:
+    """The driver's loop, some 400 Hz, while this is entered. One that ends is noticed: the device is lost after 100 ms."""
+    over = threading.Event()
+
+    def loop() -> None:
+        while not over.wait(0.002):
+            box.put(hardware.position(), on=on)
+            hardware.force = box.force
+        hardware.force = np.zeros(3)
+
+    thread = threading.Thread(target=loop, name="driver", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("config", metavar="CONFIG.toml")
+    parser.add_argument("subject")
+    options = parser.parse_args()
+    protocol = Protocol.read(options.config)
+    hardware, box = Hardware(protocol.burr.radius), burrlab.MailboxDevice(name="driver")
+    sitting = Sitting(protocol, options.subject, device=box)
+    try:
+        # By probing nothing is eroded whatever the switch says.
+        with driven(hardware, box, on=True), TerminalSeat() as seat:
+            sitting.run(lambda task: seat)
+            seat.close("That was all. Thank you.")
+    except DeviceLost as error:
+        sys.exit(f"{error}; the same command goes on")
+    except KeyboardInterrupt:
+        print("interrupted; every answer is kept, the same command goes on")
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -13,7 +13,6 @@ from burrlab.csv_text import plain
 from burrlab.psychophysics.design import Design, Order
 from burrlab.psychophysics.designs.orders import counterbalanced
 from burrlab.psychophysics.experiment.answer_file import AnswerFile
-from burrlab.psychophysics.experiment.answers import Answers, replay
 from burrlab.psychophysics.experiment.block import Block
 from burrlab.psychophysics.experiment.experiment_folder import ExperimentFolder
 from burrlab.psychophysics.experiment.protocol_tables import (
@@ -271,18 +270,6 @@ class Protocol:
                 },
             }
         )
-
-    def is_complete(self, answers: Answers) -> bool:
-        """Whether a run has no trial left.
-
-        Raises
-        ------
-        ValueError
-            If the protocol has no such subject or task, or the answers are not to its trials: with the line.
-        """
-        order = self.order(answers.subject, answers.name)
-        replay(answers.source, list(enumerate(answers.rows, start=2)), order)
-        return order.next() is None
 
     @property
     def digest(self) -> str:

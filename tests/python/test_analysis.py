@@ -573,3 +573,35 @@ def test_what_the_protocol_does_not_name_is_said(tmp_path: Path) -> None:
     notes = analyse(less).notes
     assert "In the folder and not in the protocol, of probing: 02." in notes
     assert "Task match is in the folder and not in the protocol." in notes
+
+
+@pytest.mark.parametrize("data", [None, 5, b"x", [1], Counts("abx", 1, 2, 1, 2), [Counts("abx", 1, 2, 1, 2)]])
+def test_data_of_another_type(data: object) -> None:
+    with pytest.raises(TypeError, match="data must"):
+        analyse(data)  # type: ignore[arg-type]
+
+
+def test_subjects_are_no_text() -> None:
+    """The letters of one would be taken for subjects."""
+    counts = Counts("abx", 1, 2, 1, 2)
+    with pytest.raises(TypeError, match=r"subjects must be a list of labels, such as \['12'\], got '12'"):
+        analyse({"1": counts, "2": counts, "3": counts}, subjects="12")
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[" * 100_000, b"\xff\xfe", b"[]"])
+def test_json_that_is_none_is_named(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    path.write_bytes(content)
+    with pytest.raises(
+        ValueError, match=r"a\.json: (this is not JSON in UTF-8|an analysis must be a JSON object)"
+    ):
+        Analysis.from_json(path)
+
+
+def test_json_with_a_part_of_another_type_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    values = analyse({"1": Counts("abx", 1, 2, 1, 2)}).to_dict()
+    for part in (5, [{"subjects": None}], None):
+        path.write_text(json.dumps({**values, "tasks": part}))
+        with pytest.raises(ValueError, match=r"a\.json: "):
+            Analysis.from_json(path).report()

@@ -453,3 +453,10 @@ def test_a_type_that_contradicts_the_stimuli(tmp_path, task, one, other, sentenc
     path.write_text("\n".join(rows) + "\n")
     with pytest.raises(ValueError, match=f"line {line}, {sentence}"):
         read_answers(path)
+
+
+@pytest.mark.parametrize("answers", [5, [1, 2], ["same", "same", "different"], "ab", ["a", "a"]])
+def test_answers_that_are_not_two_texts(tmp_path, answers):
+    path = written(tmp_path, HEAD, *ROWS)
+    with pytest.raises(ValueError, match="answers must be two that differ, in the order of their keys"):
+        read_answers(path, task="same-different", answers=answers)

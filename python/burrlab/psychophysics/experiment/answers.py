@@ -166,7 +166,11 @@ def read_answers(
     labels = _labels(file, car, given)
     if labels["task"] not in TASKS:
         raise ValueError(f"task must be one of {', '.join(TASKS)}, got {labels['task']!r}")
-    if answers is not None and len(set(answers)) != 2:
+    if answers is not None and not (
+        isinstance(answers, (list, tuple))
+        and len(answers) == len(set(answers)) == 2
+        and all(isinstance(one, str) for one in answers)
+    ):
         raise ValueError(f"answers must be two that differ, in the order of their keys, got {answers!r}")
     if car is None:
         # Another program's last line may lack its end and be whole.

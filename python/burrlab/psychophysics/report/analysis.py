@@ -10,6 +10,7 @@ from pathlib import Path
 
 from burrlab.csv_text import plain
 from burrlab.provenance import provenance
+from burrlab.psychophysics.counts import Counts
 from burrlab.psychophysics.experiment.answers import Answers, read_folder
 from burrlab.psychophysics.experiment.experiment_folder import ExperimentFolder
 from burrlab.psychophysics.experiment.protocol import Protocol
@@ -81,7 +82,7 @@ def analyse(
         If a file is not right (see `Protocol.read` and `read_answers`), there is no subject, a subject or rule is
         unknown, the level not in [0.5, 1), delta not above 0, or there are more subjects than they were selected from.
     TypeError
-        If a subject has neither Counts nor Answers.
+        If the data are none of these, a subject has neither Counts nor Answers, or subjects are one text.
     OSError
         If a file cannot be read.
 
@@ -104,6 +105,10 @@ def analyse(
         name, tasks = Path(data).resolve().name, _of_folder(data)
     elif isinstance(data, Mapping):
         name, tasks = "", of_counts(data, simulated=simulated)
+    elif isinstance(data, Counts) or not isinstance(data, Iterable):
+        raise TypeError(
+            f"data must be a protocol, a path, answers, or counts by subject, got {type(data).__name__}"
+        )
     else:
         name, tasks = "", of_answers(data)
     if not tasks:
@@ -189,6 +194,8 @@ def _selected(
     task: TaskData, subjects: Sequence[str] | None, selected_from: int | None, selected_by: str
 ) -> TaskData:
     known = [one.subject for one in task.subjects]
+    if isinstance(subjects, str):
+        raise TypeError(f"subjects must be a list of labels, such as [{subjects!r}], got {subjects!r}")
     unknown = [name for name in subjects or () if name not in known]
     if unknown or subjects == []:
         raise ValueError(f"subjects must be of {', '.join(known)}, got {', '.join(unknown) or 'none'}")

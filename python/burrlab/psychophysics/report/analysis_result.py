@@ -82,7 +82,10 @@ class Analysis:
         """
         if values.get(_KIND) != FORMAT:
             raise ValueError(f"{_KIND!r} must be {FORMAT}, got {values.get(_KIND)!r}")
-        return restored(cls, values)
+        made = restored(cls, values)
+        if not (isinstance(made.tasks, tuple) and all(not isinstance(task, Mapping) for task in made.tasks)):
+            raise ValueError("tasks must be a list of tasks with all that they hold")
+        return made
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Write to a file that `from_json` reads back without loss."""
@@ -99,11 +102,18 @@ class Analysis:
         OSError
             If it cannot be read.
         """
-        text = Path(file).read_text(encoding="utf-8") if isinstance(file, (str, os.PathLike)) else file.read()
-        values = json.loads(text)
+        named = isinstance(file, (str, os.PathLike))
+        name = os.fspath(file) if isinstance(file, (str, os.PathLike)) else str(getattr(file, "name", "JSON"))
+        try:
+            values = json.loads(Path(name).read_bytes() if named else file.read())  # type: ignore[union-attr]
+        except (ValueError, RecursionError):
+            raise ValueError(f"{name}: this is not JSON in UTF-8") from None
         if not isinstance(values, dict):
-            raise ValueError(f"an analysis must be a JSON object, got {type(values).__name__}")
-        return cls.from_dict(values)
+            raise ValueError(f"{name}: an analysis must be a JSON object, got {type(values).__name__}")
+        try:
+            return cls.from_dict(values)
+        except (ValueError, TypeError, KeyError, AttributeError) as error:
+            raise ValueError(f"{name}: this is no analysis that was written here: {error}") from None
 
     def to_tsv(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """One row a subject and task, tab-separated; n/a for nothing, inf for an open end."""

@@ -107,9 +107,15 @@ def of_answers(found: Iterable[Answers]) -> list[TaskData]:
     ------
     ValueError
         If one task is of two kinds or designs, or a subject has it twice.
+    TypeError
+        If something else is among them.
     """
     tasks: dict[str, TaskData] = {}
     for one in found:
+        if not isinstance(one, Answers):
+            raise TypeError(
+                f"data must hold Answers, or be a mapping of subjects to Counts, got {type(one).__name__}"
+            )
         design = {} if one.side_car is None else dict(one.side_car.design)
         new = TaskData(one.name, one.task, (), design)
         task = tasks.setdefault(one.name, new)

@@ -91,9 +91,9 @@ class ThresholdTask:
         Subjects whose run is incomplete, with how far they came.
     of : int
         Subjects that those here were selected from; 0 without selection, or where it is not known.
+    selected_by : str
     chosen : int
         Subjects that were selected: more than those here while some are still to come; 0 as above.
-    selected_by : str
     """
 
     name: str
@@ -102,8 +102,8 @@ class ThresholdTask:
     subjects: tuple[SubjectThreshold, ...]
     left_out: tuple[str, ...]
     of: int
-    chosen: int
     selected_by: str
+    chosen: int = 0
 
     task: ClassVar[str] = "2ifc"
     chance: ClassVar[float] = 0.5

@@ -168,7 +168,7 @@ def test_thresholds() -> None:
         threshold("02", 1.3, None),
         threshold("03", None, None),
     )
-    made = ThresholdTask("level", {"parameter": "c_e"}, 0.95, subjects, (), 0, "")
+    made = ThresholdTask("level", {"parameter": "c_e"}, 0.95, subjects, (), 0, 0, "")
     axes = made.plot_thresholds()
     assert [text.get_text() for text in axes.get_yticklabels()] == ["01", "02", "all"]
     assert axes.get_xlabel() == "threshold, ratio of c_e to the reference, 95 % interval"
@@ -176,19 +176,19 @@ def test_thresholds() -> None:
     assert made.group_threshold is not None
     assert made.group_threshold[0] == pytest.approx(math.exp(math.sqrt(math.log(1.1) * math.log(1.3))))
     with pytest.raises(ValueError, match="task level must hold a threshold to be drawn, got none"):
-        ThresholdTask("level", {}, 0.95, subjects[2:], (), 0, "").plot_thresholds()
+        ThresholdTask("level", {}, 0.95, subjects[2:], (), 0, 0, "").plot_thresholds()
 
 
 def test_thresholds_on_both_sides_have_no_mean() -> None:
     subjects = (threshold("01", 1.1, None), threshold("02", 0.9, None))
-    made = ThresholdTask("level", {}, 0.95, subjects, (), 0, "")
+    made = ThresholdTask("level", {}, 0.95, subjects, (), 0, 0, "")
     assert made.group_threshold is None
     assert [text.get_text() for text in made.plot_thresholds().get_yticklabels()] == ["01", "02"]
 
 
 def test_thresholds_without_scatter_have_no_interval() -> None:
     subjects = (threshold("01", 1.1, None), threshold("02", 1.1, None))
-    assert ThresholdTask("level", {}, 0.95, subjects, (), 0, "").group_threshold is None
+    assert ThresholdTask("level", {}, 0.95, subjects, (), 0, 0, "").group_threshold is None
 
 
 def test_psychometric_function() -> None:
@@ -199,7 +199,7 @@ def test_psychometric_function() -> None:
         reference=2.145, at_bounds=(), provenance={},
     )  # fmt: skip
     one = SubjectThreshold("01", True, 60, 60, (), 1.2, (1.1, 1.4), str(fit), fit)
-    made = ThresholdTask("level", {}, 0.95, (one,), (), 0, "")
+    made = ThresholdTask("level", {}, 0.95, (one,), (), 0, 0, "")
     axes = made.plot_psychometric()
     assert axes.get_title().replace("\n", " ") == "level (simulated subjects), subject 01"
     assert "c_e" in axes.get_xlabel()

@@ -58,7 +58,7 @@ def test_a_device_of_ones_own_renders_every_interval_and_is_named(tmp_path):
         return probing_hand(made.burr, push=1.0)
 
     assert Sitting(made, "01", device=rig).run(lambda task: Same()) == 4
-    assert modes == ["probing"] * 8  # a new device an interval
+    assert modes == ["probing"] * 16  # of each interval one until the burr is lifted, and one that feels
     path = made.data.answers("01", "one")
     assert read_answers(path).counts().trials == 4
     assert json.loads(path.with_suffix(".json").read_text())["Device"] == "driver"

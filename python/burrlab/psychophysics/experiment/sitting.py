@@ -35,7 +35,8 @@ class Sitting:
     device : str, Device or callable, optional
         hand, scripted:FILE or igtl:HOST:PORT, by default the protocol's; or a device of one's own that serves
         one interval after the other, such as a `MailboxDevice` (examples/experiment_driver.py), or what gives one for an
-        interval of a mode ("probing" or "drilling"). Both are "driver" in the side-car.
+        interval of a mode ("probing" or "drilling"), asked twice: until the burr is lifted, and to be felt. Both are
+        "driver" in the side-car.
     simulated : mapping, optional
         What simulates the subject, for the side-car.
     once : bool

@@ -217,3 +217,11 @@ class TestBadInput:
             d_prime(self.counts, rule="differencing", level=level)
         with pytest.raises(ValueError, match="level must be above 0 and below 1"):
             score_interval(self.counts, level)
+
+
+def test_an_exact_interval_of_too_many_outcomes_is_refused():
+    many = Counts("same-different", hits=1500, signals=2000, false_alarms=900, noises=2000)
+    with pytest.raises(ValueError, match="at most 4000000 possible outcomes for method 'exact', got 4004001"):
+        d_prime(many, rule="differencing")
+    low, high = d_prime(many, rule="differencing", method="profile").interval
+    assert 1.0 < low < high < 3.0

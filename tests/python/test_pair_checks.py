@@ -86,3 +86,10 @@ def test_bad_input():
         pair_checks([same_different(1, 1, 1, 1), Counts("abx", 1, 2, 1, 2)])
     with pytest.raises(ValueError, match="counts must have the types of pairs, by_type, got none"):
         pair_checks(Counts("same-different", 1, 2, 1, 2))
+
+
+def test_subjects_who_answered_alike_throughout_leave_nothing_to_compare():
+    types = {"AA": (0, 3), "BB": (0, 3), "AB": (3, 3), "BA": (3, 3)}
+    for check in pair_checks(Counts("same-different", 6, 6, 0, 6, by_type=types)):
+        assert check.smallest == 1.0
+        assert str(check).endswith("p = 1; alike in every subject as far as can be")

@@ -188,3 +188,10 @@ def test_wrong_values_are_named(change, message):
 def test_wrong_types_are_named():
     with pytest.raises(TypeError, match="float"):
         psychometric_function(LEVELS, [21.5, 24, 30, 37, 40], [40] * 5)
+
+
+def test_a_threshold_beyond_the_levels_is_called_extrapolated(fitted):
+    assert "extrapolated" not in str(fitted)
+    weak = made(correct=(20, 21, 20, 22, 26))
+    assert weak.threshold > max(LEVELS)
+    assert "extrapolated: the levels go from 1.03 to 1.5" in str(weak)

@@ -102,6 +102,9 @@ class PsychometricFit:
             f"75 % correct (guess rate 0.5, without lapses) at a ratio of {self.threshold:.3g}, "
             f"{100 * self.level:g} % {low:.3g} to {high:.3g}"
         ]
+        least, most = min(self.ratios), max(self.ratios)
+        if not least <= self.threshold <= most:
+            lines.append(f"extrapolated: the levels go from {least:.3g} to {most:.3g}")
         if (change := self.just_noticeable()) is not None and self.parameter is not None:
             what = "decrease" if self.side == "below" else "increase"
             lines.append(

@@ -160,7 +160,8 @@ def d_prime(
     Raises
     ------
     ValueError
-        If the rule, method or correction is unknown, the level not in (0, 1), or "proportion" asked of same-different.
+        If the rule, method or correction is unknown, the level not in (0, 1), "proportion" asked of same-different, or
+        "exact" of more than 4 million possible outcomes (2000 trials of each kind).
 
     Notes
     -----

@@ -16,6 +16,7 @@ _CRITERIA = 241  # at which the p value is calculated; 2401 raise it by less tha
 _RAREST = 1e-6  # rate at which the range of criteria ends
 _TIE = 1e-7  # deviances closer than this are one
 _SCANNED = 33  # d' of a first look, between 0 and a deviance that no test keeps
+_MOST = 4_000_000  # outcomes; a test takes seconds there, and some fifty are made
 _HALVINGS = 16  # of what lies between two of them: 1e-5 of d'
 
 
@@ -57,6 +58,11 @@ def exact_p_value(counts: Counts, rule: Rule, d_prime: float) -> float:
 
 def exact_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, float]:
     """From the smallest to the largest d' in [0, inf) that the exact test keeps; inf where it has no upper end."""
+    outcomes = (counts.signals + 1) * (counts.noises + 1)
+    if outcomes > _MOST:
+        raise ValueError(
+            f"counts must have at most {_MOST} possible outcomes for method 'exact', got {outcomes}: take 'profile'"
+        )
     observed, error = Outcomes.of(counts), 1.0 - level
     if bool(observed.undetermined):
         return 0.0, math.inf

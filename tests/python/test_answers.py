@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from burrlab.psychophysics import Counts, read_answers, read_folder
+from burrlab.psychophysics.experiment.answer_reading import read_rows, replay
 from burrlab.psychophysics.experiment.answer_row import Row, RowReader, as_text, columns_of
-from burrlab.psychophysics.experiment.answers import read_rows, replay
 
 HEAD = "onset\tduration\ttrial_type\tresponse\tcorrect\tresponse_time\ttrial"
 ROWS = ["0\t41\tAA\tsame\t1\t0.5\t1", "60\t41\tAB\tsame\t0\t0.5\t2", "120\t41\tBB\tsame\t1\tn/a\t3"]

@@ -10,7 +10,9 @@ from burrlab.psychophysics.designs.psychometric_fit import PsychometricFit
 from burrlab.psychophysics.designs.same_different import SameDifferent
 from burrlab.psychophysics.designs.staircase import Staircase
 from burrlab.psychophysics.experiment.answer_file import AnswerFile
-from burrlab.psychophysics.experiment.answers import Answer, Answers, read_answers, read_folder
+from burrlab.psychophysics.experiment.answer_reading import read_answers, read_folder
+from burrlab.psychophysics.experiment.answer_row import Answer
+from burrlab.psychophysics.experiment.answers import Answers
 from burrlab.psychophysics.experiment.block import Block
 from burrlab.psychophysics.experiment.interval import Rendered, render
 from burrlab.psychophysics.experiment.protocol import Protocol

@@ -13,8 +13,8 @@ from typing import Self
 
 from burrlab.psychophysics.design import Order
 from burrlab.psychophysics.experiment import tsv_text
+from burrlab.psychophysics.experiment.answer_reading import read_own_rows, replay
 from burrlab.psychophysics.experiment.answer_row import Answer, Row, RowReader, as_text, columns_of
-from burrlab.psychophysics.experiment.answers import read_own_rows, replay
 from burrlab.psychophysics.experiment.locked import lock, sync_folder, synced_write
 from burrlab.psychophysics.experiment.side_car import SideCar, read_side_car, side_car_path
 

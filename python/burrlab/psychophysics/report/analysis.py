@@ -11,7 +11,8 @@ from pathlib import Path
 from burrlab.csv_text import plain
 from burrlab.provenance import provenance
 from burrlab.psychophysics.counts import Counts
-from burrlab.psychophysics.experiment.answers import Answers, read_folder
+from burrlab.psychophysics.experiment.answer_reading import read_folder
+from burrlab.psychophysics.experiment.answers import Answers
 from burrlab.psychophysics.experiment.experiment_folder import ExperimentFolder
 from burrlab.psychophysics.experiment.protocol import Protocol
 from burrlab.psychophysics.experiment.protocol_tables import AnalysisSettings

@@ -1,73 +1,15 @@
-// The loop's deadlines and ends, and that it allocates nothing while it runs.
+// The loop's deadlines, and that it allocates nothing while it runs.
 #include "burrlab/session/haptic_loop.hpp"
 
-#include <chrono>
 #include <cmath>
-#include <functional>
 
-#include "burrlab/session/follower.hpp"
-#include "check.hpp"
 #include "count_allocations.hpp"
+#include "loop_scenes.hpp"
 
 using namespace burrlab;
+using namespace scenes;
 
 namespace {
-
-/// A device that does what a function says; `n` counts its readings.
-struct TestDevice : Device {
-  std::function<void(int n, DeviceReading&)> what = [](int, DeviceReading&) {};
-  int n = 0;
-  Vec3 last = Vec3::Zero();
-  std::atomic<bool> halted{false};
-  std::vector<std::uint64_t> periods;
-
-  TestDevice() { periods.reserve(100000); }
-  DeviceReading read(double, std::uint64_t since) noexcept override {
-    DeviceReading reading;
-    reading.position = Vec3(0.001 * (n % 1000), 0.0, 1.4);
-    reading.on = true;
-    periods.push_back(since);
-    what(n++, reading);
-    return reading;
-  }
-  void write(const Vec3& force) noexcept override { last = force; }
-  void halt() noexcept override { halted = true; }
-  std::string name() const override { return "test"; }
-};
-
-void sleep(int milliseconds) { std::this_thread::sleep_for(std::chrono::milliseconds(milliseconds)); }
-
-std::shared_ptr<TickExecutor> executor(double period = 1.0, int burrs = 1) {
-  const auto bone = std::make_shared<VoxelBone>(Index3{16, 64, 64}, std::uint8_t(255), Vec3::Constant(0.1),
-                                                Vec3(-3.15, -3.15, -1.55));
-  SessionSetup setup;
-  for (int i = 0; i < burrs; ++i)
-    setup.tools.push_back({Burr(1.5), Material("bone", 2.145, 0.087, Shape::parabolic(), "")});
-  setup.period = period;
-  return std::make_shared<TickExecutor>(bone, setup);
-}
-
-struct Run {
-  std::shared_ptr<TestDevice> device = std::make_shared<TestDevice>();
-  std::unique_ptr<HapticLoop> loop;
-
-  explicit Run(const LoopSettings& settings, double period = 1.0) {
-    loop = std::make_unique<HapticLoop>(executor(period), std::vector<std::shared_ptr<Device>>{device},
-                                        settings);
-  }
-  void to_end(double seconds = 20.0) {
-    loop->start();
-    CHECK(loop->wait(seconds));
-    loop->stop();
-  }
-};
-
-LoopSettings virtual_clock(std::uint64_t ticks) {
-  LoopSettings settings;
-  settings.wall_clock = false;
-  settings.ticks = ticks;
-  return settings;
-}
 
 void no_allocation() {
   Run run(virtual_clock(5000));
@@ -111,174 +53,6 @@ void late_ticks() {
   CHECK(run.device->periods[101] >= 19 && counts.dropped >= 11);
 }
 
-void ends() {
-  {
-    Run run(virtual_clock(1000));
-    run.device->what = [](int n, DeviceReading& r) {
-      if (n == 10) r.position[1] = std::nan("");
-    };
-    run.to_end();
-    CHECK(run.loop->failed() && run.loop->counts().ticks == 10);
-    CHECK(run.loop->reason() == "device 0 gave a position or velocity that is not finite");
-  }
-  {
-    Run run(virtual_clock(1000));
-    run.device->what = [](int n, DeviceReading& r) {
-      if (n >= 20) r.status = DeviceReading::Status::lost, r.age = 101.4;
-    };
-    run.to_end();
-    CHECK(run.loop->failed() && run.loop->reason() == "device 0 was lost: its last position is 101 ms old");
-    CHECK(run.device->last == Vec3::Zero());
-  }
-  {
-    Run run(virtual_clock(1000));
-    run.device->what = [](int n, DeviceReading& r) {
-      if (n < 5) r.status = DeviceReading::Status::waiting;
-      if (n == 35) r.status = DeviceReading::Status::finished;
-    };
-    run.to_end();
-    CHECK(!run.loop->failed() && run.loop->counts().ticks == 30);
-    CHECK(run.loop->reason() == "device 0 has come to its end");
-  }
-}
-
-/// The loop hangs in a device: the force is zero before it comes back.
-void stall() {
-  Run run(LoopSettings{});
-  std::atomic<bool> halted_meanwhile{false};
-  run.device->what = [&](int n, DeviceReading&) {
-    if (n != 30) return;
-    for (int i = 0; i < 100 && !run.device->halted; ++i) sleep(10);
-    halted_meanwhile = run.device->halted.load();
-  };
-  run.to_end();
-  CHECK(halted_meanwhile);
-  CHECK(run.loop->failed() && run.loop->reason().find("the loop stalled: ") == 0);
-}
-
-/// The follower carves the same bone, also after it was rebuilt from the running loop's.
-void follower() {
-  auto device = std::make_shared<TestDevice>();
-  device->what = [](int n, DeviceReading& r) {
-    r.position = Vec3(1.5 * std::sin(0.01 * n), std::cos(0.003 * n), 1.4 - 1e-4 * n);
-  };
-  LoopSettings settings;
-  settings.ticks = 3000;
-  settings.stall_limit = 5000.0;
-  auto loop =
-      std::make_shared<HapticLoop>(executor(0.5), std::vector<std::shared_ptr<Device>>{device}, settings);
-  Follower follower(loop, {100, 10.0, 1.0});
-  const auto view = follower.view();
-  loop->start();
-  follower.start();
-  for (int i = 0; i < 5; ++i) {
-    sleep(100);
-    follower.ask_rebuild();
-  }
-  CHECK(loop->wait(20.0));
-  follower.stop();
-  CHECK(follower.status().rebuilds >= 3 && follower.status().differing == 0);
-  CHECK(follower.status().tick == 3000);
-  CHECK(follower.digest() == loop->executor()->bone()->digest());
-  CHECK(follower.digests().back().tick == 3000 && follower.digests().back().digest == follower.digest());
-  CHECK(follower.stiffness(0).stiffness > 0.1);
-  const auto update = view->take();
-  CHECK(update.tick == 3000 && !update.bricks.empty() && update.newest.index == 2999);
-  CHECK(view->take().bricks.empty());
-}
-
-/// A device whose start throws.
-struct Unwilling : TestDevice {
-  void start(double) override { throw std::invalid_argument("no power"); }
-};
-
-/// What a device throws is passed on; those before it are halted and free again, and nothing hangs.
-void device_that_does_not_start() {
-  const auto well = std::make_shared<TestDevice>();
-  HapticLoop loop(executor(1.0, 2), {well, std::make_shared<Unwilling>()}, virtual_clock(10));
-  Follower follower(std::shared_ptr<HapticLoop>(&loop, [](HapticLoop*) {}));
-  follower.start();
-  CHECK_THROWS(loop.start(), "no power");
-  CHECK(loop.started() && !loop.running() && loop.failed());
-  CHECK(loop.reason() == "the loop could not be started: no power");
-  CHECK(loop.wait(1.0));
-  CHECK(well->halted);
-  CHECK(well->claim());
-  loop.stop();
-  follower.stop();
-  CHECK_THROWS(loop.start(), "loop must be started once");
-}
-
-/// All devices are at zero before the first is stopped.
-void zero_before_stop() {
-  struct Slow : TestDevice {
-    std::shared_ptr<TestDevice> other;
-    bool other_was_halted = false;
-    void stop() noexcept override { other_was_halted = other->halted; }
-  };
-  const auto first = std::make_shared<Slow>();
-  const auto second = first->other = std::make_shared<TestDevice>();
-  HapticLoop loop(executor(1.0, 2), {first, second}, virtual_clock(10));
-  loop.start();
-  CHECK(loop.wait(20.0));
-  loop.stop();
-  CHECK(first->other_was_halted);
-}
-
-void stopped_by_many() {
-  LoopSettings settings;
-  settings.realtime.priority = settings.realtime.lock_memory = false;
-  for (int round = 0; round < 5; ++round) {
-    Run run(settings);
-    run.loop->start();
-    std::vector<std::thread> threads;
-    for (int i = 0; i < 8; ++i) threads.emplace_back([&run, i] { run.loop->stop(i % 2 ? "" : "stopped"); });
-    for (std::thread& thread : threads) thread.join();
-    CHECK(run.loop->reason() == "stopped");
-    CHECK(!run.loop->running());
-  }
-}
-
-/// A first reading that ends the session, well or not.
-void first_reading() {
-  using Status = DeviceReading::Status;
-  for (const Status status : {Status::finished, Status::lost}) {
-    Run run(virtual_clock(10));
-    run.device->what = [status](int, DeviceReading& reading) { reading.status = status; };
-    run.to_end();
-    CHECK(run.loop->counts().ticks == 0);
-    CHECK(run.loop->failed() == (status == Status::lost));
-    CHECK(run.device->halted && run.device->last == Vec3::Zero());
-  }
-}
-
-/// A long limit of a stall does not keep `stop` waiting.
-void long_stall_limit() {
-  LoopSettings settings;
-  settings.stall_limit = 1e6;
-  Run run(settings);
-  run.loop->start();
-  const std::int64_t begin = steady_now();
-  run.loop->stop();
-  CHECK(steady_now() - begin < 20000000000);
-}
-
-/// A rebuilt follower's newest record is that of its last tick.
-void newest_after_rebuild() {
-  const auto loop = std::make_shared<HapticLoop>(
-      executor(), std::vector<std::shared_ptr<Device>>{std::make_shared<TestDevice>()}, virtual_clock(200));
-  Follower follower(loop);
-  loop->start();
-  CHECK(loop->wait(20.0));
-  follower.ask_rebuild();
-  follower.start();
-  follower.stop();
-  CHECK(follower.status().rebuilds == 1);
-  CHECK(follower.newest().index == 199);
-  CHECK(follower.digest() == loop->executor()->bone()->digest());
-  CHECK_THROWS(follower.add(nullptr), "listener must be added before the follower is started");
-}
-
 void clocks() {
   const std::int64_t now = steady_now();
   CHECK(steady_after(1e300) > now + 1000000000000 && steady_after(HUGE_VAL) > now + 1000000000000);
@@ -306,15 +80,6 @@ void refusals() {
 int main() {
   no_allocation();
   late_ticks();
-  ends();
-  stall();
-  follower();
-  device_that_does_not_start();
-  zero_before_stop();
-  stopped_by_many();
-  first_reading();
-  long_stall_limit();
-  newest_after_rebuild();
   clocks();
   refusals();
   return check::report();

@@ -1,0 +1,146 @@
+// How a loop ends: well, on a fault, before it began, stopped by many.
+#include "burrlab/session/haptic_loop.hpp"
+
+#include <cmath>
+
+#include "burrlab/session/follower.hpp"
+#include "loop_scenes.hpp"
+
+using namespace burrlab;
+using namespace scenes;
+
+namespace {
+
+void ends() {
+  {
+    Run run(virtual_clock(1000));
+    run.device->what = [](int n, DeviceReading& r) {
+      if (n == 10) r.position[1] = std::nan("");
+    };
+    run.to_end();
+    CHECK(run.loop->failed() && run.loop->counts().ticks == 10);
+    CHECK(run.loop->reason() == "device 0 gave a position or velocity that is not finite");
+  }
+  {
+    Run run(virtual_clock(1000));
+    run.device->what = [](int n, DeviceReading& r) {
+      if (n >= 20) r.status = DeviceReading::Status::lost, r.age = 101.4;
+    };
+    run.to_end();
+    CHECK(run.loop->failed() && run.loop->reason() == "device 0 was lost: its last position is 101 ms old");
+    CHECK(run.device->last == Vec3::Zero());
+  }
+  {
+    Run run(virtual_clock(1000));
+    run.device->what = [](int n, DeviceReading& r) {
+      if (n < 5) r.status = DeviceReading::Status::waiting;
+      if (n == 35) r.status = DeviceReading::Status::finished;
+    };
+    run.to_end();
+    CHECK(!run.loop->failed() && run.loop->counts().ticks == 30);
+    CHECK(run.loop->reason() == "device 0 has come to its end");
+  }
+}
+
+/// The loop hangs in a device: the force is zero before it comes back.
+void stall() {
+  Run run(LoopSettings{});
+  std::atomic<bool> halted_meanwhile{false};
+  run.device->what = [&](int n, DeviceReading&) {
+    if (n != 30) return;
+    for (int i = 0; i < 100 && !run.device->halted; ++i) sleep(10);
+    halted_meanwhile = run.device->halted.load();
+  };
+  run.to_end();
+  CHECK(halted_meanwhile);
+  CHECK(run.loop->failed() && run.loop->reason().find("the loop stalled: ") == 0);
+}
+
+/// A device whose start throws.
+struct Unwilling : TestDevice {
+  void start(double) override { throw std::invalid_argument("no power"); }
+};
+
+/// What a device throws is passed on; those before it are halted and free again, and nothing hangs.
+void device_that_does_not_start() {
+  const auto well = std::make_shared<TestDevice>();
+  HapticLoop loop(executor(1.0, 2), {well, std::make_shared<Unwilling>()}, virtual_clock(10));
+  Follower follower(std::shared_ptr<HapticLoop>(&loop, [](HapticLoop*) {}));
+  follower.start();
+  CHECK_THROWS(loop.start(), "no power");
+  CHECK(loop.started() && !loop.running() && loop.failed());
+  CHECK(loop.reason() == "the loop could not be started: no power");
+  CHECK(loop.wait(1.0));
+  CHECK(well->halted);
+  CHECK(well->claim());
+  loop.stop();
+  follower.stop();
+  CHECK_THROWS(loop.start(), "loop must be started once");
+}
+
+/// All devices are at zero before the first is stopped.
+void zero_before_stop() {
+  struct Slow : TestDevice {
+    std::shared_ptr<TestDevice> other;
+    bool other_was_halted = false;
+    void stop() noexcept override { other_was_halted = other->halted; }
+  };
+  const auto first = std::make_shared<Slow>();
+  const auto second = first->other = std::make_shared<TestDevice>();
+  HapticLoop loop(executor(1.0, 2), {first, second}, virtual_clock(10));
+  loop.start();
+  CHECK(loop.wait(20.0));
+  loop.stop();
+  CHECK(first->other_was_halted);
+}
+
+void stopped_by_many() {
+  LoopSettings settings;
+  settings.realtime.priority = settings.realtime.lock_memory = false;
+  for (int round = 0; round < 5; ++round) {
+    Run run(settings);
+    run.loop->start();
+    std::vector<std::thread> threads;
+    for (int i = 0; i < 8; ++i) threads.emplace_back([&run, i] { run.loop->stop(i % 2 ? "" : "stopped"); });
+    for (std::thread& thread : threads) thread.join();
+    CHECK(run.loop->reason() == "stopped");
+    CHECK(!run.loop->running());
+  }
+}
+
+/// A first reading that ends the session, well or not.
+void first_reading() {
+  using Status = DeviceReading::Status;
+  for (const Status status : {Status::finished, Status::lost}) {
+    Run run(virtual_clock(10));
+    run.device->what = [status](int, DeviceReading& reading) { reading.status = status; };
+    run.to_end();
+    CHECK(run.loop->counts().ticks == 0);
+    CHECK(run.loop->failed() == (status == Status::lost));
+    CHECK(run.device->halted && run.device->last == Vec3::Zero());
+  }
+}
+
+/// A long limit of a stall does not keep `stop` waiting.
+void long_stall_limit() {
+  LoopSettings settings;
+  settings.stall_limit = 1e6;
+  Run run(settings);
+  run.loop->start();
+  const std::int64_t begin = steady_now();
+  run.loop->stop();
+  CHECK(steady_now() - begin < 20000000000);
+}
+
+}  // namespace
+
+int main() {
+  ends();
+  stall();
+  device_that_does_not_start();
+  zero_before_stop();
+  stopped_by_many();
+  first_reading();
+  long_stall_limit();
+  return check::report();
+}

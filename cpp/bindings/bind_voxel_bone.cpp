@@ -12,6 +12,8 @@
 
 namespace py = pybind11;
 using burrlab::Index3;
+using burrlab::TissueMap;
+using burrlab::Tissues;
 using burrlab::Vec3;
 using burrlab::VoxelBone;
 
@@ -110,6 +112,41 @@ std::shared_ptr<VoxelBone> block(const Vec3& size, const Spacing& spacing, const
   }
   if (level < 0 || level > 255) burrlab::refuse("level", "0 to 255", level);
   return std::make_shared<VoxelBone>(shape, static_cast<std::uint8_t>(level), s, origin);
+}
+
+/// Numbers (z, y, x) into a table, as a map of the bone's shape.
+std::shared_ptr<const TissueMap> to_map(const VoxelBone& bone, const Tissues& tissues,
+                                        const py::array& numbers) {
+  if (!py::isinstance<py::array_t<std::uint8_t>>(numbers) || numbers.ndim() != 3 ||
+      shape_of(numbers) != bone.shape())
+    throw std::invalid_argument("numbers of tissues must be uint8 and have the shape of the bone");
+  const auto dense = py::array_t<std::uint8_t, py::array::c_style>::ensure(numbers);
+  return std::make_shared<const TissueMap>(bone.shape(), dense.data(), tissues);
+}
+
+py::object numbers_of(const VoxelBone& bone) {
+  if (!bone.tissues()) return py::none();
+  const Index3& shape = bone.shape();
+  py::array_t<std::uint8_t> out({shape[0], shape[1], shape[2]});
+  bone.tissues()->read({0, 0, 0}, shape, out.mutable_data());
+  out.attr("flags").attr("writeable") = false;
+  return out;
+}
+
+/// A sum over one tissue, by its name or number.
+template <double (VoxelBone::*sum)(std::size_t) const>
+double of_tissue(const VoxelBone& bone, const std::variant<std::size_t, std::string>& tissue) {
+  if (!bone.tissues()) throw std::invalid_argument("bone must have tissues, got one of a single material");
+  const Tissues& table = bone.tissues()->table();
+  std::size_t number = table.size();
+  if (const auto* given = std::get_if<std::size_t>(&tissue))
+    number = *given;
+  else
+    for (std::size_t i = table.size(); i-- > 0;)
+      if (table[i].name == std::get<std::string>(tissue)) number = i;
+  if (number >= table.size())
+    throw std::invalid_argument("tissue must be a name or number of the bone's table");
+  return (bone.*sum)(number);
 }
 
 }  // namespace
@@ -266,6 +303,37 @@ Raises
 ValueError
     If its shape is another than the bone's, or a level is above the pristine one.
 )")
+      .def(
+          "set_tissues",
+          [](VoxelBone& bone, const Tissues& tissues, const py::array& numbers) {
+            bone.set_tissues(to_map(bone, tissues, numbers));
+          },
+          py::arg("tissues"), py::arg("numbers"), R"(Says of every voxel which tissue its pristine content is.
+
+Parameters
+----------
+tissues : Tissues
+numbers : ndarray, shape (nz, ny, nx), uint8
+    Numbers into the table. Copied; copies of the bone share them.
+
+Raises
+------
+ValueError
+    If the numbers have another type or shape, or one is not in the table.
+)")
+      .def_property_readonly(
+          "tissues",
+          [](const VoxelBone& bone) -> std::shared_ptr<Tissues> {
+            return bone.tissues() ? std::make_shared<Tissues>(bone.tissues()->table()) : nullptr;
+          },
+          "Table of its tissues; None where it is of a single material.")
+      .def_property_readonly(
+          "tissue_numbers", &numbers_of,
+          "Number of every voxel's tissue, (z, y, x) uint8: a read-only copy; None without tissues.")
+      .def("mass_of", &of_tissue<&VoxelBone::mass_of>, py::arg("tissue"),
+           "What is left of a tissue, by name or number [mm^3]. ValueError if there is none of it.")
+      .def("removed_of", &of_tissue<&VoxelBone::removed_of>, py::arg("tissue"),
+           "What was removed of a tissue, by name or number [mm^3]. ValueError if there is none of it.")
       .def("reset", &VoxelBone::reset, "Puts back all that was eroded.")
       .def("digest", &VoxelBone::digest, py::call_guard<py::gil_scoped_release>(),
            "128 bits as 32 hexadecimal digits over geometry, present and pristine levels: a sum over 8^3 "
@@ -280,7 +348,7 @@ ValueError
       .def(py::pickle(
           [](const py::object& self) {
             return py::make_tuple(self.attr("pristine"), self.attr("density"), self.attr("spacing"),
-                                  self.attr("origin"));
+                                  self.attr("origin"), self.attr("tissues"), self.attr("tissue_numbers"));
           },
           [](const py::tuple& t) {
             const auto pristine = t[0].cast<py::array_t<std::uint8_t, py::array::c_style>>();
@@ -292,6 +360,8 @@ ValueError
                 shape_of(pristine), Levels(pristine.data(), pristine.data() + pristine.size()),
                 t[2].cast<Vec3>(), t[3].cast<Vec3>());
             bone->restore(density.data());
+            if (t.size() > 4 && !t[4].is_none())
+              bone->set_tissues(to_map(*bone, t[4].cast<Tissues>(), t[5].cast<py::array>()));
             return bone;
           }));
 }

@@ -36,6 +36,7 @@ pybind11::tuple snapshot_of(const Following& following) {
 
 void bind_shape(pybind11::module_& m);
 void bind_material(pybind11::module_& m);
+void bind_tissues(pybind11::module_& m);
 void bind_voxel_bone(pybind11::module_& m);
 void bind_force(pybind11::module_& m);
 void bind_burr_contact(pybind11::module_& m);

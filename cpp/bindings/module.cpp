@@ -30,6 +30,7 @@ PYBIND11_MODULE(_core, m) {
       "(docs/tick.md).");
   bind_shape(m);
   bind_material(m);
+  bind_tissues(m);
   bind_voxel_bone(m);
   bind_force(m);
   bind_burr_contact(m);

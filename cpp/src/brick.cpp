@@ -1,5 +1,7 @@
 #include "burrlab/brick.hpp"
 
+#include <new>
+
 #include "kernel/kernel.hpp"
 
 namespace burrlab {
@@ -20,6 +22,13 @@ bool change(std::uint64_t& word, int bit, bool on) {
 }
 
 }  // namespace
+
+Tiles::Tiles(std::size_t bricks)
+    : memory_(std::calloc(bricks * brick_voxels + 63, 1)),
+      first_(reinterpret_cast<std::uint8_t*>((reinterpret_cast<std::uintptr_t>(memory_.get()) + 63) &
+                                             ~std::uintptr_t{63})) {
+  if (!memory_) throw std::bad_alloc();
+}
 
 BrickSums sum_brick(const std::uint8_t* tile) {
   kernel::Sums sums;

@@ -30,6 +30,25 @@ void finish(Hash128& h) {
   h.b ^= h.b >> 31;
 }
 
+void of_text(Hash128& hash, const std::string& text) {
+  mix(hash, text.size());
+  for (const char c : text) mix(hash, static_cast<unsigned char>(c));
+}
+
+void of_table(Hash128& hash, const Tissues& table) {
+  mix(hash, table.size());
+  of_text(hash, table.material().shape.name());
+  for (std::size_t i = 0; i < table.size(); ++i) {
+    const Tissue& tissue = table[i];
+    of_text(hash, tissue.name);
+    mix(hash, static_cast<std::uint32_t>(tissue.label));
+    mix(hash, bits(tissue.c_e));
+    mix(hash, bits(tissue.alpha));
+    mix(hash, tissue.critical | tissue.bleeds << 1 | tissue.assumed << 2);
+    for (const std::uint8_t part : tissue.colour) mix(hash, part);
+  }
+}
+
 Hash128 of_geometry(const VoxelBone& bone) {
   Hash128 hash{0x6275727230u, 0x6C616231u};
   for (int axis = 0; axis < 3; ++axis) {
@@ -37,6 +56,7 @@ Hash128 of_geometry(const VoxelBone& bone) {
     mix(hash, bits(bone.spacing()[axis]));
     mix(hash, bits(bone.origin()[axis]));
   }
+  if (bone.tissues()) of_table(hash, bone.tissues()->table());
   finish(hash);
   return hash;
 }
@@ -54,6 +74,15 @@ Hash128 of_brick(const VoxelBone& bone, std::size_t number) {
       std::memcpy(&before, pristine + row, sizeof before);
       mix(hash, now);
       mix(hash, before);
+    }
+  }
+  if (bone.tissues()) {
+    const std::uint8_t* numbers = bone.tissues()->tile(number);
+    if (!numbers) mix(hash, bone.tissues()->number(number));
+    for (int i = 0; numbers && i < brick_voxels; i += 8) {
+      std::uint64_t eight;
+      std::memcpy(&eight, numbers + i, sizeof eight);
+      mix(hash, eight);
     }
   }
   finish(hash);

@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 
 #include "brick_walk.hpp"
 #include "burrlab/check.hpp"
@@ -135,6 +136,9 @@ TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& a
 
   const auto at_brick = [&](std::int64_t z, std::int64_t y, std::int64_t x, bool whole) {
     const std::size_t number = bone.brick_number(z, y, x);
+    std::uint8_t before[brick_voxels];
+    if (eroding && bone.tissues() && bone.tissues()->tile(number))
+      std::memcpy(before, bone.tile(number), brick_voxels);
     kernel::Brick brick;
     brick.density = eroding ? eroded->open(number) : const_cast<std::uint8_t*>(bone.tile(number));
     brick.pristine = bone.pristine_tile(number);
@@ -168,8 +172,8 @@ TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& a
       sums.faint += found.faint;
     }
     if (eroding)
-      sums.lost +=
-          eroded->close({z, y, x}, number, {found.after_mass, found.after_x, found.after_y, found.after_z});
+      sums.lost += eroded->close({z, y, x}, number,
+                                 {found.after_mass, found.after_x, found.after_y, found.after_z}, before);
   };
 
   walk_bricks(bone.occupancy(), ball, at_brick);

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstring>
-#include <new>
 #include <utility>
 
 #include "burrlab/check.hpp"
@@ -45,13 +44,6 @@ void each_row(const Index3& at, const Index3& start, const Index3& shape, Visit 
 
 }  // namespace
 
-VoxelBone::Tiles::Tiles(std::size_t bricks)
-    : memory_(std::calloc(bricks * brick_voxels + 63, 1)),
-      first_(reinterpret_cast<std::uint8_t*>((reinterpret_cast<std::uintptr_t>(memory_.get()) + 63) &
-                                             ~std::uintptr_t{63})) {
-  if (!memory_) throw std::bad_alloc();
-}
-
 VoxelBone::VoxelBone(const Index3& shape, const Vec3& spacing, const Vec3& origin)
     : shape_(checked(shape, spacing, origin)),
       bricks_(bricks_of(shape)),
@@ -93,7 +85,9 @@ VoxelBone::VoxelBone(const VoxelBone& other)
       state_(other.state_),
       occupancy_(other.occupancy_),
       level_sum_(other.level_sum_),
-      pristine_sum_(other.pristine_sum_) {
+      pristine_sum_(other.pristine_sum_),
+      tissues_(other.tissues_),
+      tissue_sums_(other.tissue_sums_) {
   if (!other.pristine_.empty()) pristine_ = Tiles(sums_.size());
   for (std::size_t brick = 0; brick < sums_.size(); ++brick) {
     if (sums_[brick].mass) std::memcpy(density_.tile(brick), other.tile(brick), brick_voxels);
@@ -114,13 +108,16 @@ VoxelBone& VoxelBone::operator=(VoxelBone other) {
   std::swap(occupancy_, other.occupancy_);
   std::swap(level_sum_, other.level_sum_);
   std::swap(pristine_sum_, other.pristine_sum_);
+  std::swap(tissues_, other.tissues_);
+  std::swap(tissue_sums_, other.tissue_sums_);
   return *this;
 }
 
 double VoxelBone::removed() const { return double(pristine_sum_ - level_sum_) * (voxel_volume() / 255.0); }
 
 std::size_t VoxelBone::hierarchy_bytes() const {
-  return sums_.size() * (sizeof(BrickSums) + sizeof level_[0] + sizeof state_[0]) + occupancy_.bytes();
+  return sums_.size() * (sizeof(BrickSums) + sizeof level_[0] + sizeof state_[0]) + occupancy_.bytes() +
+         (tissues_ ? tissues_->hierarchy_bytes() : 0);
 }
 
 Index3 VoxelBone::place(std::size_t brick) const {
@@ -227,11 +224,13 @@ void VoxelBone::write(const Index3& start, const Index3& shape, const std::uint8
   each_brick(start, shape, [&](const Index3& at, std::size_t brick) {
     std::uint8_t pristine[brick_voxels];
     copy_pristine(at, brick, pristine);
+    count_tissues(brick, -1);
     each_row(at, start, shape, [&](std::int64_t in_tile, std::int64_t in_box, std::size_t length) {
       std::memcpy(pristine + in_tile, levels + in_box, length);
       std::memcpy(density_.tile(brick) + in_tile, levels + in_box, length);
     });
     settle(at, brick, pristine);
+    count_tissues(brick, 1);
   });
 }
 
@@ -246,20 +245,24 @@ void VoxelBone::restore(const std::uint8_t* density) {
   each_brick({0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
     std::uint8_t pristine[brick_voxels];
     copy_pristine(at, brick, pristine);
+    count_tissues(brick, -1);
     each_row(at, {0, 0, 0}, shape_, [&](std::int64_t in_tile, std::int64_t in_box, std::size_t length) {
       std::memcpy(density_.tile(brick) + in_tile, density + in_box, length);
     });
     settle(at, brick, pristine);
+    count_tissues(brick, 1);
   });
 }
 
 void VoxelBone::reset() {
   each_brick({0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
     if (!(state_[brick] & eroded)) return;
+    count_tissues(brick, -1);
     copy_pristine(at, brick, density_.tile(brick));
     state_[brick] = static_cast<std::uint8_t>((state_[brick] & ~eroded) | changed);
     sums_[brick] = sum_brick(tile(brick));
     occupancy_.set(at, sums_[brick].mass > 0);
+    count_tissues(brick, 1);
   });
   level_sum_ = pristine_sum_;
 }
@@ -272,14 +275,54 @@ std::uint8_t* VoxelBone::open(std::size_t brick) {
   return density_.tile(brick);
 }
 
-std::int64_t VoxelBone::close(const Index3& at, std::size_t brick, const BrickSums& now) {
+std::int64_t VoxelBone::close(const Index3& at, std::size_t brick, const BrickSums& now,
+                              const std::uint8_t* before) {
   const std::int64_t lost = std::int64_t(sums_[brick].mass) - now.mass;
   if (lost == 0) return 0;
   sums_[brick] = now;
   state_[brick] |= eroded | changed;
   level_sum_ -= lost;
   if (now.mass == 0) occupancy_.set(at, false);
+  if (tissues_) {
+    if (tissues_->tile(brick)) {
+      tissues_->add(brick, before, -1, tissue_sums_.present);
+      tissues_->add(brick, tile(brick), 1, tissue_sums_.present);
+    } else {
+      tissue_sums_.present[tissues_->number(brick)] -= lost;
+    }
+  }
   return lost;
+}
+
+void VoxelBone::set_tissues(std::shared_ptr<const TissueMap> map) {
+  if (map && map->shape() != shape_)
+    throw std::invalid_argument("numbers of tissues must have the shape of the bone");
+  tissues_ = std::move(map);
+  tissue_sums_ = {};
+  for (std::size_t brick = 0; brick < sums_.size(); ++brick) count_tissues(brick, 1);
+}
+
+double VoxelBone::mass_of(std::size_t tissue) const {
+  return double(tissue_levels(tissue)) * (voxel_volume() / 255.0);
+}
+
+double VoxelBone::removed_of(std::size_t tissue) const {
+  return double(tissue_sums_.pristine[tissue] - tissue_levels(tissue)) * (voxel_volume() / 255.0);
+}
+
+// Adds the brick's levels to the sums of its tissues, or takes them out.
+void VoxelBone::count_tissues(std::size_t brick, int sign) {
+  if (!tissues_) return;
+  if (!tissues_->tile(brick)) {
+    const std::size_t tissue = tissues_->number(brick);
+    tissue_sums_.present[tissue] += sign * std::int64_t(sums_[brick].mass);
+    tissue_sums_.pristine[tissue] += sign * pristine_mass(place(brick), brick);
+    return;
+  }
+  std::uint8_t pristine[brick_voxels];
+  copy_pristine(place(brick), brick, pristine);
+  tissues_->add(brick, tile(brick), sign, tissue_sums_.present);
+  tissues_->add(brick, pristine, sign, tissue_sums_.pristine);
 }
 
 }  // namespace burrlab

@@ -58,11 +58,16 @@ void VoxelBone::write_brick(std::size_t brick, const std::uint8_t* density, cons
   }
   std::uint8_t before[brick_voxels];  // the tile may be where the pristine levels lie
   std::memcpy(before, pristine, brick_voxels);
+  count_tissues(brick, -1);
   std::memcpy(density_.tile(brick), density, brick_voxels);
   settle(at, brick, before);
+  count_tissues(brick, 1);
 }
 
 void VoxelBone::copy_brick(std::size_t brick, const VoxelBone& from) {
+  const bool mixed = tissues_ && tissues_->tile(brick);
+  if (mixed) tissues_->add(brick, tile(brick), -1, tissue_sums_.present);
+  if (tissues_ && !mixed) tissue_sums_.present[tissues_->number(brick)] -= sums_[brick].mass;
   level_sum_ -= sums_[brick].mass;
   std::memcpy(density_.tile(brick), from.tile(brick), brick_voxels);
   if (from.state_[brick] & saved) {
@@ -72,6 +77,8 @@ void VoxelBone::copy_brick(std::size_t brick, const VoxelBone& from) {
   state_[brick] = from.state_[brick] | changed;
   sums_[brick] = from.sums_[brick];
   level_sum_ += sums_[brick].mass;
+  if (mixed) tissues_->add(brick, tile(brick), 1, tissue_sums_.present);
+  if (tissues_ && !mixed) tissue_sums_.present[tissues_->number(brick)] += sums_[brick].mass;
   occupancy_.set(place(brick), sums_[brick].mass > 0);
 }
 

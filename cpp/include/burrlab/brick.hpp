@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cstdint>
+#include <cstdlib>
+#include <memory>
 #include <vector>
 
 #include "burrlab/types.hpp"
@@ -18,6 +20,23 @@ struct BrickSums {
 
 /// The sums of a tile, (z, y, x) levels, aligned to a cache line.
 BrickSums sum_brick(const std::uint8_t* tile);
+
+/// Tiles of zeros, aligned to cache lines; memory that is never written to is never used.
+class Tiles {
+ public:
+  Tiles() = default;
+  explicit Tiles(std::size_t bricks);
+  std::uint8_t* tile(std::size_t brick) { return first_ + brick * brick_voxels; }
+  const std::uint8_t* tile(std::size_t brick) const { return first_ + brick * brick_voxels; }
+  bool empty() const { return first_ == nullptr; }
+
+ private:
+  struct Free {
+    void operator()(void* memory) const { std::free(memory); }
+  };
+  std::unique_ptr<void, Free> memory_;
+  std::uint8_t* first_ = nullptr;
+};
 
 /// Which bricks hold bone: one bit a brick in 64-bit words over 4^3 bricks (a block), and one bit a block in
 /// words over 4^3 blocks, so that empty space is passed by in steps of 32 and of 128 voxels.

@@ -1,12 +1,12 @@
 // Voxel bone: occupancy levels now and as loaded, on a regular grid, stored in bricks (docs/hierarchy.md).
 #pragma once
 
-#include <cstdlib>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "burrlab/brick.hpp"
+#include "burrlab/tissue_map.hpp"
 #include "burrlab/types.hpp"
 
 namespace burrlab {
@@ -47,8 +47,16 @@ class VoxelBone {
   void restore(const std::uint8_t* density);
   void reset();  ///< q = p everywhere
 
+  /// Says of every voxel's pristine content which tissue it is; null: one material. Bones share the map.
+  void set_tissues(std::shared_ptr<const TissueMap> map);
+  const std::shared_ptr<const TissueMap>& tissues() const { return tissues_; }
+  double mass_of(std::size_t tissue) const;     ///< that is left of a tissue, by number [mm^3]
+  double removed_of(std::size_t tissue) const;  ///< pristine minus present [mm^3]
+  std::int64_t tissue_levels(std::size_t tissue) const { return tissue_sums_.present[tissue]; }
+
   /// 128 bits as 32 hexadecimal digits: geometry plus the sum over 8^3 bricks of a hash of brick index,
-  /// q and p. A sum, so that a brick that changed can be exchanged in it.
+  /// q and p, and, where there are tissues, their numbers and table. A sum, so that a brick that changed can
+  /// be exchanged in it.
   std::string digest() const;
 
   /// Writes to every page, so that no tick is the first to.
@@ -94,8 +102,9 @@ class VoxelBone {
   bool has_faint(std::size_t brick) const { return state_[brick] & faint; }
   /// The levels of a brick, to be eroded in place; saves the pristine ones if that is still to be done.
   std::uint8_t* open(std::size_t brick);
-  /// After erosion: its sums now. Returns the levels lost.
-  std::int64_t close(const Index3& at, std::size_t brick, const BrickSums& now);
+  /// After erosion: its sums now, and, where it holds several tissues, its levels before. Returns the levels
+  /// lost.
+  std::int64_t close(const Index3& at, std::size_t brick, const BrickSums& now, const std::uint8_t* before);
 
  private:
   enum State : std::uint8_t {
@@ -106,28 +115,12 @@ class VoxelBone {
     changed = 16  // since `take_changed`
   };
 
-  /// Tiles of zeros, aligned to cache lines; memory that is never written to is never used.
-  class Tiles {
-   public:
-    Tiles() = default;
-    explicit Tiles(std::size_t bricks);
-    std::uint8_t* tile(std::size_t brick) { return first_ + brick * brick_voxels; }
-    const std::uint8_t* tile(std::size_t brick) const { return first_ + brick * brick_voxels; }
-    bool empty() const { return first_ == nullptr; }
-
-   private:
-    struct Free {
-      void operator()(void* memory) const { std::free(memory); }
-    };
-    std::unique_ptr<void, Free> memory_;
-    std::uint8_t* first_ = nullptr;
-  };
-
   VoxelBone(const Index3& shape, const Vec3& spacing, const Vec3& origin);
   Index3 extent(const Index3& at) const;  // voxels of a brick within the volume
   void copy_pristine(const Index3& at, std::size_t brick, std::uint8_t* tile) const;
   void settle(const Index3& at, std::size_t brick, const std::uint8_t* pristine);
   std::int64_t pristine_mass(const Index3& at, std::size_t brick) const;
+  void count_tissues(std::size_t brick, int sign);
   template <class Visit>
   void each_brick(const Index3& start, const Index3& shape, Visit visit) const;
 
@@ -139,6 +132,10 @@ class VoxelBone {
   Levels state_;
   Occupancy occupancy_;
   std::int64_t level_sum_ = 0, pristine_sum_ = 0;
+  std::shared_ptr<const TissueMap> tissues_;
+  struct {
+    TissueMap::Sums present{}, pristine{};  // of levels, by tissue
+  } tissue_sums_;
 };
 
 template <class Visit>

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import operator
 import os
 from collections.abc import Iterator
@@ -12,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from burrlab import __version__
-from burrlab._core import VoxelBone
+from burrlab._core import Material, Tissue, Tissues, VoxelBone
 
 if TYPE_CHECKING:
     import h5py
 
-FORMAT, FORMAT_VERSION = "burrlab bone", 1
+FORMAT, FORMAT_VERSION = "burrlab bone", 2  # 2: with tissues; a bone without them is written as 1
 
 
 def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, source: str = "") -> None:
@@ -60,7 +61,7 @@ def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, s
     try:
         with new_hdf5(part) as file:
             file.attrs["format"] = FORMAT
-            file.attrs["format_version"] = FORMAT_VERSION
+            file.attrs["format_version"] = 1 if bone.tissues is None else FORMAT_VERSION
             file.attrs["burrlab"] = __version__
             write_bone(file, bone, tick, source=source)
         with part.open("rb") as written:
@@ -158,12 +159,15 @@ def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File
 
 
 def write_bone(group: h5py.Group, bone: VoxelBone, tick: int, *, source: str = "") -> None:
-    """Puts a bone into a group: `density`, and `pristine` where it differs, (z, y, x) uint8."""
+    """Puts a bone into a group: `density`, and `pristine` and `tissue` where there are any, (z, y, x) uint8."""
     density, pristine = bone.density, bone.pristine
     packed: dict[str, Any] = {"chunks": _chunk(bone.shape), "compression": "gzip", "compression_opts": 1}
     group.create_dataset("density", data=density, **packed)
     if not np.array_equal(density, pristine):
         group.create_dataset("pristine", data=pristine, **packed)
+    if bone.tissues is not None:
+        group.create_dataset("tissue", data=bone.tissue_numbers, **packed)
+        group.attrs["tissues"] = tissues_to_json(bone.tissues)
     group.attrs["spacing_mm"] = bone.spacing
     group.attrs["origin_mm"] = bone.origin
     group.attrs["digest"] = bone.digest()
@@ -178,11 +182,42 @@ def read_bone(group: h5py.Group) -> tuple[VoxelBone, int]:
     bone = VoxelBone(pristine, group.attrs["spacing_mm"], group.attrs["origin_mm"])
     if pristine is not density:
         bone.restore(density)
+    if "tissue" in group:
+        bone.set_tissues(tissues_from_json(group.attrs["tissues"]), group["tissue"][()])
     if bone.digest() != group.attrs["digest"]:
         raise ValueError(
             f"{group.file.filename} is damaged: the bone has digest {bone.digest()}, and was written with {group.attrs['digest']}"
         )
     return bone, int(group.attrs["tick"])
+
+
+def tissues_to_json(tissues: Tissues) -> str:
+    """A table of tissues as text, from which `tissues_from_json` makes an equal one."""
+    m = tissues.material
+    rows = [
+        {"name": t.name, "label": t.label, "c_e_N_per_mm2": t.c_e, "alpha_per_ms": t.alpha, "colour": list(t.colour),
+         "critical": t.critical, "bleeds": t.bleeds, "assumed": t.assumed}
+        for t in tissues
+    ]  # fmt: skip
+    material = {"name": m.name, "c_e_N_per_mm2": m.c_e, "alpha_per_ms": m.alpha, "shape": m.shape.name, "source": m.source}  # fmt: skip
+    return json.dumps({"material": material, "tissues": rows})
+
+
+def tissues_from_json(text: str) -> Tissues:
+    """The table; ValueError, KeyError or TypeError where the text is none."""
+    content = json.loads(text)
+    m = content["material"]
+    material = Material(
+        m["name"], c_e=m["c_e_N_per_mm2"], alpha=m["alpha_per_ms"], shape=m["shape"], source=m["source"]
+    )
+    return Tissues(
+        [
+            Tissue(t["name"], label=t["label"], c_e=t["c_e_N_per_mm2"], alpha=t["alpha_per_ms"], colour=t["colour"],
+                   critical=t["critical"], bleeds=t["bleeds"], assumed=t["assumed"])
+            for t in content["tissues"]
+        ],
+        material,
+    )  # fmt: skip
 
 
 def check_tick(tick: int) -> None:

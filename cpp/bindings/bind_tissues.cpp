@@ -1,0 +1,162 @@
+#include "bindings.hpp"
+#include "burrlab/check.hpp"
+#include "burrlab/tissues.hpp"
+
+namespace py = pybind11;
+using burrlab::Material;
+using burrlab::Tissue;
+using burrlab::Tissues;
+
+namespace {
+
+std::string repr_of(const Tissue& t) {
+  return std::string(
+      py::str("Tissue({!r}, label={}, c_e={!r}, alpha={!r}, colour={!r}, critical={}, bleeds={}, assumed={})")
+          .format(t.name, t.label, t.c_e, t.alpha, py::make_tuple(t.colour[0], t.colour[1], t.colour[2]),
+                  t.critical, t.bleeds, t.assumed));
+}
+
+py::tuple fields(const Tissue& t) {
+  return py::make_tuple(t.name, t.label, t.c_e, t.alpha,
+                        py::make_tuple(t.colour[0], t.colour[1], t.colour[2]), t.critical, t.bleeds,
+                        t.assumed);
+}
+
+Tissue make(const std::string& name, int label, double c_e, double alpha, const std::array<int, 3>& colour,
+            bool critical, bool bleeds, bool assumed) {
+  Tissue tissue;
+  tissue.name = name;
+  tissue.label = label;
+  tissue.c_e = c_e;
+  tissue.alpha = alpha;
+  for (int i = 0; i < 3; ++i) {
+    if (colour[i] < 0 || colour[i] > 255) burrlab::refuse("every part of a colour", "0 to 255", colour[i]);
+    tissue.colour[i] = static_cast<std::uint8_t>(colour[i]);
+  }
+  tissue.critical = critical;
+  tissue.bleeds = bleeds;
+  tissue.assumed = assumed;
+  return tissue;
+}
+
+}  // namespace
+
+void bind_tissues(py::module_& m) {
+  py::class_<Tissue>(m, "Tissue", R"(What a label of a segmentation stands for.
+
+Parameters
+----------
+name : str
+label : int
+    Its value in the label volume that it was loaded from.
+c_e : float
+    Elastic constant of Eq. 3 [N/mm^2].
+alpha : float
+    Erosion rate of Eq. 4 [1/ms].
+colour : (red, green, blue)
+    0 to 255.
+critical : bool
+    Distances to it and injuries of it are watched.
+bleeds : bool
+    Blood comes where it is opened.
+assumed : bool
+    c_e and alpha were not measured on this tissue. No tissue but bone has a published pair.
+
+Raises
+------
+ValueError
+    If a part of the colour is not 0 to 255.
+)")
+      .def(py::init(&make), py::arg("name"), py::kw_only(), py::arg("label"), py::arg("c_e"),
+           py::arg("alpha"), py::arg("colour") = std::array<int, 3>{230, 220, 190},
+           py::arg("critical") = false, py::arg("bleeds") = false, py::arg("assumed") = true)
+      .def_readonly("name", &Tissue::name)
+      .def_readonly("label", &Tissue::label, "Value in the label volume")
+      .def_readonly("c_e", &Tissue::c_e, "Elastic constant [N/mm^2]")
+      .def_readonly("alpha", &Tissue::alpha, "Erosion rate [1/ms]")
+      .def_property_readonly(
+          "colour", [](const Tissue& t) { return py::make_tuple(t.colour[0], t.colour[1], t.colour[2]); },
+          "(red, green, blue), 0 to 255")
+      .def_readonly("critical", &Tissue::critical, "Distances to it and injuries of it are watched")
+      .def_readonly("bleeds", &Tissue::bleeds, "Blood comes where it is opened")
+      .def_readonly("assumed", &Tissue::assumed, "c_e and alpha were not measured on it")
+      .def(
+          "__eq__", [](const Tissue& a, const Tissue& b) { return fields(a).equal(fields(b)); },
+          py::is_operator())
+      .def("__hash__", [](const Tissue& t) { return py::hash(fields(t)); })
+      .def("__repr__", &repr_of)
+      .def(py::pickle(&fields, [](const py::tuple& t) {
+        return make(t[0].cast<std::string>(), t[1].cast<int>(), t[2].cast<double>(), t[3].cast<double>(),
+                    t[4].cast<std::array<int, 3>>(), t[5].cast<bool>(), t[6].cast<bool>(), t[7].cast<bool>());
+      }));
+
+  py::class_<Tissues, std::shared_ptr<Tissues>>(
+      m, "Tissues", R"(The tissues of a bone; a tissue's number is its place among them.
+
+Parameters
+----------
+tissues : list of Tissue
+    1 to 64, with names and labels that differ; c_e from 1/4096 to 1000 N/mm^2, alpha zero or positive.
+material : Material
+    The bone whose values tissues without their own have, and whose f holds for all: one f a volume. It is the
+    material of every burr in such a volume.
+
+Raises
+------
+ValueError
+    If there are none or more than 64, a name or label occurs twice, or a value is out of range.
+
+Notes
+-----
+In the tick c_e counts in 1/4096 N/mm^2, so that sums over voxels stay exact; `c_e` of a Tissue is not rounded.
+)")
+      .def(py::init<std::vector<Tissue>, const Material&>(), py::arg("tissues"), py::arg("material"))
+      .def("__len__", &Tissues::size)
+      .def("__iter__",
+           [](const Tissues& t) {
+             py::list list;
+             for (std::size_t i = 0; i < t.size(); ++i) list.append(t[i]);
+             return py::iter(list);
+           })
+      .def("__getitem__",
+           [](const Tissues& t, std::int64_t number) {
+             const auto size = static_cast<std::int64_t>(t.size());
+             if (number < -size || number >= size) throw py::index_error("no such tissue");
+             return t[static_cast<std::size_t>(number < 0 ? number + size : number)];
+           })
+      .def(
+          "number",
+          [](const Tissues& t, const std::string& name) {
+            for (std::size_t i = 0; i < t.size(); ++i)
+              if (t[i].name == name) return i;
+            std::string names;
+            for (std::size_t i = 0; i < t.size(); ++i) names += (i ? ", " : "") + t[i].name;
+            throw std::invalid_argument("tissue must be one of " + names + ", got '" + name + "'");
+          },
+          py::arg("name"), "Number of the tissue of that name. ValueError if there is none.")
+      .def_property_readonly("material", &Tissues::material, "The burr's material in such a volume.")
+      .def(
+          "__eq__",
+          [](const Tissues& a, const Tissues& b) {
+            if (a.size() != b.size() || !(a.material() == b.material())) return false;
+            for (std::size_t i = 0; i < a.size(); ++i)
+              if (!fields(a[i]).equal(fields(b[i]))) return false;
+            return true;
+          },
+          py::is_operator())
+      .def("__repr__",
+           [](const Tissues& t) {
+             std::string names;
+             for (std::size_t i = 0; i < t.size(); ++i) names += (i ? ", " : "") + t[i].name;
+             return "Tissues(" + names + ")";
+           })
+      .def(py::pickle(
+          [](const Tissues& t) {
+            py::list list;
+            for (std::size_t i = 0; i < t.size(); ++i) list.append(t[i]);
+            return py::make_tuple(list, t.material());
+          },
+          [](const py::tuple& t) {
+            return std::make_shared<Tissues>(t[0].cast<std::vector<Tissue>>(), t[1].cast<Material>());
+          }));
+}

@@ -1,0 +1,48 @@
+// Tissues: what a label of a segmentation stands for, and the table of them that belongs to a bone.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "burrlab/material.hpp"
+
+namespace burrlab {
+
+struct Tissue {
+  std::string name;
+  std::int32_t label = 0;                ///< in the volume that it was loaded from
+  double c_e = 0.0;                      ///< elastic constant [N/mm^2], Eq. 3
+  double alpha = 0.0;                    ///< erosion rate [1/ms], Eq. 4
+  std::array<std::uint8_t, 3> colour{};  ///< red, green, blue
+  bool critical = false;                 ///< distances to it and injuries of it are watched
+  bool bleeds = false;                   ///< blood comes where it is opened
+  bool assumed = false;                  ///< c_e and alpha were not measured on it
+};
+
+/// A table of tissues; a tissue's number is its place in it. One f for all: that of `material`, the one whose
+/// values tissues without their own have.
+class Tissues {
+ public:
+  static constexpr std::size_t most = 64;
+  static constexpr double quanta = 4096.0;  ///< c_e counts in 1/4096 N/mm^2, so that sums stay exact
+  static constexpr double largest_c_e = 1000.0;
+
+  /// Throws unless there are 1 to 64 tissues with names and labels that differ, c_e from 1/4096 to 1000
+  /// N/mm^2 and alpha zero or positive.
+  Tissues(std::vector<Tissue> tissues, const Material& material);
+
+  std::size_t size() const { return tissues_.size(); }
+  const Tissue& operator[](std::size_t number) const { return tissues_[number]; }
+  const Material& material() const { return material_; }
+  /// c_e of a tissue, rounded to nearest [1/4096 N/mm^2].
+  std::int32_t stiffness(std::size_t number) const { return stiffness_[number]; }
+
+ private:
+  std::vector<Tissue> tissues_;
+  Material material_;
+  std::vector<std::int32_t> stiffness_;
+};
+
+}  // namespace burrlab

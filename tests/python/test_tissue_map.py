@@ -1,0 +1,145 @@
+"""Tissues as part of a bone's state: numbers, sums by tissue, digest, copies and files."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from burrlab import Material, Tissue, Tissues, VoxelBone, load_bone, materials, save_bone
+
+BONE = materials["bone"]
+
+
+def table(count: int = 3) -> Tissues:
+    rows = [Tissue(f"tissue {i}", label=10 * i, c_e=1.0 + i, alpha=0.1 * i) for i in range(count)]
+    return Tissues(rows, BONE)
+
+
+def tissue_bone(shape: tuple[int, int, int] = (19, 21, 18), count: int = 3) -> tuple[VoxelBone, np.ndarray]:
+    """Random numbers in one half, a single tissue in the other: mixed bricks and whole ones."""
+    random = np.random.default_rng(4)
+    numbers = random.integers(0, count, shape).astype(np.uint8)
+    numbers[:, :, 8:] = count - 1
+    bone = VoxelBone(random.integers(0, 256, shape).astype(np.uint8), 0.2)
+    bone.set_tissues(table(count), numbers)
+    return bone, numbers
+
+
+def sums_hold(bone: VoxelBone, numbers: np.ndarray, count: int = 3) -> None:
+    dv = np.prod(bone.spacing) / 255.0
+    for number in range(count):
+        here = numbers == number
+        assert bone.mass_of(number) == pytest.approx(bone.density[here].sum() * dv, rel=1e-14)
+        lost = bone.pristine[here].astype(int).sum() - bone.density[here].astype(int).sum()
+        assert bone.removed_of(number) == pytest.approx(lost * dv, rel=1e-14, abs=1e-12)
+
+
+def test_numbers_come_back_and_sums_follow_every_change() -> None:
+    bone, numbers = tissue_bone()
+    np.testing.assert_array_equal(bone.tissue_numbers, numbers)
+    sums_hold(bone, numbers)
+    bone.write(np.full((5, 9, 11), 77, np.uint8), (2, 3, 4))
+    sums_hold(bone, numbers)
+    bone.restore((bone.density // 2).astype(np.uint8))
+    sums_hold(bone, numbers)
+    assert bone.removed_of("tissue 1") > 0
+    bone.reset()
+    sums_hold(bone, numbers)
+
+
+def test_copies_and_pickles_carry_tissues() -> None:
+    bone, numbers = tissue_bone()
+    bone.restore((bone.density // 3).astype(np.uint8))
+    for again in (bone.copy(), copy.deepcopy(bone), pickle.loads(pickle.dumps(bone))):
+        assert again.digest() == bone.digest()
+        assert again.tissues == bone.tissues
+        sums_hold(again, numbers)
+
+
+def test_digest_tells_numbers_and_table_apart() -> None:
+    bone, numbers = tissue_bone()
+    plain = VoxelBone(bone.pristine, 0.2)
+    digests = {plain.digest(), bone.digest()}
+    other = numbers.copy()
+    other[0, 0, 0] = (other[0, 0, 0] + 1) % 3
+    plain.set_tissues(table(), other)
+    digests.add(plain.digest())
+    rows = list(table())
+    rows[2] = Tissue("tissue 2", label=20, c_e=3.0, alpha=0.2, critical=True)
+    plain.set_tissues(Tissues(rows, BONE), numbers)
+    digests.add(plain.digest())
+    plain.set_tissues(Tissues(list(table()), Material("b", c_e=2.145, alpha=0.087, shape="linear")), numbers)
+    digests.add(plain.digest())
+    assert len(digests) == 5
+
+
+def test_a_file_keeps_tissues(tmp_path: Path) -> None:
+    bone, numbers = tissue_bone()
+    bone.restore((bone.density // 3).astype(np.uint8))
+    save_bone(tmp_path / "bone.h5", bone, 12)
+    again, tick = load_bone(tmp_path / "bone.h5")
+    assert (again.digest(), tick) == (bone.digest(), 12)
+    assert again.tissues == bone.tissues
+    sums_hold(again, numbers)
+
+
+def test_a_label_changed_in_a_file_is_damage(tmp_path: Path) -> None:
+    import h5py
+
+    bone, _ = tissue_bone()
+    save_bone(tmp_path / "bone.h5", bone)
+    with h5py.File(tmp_path / "bone.h5", "r+") as file:
+        file["tissue"][3, 3, 3] = (file["tissue"][3, 3, 3] + 1) % 3
+    with pytest.raises(ValueError, match="is damaged: the bone has digest"):
+        load_bone(tmp_path / "bone.h5")
+
+
+def test_names_numbers_and_repr() -> None:
+    tissues = table()
+    assert (len(tissues), tissues.number("tissue 2"), tissues[-1].name) == (3, 2, "tissue 2")
+    assert [t.label for t in tissues] == [0, 10, 20]
+    assert repr(tissues) == "Tissues(tissue 0, tissue 1, tissue 2)"
+    assert pickle.loads(pickle.dumps(tissues)) == tissues
+    assert VoxelBone.block((1, 1, 1), 0.1).tissues is None
+    assert VoxelBone.block((1, 1, 1), 0.1).tissue_numbers is None
+
+
+@pytest.mark.parametrize(
+    ("rows", "match"),
+    [
+        ([], "number of tissues must be 1 to 64, got 0"),
+        ([Tissue("", label=0, c_e=1, alpha=0)], "name of a tissue must not be empty"),
+        ([Tissue("a", label=i, c_e=1, alpha=0) for i in (0, 1)], "names of tissues must differ, got 'a' twice"),
+        ([Tissue(n, label=3, c_e=1, alpha=0) for n in "ab"], "labels of tissues must be different, got 3"),
+        ([Tissue("a", label=-1, c_e=1, alpha=0)], "label of 'a' must be zero or positive, got -1"),
+        ([Tissue("a", label=0, c_e=0, alpha=0)], "c_e of 'a' must be from 1/4096 to 1000"),
+        ([Tissue("a", label=0, c_e=float("nan"), alpha=0)], "c_e of 'a' must be from"),
+        ([Tissue("a", label=0, c_e=1, alpha=-1)], "alpha of 'a' must be zero or positive"),
+    ],
+)  # fmt: skip
+def test_bad_tables_are_refused(rows: list[Tissue], match: str) -> None:
+    with pytest.raises(ValueError, match=match):
+        Tissues(rows, BONE)
+
+
+def test_bad_numbers_are_refused() -> None:
+    bone = VoxelBone.block((1, 1, 1), 0.1)
+    with pytest.raises(ValueError, match="every tissue number must be below 3, got 3"):
+        bone.set_tissues(table(), np.full(bone.shape, 3, np.uint8))
+    with pytest.raises(ValueError, match="must be uint8 and have the shape of the bone"):
+        bone.set_tissues(table(), np.zeros((2, 2, 2), np.uint8))
+    with pytest.raises(ValueError, match="must be uint8 and have the shape of the bone"):
+        bone.set_tissues(table(), np.zeros(bone.shape, np.int64))
+    with pytest.raises(ValueError, match="bone must have tissues"):
+        bone.removed_of(0)
+    bone.set_tissues(table(), np.zeros(bone.shape, np.uint8))
+    with pytest.raises(ValueError, match="tissue must be a name or number of the bone's table"):
+        bone.removed_of("spleen")
+    with pytest.raises(ValueError, match="tissue must be one of tissue 0, tissue 1, tissue 2, got 'spleen'"):
+        table().number("spleen")
+    with pytest.raises(ValueError, match="every part of a colour must be 0 to 255, got 256"):
+        Tissue("a", label=0, c_e=1, alpha=0, colour=(256, 0, 0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -148,7 +149,7 @@ class Honeycomb:
 def _block_edges(places: Floats) -> list[slice]:
     block = np.floor(places / BLOCK)
     begin = [0, *(np.flatnonzero(np.diff(block)) + 1).tolist(), len(places)]
-    return [slice(a, b) for a, b in zip(begin[:-1], begin[1:], strict=True)]
+    return [slice(a, b) for a, b in itertools.pairwise(begin)]
 
 
 def _owners(sites: Floats, weights: Floats, points: Floats) -> NDArray[np.int64]:

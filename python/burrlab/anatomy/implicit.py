@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import PchipInterpolator
-from scipy.spatial import cKDTree
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -53,9 +52,7 @@ def lattice_around(grid: Grid) -> Grid:
 
 def interpolate(field: Singles, lattice: Grid, grid: Grid) -> Singles:
     """A field of the lattice at the points of a grid, trilinear."""
-    for axis, (nodes, places) in enumerate(
-        [(lattice.z, grid.z), (lattice.y, grid.y), (lattice.x, grid.x)]
-    ):
+    for axis, (nodes, places) in enumerate([(lattice.z, grid.z), (lattice.y, grid.y), (lattice.x, grid.x)]):
         low = np.floor(places / LATTICE)
         first = (low - np.rint(nodes[0] / LATTICE)).astype(np.int64)
         shape = [1, 1, 1]
@@ -99,18 +96,7 @@ class Tube:
         """Of the polyline [mm]."""
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
 
-    def samples(self, step: float = 0.1) -> tuple[Floats, Floats]:
-        """Points at most `step` [mm] apart and the radius there."""
-        parts = []
-        for k in range(len(self.points) - 1):
-            gap = float(np.linalg.norm(self.points[k + 1] - self.points[k]))
-            t = np.linspace(0.0, 1.0, int(gap / step) + 2)[:, None]
-            at = self.points[k] + t * (self.points[k + 1] - self.points[k])
-            parts.append(np.column_stack([at, self.radius[k] + t * (self.radius[k + 1] - self.radius[k])]))
-        rows = np.concatenate(parts)
-        return rows[:, :3], rows[:, 3]
-
-    def merge_into(self, field: Singles, grid: Grid, reach: float) -> None:
+    def merge_into(self, field: Floats | Singles, grid: Grid, reach: float) -> None:
         """Lowers a field to the signed distance from the tube, wherever that is below `reach` [mm]."""
         for k in range(len(self.points) - 1):
             a, b = self.points[k], self.points[k + 1]
@@ -118,7 +104,7 @@ class Tube:
 
 
 def _merge_piece(
-    field: Singles, grid: Grid, ends: tuple[Floats, Floats], radii: tuple[float, float], reach: float
+    field: Floats | Singles, grid: Grid, ends: tuple[Floats, Floats], radii: tuple[float, float], reach: float
 ) -> None:
     a, b = ends
     pad = max(radii) + reach
@@ -139,19 +125,15 @@ def _merge_piece(
     dx, dy, dz = x - t * along[0], y - t * along[1], z - t * along[2]
     distance = np.sqrt(dx * dx + dy * dy + dz * dz) - (radii[0] + t * (radii[1] - radii[0]))
     part = field[tuple(slices)]
-    np.minimum(part, distance.astype(np.float32), out=part)
+    np.minimum(part, distance.astype(field.dtype), out=part, where=distance < reach)
 
 
-def distance_to(tubes: Sequence[Tube], grid: Grid) -> Floats:
-    """Signed distance from tubes [mm], FAR where it is more; exact within the step of their samples."""
-    points = grid.points()
-    out = np.full(len(points), FAR)
+def distance_to(tubes: Sequence[Tube], grid: Grid, reach: float) -> Floats:
+    """Signed distance from tubes, FAR where it is above `reach` [mm]."""
+    out = np.full(grid.shape, FAR)
     for tube in tubes:
-        at, radius = tube.samples()
-        distance, nearest = cKDTree(at).query(points, distance_upper_bound=FAR + float(radius.max()))
-        met = nearest < len(at)
-        out[met] = np.minimum(out[met], distance[met] - radius[nearest[met]])
-    return out.reshape(grid.shape)
+        tube.merge_into(out, grid, reach)
+    return out
 
 
 def ellipsoid(grid: Grid, centre: ArrayLike, half_axes: ArrayLike) -> Floats:

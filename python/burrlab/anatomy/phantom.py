@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import Material, Tissue, Tissues, VoxelBone
-from burrlab.anatomy import structures as anatomy
 from burrlab.anatomy.air_cells import AirCells, Honeycomb, honeycomb
-from burrlab.anatomy.implicit import Grid, Singles, Tube, interpolate, lattice_around, share
-from burrlab.anatomy.structures import Structures, keep_away, pneumatised
+from burrlab.anatomy.fields import CELLS_BOX, Fields
+from burrlab.anatomy.implicit import Grid, Singles, distance_to, ellipsoid, lattice_around, share
+from burrlab.anatomy.structures import DURA, Structures
 from burrlab.materials import materials
 
 Floats = NDArray[np.float64]
@@ -30,10 +30,6 @@ MOST_VOXELS = 4e8
 AT_A_TIME = 1_000_000
 #: Occupancy of nerve, sinus, dura and labyrinth: softer than bone, and yet seen at level 128 (ours, assumed).
 SOFT = 0.6
-#: Margins of the planned cavity from dura, sinus, nerve and labyrinth, and the wall left to the ear canal [mm]; ours.
-MARGINS = {"dura": 1.0, "sigmoid sinus": 1.0, "facial nerve": 1.5, "labyrinth": 2.0, "ear canal": 2.0}
-#: Radii of the planned cavity at the surface and at the antrum [mm]; ours.
-OPENING, BOTTOM = 15.0, 7.5
 
 _ROWS: tuple[tuple[str, tuple[int, int, int], bool, bool], ...] = (
     ("air", (20, 20, 30), False, False),
@@ -170,7 +166,7 @@ def temporal_bone(
     cells = _cells(seed, air_cells)
     mirrored = side == "left"
     painted = Grid(-grid.x[::-1], grid.y, grid.z) if mirrored else grid
-    fields = _Fields.of(at, lattice_around(painted))
+    fields = Fields.of(at, lattice_around(painted))
     width = float(np.sqrt(np.mean(spacing**2)))  # of a voxel along a normal, root mean square over directions
     levels = np.empty(grid.shape, dtype=np.uint8)
     numbers = np.empty(grid.shape, dtype=np.uint8)
@@ -188,7 +184,7 @@ def temporal_bone(
     bone = VoxelBone(levels, spacing=spacing, origin=[float(c[0]) for c in (grid.x, grid.y, grid.z)])
     bone.set_tissues(phantom_tissues(material), numbers)
     flip = np.array([-1.0 if mirrored else 1.0, 1.0, 1.0])
-    landmarks = {name: np.round(point * flip, 6) for name, point in _landmarks(at).items()}
+    landmarks = {name: np.round(point * flip, 6) for name, point in at.landmarks.items()}
     entry = landmarks["entry"]
     axis = (landmarks["antrum"] - entry) / np.linalg.norm(landmarks["antrum"] - entry)
     return Phantom(bone, target, landmarks, entry, axis, cells, seed, side)
@@ -223,124 +219,66 @@ def _checked_grid(
     return spacing, Grid(x, y, z)
 
 
-@dataclass(frozen=True)
-class _Fields:
-    """Smooth signed distances on the lattice [mm]."""
-
-    lattice: Grid
-    outside: Singles
-    cranium: Singles
-    hollow: Singles
-    sinus: Singles
-    pneumatised: Singles
-    target: Singles
-
-    @classmethod
-    def of(cls, at: Structures, lattice: Grid) -> _Fields:
-        outside, cranium, hollow = at.outside(lattice), at.cranium(lattice), at.hollow(lattice)
-        sinus = anatomy.distance_to([at.sinus], lattice)
-        near = keep_away(
-            at, lattice, anatomy.PLATE, anatomy.AROUND_NERVE, anatomy.AROUND_LABYRINTH
-        )
-        part = pneumatised(at, outside, cranium, hollow, near, lattice)
-        plan = _plan(at, outside, cranium, lattice)
-        return cls(lattice, *(f.astype(np.float32) for f in (outside, cranium, hollow, sinus, part, plan)))
-
-    def on(self, name: str, grid: Grid) -> Singles:
-        return interpolate(getattr(self, name), self.lattice, grid)
-
-
-def _plan(at: Structures, outside: Floats, cranium: Floats, grid: Grid) -> Floats:
-    """Signed distance from the cavity of a simple mastoidectomy: a funnel to the antrum, less the margins [mm]."""
-    points = _landmarks(at)
-    funnel = Tube(
-        np.array([points["entry"] - [2.0, 0.0, 0.0], at.antrum[0] + [1.0, 0.0, 0.0]]),
-        np.array([OPENING, BOTTOM]),
-    )
-    a, b = funnel.points
-    x, y, z = grid.open()
-    along = (b - a) / np.linalg.norm(b - a)
-    depth = (x - a[0]) * along[0] + (y - a[1]) * along[1] + (z - a[2]) * along[2]
-    t = np.clip(depth / np.linalg.norm(b - a), 0.0, 1.0)
-    c = a[:, None, None, None] + (b - a)[:, None, None, None] * t
-    across = np.sqrt((x - c[0]) ** 2 + (y - c[1]) ** 2 + (z - c[2]) ** 2) - (
-        OPENING + t * (BOTTOM - OPENING)
-    )
-    margins = keep_away(at, grid, MARGINS["sigmoid sinus"], MARGINS["facial nerve"], MARGINS["labyrinth"])
-    limit = np.maximum(np.maximum(across, -margins), MARGINS["dura"] - cranium)
-    limit = np.maximum(limit, MARGINS["ear canal"] - at.canal(grid))
-    return np.asarray(np.maximum(np.maximum(limit, outside), x - (at.antrum[0][0] + at.antrum[1][0])))
-
-
-def _landmarks(at: Structures) -> dict[str, Floats]:
-    genu = at.nerve.points[np.argmax(-np.linalg.norm(at.nerve.points - [15.6, 3.2, -2.4], axis=1))]
-    antrum = at.antrum[0]
-    y, z = antrum[1] + 2.0, antrum[2] - 5.0
-    surface = anatomy.surface_depth(Grid(np.zeros(1), np.array([y]), np.array([z])))
-    return {
-        "spine of Henle": np.zeros(3), "entry": np.array([float(surface.ravel()[0]), y, z]), "antrum": antrum,
-        "second genu": genu, "stylomastoid foramen": at.nerve.points[-1],
-        "lateral canal": at.canals[0].points[:-1].mean(axis=0),
-        "sigmoid sinus": at.sinus.points[np.argmin(np.abs(at.sinus.points[:, 2]))],
-        "mastoid tip": at.tip.points[1] - [0.0, 0.0, at.tip.radius[1]],
-        "tegmen": np.array([12.0, 6.0, at.tegmen[0]]),
-    }  # fmt: skip
-
-
 @lru_cache(maxsize=4)
 def _cells(seed: int, air_cells: AirCells) -> Honeycomb:
     at = Structures.of(seed)
-    low, high = (np.array(corner) for corner in anatomy.CELLS_BOX)
+    low, high = (np.array(corner) for corner in CELLS_BOX)
     grid = lattice_around(Grid(*(np.array([a, b]) for a, b in zip(low, high, strict=True))))
-    fields = _Fields.of(at, grid)
+    fields = Fields.of(at, grid)
 
     def lattice(step: float) -> Floats:
         fine = Grid(*(np.arange(a + step / 2, b, step) for a, b in zip(low, high, strict=True)))
-        inside = fields.on("pneumatised", fine) < 0
+        inside = (fields.on("pneumatised", fine) < 0) & (fields.on("rooms", fine) > 0)
         return fine.points()[inside.ravel()]
 
     return honeycomb(air_cells, lattice, seed)
 
 
 def _paint(
-    at: Structures, fields: _Fields, cells: Honeycomb, grid: Grid, wall: float, width: float
+    at: Structures, fields: Fields, cells: Honeycomb, grid: Grid, wall: float, width: float
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.bool_]]:
     """Levels, tissue numbers and target of a slab, in the frame of a right ear."""
     one = np.float32(1.0)
     numbers = np.full(grid.shape, _CORTEX, dtype=np.uint8)
     part = fields.on("pneumatised", grid)
-    inside = part < np.float32(width)
+    rooms = fields.on("rooms", grid)
+    inside = (part < np.float32(width)) & (rooms > np.float32(-width))
     numbers[part < 0] = _MASTOID
     from_wall = cells.wall_distance(grid, inside, reach=wall / 2 + width)
     walls = share(from_wall - np.float32(wall / 2), width) - share(from_wall + np.float32(wall / 2), width)
     held = one - share(part, width) * (one - walls)
-    held *= one - share(fields.on("hollow", grid), width)
+    held *= one - share(rooms, width)
     cranium = fields.on("cranium", grid)
-    beyond, sheet = share(cranium, width), share(cranium + np.float32(anatomy.DURA), width)
+    beyond, sheet = share(cranium, width), share(cranium + np.float32(DURA), width)
     held *= one - beyond
     held = _lay(held, beyond - sheet, _DURA, numbers)
     held *= share(fields.on("outside", grid), width)
     held = _lay(held, share(fields.on("sinus", grid), width), _SINUS, numbers, replace=True)
-    vestibule = anatomy.ellipsoid(grid, *at.vestibule).astype(np.float32)
-    for tubes, number, level, start in (
-        (at.canals, _LABYRINTH, SOFT, vestibule),
-        (at.ossicles, _OSSICLES, 1.0, None),
-        ((at.nerve,), _NERVE, SOFT, None),
+    for tubes, number, level in (
+        (at.canals, _LABYRINTH, SOFT),
+        (at.ossicles, _OSSICLES, 1.0),
+        ((at.nerve,), _NERVE, SOFT),
     ):
-        distance = np.full(grid.shape, np.float32(anatomy.FAR)) if start is None else start
-        for tube in tubes:
-            tube.merge_into(distance, grid, 2 * width)
+        distance = distance_to(tubes, grid, 2 * width).astype(np.float32)
+        if number == _LABYRINTH:
+            distance = np.minimum(distance, ellipsoid(grid, *at.vestibule).astype(np.float32))
         held = _lay(held, share(distance, width), number, numbers, level, replace=True)
     levels = np.rint(np.float32(255) * held).astype(np.uint8)
     numbers[levels == 0] = _AIR
-    return levels, numbers, fields.on("target", grid) < 0
+    return levels, numbers, fields.on("plan", grid) < 0
 
 
 def _lay(
-    held: Singles, part: Singles, number: int, numbers: NDArray[np.uint8], level: float = SOFT, *, replace: bool = False
+    held: Singles,
+    part: Singles,
+    number: int,
+    numbers: NDArray[np.uint8],
+    level: float = SOFT,
+    *,
+    replace: bool = False,
 ) -> Singles:
-    """Puts a tissue into its part of each voxel; the voxel's number is that of what there is more of."""
+    """Puts a tissue into its part of each voxel, which is numbered after it if it has half of it or all that is in it."""
     before = held * (np.float32(1.0) - part) if replace else held
     added = np.float32(level) * part
-    numbers[added > before] = number
+    numbers[(part >= np.float32(0.5)) | (added > before)] = number
     return np.asarray(before + added)

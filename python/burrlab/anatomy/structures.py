@@ -11,31 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from burrlab.anatomy.air_cells import uniform
-from burrlab.anatomy.implicit import (
-    FAR,
-    Floats,
-    Grid,
-    Tube,
-    distance_to,
-    ellipsoid,
-    smooth_max,
-    smooth_min,
-)
+from burrlab.anatomy.implicit import Floats, Grid, Tube
 
-#: Thickness of the compact bone over the air cells [mm], assumed.
-CORTEX = 2.0
-#: Plates over dura and sinus, and bone around nerve and labyrinth that holds no cells [mm], assumed.
-PLATE, AROUND_NERVE, AROUND_LABYRINTH = 0.8, 1.0, 1.5
-#: Wall of the ear canal that holds no cells [mm], assumed.
-CANAL_WALL = 1.5
 #: Thickness of the dura [mm], assumed.
 DURA = 1.0
 #: Radius of the bony ear canal [mm], assumed; of the sigmoid sinus [mm], assumed.
 CANAL, SINUS = 4.2, 4.5
-#: Depth behind which nothing is pneumatised [mm], assumed.
-DEEPEST = 17.5
-#: Box that holds the pneumatised part whatever the seed: least and largest (x, y, z) [mm].
-CELLS_BOX = ((0.0, -8.0, -28.0), (18.0, 28.0, 13.0))
 
 
 @dataclass(frozen=True)
@@ -53,6 +34,7 @@ class Structures:
     tympanum: tuple[Floats, Floats]
     tip: Tube
     tegmen: Floats  # height at (12, 6), its slopes along x and y
+    genu: int  # of the nerve's points
     fossa: float  # of the plane x + 0.8 y that the posterior fossa begins at
 
     @classmethod
@@ -82,7 +64,8 @@ class Structures:
             ]
         )
         nerve_points[-3:] += np.array([jitter(0.3), jitter(0.6), 0.0])
-        nerve = Tube.along(nerve_points + inner, [0.55, 0.5, 0.7, 0.75, 0.8, 0.85, 0.95, 1.0, 1.0, 1.0])
+        nerve_points = nerve_points + inner
+        nerve = Tube.along(nerve_points, [0.55, 0.5, 0.7, 0.75, 0.8, 0.85, 0.95, 1.0, 1.0, 1.0])
         back = np.array([jitter(0.7), 1.0 + jitter(1.5), 0.0])
         sinus_points = np.array(
             [
@@ -115,7 +98,7 @@ class Structures:
         return cls(
             nerve, sinus, canals, vestibule, _ossicles(inner), antrum, aditus, ear_canal, tympanum, tip,
             tegmen=np.array([11.3 + jitter(0.7), -0.06 + jitter(0.03), 0.03 + jitter(0.04)]),
-            fossa=28.7 + jitter(0.5),
+            genu=int(np.argmin(np.linalg.norm(nerve.points - nerve_points[6], axis=1))), fossa=28.7 + jitter(0.5),
         )  # fmt: skip
 
     @property
@@ -123,62 +106,26 @@ class Structures:
         """All that is too thin for the lattice: nerve, labyrinth, ossicles."""
         return (self.nerve, *self.canals, *self.ossicles)
 
-    def outside(self, grid: Grid) -> Floats:
-        """Signed distance from the bone's outer surface, negative within [mm]."""
-        lateral = surface_depth(grid) - grid.open()[0]
-        _, y, z = grid.open()
-        below = -12.5 - 0.15 * np.clip(y, 0.0, 20.0) - z  # the skull base beside the mastoid process
-        base = smooth_min(np.broadcast_to(below, grid.shape), distance_to([self.tip], grid), 3.0)
-        return smooth_max(np.broadcast_to(lateral, grid.shape), base, 2.0)
-
-    def cranium(self, grid: Grid) -> Floats:
-        """Signed distance from the inside of the skull, negative within [mm]."""
-        x, y, z = grid.open()
-        floor = self.tegmen[0] + self.tegmen[1] * (x - 12.0) + self.tegmen[2] * (y - 6.0)
-        squama = surface_depth(grid) + 4.0 - x
-        middle = smooth_max(np.broadcast_to(floor - z, grid.shape), np.broadcast_to(squama, grid.shape), 4.0)
-        plane = (self.fossa - x - 0.8 * y) / np.sqrt(1.64)
-        posterior = smooth_max(
-            np.broadcast_to(plane, grid.shape), np.broadcast_to(squama + 2.0, grid.shape), 4.0
-        )
-        return smooth_min(middle, posterior, 2.0)
-
-    def hollow(self, grid: Grid) -> Floats:
-        """Signed distance from antrum, aditus, middle ear and ear canal, negative within [mm]."""
-        rooms = smooth_min(ellipsoid(grid, *self.antrum), distance_to([self.aditus], grid), 1.0)
-        rooms = smooth_min(rooms, ellipsoid(grid, *self.tympanum), 1.0)
-        return np.asarray(np.minimum(rooms, self.canal(grid)))
-
-    def canal(self, grid: Grid) -> Floats:
-        """Signed distance from the ear canal [mm]."""
-        return distance_to([self.ear_canal], grid)
-
-    def labyrinth(self, grid: Grid) -> Floats:
-        """Signed distance from canals, vestibule and cochlea [mm]."""
-        return np.asarray(np.minimum(distance_to(self.canals, grid), ellipsoid(grid, *self.vestibule)))
+    @property
+    def landmarks(self) -> dict[str, Floats]:
+        """Points by name [mm]."""
+        y, z = self.antrum[0][1] + 2.0, self.antrum[0][2] - 5.0
+        surface = surface_depth(Grid(np.zeros(1), np.array([y]), np.array([z])))
+        return {
+            "spine of Henle": np.zeros(3), "entry": np.array([float(surface.ravel()[0]), y, z]),
+            "antrum": self.antrum[0], "second genu": self.nerve.points[self.genu],
+            "stylomastoid foramen": self.nerve.points[-1],
+            "lateral canal": self.canals[0].points[:-1].mean(axis=0),
+            "sigmoid sinus": self.sinus.points[np.argmin(np.abs(self.sinus.points[:, 2]))],
+            "mastoid tip": self.tip.points[1] - [0.0, 0.0, self.tip.radius[1]],
+            "tegmen": np.array([12.0, 6.0, self.tegmen[0]]),
+        }  # fmt: skip
 
 
 def surface_depth(grid: Grid) -> Floats:
     """x of the bone's lateral surface: a shallow bowl, 0 at the spine of Henle [mm]."""
     _, y, z = grid.open()
     return np.asarray(0.004 * (y - 8.0) ** 2 + 0.003 * (z + 6.0) ** 2 - 0.364)
-
-
-def pneumatised(
-    at: Structures, outside: Floats, cranium: Floats, hollow: Floats, near: Floats, grid: Grid
-) -> Floats:
-    """Signed distance from the part that holds air cells [mm]; `near` is that to sinus, nerve and labyrinth."""
-    x, y, _ = grid.open()
-    limit = np.maximum(outside + CORTEX, PLATE - cranium)
-    limit = np.maximum(limit, np.maximum(-hollow, CANAL_WALL - at.canal(grid)))
-    return np.asarray(np.maximum(np.maximum(limit, -near), np.maximum(x - DEEPEST, -7.0 - y)))
-
-
-def keep_away(at: Structures, grid: Grid, sinus: float, nerve: float, labyrinth: float) -> Floats:
-    """Signed distance beyond the given margins of sinus, nerve and labyrinth [mm]."""
-    out = distance_to([at.sinus], grid) - sinus
-    out = np.minimum(out, distance_to([at.nerve], grid) - nerve)
-    return np.asarray(np.minimum(np.minimum(out, at.labyrinth(grid) - labyrinth), FAR))
 
 
 def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
@@ -199,10 +146,7 @@ def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
     angle = 2 * np.pi * 2.5 * t + 0.4
     radius = 3.4 * (1.0 - 0.75 * t)
     spiral = (
-        shift
-        + [23.6, -5.0, -2.2]
-        + radius * (np.cos(angle) * one + np.sin(angle) * two)
-        + 3.4 * t * axis
+        shift + [23.6, -5.0, -2.2] + radius * (np.cos(angle) * one + np.sin(angle) * two) + 3.4 * t * axis
     )
     cochlea = Tube(np.round(spiral, 6), np.linspace(1.05, 0.6, 61))
     start = Tube(np.array([cochlea.points[0], centre]), np.full(2, 1.0))

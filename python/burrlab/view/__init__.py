@@ -1,0 +1,1 @@
+"""What the surgeon sees: surface, scene, pictures, film, page. Nothing here is imported before it is used."""

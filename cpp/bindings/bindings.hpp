@@ -38,6 +38,7 @@ void bind_shape(pybind11::module_& m);
 void bind_material(pybind11::module_& m);
 void bind_tissues(pybind11::module_& m);
 void bind_voxel_bone(pybind11::module_& m);
+void bind_bricks(pybind11::module_& m);
 void bind_force(pybind11::module_& m);
 void bind_burr_contact(pybind11::module_& m);
 void bind_force_controller(pybind11::module_& m);

@@ -1,6 +1,6 @@
-"""Anatomy: a procedural temporal bone, and what is to be removed from it."""
+"""Anatomy: tissues, phantoms, and the distance to what must not be touched."""
 
-from burrlab.anatomy.air_cells import AirCells, Honeycomb
-from burrlab.anatomy.phantom import Phantom, phantom_tissues, temporal_bone
+from burrlab.anatomy.tissue_csv import read_tissues, write_tissues
+from burrlab.anatomy.tissue_table import default_tissues, label_counts
 
-__all__ = ["AirCells", "Honeycomb", "Phantom", "phantom_tissues", "temporal_bone"]
+__all__ = ["default_tissues", "label_counts", "read_tissues", "write_tissues"]

@@ -32,6 +32,7 @@ PYBIND11_MODULE(_core, m) {
   bind_material(m);
   bind_tissues(m);
   bind_voxel_bone(m);
+  bind_bricks(m);
   bind_force(m);
   bind_burr_contact(m);
   bind_force_controller(m);
@@ -45,4 +46,5 @@ PYBIND11_MODULE(_core, m) {
   bind_openigtlink(m);
   bind_transform_reader(m);
   bind_network(m);
+  bind_surface(m);
 }

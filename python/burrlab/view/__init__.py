@@ -1,5 +1,18 @@
-"""What the surgeon sees: a trace at any moment, and a web page of it."""
+"""What the surgeon sees: surface, scene, pictures, film, page. pyvista is imported only where it is used."""
 
-from burrlab.view.player import Burrs, History, TracePlayer
+from burrlab.view.camera import Viewpoint, surgeon_view
+from burrlab.view.pictures import depth_map, plot_depth_map, plot_slices
+from burrlab.view.scene import Scene
+from burrlab.view.surface import Surface, SurfaceBlock, surface_blocks
 
-__all__ = ["Burrs", "History", "TracePlayer"]
+__all__ = [
+    "Scene",
+    "Surface",
+    "SurfaceBlock",
+    "Viewpoint",
+    "depth_map",
+    "plot_depth_map",
+    "plot_slices",
+    "surface_blocks",
+    "surgeon_view",
+]

@@ -45,4 +45,5 @@ PYBIND11_MODULE(_core, m) {
   bind_openigtlink(m);
   bind_transform_reader(m);
   bind_network(m);
+  bind_surface(m);
 }

@@ -1,4 +1,4 @@
-"""What the surgeon sees: a trace at any moment, and a web page of it."""
+"""What the surgeon sees: surface, scene, pictures, film, player, page. What extras bring is imported where it is used."""
 
 from burrlab.view.player import Burrs, History, TracePlayer
 

@@ -5,6 +5,7 @@ from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.occupancy_map import OccupancyMap
 from burrlab.volume.read import read_labels, read_volume
 from burrlab.volume.volume import Volume
+from burrlab.volume.write import write_volume
 
 __all__ = [
     "LabelVolume",
@@ -14,4 +15,5 @@ __all__ = [
     "read_labels",
     "read_volume",
     "same_geometry",
+    "write_volume",
 ]

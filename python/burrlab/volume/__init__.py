@@ -6,6 +6,7 @@ from burrlab.volume.occupancy_map import OccupancyMap
 from burrlab.volume.read import read_labels, read_volume
 from burrlab.volume.stack import read_stack
 from burrlab.volume.volume import Volume
+from burrlab.volume.write import write_volume
 
 __all__ = [
     "LabelVolume",
@@ -16,4 +17,5 @@ __all__ = [
     "read_stack",
     "read_volume",
     "same_geometry",
+    "write_volume",
 ]

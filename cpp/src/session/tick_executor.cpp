@@ -45,9 +45,26 @@ void TickExecutor::execute(TickRecord& record) noexcept {
     for (int axis = 0; axis < 3; ++axis) burr.force[axis] = contact.force[axis];
     burr.penetration = contact.penetration;
     burr.removed = contact.lost;
+    if (watch_) watch_->after_step(*bone_, record, i);
   }
   ++tick_;
   version_.store(2 * tick_, std::memory_order_release);
+}
+
+void TickExecutor::set_tick(std::uint64_t tick) {
+  tick_ = tick;
+  if (watch_) watch_->pass_over(*bone_, tick);
+}
+
+void TickExecutor::set_watch(std::shared_ptr<AnatomyWatch> watch) {
+  if (watch) {
+    bool fits = watch->burrs() == contacts_.size();
+    for (std::size_t i = 0; fits && i < contacts_.size(); ++i)
+      fits = watch->radius(i) == setup_.tools[i].burr.radius;
+    if (!fits) throw std::invalid_argument("watch must be of the session's burrs");
+    watch->begin(*bone_, tick_);
+  }
+  watch_ = std::move(watch);
 }
 
 void check_record(const TickRecord& record, std::size_t burrs) {

@@ -213,6 +213,7 @@ def test_a_held_force_in_a_mixed_bone_is_the_same_on_every_path() -> None:
         bone = burrlab.VoxelBone.block((8, 8, 3), 0.2, origin=(-4, -4, -3))
         material = burrlab.materials["bone"]
         tissues = tissues_of("random", bone.shape, 16, (0.087, 0.3))
+        tissues = replace(tissues, c_e=[0.5 + 0.25 * i for i in range(16)])
         bone.set_tissues(table_of_tissues(tissues, material), tissues.number)
         contact = burrlab.BurrContact(bone, burrlab.Burr(2.0), material, seed=4)
         held = contact.hold(5.0, (0, 0, 2.2), (0, 0, -1), from_=0.0, travel=0.9, dt=1.0, ticks=200)
@@ -228,12 +229,12 @@ def two_tissues() -> tuple[burrlab.VoxelBone, burrlab.Material]:
     bone = burrlab.VoxelBone.block((4, 4, 4), 0.2)
     tissues = tissues_of("halves", bone.shape, 2, (0.087, 0.0))
     bone.set_tissues(table_of_tissues(tissues, burrlab.materials["bone"]), tissues.number)
-    return bone, burrlab.materials["PVC"]
+    return bone, burrlab.materials["pvc"]
 
 
 def test_another_material_is_refused() -> None:
     bone, other = two_tissues()
-    sentence = r"material must be that of the bone's tissues, 'bone' \(c_e 2.145, alpha 0.087, parabolic\), got 'PVC'"
+    sentence = r"material must be that of the bone's tissues, 'bone' \(c_e 2.145, alpha 0.087, parabolic\), got 'pvc'"
     with pytest.raises(ValueError, match=sentence):
         burrlab.BurrContact(bone, burrlab.Burr(1.5), other, seed=1)
     with pytest.raises(ValueError, match=sentence):
@@ -251,7 +252,7 @@ def test_tissues_may_come_after_the_burr() -> None:
     assert bone.tissues is not None
     plain.set_tissues(bone.tissues, bone.tissue_numbers)
     early = burrlab.BurrContact(bone, burr, burrlab.materials["bone"], seed=1)
-    assert late.step(center, 1.0).c_e == early.step(center, 1.0).c_e > 2.145
+    assert late.step(center, 1.0).c_e == early.step(center, 1.0).c_e != 2.145
     assert plain.digest() == bone.digest()
     with pytest.raises(ValueError, match="material must be that of the bone's tissues"):
         refused.step(center, 1.0)
@@ -276,4 +277,4 @@ def test_c_e_without_contact_is_the_materials() -> None:
     got = contact.run(np.array([[2.0, 2.0, 9.0], [2.0, 2.0, 4.5]]), 1.0)
     assert got.c_e[0] == 2.145
     assert not got.touching[0]
-    assert got[1].c_e == got.c_e[1] > 100.0
+    assert got[1].c_e == got.c_e[1] != 2.145

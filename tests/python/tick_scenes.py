@@ -110,7 +110,9 @@ def assert_same_contact(got: Any, expected: Any, radius: float) -> None:
 
 def assert_same_sums(bone: Any, tissues: ReferenceTissues) -> None:
     """What is left and what was removed of every tissue, counted anew."""
-    present, pristine, dv = bone.density, bone.pristine, bone.voxel_volume / 255
+    present, pristine = bone.density, bone.pristine
+    sx, sy, sz = bone.spacing
+    dv = sx * sy * sz / 255
     for number in range(len(tissues.c_e)):
         here = tissues.number == number
         left, all_ = int(present[here].sum(dtype=np.int64)), int(pristine[here].sum(dtype=np.int64))

@@ -216,8 +216,8 @@ def test_a_held_force_in_a_mixed_bone_is_the_same_on_every_path() -> None:
         tissues = replace(tissues, c_e=[0.5 + 0.25 * i for i in range(16)])
         bone.set_tissues(table_of_tissues(tissues, material), tissues.number)
         contact = burrlab.BurrContact(bone, burrlab.Burr(2.0), material, seed=4)
-        held = contact.hold(5.0, (0, 0, 2.2), (0, 0, -1), from_=0.0, travel=0.9, dt=1.0, ticks=200)
-        assert np.abs(held.force - 5.0).max() < 1e-3
+        held = contact.hold(1.0, (0, 0, 2.2), (0, 0, -1), from_=0.0, travel=0.9, dt=1.0, ticks=200)
+        assert np.abs(held.force - 1.0).max() < 1e-3
         found.add((bone.digest(), tuple(held.position)))
     assert len(found) == 1
 

@@ -12,9 +12,10 @@ SessionSetup checked(const SessionSetup& setup) {
   return setup;
 }
 
-std::array<ErodedFraction, most_periods> steps_of(double alpha, double period) {
-  const auto step = [&](int k) { return Tick::step_of(alpha * (k * period)); };
-  return {step(1), step(2), step(3), step(4), step(5), step(6), step(7), step(8)};
+std::vector<ErosionSteps> steps_of(const VoxelBone& bone, const Material& material, double period) {
+  std::vector<ErosionSteps> steps;
+  for (int k = 1; k <= most_periods; ++k) steps.emplace_back(bone, material, k * period);
+  return steps;
 }
 
 }  // namespace
@@ -25,7 +26,7 @@ TickExecutor::TickExecutor(std::shared_ptr<VoxelBone> bone, const SessionSetup& 
   for (std::size_t i = 0; i < setup.tools.size(); ++i) {
     const Tool& tool = setup.tools[i];
     contacts_.emplace_back(bone_, tool.burr, tool.material, setup.seed, std::uint32_t(i), setup.scheme);
-    steps_.push_back(steps_of(tool.material.alpha, setup.period));
+    steps_.push_back(steps_of(*bone_, tool.material, setup.period));
   }
 }
 

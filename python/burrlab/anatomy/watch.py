@@ -116,7 +116,9 @@ class Watch:
         """The watch that had these settings, on an equal bone. ValueError, KeyError or TypeError where they are none."""
         rows = settings["structures"]
         names = [row["name"] for row in rows]
-        of = {key: {row["name"]: row[key] for row in rows} for key in ("approach_mm", "touch_mm", "injury_mm3")}
+        of = {
+            key: {row["name"]: row[key] for row in rows} for key in ("approach_mm", "touch_mm", "injury_mm3")
+        }
         return cls(
             bone, approach=of["approach_mm"], touch=of["touch_mm"], injury=of["injury_mm3"],
             hysteresis=settings["hysteresis_mm"], structures=names,
@@ -167,7 +169,9 @@ class Watch:
         return self._distances[self.structures.index(structure)].of_sphere(at, radius)
 
     def __repr__(self) -> str:
-        said = ", ".join(f"{n} {asdict(limit)}" for n, limit in zip(self.structures, self.limits, strict=True))
+        said = ", ".join(
+            f"{n} {asdict(limit)}" for n, limit in zip(self.structures, self.limits, strict=True)
+        )
         return f"Watch({said}, hysteresis={self.hysteresis:g})"
 
 

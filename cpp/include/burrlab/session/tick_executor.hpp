@@ -56,7 +56,7 @@ class TickExecutor {
   std::shared_ptr<VoxelBone> bone_;
   SessionSetup setup_;
   std::vector<BurrContact> contacts_;
-  std::vector<std::array<ErodedFraction, most_periods>> steps_;  // of dt = 1..8 periods, one a burr
+  std::vector<std::vector<ErosionSteps>> steps_;  // of dt = 1..8 periods, one a burr
   std::shared_ptr<AnatomyWatch> watch_;
   std::uint64_t tick_;
   std::atomic<std::uint64_t> version_;

@@ -68,10 +68,9 @@ class AnatomyReport:
     def recorded(cls, trace: Trace) -> AnatomyReport | None:
         """What the session itself said; None if it had no watch or did not come to its end."""
         check_trace(trace)
-        tissues = trace.bone().tissues
-        if trace.watched is None or tissues is None:
+        if trace.watched is None or trace.tissues is None:
             return None
-        return cls.of(trace.watched, tissues, trace.watch, trace.period, trace.voxel_volume)
+        return cls.of(trace.watched, trace.tissues, trace.watch, trace.period, trace.voxel_volume)
 
     @property
     def burrs(self) -> int:

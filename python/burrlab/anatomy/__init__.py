@@ -1,6 +1,24 @@
 """Anatomy: tissues, phantoms, and the distance to what must not be touched."""
 
+from burrlab.anatomy.air_cells import AirCells, Honeycomb
+from burrlab.anatomy.mastoidectomy import BurrPath, mastoidectomy_path
+from burrlab.anatomy.phantom import Phantom, phantom_tissues, temporal_bone
+from burrlab.anatomy.target import TargetComparison, compare_with_target
 from burrlab.anatomy.tissue_csv import read_tissues, write_tissues
 from burrlab.anatomy.tissue_table import default_tissues, label_counts
 
-__all__ = ["default_tissues", "label_counts", "read_tissues", "write_tissues"]
+__all__ = [
+    "AirCells",
+    "BurrPath",
+    "Honeycomb",
+    "Phantom",
+    "TargetComparison",
+    "compare_with_target",
+    "default_tissues",
+    "label_counts",
+    "mastoidectomy_path",
+    "phantom_tissues",
+    "read_tissues",
+    "temporal_bone",
+    "write_tissues",
+]

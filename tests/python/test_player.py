@@ -132,7 +132,7 @@ def test_refusals(scene):
             play(scene, **{name: 0})
     player = play(scene)
     for seconds in (-0.1, 3.1, float("nan")):
-        with pytest.raises(ValueError, match="seconds must be from 0 to 3.06"):
+        with pytest.raises(ValueError, match=r"seconds must be from 0 to 3\.06"):
             player.seek(seconds)
     with pytest.raises(ValueError, match="done must be from 0 to 3000, got 3001"):
         player.seek_tick(3001)

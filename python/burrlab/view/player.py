@@ -149,7 +149,9 @@ class TracePlayer:
     @property
     def prepared(self) -> float:
         """Part of the trace whose states are kept, 0 to 1: seeking there is fast."""
-        return min(1.0, (self._kept.last + self._every) / max(self.ticks, 1))
+        with self._kept.lock:
+            step = self._every * 2**self._kept.thinned
+            return min(1.0, (self._kept.last + step) / max(self.ticks, 1))
 
     @property
     def kept(self) -> tuple[int, int]:

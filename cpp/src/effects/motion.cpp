@@ -51,8 +51,8 @@ void Motion::advance(Parcels& parcels, std::size_t i, const Interval& interval) 
   parcels.support[i] = -1;
   LevelHit hit;
   std::int64_t first = -1;
-  int contacts = 0;
-  for (; contacts < most_contacts; ++contacts) {
+
+  for (int contacts = 0; contacts < most_contacts; ++contacts) {
     if (!field_->first_hit(at, left, hit)) {
       if (!field_->solid(Vec3(at + left))) at += left;
       break;
@@ -79,7 +79,7 @@ void Motion::advance(Parcels& parcels, std::size_t i, const Interval& interval) 
     if (left.squaredNorm() == 0.0) break;
   }
   parcels.position[i] = at;
-  if (contacts == 0) return;
+  if (first < 0) return;
   const bool stuck = (at - begin).norm() < slow * interval.seconds;
   if (velocity.norm() >= slow && !stuck) return;
   velocity.setZero();

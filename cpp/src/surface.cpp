@@ -1,0 +1,279 @@
+// Surface nets: one vertex in each cell (a cube of eight voxel centres) that the surface passes, the mean of
+// its crossings of the cell's edges; one quad about each edge between two voxel centres that it crosses
+// (Gibson, Constrained elastic surface nets, MICCAI 1998, without the relaxation). A vertex and its normal
+// follow from the levels of 4^3 voxels alone, in a fixed order: so blocks agree on them to the bit.
+#include "burrlab/surface.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <string>
+
+#include "burrlab/check.hpp"
+
+namespace burrlab {
+namespace {
+
+constexpr int margin = 2;  // voxels around a block that its vertices and normals depend on
+constexpr int side = surface_side + 2 * margin;
+constexpr int last = surface_side + margin - 1;  // the block's own last voxel
+constexpr std::array<int, 3> step = {1, side, side * side};
+
+class Extraction {
+ public:
+  Extraction(const VoxelBone& bone, const Index3& block, int level)
+      : bone_(bone),
+        low_{block[0] * surface_side - margin, block[1] * surface_side - margin,
+             block[2] * surface_side - margin},
+        level_(level) {}
+
+  SurfaceBlock run() {
+    if (!load()) return {};
+    if (!classify()) return {};
+    vertex_.assign(std::size_t(step[2]) * side, -1);
+    for (int axis = 0; axis < 3; ++axis) cross_edges(axis);
+    return std::move(out_);
+  }
+
+ private:
+  // Copies the levels; whether they can lie on both sides.
+  bool load() {
+    const Index3& bricks = bone_.bricks();
+    const auto first_of = [&](int axis) { return low_[axis] < 0 ? -1 : low_[axis] / brick_side; };
+    bool solid = true, empty = true;
+    const auto each = [&](auto visit) {
+      for (std::int64_t z = first_of(0); z * brick_side < low_[0] + side; ++z)
+        for (std::int64_t y = first_of(1); y * brick_side < low_[1] + side; ++y)
+          for (std::int64_t x = first_of(2); x * brick_side < low_[2] + side; ++x) {
+            const bool inside = z >= 0 && y >= 0 && x >= 0 && z < bricks[0] && y < bricks[1] && x < bricks[2];
+            visit(Index3{z, y, x}, inside ? std::int64_t(bone_.brick_number(z, y, x)) : -1);
+          }
+    };
+    each([&](const Index3&, std::int64_t brick) {
+      const std::uint32_t mass = brick < 0 ? 0 : bone_.sums(std::size_t(brick)).mass;
+      empty = empty && mass == 0;
+      solid = solid && mass == 255u * brick_voxels;
+      eroded_ = eroded_ || (brick >= 0 && bone_.is_eroded(std::size_t(brick)));
+    });
+    if (empty || solid) return false;
+    levels_.assign(std::size_t(step[2]) * side, 0);
+    each([&](const Index3& at, std::int64_t brick) {
+      if (brick < 0 || bone_.sums(std::size_t(brick)).mass == 0) return;
+      copy(at, bone_.tile(std::size_t(brick)));
+    });
+    return true;
+  }
+
+  void copy(const Index3& at, const std::uint8_t* tile) {
+    std::array<std::int64_t, 3> begin, end;
+    for (int axis = 0; axis < 3; ++axis) {
+      begin[axis] = std::max(at[axis] * brick_side, low_[axis]);
+      end[axis] = std::min((at[axis] + 1) * brick_side, low_[axis] + side);
+    }
+    for (std::int64_t z = begin[0]; z < end[0]; ++z)
+      for (std::int64_t y = begin[1]; y < end[1]; ++y)
+        std::memcpy(&levels_[std::size_t(((z - low_[0]) * side + y - low_[1]) * side + begin[2] - low_[2])],
+                    tile + ((z & 7) * brick_side + (y & 7)) * brick_side + (begin[2] & 7),
+                    std::size_t(end[2] - begin[2]));
+  }
+
+  // One bit a voxel, one word a row: inside or not. Whether both occur.
+  bool classify() {
+    std::uint64_t any = 0, all = ~std::uint64_t{0};
+    for (int row = 0; row < side * side; ++row) {
+      const std::uint8_t* levels = &levels_[std::size_t(row * side)];
+      std::uint64_t bits = 0;
+      for (int x = 0; x < side; ++x) bits |= std::uint64_t(levels[x] >= level_) << x;
+      inside_[std::size_t(row)] = bits;
+      any |= bits;
+      all &= bits;
+    }
+    return any != 0 && all != (std::uint64_t{1} << side) - 1;
+  }
+
+  // The quads about the block's own edges along an axis. The first block owns those that begin beyond the
+  // volume too.
+  void cross_edges(int axis) {
+    const auto first = [&](int a) { return low_[a] < 0 ? margin - 1 : margin; };
+    const std::uint64_t own = ((std::uint64_t{2} << last) - 1) & ~((std::uint64_t{1} << first(2)) - 1);
+    for (int z = first(0); z <= last; ++z)
+      for (int y = first(1); y <= last; ++y) {
+        const std::size_t row = std::size_t(z * side + y);
+        const std::uint64_t here = inside_[row];
+        const std::uint64_t next = axis == 0 ? here >> 1 : inside_[row + (axis == 1 ? 1 : side)];
+        for (std::uint64_t crossed = (here ^ next) & own; crossed; crossed &= crossed - 1) {
+          const int x = lowest_bit(crossed);
+          quad(axis, int(row) * side + x, (here >> x & 1) != 0);
+        }
+      }
+  }
+
+  static int lowest_bit(std::uint64_t bits) {
+#if defined(__GNUC__)
+    return __builtin_ctzll(bits);
+#else
+    int n = 0;
+    while (!(bits >> n & 1)) ++n;
+    return n;
+#endif
+  }
+
+  void quad(int axis, int voxel, bool solid_first) {
+    const int u = step[std::size_t((axis + 1) % 3)], v = step[std::size_t((axis + 2) % 3)];
+    std::int32_t corner[4] = {vertex(voxel - u - v), vertex(voxel - v), vertex(voxel), vertex(voxel - u)};
+    if (!solid_first) std::swap(corner[1], corner[3]);
+    // along the shorter diagonal
+    const int turn = distance(corner[0], corner[2]) <= distance(corner[1], corner[3]) ? 0 : 1;
+    const auto at = [&](int i) { return corner[(i + turn) & 3]; };
+    out_.triangles.insert(out_.triangles.end(), {at(0), at(1), at(2), at(0), at(2), at(3)});
+  }
+
+  float distance(std::int32_t a, std::int32_t b) const {
+    float sum = 0;
+    for (int i = 0; i < 3; ++i) {
+      const float d = out_.points[std::size_t(3 * a + i)] - out_.points[std::size_t(3 * b + i)];
+      sum += d * d;
+    }
+    return sum;
+  }
+
+  // Number of a cell's vertex; makes it if it is new. A cell is named by its first voxel.
+  std::int32_t vertex(int cell) {
+    std::int32_t& number = vertex_[std::size_t(cell)];
+    if (number >= 0) return number;
+    number = std::int32_t(out_.tissues.size());
+    const Vec3 at = crossing_mean(cell), n = normal(cell, at);
+    const std::array<std::int64_t, 3> first = {cell % side + low_[2], cell / side % side + low_[1],
+                                               cell / step[2] + low_[0]};
+    for (int axis = 0; axis < 3; ++axis) {
+      const double index = double(first[std::size_t(axis)]) + at[axis];
+      out_.points.push_back(float(bone_.origin()[axis] + bone_.spacing()[axis] * index));
+      out_.normals.push_back(float(n[axis]));
+    }
+    out_.tissues.push_back(tissue(cell, first, at));
+    out_.lost.push_back(eroded_ ? lost(cell, first) : 0);
+    return number;
+  }
+
+  static int corner_step(int corner) {
+    return (corner & 1) + (corner >> 1 & 1) * step[1] + (corner >> 2) * step[2];
+  }
+
+  // Within the cell, 0..1 along each axis.
+  Vec3 crossing_mean(int cell) const {
+    const double surface = level_ - 0.5;
+    Vec3 sum = Vec3::Zero();
+    int count = 0;
+    for (int corner = 0; corner < 8; ++corner)
+      for (int axis = 0; axis < 3; ++axis) {
+        if (corner >> axis & 1) continue;
+        const int a = levels_[std::size_t(cell + corner_step(corner))];
+        const int b = levels_[std::size_t(cell + corner_step(corner | 1 << axis))];
+        if ((a >= level_) == (b >= level_)) continue;
+        for (int other = 0; other < 3; ++other)
+          sum[other] += other == axis ? (surface - a) / (b - a) : corner >> other & 1;
+        ++count;
+      }
+    return sum / count;
+  }
+
+  // Against the gradient of the levels: central differences at the eight corners, weighted trilinearly.
+  Vec3 normal(int cell, const Vec3& at) const {
+    Vec3 wide = Vec3::Zero(), narrow = Vec3::Zero();
+    for (int corner = 0; corner < 8; ++corner) {
+      const std::uint8_t* here = &levels_[std::size_t(cell + corner_step(corner))];
+      double weight = 1.0;
+      for (int axis = 0; axis < 3; ++axis) weight *= corner >> axis & 1 ? at[axis] : 1.0 - at[axis];
+      for (int axis = 0; axis < 3; ++axis) {
+        const int d = step[std::size_t(axis)];
+        wide[axis] += weight * (int(here[d]) - int(here[-d]));
+        narrow[axis] += corner >> axis & 1 ? *here : -int(*here);
+      }
+    }
+    for (Vec3* gradient : {&wide, &narrow}) {
+      const Vec3 out = -gradient->cwiseQuotient(bone_.spacing());
+      if (out.squaredNorm() > 1e-12) return out.normalized();
+    }
+    return Vec3::UnitZ();  // the same on all sides, as a plate of one voxel
+  }
+
+  std::uint8_t tissue(int cell, const std::array<std::int64_t, 3>& first, const Vec3& at) const {
+    if (!bone_.tissues()) return 0;
+    int best = 0;
+    double least = 1e9;
+    for (int corner = 0; corner < 8; ++corner) {
+      if (levels_[std::size_t(cell + corner_step(corner))] < level_) continue;
+      Vec3 away;
+      for (int axis = 0; axis < 3; ++axis)
+        away[axis] = (at[axis] - (corner >> axis & 1)) * bone_.spacing()[axis];
+      if (away.squaredNorm() >= least) continue;
+      least = away.squaredNorm();
+      best = corner;
+    }
+    const Place place = locate(first, best);
+    const TissueMap& map = *bone_.tissues();
+    const std::uint8_t* tile = map.tile(place.brick);
+    return tile ? tile[place.voxel] : map.number(place.brick);
+  }
+
+  std::uint8_t lost(int cell, const std::array<std::int64_t, 3>& first) const {
+    int most = 0;
+    for (int corner = 0; corner < 8; ++corner) {
+      if (!within(first, corner)) continue;
+      const Place place = locate(first, corner);
+      if (!bone_.is_eroded(place.brick)) continue;
+      const std::uint8_t* pristine = bone_.pristine_tile(place.brick);
+      const int before = pristine ? pristine[place.voxel] : bone_.pristine_level(place.brick);
+      most = std::max(most, before - levels_[std::size_t(cell + corner_step(corner))]);
+    }
+    return std::uint8_t(most);
+  }
+
+  struct Place {
+    std::size_t brick;
+    int voxel;
+  };
+  bool within(const std::array<std::int64_t, 3>& first, int corner) const {
+    for (int axis = 0; axis < 3; ++axis) {
+      const std::int64_t i = first[std::size_t(axis)] + (corner >> axis & 1);
+      if (i < 0 || i >= bone_.shape()[std::size_t(2 - axis)]) return false;
+    }
+    return true;
+  }
+  Place locate(const std::array<std::int64_t, 3>& first, int corner) const {
+    const std::int64_t x = first[0] + (corner & 1), y = first[1] + (corner >> 1 & 1),
+                       z = first[2] + (corner >> 2);
+    return {bone_.brick_number(z / brick_side, y / brick_side, x / brick_side),
+            int(((z & 7) * brick_side + (y & 7)) * brick_side + (x & 7))};
+  }
+
+  const VoxelBone& bone_;
+  Index3 low_;  // first voxel of the copy, (z, y, x)
+  int level_;
+  bool eroded_ = false;
+  std::vector<std::uint8_t> levels_;
+  std::array<std::uint64_t, side * side> inside_;
+  std::vector<std::int32_t> vertex_;  // by cell; -1: none yet
+  SurfaceBlock out_;
+};
+
+}  // namespace
+
+Index3 surface_blocks(const VoxelBone& bone) {
+  Index3 n;
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    n[axis] = (bone.shape()[axis] + surface_side - 1) / surface_side;
+  return n;
+}
+
+SurfaceBlock extract_surface(const VoxelBone& bone, const Index3& block, int level) {
+  if (level < 1 || level > 255) refuse("level", "from 1 to 255", level);
+  const Index3 n = surface_blocks(bone);
+  for (std::size_t axis = 0; axis < 3; ++axis)
+    if (block[axis] < 0 || block[axis] >= n[axis])
+      refuse("every index of a block", "from 0 to below " + std::to_string(n[axis]), double(block[axis]));
+  return Extraction(bone, block, level).run();
+}
+
+}  // namespace burrlab

@@ -1,0 +1,221 @@
+"""The bone's surface in blocks of 32^3 voxels, replaced where its bricks changed."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from burrlab import _core
+from burrlab._core import VoxelBone
+
+BLOCK = 32  # voxels along an edge
+_MARGIN = 2  # voxels around a block that its vertices and normals depend on
+_BRICK = 8
+
+Block = tuple[int, int, int]  # (z, y, x)
+
+#: What a freshly cut surface is mixed with, and how much of it where all is gone.
+_CUT, _CUT_SHARE = (255, 236, 214), 0.45
+#: Bone without tissues.
+BONE = (227, 218, 201)
+
+
+@dataclass(frozen=True, repr=False)
+class SurfaceBlock:
+    """Triangles of one block; neighbours repeat the vertices and normals of their common border, to the bit.
+
+    Attributes
+    ----------
+    points : ndarray, shape (v, 3), float32
+        In the bone frame [mm].
+    normals : ndarray, shape (v, 3), float32
+        Out of the bone, of length 1.
+    triangles : ndarray, shape (t, 3), int32
+        Vertices, counter-clockwise seen from outside.
+    tissues : ndarray, shape (v,), uint8
+        Number of the nearest solid voxel's tissue; 0 without tissues.
+    lost : ndarray, shape (v,), uint8
+        Most levels that one of the eight voxels around has lost: above 0 on a surface that was cut.
+    """
+
+    points: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+    tissues: NDArray[np.uint8]
+    lost: NDArray[np.uint8]
+
+    def __repr__(self) -> str:
+        return f"SurfaceBlock({len(self.points)} vertices, {len(self.triangles)} triangles)"
+
+    def colours(self, palette: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Red, green, blue of every vertex, (v, 3): the tissue's, lighter where it was cut."""
+        share = (_CUT_SHARE / 255.0) * self.lost[:, None].astype(np.float32)
+        mixed = palette[self.tissues] * (1 - share) + np.asarray(_CUT, np.float32) * share
+        return mixed.astype(np.uint8)
+
+
+def tissue_palette(bone: VoxelBone) -> NDArray[np.uint8]:
+    """Red, green, blue by tissue number, (tissues, 3)."""
+    if bone.tissues is None:
+        return np.array([BONE], np.uint8)
+    return np.array([tissue.colour for tissue in bone.tissues], np.uint8)
+
+
+def block_counts(bone: VoxelBone) -> Block:
+    """Number of blocks (z, y, x)."""
+    nz, ny, nx = (-(-n // BLOCK) for n in bone.shape)
+    return nz, ny, nx
+
+
+def surface_blocks(
+    bone: VoxelBone, blocks: Iterable[Block] | None = None, *, level: int = 128
+) -> dict[Block, SurfaceBlock]:
+    """The surface where the level passes from below `level` to at least `level`, by surface nets.
+
+    A vertex lies in the middle of the surface's crossings of a cell's edges, where a cell is a cube of eight voxel
+    centres. Beyond the volume there is nothing, so that the surface is closed.
+
+    Parameters
+    ----------
+    bone : VoxelBone
+        Not to be changed by another thread meanwhile.
+    blocks : iterable of (z, y, x), optional
+        Default: all.
+    level : int
+        Occupancy level at the surface, 1 to 255.
+
+    Returns
+    -------
+    dict
+        (z, y, x) -> SurfaceBlock; blocks without a surface are left out.
+
+    Raises
+    ------
+    ValueError
+        If there is no such block, or the level is not from 1 to 255.
+
+    References
+    ----------
+    Gibson, *Constrained elastic surface nets*, MICCAI 1998; without the relaxation.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> surface_blocks(burrlab.VoxelBone.block((1, 1, 1), 0.1))
+    {(0, 0, 0): SurfaceBlock(602 vertices, 1200 triangles)}
+    """
+    if blocks is None:
+        wanted = list(itertools.product(*(range(n) for n in block_counts(bone))))
+    else:
+        wanted = [(int(z), int(y), int(x)) for z, y, x in blocks]
+    made = _core.extract_surface(bone, np.array(wanted, np.int64).reshape(-1, 3), level)
+    return {
+        block: SurfaceBlock(*arrays) for block, arrays in zip(wanted, made, strict=True) if len(arrays[0])
+    }
+
+
+def blocks_of_bricks(bricks: ArrayLike, counts: Block) -> list[Block]:
+    """Blocks whose surface depends on a voxel of these bricks, in order.
+
+    Parameters
+    ----------
+    bricks : array_like, shape (n, 3)
+        Bricks of 8^3 voxels, (z, y, x), as a follower's view gives them.
+    counts : (z, y, x)
+        Number of blocks.
+
+    Raises
+    ------
+    ValueError
+        If bricks have another shape.
+    """
+    places = np.asarray(bricks, np.int64)
+    if places.size == 0:
+        return []
+    if places.ndim != 2 or places.shape[1] != 3:
+        raise ValueError(f"bricks must have the shape (n, 3), got {places.shape}")
+    low = np.maximum((places * _BRICK - _MARGIN) // BLOCK, 0)
+    high = np.minimum((places * _BRICK + _BRICK - 1 + _MARGIN) // BLOCK, np.array(counts) - 1)
+    found: set[Block] = set()
+    for first, last in {(tuple(a), tuple(b)) for a, b in zip(low.tolist(), high.tolist(), strict=True)}:
+        found.update(itertools.product(*(range(a, b + 1) for a, b in zip(first, last, strict=True))))
+    return sorted(found)
+
+
+class Surface:
+    """The blocks of a bone, kept up with it.
+
+    Parameters
+    ----------
+    bone : VoxelBone
+    level : int
+        Occupancy level at the surface, 1 to 255.
+
+    Raises
+    ------
+    ValueError
+        If the level is not from 1 to 255.
+    """
+
+    def __init__(self, bone: VoxelBone, *, level: int = 128) -> None:
+        self.level = level
+        self.counts = block_counts(bone)
+        self.blocks = surface_blocks(bone, level=level)
+
+    def update(self, bone: VoxelBone, bricks: ArrayLike | None = None) -> list[Block]:
+        """Makes the blocks anew that depend on changed bricks; None: all.
+
+        Parameters
+        ----------
+        bone : VoxelBone
+            Of the same shape.
+        bricks : array_like, shape (n, 3), optional
+            That changed, (z, y, x).
+
+        Returns
+        -------
+        list of (z, y, x)
+            Blocks that were made anew or are gone.
+
+        Raises
+        ------
+        ValueError
+            If bone or bricks have another shape.
+        """
+        if block_counts(bone) != self.counts:
+            raise ValueError(f"bone must have the shape of the surface, got {bone.shape}")
+        if bricks is None:
+            before = set(self.blocks)
+            self.blocks = surface_blocks(bone, level=self.level)
+            return sorted(before | set(self.blocks))
+        wanted = blocks_of_bricks(bricks, self.counts)
+        made = surface_blocks(bone, wanted, level=self.level)
+        changed = []
+        for block in wanted:
+            if block in made:
+                self.blocks[block] = made[block]
+            elif self.blocks.pop(block, None) is None:
+                continue
+            changed.append(block)
+        return changed
+
+    def merged(self) -> SurfaceBlock:
+        """One mesh of all blocks; vertices on common borders stay doubled."""
+        blocks = list(self.blocks.values())
+        if not blocks:
+            return SurfaceBlock(
+                np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32),
+                np.zeros(0, np.uint8), np.zeros(0, np.uint8),
+            )  # fmt: skip
+        first = np.cumsum([0] + [len(block.points) for block in blocks[:-1]]).astype(np.int32)
+        return SurfaceBlock(
+            np.concatenate([block.points for block in blocks]),
+            np.concatenate([block.normals for block in blocks]),
+            np.concatenate([block.triangles + n for block, n in zip(blocks, first, strict=True)]),
+            np.concatenate([block.tissues for block in blocks]),
+            np.concatenate([block.lost for block in blocks]),
+        )

@@ -1,0 +1,118 @@
+"""Cost of the surface: blocks that changed against a rebuild, in one run. Run: python tests/bench/view.py"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+
+import numpy as np
+
+import burrlab
+from burrlab import _core
+from burrlab.view.surface import Surface
+
+SIDE, VOXEL, RADIUS, SPEED, IMMERSION = 512, 0.1, 5.0, 20.0, 0.7
+TICKS = 50  # at 1 kHz: a frame of 20 Hz
+
+
+def changed_bricks(bone: burrlab.VoxelBone, low: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Bricks of a box, which begins at a brick, that lost something."""
+    differs = bone.read(low, before.shape) != before
+    n = [side // 8 for side in before.shape]
+    return np.argwhere(differs.reshape(n[0], 8, n[1], 8, n[2], 8).any(axis=(1, 3, 5))) + np.asarray(low) // 8
+
+
+def summary(values: list[float]) -> dict[str, float]:
+    """Median and quartiles [ms]."""
+    low, median, high = np.percentile(np.array(values) * 1e3, [25, 50, 75])
+    return {"median_ms": float(median), "q1_ms": float(low), "q3_ms": float(high), "largest_ms": 1e3 * max(values)}
+
+
+def flying_edges(bone: burrlab.VoxelBone, start: np.ndarray, shape: tuple[int, int, int]) -> float:
+    """Seconds that VTK takes for a box, from levels to triangles with normals."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkCommonDataModel import vtkImageData
+    from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D
+
+    begin = time.perf_counter()
+    levels = bone.read(start, shape)
+    image = vtkImageData()
+    image.SetDimensions(shape[2], shape[1], shape[0])
+    image.GetPointData().SetScalars(numpy_to_vtk(levels.ravel()))
+    edges = vtkFlyingEdges3D()
+    edges.SetInputData(image)
+    edges.SetValue(0, 127.5)
+    edges.Update()
+    return time.perf_counter() - begin
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=24)
+    parser.add_argument("--rebuilds", type=int, default=5)
+    parser.add_argument("--scene", action="store_true", help="with the actors of a pyvista scene")
+    parser.add_argument("--json", metavar="FILE")
+    options = parser.parse_args()
+    half = SIDE * VOXEL / 2
+    bone = burrlab.VoxelBone.block(
+        (2 * half,) * 3, VOXEL, origin=(VOXEL / 2 - half, VOXEL / 2 - half, VOXEL / 2 - 2 * half)
+    )
+    contact = burrlab.BurrContact(bone, burrlab.Burr(RADIUS), burrlab.materials["bone"], 1)
+    surface = Surface(bone)
+    actors = None
+    if options.scene:
+        from burrlab.view.scene import Scene
+
+        scene = Scene(bone, [RADIUS], off_screen=True)
+        surface, actors = scene.surface, scene.actors
+    update, update_actors, vtk, counts, triangles = [], [], [], [], []
+    rebuild, rebuild_actors = [], []
+    every = max(options.frames // options.rebuilds, 1)
+    low = np.array([SIDE - 64, SIDE // 2 - 80, 0])
+    for frame in range(options.frames):
+        x = -15 + SPEED * 1e-3 * TICKS * (frame + np.arange(TICKS) / TICKS)
+        path = np.stack([x, 0.033 + 0 * x, RADIUS - IMMERSION + 0 * x], axis=1)
+        before = bone.read(low, (64, 160, SIDE))
+        contact.run(path, 1.0)
+        bricks = changed_bricks(bone, low, before)
+        begin = time.perf_counter()
+        blocks = surface.update(bone, bricks)
+        update.append(time.perf_counter() - begin)
+        if actors is not None:
+            actors.replace(surface, blocks)
+            update_actors.append(time.perf_counter() - begin)
+        counts.append((len(bricks), len(blocks)))
+        triangles.append(sum(len(surface.blocks[b].triangles) for b in blocks if b in surface.blocks))
+        vtk.append(sum(
+            flying_edges(bone, np.maximum(np.array(b) * 32 - 1, 0), tuple(np.minimum(34, SIDE - np.maximum(np.array(b) * 32 - 1, 0)).tolist()))
+            for b in blocks
+        ))  # fmt: skip
+        if frame % every == every - 1:
+            begin = time.perf_counter()
+            blocks = surface.update(bone)
+            rebuild.append(time.perf_counter() - begin)
+            if actors is not None:
+                actors.replace(surface, blocks)
+                rebuild_actors.append(time.perf_counter() - begin)
+    result = {
+        "bricks": float(np.median([a for a, _ in counts])), "blocks": float(np.median([b for _, b in counts])),
+        "triangles": float(np.median(triangles)), "all_triangles": sum(len(b.triangles) for b in surface.blocks.values()),
+        "update": summary(update), "rebuild": summary(rebuild),
+        "ratio": float(np.median(rebuild) / np.median(update)),
+        "flying_edges_of_the_blocks": summary(vtk),
+    }  # fmt: skip
+    if update_actors:
+        result |= {
+            "update_with_actors": summary(update_actors), "rebuild_with_actors": summary(rebuild_actors),
+            "ratio_with_actors": float(np.median(rebuild_actors) / np.median(update_actors)),
+        }  # fmt: skip
+    text = json.dumps(result, indent=2)
+    print(text)
+    if options.json:
+        with open(options.json, "w", encoding="utf-8") as file:
+            file.write(text + "\n")
+
+
+if __name__ == "__main__":
+    main()

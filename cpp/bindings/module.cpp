@@ -32,10 +32,12 @@ PYBIND11_MODULE(_core, m) {
   bind_material(m);
   bind_tissues(m);
   bind_voxel_bone(m);
+  bind_bricks(m);
   bind_force(m);
   bind_burr_contact(m);
   bind_force_controller(m);
   bind_mean_field(m);
+  bind_anatomy(m);
   bind_session(m);
   bind_haptic_loop(m);
   bind_follower(m);

@@ -100,9 +100,7 @@ def eyes(view: Viewpoint, separation: float, aspect: float) -> list[tuple[Viewpo
     out = []
     for sign in (-1.0, 1.0):
         offset = sign * half * right
-        moved = Viewpoint(
-            _tuple(view.position + offset), _tuple(view.focus + offset), view.up, view.angle
-        )
+        moved = Viewpoint(_tuple(view.position + offset), _tuple(view.focus + offset), view.up, view.angle)
         out.append((moved, -sign * half / half_width))
     return out
 

@@ -116,7 +116,9 @@ def _tissue_handles(bone: VoxelBone, images: Sequence[SliceImage]) -> list[Patch
     })  # fmt: skip
     table = list(bone.tissues)
     return [
-        Patch(facecolor=np.array(table[i].colour) / 255.0, edgecolor="0.3", linewidth=0.5, label=table[i].name)
+        Patch(
+            facecolor=np.array(table[i].colour) / 255.0, edgecolor="0.3", linewidth=0.5, label=table[i].name
+        )
         for i in shown
     ] + removed
 
@@ -212,7 +214,10 @@ def plot_depth_map(
         for limits, along, step in ((axes.set_xlim, 0, half[0]), (axes.set_ylim, 1, half[1])):
             kept = places[along][np.flatnonzero(depth.max(axis=along) > 0.01 * deepest)]
             margin = 0.12 * (kept[-1] - kept[0]) + 2 * step
-            limits(max(kept[0] - margin, places[along][0] - step), min(kept[-1] + margin, places[along][-1] + step))
+            limits(
+                max(kept[0] - margin, places[along][0] - step),
+                min(kept[-1] + margin, places[along][-1] + step),
+            )
     figure = axes.get_figure(root=True)
     assert figure is not None
     figure.colorbar(image, ax=axes, label=f"bone removed along {_NAMES[across]} [mm]")

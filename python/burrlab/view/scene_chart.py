@@ -25,7 +25,10 @@ class SceneChart:
         self.charts, self.lines = [], []
         for row, (label, colour) in enumerate((("force [N]", "#4EA5E0"), ("depth [mm]", "#3CC49A"))):
             chart = module.Chart2D(
-                size=(0.30, 0.155), loc=(0.008, 0.17 - 0.16 * row), x_label="time [s]" if row else "", y_label=label
+                size=(0.30, 0.155),
+                loc=(0.008, 0.17 - 0.16 * row),
+                x_label="time [s]" if row else "",
+                y_label=label,
             )
             chart.background_color = (0.04, 0.05, 0.07, 0.72)
             chart.border_color = (1.0, 1.0, 1.0, 0.0)

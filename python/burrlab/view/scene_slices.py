@@ -51,7 +51,13 @@ class SlicePanels:
 
 class _Panel:
     def __init__(self, plotter: Any, plane: str, row: int) -> None:
-        from vtkmodules.vtkRenderingCore import vtkActor, vtkImageActor, vtkPolyDataMapper, vtkRenderer, vtkTextActor
+        from vtkmodules.vtkRenderingCore import (
+            vtkActor,
+            vtkImageActor,
+            vtkPolyDataMapper,
+            vtkRenderer,
+            vtkTextActor,
+        )
 
         self.plane, self.image = plane, None
         self.renderer = vtkRenderer()

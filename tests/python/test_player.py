@@ -1,0 +1,160 @@
+"""The player: any moment of a trace, to the bit, whichever way it was reached."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+from session_scenes import SEED, FakeReader, make_records, small_bone, tools
+
+import burrlab
+from burrlab import _core
+from burrlab.view import TracePlayer
+
+TICKS, FIRST = 3000, 30
+MOMENTS = (0, 1, 249, 250, 251, 777, 1500, 2999, 3000)  # executed ticks
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """(trace, digest at each moment), made by contacts: none of the code that plays it."""
+    file = tmp_path_factory.mktemp("player") / "session.h5"
+    digests = {}
+    for moment in MOMENTS:
+        bone = small_bone()
+        records = make_records(bone, moment, burrs=2, first=FIRST) if moment else None
+        digests[moment] = bone.digest()
+    writer = burrlab.TraceWriter(
+        file, FakeReader(records), small_bone(), tools(2), seed=SEED, first_tick=FIRST
+    )
+    writer.stop()
+    return burrlab.load_trace(file), digests
+
+
+def play(scene, **options):
+    return TracePlayer(scene[0], **options)
+
+
+@pytest.mark.parametrize("prepared", [False, True])
+@pytest.mark.parametrize("memory", [256.0, 0.1])
+def test_every_moment_is_that_of_the_session(scene, prepared, memory):
+    player = play(scene, every=0.1, memory=memory)
+    if prepared:
+        assert player.prepare()
+        assert player.done == 0
+    rng = np.random.default_rng(1)
+    for moment in [*MOMENTS, *reversed(MOMENTS), *rng.choice(MOMENTS, 30)]:
+        player.seek_tick(int(moment))
+        assert player.done == moment
+        assert player.tick == FIRST + moment
+        assert player.bone.digest() == scene[1][moment]
+    states, size = player.kept
+    assert size <= memory * 1e6
+    assert (states > 20) == (memory > 100)
+
+
+def test_changed_bricks_are_those_that_differ(scene):
+    player = play(scene, every=0.1)
+    view = player.bone.density
+    seen = np.ones(player.bone.shape, bool)
+    rng = np.random.default_rng(2)
+    for moment in rng.integers(0, TICKS + 1, 40):
+        bricks = player.seek_tick(int(moment))
+        assert (np.diff(bricks.astype(int)) > 0).all()
+        now = player.bone.density
+        seen[:] = False
+        counts = [-(-n // 8) for n in player.bone.shape]
+        for z, y, x in zip(*np.unravel_index(bricks, counts), strict=True):
+            seen[8 * z : 8 * z + 8, 8 * y : 8 * y + 8, 8 * x : 8 * x + 8] = True
+        assert (now == view)[~seen].all()
+        view = now
+    assert len(player.seek_tick(player.done)) == 0
+
+
+def test_seconds_count_whole_ticks(scene):
+    player, times = play(scene), scene[0].time()
+    assert (player.time, player.done) == (0.0, 0)
+    assert player.duration == pytest.approx(times[-1])
+    for done in (1, 2, 1234, TICKS):
+        for late in (0.0, 0.0009):  # a tick that has not ended is not executed
+            player.seek(min(times[done - 1] + late, player.duration))
+            assert player.done == done
+            assert player.time == times[done - 1]
+    player.seek(0.0)
+    assert (player.time, player.done) == (0.0, 0)
+
+
+def test_burrs_force_and_depth_are_the_recorded_ones(scene):
+    player, rows = play(scene), scene[0].ticks["burr"]
+    assert not player.burrs.on.any()
+    assert not player.force.any()
+    assert (player.burrs.centers == rows["center_mm"][0]).all()
+    player.seek_tick(2000)
+    assert (player.burrs.centers == rows["center_mm"][1999]).all()
+    assert (player.burrs.radii == [burr.radius for burr, _ in scene[0].tools]).all()
+    assert (player.force == rows["force_N"][1999]).all()
+    assert (player.depth == rows["penetration_mm"][1999]).all()
+    history = player.history
+    assert history.time[1999] == player.time
+    assert history.force[1999] == pytest.approx(np.linalg.norm(player.force, axis=1))
+    assert (history.depth[1999] == player.depth).all()
+
+
+def test_prepares_beside_seeks(scene):
+    player = play(scene, every=0.02, memory=0.1)  # states are given up meanwhile
+    done = []
+    thread = threading.Thread(target=player.prepare, args=(done.append,))
+    thread.start()
+    rng = np.random.default_rng(3)
+    while thread.is_alive():
+        moment = int(rng.choice(MOMENTS))
+        player.seek_tick(moment)
+        assert player.bone.digest() == scene[1][moment]
+    thread.join()
+    assert done[-1] == 1.0
+    assert player.prepared == 1.0
+
+
+def test_preparing_ends_when_asked(scene):
+    player, cancel = play(scene, every=0.1), threading.Event()
+    assert not player.prepare(lambda part: cancel.set() if part > 0.2 else None, cancel=cancel)
+    assert 0.1 < player.prepared < 0.5
+    player.seek_tick(1500)
+    assert player.bone.digest() == scene[1][1500]
+
+
+def test_refusals(scene):
+    with pytest.raises(TypeError, match="trace must be a Trace"):
+        TracePlayer("session.h5")
+    for name in ("every", "memory"):
+        with pytest.raises(ValueError, match=f"{name} must be positive, got 0"):
+            play(scene, **{name: 0})
+    player = play(scene)
+    for seconds in (-0.1, 3.1, float("nan")):
+        with pytest.raises(ValueError, match=r"seconds must be from 0 to 3\.06"):
+            player.seek(seconds)
+    with pytest.raises(ValueError, match="done must be from 0 to 3000, got 3001"):
+        player.seek_tick(3001)
+
+
+def test_bricks_are_restored_under_their_pristine_levels():
+    bone = small_bone()
+    bricks = np.array([0, 3], np.uint32)
+    levels = _core.read_bricks(bone, bricks)
+    assert levels.shape == (2, 512)
+    before = bone.digest()
+    _core.restore_bricks(bone, bricks, levels // 2)
+    assert list(_core.take_changed_bricks(bone))[-1] >= 3
+    assert bone.digest() != before
+    assert (bone.pristine == small_bone().pristine).all()
+    thin = burrlab.VoxelBone.block((2, 2, 2), 0.2, level=100)
+    with pytest.raises(ValueError, match="density of a brick must be at most its pristine level, got 101"):
+        _core.restore_bricks(thin, bricks, np.full((2, 512), 101, np.uint8))
+    assert thin.removed == 0
+    with pytest.raises(ValueError, match=r"density must have shape \(n, 512\)"):
+        _core.restore_bricks(bone, bricks, levels[:1])
+    with pytest.raises(ValueError, match="brick must be below"):
+        _core.read_bricks(bone, [10**6])
+    _core.restore_bricks(bone, bricks, levels)
+    assert bone.digest() == before

@@ -81,6 +81,10 @@ void bind_burr_contact(py::module_& m) {
           "normal", [](const Contact& c) { return c.normal; },
           "(3,) out of the bone; shorter than 1 where ambiguous; a copy")
       .def_readonly("penetration", &Contact::penetration, "Effective depth h, Eq. 2 [mm]")
+      .def_readonly(
+          "c_e", &Contact::c_e,
+          "Elastic constant of Eq. 3: in a bone with tissues the mean over the mass inside the sphere; "
+          "without any of it the material's [N/mm^2]")
       .def_readonly("m0", &Contact::m0, "[mm^3]")
       .def_property_readonly(
           "m1", [](const Contact& c) { return c.m1; }, "(3,) [mm^4]; a copy")
@@ -117,6 +121,7 @@ void bind_burr_contact(py::module_& m) {
                              "(n, 3) [mm^4]")
       .def_property_readonly("penetration", column([](const Contact& c) { return c.penetration; }),
                              "(n,) [mm]")
+      .def_property_readonly("c_e", column([](const Contact& c) { return c.c_e; }), "(n,) [N/mm^2]")
       .def_property_readonly("m0", column([](const Contact& c) { return c.m0; }), "(n,) [mm^3]")
       .def_property_readonly("removed", column([](const Contact& c) { return c.removed; }), "(n,) [mm^3]")
       .def_property_readonly("tick", column([](const Contact& c) { return c.tick; }), "(n,)")
@@ -146,6 +151,7 @@ bone : VoxelBone
     Shared, and eroded in place.
 burr : Burr
 material : Material
+    In a bone with tissues that of their table: its f holds for all of them.
 seed : int
     0 to 2^64 - 1. The random numbers of a tick are a pure function of (seed, tick, index, voxel).
 index : int
@@ -157,7 +163,12 @@ scheme : {"layer", "cell"}
 Raises
 ------
 ValueError
-    If the radius is below 4 voxels, or the scheme unknown.
+    If the radius is below 4 voxels, the scheme unknown, the material not that of the bone's tissues, or the burr
+    too large for their c_e (200 voxels of radius at 1000 N/mm^2).
+
+Notes
+-----
+In a bone with tissues c_e is the mean over the mass inside the sphere, and every voxel erodes at its tissue's alpha.
 
 References
 ----------

@@ -139,5 +139,30 @@ rebuild_after : float
           py::arg("view"),
           "tick (executed), newest (its record, or None), bricks (n, 3) (z, y, x) of 8^3 voxels that "
           "changed, density (n, 8, 8, 8).")
+      .def(
+          "set_watch",
+          [](Follower& f, std::shared_ptr<AnatomyWatch> watch) {
+            const py::gil_scoped_release release;
+            f.visit([&](FollowedBone& followed) { followed.executor().set_watch(std::move(watch)); });
+          },
+          py::arg("watch"),
+          "Watches the follower's bone from now on. ValueError unless it is of this bone and these burrs.")
+      .def("watched", &watched_by<Follower>, py::arg("known") = 0,
+           "What the watch has seen, as `AnatomyWatch.seen`. ValueError if there is none.")
+      .def(
+          "tissue_levels",
+          [](Follower& f) {
+            std::vector<std::int64_t> levels;
+            {
+              const py::gil_scoped_release release;
+              f.visit([&](FollowedBone& followed) {
+                const VoxelBone& bone = followed.bone();
+                for (std::size_t i = 0; bone.tissues() && i < bone.tissues()->table().size(); ++i)
+                  levels.push_back(bone.tissue_levels(i));
+              });
+            }
+            return levels;
+          },
+          "Levels that are left of each tissue now, a list; empty without tissues.")
       .def("ask_rebuild", &Follower::ask_rebuild, "Rebuilds at its next turn, as if too far behind.");
 }

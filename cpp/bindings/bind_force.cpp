@@ -114,7 +114,7 @@ n = -m_1/max(|m_1|, 0.1 m_0 R), our decision: where the direction is undefined t
         require_positive("dt", dt);
         const Tick sphere(bone, burr.radius, parse_scheme(scheme), material.shape, seed, index);
         TickSums sums;
-        sphere.erode(bone, center, Tick::step_of(material.alpha * dt), tick, &sums);
+        sphere.erode(bone, center, ErosionSteps(bone, material, dt), tick, &sums);
         return static_cast<double>(sums.lost) * (bone.voxel_volume() / 255.0);
       },
       py::arg("bone"), py::arg("burr"), py::arg("center"), py::arg("material"), py::kw_only(), py::arg("dt"),
@@ -132,6 +132,7 @@ burr : Burr
 center : (x, y, z)
     [mm]
 material : Material
+    In a bone with tissues that of their table; each erodes at its own alpha.
 dt : float
     [ms]
 seed, tick, index : int
@@ -146,6 +147,7 @@ float
 Raises
 ------
 ValueError
-    If dt is not positive, the centre not finite, or the radius below 4 voxels.
+    If dt is not positive, the centre not finite, the radius below 4 voxels, or the material not that of the
+    bone's tissues.
 )");
 }

@@ -206,17 +206,17 @@ ValueError
       .def(
           "start",
           [](Replica& replica, std::shared_ptr<VoxelBone> bone, const Tools& tools, std::uint64_t seed,
-             double period, const std::string& scheme) {
+             double period, const std::string& scheme, std::shared_ptr<AnatomyWatch> watch) {
             SessionSetup setup;
             for (const auto& [burr, material] : tools) setup.tools.push_back({burr, material});
             setup.seed = seed;
             setup.period = period;
             setup.scheme = parse_scheme(scheme);
             const py::gil_scoped_release release;
-            replica.start(std::move(bone), setup);
+            replica.start(std::move(bone), setup, std::move(watch));
           },
           py::arg("bone"), py::arg("tools"), py::arg("seed"), py::kw_only(), py::arg("period") = 1.0,
-          py::arg("scheme") = "layer",
+          py::arg("scheme") = "layer", py::arg("watch") = nullptr,
           R"(Follows from now on, in a thread of its own.
 
 Parameters
@@ -225,6 +225,8 @@ bone : VoxelBone
     Changed in place.
 tools, seed, period, scheme
     As for `TickExecutor`.
+watch : AnatomyWatch, optional
+    Of this bone.
 
 Raises
 ------
@@ -263,6 +265,8 @@ ValueError
           },
           "What changed since the last call: tick (executed), newest (its record, or None), bricks (n, 3) "
           "(z, y, x) of 8^3 voxels, density (n, 8, 8, 8).")
+      .def("watched", &watched_by<Replica>, py::arg("known") = 0,
+           "What the watch has seen, as `AnatomyWatch.seen`. ValueError if there is none.")
       .def("flip", &Replica::flip, py::arg("voxel"), py::call_guard<py::gil_scoped_release>(),
            "Changes one voxel (z, y, x), so that tests see it found and repaired.");
 }

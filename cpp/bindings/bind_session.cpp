@@ -96,6 +96,10 @@ Raises
 ValueError
     If a record is not of this session or not the next one; nothing is executed then.
 )")
+      .def("set_watch", &TickExecutor::set_watch, py::arg("watch"),
+           "Called after each burr's step from now on; it begins with the bone as it is. ValueError unless "
+           "it is "
+           "of this bone and these burrs.")
       .def("probe", &TickExecutor::probe, py::arg("burr"), py::arg("center"),
            "The contact of a burr at a centre [mm] now, without erosion.")
       .def_property_readonly("tick", &TickExecutor::tick, "Index of the next tick")

@@ -22,6 +22,9 @@ inline burrlab::Shape to_shape(const ShapeArgument& shape) {
 /// tick, newest, bricks and density of what a consumer has not seen yet.
 pybind11::dict to_dict(const burrlab::BoneView::Update& update, const burrlab::VoxelBone& bone);
 
+/// What a watch has seen; events but for the first `known`.
+pybind11::dict to_dict(const burrlab::AnatomyWatch& watch, std::size_t known);
+
 /// (copy of the bone, ticks it has seen) of whatever follows a session.
 template <class Following>
 pybind11::tuple snapshot_of(const Following& following) {
@@ -34,6 +37,21 @@ pybind11::tuple snapshot_of(const Following& following) {
   return pybind11::make_tuple(bone, tick);
 }
 
+/// What the watch of whatever follows a session has seen; events but for the first `known`.
+template <class Following>
+pybind11::dict watched_by(Following& following, std::size_t known) {
+  std::shared_ptr<burrlab::AnatomyWatch> copy;
+  {
+    const pybind11::gil_scoped_release release;
+    following.visit([&](burrlab::FollowedBone& followed) {
+      if (const auto& watch = followed.executor().watch())
+        copy = std::make_shared<burrlab::AnatomyWatch>(*watch);
+    });
+  }
+  if (!copy) throw std::invalid_argument("watch must be set first");
+  return to_dict(*copy, known);
+}
+
 void bind_shape(pybind11::module_& m);
 void bind_material(pybind11::module_& m);
 void bind_tissues(pybind11::module_& m);
@@ -43,6 +61,7 @@ void bind_force(pybind11::module_& m);
 void bind_burr_contact(pybind11::module_& m);
 void bind_force_controller(pybind11::module_& m);
 void bind_mean_field(pybind11::module_& m);
+void bind_anatomy(pybind11::module_& m);
 void bind_session(pybind11::module_& m);
 void bind_haptic_loop(pybind11::module_& m);
 void bind_follower(pybind11::module_& m);

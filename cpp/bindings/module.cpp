@@ -37,6 +37,7 @@ PYBIND11_MODULE(_core, m) {
   bind_burr_contact(m);
   bind_force_controller(m);
   bind_mean_field(m);
+  bind_anatomy(m);
   bind_session(m);
   bind_haptic_loop(m);
   bind_follower(m);

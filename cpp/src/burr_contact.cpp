@@ -22,11 +22,40 @@ BurrContact::BurrContact(std::shared_ptr<VoxelBone> bone, const Burr& burr, cons
       seed_(seed),
       index_(index),
       scheme_(scheme),
-      tick_(*bone_, burr.radius, scheme, material.shape, seed, index) {}
+      tick_(*bone_, burr.radius, scheme, material.shape, seed, index),
+      steps_(0.0) {
+  check_tissues();
+}
+
+// A sum of K M must fit in 63 bits, and one material serves all tissues of a bone.
+void BurrContact::check_tissues() const {
+  check_material(*bone_, material_);
+  if (!bone_->tissues()) return;
+  const Vec3 reach = burr_.radius * bone_->spacing().cwiseInverse() + Vec3::Ones();
+  const double most = 4.18879020478639098 * reach.prod() * 65280.0;
+  if (!(most * bone_->tissues()->table().largest_stiffness() < 0x1p63))
+    refuse("radius over the voxel", "small enough for c_e of the tissues (200 at 1000 N/mm^2)",
+           tick_.resolution());
+}
+
+// Made anew where dt is another than last time, or the bone was given other tissues since.
+const ErosionSteps& BurrContact::steps_of(double dt) {
+  if (dt == dt_ && tissues_ == bone_->tissues()) return steps_;
+  check_tissues();
+  steps_ = ErosionSteps(*bone_, material_, dt);
+  tissues_ = bone_->tissues();
+  dt_ = dt;
+  return steps_;
+}
 
 Contact BurrContact::felt(const Moments& moments, const TickSums& sums) const {
-  const ElasticForce elastic = elastic_force(moments, burr_.radius, material_.c_e);
   Contact contact;
+  contact.c_e = material_.c_e;
+  if (bone_->tissues() && sums.mass > 0) {
+    const std::int64_t whole = sums.stiffness / sums.mass, rest = sums.stiffness % sums.mass;
+    contact.c_e = (double(whole) + double(rest) / double(sums.mass)) / Tissues::quanta;
+  }
+  const ElasticForce elastic = elastic_force(moments, burr_.radius, contact.c_e);
   contact.force = elastic.force;
   contact.normal = elastic.normal;
   contact.penetration = elastic.penetration;
@@ -51,14 +80,13 @@ Contact BurrContact::probe(const Vec3& center) const {
 Contact BurrContact::step(const Vec3& center, double dt, bool burr_on) {
   require_positive("dt", dt);
   if (!burr_on) return this->step(center, nullptr);
-  const ErodedFraction step = Tick::step_of(material_.alpha * dt);
-  return this->step(center, &step);
+  return step(center, &steps_of(dt));
 }
 
-Contact BurrContact::step(const Vec3& center, const ErodedFraction* step) {
+Contact BurrContact::step(const Vec3& center, const ErosionSteps* steps) {
   TickSums sums;
-  const Moments moments = step ? tick_.moments_and_erode(*bone_, center, *step, tick, &sums)
-                               : tick_.moments(*bone_, center, &sums);
+  const Moments moments = steps ? tick_.moments_and_erode(*bone_, center, *steps, tick, &sums)
+                                : tick_.moments(*bone_, center, &sums);
   const Contact contact = felt(moments, sums);
   ++tick;
   return contact;
@@ -67,7 +95,7 @@ Contact BurrContact::step(const Vec3& center, const ErodedFraction* step) {
 double BurrContact::erode(const Vec3& center, double dt) {
   require_positive("dt", dt);
   TickSums sums;
-  tick_.erode(*bone_, center, Tick::step_of(material_.alpha * dt), tick, &sums);
+  tick_.erode(*bone_, center, steps_of(dt), tick, &sums);
   ++tick;
   return static_cast<double>(sums.lost) * (bone_->voxel_volume() / 255.0);
 }

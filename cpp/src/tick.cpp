@@ -18,7 +18,8 @@ namespace burrlab {
 
 static_assert(kernel::depth_row == kernel::depth_cell * (DepthTable::columns - 1) &&
               kernel::depth_rows_per_voxel == DepthTable::rows_per_voxel &&
-              kernel::depth_columns_per_unit == DepthTable::columns_per_unit);
+              kernel::depth_columns_per_unit == DepthTable::columns_per_unit &&
+              kernel::most_tissues == Tissues::most);
 
 Scheme parse_scheme(const std::string& name) {
   if (name == "layer") return Scheme::layer;
@@ -93,14 +94,7 @@ kernel::Sphere Tick::sphere(const Placement& at) const {
   return sphere;
 }
 
-ErodedFraction Tick::step_of(double a) {
-  if (!(a <= largest_step)) refuse("alpha dt", "at most 1000", a);
-  return ErodedFraction(a);
-}
-
-void Tick::prepare_erosion(kernel::Sphere& sphere, const ErodedFraction& step, std::uint64_t tick) const {
-  sphere.fraction_scale = step.scale;
-  sphere.doublings = step.doublings;
+void Tick::prepare_erosion(kernel::Sphere& sphere, std::uint64_t tick) const {
   sphere.shape = shape_.kind() == Shape::Kind::constant ? kernel::shape_constant
                  : shape_.kind() == Shape::Kind::linear ? kernel::shape_linear
                                                         : kernel::shape_power;
@@ -113,13 +107,24 @@ void Tick::prepare_erosion(kernel::Sphere& sphere, const ErodedFraction& step, s
 
 template <bool summing, bool eroding>
 TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& at,
-                    const kernel::Sphere& sphere) const {
+                    const kernel::Sphere& sphere, const ErosionSteps* steps) const {
   TickSums sums;
   const auto& visit_of = kernel_->visit;
   const int layer = scheme_ == Scheme::layer, isotropic = isotropic_;
-  const kernel::Visit visit =
+  const auto& visit =
       visit_of[eroding ? (summing ? kernel::both : kernel::erosion) : kernel::moments][layer][isotropic];
-  const kernel::Visit erode_only = visit_of[kernel::erosion][layer][isotropic];
+  const auto& erode_only = visit_of[kernel::erosion][layer][isotropic];
+  const TissueMap* map = bone.tissues().get();
+  kernel::TissueTables tables{};
+  if (map) {
+    tables.stiffness = map->table().stiffnesses();
+    tables.few = map->table().size() <= kernel::few_tissues;
+  }
+  if (map && eroding) {
+    tables.fraction_scale = steps->scale;
+    tables.doublings = steps->doublings;
+    tables.most_doublings = steps->most_doublings;
+  }
   const Index3& shape = bone.shape();
   const auto columns_in_row = static_cast<std::uint32_t>(shape[2]);
   const auto columns_in_slab = columns_in_row * static_cast<std::uint32_t>((shape[1] + 7) / 8);
@@ -136,10 +141,15 @@ TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& a
 
   const auto at_brick = [&](std::int64_t z, std::int64_t y, std::int64_t x, bool whole) {
     const std::size_t number = bone.brick_number(z, y, x);
-    std::uint8_t before[brick_voxels];
-    if (eroding && bone.tissues() && bone.tissues()->tile(number))
-      std::memcpy(before, bone.tile(number), brick_voxels);
+    const std::uint8_t* numbers = map ? map->tile(number) : nullptr;  // null: one tissue
+    const std::size_t tissue = map ? map->number(number) : 0;
+    alignas(64) std::uint8_t before[brick_voxels];
+    if (eroding && numbers) std::memcpy(before, bone.tile(number), brick_voxels);
     kernel::Brick brick;
+    brick.tissue = numbers;
+    brick.tissues = &tables;
+    brick.fraction_scale = eroding ? steps->scale[tissue] : 0.0f;
+    brick.doublings = eroding ? steps->doublings[tissue] : 0;
     brick.density = eroding ? eroded->open(number) : const_cast<std::uint8_t*>(bone.tile(number));
     brick.pristine = bone.pristine_tile(number);
     brick.level = bone.pristine_level(number);
@@ -160,11 +170,13 @@ TickSums Tick::pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& a
       found.x = std::int64_t{256} * stored.x;
       found.y = std::int64_t{256} * stored.y;
       found.z = std::int64_t{256} * stored.z;
-      if (eroding) erode_only(sphere, brick, found);
+      if (numbers) found.stiffness = std::int64_t{256} * kernel_->weigh(bone.tile(number), numbers, tables);
+      if (eroding) erode_only[numbers != nullptr](sphere, brick, found);
     } else {
-      visit(sphere, brick, found);
+      visit[numbers != nullptr](sphere, brick, found);
     }
     if (summing) {
+      if (map) sums.stiffness += numbers ? found.stiffness : tables.stiffness[tissue] * found.mass;
       sums.mass += found.mass;
       sums.first[0] += found.x + from[0] * found.mass;
       sums.first[1] += found.y + from[1] * found.mass;
@@ -194,26 +206,26 @@ Moments Tick::to_moments(const VoxelBone& bone, const Placement& at, const TickS
 
 Moments Tick::moments(const VoxelBone& bone, const Vec3& center, TickSums* sums) const {
   const Placement at = place(bone, center);
-  const TickSums found = pass<true, false>(bone, nullptr, at, sphere(at));
+  const TickSums found = pass<true, false>(bone, nullptr, at, sphere(at), nullptr);
   if (sums) *sums = found;
   return to_moments(bone, at, found);
 }
 
-void Tick::erode(VoxelBone& bone, const Vec3& center, const ErodedFraction& step, std::uint64_t tick,
+void Tick::erode(VoxelBone& bone, const Vec3& center, const ErosionSteps& steps, std::uint64_t tick,
                  TickSums* sums) const {
   const Placement at = place(bone, center);
   kernel::Sphere ball = sphere(at);
-  prepare_erosion(ball, step, tick);
-  const TickSums found = pass<false, true>(bone, &bone, at, ball);
+  prepare_erosion(ball, tick);
+  const TickSums found = pass<false, true>(bone, &bone, at, ball, &steps);
   if (sums) *sums = found;
 }
 
-Moments Tick::moments_and_erode(VoxelBone& bone, const Vec3& center, const ErodedFraction& step,
+Moments Tick::moments_and_erode(VoxelBone& bone, const Vec3& center, const ErosionSteps& steps,
                                 std::uint64_t tick, TickSums* sums) const {
   const Placement at = place(bone, center);
   kernel::Sphere ball = sphere(at);
-  prepare_erosion(ball, step, tick);
-  const TickSums found = pass<true, true>(bone, &bone, at, ball);
+  prepare_erosion(ball, tick);
+  const TickSums found = pass<true, true>(bone, &bone, at, ball, &steps);
   if (sums) *sums = found;
   return to_moments(bone, at, found);
 }

@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "burrlab/check.hpp"
+#include "kernel/kernel.hpp"
 
 namespace burrlab {
 
@@ -58,8 +59,7 @@ void TissueMap::read(const Index3& start, const Index3& shape, std::uint8_t* out
 }
 
 void TissueMap::add(std::size_t brick, const std::uint8_t* levels, int sign, Sums& sums) const {
-  const std::uint8_t* numbers = tiles_.tile(brick);
-  for (int i = 0; i < brick_voxels; ++i) sums[numbers[i]] += sign * levels[i];
+  kernel::current_kernel().add_by_tissue(levels, tiles_.tile(brick), present_[brick], sign, sums.data());
 }
 
 }  // namespace burrlab

@@ -276,7 +276,7 @@ std::uint8_t* VoxelBone::open(std::size_t brick) {
 }
 
 std::int64_t VoxelBone::close(const Index3& at, std::size_t brick, const BrickSums& now,
-                              const std::uint8_t* before) {
+                              std::uint8_t* before) {
   const std::int64_t lost = std::int64_t(sums_[brick].mass) - now.mass;
   if (lost == 0) return 0;
   sums_[brick] = now;
@@ -285,8 +285,9 @@ std::int64_t VoxelBone::close(const Index3& at, std::size_t brick, const BrickSu
   if (now.mass == 0) occupancy_.set(at, false);
   if (tissues_) {
     if (tissues_->tile(brick)) {
+      const std::uint8_t* after = tile(brick);
+      for (int i = 0; i < brick_voxels; ++i) before[i] = static_cast<std::uint8_t>(before[i] - after[i]);
       tissues_->add(brick, before, -1, tissue_sums_.present);
-      tissues_->add(brick, tile(brick), 1, tissue_sums_.present);
     } else {
       tissue_sums_.present[tissues_->number(brick)] -= lost;
     }
@@ -319,7 +320,7 @@ void VoxelBone::count_tissues(std::size_t brick, int sign) {
     tissue_sums_.pristine[tissue] += sign * pristine_mass(place(brick), brick);
     return;
   }
-  std::uint8_t pristine[brick_voxels];
+  alignas(64) std::uint8_t pristine[brick_voxels];
   copy_pristine(place(brick), brick, pristine);
   tissues_->add(brick, tile(brick), sign, tissue_sums_.present);
   tissues_->add(brick, pristine, sign, tissue_sums_.pristine);

@@ -75,7 +75,7 @@ void check_faint() {
     const Tick tick(bone, 1.5, Scheme::layer, Shape::parabolic(), 1, 0);
     TickSums felt, fused;
     tick.moments(bone, center, &felt);
-    tick.moments_and_erode(bone, center, Tick::step_of(0.1), 0, &fused);
+    tick.moments_and_erode(bone, center, ErosionSteps(0.1), 0, &fused);
     CHECK(felt.mass > 0 && felt.mass == fused.mass && felt.faint == fused.faint);
     return felt;
   };
@@ -113,7 +113,7 @@ void check_erosion() {
       VoxelBone bone = fresh;
       TickSums sums;
       Tick(bone, 1.5, scheme, Shape::parabolic(), seed, index)
-          .erode(bone, center, Tick::step_of(0.1), number, &sums);
+          .erode(bone, center, ErosionSteps(0.1), number, &sums);
       const VoxelBone::Levels left = bone.density();
       std::int64_t lost = 0;
       for (const std::uint8_t level : left) lost += 255 - level;
@@ -136,12 +136,12 @@ void check_erosion() {
   const Tick tick(bone, 1.5, Scheme::layer, Shape::parabolic(), 1, 0);
   const Moments before = tick.moments(bone, center);
   TickSums sums;
-  CHECK(tick.moments_and_erode(bone, center, Tick::step_of(0.0), 0, &sums).m0 == before.m0);
+  CHECK(tick.moments_and_erode(bone, center, ErosionSteps(0.0), 0, &sums).m0 == before.m0);
   CHECK(sums.lost == 0 && bone.digest() == fresh.digest());
-  CHECK(tick.moments_and_erode(bone, center, Tick::step_of(0.1), 0, &sums).m0 == before.m0);
+  CHECK(tick.moments_and_erode(bone, center, ErosionSteps(0.1), 0, &sums).m0 == before.m0);
   CHECK(tick.moments(bone, center).m0 < before.m0);
   const std::string digest = bone.digest();
-  const auto too_much = [&] { return tick.erode(bone, center, Tick::step_of(1000.5), 1, &sums), 0; };
+  const auto too_much = [&] { return tick.erode(bone, center, ErosionSteps(1000.5), 1, &sums), 0; };
   CHECK_THROWS(too_much(), "alpha dt must be at most 1000, got 1000.5");
   CHECK(bone.digest() == digest);
 }
@@ -155,9 +155,9 @@ void check_passes() {
     const Tick tick(fresh, 1.5, scheme, Shape::quartic(), 3, 2);
     for (std::uint64_t number = 0; number < 5; ++number) {
       TickSums both, moments, erosion;
-      const Moments once = tick.moments_and_erode(fused, center, Tick::step_of(0.5), number, &both);
+      const Moments once = tick.moments_and_erode(fused, center, ErosionSteps(0.5), number, &both);
       const Moments first = tick.moments(split, center, &moments);
-      tick.erode(split, center, Tick::step_of(0.5), number, &erosion);
+      tick.erode(split, center, ErosionSteps(0.5), number, &erosion);
       CHECK(once.m0 == first.m0 && once.m1 == first.m1);
       CHECK(both.mass == moments.mass && both.faint == moments.faint && moments.lost == 0);
       for (int axis = 0; axis < 3; ++axis) CHECK(both.first[axis] == moments.first[axis]);

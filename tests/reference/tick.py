@@ -267,6 +267,15 @@ def eroded_fraction(f: Float, rate: float) -> Float:
     return P
 
 
+def eroded_by_tissue(f: Float, rates: Sequence[float], tissue: NDArray[np.uint8]) -> Float:
+    """The eroded fraction of every voxel at the rate of its tissue (f32)."""
+    P = np.zeros_like(f)
+    for number, rate in enumerate(rates):
+        here = tissue == number
+        P[here] = eroded_fraction(f[here], rate)
+    return P
+
+
 def loss(expected: Float, u: Integer, v: Integer) -> Integer:
     """Levels lost: the expected loss [2^-16 level], rounded up or down by the draws u and v."""
     T = truncated(expected)
@@ -287,12 +296,27 @@ def penetration_ratio(m: float) -> float:
     return math.sqrt(m) * s
 
 
+@dataclass(frozen=True)
+class ReferenceTissues:
+    """The tissue of every voxel, by number, and the elastic constant [N/mm^2] and erosion rate [1/ms] of each."""
+
+    number: NDArray[np.uint8]
+    c_e: Sequence[float]
+    alpha: Sequence[float]
+
+    def mean_c_e(self, m256: Integer) -> float:
+        """Mean of c_e over a mass that is not zero [N/mm^2]."""
+        K = np.array([int(np.rint(4096 * c)) for c in self.c_e])
+        S0, S_K = int(m256.sum()), int((K[self.number] * m256).sum())
+        return (S_K // S0 + float(S_K % S0) / float(S0)) / 4096
+
+
 # --- The tick ---------------------------------------------------------------------------------------------
 
 
 @dataclass
 class ReferenceContact:
-    """A burr of one material on a voxel bone.
+    """A burr on a voxel bone, of one material or of tissues.
 
     Parameters
     ----------
@@ -318,6 +342,8 @@ class ReferenceContact:
         Erosion scheme.
     depth_table : ndarray of float32, (25, 41), optional
         Effective depth G(i/8, j/40) of the shape's order; `layer` needs it unless the shape is constant.
+    tissues : ReferenceTissues, optional
+        Without them every voxel has `c_e` and `alpha`.
     """
 
     q: NDArray[np.uint8]
@@ -332,6 +358,7 @@ class ReferenceContact:
     index: int = 0
     scheme: str = "layer"
     depth_table: Float | None = None
+    tissues: ReferenceTissues | None = None
     tick: int = field(default=0, init=False)
 
     def step(self, center: ArrayLike, dt: float, burr_on: bool = True) -> dict[str, object]:
@@ -349,8 +376,8 @@ class ReferenceContact:
         Returns
         -------
         dict
-            force [N], normal, penetration [mm], m0 [mm^3], m1 [mm^4], removed [mm^3], and the flags touching,
-            ambiguous, coarse, faint.
+            force [N], c_e [N/mm^2], normal, penetration [mm], m0 [mm^3], m1 [mm^4], removed [mm^3], and the flags
+            touching, ambiguous, coarse, faint.
         """
         sx, sy, sz = spacing = tuple(float(s) for s in np.broadcast_to(self.spacing, 3))
         at = geometry(center, self.radius, self.q.shape, spacing, tuple(float(o) for o in self.origin))  # type: ignore[arg-type]
@@ -372,13 +399,15 @@ class ReferenceContact:
         length = math.sqrt(m1[0] * m1[0] + m1[1] * m1[1] + m1[2] * m1[2])
         floor = 0.1 * m0 * R
         normal = np.zeros(3) if S0 == 0 else -np.array(m1) / max(length, floor)
-        force = self.c_e * R * R * (u * math.sqrt(u)) * normal
+        c_e = self.c_e if self.tissues is None or S0 == 0 else self.tissues.mean_c_e(m256)
+        force = c_e * R * R * (u * math.sqrt(u)) * normal
 
         faint_mass = int(m256[(self.p > 0) & (self.p < 32)].sum())
         dropped = self._erode(at, m256, dt) if burr_on else 0
         self.tick = (self.tick + 1) % 2**64
         return {
             "force": force,
+            "c_e": c_e,
             "normal": normal,
             "penetration": u * R,
             "m0": m0,
@@ -406,7 +435,12 @@ class ReferenceContact:
             delta = depth_fraction(at, self.q, self.p, m256, self.radius, table)
             f = shape.at_depth(delta, at.deep, x2)
         e256 = np.where(m256 > 0, 256 * self.q.astype(np.int64), 0) if self.scheme == "cell" else m256
-        lam = (e256.astype(f32) * f32(2.0**8)) * eroded_fraction(f, self.alpha * dt)
+        if self.tissues is None:
+            fraction = eroded_fraction(f, self.alpha * dt)
+        else:
+            rates = [alpha * dt for alpha in self.tissues.alpha]
+            fraction = eroded_by_tissue(f, rates, self.tissues.number)
+        lam = (e256.astype(f32) * f32(2.0**8)) * fraction
         if lam.dtype != f32:
             raise AssertionError("a Python float or a double has slipped into the single-precision part")
         return lam

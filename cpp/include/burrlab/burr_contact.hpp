@@ -16,6 +16,7 @@ struct Contact {
   Vec3 force = Vec3::Zero();   ///< [N]
   Vec3 normal = Vec3::Zero();  ///< out of the bone
   double penetration = 0.0;    ///< h [mm]
+  double c_e = 0.0;            ///< of Eq. 3: mean over the mass met; the material's without any [N/mm^2]
   double m0 = 0.0;             ///< [mm^3]
   Vec3 m1 = Vec3::Zero();      ///< [mm^4]
   double removed = 0.0;        ///< solid bone removed in this tick [mm^3]
@@ -46,8 +47,8 @@ class BurrContact {
   Contact probe(const Vec3& center) const;
   /// One tick of dt [ms] at `center` [mm].
   Contact step(const Vec3& center, double dt, bool burr_on);
-  /// The same with constants made before, `Tick::step_of(alpha dt)`; none of them: the burr is off.
-  Contact step(const Vec3& center, const ErodedFraction* step);
+  /// The same with constants made before, of this bone and material; none of them: the burr is off.
+  Contact step(const Vec3& center, const ErosionSteps* steps);
   /// The second half of a tick whose force `probe` gave: its erosion. Returns the solid bone removed [mm^3].
   double erode(const Vec3& center, double dt);
 
@@ -68,6 +69,8 @@ class BurrContact {
 
  private:
   Contact felt(const Moments& moments, const TickSums& sums) const;
+  void check_tissues() const;
+  const ErosionSteps& steps_of(double dt);
 
   std::shared_ptr<VoxelBone> bone_;
   Burr burr_;
@@ -76,6 +79,10 @@ class BurrContact {
   std::uint32_t index_;
   Scheme scheme_;
   Tick tick_;
+  // The constants of the last dt [ms], and the tissues that they are of.
+  double dt_ = 0.0;
+  std::shared_ptr<const TissueMap> tissues_;
+  ErosionSteps steps_;
 };
 
 }  // namespace burrlab

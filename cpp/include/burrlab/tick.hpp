@@ -7,7 +7,7 @@
 #include <string>
 
 #include "burrlab/depth_table.hpp"
-#include "burrlab/eroded_fraction.hpp"
+#include "burrlab/erosion_steps.hpp"
 #include "burrlab/force.hpp"
 #include "burrlab/shape.hpp"
 #include "burrlab/voxel_bone.hpp"
@@ -17,6 +17,7 @@ namespace burrlab {
 namespace kernel {
 struct Kernel;
 struct Sphere;
+struct TissueTables;
 }  // namespace kernel
 
 /// How bone in a voxel meets the sphere. `cell` is the paper's: a voxel is uniform. `layer` resolves the
@@ -31,27 +32,25 @@ struct TickSums {
                            0};  ///< sum of M times voxel index from the nearest to the centre, (x, y, z)
   std::int64_t faint = 0;       ///< the part of `mass` in voxels with p < 32, where `layer` errs
   std::int64_t lost = 0;        ///< levels removed
+  std::int64_t stiffness = 0;   ///< sum of K M in a bone with tissues [1/4096 N/mm^2 times 1/256 level]
 };
 
 /// The sphere in one bone's grid.
 class Tick {
  public:
-  static constexpr double coarsest = 4.0;         ///< R/s below which a burr is refused
-  static constexpr double coarse = 7.5;           ///< R/s below which results are flagged
-  static constexpr double largest_step = 1000.0;  ///< alpha dt above which a tick is refused
+  static constexpr double coarsest = 4.0;  ///< R/s below which a burr is refused
+  static constexpr double coarse = 7.5;    ///< R/s below which results are flagged
 
   Tick(const VoxelBone& bone, double radius, Scheme scheme, const Shape& shape, std::uint64_t seed,
        std::uint32_t index);
 
   /// Moments at `center` [mm], without erosion.
   Moments moments(const VoxelBone& bone, const Vec3& center, TickSums* sums = nullptr) const;
-  /// The constants of an erosion by a = alpha dt; throws if a is above `largest_step`.
-  static ErodedFraction step_of(double a);
   /// Erosion by one step with the draws of `tick`, without moments.
-  void erode(VoxelBone& bone, const Vec3& center, const ErodedFraction& step, std::uint64_t tick,
+  void erode(VoxelBone& bone, const Vec3& center, const ErosionSteps& steps, std::uint64_t tick,
              TickSums* sums) const;
   /// Both in one pass; the moments are those before the erosion.
-  Moments moments_and_erode(VoxelBone& bone, const Vec3& center, const ErodedFraction& step,
+  Moments moments_and_erode(VoxelBone& bone, const Vec3& center, const ErosionSteps& steps,
                             std::uint64_t tick, TickSums* sums) const;
 
   double resolution() const { return resolution_; }  ///< R/s, s the largest spacing
@@ -61,10 +60,10 @@ class Tick {
 
   Placement place(const VoxelBone& bone, const Vec3& center) const;
   kernel::Sphere sphere(const Placement& at) const;
-  void prepare_erosion(kernel::Sphere& sphere, const ErodedFraction& step, std::uint64_t tick) const;
+  void prepare_erosion(kernel::Sphere& sphere, std::uint64_t tick) const;
   template <bool summing, bool eroding>
-  TickSums pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& at,
-                const kernel::Sphere& sphere) const;
+  TickSums pass(const VoxelBone& bone, VoxelBone* eroded, const Placement& at, const kernel::Sphere& sphere,
+                const ErosionSteps* steps) const;
   Moments to_moments(const VoxelBone& bone, const Placement& at, const TickSums& sums) const;
 
   const kernel::Kernel* kernel_;

@@ -38,11 +38,14 @@ class Tissues {
   const Material& material() const { return material_; }
   /// c_e of a tissue, rounded to nearest [1/4096 N/mm^2].
   std::int32_t stiffness(std::size_t number) const { return stiffness_[number]; }
+  /// By number, `most` of them; zeros beyond `size()`.
+  const std::int32_t* stiffnesses() const { return stiffness_.data(); }
+  std::int32_t largest_stiffness() const;
 
  private:
   std::vector<Tissue> tissues_;
   Material material_;
-  std::vector<std::int32_t> stiffness_;
+  std::array<std::int32_t, most> stiffness_{};
 };
 
 }  // namespace burrlab

@@ -102,9 +102,9 @@ class VoxelBone {
   bool has_faint(std::size_t brick) const { return state_[brick] & faint; }
   /// The levels of a brick, to be eroded in place; saves the pristine ones if that is still to be done.
   std::uint8_t* open(std::size_t brick);
-  /// After erosion: its sums now, and, where it holds several tissues, its levels before. Returns the levels
-  /// lost.
-  std::int64_t close(const Index3& at, std::size_t brick, const BrickSums& now, const std::uint8_t* before);
+  /// After erosion: its sums now, and, where it holds several tissues, its levels before (aligned to a cache
+  /// line; they become what was lost). Returns the levels lost.
+  std::int64_t close(const Index3& at, std::size_t brick, const BrickSums& now, std::uint8_t* before);
 
  private:
   enum State : std::uint8_t {

@@ -24,11 +24,16 @@ struct Mass {
   }
 };
 
+/// K of each voxel of a unit.
+inline Integer stiffness_of(const Brick& brick, unsigned unit) {
+  return pick(brick.tissues->stiffness, brick.tissue + tile_offset(unit), brick.tissues->few);
+}
+
 /// Mass inside the sphere of a unit at its boundary, and what its erosion needs of the geometry.
-/// `plain`: the brick has one pristine level, not a faint one, and f is a power.
-template <bool layer, bool isotropic, bool summing, bool eroding, bool plain>
+/// `plain`: the brick has one pristine level, not a faint one, and f is a power; `mixed`: several tissues.
+template <bool layer, bool isotropic, bool summing, bool eroding, bool plain, bool mixed>
 inline void meet(const Sphere& at, const Brick& brick, const Rows& rows, Constants& c, int i, unsigned unit,
-                 Steps& steps, Mass& sum) {
+                 Steps& steps, Mass& sum, Wide& weight) {
   const Integer q = load_row(brick.density + tile_offset(unit));
 
   // Distance, and the covered fraction w of each voxel.
@@ -55,6 +60,7 @@ inline void meet(const Sphere& at, const Brick& brick, const Rows& rows, Constan
   }
   if (summing) {
     sum.add(unit, mass);
+    if (mixed) weight = add_product(weight, mass, stiffness_of(brick, unit));
     if (layer && !plain && brick.faint) sum.faint = sum.faint + only(set(32) > c.p, mass);
   }
 
@@ -79,12 +85,13 @@ inline void meet(const Sphere& at, const Brick& brick, const Rows& rows, Constan
 }
 
 /// A unit of deep voxels: whole, and as a rule without a square root.
-template <bool layer, bool summing, bool eroding>
+template <bool layer, bool summing, bool eroding, bool mixed>
 inline void meet_deep(const Sphere& at, const Brick& brick, const Rows& rows, const Constants& c, int i,
-                      unsigned unit, Steps& steps, Mass& sum) {
+                      unsigned unit, Steps& steps, Mass& sum, Wide& weight) {
   const Integer q = load_row(brick.density + tile_offset(unit));
   if (summing) {
     sum.add(unit, times256(q));
+    if (mixed) weight = add_product(weight, times256(q), stiffness_of(brick, unit));
     if (layer && brick.faint) {
       const Integer p = brick.pristine ? load_row(brick.pristine + tile_offset(unit)) : c.p;
       sum.faint = sum.faint + only(set(32) > p, times256(q));
@@ -128,7 +135,7 @@ inline void add_up(const Mass& sum, bool faint, Sums& sums) {
   }
 }
 
-template <bool layer, bool isotropic, bool summing, bool eroding>
+template <bool layer, bool isotropic, bool summing, bool eroding, bool mixed>
 void visit(const Sphere& at, const Brick& brick, Sums& sums) {
   Rows rows;
   measure<isotropic>(at, brick, rows);
@@ -136,19 +143,23 @@ void visit(const Sphere& at, const Brick& brick, Sums& sums) {
   Constants c(at, brick);
   Steps steps;
   Mass sum;
+  Wide weight = wide_zero();
   int count = 0;
   const bool plain = layer && !brick.pristine && !brick.faint && at.shape == shape_power;
   if (plain) {
     for (Units left = wanted.shallow; left; left &= left - 1)
-      meet<layer, isotropic, summing, eroding, true>(at, brick, rows, c, count++, lowest(left), steps, sum);
+      meet<layer, isotropic, summing, eroding, true, mixed>(at, brick, rows, c, count++, lowest(left), steps,
+                                                            sum, weight);
   } else {
     for (Units left = wanted.shallow; left; left &= left - 1)
-      meet<layer, isotropic, summing, eroding, false>(at, brick, rows, c, count++, lowest(left), steps, sum);
+      meet<layer, isotropic, summing, eroding, false, mixed>(at, brick, rows, c, count++, lowest(left), steps,
+                                                             sum, weight);
   }
   const int shallow = count;
   for (Units left = wanted.deep; left; left &= left - 1)
-    meet_deep<layer, summing, eroding>(at, brick, rows, c, count++, lowest(left), steps, sum);
+    meet_deep<layer, summing, eroding, mixed>(at, brick, rows, c, count++, lowest(left), steps, sum, weight);
   if (summing) add_up(sum, layer && brick.faint, sums);
+  if (summing && mixed) sums.stiffness = total(weight);
 
   if (eroding) {
     if (layer && at.shape == shape_constant) {
@@ -165,26 +176,49 @@ void visit(const Sphere& at, const Brick& brick, Sums& sums) {
     }
     if (at.shape == shape_power && at.whole != 1) raise(at, steps, count);
     draw_slabs(at, brick, wanted.shallow | wanted.deep, steps.u);
-    if (at.doublings)
-      lose<true>(at, brick, c, steps, count);
+    if (mixed ? brick.tissues->most_doublings : brick.doublings)
+      lose<true, mixed>(at, brick, c, steps, count);
     else
-      lose<false>(at, brick, c, steps, count);
+      lose<false, mixed>(at, brick, c, steps, count);
     sum_levels(brick.density, sums);
+  }
+}
+
+inline std::int64_t weigh(const std::uint8_t* tile, const std::uint8_t* tissue, const TissueTables& tables) {
+  Wide sum = wide_zero();
+  for (unsigned unit = 0; unit < units; ++unit) {
+    const unsigned at = tile_offset(unit);
+    sum = add_product(sum, load_row(tile + at), pick(tables.stiffness, tissue + at, tables.few));
+  }
+  return total(sum);
+}
+
+inline void add_by_tissue(const std::uint8_t* tile, const std::uint8_t* tissue, std::uint64_t present,
+                          int sign, std::int64_t* sums) {
+  for (; present; present &= present - 1) {
+    const unsigned number = lowest(present);
+    sums[number] += sign * std::int64_t(sum_where(tile, tissue, static_cast<std::uint8_t>(number)));
   }
 }
 
 }  // namespace
 
-#define BURRLAB_VISITS(summing, eroding)                                             \
-  {                                                                                  \
-      {visit<false, false, summing, eroding>, visit<false, true, summing, eroding>}, \
-      {visit<true, false, summing, eroding>, visit<true, true, summing, eroding>},   \
+#define BURRLAB_BY_TISSUES(layer, isotropic, summing, eroding) \
+  {visit<layer, isotropic, summing, eroding, false>, visit<layer, isotropic, summing, eroding, true>}
+#define BURRLAB_VISITS(summing, eroding)                                                                     \
+  {                                                                                                          \
+      {BURRLAB_BY_TISSUES(false, false, summing, eroding),                                                   \
+       BURRLAB_BY_TISSUES(false, true, summing, eroding)},                                                   \
+      {BURRLAB_BY_TISSUES(true, false, summing, eroding), BURRLAB_BY_TISSUES(true, true, summing, eroding)}, \
   }
-#define BURRLAB_KERNEL(name)                                                               \
-  {name,                                                                                   \
-   slabs,                                                                                  \
-   {BURRLAB_VISITS(true, false), BURRLAB_VISITS(false, true), BURRLAB_VISITS(true, true)}, \
-   sum_levels,                                                                             \
-   draw_field}
+#define BURRLAB_KERNEL(name)                                                                  \
+  {                                                                                           \
+      name,                                                                                   \
+      slabs,                                                                                  \
+      {BURRLAB_VISITS(true, false), BURRLAB_VISITS(false, true), BURRLAB_VISITS(true, true)}, \
+      sum_levels,                                                                             \
+      weigh,                                                                                  \
+      add_by_tissue,                                                                          \
+      draw_field}
 
 }  // namespace burrlab::kernel

@@ -109,18 +109,26 @@ BURRLAB_RARE Integer settle_ties(const Sphere& at, const Brick& brick, unsigned 
   return load(each);
 }
 
-/// Takes from every unit the loss that its expected loss lambda and U give.
-template <bool doubling>
+/// Takes from every unit the loss that its expected loss lambda and U give. `mixed`: voxels have the
+/// constants of their tissues.
+template <bool doubling, bool mixed>
 inline void lose(const Sphere& at, const Brick& brick, const Constants& c, const Steps& steps, int count) {
   const Float c1 = set(ErodedFraction::c1), c2 = set(ErodedFraction::c2), c3 = set(ErodedFraction::c3);
-  const int doublings = at.doublings;
+  const TissueTables* tables = brick.tissues;
+  const int doublings = mixed ? tables->most_doublings : brick.doublings;
   std::uint8_t* tile = brick.density;
   for (int i = 0; i < count; ++i) {
     const auto& step = steps.row[i];
-    const Float y = c.fraction_scale * load(step.f);
+    const std::uint8_t* tissue = brick.tissue + (mixed ? tile_offset(step.unit) : 0);
+    const Float y =
+        (mixed ? pick(tables->fraction_scale, tissue, tables->few) : c.fraction_scale) * load(step.f);
     Float eroded = y * (c.one - y * (c1 - y * (c2 - y * c3)));  // 1 - exp(-a f)
-    if (doubling)
+    if (doubling && mixed) {
+      const Integer own = pick(tables->doublings, tissue, tables->few);
+      for (int k = 0; k < doublings; ++k) eroded = select(own > set(k), eroded * (c.two - eroded), eroded);
+    } else if (doubling) {
       for (int k = 0; k < doublings; ++k) eroded = eroded * (c.two - eroded);
+    }
     const Float scaled = load(step.mass) * eroded;
     const Integer sum = truncate(scaled) + load(steps.u[step.unit]);
     Integer lost = high16(sum);

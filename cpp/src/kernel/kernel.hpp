@@ -35,9 +35,18 @@ struct Sphere {
   double exponent;
   double (*power)(double y, double k);  // for exponents that are not whole
   const float* depth;                   // DepthTable::cells(); null where f needs no depth
-  float fraction_scale;                 // a_k
-  int doublings;                        // k
   Draws draws;
+};
+
+constexpr int most_tissues = 64, few_tissues = 16;
+
+/// By tissue, `most_tissues` of each; read where a brick holds several.
+struct TissueTables {
+  const std::int32_t* stiffness;  // K_l [1/4096 N/mm^2]
+  const float* fraction_scale;    // a_k
+  const std::int32_t* doublings;  // k
+  int most_doublings;
+  bool few;  // no number is `few_tissues` or more
 };
 
 /// One brick: its levels and its place.
@@ -49,12 +58,17 @@ struct Brick {
   int x, y, z;                    // first voxel, from the voxel nearest to the centre
   std::uint32_t column;           // number of its first column
   std::uint32_t columns_in_slab;  // from one z to the next
+  const std::uint8_t* tissue;     // 512 numbers, or null where they are all one: then
+  float fraction_scale;           // its a_k
+  int doublings;                  // and k
+  const TissueTables* tissues;    // where `tissue` is not null
 };
 
 /// Exact sums: of M, and of M times the voxel's index 0..7 within the brick, before the erosion; of the part
-/// of M where p < 32; and of the levels and levels times index after it.
+/// of M where p < 32; of K M where there are several tissues; and of the levels and levels times index after
+/// it.
 struct Sums {
-  std::int64_t mass, x, y, z, faint;
+  std::int64_t mass, x, y, z, faint, stiffness;
   std::uint32_t after_mass, after_x, after_y, after_z;  // side by side, for vector stores
 };
 
@@ -66,8 +80,13 @@ using Visit = void (*)(const Sphere&, const Brick&, Sums&);
 struct Kernel {
   const char* name;
   int slabs;                                     // of a brick that it draws at a time
-  Visit visit[3][2][2];                          // [pass][layer][isotropic]
+  Visit visit[3][2][2][2];                       // [pass][layer][isotropic][several tissues]
   void (*sum)(const std::uint8_t* tile, Sums&);  // the four sums after
+  /// Sum of K q over a brick of several tissues.
+  std::int64_t (*weigh)(const std::uint8_t* tile, const std::uint8_t* tissue, const TissueTables&);
+  /// Adds sign times the levels of a tile to the sums of its tissues, those of the bits in `present`.
+  void (*add_by_tissue)(const std::uint8_t* tile, const std::uint8_t* tissue, std::uint64_t present, int sign,
+                        std::int64_t* sums);
   /// U of the first `slabs` slabs of a brick, (z, y, x); for tests.
   void (*draw)(const Draws&, std::uint32_t column, std::uint32_t columns_in_slab, std::uint16_t* out);
 };

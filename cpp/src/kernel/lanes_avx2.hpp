@@ -132,6 +132,48 @@ inline Words operator^(Words a, Words b) {
 inline Words exclusive_or(Words a, Words b, Words c) { return a ^ b ^ c; }
 inline Integer in_order(Words a) { return {_mm256_blend_epi32(a.even, _mm256_slli_epi64(a.odd, 32), 0xAA)}; }
 
+/// 64-bit sums of products.
+struct Wide {
+  __m256i v;
+};
+inline Wide wide_zero() { return {_mm256_setzero_si256()}; }
+inline Wide add_product(Wide sum, Integer a, Integer b) {
+  const __m256i odd = _mm256_mul_epu32(_mm256_srli_epi64(a.v, 32), _mm256_srli_epi64(b.v, 32));
+  return {_mm256_add_epi64(sum.v, _mm256_add_epi64(_mm256_mul_epu32(a.v, b.v), odd))};
+}
+inline std::int64_t total(Wide a) {
+  const __m128i pair = _mm_add_epi64(_mm256_castsi256_si128(a.v), _mm256_extracti128_si256(a.v, 1));
+  return _mm_cvtsi128_si64(pair) + _mm_extract_epi64(pair, 1);
+}
+
+/// The entry of each lane's number in a table; without gathers, which some CPUs are slow at.
+inline Float pick(const float* table, const std::uint8_t* numbers, bool few) {
+  if (!few) {
+    const auto at = [&](int i) { return table[numbers[i]]; };
+    return {_mm256_setr_ps(at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7))};
+  }
+  const __m256i n = load_row(numbers).v;
+  const __m256 low = _mm256_permutevar8x32_ps(_mm256_loadu_ps(table), n);
+  const __m256 high = _mm256_permutevar8x32_ps(_mm256_loadu_ps(table + 8), n);
+  return {_mm256_blendv_ps(low, high, _mm256_castsi256_ps(_mm256_slli_epi32(n, 28)))};  // by bit 3
+}
+inline Integer pick(const std::int32_t* table, const std::uint8_t* numbers, bool few) {
+  return {_mm256_castps_si256(pick(reinterpret_cast<const float*>(table), numbers, few).v)};
+}
+
+/// Sum of the levels of a tile where its numbers are this one.
+inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number) {
+  const __m256i which = _mm256_set1_epi8(static_cast<char>(number)), zero = _mm256_setzero_si256();
+  __m256i sum = zero;
+  for (int i = 0; i < 512; i += 32) {
+    const __m256i here =
+        _mm256_cmpeq_epi8(_mm256_load_si256(reinterpret_cast<const __m256i*>(numbers + i)), which);
+    const __m256i levels = _mm256_load_si256(reinterpret_cast<const __m256i*>(tile + i));
+    sum = _mm256_add_epi64(sum, _mm256_sad_epu8(_mm256_and_si256(here, levels), zero));
+  }
+  return static_cast<std::uint32_t>(total({sum}));
+}
+
 inline void sum_levels(const std::uint8_t* tile, Sums& sums) {
   const __m256i zero = _mm256_setzero_si256(), weight = _mm256_set1_epi64x(0x0706050403020100);
   __m256i low = zero, high = zero, z = zero;  // by row, 64-bit lanes

@@ -145,6 +145,42 @@ inline Integer in_order(Words a) {
   return {_mm512_mask_blend_epi32(0xAAAA, a.even, _mm512_slli_epi64(a.odd, 32))};
 }
 
+/// 64-bit sums of products.
+struct Wide {
+  __m512i v;
+};
+inline Wide wide_zero() { return {_mm512_setzero_si512()}; }
+inline Wide add_product(Wide sum, Integer a, Integer b) {
+  const __m512i odd = _mm512_mul_epu32(_mm512_srli_epi64(a.v, 32), _mm512_srli_epi64(b.v, 32));
+  return {_mm512_add_epi64(sum.v, _mm512_add_epi64(_mm512_mul_epu32(a.v, b.v), odd))};
+}
+inline std::int64_t total(Wide a) { return _mm512_reduce_add_epi64(a.v); }
+
+/// The entry of each lane's number in a table.
+inline Integer pick(const std::int32_t* table, const std::uint8_t* numbers, bool few) {
+  const __m512i n = load_row(numbers).v;
+  const __m512i first = _mm512_loadu_si512(table);
+  if (few) return {_mm512_permutexvar_epi32(n, first)};
+  const __m512i low = _mm512_permutex2var_epi32(first, n, _mm512_loadu_si512(table + 16));
+  const __m512i high =
+      _mm512_permutex2var_epi32(_mm512_loadu_si512(table + 32), n, _mm512_loadu_si512(table + 48));
+  return {_mm512_mask_blend_epi32(_mm512_test_epi32_mask(n, _mm512_set1_epi32(32)), low, high)};
+}
+inline Float pick(const float* table, const std::uint8_t* numbers, bool few) {
+  return {_mm512_castsi512_ps(pick(reinterpret_cast<const std::int32_t*>(table), numbers, few).v)};
+}
+
+/// Sum of the levels of a tile where its numbers are this one.
+inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number) {
+  const __m512i which = _mm512_set1_epi8(static_cast<char>(number)), zero = _mm512_setzero_si512();
+  __m512i sum = zero;
+  for (int i = 0; i < 512; i += 64) {
+    const __mmask64 here = _mm512_cmpeq_epi8_mask(_mm512_load_si512(numbers + i), which);
+    sum = _mm512_add_epi64(sum, _mm512_sad_epu8(_mm512_maskz_loadu_epi8(here, tile + i), zero));
+  }
+  return static_cast<std::uint32_t>(total({sum}));
+}
+
 inline void sum_levels(const std::uint8_t* tile, Sums& sums) {
   const __m512i zero = _mm512_setzero_si512(), weight = _mm512_set1_epi64(0x0706050403020100);
   __m512i rows = zero, z = zero, x = zero;  // by row, 64-bit lanes; x in 16-bit lanes, at most 8 * 13 * 255

@@ -171,6 +171,32 @@ inline Integer in_order(const Words& a) {
   return each<Integer>([&](int i) { return static_cast<std::int32_t>(static_cast<std::uint32_t>(a.v[i])); });
 }
 
+/// 64-bit sums of products.
+struct Wide {
+  std::int64_t v;
+};
+inline Wide wide_zero() { return {0}; }
+inline Wide add_product(Wide sum, const Integer& a, const Integer& b) {
+  for (int i = 0; i < 8; ++i) sum.v += std::int64_t{a.v[i]} * b.v[i];
+  return sum;
+}
+inline std::int64_t total(Wide a) { return a.v; }
+
+/// The entry of each lane's number in a table.
+inline Float pick(const float* table, const std::uint8_t* numbers, bool) {
+  return each<Float>([=](int i) { return table[numbers[i]]; });
+}
+inline Integer pick(const std::int32_t* table, const std::uint8_t* numbers, bool) {
+  return each<Integer>([=](int i) { return table[numbers[i]]; });
+}
+
+/// Sum of the levels of a tile where its numbers are this one.
+inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number) {
+  std::uint32_t sum = 0;
+  for (int i = 0; i < 512; ++i) sum += numbers[i] == number ? tile[i] : 0u;
+  return sum;
+}
+
 inline void sum_levels(const std::uint8_t* tile, Sums& sums) {
   std::uint32_t mass = 0, x = 0, y = 0, z = 0;
   for (unsigned i = 0; i < 512; ++i) {

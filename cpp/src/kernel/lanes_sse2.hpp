@@ -173,6 +173,47 @@ inline Integer in_order(Words a) {
           _mm_or_si128(_mm_and_si128(a.v[1], low), _mm_slli_epi64(a.v[3], 32))};
 }
 
+/// 64-bit sums of products.
+struct Wide {
+  __m128i v;
+};
+inline Wide wide_zero() { return {_mm_setzero_si128()}; }
+inline Wide add_product(Wide sum, Integer a, Integer b) {
+  const auto products = [](__m128i x, __m128i y) {
+    return _mm_add_epi64(_mm_mul_epu32(x, y), _mm_mul_epu32(_mm_srli_epi64(x, 32), _mm_srli_epi64(y, 32)));
+  };
+  return {_mm_add_epi64(sum.v, _mm_add_epi64(products(a.a, b.a), products(a.b, b.b)))};
+}
+inline std::int64_t total(Wide a) {
+  return _mm_cvtsi128_si64(_mm_add_epi64(a.v, _mm_unpackhi_epi64(a.v, a.v)));
+}
+
+/// The entry of each lane's number in a table.
+inline Integer pick(const std::int32_t* table, const std::uint8_t* numbers, bool) {
+  const auto four = [&](const std::uint8_t* n) {
+    return _mm_setr_epi32(table[n[0]], table[n[1]], table[n[2]], table[n[3]]);
+  };
+  return {four(numbers), four(numbers + 4)};
+}
+inline Float pick(const float* table, const std::uint8_t* numbers, bool) {
+  const auto four = [&](const std::uint8_t* n) {
+    return _mm_setr_ps(table[n[0]], table[n[1]], table[n[2]], table[n[3]]);
+  };
+  return {four(numbers), four(numbers + 4)};
+}
+
+/// Sum of the levels of a tile where its numbers are this one.
+inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number) {
+  const __m128i which = _mm_set1_epi8(static_cast<char>(number)), zero = _mm_setzero_si128();
+  __m128i sum = zero;
+  for (int i = 0; i < 512; i += 16) {
+    const __m128i here = _mm_cmpeq_epi8(_mm_load_si128(reinterpret_cast<const __m128i*>(numbers + i)), which);
+    const __m128i levels = _mm_load_si128(reinterpret_cast<const __m128i*>(tile + i));
+    sum = _mm_add_epi64(sum, _mm_sad_epu8(_mm_and_si128(here, levels), zero));
+  }
+  return static_cast<std::uint32_t>(total({sum}));
+}
+
 inline void sum_levels(const std::uint8_t* tile, Sums& sums) {
   const __m128i zero = _mm_setzero_si128();
   __m128i rows[4] = {zero, zero, zero, zero}, x = zero, z = zero;  // by row, 64-bit lanes

@@ -48,7 +48,7 @@ struct Constants {
         radius_inverse(set(at.radius_inverse)),
         radius2_inverse(set(at.radius2_inverse)),
         deep2(set(at.deep2)),
-        fraction_scale(set(at.fraction_scale)) {
+        fraction_scale(set(brick.fraction_scale)) {
     set_pristine(set(brick.level));
   }
   void set_pristine(Integer level) {

@@ -54,7 +54,8 @@ bool Replica::fetch_hello(double timeout) {
   return found;
 }
 
-void Replica::start(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup) {
+void Replica::start(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup,
+                    std::shared_ptr<AnatomyWatch> watch) {
   const std::lock_guard<std::mutex> life(life_mutex_);
   if (started_) throw std::invalid_argument("replica must be started once: it has been");
   if (!bone) throw std::invalid_argument("bone must be a VoxelBone, got None");
@@ -65,6 +66,7 @@ void Replica::start(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup) 
   if (followed->initial_digest().text() != hello_.digest)
     throw std::invalid_argument("bone must be the leader's initial volume, digest " + hello_.digest +
                                 ", got " + followed->initial_digest().text());
+  followed->executor().set_watch(std::move(watch));
   const std::lock_guard<std::mutex> lock(mutex_);
   initial_ = std::make_unique<VoxelBone>(*bone);
   changed_.assign(bone->brick_count(), 0);
@@ -194,6 +196,11 @@ std::shared_ptr<VoxelBone> Replica::snapshot(std::uint64_t& tick) const {
   const std::lock_guard<std::mutex> lock(mutex_);
   tick = followed().tick();
   return std::make_shared<VoxelBone>(followed().bone());
+}
+
+void Replica::visit(const std::function<void(FollowedBone&)>& function) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  function(followed());
 }
 
 const VoxelBone& Replica::bone() const { return followed().bone(); }

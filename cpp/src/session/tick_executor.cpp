@@ -12,9 +12,10 @@ SessionSetup checked(const SessionSetup& setup) {
   return setup;
 }
 
-std::array<ErodedFraction, most_periods> steps_of(double alpha, double period) {
-  const auto step = [&](int k) { return Tick::step_of(alpha * (k * period)); };
-  return {step(1), step(2), step(3), step(4), step(5), step(6), step(7), step(8)};
+std::vector<ErosionSteps> steps_of(const VoxelBone& bone, const Material& material, double period) {
+  std::vector<ErosionSteps> steps;
+  for (int k = 1; k <= most_periods; ++k) steps.emplace_back(bone, material, k * period);
+  return steps;
 }
 
 }  // namespace
@@ -25,7 +26,7 @@ TickExecutor::TickExecutor(std::shared_ptr<VoxelBone> bone, const SessionSetup& 
   for (std::size_t i = 0; i < setup.tools.size(); ++i) {
     const Tool& tool = setup.tools[i];
     contacts_.emplace_back(bone_, tool.burr, tool.material, setup.seed, std::uint32_t(i), setup.scheme);
-    steps_.push_back(steps_of(tool.material.alpha, setup.period));
+    steps_.push_back(steps_of(*bone_, tool.material, setup.period));
   }
 }
 
@@ -44,9 +45,26 @@ void TickExecutor::execute(TickRecord& record) noexcept {
     for (int axis = 0; axis < 3; ++axis) burr.force[axis] = contact.force[axis];
     burr.penetration = contact.penetration;
     burr.removed = contact.lost;
+    if (watch_) watch_->after_step(*bone_, record, i);
   }
   ++tick_;
   version_.store(2 * tick_, std::memory_order_release);
+}
+
+void TickExecutor::set_tick(std::uint64_t tick) {
+  tick_ = tick;
+  if (watch_) watch_->pass_over(*bone_, tick);
+}
+
+void TickExecutor::set_watch(std::shared_ptr<AnatomyWatch> watch) {
+  if (watch) {
+    bool fits = watch->burrs() == contacts_.size();
+    for (std::size_t i = 0; fits && i < contacts_.size(); ++i)
+      fits = watch->radius(i) == setup_.tools[i].burr.radius;
+    if (!fits) throw std::invalid_argument("watch must be of the session's burrs");
+    watch->begin(*bone_, tick_);
+  }
+  watch_ = std::move(watch);
 }
 
 void check_record(const TickRecord& record, std::size_t burrs) {

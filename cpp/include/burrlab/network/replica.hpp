@@ -62,7 +62,8 @@ class Replica {
 
   /// Follows from now on, in a thread of its own. `bone` is changed in place. Throws unless the hello is
   /// there and the bone has its digest.
-  void start(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup);
+  void start(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup,
+             std::shared_ptr<AnatomyWatch> watch = nullptr);
   void stop(const std::string& reason = "stopped");
   bool wait(double seconds);  ///< until the session ends; whether it has
 
@@ -72,6 +73,8 @@ class Replica {
   std::shared_ptr<VoxelBone> snapshot(std::uint64_t& tick) const;
   /// What changed since the last call; the first gives all that is not as in the initial volume.
   BoneView::Update take_changed();
+  /// Calls with the bone between two ticks; none is executed meanwhile.
+  void visit(const std::function<void(FollowedBone&)>& function);
   const VoxelBone& bone() const;  ///< for what never changes of it, as its shape
   /// Changes one voxel (z, y, x), so that tests see it found and repaired.
   void flip(const Index3& voxel);

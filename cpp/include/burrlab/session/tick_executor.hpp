@@ -7,6 +7,7 @@
 #include <memory>
 #include <vector>
 
+#include "burrlab/anatomy/anatomy_watch.hpp"
 #include "burrlab/burr_contact.hpp"
 #include "burrlab/session/tick_record.hpp"
 
@@ -35,11 +36,15 @@ class TickExecutor {
   /// model gives. No allocation, lock or exception: the centres must be finite and k 1..8.
   void execute(TickRecord& record) noexcept;
 
-  std::uint64_t tick() const { return tick_; }         ///< index of the next tick
-  void set_tick(std::uint64_t tick) { tick_ = tick; }  ///< after the bone was put to another state
+  std::uint64_t tick() const { return tick_; }  ///< index of the next tick
+  void set_tick(std::uint64_t tick);            ///< after the bone was put to another state
   /// 2 ticks, plus 1 while one is executed: whoever reads it before and after copying the bone knows whether
   /// the copy is whole.
   std::uint64_t version() const { return version_.load(std::memory_order_acquire); }
+
+  /// Called after each burr's step from now on; null: none. Throws unless it is of this bone and these burrs.
+  void set_watch(std::shared_ptr<AnatomyWatch> watch);
+  const std::shared_ptr<AnatomyWatch>& watch() const { return watch_; }
 
   const std::shared_ptr<VoxelBone>& bone() const { return bone_; }
   const SessionSetup& setup() const { return setup_; }
@@ -51,7 +56,8 @@ class TickExecutor {
   std::shared_ptr<VoxelBone> bone_;
   SessionSetup setup_;
   std::vector<BurrContact> contacts_;
-  std::vector<std::array<ErodedFraction, most_periods>> steps_;  // of dt = 1..8 periods, one a burr
+  std::vector<std::vector<ErosionSteps>> steps_;  // of dt = 1..8 periods, one a burr
+  std::shared_ptr<AnatomyWatch> watch_;
   std::uint64_t tick_;
   std::atomic<std::uint64_t> version_;
 };

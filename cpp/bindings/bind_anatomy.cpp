@@ -1,0 +1,204 @@
+#include <cstring>
+
+#include "bindings.hpp"
+#include "burrlab/anatomy/anatomy_watch.hpp"
+#include "burrlab/check.hpp"
+
+namespace py = pybind11;
+using namespace burrlab;
+
+namespace {
+
+using Points = py::array_t<double, py::array::c_style | py::array::forcecast>;
+
+// One number a point, the last axis of which is (x, y, z).
+template <class Function>
+py::array_t<double> at_points(const Points& points, Function&& function) {
+  if (points.ndim() < 1 || points.shape(points.ndim() - 1) != 3)
+    throw std::invalid_argument("points must be (x, y, z) along their last axis");
+  const std::vector<py::ssize_t> shape(points.shape(), points.shape() + points.ndim() - 1);
+  py::array_t<double> out(shape);
+  const double* in = points.data();
+  for (py::ssize_t i = 0; i < points.size(); ++i) require_finite("every point", in[i]);
+  double* to = out.mutable_data();
+  const py::ssize_t count = out.size();
+  const py::gil_scoped_release release;
+  for (py::ssize_t i = 0; i < count; ++i) to[i] = function(Vec3(in[3 * i], in[3 * i + 1], in[3 * i + 2]));
+  return out;
+}
+
+template <class Value>
+py::array_t<Value> copy_of(const Value* values, std::vector<py::ssize_t> shape) {
+  py::array_t<Value> out(std::move(shape));
+  if (out.size()) std::memcpy(out.mutable_data(), values, std::size_t(out.size()) * sizeof(Value));
+  return out;
+}
+
+std::shared_ptr<StructureDistance> make_distance(const StructureSearch& search, const py::array& estimate,
+                                                 double spacing, const Vec3& origin, double error) {
+  const auto dense = py::array_t<float, py::array::c_style | py::array::forcecast>::ensure(estimate);
+  if (!dense || dense.ndim() != 3) throw std::invalid_argument("estimate must have 3 dimensions (z, y, x)");
+  std::vector<float> values(dense.data(), dense.data() + dense.size());
+  const Index3 shape{dense.shape(0), dense.shape(1), dense.shape(2)};
+  const py::gil_scoped_release release;
+  return std::make_shared<StructureDistance>(
+      search, DistanceField(search, shape, std::move(values), spacing, origin, error));
+}
+
+using Limits = std::tuple<std::shared_ptr<StructureDistance>, double, double, double, double>;
+
+std::shared_ptr<AnatomyWatch> make_watch(const std::vector<Limits>& structures,
+                                         const std::vector<double>& radii) {
+  std::vector<WatchedStructure> watched;
+  for (const auto& [distance, approach, touch, injury, hysteresis] : structures) {
+    if (!distance) throw std::invalid_argument("structure must be a StructureDistance, got None");
+    watched.push_back({distance, {approach, touch, injury, hysteresis}});
+  }
+  return std::make_shared<AnatomyWatch>(std::move(watched), radii);
+}
+
+}  // namespace
+
+py::dict to_dict(const AnatomyWatch& watch, std::size_t known) {
+  const auto& events = watch.events();
+  known = std::min(known, events.size());
+  const std::size_t burrs = watch.burrs(), structures = watch.structures().size();
+  std::vector<WatchDose> doses;
+  std::vector<std::int64_t> removed;
+  for (std::size_t burr = 0; burr < burrs; ++burr)
+    for (std::size_t s = 0; s < structures; ++s) doses.push_back(watch.dose(burr, s));
+  for (std::size_t s = 0; s < structures; ++s) removed.push_back(watch.removed(s));
+  py::dict out;
+  out["events"] = copy_of(events.data() + known, {py::ssize_t(events.size() - known)});
+  out["doses"] = copy_of(doses.data(), {py::ssize_t(burrs), py::ssize_t(structures)});
+  out["removed"] = copy_of(removed.data(), {py::ssize_t(structures)});
+  out["events_lost"] = watch.events_lost();
+  out["gaps"] = watch.gaps();
+  out["ticks_passed_over"] = watch.ticks_passed_over();
+  return out;
+}
+
+void bind_anatomy(py::module_& m) {
+  PYBIND11_NUMPY_DTYPE(WatchEvent, tick, kind, structure, burr, on, distance, force, removed, center);
+  PYBIND11_NUMPY_DTYPE(WatchDose, distance, closest, closest_tick, closest_center, periods, turning, touching,
+                       removed, near_periods, near_force, near_peak);
+  m.attr("watch_event_dtype") = py::dtype::of<WatchEvent>();
+  m.attr("watch_dose_dtype") = py::dtype::of<WatchDose>();
+  m.attr("dose_edges") = py::tuple(py::cast(WatchDose::edges));
+  m.attr("dose_near") = py::tuple(py::cast(WatchDose::near));
+  m.attr("most_watch_events") = AnatomyWatch::most_events;
+
+  m.def(
+      "tissue_levels",
+      [](const VoxelBone& bone) {
+        std::vector<std::int64_t> levels;
+        if (bone.tissues())
+          for (std::size_t i = 0; i < bone.tissues()->table().size(); ++i)
+            levels.push_back(bone.tissue_levels(i));
+        return copy_of(levels.data(), {py::ssize_t(levels.size())});
+      },
+      py::arg("bone"), "Levels that are left of each tissue, (tissues,) int64; empty without tissues.");
+
+  py::class_<StructureSearch, std::shared_ptr<StructureSearch>>(
+      m, "StructureSearch",
+      R"(Exact distances to a structure as segmented: to the nearest of its voxels, each a box.
+
+Parameters
+----------
+bone : VoxelBone
+tissue : int
+    Number of the structure among the bone's tissues.
+
+Raises
+------
+ValueError
+    If the bone has no tissues, the tissue is none of them, or no voxel carries it.
+)")
+      .def(py::init<const VoxelBone&, std::size_t>(), py::arg("bone"), py::arg("tissue"))
+      .def(
+          "distance",
+          [](const StructureSearch& search, const Points& points) {
+            NearestVoxel nearest;
+            return at_points(points, [&](const Vec3& point) { return search.distance(point, nearest); });
+          },
+          py::arg("points"), "Distances [mm] of points (..., 3) [mm]; 0 inside. ValueError unless finite.")
+      .def_property_readonly("low", &StructureSearch::low,
+                             "Corner of the box around it, (x, y, z) [mm]; a copy")
+      .def_property_readonly("high", &StructureSearch::high, "The opposite one [mm]; a copy");
+
+  py::class_<StructureDistance, std::shared_ptr<StructureDistance>>(
+      m, "StructureDistance", R"(Distances to a structure: of a field far from it, exact near it.
+
+Parameters
+----------
+search : StructureSearch
+estimate : ndarray, shape (z, y, x)
+    Distances at the nodes of the field [mm]; those below 8 mm are made exact.
+spacing : float
+    Of the nodes, at most 0.4 [mm].
+origin : (x, y, z)
+    Place of the first node [mm].
+error : float
+    Of an estimate at most [mm].
+
+Raises
+------
+ValueError
+    If a value is out of range.
+)")
+      .def(py::init(&make_distance), py::arg("search"), py::arg("estimate"), py::arg("spacing"),
+           py::arg("origin"), py::arg("error"))
+      .def(
+          "of_sphere",
+          [](const StructureDistance& d, const Points& centers, double radius) {
+            require_not_negative("radius", radius);
+            if (radius > AnatomyWatch::largest_radius) refuse("radius", "at most 6 mm", radius);
+            NearestVoxel nearest;
+            return at_points(centers,
+                             [&](const Vec3& center) { return d.of_sphere(center, radius, nearest); });
+          },
+          py::arg("centers"), py::arg("radius") = 0.0,
+          "Distances [mm] of the surfaces of spheres with these centres (..., 3) [mm]: at least -radius, "
+          "exact "
+          "below 1 mm, infinite beyond the field. ValueError unless finite, radius 0 to 6.")
+      .def(
+          "field",
+          [](const StructureDistance& d, const Points& points) {
+            return at_points(points, [&](const Vec3& point) { return d.field().at(point); });
+          },
+          py::arg("points"), "What the field alone says at points (..., 3) [mm]; infinite beyond it.")
+      .def_property_readonly(
+          "values",
+          [](const StructureDistance& d) {
+            const Index3& n = d.field().shape();
+            return copy_of(d.field().values().data(), {n[0], n[1], n[2]});
+          },
+          "At the nodes of the field, (z, y, x) float32 [mm]; a copy")
+      .def_property_readonly(
+          "nodes", [](const StructureDistance& d) { return d.field().values().size(); }, "Of the field");
+
+  py::class_<AnatomyWatch, std::shared_ptr<AnatomyWatch>>(
+      m, "AnatomyWatch",
+      R"(What the burrs of a session do near structures; run by a TickExecutor, a Follower or a Replica.
+
+Parameters
+----------
+structures : list of (StructureDistance, approach, touch, injury, hysteresis)
+    With limits of the surface's distance [mm] and of what is removed [mm^3].
+radii : list of float
+    Of the burrs, at most 6 [mm].
+
+Raises
+------
+ValueError
+    If there is no structure, they are of several bones, or a value is out of range.
+)")
+      .def(py::init(&make_watch), py::arg("structures"), py::arg("radii"))
+      .def(
+          "seen", [](const AnatomyWatch& watch, std::size_t known) { return to_dict(watch, known); },
+          py::arg("known") = 0,
+          "events (n,) watch_event_dtype but for the first `known`, doses (burrs, structures) "
+          "watch_dose_dtype, "
+          "removed (structures) [levels], events_lost, gaps, ticks_passed_over. Not while another thread "
+          "executes.");
+}

@@ -1,0 +1,115 @@
+// What the burrs of a session do near critical structures: events, and doses of nearness, force and injury.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <limits>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "burrlab/anatomy/structure_distance.hpp"
+#include "burrlab/session/tick_record.hpp"
+
+namespace burrlab {
+
+/// When something is told of. Distances are those of the burr's surface.
+struct WatchLimits {
+  double approach = 2.0;    ///< [mm]
+  double touch = 0.0;       ///< [mm]
+  double injury = 0.0;      ///< removed from the structure, more than this [mm^3]
+  double hysteresis = 0.5;  ///< that the burr goes beyond a distance before it can be told of anew [mm]
+};
+
+struct WatchedStructure {
+  std::shared_ptr<const StructureDistance> distance;
+  WatchLimits limits;
+};
+
+enum class WatchEventKind : std::uint32_t { approach, touch, injury, away };
+
+struct WatchEvent {
+  std::uint64_t tick = 0;          ///< index of the tick that it happened in
+  std::uint32_t kind = 0;          ///< a WatchEventKind
+  std::uint32_t structure = 0;     ///< place among those watched
+  std::int32_t burr = 0;           ///< -1: in ticks that were passed over
+  std::uint32_t on = 0;            ///< the burr turned
+  double distance = 0.0;           ///< [mm]; infinite where it is not known
+  double force = 0.0;              ///< magnitude, of the model [N]
+  std::int64_t removed = 0;        ///< from the structure so far, by all burrs [levels]
+  std::array<double, 3> center{};  ///< of the burr [mm]
+};
+
+/// One burr beside one structure, since the beginning. Times are in periods of the loop, so that sums are
+/// exact.
+struct WatchDose {
+  static constexpr std::array<double, 7> edges = {0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0};  ///< of the bins [mm]
+  static constexpr std::array<double, 2> near = {1.0, 2.0};                             ///< [mm]
+
+  double distance = std::numeric_limits<double>::infinity();  ///< now [mm]
+  double closest = std::numeric_limits<double>::infinity();   ///< [mm]
+  std::uint64_t closest_tick = 0;
+  std::array<double, 3> closest_center{};                 ///< [mm]
+  std::array<std::uint64_t, edges.size() + 1> periods{};  ///< by distance; each edge belongs to the bin below
+  std::array<std::uint64_t, edges.size() + 1> turning{};  ///< of them with the burr on
+  std::uint64_t touching = 0;                             ///< periods at most `touch` away
+  std::int64_t removed = 0;                               ///< from the structure by this burr [levels]
+  std::array<std::uint64_t, near.size()> near_periods{};  ///< at most `near` away
+  std::array<double, near.size()> near_force{};           ///< sum of force times periods there [N]
+  std::array<double, near.size()> near_peak{};            ///< largest force there [N]
+};
+
+static_assert(sizeof(WatchEvent) == 72 && sizeof(WatchDose) == 240);
+
+class AnatomyWatch {
+ public:
+  static constexpr std::size_t most_events = 10000;  ///< kept; further ones are counted
+  static constexpr double largest_radius = 6.0;      ///< of a burr [mm]
+  static constexpr double reach = 15.0;              ///< of the fields about their structures [mm]
+
+  /// Throws unless the structures are of one bone, with limits in order, and burrs of at most 6 mm.
+  AnatomyWatch(std::vector<WatchedStructure> structures, std::vector<double> radii);
+
+  /// Begins with the bone as it is; throws unless it has the tissues that the structures are of.
+  void begin(const VoxelBone& bone, std::uint64_t tick);
+  /// After a burr's step. No allocation, lock or exception.
+  void after_step(const VoxelBone& bone, const TickRecord& record, std::size_t burr) noexcept;
+  /// The bone was put to the state before `tick` without its ticks being executed here.
+  void pass_over(const VoxelBone& bone, std::uint64_t tick) noexcept;
+
+  const std::vector<WatchedStructure>& structures() const { return structures_; }
+  std::size_t burrs() const { return radii_.size(); }
+  double radius(std::size_t burr) const { return radii_[burr]; }  ///< [mm]
+  const std::vector<WatchEvent>& events() const { return events_; }
+  std::uint64_t events_lost() const { return events_lost_; }
+  const WatchDose& dose(std::size_t burr, std::size_t structure) const { return of(burr, structure).dose; }
+  std::int64_t removed(std::size_t structure) const {
+    return begun_[structure] - levels_[structure];
+  }                                             ///< [levels]
+  std::uint64_t gaps() const { return gaps_; }  ///< times that ticks were passed over
+  std::uint64_t ticks_passed_over() const { return ticks_passed_over_; }
+
+ private:
+  struct Beside {  // a burr beside a structure
+    WatchDose dose;
+    NearestVoxel nearest;
+    bool approached = false, touched = false, injured = false;
+  };
+  Beside& of(std::size_t burr, std::size_t structure) {
+    return beside_[burr * structures_.size() + structure];
+  }
+  const Beside& of(std::size_t burr, std::size_t structure) const {
+    return beside_[burr * structures_.size() + structure];
+  }
+  bool is_injury(const VoxelBone& bone, std::size_t structure) const;
+  void tell(WatchEventKind kind, const WatchEvent& event) noexcept;
+
+  std::vector<WatchedStructure> structures_;
+  std::vector<double> radii_;
+  std::vector<Beside> beside_;
+  std::vector<std::int64_t> begun_, levels_;  // of the structures, at the beginning and now
+  std::vector<WatchEvent> events_;
+  std::uint64_t events_lost_ = 0, gaps_ = 0, ticks_passed_over_ = 0, next_tick_ = 0;
+};
+
+}  // namespace burrlab

@@ -1,0 +1,152 @@
+#include "burrlab/anatomy/anatomy_watch.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "burrlab/check.hpp"
+
+namespace burrlab {
+namespace {
+
+void check(const std::string& name, const WatchLimits& limits, double radius) {
+  require_not_negative("touch of '" + name + "'", limits.touch);
+  require_not_negative("injury of '" + name + "'", limits.injury);
+  require_positive("hysteresis of '" + name + "'", limits.hysteresis);
+  if (!(std::isfinite(limits.approach) && limits.approach >= limits.touch))
+    refuse("approach of '" + name + "'", "finite and at least touch", limits.approach);
+  if (limits.approach + limits.hysteresis + radius > AnatomyWatch::reach)
+    refuse("approach of '" + name + "' with hysteresis and radius", "at most 15 mm",
+           limits.approach + limits.hysteresis + radius);
+}
+
+std::size_t bin_of(double distance) {
+  std::size_t bin = 0;
+  while (bin < WatchDose::edges.size() && distance > WatchDose::edges[bin]) ++bin;
+  return bin;
+}
+
+}  // namespace
+
+AnatomyWatch::AnatomyWatch(std::vector<WatchedStructure> structures, std::vector<double> radii)
+    : structures_(std::move(structures)), radii_(std::move(radii)) {
+  if (structures_.empty()) throw std::invalid_argument("structures must be at least one, got none");
+  if (radii_.empty() || radii_.size() > std::size_t(most_burrs))
+    refuse("number of burrs", "1 or 2", double(radii_.size()));
+  const auto map = structures_[0].distance->search().map();
+  for (const double radius : radii_) {
+    require_positive("radius", radius);
+    if (radius > largest_radius) refuse("radius of a burr that is watched", "at most 6 mm", radius);
+    for (const WatchedStructure& structure : structures_) {
+      const StructureSearch& search = structure.distance->search();
+      if (search.map() != map) throw std::invalid_argument("structures must be of one bone");
+      check(map->table()[search.tissue()].name, structure.limits, radius);
+    }
+  }
+  beside_.resize(radii_.size() * structures_.size());
+  begun_.resize(structures_.size());
+  levels_.resize(structures_.size());
+  events_.reserve(most_events);
+}
+
+void AnatomyWatch::begin(const VoxelBone& bone, std::uint64_t tick) {
+  if (!structures_[0].distance->search().is_on(bone))
+    throw std::invalid_argument("bone must be the one that the watch was made of, or a copy of it");
+  for (std::size_t s = 0; s < structures_.size(); ++s)
+    begun_[s] = levels_[s] = bone.tissue_levels(structures_[s].distance->search().tissue());
+  for (Beside& beside : beside_) beside = {};
+  events_.clear();
+  events_lost_ = gaps_ = ticks_passed_over_ = 0;
+  next_tick_ = tick;
+}
+
+void AnatomyWatch::after_step(const VoxelBone& bone, const TickRecord& record, std::size_t burr) noexcept {
+  const BurrRecord& at = record.burr[burr];
+  const Vec3 center(at.center[0], at.center[1], at.center[2]);
+  const double force =
+      std::sqrt(at.force[0] * at.force[0] + at.force[1] * at.force[1] + at.force[2] * at.force[2]);
+  next_tick_ = record.index + 1;
+  for (std::size_t s = 0; s < structures_.size(); ++s) {
+    const WatchedStructure& structure = structures_[s];
+    const WatchLimits& limits = structure.limits;
+    Beside& beside = of(burr, s);
+    WatchDose& dose = beside.dose;
+    const double distance = structure.distance->of_sphere(center, radii_[burr], beside.nearest);
+    const std::int64_t levels = bone.tissue_levels(structure.distance->search().tissue());
+    const std::int64_t lost = levels_[s] - levels;
+    levels_[s] = levels;
+
+    dose.distance = distance;
+    dose.removed += lost;
+    if (distance < dose.closest) {
+      dose.closest = distance;
+      dose.closest_tick = record.index;
+      dose.closest_center = at.center;
+    }
+    const std::size_t bin = bin_of(distance);
+    dose.periods[bin] += record.k;
+    if (at.on) dose.turning[bin] += record.k;
+    if (distance <= limits.touch) dose.touching += record.k;
+    for (std::size_t i = 0; i < WatchDose::near.size(); ++i) {
+      if (distance > WatchDose::near[i]) continue;
+      dose.near_periods[i] += record.k;
+      dose.near_force[i] += force * record.k;
+      dose.near_peak[i] = std::max(dose.near_peak[i], force);
+    }
+
+    const WatchEvent event{record.index, 0,     std::uint32_t(s), std::int32_t(burr), at.on,
+                           distance,     force, removed(s),       at.center};
+    if (!beside.approached && distance <= limits.approach) {
+      beside.approached = true;
+      tell(WatchEventKind::approach, event);
+    }
+    if (!beside.touched && distance <= limits.touch) {
+      beside.touched = true;
+      tell(WatchEventKind::touch, event);
+    }
+    if (lost > 0 && !beside.injured && is_injury(bone, s)) {
+      beside.injured = true;
+      tell(WatchEventKind::injury, event);
+    }
+    if (distance > limits.touch + limits.hysteresis) beside.touched = beside.injured = false;
+    if (beside.approached && distance > limits.approach + limits.hysteresis) {
+      beside.approached = false;
+      tell(WatchEventKind::away, event);
+    }
+  }
+}
+
+void AnatomyWatch::pass_over(const VoxelBone& bone, std::uint64_t tick) noexcept {
+  if (tick > next_tick_) {
+    ++gaps_;
+    ticks_passed_over_ += tick - next_tick_;
+  }
+  next_tick_ = tick;
+  for (std::size_t s = 0; s < structures_.size(); ++s) {
+    const std::int64_t levels = bone.tissue_levels(structures_[s].distance->search().tissue());
+    const std::int64_t lost = levels_[s] - levels;
+    levels_[s] = levels;
+    if (lost <= 0 || !is_injury(bone, s)) continue;
+    WatchEvent event;
+    event.tick = tick ? tick - 1 : 0;
+    event.structure = std::uint32_t(s);
+    event.burr = -1;
+    event.distance = std::numeric_limits<double>::infinity();
+    event.removed = removed(s);
+    tell(WatchEventKind::injury, event);
+  }
+}
+
+bool AnatomyWatch::is_injury(const VoxelBone& bone, std::size_t structure) const {
+  return double(removed(structure)) * (bone.voxel_volume() / 255.0) > structures_[structure].limits.injury;
+}
+
+void AnatomyWatch::tell(WatchEventKind kind, const WatchEvent& event) noexcept {
+  if (events_.size() == most_events) {
+    ++events_lost_;
+    return;
+  }
+  events_.push_back(event);
+  events_.back().kind = std::uint32_t(kind);
+}
+
+}  // namespace burrlab

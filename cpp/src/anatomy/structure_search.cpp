@@ -1,0 +1,164 @@
+#include "burrlab/anatomy/structure_search.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "burrlab/check.hpp"
+
+namespace burrlab {
+namespace {
+
+constexpr std::int64_t block_side = brick_side * Occupancy::fan;
+
+const VoxelBone& checked(const VoxelBone& bone, std::size_t tissue) {
+  if (!bone.tissues()) throw std::invalid_argument("bone must have tissues, got one of a single material");
+  const std::size_t count = bone.tissues()->table().size();
+  if (tissue >= count) refuse("tissue", "below " + std::to_string(count), double(tissue));
+  return bone;
+}
+
+bool holds(const std::uint8_t* row, std::uint64_t numbers) {
+  std::uint64_t bytes;
+  std::memcpy(&bytes, row, sizeof bytes);
+  bytes ^= numbers;
+  return ((bytes - 0x0101010101010101u) & ~bytes & 0x8080808080808080u) != 0;
+}
+
+}  // namespace
+
+struct StructureSearch::Best {
+  double squared;
+  NearestVoxel& nearest;
+  bool any = false;  // below the bound
+  void take(double value, const Index3& at) {
+    squared = value;
+    nearest.at = at;
+    nearest.any = any = true;
+  }
+};
+
+StructureSearch::StructureSearch(const VoxelBone& bone, std::size_t tissue)
+    : map_(checked(bone, tissue).tissues()),
+      tissue_(tissue),
+      shape_(bone.shape()),
+      bricks_(bone.bricks()),
+      spacing_(bone.spacing()),
+      origin_(bone.origin()),
+      where_(bricks_) {
+  Index3 first = shape_, last{-1, -1, -1};
+  for (std::size_t brick = 0; brick < bone.brick_count(); ++brick) {
+    if (!(map_->present(brick) >> tissue & 1)) continue;
+    const Index3 at = bone.place(brick), n = bone.extent(brick);
+    where_.set(at, true);
+    const std::uint8_t* tile = map_->tile(brick);
+    for (std::int64_t z = 0; z < n[0]; ++z) {
+      for (std::int64_t y = 0; y < n[1]; ++y) {
+        for (std::int64_t x = 0; x < n[2]; ++x) {
+          if (tile && tile[64 * z + 8 * y + x] != tissue) continue;
+          const Index3 voxel{8 * at[0] + z, 8 * at[1] + y, 8 * at[2] + x};
+          for (int axis = 0; axis < 3; ++axis) {
+            first[axis] = std::min(first[axis], voxel[axis]);
+            last[axis] = std::max(last[axis], voxel[axis]);
+          }
+        }
+      }
+    }
+  }
+  if (last[0] < 0)
+    throw std::invalid_argument("structure must have voxels, '" + map_->table()[tissue].name + "' has none");
+  for (int axis = 0; axis < 3; ++axis) {
+    low_[axis] = edge(axis, first[2 - axis]);
+    high_[axis] = edge(axis, last[2 - axis] + 1);
+  }
+}
+
+// Of a point to the voxels first..last along an axis. A range that holds another is never farther, to the
+// last bit, because the same edges are rounded in the same way.
+double StructureSearch::gap(int axis, double point, std::int64_t first, std::int64_t last) const {
+  return std::max({edge(axis, first) - point, point - edge(axis, last + 1), 0.0});
+}
+
+double StructureSearch::distance(const Vec3& point, NearestVoxel& nearest, double bound) const noexcept {
+  const auto squared_to = [&](const Index3& first, const Index3& last) {
+    const double z = gap(2, point[2], first[0], last[0]), y = gap(1, point[1], first[1], last[1]);
+    const double x = gap(0, point[0], first[2], last[2]);
+    return z * z + y * y + x * x;
+  };
+  Best best{bound * bound, nearest};
+  if (nearest.any) {
+    const double known = squared_to(nearest.at, nearest.at);
+    if (known < best.squared) best.take(known, nearest.at);
+  }
+  const double reach = std::sqrt(best.squared);
+  Index3 from, to;  // blocks
+  for (int axis = 0; axis < 3; ++axis) {
+    const auto most = double(shape_[2 - axis] - 1);
+    const double low = (point[axis] - reach - origin_[axis]) / spacing_[axis] - 1.5;
+    const double high = (point[axis] + reach - origin_[axis]) / spacing_[axis] + 1.5;
+    from[2 - axis] = std::int64_t(std::clamp(low, 0.0, most)) / block_side;
+    to[2 - axis] = std::int64_t(std::clamp(high, 0.0, most)) / block_side;
+  }
+  for (std::int64_t z = from[0]; z <= to[0]; ++z) {
+    for (std::int64_t y = from[1]; y <= to[1]; ++y) {
+      for (std::int64_t x = from[2]; x <= to[2]; ++x) {
+        const std::uint64_t word = where_.block(z, y, x);
+        if (!word) continue;
+        const Index3 first{block_side * z, block_side * y, block_side * x};
+        const Index3 last{first[0] + block_side - 1, first[1] + block_side - 1, first[2] + block_side - 1};
+        if (squared_to(first, last) >= best.squared) continue;
+        for (std::uint64_t left = word; left; left &= left - 1) {
+          std::uint64_t lowest = left & (~left + 1);
+          int bit = 0;
+          for (int step = 32; step; step /= 2)
+            if (lowest >> step) lowest >>= step, bit += step;
+          look_into({4 * z + (bit >> 4), 4 * y + (bit >> 2 & 3), 4 * x + (bit & 3)}, point, best);
+        }
+      }
+    }
+  }
+  return best.any ? std::sqrt(best.squared) : std::numeric_limits<double>::infinity();
+}
+
+void StructureSearch::look_into(const Index3& brick, const Vec3& point, Best& best) const {
+  const auto number = static_cast<std::size_t>((brick[0] * bricks_[1] + brick[1]) * bricks_[2] + brick[2]);
+  Index3 first, last;
+  double least[3];  // (z, y, x)
+  for (int i = 0; i < 3; ++i) {
+    first[i] = brick_side * brick[i];
+    last[i] = std::min<std::int64_t>(first[i] + brick_side, shape_[i]) - 1;
+    least[i] = gap(2 - i, point[2 - i], first[i], last[i]);
+  }
+  const double squared = least[0] * least[0] + least[1] * least[1] + least[2] * least[2];
+  if (squared >= best.squared) return;
+  const std::uint8_t* tile = map_->tile(number);
+  if (!tile) {
+    Index3 at;
+    for (int i = 0; i < 3; ++i) {
+      const double voxel = (point[2 - i] - origin_[2 - i]) / spacing_[2 - i];
+      at[i] = std::int64_t(std::rint(std::clamp(voxel, double(first[i]), double(last[i]))));
+    }
+    return best.take(squared, at);
+  }
+  double x_squared[brick_side];
+  for (std::int64_t x = first[2]; x <= last[2]; ++x) {
+    const double d = gap(0, point[0], x, x);
+    x_squared[x - first[2]] = d * d;
+  }
+  const std::uint64_t numbers = 0x0101010101010101u * tissue_;
+  for (std::int64_t z = first[0]; z <= last[0]; ++z) {
+    const double dz = gap(2, point[2], z, z);
+    if (dz * dz + least[1] * least[1] + least[2] * least[2] >= best.squared) continue;
+    for (std::int64_t y = first[1]; y <= last[1]; ++y) {
+      const double dy = gap(1, point[1], y, y), row = dz * dz + dy * dy;
+      if (row + least[2] * least[2] >= best.squared) continue;
+      const std::uint8_t* labels = tile + 64 * (z & 7) + 8 * (y & 7);
+      if (!holds(labels, numbers)) continue;
+      for (std::int64_t x = 0; x <= last[2] - first[2]; ++x)
+        if (labels[x] == tissue_ && row + x_squared[x] < best.squared)
+          best.take(row + x_squared[x], {z, y, first[2] + x});
+    }
+  }
+}
+
+}  // namespace burrlab

@@ -1,0 +1,45 @@
+#include "burrlab/erosion_steps.hpp"
+
+#include <algorithm>
+#include <sstream>
+
+#include "burrlab/check.hpp"
+
+namespace burrlab {
+namespace {
+
+std::string described(const Material& material) {
+  std::ostringstream text;
+  text << "'" << material.name << "' (c_e " << material.c_e << ", alpha " << material.alpha << ", "
+       << material.shape.name() << ")";
+  return text.str();
+}
+
+}  // namespace
+
+void check_material(const VoxelBone& bone, const Material& material) {
+  if (!bone.tissues() || bone.tissues()->table().material() == material) return;
+  throw std::invalid_argument("material must be that of the bone's tissues, " +
+                              described(bone.tissues()->table().material()) + ", got " + described(material));
+}
+
+ErosionSteps::ErosionSteps(double a) { set(0, Tissues::most, a); }
+
+ErosionSteps::ErosionSteps(const VoxelBone& bone, const Material& material, double dt)
+    : ErosionSteps(material.alpha * dt) {
+  check_material(bone, material);
+  if (!bone.tissues()) return;
+  const Tissues& table = bone.tissues()->table();
+  most_doublings = 0;
+  for (std::size_t i = 0; i < table.size(); ++i) set(i, i + 1, table[i].alpha * dt);
+}
+
+void ErosionSteps::set(std::size_t first, std::size_t end, double a) {
+  if (!(a <= largest)) refuse("alpha dt", "at most 1000", a);
+  const ErodedFraction step(a);
+  std::fill(scale + first, scale + end, step.scale);
+  std::fill(doublings + first, doublings + end, step.doublings);
+  most_doublings = std::max(most_doublings, step.doublings);
+}
+
+}  // namespace burrlab

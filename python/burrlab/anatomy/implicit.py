@@ -1,0 +1,162 @@
+"""Shapes as signed distances: tubes along curves, ellipsoids, and fields on a fixed lattice."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PchipInterpolator
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+#: Step of the lattice on which smooth fields are evaluated [mm]; its nodes are multiples of it in any volume.
+LATTICE = 0.5
+#: Distances beyond it are not told apart [mm].
+FAR = 15.0
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Coordinates x, y, z [mm] of the points of a grid; fields on it have the shape (z, y, x)."""
+
+    x: Floats
+    y: Floats
+    z: Floats
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        return len(self.z), len(self.y), len(self.x)
+
+    def points(self) -> Floats:
+        """All of them, shape (n, 3)."""
+        z, y, x = np.meshgrid(self.z, self.y, self.x, indexing="ij")
+        return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+
+    def open(self) -> tuple[Floats, Floats, Floats]:
+        """x, y and z in shapes that broadcast to the grid's."""
+        return self.x[None, None, :], self.y[None, :, None], self.z[:, None, None]
+
+
+def lattice_around(grid: Grid) -> Grid:
+    """The nodes that interpolation at the points of a grid needs."""
+
+    def nodes(places: Floats) -> Floats:
+        first, last = np.floor(places[0] / LATTICE), np.floor(places[-1] / LATTICE) + 1
+        return LATTICE * np.arange(first, last + 1)
+
+    return Grid(nodes(grid.x), nodes(grid.y), nodes(grid.z))
+
+
+def interpolate(field: Singles, lattice: Grid, grid: Grid) -> Singles:
+    """A field of the lattice at the points of a grid, trilinear."""
+    for axis, (nodes, places) in enumerate([(lattice.z, grid.z), (lattice.y, grid.y), (lattice.x, grid.x)]):
+        low = np.floor(places / LATTICE)
+        first = (low - np.rint(nodes[0] / LATTICE)).astype(np.int64)
+        shape = [1, 1, 1]
+        shape[axis] = len(places)
+        part = (places / LATTICE - low).astype(np.float32).reshape(shape)
+        below = np.take(field, first, axis=axis)
+        field = below + part * (np.take(field, first + 1, axis=axis) - below)
+    return field
+
+
+@dataclass(frozen=True)
+class Tube:
+    """Balls along a polyline, their radius linear between its points; points (n, 3) and radius (n,) [mm]."""
+
+    points: Floats
+    radius: Floats
+
+    @classmethod
+    def along(cls, points: ArrayLike, radius: ArrayLike, *, step: float = 1.0) -> Tube:
+        """A tube along a smooth curve through the points, in pieces of about `step` [mm]."""
+        corners = np.asarray(points, dtype=float)
+        at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+        fine = np.linspace(0.0, at[-1], max(2, round(at[-1] / step) + 1))
+        curve = np.column_stack([PchipInterpolator(at, corners[:, axis])(fine) for axis in range(3)])
+        radii = np.broadcast_to(np.asarray(radius, dtype=float), at.shape)
+        return cls(curve, np.interp(fine, at, radii))
+
+    @classmethod
+    def ring(cls, centre: ArrayLike, normal: ArrayLike, radius: float, thickness: float) -> Tube:
+        """A torus: `radius` of its circle, `thickness` the radius of the tube [mm]."""
+        n = np.asarray(normal, dtype=float) / np.linalg.norm(normal)
+        one = np.cross(n, [0.0, 0.0, 1.0] if abs(n[2]) < 0.8 else [1.0, 0.0, 0.0])
+        one /= np.linalg.norm(one)
+        two = np.cross(n, one)
+        angle = np.linspace(0.0, 2 * np.pi, 33)[:, None]
+        circle = np.asarray(centre, dtype=float) + radius * (np.cos(angle) * one + np.sin(angle) * two)
+        return cls(circle, np.full(len(circle), thickness))
+
+    @property
+    def length(self) -> float:
+        """Of the polyline [mm]."""
+        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+
+    def merge_into(self, field: Floats | Singles, grid: Grid, reach: float) -> None:
+        """Lowers a field to the signed distance from the tube, wherever that is below `reach` [mm]."""
+        for k in range(len(self.points) - 1):
+            a, b = self.points[k], self.points[k + 1]
+            _merge_piece(field, grid, (a, b), (float(self.radius[k]), float(self.radius[k + 1])), reach)
+
+
+def _merge_piece(
+    field: Floats | Singles, grid: Grid, ends: tuple[Floats, Floats], radii: tuple[float, float], reach: float
+) -> None:
+    a, b = ends
+    pad = max(radii) + reach
+    slices, parts = [], []
+    for axis, places in ((2, grid.z), (1, grid.y), (0, grid.x)):
+        low, high = min(a[axis], b[axis]) - pad, max(a[axis], b[axis]) + pad
+        begin, end = np.searchsorted(places, [low, high])
+        if begin == end:
+            return
+        slices.append(slice(begin, end))
+        shape = [1, 1, 1]
+        shape[2 - axis] = end - begin
+        parts.append((places[begin:end] - a[axis]).reshape(shape))
+    z, y, x = parts
+    along = b - a
+    square = float(along @ along)
+    t = np.clip((x * along[0] + y * along[1] + z * along[2]) / square, 0.0, 1.0) if square > 0 else 0.0
+    dx, dy, dz = x - t * along[0], y - t * along[1], z - t * along[2]
+    distance = np.sqrt(dx * dx + dy * dy + dz * dz) - (radii[0] + t * (radii[1] - radii[0]))
+    part = field[tuple(slices)]
+    np.minimum(part, distance.astype(field.dtype), out=part, where=distance < reach)
+
+
+def distance_to(tubes: Sequence[Tube], grid: Grid, reach: float) -> Floats:
+    """Signed distance from tubes, FAR where it is above `reach` [mm]."""
+    out = np.full(grid.shape, FAR)
+    for tube in tubes:
+        tube.merge_into(out, grid, reach)
+    return out
+
+
+def ellipsoid(grid: Grid, centre: ArrayLike, half_axes: ArrayLike) -> Floats:
+    """Signed distance from an ellipsoid, to first order at its surface [mm]."""
+    c, h = np.asarray(centre, dtype=float), np.asarray(half_axes, dtype=float)
+    x, y, z = grid.open()
+    u, v, w = (x - c[0]) / h[0], (y - c[1]) / h[1], (z - c[2]) / h[2]
+    k = np.sqrt(u * u + v * v + w * w)
+    slope = np.sqrt((u / h[0]) ** 2 + (v / h[1]) ** 2 + (w / h[2]) ** 2)
+    return np.asarray(k * (k - 1.0) / np.maximum(slope, 1e-9))
+
+
+def smooth_min(a: Floats, b: Floats, width: float) -> Floats:
+    """The smaller of two, with the edge where they meet rounded over a width [mm]."""
+    h = np.maximum(width - np.abs(a - b), 0.0) / width
+    return np.asarray(np.minimum(a, b) - h * h * (width / 4.0))
+
+
+def smooth_max(a: Floats, b: Floats, width: float) -> Floats:
+    """The larger of two, with the edge where they meet rounded over a width [mm]."""
+    return -smooth_min(-a, -b, width)
+
+
+def share(distance: Singles, width: float) -> Singles:
+    """Part of a voxel of that width [mm] inside a surface at that signed distance [mm] from its centre, 0..1."""
+    return np.clip(np.float32(0.5) - distance * np.float32(1.0 / width), np.float32(0.0), np.float32(1.0))

@@ -1,0 +1,215 @@
+"""Tables of tissues as CSV text."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import os
+import re
+from collections.abc import Iterator
+
+from burrlab import csv_text
+from burrlab._core import Material, Tissue, Tissues
+from burrlab.anatomy.known_tissues import known_tissue
+from burrlab.materials import materials
+from burrlab.session.snapshot import tissues_from_json, tissues_to_json
+
+COLUMNS = ("label", "name", "colour", "c_e_N_per_mm2", "alpha_per_ms", "critical", "bleeds", "assumed")
+_NEEDED = ("label", "name")
+_WORDS = {"yes": True, "no": False, "true": True, "false": False, "1": True, "0": False}
+
+
+def read_tissues(path: str | os.PathLike[str], *, material: Material | None = None) -> Tissues:
+    """Reads a table of tissues: CSV text with the columns of `write_tissues`.
+
+    Parameters
+    ----------
+    path : path-like
+        Columns `label` and `name` must be there. An empty `colour`, `critical` or `bleeds` is what the default table
+        says of a structure of that name (else grey, no, no). An empty `c_e_N_per_mm2` or `alpha_per_ms` is the
+        material's, and the tissue then counts as assumed.
+    material : Material, optional
+        The bone. Default: the one in the file's comments, as `write_tissues` puts it there, else `materials["bone"]`.
+
+    Returns
+    -------
+    Tissues
+
+    Raises
+    ------
+    ValueError
+        If the file is no such table; the sentence names the line and the column.
+    OSError
+        If it cannot be read.
+    """
+    name = os.fspath(path)
+    with open(path, "rb") as stream:
+        text = csv_text.decoded(name, stream.read())
+    if material is None:
+        material = _material(name, text)
+    lines = ((n, line.strip()) for n, line in enumerate(io.StringIO(text, newline=None), start=1))
+    table = ((n, _fields(name, n, line)) for n, line in lines if line and not line.startswith("#"))
+    try:
+        number, columns = next(table)
+    except StopIteration:
+        raise ValueError(f"{name}: the file is empty, or holds nothing but comments") from None
+    _check_columns(f"{name}, line {number}", columns)
+    rows = list(_rows(name, columns, table, material))
+    if not rows:
+        raise ValueError(f"{name}: there is no row below the column names")
+    try:
+        return Tissues(rows, material)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+def write_tissues(path: str | os.PathLike[str], tissues: Tissues) -> None:
+    """Writes a table as CSV text, which `read_tissues` gives back without loss.
+
+    Parameters
+    ----------
+    path : path-like
+    tissues : Tissues
+        Values that are assumed and the material's stay empty in the file.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import burrlab, tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> from burrlab.anatomy import default_tissues
+    >>> table = default_tissues({1: "bone", 2: "facial nerve"})
+    >>> write_tissues(folder.name + "/table.csv", table)
+    >>> read_tissues(folder.name + "/table.csv") == table
+    True
+    >>> folder.cleanup()
+    """
+    with open(path, "w", encoding="utf-8", newline="") as stream:
+        stream.write(tissues_text(tissues))
+
+
+def tissues_text(tissues: Tissues) -> str:
+    """The table as `write_tissues` writes it."""
+    stream = io.StringIO()
+    material = json.loads(tissues_to_json(tissues))["material"]
+    stream.write(f"# material: {json.dumps(material)}\n")
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for t in tissues:
+        values = [
+            "" if t.assumed and own == bone else repr(own)
+            for own, bone in ((t.c_e, tissues.material.c_e), (t.alpha, tissues.material.alpha))
+        ]
+        flags = ["yes" if flag else "no" for flag in (t.critical, t.bleeds, t.assumed)]
+        writer.writerow([t.label, t.name, "#{:02x}{:02x}{:02x}".format(*t.colour), *values, *flags])
+    return stream.getvalue()
+
+
+def _material(name: str, text: str) -> Material:
+    for line in text.splitlines():
+        if line.startswith("# material:"):
+            given = line.partition(":")[2].strip()
+            row = '[{"name": "x", "label": 0, "c_e_N_per_mm2": 1, "alpha_per_ms": 0, "colour": [0, 0, 0], '
+            row += '"critical": false, "bleeds": false, "assumed": true}]'
+            try:
+                return tissues_from_json(f'{{"material": {given}, "tissues": {row}}}').material
+            except (ValueError, KeyError, TypeError) as error:
+                raise ValueError(f"{name}: the material in the comments is none: {error}") from None
+    return materials["bone"]
+
+
+def _fields(name: str, number: int, line: str) -> list[str]:
+    try:
+        return [text.strip() for text in next(csv.reader([line], strict=True, skipinitialspace=True))]
+    except csv.Error as error:
+        raise ValueError(f"{name}, line {number}: not a line of comma-separated fields ({error})") from None
+
+
+def _check_columns(where: str, columns: list[str]) -> None:
+    for column in columns:
+        if column not in COLUMNS:
+            raise ValueError(f"{where}: unknown column {column!r}; known are {', '.join(COLUMNS)}")
+        if columns.count(column) > 1:
+            raise ValueError(f"{where}: column {column} is there twice")
+    for column in _NEEDED:
+        if column not in columns:
+            raise ValueError(f"{where}: column {column} is missing")
+
+
+def _rows(
+    file: str, columns: list[str], table: Iterator[tuple[int, list[str]]], material: Material
+) -> Iterator[Tissue]:
+    lines: dict[str, int] = {}
+    for number, texts in table:
+        where = f"{file}, line {number}"
+        if len(texts) != len(columns):
+            raise ValueError(
+                f"{where}: {len(columns)} fields are due ({', '.join(columns)}), found {len(texts)}"
+            )
+        row = dict(zip(columns, texts, strict=True))
+        for column in _NEEDED:
+            key = f"{column} {row[column]}"
+            if key in lines:
+                raise ValueError(f"{where}, column {column}: {row[column]!r} is in line {lines[key]} already")
+            lines[key] = number
+        yield _tissue(where, row, material)
+
+
+def _tissue(where: str, row: dict[str, str], material: Material) -> Tissue:
+    label, name = row["label"], row["name"]
+    if not (label.isascii() and label.isdecimal() and int(label) < 2**31):
+        raise ValueError(f"{where}, column label: must be a whole number from 0, got {label!r}")
+    if not name:
+        raise ValueError(f"{where}, column name: every row needs a name")
+    known = known_tissue(name)
+    c_e = _number(where, "c_e_N_per_mm2", row, "from 1/4096 to 1000", 1 / 4096, 1000.0)
+    alpha = _number(where, "alpha_per_ms", row, "zero or positive", 0.0, math.inf)
+    assumed = _flag(where, "assumed", row, c_e is None or alpha is None)
+    if (c_e is None or alpha is None) and not assumed:
+        raise ValueError(f"{where}, column assumed: must be yes where c_e or alpha is empty, got 'no'")
+    return Tissue(
+        name, label=int(label), c_e=material.c_e if c_e is None else c_e,
+        alpha=material.alpha if alpha is None else alpha,
+        colour=_colour(where, row.get("colour", ""), known.colour if known else (128, 128, 128)),
+        critical=_flag(where, "critical", row, known is not None and known.critical),
+        bleeds=_flag(where, "bleeds", row, known is not None and known.bleeds), assumed=assumed,
+    )  # fmt: skip
+
+
+def _number(
+    where: str, column: str, row: dict[str, str], rule: str, least: float, most: float
+) -> float | None:
+    text = row.get(column, "")
+    if not text:
+        return None
+    try:
+        value = float(text.replace("_", " "))  # Python's 1_000 is no number to a spreadsheet
+    except ValueError:
+        raise ValueError(f"{where}, column {column}: {text!r} is not a number") from None
+    if not (math.isfinite(value) and least <= value <= most):
+        raise ValueError(f"{where}, column {column}: must be {rule}, got {text!r}")
+    return value
+
+
+def _flag(where: str, column: str, row: dict[str, str], default: bool) -> bool:
+    text = row.get(column, "")
+    if not text:
+        return default
+    if text.lower() not in _WORDS:
+        raise ValueError(f"{where}, column {column}: must be yes or no, got {text!r}")
+    return _WORDS[text.lower()]
+
+
+def _colour(where: str, text: str, default: tuple[int, int, int]) -> tuple[int, int, int]:
+    if not text:
+        return default
+    if re.fullmatch(r"#[0-9a-fA-F]{6}", text) is None:
+        raise ValueError(f"{where}, column colour: must be #rrggbb, got {text!r}")
+    red, green, blue = (int(text[i : i + 2], 16) for i in (1, 3, 5))
+    return red, green, blue

@@ -1,0 +1,179 @@
+"""What is watched in a session: critical structures, and when nearness to them is told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from burrlab._core import AnatomyWatch, VoxelBone
+from burrlab.anatomy.distance_fields import MARGIN, SPACING, structure_distances
+
+#: One number for all structures, or one a structure by name.
+Limit = float | Mapping[str, float]
+
+_APPROACH, _TOUCH, _INJURY, _HYSTERESIS = 2.0, 0.0, 0.0, 0.5  # ours
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When nearness to a structure is told: distances of the burr's surface [mm], volume removed [mm^3]."""
+
+    approach: float
+    touch: float
+    injury: float
+
+
+class Watch:
+    """Critical structures of a bone, with fields of the distance to them; for `Session(..., watch=...)`.
+
+    Parameters
+    ----------
+    bone : VoxelBone
+        With tissues; the session's, or one that it is a copy of.
+    approach, touch : float or {name: float}
+        Distances of the burr's surface to a structure as segmented, at which its approach and a touch are told [mm]. A
+        structure without an entry has the default: 2 and 0 mm, ours.
+    injury : float or {name: float}
+        An injury is told once more than this was removed from the structure [mm^3]; default 0, the first level.
+    hysteresis : float
+        That the burr goes beyond a distance before it can be told again [mm]; the default is ours.
+    structures : sequence of str, optional
+        Names of tissues; default: all that are critical and have voxels.
+
+    Attributes
+    ----------
+    structures : tuple of str
+    limits : tuple of Limits
+        One a structure.
+
+    Raises
+    ------
+    ValueError
+        If the bone has no tissues or no critical one, there is no tissue of a name, no voxel of a structure, or the
+        limits are out of order: 0 <= touch <= approach, approach + hysteresis + radius at most 15 mm.
+
+    Notes
+    -----
+    A structure is all voxels that carry its label, as boxes, whatever bone was or is in them. `docs/anatomy.md` has the
+    definitions and the errors.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from burrlab import Tissue, Tissues, VoxelBone, materials
+    >>> bone = VoxelBone.block((8, 8, 8), 0.2)
+    >>> numbers = np.zeros(bone.shape, np.uint8)
+    >>> numbers[:, :, 30:] = 1
+    >>> rows = [Tissue(name, label=i, c_e=2.0, alpha=0.1, critical=i == 1) for i, name in enumerate(("bone", "nerve"))]
+    >>> bone.set_tissues(Tissues(rows, materials["bone"]), numbers)
+    >>> watch = Watch(bone, approach=1.0)
+    >>> watch.structures, round(float(watch.distance((3.9, 4.0, 4.0), "nerve", radius=1.0)), 9)
+    (('nerve',), 1.0)
+    """
+
+    def __init__(
+        self,
+        bone: VoxelBone,
+        *,
+        approach: Limit = _APPROACH,
+        touch: Limit = _TOUCH,
+        injury: Limit = _INJURY,
+        hysteresis: float = _HYSTERESIS,
+        structures: Sequence[str] | None = None,
+    ) -> None:
+        tissues = bone.tissues
+        if tissues is None:
+            raise ValueError("bone must have tissues, got one of a single material")
+        if structures is None:
+            present = np.bincount(bone.tissue_numbers.ravel(), minlength=len(tissues))
+            structures = [t.name for i, t in enumerate(tissues) if t.critical and present[i]]
+            if not structures:
+                raise ValueError("structures must be named: no tissue of the bone is critical and has voxels")
+        self.structures = tuple([structures] if isinstance(structures, str) else structures)
+        if len(set(self.structures)) < len(self.structures):
+            raise ValueError(f"structures must differ, got {', '.join(self.structures)}")
+        numbers = [tissues.number(name) for name in self.structures]
+        for name, limit in (("approach", approach), ("touch", touch), ("injury", injury)):
+            for key in limit if isinstance(limit, Mapping) else ():
+                if key not in self.structures:
+                    raise ValueError(f"{name} must be of watched structures, got one of '{key}'")
+        self.limits = tuple(
+            Limits(_of(approach, name, _APPROACH), _of(touch, name, _TOUCH), _of(injury, name, _INJURY))
+            for name in self.structures
+        )
+        self.hysteresis = float(hysteresis)
+        self.colours = tuple(tissues[number].colour for number in numbers)
+        self._voxel_volume = float(np.prod(bone.spacing))
+        self._distances = structure_distances(bone, numbers)
+        self.core([1.0])  # the limits are checked there
+
+    @classmethod
+    def of_settings(cls, bone: VoxelBone, settings: Mapping[str, Any]) -> Watch:
+        """The watch that had these settings, on an equal bone. ValueError, KeyError or TypeError where they are none."""
+        rows = settings["structures"]
+        names = [row["name"] for row in rows]
+        of = {
+            key: {row["name"]: row[key] for row in rows} for key in ("approach_mm", "touch_mm", "injury_mm3")
+        }
+        return cls(
+            bone, approach=of["approach_mm"], touch=of["touch_mm"], injury=of["injury_mm3"],
+            hysteresis=settings["hysteresis_mm"], structures=names,
+        )  # fmt: skip
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """For JSON, units in the names."""
+        rows = [
+            {"name": name, "approach_mm": limit.approach, "touch_mm": limit.touch, "injury_mm3": limit.injury}
+            for name, limit in zip(self.structures, self.limits, strict=True)
+        ]
+        return {"structures": rows, "hysteresis_mm": self.hysteresis, "field_spacing_mm": SPACING, "field_margin_mm": MARGIN,
+                "voxel_volume_mm3": self._voxel_volume}  # fmt: skip
+
+    def core(self, radii: Sequence[float]) -> AnatomyWatch:
+        """A watch of the core for burrs of these radii [mm], which has seen nothing. ValueError where limits are out of order."""
+        rows = [
+            (distance, limit.approach, limit.touch, limit.injury, self.hysteresis)
+            for distance, limit in zip(self._distances, self.limits, strict=True)
+        ]
+        return AnatomyWatch(rows, [float(radius) for radius in radii])
+
+    def distance(self, centers: ArrayLike, structure: str, *, radius: float = 0.0) -> NDArray[np.float64]:
+        """Distance of the surface of a sphere to a structure, as the events have it.
+
+        Parameters
+        ----------
+        centers : array_like, shape (..., 3)
+            Bone frame [mm].
+        structure : str
+        radius : float
+            0 to 6 [mm].
+
+        Returns
+        -------
+        ndarray, shape (...)
+            [mm], at least -radius; infinite farther from the structure than its field reaches.
+
+        Raises
+        ------
+        ValueError
+            If the structure is not watched, or a number is not finite or out of range.
+        """
+        if structure not in self.structures:
+            raise ValueError(f"structure must be one of {', '.join(self.structures)}, got '{structure}'")
+        at = np.asarray(centers, float)
+        return self._distances[self.structures.index(structure)].of_sphere(at, radius)
+
+    def __repr__(self) -> str:
+        said = ", ".join(
+            f"{n} {asdict(limit)}" for n, limit in zip(self.structures, self.limits, strict=True)
+        )
+        return f"Watch({said}, hysteresis={self.hysteresis:g})"
+
+
+def _of(limit: Limit, name: str, default: float) -> float:
+    return float(limit.get(name, default) if isinstance(limit, Mapping) else limit)

@@ -1,0 +1,117 @@
+"""From where one looks: viewpoints, and the two eyes of a stereo pair."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from burrlab._core import VoxelBone
+
+_ANGLE = 30.0  # of the view, top to bottom [degree]
+_VIEWER = 500.0  # distance of a viewer for whom a separation of the eyes is given [mm]
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """A camera: where it is, what it looks at, what is up [mm], and its angle from bottom to top [degree]."""
+
+    position: tuple[float, ...]
+    focus: tuple[float, ...]
+    up: tuple[float, ...]
+    angle: float = _ANGLE
+
+    @property
+    def distance(self) -> float:
+        """From camera to focus [mm]."""
+        return float(np.linalg.norm(np.subtract(self.position, self.focus)))
+
+
+def surgeon_view(
+    bone: VoxelBone,
+    entry: ArrayLike | None = None,
+    axis: ArrayLike | None = None,
+    *,
+    width: float | None = None,
+    tilt: float = 28.0,
+) -> Viewpoint:
+    """As a surgeon looks: at the entry, along the axis of the approach, tilted so that depth is seen.
+
+    Parameters
+    ----------
+    bone : VoxelBone
+    entry : (x, y, z), optional
+        What is looked at [mm]; default: the middle of the volume's face where the axis enters.
+    axis : (x, y, z), optional
+        Direction of the approach, into the bone; default: downwards, (0, 0, -1).
+    width : float, optional
+        That the view holds at the entry [mm]; default: the whole volume.
+    tilt : float
+        Between approach and line of sight [degree].
+
+    Raises
+    ------
+    ValueError
+        If the axis is zero, or a value is not finite.
+    """
+    into = _unit("axis", (0.0, 0.0, -1.0) if axis is None else axis)
+    spacing, shape = np.array(bone.spacing), np.array(bone.shape[::-1])
+    half = spacing * shape / 2
+    middle = np.array(bone.origin) - spacing / 2 + half
+    if entry is None:
+        away = half / np.maximum(np.abs(into), 1e-9)
+        focus = middle - into * away.min()
+        if width is None:
+            focus = middle - 0.35 * into * away.min()
+    else:
+        focus = np.asarray(entry, float)
+        if focus.shape != (3,) or not np.isfinite(focus).all():
+            raise ValueError(f"entry must be three finite numbers (x, y, z) [mm], got {entry}")
+    if width is None:
+        width = 2.15 * float(np.linalg.norm(half))
+    if not (np.isfinite(width) and width > 0 and np.isfinite(tilt)):
+        raise ValueError(f"width must be positive and tilt finite, got {width} and {tilt}")
+    side = np.eye(3)[1] if abs(into[1]) < 0.9 else np.eye(3)[2]
+    up = _unit("up", side - into * (side @ into))
+    lean = np.deg2rad(tilt)
+    sight = np.cos(lean) * into + np.sin(lean) * up
+    distance = width / (2 * np.tan(np.deg2rad(_ANGLE) / 2))
+    return Viewpoint(_tuple(focus - distance * sight), _tuple(focus), _tuple(up))
+
+
+def eyes(view: Viewpoint, separation: float, aspect: float) -> list[tuple[Viewpoint, float]]:
+    """Left and right eye: viewpoint, and the shift of its picture in half widths (VTK's window centre).
+
+    Parameters
+    ----------
+    view : Viewpoint
+        Between the eyes.
+    separation : float
+        For a viewer at 500 mm [mm].
+    aspect : float
+        Width by height of the picture.
+    """
+    sight = _unit("sight", np.subtract(view.focus, view.position))
+    right = _unit("right", np.cross(sight, view.up))
+    half = 0.5 * separation * view.distance / _VIEWER
+    half_width = view.distance * np.tan(np.deg2rad(view.angle) / 2) * aspect
+    out = []
+    for sign in (-1.0, 1.0):
+        offset = sign * half * right
+        moved = Viewpoint(_tuple(view.position + offset), _tuple(view.focus + offset), view.up, view.angle)
+        out.append((moved, -sign * half / half_width))
+    return out
+
+
+def _unit(name: str, vector: Any) -> NDArray[np.float64]:
+    values = np.asarray(vector, float)
+    length = float(np.linalg.norm(values))
+    if values.shape != (3,) or not np.isfinite(length) or length == 0:
+        raise ValueError(f"{name} must be three finite numbers, not all zero, got {vector}")
+    return values / length
+
+
+def _tuple(values: NDArray[np.float64]) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)

@@ -1,0 +1,21 @@
+"""Volumes from files, grey or labelled, and bone made of them."""
+
+from burrlab.volume.geometry import check_same_geometry, same_geometry
+from burrlab.volume.label_volume import LabelVolume
+from burrlab.volume.occupancy_map import OccupancyMap
+from burrlab.volume.read import read_labels, read_volume
+from burrlab.volume.stack import read_stack
+from burrlab.volume.volume import Volume
+from burrlab.volume.write import write_volume
+
+__all__ = [
+    "LabelVolume",
+    "OccupancyMap",
+    "Volume",
+    "check_same_geometry",
+    "read_labels",
+    "read_stack",
+    "read_volume",
+    "same_geometry",
+    "write_volume",
+]

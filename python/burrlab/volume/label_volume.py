@@ -1,0 +1,130 @@
+"""Labels on a grid: which structure each voxel belongs to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from burrlab.specimen import Vector
+from burrlab.volume.geometry import Array, OnGrid, checked_direction, checked_point, checked_spacing, slices
+from burrlab.volume.resample import resample_nearest
+from burrlab.volume.volume import check_finite
+
+
+@dataclass(frozen=True, eq=False)
+class LabelVolume(OnGrid):
+    """Whole numbers on a grid, one a voxel, placed as a `Volume` is.
+
+    Parameters
+    ----------
+    labels : ndarray, shape (nz, ny, nx)
+        Whole numbers; floats that are whole become integers. Kept as a read-only view.
+    spacing, origin, direction, path, notes
+        As for `Volume`.
+    names : mapping of int to str
+        Of labels, as far as the file gives them.
+    colours : mapping of int to (r, g, b)
+        0 to 255, as far as the file gives them.
+
+    Raises
+    ------
+    ValueError
+        If the labels are not whole numbers in three dimensions; else as `Volume`.
+    """
+
+    labels: NDArray[Any]
+    spacing: Array
+    origin: Array
+    direction: Array
+    path: str
+    names: dict[int, str] = field(default_factory=dict)
+    colours: dict[int, tuple[int, int, int]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        labels = whole_labels(np.asarray(self.labels), self.path).view()
+        labels.flags.writeable = False
+        object.__setattr__(self, "labels", labels)
+        object.__setattr__(self, "spacing", checked_spacing(self.spacing))
+        object.__setattr__(self, "origin", checked_point(self.origin, "origin"))
+        object.__setattr__(self, "direction", checked_direction(self.direction, self.path))
+        object.__setattr__(self, "names", {int(label): str(name) for label, name in self.names.items()})
+        object.__setattr__(self, "colours", _colours(self.colours))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Voxels along (z, y, x)."""
+        z, y, x = self.labels.shape
+        return z, y, x
+
+    def crop(self, low: Vector, high: Vector) -> LabelVolume:
+        """The voxels whose centres lie in a box, as `Volume.crop`."""
+        return self.crop_voxels(*self.box(low, high))
+
+    def crop_voxels(self, start: tuple[int, int, int], stop: tuple[int, int, int]) -> LabelVolume:
+        """The voxels from `start` up to but without `stop`, indices (z, y, x); ValueError unless they lie in the volume."""
+        kept = self.labels[slices(self.shape, start, stop)]
+        origin = self.origin + self.patient_point(np.array(start[::-1]) * self.spacing)
+        return replace(self, labels=kept, origin=origin)
+
+    def resample(self, spacing: float | ArrayLike) -> LabelVolume:
+        """The labels on voxels of another spacing, each that of the old voxel in which its centre lies.
+
+        Field of view and grid are those of `Volume.resample`. Where voxels become larger, what is thinner than they are can go.
+
+        Parameters
+        ----------
+        spacing : float or (x, y, z)
+            [mm]
+
+        Raises
+        ------
+        ValueError
+            If the spacing is not positive, or makes too many voxels.
+        """
+        new = checked_spacing(spacing)
+        if np.allclose(new, self.spacing, rtol=1e-9, atol=0):
+            return self
+        origin = self.origin + self.patient_point((new - self.spacing) / 2)
+        return replace(
+            self, labels=resample_nearest(self.labels, self.spacing, new), spacing=new, origin=origin
+        )
+
+    def __repr__(self) -> str:
+        sizes = " x ".join(str(n) for n in self.shape[::-1])
+        apart = " x ".join(f"{s:g}" for s in self.spacing)
+        return f"LabelVolume({sizes} voxels of {apart} mm, {self.labels.dtype}, {self.path})"
+
+
+def whole_labels(labels: NDArray[Any], path: str) -> NDArray[Any]:
+    """Integers of labels, (z, y, x); ValueError where one is not whole."""
+    if labels.ndim != 3 or labels.size == 0 or labels.dtype.kind not in "iufb":
+        raise ValueError(
+            f"{path}: labels must be whole numbers in three dimensions, got shape {labels.shape} of {labels.dtype}"
+        )
+    if labels.dtype.kind == "b":
+        return labels.astype(np.uint8)
+    if labels.dtype.kind != "f":
+        return labels
+    check_finite(labels, path)
+    found = np.rint(labels)
+    if not np.array_equal(found, labels) or np.abs(found).max() >= 2**31:
+        first = tuple(int(i) for i in np.unravel_index(int(np.argmax(found != labels)), labels.shape))
+        raise ValueError(
+            f"{path}: labels must be whole numbers, got {labels[first]:g} at (z, y, x) = {first}"
+        )
+    return np.asarray(found.astype(np.int32))
+
+
+def _colours(colours: Mapping[int, Any]) -> dict[int, tuple[int, int, int]]:
+    found = {}
+    for label, colour in colours.items():
+        r, g, b = (int(channel) for channel in colour)
+        if not all(0 <= channel <= 255 for channel in (r, g, b)):
+            raise ValueError(f"colours must be of channels 0 to 255, got {colour} for label {label}")
+        found[int(label)] = (r, g, b)
+    return found

@@ -1,0 +1,138 @@
+"""Volumes as stacks of PNG slices: grey values, or labels as colours."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from burrlab._core import Tissues
+from burrlab.volume.adf import StackDescription, read_description
+from burrlab.volume.geometry import checked_spacing
+from burrlab.volume.label_volume import LabelVolume
+from burrlab.volume.palette import Colours, Palette
+from burrlab.volume.png_files import Slices, find_slices, pixels
+from burrlab.volume.volume import Volume
+
+
+def read_stack(
+    path: str | os.PathLike[str],
+    *,
+    spacing: float | ArrayLike | None = None,
+    palette: Tissues | Mapping[str, Colours] | None = None,
+    unknown: str | int = "refuse",
+    unit: float | None = None,
+    transpose: bool = False,
+) -> Volume | LabelVolume:
+    """Reads PNG slices: grey ones as a volume, coloured ones as labels.
+
+    Parameters
+    ----------
+    path : path-like
+        A folder of slices, a pattern ('folder/slice*.png'), or the YAML file that describes them in volumetric_drilling.
+        Slices are in the order of the number that ends their names.
+    spacing : float or (x, y, z), optional
+        Of voxels [mm]; needed unless a YAML file says how large the volume is.
+    palette : Tissues or mapping of str to (r, g, b), optional
+        Colours of labels; a mapping gives the labels 1, 2, ... in its order. Default: the sixteen of volumetric_drilling.
+    unknown : "refuse", "nearest" or int
+        What becomes of colours that are in no table, as segments that overlap or scaling leave them: an error with count and
+        example, the label of the nearest colour, or this label. The notes of the result say how many.
+    unit : float, optional
+        Of the dimensions in a YAML file [mm]; default a metre.
+    transpose : bool
+        True where the rows of the slices lie along x and their columns along y, as the simulator's converter from NRRD
+        writes them.
+
+    Returns
+    -------
+    Volume or LabelVolume
+        Grey where the slices are grey, or are RGB(A), opaque and without a colour throughout and no palette is given; else
+        labels. Voxel axes: x along the columns of a slice to the right, y along its rows downwards, z with the number. The
+        centre of the first slice's first pixel is the origin, the direction that of the voxel axes.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such folder or file.
+    ImportError
+        Without PyYAML (extra `medical`), for a YAML file.
+    ValueError
+        If slices are missing, damaged, or of different sizes or kinds, a colour is in no table, the spacing is unknown or said
+        twice, or no head has the sides that the YAML file says.
+
+    Notes
+    -----
+    Transparent and black pixels are label 0, whatever their colour. Partly transparent ones count by their colour.
+    """
+    name = os.fspath(path)
+    described = _description(name, spacing, unit)
+    slices = (
+        find_slices(path) if described is None else find_slices(described.folder, prefix=described.prefix)
+    )
+    count = len(slices.paths)
+    shape = (count, slices.columns, slices.rows) if transpose else (count, slices.rows, slices.columns)
+    notes = []
+    if described is None:
+        assert spacing is not None
+        apart = checked_spacing(spacing)
+    else:
+        apart = described.extent / np.array(shape[::-1])
+        if described.count is not None and described.count != count:
+            if count > described.count:
+                raise ValueError(
+                    f"{name}: images: count must be {count}, the slices in {described.folder}, got {described.count}"
+                )
+            notes.append(f"count in {name} is {described.count}, of which {count} slices are there")
+    grid: dict[str, Any] = {
+        "spacing": apart, "origin": np.zeros(3), "direction": np.eye(3), "path": name,
+    }  # fmt: skip
+    if slices.kind == "grey" or (palette is None and _without_colour(slices)):
+        if palette is not None:
+            raise ValueError(f"{slices.paths[0]}: a palette is for coloured slices, and these are grey")
+        return Volume(_grey(slices, transpose), notes=tuple(notes), **grid)
+    colours = Palette.of(palette, unknown)
+    labels = np.empty(shape, colours.dtype)
+    for k, file in enumerate(slices.paths):
+        plane = colours.labels(pixels(file), file)
+        labels[k] = plane.T if transpose else plane
+    notes.extend(colours.notes())
+    return LabelVolume(labels, names=colours.names, colours=colours.colours, notes=tuple(notes), **grid)
+
+
+def _description(name: str, spacing: float | ArrayLike | None, unit: float | None) -> StackDescription | None:
+    """What a YAML file says; None where the slices are named themselves, with their spacing."""
+    if Path(name).suffix.lower() in (".yaml", ".yml"):
+        if spacing is not None:
+            raise ValueError(
+                f"spacing must not be given with {name}, which has dimensions (unit= is their unit)"
+            )
+        return read_description(name, unit=unit)
+    if spacing is None:
+        raise ValueError(f"{name}: PNG slices do not say how large they are: give spacing=(x, y, z) [mm]")
+    if unit is not None:
+        raise ValueError("unit goes with a YAML file: spacing is in mm")
+    checked_spacing(spacing)
+    return None
+
+
+def _without_colour(slices: Slices) -> bool:
+    """Whether every pixel is opaque and grey: a grey volume that was written as colours."""
+    for path in slices.paths:
+        image = pixels(path)
+        if np.any(image[..., 3] != 255) or np.any(image[..., :2] != image[..., 1:3]):
+            return False
+    return True
+
+
+def _grey(slices: Slices, transpose: bool) -> NDArray[Any]:
+    planes = []
+    for path in slices.paths:
+        image = pixels(path)
+        plane = image[..., 0] if image.ndim == 3 else image
+        planes.append(plane.T if transpose else plane)
+    return np.stack(planes)

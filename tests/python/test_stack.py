@@ -1,0 +1,304 @@
+"""PNG stacks: order, axes, colours, descriptions, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from burrlab import Tissue, Tissues, materials
+from burrlab.anatomy.known_tissues import VOLUMETRIC_DRILLING
+from burrlab.volume import LabelVolume, Volume, read_stack
+
+BONE, NERVE = VOLUMETRIC_DRILLING["Bone"], VOLUMETRIC_DRILLING["Facial_Nerve"]
+
+
+def save(folder: Path, planes: Any, name: str = "plane00{}.png", mode: str | None = None) -> Path:
+    folder.mkdir(exist_ok=True)
+    for k, plane in enumerate(planes):
+        image = Image.fromarray(np.asarray(plane))
+        (image if mode is None else image.convert(mode)).save(folder / name.format(k))
+    return folder
+
+
+def grey(shape: tuple[int, int, int] = (12, 4, 5), kind: type = np.uint8) -> np.ndarray:
+    return np.random.default_rng(3).integers(0, np.iinfo(kind).max, shape).astype(kind)
+
+
+def coloured(shape: tuple[int, int, int] = (3, 4, 5)) -> np.ndarray:
+    """Transparent, but for bone in the first slice and a nerve at row 1, column 3 of the second."""
+    planes = np.zeros((*shape, 4), np.uint8)
+    planes[0] = (*BONE, 255)
+    planes[1, 1, 3] = (*NERVE, 255)
+    return planes
+
+
+def adf(
+    folder: Path, *, dimensions: str = "{x: 0.05, y: 0.04, z: 0.03}", extra: str = "", count: int = 512
+) -> Path:
+    path = folder / "volume.yaml"
+    path.write_text(
+        f"# a comment\nvolumes: [VOLUME v]\n\nVOLUME v:\n  name: v\n  dimensions: {dimensions}\n{extra}"
+        f"  images:\n    path: slices/\n    prefix: plane00\n    format: png\n    count: {count}\n"
+    )
+    return path
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+@pytest.mark.parametrize("name", ["plane00{}.png", "s{:04d}.PNG", "7_{}.png"])
+def test_grey_slices_in_the_order_of_their_numbers(tmp_path: Path, kind: type, name: str) -> None:
+    values = grey(kind=kind)
+    volume = read_stack(save(tmp_path / "s", values, name), spacing=(0.1, 0.2, 0.3))
+    assert isinstance(volume, Volume)
+    assert volume.values.dtype == kind
+    np.testing.assert_array_equal(volume.values, values)
+    np.testing.assert_array_equal(volume.spacing, (0.1, 0.2, 0.3))
+    np.testing.assert_array_equal(volume.origin, 0)
+    np.testing.assert_array_equal(volume.direction, np.eye(3))
+
+
+def test_axes_of_an_asymmetric_pattern(tmp_path: Path) -> None:
+    folder = save(tmp_path / "s", coloured())
+    labels = read_stack(folder, spacing=0.1)
+    assert isinstance(labels, LabelVolume)
+    assert labels.labels.shape == (3, 4, 5)
+    assert labels.labels[1, 1, 3] == 10  # (z, y, x): slice, row, column
+    assert (labels.labels[0] == 1).all()
+    assert np.count_nonzero(labels.labels[1:]) == 1
+    assert (labels.names[10], labels.colours[10]) == ("Facial_Nerve", NERVE)
+    assert labels.notes == ()
+    turned = read_stack(folder, spacing=0.1, transpose=True)
+    assert isinstance(turned, LabelVolume)
+    np.testing.assert_array_equal(turned.labels, labels.labels.transpose(0, 2, 1))
+
+
+def test_modes_of_colour_give_the_same_labels(tmp_path: Path) -> None:
+    planes = coloured()
+    planes[..., :3][planes[..., 3] == 0] = 0  # black, which is nothing too
+    planes[..., 3] = 255
+    expected = read_stack(save(tmp_path / "rgba", planes), spacing=0.1)
+    assert isinstance(expected, LabelVolume)
+    for mode in ("RGB", "P"):
+        folder = save(tmp_path / mode, planes[..., :3], mode=None if mode == "RGB" else "P")
+        if mode == "P":
+            for k, plane in enumerate(planes):
+                Image.fromarray(plane[..., :3]).quantize(8).save(folder / f"plane00{k}.png")
+        found = read_stack(folder, spacing=0.1)
+        assert isinstance(found, LabelVolume)
+        np.testing.assert_array_equal(found.labels, expected.labels)
+
+
+def test_grey_written_as_colours_is_grey(tmp_path: Path) -> None:
+    values = grey((3, 4, 5))
+    planes = np.repeat(values[..., None], 4, axis=-1)
+    planes[..., 3] = 255
+    volume = read_stack(save(tmp_path / "s", planes), spacing=0.1)
+    assert isinstance(volume, Volume)
+    np.testing.assert_array_equal(volume.values, values)
+
+
+def test_palettes_of_names_and_of_tissues(tmp_path: Path) -> None:
+    folder = save(tmp_path / "s", coloured())
+    named = read_stack(folder, spacing=0.1, palette={"nerve": NERVE, "bone": BONE})
+    assert isinstance(named, LabelVolume)
+    assert (named.labels[1, 1, 3], named.labels[0, 0, 0], named.names) == (1, 2, {1: "nerve", 2: "bone"})
+    rows = [
+        Tissue(n, label=label, c_e=1, alpha=0, colour=c)
+        for n, label, c in (("bone", 300, BONE), ("nerve", 7, NERVE))
+    ]
+    table = read_stack(folder, spacing=0.1, palette=Tissues(rows, materials["bone"]))
+    assert isinstance(table, LabelVolume)
+    assert table.labels.dtype == np.uint16
+    assert (table.labels[1, 1, 3], table.labels[0, 0, 0], table.labels[2, 0, 0]) == (7, 300, 0)
+
+
+def test_colours_in_no_table_are_refused_or_taken_as_asked(tmp_path: Path) -> None:
+    planes = coloured()
+    planes[1, 2, 0:3] = (*(np.array(BONE) - 2), 255)
+    planes[2, 0, 4] = (0, 0, 250, 255)
+    folder = save(tmp_path / "s", planes)
+    with pytest.raises(
+        ValueError,
+        match=r"4 pixels of 2 colours that are in no table: \(253, 247, 217\) in plane001.png, row 2, column 0.*'nearest'",
+    ):
+        read_stack(folder, spacing=0.1)
+    nearest = read_stack(folder, spacing=0.1, unknown="nearest")
+    assert isinstance(nearest, LabelVolume)
+    assert nearest.labels[1, 2, :4].tolist() == [1, 1, 1, 0]
+    assert nearest.labels[2, 0, 4] == 4  # the stapes is (63, 0, 255)
+    assert nearest.notes == (
+        "4 pixels of 2 colours that are in no table were taken as the nearest colour: (253, 247, 217) in plane001.png, "
+        "row 2, column 0",
+    )
+    given = read_stack(folder, spacing=0.1, unknown=2)
+    assert isinstance(given, LabelVolume)
+    assert given.labels[1, 2, 0] == given.labels[2, 0, 4] == 2
+    assert "taken as label 2" in given.notes[0]
+
+
+def test_a_description_gives_size_and_slices(tmp_path: Path) -> None:
+    pytest.importorskip("yaml", reason="extra `medical` is not installed")
+    save(tmp_path / "slices", coloured())
+    (tmp_path / "slices" / "notes.txt").write_text("other files do not matter")
+    save(tmp_path / "slices", grey((2, 3, 3)), "preview{}.png")
+    labels = read_stack(adf(tmp_path))
+    np.testing.assert_allclose(labels.spacing, (10, 10, 10))  # 50, 40, 30 mm over 5 columns, 4 rows, 3 slices
+    assert labels.notes == (f"count in {tmp_path / 'volume.yaml'} is 512, of which 3 slices are there",)
+    assert read_stack(adf(tmp_path, count=3)).notes == ()
+    half = read_stack(adf(tmp_path, extra="  scale: 0.5\n"))
+    np.testing.assert_allclose(half.spacing, (5, 5, 5))
+    old = read_stack(adf(tmp_path, dimensions="{x: 1.0, y: 1.0, z: 1.0}"), unit=49.664)
+    np.testing.assert_allclose(old.spacing * (5, 4, 3), 49.664)
+    turned = read_stack(adf(tmp_path), transpose=True)
+    np.testing.assert_allclose(turned.spacing, (12.5, 8, 10))
+
+
+@pytest.mark.parametrize(
+    ("dimensions", "would"),
+    [
+        ("{x: 100, y: 100, z: 100}", r"1e\+05 x 1e\+05 x 1e\+05 mm.*in millimetres 100 x 100 x 100 mm \(unit=1\)"),
+        ("{x: 1.0, y: 1.0, z: 1.0}", r"1000 x 1000 x 1000 mm.*0.049664 m.* 49.66 x 49.66 x 49.66 mm \(unit=49.664\)"),
+        ("{x: 0.0001, y: 0.0001, z: 0.0001}", "0.1 x 0.1 x 0.1 mm, and a head or a part of one has sides of 2 to 500"),
+    ],
+)  # fmt: skip
+def test_no_head_has_these_sides(tmp_path: Path, dimensions: str, would: str) -> None:
+    pytest.importorskip("yaml", reason="extra `medical` is not installed")
+    save(tmp_path / "slices", coloured())
+    with pytest.raises(ValueError, match=would):
+        read_stack(adf(tmp_path, dimensions=dimensions))
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("a: [", "not a YAML file"),
+        ("just text", "must have one block 'VOLUME name' that describes a stack, got none"),
+        ("VOLUME a: {}\nVOLUME b: {}", "one block 'VOLUME name' that describes a stack, got VOLUME a, VOLUME b"),
+        ("VOLUME a: 3", "VOLUME a must have dimensions and images, got 3"),
+        ("VOLUME a: {dimensions: {x: 1, y: 1, z: 1}}", "images must be there, a block, got None"),
+        ("VOLUME a: {images: {prefix: p}}", "images: path must be there, a text, got None"),
+        ("VOLUME a: {images: {path: slices, format: jpg}}", "images: format must be png, got 'jpg'"),
+        ("VOLUME a: {images: {path: slices, count: 0}}", "images: count must be a whole number from 1, got 0"),
+        ("VOLUME a: {images: {path: slices}}", "dimensions must be there, a block, got None"),
+        ("VOLUME a: {images: {path: s}, dimensions: {x: 1, y: -1, z: 1}}", "dimensions: y must be a finite number above 0, got -1"),
+        ("VOLUME a: {images: {path: s}, dimensions: {x: 1, y: 1}}", "dimensions: z must be a finite number above 0, got None"),
+        ("VOLUME a: {images: {path: s}, dimensions: {x: 1, y: 1, z: 1}, scale: .nan}", "scale must be a finite number above 0"),
+        ("VOLUME a: {images: {path: none}, dimensions: {x: 0.1, y: 0.1, z: 0.1}}", "none: no such folder"),
+    ],
+)  # fmt: skip
+def test_what_is_no_description_is_refused(tmp_path: Path, text: str, match: str) -> None:
+    pytest.importorskip("yaml", reason="extra `medical` is not installed")
+    (tmp_path / "v.yaml").write_text(text)
+    with pytest.raises((ValueError, FileNotFoundError), match=match):
+        read_stack(tmp_path / "v.yaml")
+
+
+def test_more_slices_than_the_description_counts_are_refused(tmp_path: Path) -> None:
+    pytest.importorskip("yaml", reason="extra `medical` is not installed")
+    save(tmp_path / "slices", coloured())
+    with pytest.raises(ValueError, match="images: count must be 3, the slices in .*slices, got 2"):
+        read_stack(adf(tmp_path, count=2))
+    with pytest.raises(ValueError, match=r"spacing must not be given with .*volume.yaml"):
+        read_stack(tmp_path / "volume.yaml", spacing=0.1)
+
+
+def test_without_yaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "yaml", None)
+    with pytest.raises(ImportError, match=r"PyYAML: pip install 'burrlab\[medical\]'"):
+        read_stack(adf(tmp_path))
+
+
+def test_broken_stacks_are_refused(tmp_path: Path) -> None:
+    def refused(match: str, place: Path | str, kind: type[Exception] = ValueError) -> None:
+        with pytest.raises(kind, match=match):
+            read_stack(place, spacing=0.1)
+
+    with pytest.raises(ValueError, match=r"do not say how large they are: give spacing=\(x, y, z\)"):
+        read_stack(tmp_path)
+    refused("none: no such folder; a stack of slices is", tmp_path / "none", FileNotFoundError)
+    refused("there are no PNG slices", tmp_path)
+    refused("there are no PNG slices", tmp_path / "*.png")
+    folder = save(tmp_path / "s", grey())
+    (folder / "plane005.png").unlink()
+    (folder / "plane007.png").unlink()
+    refused(r"2 of the slices 0 to 11 are missing \(5, 7\)", folder)
+    save(folder, grey())
+    (folder / "plane000.png").unlink()
+    (folder / "plane001.png").unlink()
+    refused("slices 0 to 1 are missing, the first is plane002.png", folder)
+    part = read_stack(folder / "plane00[2-4].png", spacing=0.1)
+    assert isinstance(part, Volume)
+    np.testing.assert_array_equal(part.values, grey()[2:5])
+    save(folder, grey())
+    Image.fromarray(grey()[0]).save(folder / "plane7.png")
+    refused("slice 7 is there twice", folder)
+    (folder / "plane7.png").unlink()
+    Image.fromarray(grey()[0]).save(folder / "other3.png")
+    refused(r"slices of more than one volume \(other3.png, plane000.png\)", folder)
+    (folder / "other3.png").rename(folder / "other.png")
+    refused("other.png: the name of a slice must end in its number", folder)
+    (folder / "other.png").unlink()
+    Image.fromarray(grey()[0][:, :3]).save(folder / "plane006.png")
+    refused(
+        "plane006.png: slices must be of one size, this one has 3 x 4 pixels, and plane000.png has 5 x 4",
+        folder,
+    )
+    Image.fromarray(grey(kind=np.uint16)[0]).save(folder / "plane006.png")
+    refused(
+        "plane006.png: slices must be of one kind, this one is grey of 16 bits, and plane000.png is grey of 8",
+        folder,
+    )
+    (folder / "plane006.png").write_bytes(b"no picture")
+    refused("plane006.png: this is no PNG file", folder)
+    content = (folder / "plane005.png").read_bytes()
+    (folder / "plane006.png").write_bytes(content[:50])
+    refused("plane006.png: the PNG file is damaged or cut short", folder)
+    (folder / "plane006.png").write_bytes(content[:16] + b"\xff" * 10 + content[26:])
+    refused("plane006.png: the PNG file is damaged", folder)
+    both = np.dstack([grey()[0], grey()[0]])
+    Image.fromarray(both, "LA").save(tmp_path / "a0.png")
+    refused("a0.png: grey slices must not be transparent", tmp_path / "a*.png")
+
+
+def test_sixteen_bits_of_colour_are_refused(tmp_path: Path) -> None:
+    import struct
+    import zlib
+
+    def chunk(name: bytes, content: bytes) -> bytes:
+        return (
+            struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+        )
+
+    png = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 1, 1, 16, 2, 0, 0, 0))
+    png += chunk(b"IDAT", zlib.compress(b"\0" + b"\1\2" * 3)) + chunk(b"IEND", b"")
+    (tmp_path / "s0.png").write_bytes(png)
+    with pytest.raises(ValueError, match="colours of labels must have 8 bits a channel, got 16"):
+        read_stack(tmp_path, spacing=0.1)
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"palette": {"a": (1, 2, 3), "b": (1, 2, 3)}}, r"colours must differ, 'a' and 'b' are both \(1, 2, 3\)"),
+        ({"palette": {"a": (0, 0, 0)}}, "black is label 0"),
+        ({"palette": {"a": (1, 2, 300)}}, "three whole numbers from 0 to 255"),
+        ({"palette": {"a": (1, 2.5, 3)}}, "three whole numbers from 0 to 255"),
+        ({"palette": {}}, "palette must have a colour"),
+        ({"unknown": "skip"}, "unknown must be 'refuse', 'nearest' or a label of the palette"),
+        ({"unknown": 17}, "unknown must be 'refuse', 'nearest' or a label of the palette .*got 17"),
+        ({"unit": 1.0}, "unit goes with a YAML file"),
+        ({"spacing": 0}, "spacing must be a positive number or three"),
+    ],
+)  # fmt: skip
+def test_bad_options_are_refused(tmp_path: Path, options: dict[str, Any], match: str) -> None:
+    folder = save(tmp_path / "s", coloured())
+    with pytest.raises(ValueError, match=match):
+        read_stack(folder, **{"spacing": 0.1, **options})
+
+
+def test_a_palette_for_grey_slices_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="a palette is for coloured slices, and these are grey"):
+        read_stack(save(tmp_path / "s", grey()), spacing=0.1, palette={"bone": BONE})

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from anatomy_scenes import BONE, nerve_bone
+from tests.reference import anatomy as reference
 
 from burrlab import Tissue, Tissues, VoxelBone
 from burrlab._core import StructureDistance, StructureSearch
 from burrlab.anatomy.distance_fields import structure_distances
-from tests.reference import anatomy as reference
 
 
 def labelled(numbers, spacing, origin=(0.0, 0.0, 0.0)):

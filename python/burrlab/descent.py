@@ -159,4 +159,6 @@ def descend(
             "surface_mm": specimen.surface.tolist(),
             "axis": specimen.axis.tolist(),
         }
+        if specimen.made:
+            parameters["volume"] = dict(specimen.made)
     return evaluate(burr, material, force, stop, series, ending, provenance(**parameters))

@@ -10,7 +10,7 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from burrlab._core import Burr, Follower, Material, Publisher, Replica, VoxelBone
+from burrlab._core import AnatomyWatch, Burr, Follower, Material, Publisher, Replica, VoxelBone
 from burrlab.specimen import MOST_VOXELS
 from burrlab.volume.occupancy_map import OccupancyMap, occupancy_map
 from burrlab.volume.recipe import VolumeRecipe
@@ -215,8 +215,21 @@ def follow(
     if bone is None and not recipe:
         raise ValueError(f"bone must be given: the leader at {host}:{port} does not say how its own was made")
     mine = make_bone(recipe, volume=volume) if bone is None else bone.copy()
-    replica.start(mine, tools, seed, period=period, scheme=scheme)
+    watch = _watch(mine, hello.get("watch"), tools)
+    replica.start(mine, tools, seed, period=period, scheme=scheme, watch=watch)
     return replica
+
+
+def _watch(bone: VoxelBone, settings: Any, tools: Sequence[tuple[Burr, Material]]) -> AnatomyWatch | None:
+    """The leader's watch on the bone here; None where it has none."""
+    if not settings or bone.tissues is None:
+        return None
+    from burrlab.anatomy.watch import Watch
+
+    try:
+        return Watch.of_settings(bone, settings).core([burr.radius for burr, _ in tools])
+    except _UNREADABLE as error:
+        raise ValueError(f"watch of the leader cannot be set up here: {error}") from None
 
 
 def _tool(tool: Mapping[str, Any]) -> tuple[Burr, Material]:

@@ -143,7 +143,9 @@ def test_field_of_view(new):
 @pytest.mark.parametrize("new", [0.7, (0.25, 0.7, 1.1), 0.33])
 def test_bone_ends_with_the_volume(new):
     """Solid bone up to the faces: a voxel that reaches beyond them holds its part within."""
-    bone = Volume(np.ones((7, 8, 9)), (0.3, 0.3, 0.5), (0, 0, 0), np.eye(3), "ones").to_bone(0, 1, spacing=new)
+    bone = Volume(np.ones((7, 8, 9)), (0.3, 0.3, 0.5), (0, 0, 0), np.eye(3), "ones").to_bone(
+        0, 1, spacing=new
+    )
     assert bone.mass == pytest.approx(7 * 8 * 9 * 0.045, rel=5e-3)
 
 

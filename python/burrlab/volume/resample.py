@@ -64,7 +64,9 @@ def resample_linear(
         for axis in range(3)
     )
     within = [
-        _within(values.shape[axis] * old[2 - axis], shape[axis], new[2 - axis]) if empty_outside else np.float32(1)
+        _within(values.shape[axis] * old[2 - axis], shape[axis], new[2 - axis])
+        if empty_outside
+        else np.float32(1)
         for axis in range(3)
     ]
     found = np.empty(shape, dtype=kind)

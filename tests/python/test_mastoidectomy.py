@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -21,7 +23,7 @@ def drill(phantom: Phantom, path) -> burrlab.VoxelBone:
     contact = burrlab.BurrContact(phantom.bone, BURR, burrlab.materials["bone"], seed=1)
     center, on = path.sampled(2.0)
     edges = [0, *(np.flatnonzero(np.diff(on.astype(int))) + 1), len(on)]
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in itertools.pairwise(edges):
         contact.run(center[a:b], 2.0, bool(on[a]))
     return contact.bone
 

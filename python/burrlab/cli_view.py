@@ -172,10 +172,13 @@ def _finish_scene(options: Options, scene: Any, result: dict[str, Any]) -> None:
 def _write_pictures(
     path: str, bone: Any, point: Any, radii: list[float], centers: Any, result: dict[str, Any]
 ) -> None:
+    from matplotlib.figure import Figure
+
     from burrlab.figures import new_figure
     from burrlab.view.pictures import plot_depth_map, plot_slices
 
-    figure = plot_slices(bone, point, radii=radii, centers=centers)[0].figure
+    figure = Figure(figsize=(9.6, 3.9), layout="constrained")
+    plot_slices(bone, point, radii=radii, centers=centers, figure=figure)
     figure.savefig(path, dpi=200)
     result["written"].append(str(path))
     if bone.removed > 0:

@@ -9,7 +9,6 @@ import time
 import numpy as np
 
 import burrlab
-from burrlab import _core
 from burrlab.view.surface import Surface
 
 SIDE, VOXEL, RADIUS, SPEED, IMMERSION = 512, 0.1, 5.0, 20.0, 0.7

@@ -109,7 +109,8 @@ def surface_blocks(
     {(0, 0, 0): SurfaceBlock(602 vertices, 1200 triangles)}
     """
     if blocks is None:
-        wanted = list(itertools.product(*(range(n) for n in block_counts(bone))))
+        nz, ny, nx = block_counts(bone)
+        wanted = list(itertools.product(range(nz), range(ny), range(nx)))
     else:
         wanted = [(int(z), int(y), int(x)) for z, y, x in blocks]
     made = _core.extract_surface(bone, np.array(wanted, np.int64).reshape(-1, 3), level)
@@ -146,7 +147,9 @@ def brick_places(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.int64]:
 def brick_numbers(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.uint32]:
     """The inverse of `brick_places`; numbers stay as they are. ValueError as there."""
     counts = tuple(-(-n // _BRICK) for n in bone.shape)
-    return np.ravel_multi_index(tuple(brick_places(bricks, bone).T), counts).astype(np.uint32)
+    z, y, x = brick_places(bricks, bone).T
+    numbers: NDArray[np.uint32] = ((z * counts[1] + y) * counts[2] + x).astype(np.uint32)
+    return numbers
 
 
 def blocks_of_bricks(bricks: ArrayLike, bone: VoxelBone) -> list[Block]:
@@ -167,8 +170,8 @@ def blocks_of_bricks(bricks: ArrayLike, bone: VoxelBone) -> list[Block]:
     low = np.maximum((places * _BRICK - _MARGIN) // BLOCK, 0)
     high = np.minimum((places * _BRICK + _BRICK - 1 + _MARGIN) // BLOCK, np.array(block_counts(bone)) - 1)
     found: set[Block] = set()
-    for first, last in {(tuple(a), tuple(b)) for a, b in zip(low.tolist(), high.tolist(), strict=True)}:
-        found.update(itertools.product(*(range(a, b + 1) for a, b in zip(first, last, strict=True))))
+    for z0, y0, x0, z1, y1, x1 in np.unique(np.hstack([low, high]), axis=0).tolist():
+        found.update(itertools.product(range(z0, z1 + 1), range(y0, y1 + 1), range(x0, x1 + 1)))
     return sorted(found)
 
 

@@ -55,7 +55,7 @@ from burrlab.store import Store
 from burrlab.study import StudyInterrupted
 from burrlab.sweep import force_sweep
 from burrlab.synthetic import synthetic_curve, synthetic_indentation, synthetic_trace
-from burrlab.volume import LabelVolume, OccupancyMap, Volume, read_labels, read_volume
+from burrlab.volume import LabelVolume, OccupancyMap, Volume, read_labels, read_volume, write_volume
 
 __all__ = [
     "BoneField",
@@ -130,4 +130,5 @@ __all__ = [
     "synthetic_indentation",
     "synthetic_trace",
     "thin_layer_velocity",
+    "write_volume",
 ]

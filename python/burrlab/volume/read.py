@@ -1,90 +1,161 @@
-"""Reading volumes and labels from files, whatever the format."""
+"""Reading volumes and labels: NRRD, NIfTI, MetaImage, and DICOM series (SimpleITK, extra `medical`)."""
 
 from __future__ import annotations
 
-import gzip
-import math
 import os
-import struct
-import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from burrlab.volume.dicom import dicom_files, is_dicom, read_dicom
+from burrlab.volume.geometry import checked_direction
+from burrlab.volume.header import Header, settled_spacing
 from burrlab.volume.label_volume import LabelVolume
+from burrlab.volume.meta_image import read_meta_header
+from burrlab.volume.nifti import read_nifti
+from burrlab.volume.nrrd import check_nrrd_checksum, read_nrrd_header
 from burrlab.volume.volume import Volume
 
+#: A file, a folder of DICOM slices, or the slices.
+VolumePath = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
-def read_volume(path: str | os.PathLike[str]) -> Volume:
-    """Reads a grey volume: NRRD, NIfTI, MetaImage."""
-    name, image = _read(path)
-    import SimpleITK as sitk
+_NIFTI = (".nii", ".nii.gz", ".hdr", ".img")
+_HEADERS = {
+    ".nrrd": read_nrrd_header,
+    ".nhdr": read_nrrd_header,
+    ".mha": read_meta_header,
+    ".mhd": read_meta_header,
+}
 
+
+def read_volume(
+    path: VolumePath, *, spacing: float | ArrayLike | None = None, series: str | None = None
+) -> Volume:
+    """Reads a grey volume: NRRD, NIfTI, MetaImage, a DICOM series.
+
+    Parameters
+    ----------
+    path : path, or sequence of paths
+        A file; a folder with a DICOM series; or the files of one, in any order.
+    spacing : float or (x, y, z), optional
+        Voxel spacing where the file has none [mm].
+    series : str, optional
+        SeriesInstanceUID, where a folder holds more than one.
+
+    Returns
+    -------
+    Volume
+        In patient coordinates, LPS [mm]. Its `notes` say what was assumed: an orientation that the file does not have.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such file.
+    ImportError
+        Without SimpleITK (extra `medical`).
+    ValueError
+        If the file cannot be read whole, is not a three-dimensional volume of one finite value a voxel, does not say its spacing
+        and none is given, or says another; if its direction matrix is not orthonormal; or if slices are missing, doubled,
+        uneven, sheared or not alike, or of several series.
+    """
+    name, header, values = _read(path, spacing, series)
     return Volume(
-        values=sitk.GetArrayFromImage(image),
-        spacing=np.array(image.GetSpacing()),
-        origin=np.array(image.GetOrigin()),
-        direction=np.array(image.GetDirection()).reshape(3, 3),
-        path=name,
+        values, settled_spacing(header, spacing, name), header.origin, header.direction, name, header.notes
     )
 
 
-def read_labels(path: str | os.PathLike[str]) -> LabelVolume:
-    """Reads a label volume: NRRD, NIfTI, MetaImage."""
-    name, image = _read(path)
-    import SimpleITK as sitk
+def read_labels(
+    path: VolumePath, *, spacing: float | ArrayLike | None = None, series: str | None = None
+) -> LabelVolume:
+    """Reads a label volume: the formats, parameters and errors of `read_volume`.
 
+    Returns
+    -------
+    LabelVolume
+        With the names and colours that the header of a segmentation by 3D Slicer (.seg.nrrd) has.
+
+    Raises
+    ------
+    FileNotFoundError, ImportError
+        As `read_volume`.
+    ValueError
+        As `read_volume`; or if a value is not whole.
+    """
+    name, header, values = _read(path, spacing, series)
     return LabelVolume(
-        labels=sitk.GetArrayFromImage(image),
-        spacing=np.array(image.GetSpacing()),
-        origin=np.array(image.GetOrigin()),
-        direction=np.array(image.GetDirection()).reshape(3, 3),
-        path=name,
-    )
+        values, settled_spacing(header, spacing, name), header.origin, header.direction, name, header.names,
+        header.colours, header.notes,
+    )  # fmt: skip
 
 
-def _read(path: str | os.PathLike[str]) -> tuple[str, Any]:
+def _read(
+    path: VolumePath, spacing: float | ArrayLike | None, series: str | None
+) -> tuple[str, Header, NDArray[Any]]:
+    if not isinstance(path, str | os.PathLike):
+        names = [os.fspath(part) for part in path]
+        if not names:
+            raise ValueError("path must name a file, got an empty list")
+        for name in names:
+            _check_there(name)
+        _check_simpleitk()
+        where = (
+            f"{len(names)} files in {os.path.commonpath([os.path.dirname(n) or '.' for n in names]) or '.'}"
+        )
+        return where, *read_dicom(names, where, series)
     name = os.fspath(path)
+    if Path(name).is_dir():
+        _check_simpleitk()
+        return name, *read_dicom(dicom_files(name), name, series)
+    _check_there(name)
+    if is_dicom(name):
+        _check_simpleitk()
+        return name, *read_dicom([name], name, series)
+    if series is not None:
+        raise ValueError(f"series goes with DICOM, got {name}")
+    if name.lower().endswith(_NIFTI):
+        return name, *read_nifti(name)
+    read_header = _HEADERS.get(Path(name).suffix.lower())
+    if read_header is None:
+        raise ValueError(
+            f"{name}: cannot be read as a volume: it must be a folder of DICOM slices or end in one of "
+            f"{', '.join([*_HEADERS, *_NIFTI])}"
+        )
+    _check_simpleitk()
+    header = read_header(name)
+    checked_direction(header.direction, name)  # these errors before those of SimpleITK
+    settled_spacing(header, spacing, name)
+    return name, header, _values(name, header.shape)
+
+
+def _check_there(name: str) -> None:
     if not Path(name).is_file():
         raise FileNotFoundError(f"{name}: no such file")
+
+
+def _check_simpleitk() -> None:
     try:
-        import SimpleITK as sitk
+        import SimpleITK  # noqa: F401
     except ImportError as error:
         raise ImportError("reading volumes needs SimpleITK: pip install 'burrlab[medical]'") from error
-    _check_whole(name)
+
+
+def _values(name: str, shape: tuple[int, int, int]) -> NDArray[Any]:
+    import SimpleITK as sitk
+
+    if name.lower().endswith(".nrrd"):
+        check_nrrd_checksum(name)
     try:
         image = sitk.ReadImage(name)
     except RuntimeError as error:
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         detail = lines[-1] if lines else "unknown error"
         raise ValueError(f"{name}: cannot be read as a volume: {detail}") from error
-    if image.GetDimension() != 3 or image.GetNumberOfComponentsPerPixel() != 1:
+    values = np.asarray(sitk.GetArrayFromImage(image))
+    if values.size != shape[0] * shape[1] * shape[2]:
         raise ValueError(
-            f"{name}: a volume needs three dimensions and one value a voxel, got {image.GetDimension()} dimensions "
-            f"and {image.GetNumberOfComponentsPerPixel()} values"
+            f"{name}: a volume needs three dimensions and one value a voxel, got {values.shape} values for {shape} voxels"
         )
-    return name, image
-
-
-def _check_whole(name: str) -> None:
-    """ValueError for a NIfTI file that is cut short: ITK would fill the rest with zeros, without a word."""
-    if not name.endswith((".nii", ".nii.gz")):
-        return
-    content = Path(name).read_bytes()
-    if name.endswith(".gz"):
-        try:
-            content = gzip.decompress(content)
-        except (EOFError, OSError, zlib.error) as error:
-            raise ValueError(f"{name}: the compressed data is cut short or damaged ({error})") from error
-    if len(content) < 348:
-        raise ValueError(f"{name}: the file is too short for a NIfTI header")
-    order = "<" if content[:4] == b"\x5c\x01\x00\x00" else ">"  # sizeof_hdr = 348
-    if struct.unpack(order + "i", content[:4])[0] != 348:
-        return  # NIfTI-2 or no NIfTI: ITK judges
-    sizes = struct.unpack(order + "8h", content[40:56])
-    (bits,) = struct.unpack(order + "h", content[72:74])
-    (offset,) = struct.unpack(order + "f", content[108:112])
-    wanted = int(offset) + math.prod(sizes[1 : sizes[0] + 1]) * bits // 8
-    if len(content) < wanted:
-        raise ValueError(f"{name}: the file is cut short: {len(content)} bytes of {wanted}")
+    return values.reshape(shape)

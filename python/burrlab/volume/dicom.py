@@ -1,0 +1,218 @@
+"""DICOM series: slices sorted by their position, and refused unless they make one regular grid.
+
+Tags after DICOM PS3.3, Image Plane and Modality LUT modules; they and the values are read by SimpleITK (GDCM).
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from burrlab.volume.geometry import Array, checked_direction
+from burrlab.volume.header import Header
+
+#: How far the distances of slices may differ from one another, a part of the distance (headers round).
+EVEN = 1e-2
+_PIXEL_DATA = b"\xe0\x7f\x10\x00"  # its tag, little endian
+#: How far the slices may shift sideways from the first to the last, a part of a pixel: more is a gantry tilt.
+STRAIGHT = 0.1
+
+
+@dataclass(frozen=True)
+class _Slice:
+    """What the header of one file says; spacing NaN where it says none."""
+
+    name: str
+    series: str
+    size: tuple[int, int]
+    spacing: tuple[float, float]
+    rows: tuple[float, ...]
+    columns: tuple[float, ...]
+    position: Array
+    bits: int
+
+    @property
+    def file(self) -> str:
+        return Path(self.name).name
+
+
+def read_dicom(names: Sequence[str], where: str, series: str | None) -> tuple[Header, NDArray[Any]]:
+    """Header and values (z, y, x) of the files of one series; ValueError with one sentence where they make no volume."""
+    slices = _of_series([_header_of(name) for name in names], where, series)
+    _check_alike(slices, where)
+    turn = np.column_stack([slices[0].rows, slices[0].columns])
+    direction = checked_direction(np.column_stack([turn, np.cross(*turn.T)]), where)
+    along = np.array([s.position @ direction[:, 2] for s in slices])
+    order = np.argsort(along, kind="stable")
+    slices, along = [slices[i] for i in order], along[order]
+    apart = _distance(slices, along, where)
+    _check_straight(slices, direction, where)
+    columns, rows = slices[0].size
+    spacing = np.array([*slices[0].spacing, apart])
+    planes = [_values(s, (rows, columns)) for s in slices]
+    values = np.empty((len(planes), rows, columns), dtype=np.result_type(*planes))
+    for k, plane in enumerate(planes):
+        values[k] = plane
+    return Header(values.shape, spacing, slices[0].position, direction), values
+
+
+def dicom_files(folder: str | os.PathLike[str]) -> list[str]:
+    """The DICOM files of a folder, by name: those with DICM at byte 128, without an index (DICOMDIR)."""
+    found = []
+    for path in sorted(Path(folder).iterdir()):
+        if not path.is_file() or path.name.upper() == "DICOMDIR":
+            continue
+        with path.open("rb") as file:
+            if file.read(132)[128:] == b"DICM" or path.suffix.lower() in (".dcm", ".dicom"):
+                found.append(str(path))
+    if not found:
+        raise ValueError(f"{os.fspath(folder)}: the folder holds no DICOM files")
+    return found
+
+
+def is_dicom(name: str) -> bool:
+    """Whether a file says that it is DICOM."""
+    with open(name, "rb") as file:
+        return file.read(132)[128:] == b"DICM"
+
+
+def _header_of(name: str) -> _Slice:
+    import SimpleITK as sitk
+
+    reader = sitk.ImageFileReader()
+    reader.SetImageIO("GDCMImageIO")
+    reader.SetFileName(name)
+    try:
+        reader.ReadImageInformation()
+    except RuntimeError:
+        raise ValueError(
+            f"{name}: cannot be read as a DICOM image: it is cut short, damaged, or holds no image"
+        ) from None
+
+    def text(tag: str) -> str:
+        return str(reader.GetMetaData(tag)).strip(" \0") if reader.HasMetaDataKey(tag) else ""
+
+    def numbers(tag: str, count: int) -> tuple[float, ...]:
+        try:
+            found = tuple(float(part) for part in text(tag).split("\\"))
+        except ValueError:
+            found = ()
+        return found if len(found) == count and np.all(np.isfinite(found)) else (np.nan,) * count
+
+    size = reader.GetSize()
+    if len(size) > 2 and any(n > 1 for n in size[2:]):
+        raise ValueError(f"{name}: DICOM files of several frames are not read: convert it to NRRD or NIfTI")
+    if reader.GetNumberOfComponents() != 1 or text("0028|0004") not in ("MONOCHROME2", ""):
+        raise ValueError(
+            f"{name}: a volume needs three dimensions and one value a voxel, got a {text('0028|0004')} image of "
+            f"{reader.GetNumberOfComponents()} values"
+        )
+    down, across = numbers("0028|0030", 2)  # between rows, between columns
+    position, turn = numbers("0020|0032", 3), numbers("0020|0037", 6)
+    if np.any(np.isnan(position)) or np.any(np.isnan(turn)):
+        raise ValueError(f"{name}: the DICOM header does not say the slice's position and orientation")
+    return _Slice(
+        name, text("0020|000e"), (int(size[0]), int(size[1])), (across, down), turn[:3], turn[3:], np.array(position),
+        int(text("0028|0100") or 8),
+    )  # fmt: skip
+
+
+def _of_series(slices: list[_Slice], where: str, series: str | None) -> list[_Slice]:
+    counts = Counter(s.series for s in slices)
+    said = ", ".join(f"{uid} ({count} files)" for uid, count in sorted(counts.items()))
+    if series is None and len(counts) > 1:
+        raise ValueError(f"{where}: series must say which of {len(counts)} DICOM series: {said}")
+    if series is not None and series not in counts:
+        raise ValueError(f"{where}: series must be one of {said}, got {series}")
+    return [s for s in slices if series in (None, s.series)]
+
+
+def _check_alike(slices: list[_Slice], where: str) -> None:
+    first = slices[0]
+    for other in slices[1:]:
+        for what, a, b in (
+            ("sizes", first.size, other.size),
+            ("pixel spacings", first.spacing, other.spacing),
+            ("orientations", first.rows + first.columns, other.rows + other.columns),
+        ):
+            if not np.allclose(a, b, rtol=1e-5, atol=1e-4 if what == "orientations" else 0, equal_nan=True):
+                raise ValueError(
+                    f"{where}: the slices have different {what}: {_text(a)} in {first.file}, {_text(b)} in {other.file}"
+                )
+
+
+def _distance(slices: list[_Slice], along: Array, where: str) -> float:
+    """Between neighbours, which must be even [mm]; NaN of one slice."""
+    steps = np.diff(along)
+    if len(steps) == 0:
+        return np.nan
+    usual = float(np.median(steps))
+    twins = np.flatnonzero(steps < 0.01 * max(usual, 1e-3))
+    if len(twins):
+        k = int(twins[0])
+        raise ValueError(
+            f"{where}: two slices lie at the same position, {along[k]:g} mm along the normal: {slices[k].file} and "
+            f"{slices[k + 1].file}"
+        )
+    step = float(steps.min()) if np.all(steps > 0.5 * usual) else usual
+    odd = np.flatnonzero(np.abs(steps - usual) > EVEN * usual)
+    if len(odd) == 0:
+        return float((along[-1] - along[0]) / len(steps))
+    k = int(odd[0])
+    lost = round(float(steps[k]) / step) - 1
+    gap = (
+        f"{steps[k]:g} mm between slices {k} and {k + 1} ({slices[k].file} at {along[k]:g} mm, {slices[k + 1].file} at "
+        f"{along[k + 1]:g} mm), where others are {step:g} mm apart"
+    )
+    if lost >= 1 and abs(steps[k] - (lost + 1) * step) <= 2 * EVEN * step * (lost + 1):
+        raise ValueError(f"{where}: {lost} slice{'s are' if lost > 1 else ' is'} missing: {gap}")
+    raise ValueError(f"{where}: the slices are not evenly spaced: {gap}")
+
+
+def _check_straight(slices: list[_Slice], direction: Array, where: str) -> None:
+    way = slices[-1].position - slices[0].position
+    aside = way - (way @ direction[:, 2]) * direction[:, 2]
+    shift = float(np.linalg.norm(aside))
+    pixel = float(np.nanmin(slices[0].spacing)) if np.any(np.isfinite(slices[0].spacing)) else 1.0
+    if shift > STRAIGHT * pixel:
+        tilt = np.degrees(np.arctan2(shift, abs(float(way @ direction[:, 2]))))
+        raise ValueError(
+            f"{where}: the slices are sheared, by a gantry tilt of {tilt:.3g} degrees: {shift:.3g} mm sideways from the first to "
+            "the last; sheared volumes are not supported"
+        )
+
+
+def _check_whole(part: _Slice) -> None:
+    """ValueError where the pixel data is shorter than rows and columns ask for: GDCM would fill the rest up."""
+    content, wanted = Path(part.name).read_bytes(), part.size[0] * part.size[1] * part.bits // 8
+    found, place = [], content.find(_PIXEL_DATA)
+    while place >= 0:
+        at = place + (
+            8 if content[place + 4 : place + 6] in (b"OW", b"OB") else 4
+        )  # with and without its type
+        found.append(int.from_bytes(content[at : at + 4], "little"))  # all ones: compressed
+        place = content.find(_PIXEL_DATA, place + 4)
+    if found and max(found) < wanted:
+        raise ValueError(f"{part.name}: the pixel data is cut short: {max(found)} bytes of {wanted}")
+
+
+def _values(part: _Slice, shape: tuple[int, int]) -> NDArray[Any]:
+    import SimpleITK as sitk
+
+    _check_whole(part)
+    try:
+        image = sitk.ReadImage(part.name, imageIO="GDCMImageIO")
+    except RuntimeError:
+        raise ValueError(f"{part.name}: the pixel data of the slice cannot be read whole") from None
+    return np.asarray(sitk.GetArrayFromImage(image)).reshape(shape)
+
+
+def _text(values: tuple[float, ...] | tuple[int, ...]) -> str:
+    return "(" + ", ".join(f"{v:g}" for v in values) + ")"

@@ -1,0 +1,80 @@
+"""What a file says about where its voxels lie, and what must be asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from burrlab.volume.geometry import Array, checked_spacing
+
+#: Millimetres of the units that headers name.
+MILLIMETRES = {"mm": 1.0, "millimeter": 1.0, "millimetre": 1.0, "cm": 10.0, "m": 1e3, "meter": 1e3, "metre": 1e3,
+               "um": 1e-3, "µm": 1e-3, "micron": 1e-3, "micrometer": 1e-3, "nm": 1e-6}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Header:
+    """Sizes and place of a volume's voxels as its file has them.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Voxels (z, y, x).
+    spacing : ndarray, shape (3,)
+        (x, y, z) [mm]; NaN where the file does not say it.
+    origin : ndarray, shape (3,)
+        LPS [mm].
+    direction : ndarray, shape (3, 3)
+        Columns are the voxel axes, LPS.
+    notes : tuple of str
+        What is assumed where the file is silent.
+    names, colours : dict
+        Of labels.
+    """
+
+    shape: tuple[int, int, int]
+    spacing: Array
+    origin: Array
+    direction: Array
+    notes: tuple[str, ...] = ()
+    names: dict[int, str] = field(default_factory=dict)
+    colours: dict[int, tuple[int, int, int]] = field(default_factory=dict)
+
+
+def settled_spacing(header: Header, given: float | ArrayLike | None, name: str) -> Array:
+    """The spacing of the file, or the one given where it has none; ValueError if neither says it, or they differ."""
+    missing = ~(np.isfinite(header.spacing) & (header.spacing > 0))
+    if given is None:
+        if missing.any():
+            axes = ", ".join(axis for axis, lost in zip("xyz", missing, strict=True) if lost)
+            raise ValueError(
+                f"{name}: the file does not say the voxel spacing along {axes}; it must be given: spacing=(x, y, z) [mm]"
+            )
+        return header.spacing
+    asked = checked_spacing(given)
+    if not np.allclose(header.spacing[~missing], asked[~missing], rtol=1e-4, atol=0):
+        own = ", ".join(f"{s:g}" for s in header.spacing)
+        raise ValueError(
+            f"{name}: spacing must be that of the file, ({own}) mm, where the file has one, got {given!r}"
+        )
+    return np.where(missing, asked, header.spacing)
+
+
+def unit_columns(vectors: Array) -> tuple[Array, Array]:
+    """Lengths of the columns and the columns of length 1; NaN where one has none."""
+    lengths = np.sqrt((vectors**2).sum(axis=0))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return lengths, vectors / lengths
+
+
+def three_sizes(sizes: list[int], name: str) -> tuple[int, int, int]:
+    """(z, y, x) of sizes x, y, z and further ones of 1; ValueError for anything else."""
+    kept = sizes[:3] + [n for n in sizes[3:] if n != 1]
+    if len(kept) != 3 or any(n < 1 for n in sizes):
+        raise ValueError(
+            f"{name}: a volume needs three dimensions and one value a voxel, got sizes {' x '.join(map(str, sizes))}"
+        )
+    x, y, z = kept
+    return z, y, x

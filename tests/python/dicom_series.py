@@ -1,0 +1,52 @@
+"""Small DICOM series for tests, written with pydicom."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydicom.dataset import FileDataset, FileMetaDataset
+from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, generate_uid
+
+RIGHT, BACK = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+
+
+def write_slice(
+    path, pixels, position, *, series, number=1, spacing=(0.5, 0.25), rows=RIGHT, columns=BACK, **changes
+):
+    """One slice; `spacing` is PixelSpacing: between rows, between columns. A change of None deletes the element."""
+    meta = FileMetaDataset()
+    meta.MediaStorageSOPClassUID = CTImageStorage
+    meta.MediaStorageSOPInstanceUID = generate_uid(entropy_srcs=[str(path), series])
+    meta.TransferSyntaxUID = ExplicitVRLittleEndian
+    slice_ = FileDataset(str(path), {}, file_meta=meta, preamble=b"\0" * 128)
+    slice_.SOPClassUID, slice_.SOPInstanceUID = CTImageStorage, meta.MediaStorageSOPInstanceUID
+    slice_.SeriesInstanceUID, slice_.StudyInstanceUID = series, "1.2.3"
+    slice_.Modality, slice_.PatientID, slice_.InstanceNumber = "CT", "phantom", number
+    slice_.ImagePositionPatient = [f"{p:.6f}" for p in position]
+    slice_.ImageOrientationPatient = [f"{v:.6f}" for v in (*rows, *columns)]
+    slice_.PixelSpacing = [f"{s:g}" for s in spacing]
+    slice_.SamplesPerPixel, slice_.PhotometricInterpretation = 1, "MONOCHROME2"
+    slice_.Rows, slice_.Columns = pixels.shape
+    slice_.BitsAllocated = slice_.BitsStored = 16
+    slice_.HighBit, slice_.PixelRepresentation = 15, 1
+    slice_.RescaleSlope, slice_.RescaleIntercept = "1", "0"
+    slice_.PixelData = np.asarray(pixels, dtype="<i2").tobytes()
+    for name, value in changes.items():
+        if value is None:
+            delattr(slice_, name)
+        else:
+            setattr(slice_, name, value)
+    slice_.save_as(path, enforce_file_format=True)
+
+
+def write_series(
+    folder, values, *, series="1.2.3.4", step=0.75, first=(1.0, 2.0, 3.0), names=None, **options
+):
+    """Values (z, y, x) as slices `step` apart; `names` are of the files."""
+    folder.mkdir(exist_ok=True)
+    rows, columns = options.get("rows", RIGHT), options.get("columns", BACK)
+    normal = np.cross(rows, columns)
+    for k, pixels in enumerate(values):
+        name = f"slice{k:03d}.dcm" if names is None else names[k]
+        write_slice(
+            folder / name, pixels, np.array(first) + k * step * normal, series=series, number=k + 1, **options
+        )

@@ -210,8 +210,8 @@ def plot_depth_map(
     )  # fmt: skip
     deepest = float(depth.max())
     if contours and deepest > 0 and min(depth.shape) > 1:
-        levels = MaxNLocator(contours + 1).tick_values(0, deepest)
-        levels = levels[(levels > 0) & (levels < deepest)]
+        round_values = np.asarray(MaxNLocator(contours + 1).tick_values(0, deepest), float)
+        levels = [float(value) for value in round_values if 0 < value < deepest]
         shades = ["white" if value < 0.6 * deepest else "0.15" for value in levels]
         lines = axes.contour(*places, depth, levels=levels, colors=shades, linewidths=0.6)
         axes.clabel(lines, fmt="%g", fontsize=7)

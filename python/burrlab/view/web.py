@@ -117,22 +117,27 @@ def _server() -> Any:
     os.environ["WSLINK_READY_MSG"] = ""  # else a word on standard output
     os.environ.setdefault("WSLINK_WS_COMPRESS", "0")  # pictures are compressed already
     server = get_server(f"burrlab-{uuid.uuid4()}", client_type="vue3")
-    server.controller.on_server_bind.add(_refuse_strangers)
+    server.controller.on_server_bind.add(_prepare_routes)
     return server
 
 
-def _refuse_strangers(web: Any) -> None:
-    """Pages of other origins must not reach in through the user's browser."""
-    from aiohttp.web import HTTPForbidden, middleware
+def _prepare_routes(web: Any) -> None:
+    from aiohttp.web import HTTPForbidden, json_response, middleware
 
     @middleware
     async def same_origin(request: Any, handler: Callable[[Any], Any]) -> Any:
+        """Pages of other origins must not reach in through the user's browser."""
         origin = request.headers.get("Origin")
         if origin and origin.split("//")[-1] != request.headers.get("Host"):
             raise HTTPForbidden(text="this page is of another origin")
         return await handler(request)
 
+    async def launch(request: Any) -> Any:
+        """trame's page asks a launcher first; without one the browser would log an error."""
+        return json_response({"sessionURL": f"ws://{request.host}/ws", "secret": "wslink-secret"})
+
     web.app.middlewares.append(same_origin)
+    web.app.router.add_post("/paraview/", launch)
 
 
 @contextlib.contextmanager
@@ -185,7 +190,6 @@ def _check_free(host: str, port: int) -> None:
 def _check_trame() -> None:
     try:
         import trame.ui.vuetify3
-        import trame.widgets.vtk
         import trame.widgets.vuetify3  # noqa: F401
     except ImportError:
         raise ImportError("the page needs trame: pip install 'burrlab[viz3d]'") from None

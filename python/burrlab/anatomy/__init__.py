@@ -1,18 +1,4 @@
 """Anatomy: tissues, phantoms, and the distance to what must not be touched."""
 
-from burrlab.anatomy.report import AnatomyEvent, AnatomyReport, anatomy_report
-from burrlab.anatomy.tissue_csv import read_tissues, write_tissues
-from burrlab.anatomy.tissue_table import default_tissues, label_counts
-from burrlab.anatomy.watch import Limits, Watch
-
-__all__ = [
-    "AnatomyEvent",
-    "AnatomyReport",
-    "Limits",
-    "Watch",
-    "anatomy_report",
-    "default_tissues",
-    "label_counts",
-    "read_tissues",
-    "write_tissues",
-]
+    "mastoidectomy_path",
+    "phantom_tissues",

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import Burr, Material, VoxelBone
+from burrlab._core import Burr, Material, Tissues, VoxelBone
 from burrlab.dataset import frame
 from burrlab.session.snapshot import open_hdf5, read_bone, told_as_damage
 from burrlab.session.trace_file import BURR_COLUMNS, FORMAT, FORMAT_VERSION, TICK_COLUMNS, row_dtype
+from burrlab.session.watch_rows import Watched, read_watch
 
 if TYPE_CHECKING:
     import h5py
@@ -55,6 +56,12 @@ class Trace:
         What the session added, as safety parameters.
     provenance : dict
         Versions, machine, CPU path and start of the recording.
+    watch : dict
+        Settings of the watch; empty without one.
+    events : ndarray, shape (n,)
+        What the watch told of, a row each; read-only. `docs/trace.md` lists the columns.
+    watched : Watched or None
+        What the watch saw in all; None without one, or if the session was killed.
     """
 
     path: Path
@@ -71,6 +78,9 @@ class Trace:
     source: str
     note: dict[str, Any]
     provenance: dict[str, Any]
+    watch: dict[str, Any]
+    events: NDArray[np.void]
+    watched: Watched | None
     _bone: VoxelBone = field(repr=False)
 
     def __len__(self) -> int:
@@ -96,6 +106,11 @@ class Trace:
     def voxel_volume(self) -> float:
         """Of the bone's grid [mm^3]."""
         return float(np.prod(self._bone.spacing))
+
+    @property
+    def tissues(self) -> Tissues | None:
+        """Of its bone; None for a single material."""
+        return self._bone.tissues
 
     def bone(self) -> VoxelBone:
         """A new bone as it was before the first tick."""
@@ -212,7 +227,8 @@ def _read(file: h5py.File, path: Path) -> Trace:
         tools.append((Burr(float(tool["radius_mm"])), material))
         devices.append(tool["device"])
     first = int(about["first_tick"])
-    # The count of digests comes first: a digest is written after the ticks it speaks of.
+    # Digests and events come first: they are written after the ticks they speak of.
+    watch, watched, events = read_watch(file, len(tools))
     digests = file["digests"][: int(file["digests_recorded"][()])]
     ended = bytes(file["ended"][()]).rstrip(b"\0").decode(errors="replace")
     complete = bool(file["complete"][()])
@@ -225,7 +241,7 @@ def _read(file: h5py.File, path: Path) -> Trace:
         path, ticks, tuple(tools), tuple(devices), int(about["seed"]), float(about["period_ms"]), str(about["scheme"]),
         first, tuple((int(d["tick"]), d["digest"].decode("ascii")) for d in digests), ended, complete,
         str(file["volume"].attrs["source"]), json.loads(file["note"][()]),
-        {name: _plain(about[name]) for name in names}, bone,
+        {name: _plain(about[name]) for name in names}, watch, events, watched, bone,
     )  # fmt: skip
 
 

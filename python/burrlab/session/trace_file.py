@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import Burr, Material, VoxelBone
+from burrlab._core import Burr, Material, VoxelBone, most_watch_events
 from burrlab.provenance import provenance
 from burrlab.session.snapshot import new_hdf5, write_bone
+from burrlab.session.watch_rows import EVENT_DTYPE, GROUP, WatchPlaces, create_watch
 
 if TYPE_CHECKING:
     import h5py
 
-FORMAT, FORMAT_VERSION = "burrlab trace", 1
+FORMAT, FORMAT_VERSION = "burrlab trace", 2  # 2: with tissues; a trace without them is written as 1
 ENDED_LENGTH = 400  # bytes of the sentence that says why recording ended
 
 #: Column of the file and field of a record, (name, type, field).
@@ -77,6 +78,7 @@ class Header:
     devices: Sequence[str] = ()
     source: str = ""
     note: str = "{}"  # JSON
+    watch: str = ""  # JSON; empty: none
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,7 @@ class Places:
     complete: int
     capacity: int
     digest_capacity: int
+    watch: WatchPlaces | None = None
 
 
 def create(path: Path, header: Header, bone: VoxelBone, *, capacity: int, digest_capacity: int) -> Places:
@@ -106,12 +109,25 @@ def create(path: Path, header: Header, bone: VoxelBone, *, capacity: int, digest
             "digests_recorded": file.create_dataset("digests_recorded", data=np.uint64(0)),
             "ended": file.create_dataset("ended", data=np.bytes_(b""), dtype=f"S{ENDED_LENGTH}"),
             "complete": file.create_dataset("complete", data=np.uint8(0)),
+        }
+        watch = {}
+        if header.watch:
+            tissues = 0 if bone.tissues is None else len(bone.tissues)
+            watch = create_watch(file, header.watch, len(header.tools), tissues)
+            watch["events"] = _table(file, f"{GROUP}/events", EVENT_DTYPE, most_watch_events)
+        names |= {
             "digests": _table(file, "digests", DIGEST_DTYPE, digest_capacity),
             "ticks": _table(file, "ticks", row_dtype(len(header.tools)), capacity),
         }
         file.flush()
         offsets = {name: dataset.id.get_offset() for name, dataset in names.items()}
-    return Places(capacity=capacity, digest_capacity=digest_capacity, **offsets)
+        places = {name: dataset.id.get_offset() for name, dataset in watch.items()}
+    return Places(
+        capacity=capacity,
+        digest_capacity=digest_capacity,
+        watch=WatchPlaces(**places) if places else None,
+        **offsets,
+    )
 
 
 def _table(file: h5py.File, name: str, dtype: np.dtype[Any], length: int) -> h5py.Dataset:
@@ -129,7 +145,7 @@ def _table(file: h5py.File, name: str, dtype: np.dtype[Any], length: int) -> h5p
 def _write_header(file: h5py.File, header: Header, bone: VoxelBone) -> None:
     now = time.time()
     for name, value in {
-        "format": FORMAT, "format_version": FORMAT_VERSION, **provenance(),
+        "format": FORMAT, "format_version": 1 if bone.tissues is None else FORMAT_VERSION, **provenance(),
         "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(now)), "started_unix_s": now,
         "seed": np.uint64(header.seed), "scheme": header.scheme, "period_ms": header.period,
         "loop_rate_Hz": 1000.0 / header.period, "first_tick": np.uint64(header.first_tick),
@@ -159,12 +175,18 @@ def make_compact(path: Path, part: Path) -> None:
             raw.copy(name, file)
         for name, count in (("ticks", "recorded"), ("digests", "digests_recorded")):
             _copy_table(raw[name], file, int(raw[count][()]))
+        if GROUP in raw:
+            watch, kept = raw[GROUP], file.create_group(GROUP)
+            for name in watch:
+                if name != "events":
+                    watch.copy(name, kept)
+            _copy_table(watch["events"], kept, int(watch["events_recorded"][()]))
     with part.open("rb") as written:
         os.fsync(written.fileno())
     part.replace(path)
 
 
-def _copy_table(source: h5py.Dataset, file: h5py.File, rows: int, chunk: int = 4096) -> None:
+def _copy_table(source: h5py.Dataset, file: h5py.Group, rows: int, chunk: int = 4096) -> None:
     name = source.name.rsplit("/")[-1]
     table = file.create_dataset(
         name, (rows,), source.dtype, chunks=(min(chunk, max(rows, 1)),) if rows else None,

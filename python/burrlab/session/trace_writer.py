@@ -25,6 +25,7 @@ from burrlab.session.trace_file import (
     row_dtype,
     to_rows,
 )  # fmt: skip
+from burrlab.session.watch_rows import Watched, WatchWriter
 
 DEFAULT_DURATION = 4 * 3600.0  # [s] of ticks there is room for
 _INTERVAL = 0.02  # [s] between two looks at the ring
@@ -64,6 +65,8 @@ class TraceWriter:
         Where the volume comes from.
     note : mapping, optional
         What else is worth keeping, as safety parameters; JSON.
+    watch : mapping, optional
+        Settings of a watch; JSON. Its bone has tissues.
     duration : float
         Length that there is room for, at one tick a period [s]; recording stops there.
     digest_every : float
@@ -103,6 +106,7 @@ class TraceWriter:
         devices: Sequence[str] = (),
         source: str = "",
         note: Mapping[str, Any] | None = None,
+        watch: Mapping[str, Any] | None = None,
         duration: float = DEFAULT_DURATION,
         digest_every: float = 1.0,
         on_end: Callable[[str], object] | None = None,
@@ -111,7 +115,17 @@ class TraceWriter:
         _check(
             tools, seed, first_tick, {"period": period, "duration": duration, "digest_every": digest_every}
         )
-        header = Header(tools, seed, period, scheme, first_tick, devices, source, _json(note))
+        header = Header(
+            tools,
+            seed,
+            period,
+            scheme,
+            first_tick,
+            devices,
+            source,
+            _json(note),
+            _json(watch) if watch else "",
+        )
         rows, digests = (
             max(1, math.ceil(duration * 1000.0 / period)),
             math.ceil(duration / min(digest_every, 1.0)) + 16,
@@ -135,6 +149,7 @@ class TraceWriter:
         self._ended, self._compact_error = "", ""
         self._complete = False
         self._pending: list[tuple[int, str]] = []
+        self._watch = None if self._places.watch is None else WatchWriter(self._places.watch)
         self._lock, self._wake = threading.Lock(), threading.Event()
         self._stopping: str | None = None
         self._thread = threading.Thread(target=self._run, name="burrlab trace", daemon=True)
@@ -173,6 +188,18 @@ class TraceWriter:
         with self._lock:
             self._pending.append((tick, digest))
 
+    def add_events(self, events: NDArray[np.void]) -> None:
+        """Keeps events of a watch, in their order; from any thread. ValueError if the trace has none."""
+        if self._watch is None:
+            raise ValueError("events must be of a trace with a watch")
+        self._watch.add(events)
+
+    def set_watched(self, watched: Watched) -> None:
+        """What a watch saw in all, to be written by `stop`. ValueError if the trace has none."""
+        if self._watch is None:
+            raise ValueError("what was watched must be of a trace with a watch")
+        self._watch.set_sums(watched)
+
     def start(self) -> None:
         """Once, before `stop`; ValueError else."""
         if self._stopping is not None or self._thread.ident is not None:
@@ -207,6 +234,7 @@ class TraceWriter:
                 last = self._stopping is not None  # before the ring is emptied
                 self._empty_ring(last)
                 self._write_digests()
+                self._write_watch(last)
                 if last and not self._ended:
                     self._end(self._stopping or "stopped", complete=True)
                 elif not self._ended:
@@ -281,6 +309,16 @@ class TraceWriter:
             return
         self._digests_recorded += len(ready)
         self._write_count(self._places.digests_recorded, self._digests_recorded)
+
+    def _write_watch(self, last: bool) -> None:
+        if self._watch is None or self._ended:
+            return
+        try:
+            self._watch.write(self._file, self._first + self._recorded)
+            if last:
+                self._watch.finish(self._file)
+        except OSError as error:
+            self._end(f"the file could not be written: {error.strerror or error}")
 
     def _end(self, reason: str, *, complete: bool = False) -> None:
         self._complete = complete

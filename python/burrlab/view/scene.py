@@ -210,12 +210,11 @@ class Scene:
         """Draws once."""
         self.plotter.renderer.ResetCameraClippingRange()
         self.scale.fit(self.plotter)
-        self.plotter.render()
+        self.plotter.render_window.Render()
 
     def picture(self) -> NDArray[np.uint8]:
         """What is seen now, (height, width, 3)."""
-        self.plotter.renderer.ResetCameraClippingRange()
-        self.scale.fit(self.plotter)
+        self.render()
         pixels: NDArray[np.uint8] = np.asarray(self.plotter.screenshot(return_img=True))
         return pixels
 
@@ -251,11 +250,10 @@ class Scene:
             raise ValueError(f"separation must be zero or positive and finite, got {separation}")
         middle, camera = self.viewpoint, self.plotter.camera
         width, height = self.plotter.window_size
+        aspect = (self.panels.main_share if self.panels is not None else 1.0) * width / height
         pair = []
         try:
-            for view, shift in eyes(
-                middle, separation, self.panels.main_aspect(width, height) if self.panels else width / height
-            ):
+            for view, shift in eyes(middle, separation, aspect):
                 self.look(view)
                 camera.SetWindowCenter(shift, 0.0)
                 pair.append(self.picture())

@@ -24,10 +24,7 @@ class SlicePanels:
         self.panels = [_Panel(plotter, plane, row) for row, plane in enumerate(PLANES)]
         plotter.renderer.SetViewport(0.0, 0.0, 1 - _SHARE, 1.0)
 
-    @staticmethod
-    def main_aspect(width: int, height: int) -> float:
-        """Width by height of what the view has left."""
-        return (1 - _SHARE) * width / height
+    main_share = 1 - _SHARE  # of the window's width, that the view has left
 
     def cut(self, bone: VoxelBone, point: ArrayLike) -> None:
         """Slices of the bone through a point [mm]."""

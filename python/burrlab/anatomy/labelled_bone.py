@@ -1,0 +1,239 @@
+"""Bone with tissues, of grey values and labels, or of labels alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from burrlab._core import Tissues, VoxelBone
+from burrlab.anatomy.known_tissues import UNLABELLED, known_tissue
+from burrlab.anatomy.tissue_table import MOST, label_counts, unlabelled
+from burrlab.volume import LabelVolume, OccupancyMap, Volume, check_same_geometry
+from burrlab.volume.geometry import SAME, OnGrid
+
+#: Occupancy from which a voxel counts as bone in notes: half.
+_HALF = 128
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledBone:
+    """A bone with tissues, and what was assumed on the way.
+
+    Attributes
+    ----------
+    bone : VoxelBone
+    notes : tuple of str
+    """
+
+    bone: VoxelBone
+    notes: tuple[str, ...] = ()
+
+
+def anatomy_bone(
+    source: Volume | NDArray[np.uint8] | None,
+    labels: LabelVolume,
+    tissues: Tissues,
+    *,
+    mapping: OccupancyMap | None = None,
+    fill: Mapping[str, float] | None = None,
+    spacing: float | ArrayLike | None = None,
+) -> VoxelBone:
+    """The bone of `labelled_bone`, without its notes."""
+    return labelled_bone(source, labels, tissues, mapping=mapping, fill=fill, spacing=spacing).bone
+
+
+def labelled_bone(
+    source: Volume | NDArray[np.uint8] | None,
+    labels: LabelVolume,
+    tissues: Tissues,
+    *,
+    mapping: OccupancyMap | None = None,
+    fill: Mapping[str, float] | None = None,
+    spacing: float | ArrayLike | None = None,
+) -> LabelledBone:
+    """Bone whose occupancy is that of grey values and whose tissues are those of labels.
+
+    Parameters
+    ----------
+    source : Volume, ndarray of uint8 or None
+        Grey values, with `mapping`; or levels (z, y, x) on the grid of the labels; or None: what is labelled as air, or 0, is
+        empty, and all else is solid.
+    labels : LabelVolume
+        On the voxels of the volume, or on a box of them, as segmentations are often saved: 0 outside it.
+    tissues : Tissues
+        What the labels are. Without a row for label 0, that is "unlabelled", with the bone's values.
+    mapping : OccupancyMap, optional
+        Of the grey values.
+    fill : mapping of str to float, optional
+        By tissue, the least occupancy of its voxels, 0 to 1: nerves and vessels have grey values that a map for bone takes as
+        empty, and what is empty cannot be injured.
+    spacing : float or (x, y, z), optional
+        Of the bone [mm]; default that of the volume. Occupancy is interpolated, labels are the nearest.
+
+    Returns
+    -------
+    LabelledBone
+        In the bone frame of the volume.
+
+    Raises
+    ------
+    ValueError
+        If the labels are on other voxels, one of them is not in the table, the map is missing, given for nothing, or a filled
+        tissue is not in the table.
+    TypeError
+        If `source` is none of these.
+
+    Examples
+    --------
+    >>> from burrlab.anatomy import default_tissues
+    >>> labels = LabelVolume(np.array([[[0, 1, 2]]]), 0.2, (0, 0, 0), np.eye(3), "example", {1: "bone", 2: "nerve"})
+    >>> made = labelled_bone(None, labels, default_tissues({1: "bone", 2: "facial nerve"}))
+    >>> made.bone.density.tolist(), [t.name for t in made.bone.tissues]
+    ([[[0, 255, 255]]], ['bone', 'facial nerve', 'unlabelled'])
+    """
+    notes = list(labels.notes)
+    _check_source(source, labels, mapping)
+    if isinstance(source, Volume):
+        notes[:0] = source.notes
+        labels = placed_on(labels, source)
+    counts = label_counts(labels.labels)
+    tissues = _with_background(tissues, counts, labels.path)
+    if spacing is not None:
+        if isinstance(source, np.ndarray):
+            raise ValueError("spacing must not be given with levels, which have that of the labels")
+        labels = labels.resample(spacing)
+    numbers = _numbers(labels.labels, tissues)
+    origin = labels.bone_point(labels.origin)
+    if isinstance(source, Volume):
+        assert mapping is not None
+        grey = source.to_bone(mapping, spacing=spacing)
+        levels, apart, origin = grey.density, np.array(grey.spacing), np.array(grey.origin)
+    else:
+        apart = labels.spacing
+        levels = _of_labels(numbers, tissues) if source is None else source
+        if source is None:
+            notes.append("occupancy from labels alone: empty where there is air or label 0, else solid")
+    levels, filled = _filled(levels, numbers, tissues, fill or {})
+    bone = VoxelBone(levels, spacing=apart, origin=origin)
+    bone.set_tissues(tissues, numbers)
+    return LabelledBone(bone, tuple(notes + filled + _said_of_tissues(levels, numbers, tissues)))
+
+
+def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
+    """The labels on all voxels of a volume, of which they may have a box; 0 outside it.
+
+    Raises
+    ------
+    ValueError
+        If they are not on voxels of the volume, with both geometries.
+    """
+    offset = (volume.direction.T @ (labels.origin - volume.origin)) / volume.spacing
+    start = np.rint(offset).astype(int)
+    stop = start + labels.shape[::-1]
+    alike = (
+        np.allclose(labels.spacing, volume.spacing, rtol=1e-3)
+        and np.allclose(labels.direction, volume.direction, atol=1e-3)
+        and np.abs(offset - start).max() <= SAME
+    )
+    if not alike or np.any(start < 0) or np.any(stop > volume.shape[::-1]) or labels.shape == volume.shape:
+        check_same_geometry(volume, labels)
+        return labels
+    whole = np.zeros(volume.shape, labels.labels.dtype)
+    (x, y, z), (u, v, w) = start, stop
+    whole[z:w, y:v, x:u] = labels.labels
+    placed = replace(
+        labels, labels=whole, spacing=volume.spacing, origin=volume.origin, direction=volume.direction
+    )
+    check_same_geometry(volume, placed)
+    return placed
+
+
+def _check_source(source: Any, labels: LabelVolume, mapping: OccupancyMap | None) -> None:
+    if isinstance(source, Volume):
+        if mapping is None:
+            raise ValueError(f"mapping must be given for the grey values of {source.path}")
+        return
+    if mapping is not None:
+        raise ValueError("mapping must be given with grey values only")
+    if source is None:
+        return
+    if not (isinstance(source, np.ndarray) and source.dtype == np.uint8):
+        raise TypeError(f"source must be a Volume, levels of uint8 or None, got {type(source).__name__}")
+    if source.shape != labels.shape:
+        raise ValueError(f"levels must have the shape of the labels {labels.shape}, got {source.shape}")
+
+
+def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tissues:
+    """The table, with a row for label 0 where that is there and not in it; ValueError for other labels."""
+    known = {tissue.label for tissue in tissues}
+    strange = [label for label in counts if label not in known and label != 0]
+    if strange:
+        told = ", ".join(f"{label} ({counts[label]} voxels)" for label in strange[:10])
+        more = f" and {len(strange) - 10} more" if len(strange) > 10 else ""
+        have = ", ".join(f"{tissue.label} {tissue.name}" for tissue in tissues)
+        raise ValueError(f"{path}: labels that are not in the table: {told}{more}; the table has {have}")
+    if 0 in known or 0 not in counts:
+        return tissues
+    if len(tissues) == MOST:
+        raise ValueError(
+            f"the table must have a row for label 0 ({counts[0]} voxels), or one row less than {MOST}"
+        )
+    names = {tissue.name for tissue in tissues}
+    if UNLABELLED in names:
+        raise ValueError(f"the table must have {UNLABELLED!r} for label 0 only ({counts[0]} voxels)")
+    return Tissues([*tissues, unlabelled(tissues.material)], tissues.material)
+
+
+def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:
+    table = np.array([tissue.label for tissue in tissues])
+    order = np.argsort(table).astype(np.uint8)
+    table = table[order]
+    numbers = np.empty(labels.shape, np.uint8)
+    for k, plane in enumerate(labels):  # plane by plane: no large arrays of places
+        numbers[k] = order[np.searchsorted(table, plane)]
+    return numbers
+
+
+def _of_labels(numbers: NDArray[np.uint8], tissues: Tissues) -> NDArray[np.uint8]:
+    solid = np.array([0 if _is_empty(t.name, t.label) else 255 for t in tissues], np.uint8)
+    return solid[numbers]
+
+
+def _is_empty(name: str, label: int) -> bool:
+    known = known_tissue(name)
+    return label == 0 or (known is not None and known.name == "air")
+
+
+def _filled(
+    levels: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues, fill: Mapping[str, float]
+) -> tuple[NDArray[np.uint8], list[str]]:
+    least, notes = np.zeros(len(tissues), np.uint8), []
+    for name, occupancy in fill.items():
+        if not 0.0 <= occupancy <= 1.0:
+            raise ValueError(f"fill of {name!r} must be an occupancy from 0 to 1, got {occupancy!r}")
+        least[tissues.number(name)] = round(255 * occupancy)
+        notes.append(f"{name}: occupancy at least {occupancy:g}, as asked")
+    return (np.maximum(levels, least[numbers]) if fill else levels), notes
+
+
+def _said_of_tissues(levels: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues) -> list[str]:
+    """Bone that no label names, and critical structures that hold none."""
+    size = len(tissues)
+    voxels = np.bincount(numbers.ravel(), minlength=size)
+    held = np.bincount(numbers[levels >= _HALF], minlength=size)
+    notes = []
+    for number, tissue in enumerate(tissues):
+        if tissue.label == 0 and tissue.name == UNLABELLED and held[number]:
+            notes.append(
+                f"{held[number]} voxels of label 0 hold bone: {UNLABELLED}, with the bone's c_e and alpha"
+            )
+        if tissue.critical and voxels[number] and 2 * held[number] < voxels[number]:
+            part = 100.0 * held[number] / voxels[number]
+            notes.append(
+                f"{tissue.name}: {part:.0f} % of its voxels are half full or more; what is empty cannot be injured (fill=)"
+            )
+    return notes

@@ -1,0 +1,236 @@
+"""What burrs did near critical structures, and which tissues they removed."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from burrlab import _core
+from burrlab._core import Tissues, VoxelBone
+from burrlab.anatomy.dose import Dose, dose_figure, dose_table
+from burrlab.anatomy.event import AnatomyEvent
+from burrlab.anatomy.watch import Watch
+from burrlab.session.replay import inputs
+from burrlab.session.trace import Trace, check_trace
+from burrlab.session.watch_rows import DOSE_DTYPE, EVENT_DTYPE, Watched
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_BATCH = 2000  # ticks between two looks at the keyboard
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class AnatomyReport:
+    """What burrs did near critical structures, and which tissues they removed.
+
+    Attributes
+    ----------
+    structures : tuple of str
+        That were watched; none without a watch.
+    settings : dict
+        Of the watch.
+    tissues : tuple of str
+    watched : Watched
+        The numbers behind it all, as a trace keeps them.
+    period : float
+        Of the loop [ms].
+    voxel_volume : float
+        [mm^3]
+    """
+
+    structures: tuple[str, ...]
+    settings: dict[str, Any]
+    tissues: tuple[str, ...]
+    watched: Watched
+    period: float
+    voxel_volume: float
+    colours: dict[str, tuple[int, int, int]] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        watched: Watched,
+        tissues: Tissues,
+        settings: Mapping[str, Any],
+        period: float,
+        voxel_volume: float,
+    ) -> AnatomyReport:
+        """Of what a watch with these settings saw in a bone of these tissues; settings empty: there was none."""
+        return cls(
+            tuple(row["name"] for row in settings.get("structures", ())), dict(settings), tuple(t.name for t in tissues),
+            watched, period, voxel_volume, {t.name: t.colour for t in tissues},
+        )  # fmt: skip
+
+    @classmethod
+    def recorded(cls, trace: Trace) -> AnatomyReport | None:
+        """What the session itself said; None if it had no watch or did not come to its end."""
+        check_trace(trace)
+        if trace.watched is None or trace.tissues is None:
+            return None
+        return cls.of(trace.watched, trace.tissues, trace.watch, trace.period, trace.voxel_volume)
+
+    @property
+    def burrs(self) -> int:
+        """Number of burrs."""
+        return len(self.watched.doses)
+
+    @property
+    def events(self) -> tuple[AnatomyEvent, ...]:
+        """In their order."""
+        return tuple(AnatomyEvent.of(row, self.structures, self.voxel_volume) for row in self.watched.events)
+
+    @property
+    def closest(self) -> dict[str, float]:
+        """Smallest distance of a burr's surface to each structure [mm]; infinite if none came near."""
+        doses = self.watched.doses
+        return {name: float(doses[:, i]["closest_mm"].min()) for i, name in enumerate(self.structures)}
+
+    @property
+    def removed(self) -> dict[str, float]:
+        """Volume removed of each tissue in the session [mm^3]."""
+        levels = self.watched.removed.tolist()
+        return {name: n * (self.voxel_volume / 255.0) for name, n in zip(self.tissues, levels, strict=True)}
+
+    def dose(self, structure: str, burr: int = 0) -> Dose:
+        """What a burr did beside a structure.
+
+        Raises
+        ------
+        ValueError
+            If the structure was not watched, or there is no such burr.
+        """
+        if structure not in self.structures:
+            raise ValueError(f"structure must be one of {', '.join(self.structures)}, got '{structure}'")
+        if not 0 <= burr < self.burrs:
+            raise ValueError(f"burr must be an index below {self.burrs}, got {burr}")
+        row = self.watched.doses[burr, self.structures.index(structure)]
+        return Dose.of(row, structure, burr, self.period, self.voxel_volume)
+
+    @property
+    def doses(self) -> list[Dose]:
+        """Of each burr beside each structure."""
+        return [self.dose(name, burr) for burr in range(self.burrs) for name in self.structures]
+
+    def equals(self, other: AnatomyReport) -> bool:
+        """Whether settings, events, doses and removed levels are the same to the bit."""
+        mine, theirs = self.watched, other.watched
+        pairs = [(mine.events, theirs.events), (mine.doses, theirs.doses), (mine.removed, theirs.removed),
+                 (mine.counts, theirs.counts)]  # fmt: skip
+        return self.settings == other.settings and all(a.tobytes() == b.tobytes() for a, b in pairs)
+
+    def table(self) -> str:
+        """Doses as text, a line a structure."""
+        return dose_table(self.doses)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON, units in the names; None where there is no number."""
+        w = self.watched
+        return {
+            "removed_mm3": self.removed, "watch": self.settings,
+            "closest_mm": {name: d if math.isfinite(d) else None for name, d in self.closest.items()},
+            "doses": [dose.to_dict() for dose in self.doses], "events": [event.to_dict() for event in self.events],
+            "gaps": w.gaps, "ticks_passed_over": w.ticks_passed_over, "events_lost": w.events_lost,
+        }  # fmt: skip
+
+    def __str__(self) -> str:
+        removed = ", ".join(f"{name} {volume:.4g}" for name, volume in self.removed.items() if volume)
+        lines = [f"removed [mm^3]: {removed or 'nothing'}"]
+        if self.structures:
+            lines.append(self.table())
+            kinds = [event.kind for event in self.events]
+            said = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+            lines.append(f"events: {said or 'none'}")
+            lines += [f"  {event}" for event in self.events if event.kind in ("touch", "injury")][:20]
+        w = self.watched
+        if w.events_lost:
+            lines.append(f"  ! {w.events_lost} further events were counted, not kept")
+        if w.gaps:
+            lines.append(
+                f"  ! {w.ticks_passed_over} ticks were passed over in {w.gaps} gaps: what was removed is whole, a closer approach "
+                "may have been missed"
+            )
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        near = ", ".join(f"{name} {d:.3g} mm" for name, d in self.closest.items())
+        return f"AnatomyReport({near or 'nothing watched'}; {len(self.watched.events)} events)"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(str(self))}</pre>"
+
+    def plot(self, figure: Figure | None = None) -> list[Axes]:
+        """Time that the burr's surface spent within a distance of each structure, and the force there."""
+        return dose_figure(self.doses, self.colours, figure)
+
+
+def anatomy_report(
+    trace: Trace, *, watch: Watch | None = None, progress: Callable[[float], object] | None = None
+) -> AnatomyReport:
+    """Executes a trace again and watches: what the session recorded, to the bit, or what another watch would have seen.
+
+    Parameters
+    ----------
+    trace : Trace
+        On a bone with tissues.
+    watch : Watch, optional
+        Made of `trace.bone()`; default: the session's own, or, without one, all critical structures.
+    progress : callable, optional
+        Called with the part done, 0 to 1.
+
+    Returns
+    -------
+    AnatomyReport
+
+    Raises
+    ------
+    ValueError
+        If the bone has no tissues, the watch is of another bone, or the trace holds what no session executes.
+    TypeError
+        If `trace` is not a trace.
+    """
+    check_trace(trace)
+    bone = trace.bone()
+    tissues = bone.tissues
+    if tissues is None:
+        raise ValueError("trace must be of a bone with tissues, got one of a single material")
+    if watch is None and trace.watch:
+        watch = Watch.of_settings(bone, trace.watch)
+    elif watch is None and critical_structures(bone):
+        watch = Watch(bone)
+    executor = _core.TickExecutor(
+        bone, list(trace.tools), trace.seed, period=trace.period, scheme=trace.scheme, tick=trace.first_tick
+    )
+    core = None if watch is None else watch.core([burr.radius for burr, _ in trace.tools])
+    executor.set_watch(core)
+    before = _core.tissue_levels(bone)
+    for start in range(0, len(trace), _BATCH):
+        executor.execute(inputs(trace.ticks[start : start + _BATCH]))
+        if progress is not None:
+            progress(min(start + _BATCH, len(trace)) / len(trace))
+    removed = before - _core.tissue_levels(bone)
+    watched = nothing_watched(trace.burrs, removed) if core is None else Watched.of(core.seen(), removed)
+    settings = {} if watch is None else watch.settings
+    return AnatomyReport.of(watched, tissues, settings, trace.period, trace.voxel_volume)
+
+
+def critical_structures(bone: VoxelBone) -> list[str]:
+    """Names of the critical tissues that have voxels."""
+    if bone.tissues is None or bone.tissue_numbers is None:
+        return []
+    present = np.bincount(bone.tissue_numbers.ravel(), minlength=len(bone.tissues))
+    return [t.name for i, t in enumerate(bone.tissues) if t.critical and present[i]]
+
+
+def nothing_watched(burrs: int, removed: NDArray[np.int64] | Sequence[int]) -> Watched:
+    """What is known without a watch: the levels removed of each tissue."""
+    return Watched(
+        np.zeros(0, EVENT_DTYPE), np.zeros((burrs, 0), DOSE_DTYPE), np.asarray(removed, dtype=np.int64)
+    )

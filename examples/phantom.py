@@ -48,7 +48,10 @@ def slices(phantom: Phantom, bone: burrlab.VoxelBone) -> Figure:
     rows = figure.subplots(2, 3)
     at = np.rint((phantom.landmarks["antrum"] - bone.origin) / bone.spacing).astype(int)
     colours = np.array([tissue.colour for tissue in bone.tissues]) / 255
-    ends = [(o - s / 2, o + s * (n - 0.5)) for o, s, n in zip(bone.origin, bone.spacing, bone.shape[::-1], strict=True)]
+    ends = [
+        (o - s / 2, o + s * (n - 0.5))
+        for o, s, n in zip(bone.origin, bone.spacing, bone.shape[::-1], strict=True)
+    ]
     for axes, levels, when in zip(rows, (bone.pristine, bone.density), ("before", "after"), strict=True):
         for ax, axis, name in zip(axes, (2, 1, 0), ("axial", "coronal", "sagittal"), strict=True):
             plane = [slice(None)] * 3
@@ -56,8 +59,14 @@ def slices(phantom: Phantom, bone: burrlab.VoxelBone) -> Figure:
             shown = levels[tuple(plane)]
             across, up = (i for i in range(3) if i != axis)
             extent = (*ends[across], *ends[up])
-            ax.imshow(colours[phantom.labels[tuple(plane)]] * (shown / 255)[..., None], extent=extent, origin="lower")
-            ax.contour(phantom.target[tuple(plane)], levels=[0.5], colors="#D55E00", linewidths=1, extent=extent)
+            ax.imshow(
+                colours[phantom.labels[tuple(plane)]] * (shown / 255)[..., None],
+                extent=extent,
+                origin="lower",
+            )
+            ax.contour(
+                phantom.target[tuple(plane)], levels=[0.5], colors="#D55E00", linewidths=1, extent=extent
+            )
             ax.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", title=f"{name}, {when}")
     return figure
 

@@ -27,9 +27,7 @@ def nerve_bone(voxel=0.2):
     nerve = (np.abs(z - 4.5) < 0.5)[:, None, None] & (np.abs(x - 5) < 0.5)[None, None, :]
     numbers[np.broadcast_to(nerve, shape)] = 1
     numbers[z < 1] = 2
-    bone = VoxelBone(
-        np.full(shape, 255, np.uint8), voxel, (-5 + voxel / 2, -5 + voxel / 2, -6 + voxel / 2)
-    )
+    bone = VoxelBone(np.full(shape, 255, np.uint8), voxel, (-5 + voxel / 2, -5 + voxel / 2, -6 + voxel / 2))
     bone.set_tissues(table(), numbers)
     return bone
 

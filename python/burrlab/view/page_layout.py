@@ -160,7 +160,7 @@ def _charts(page: Page, html: Any) -> None:
 def _transport(page: Page, html: Any, v3: Any) -> None:
     with html.Div(classes="burrlab-transport"):
         v3.VBtn(
-            icon=("playing ? 'mdi-pause' : 'mdi-play'",), click="playing = !playing"
+            icon=("playing ? 'mdi-pause' : 'mdi-play'",), click="playing = !playing",
             aria_label=("playing ? 'pause' : 'play'",),
         )  # fmt: skip
         v3.VBtn(icon="mdi-step-backward", click=(page.step, "[-1]"), aria_label=("'one tick back'",))

@@ -53,12 +53,12 @@ def scene_cost(native: Native, scene: Scene, path: str) -> dict[str, Any]:
             raise RuntimeError(f"{scene.name}, {name}: equal tissues left other levels than one")
     first = len(scene.path) // 10
     times = {name: Times.join(parts)[first:] for name, parts in found.items()}
-    voxels = float(np.prod(scene.shape))
+    bricks = float(np.prod([-(-n // 8) for n in scene.shape]))
     return {
         name: {
             "median_us": 1e6 * times[name].median,
             "over_one": quartiles(times[name].over(times["one"])),
-            "hierarchy_over_voxels": cores[name].hierarchy_bytes / voxels,
+            "hierarchy_over_voxels": cores[name].hierarchy_bytes / (512 * bricks),  # of whole bricks
         }
         for name in layouts
     }

@@ -57,9 +57,43 @@ void newest_after_rebuild() {
   CHECK_THROWS(follower.add(nullptr), "listener must be added before the follower is started");
 }
 
+/// In a bone with tissues stability is told with the c_e that the burr meets, not with the material's: the
+/// wetted area comes out as in a plain bone of that c_e.
+void stability_with_tissues() {
+  const auto area_of = [](double c_e, bool tissue) {
+    const Material material("bone", tissue ? 2.145 : c_e, 0.087, Shape::parabolic(), "");
+    const auto bone = std::make_shared<VoxelBone>(Index3{16, 64, 64}, std::uint8_t(255), Vec3::Constant(0.1),
+                                                  Vec3(-3.15, -3.15, -1.55));
+    if (tissue) {
+      const Tissues table({{"hard", 3, c_e, 0.087, {}, false, false, false}}, material);
+      const VoxelBone::Levels numbers(16 * 64 * 64, 0);
+      bone->set_tissues(std::make_shared<TissueMap>(bone->shape(), numbers.data(), table));
+    }
+    SessionSetup setup;
+    setup.tools.push_back({Burr(1.5), material});
+    const auto device = std::make_shared<TestDevice>();
+    device->what = [](int, DeviceReading& r) {
+      r.position = Vec3(0.0, 0.0, 1.3);
+      r.on = false;
+    };
+    const auto loop =
+        std::make_shared<HapticLoop>(std::make_shared<TickExecutor>(bone, setup),
+                                     std::vector<std::shared_ptr<Device>>{device}, virtual_clock(50));
+    Follower follower(loop);
+    loop->start();
+    CHECK(loop->wait(20.0));
+    follower.start();
+    follower.stop();
+    CHECK(follower.stiffness(0).c_e == c_e);
+    return follower.stability(0).area;
+  };
+  CHECK(area_of(4.0, true) == area_of(4.0, false) && area_of(4.0, true) > 1.0);
+}
+
 }  // namespace
 
 int main() {
+  stability_with_tissues();
   follower();
   newest_after_rebuild();
   return check::report();

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -220,6 +221,33 @@ def test_a_held_force_in_a_mixed_bone_is_the_same_on_every_path() -> None:
         assert np.abs(held.force - 1.0).max() < 1e-3
         found.add((bone.digest(), tuple(held.position)))
     assert len(found) == 1
+
+
+def test_a_session_in_tissues_replays_on_every_path(tmp_path: Path) -> None:
+    """Forces, digests and what was removed of each tissue."""
+    bone = burrlab.VoxelBone.block((12, 12, 4), 0.2, origin=(-5.9, -5.9, -3.9))
+    material = burrlab.materials["bone"]
+    tissues = replace(
+        tissues_of("random", bone.shape, 16, (0.087, 0.3)), c_e=[0.5 + 0.25 * i for i in range(16)]
+    )
+    bone.set_tissues(table_of_tissues(tissues, material), tissues.number)
+    tool, file = (burrlab.Burr(2.0), material), tmp_path / "session.h5"
+    with burrlab.Session(
+        bone, tool, burrlab.HandDevice(), seed=1, duration=2.0, wall_clock=False, record=file
+    ) as session:
+        session.wait()
+        carved, tick = session.snapshot()
+    assert tick == 2000
+    removed = [carved.removed_of(i) for i in range(16)]
+    assert min(removed) > 0.0
+    trace = burrlab.load_trace(file)
+    for path in PATHS:
+        _core.use_cpu_path(path)
+        again = burrlab.replay(trace)
+        assert again.equal
+        assert again.bone.digest() == carved.digest()
+        assert [again.bone.removed_of(i) for i in range(16)] == removed
+        assert_same_sums(again.bone, tissues)
 
 
 # --- What is refused ----------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from burrlab._core import VoxelBone, restore_bricks
 from burrlab.session.session import Session
 from burrlab.session.trace import Trace
+from burrlab.view.page_anatomy import StructureDistances, event_texts
 from burrlab.view.player import Burrs, History, TracePlayer
 
 _SHOWN_LIVE = 30.0  # of a running session in the charts [s]
@@ -43,7 +45,10 @@ class PageSource(Protocol):
     @property
     def prepared(self) -> float: ...
     @property
-    def events(self) -> tuple[Any, ...]: ...
+    def events(self) -> Sequence[tuple[float, str]]:
+        """Time [s] and what happened then."""
+        ...
+
     @property
     def state(self) -> str:
         """A word or sentence on the source itself."""
@@ -51,6 +56,10 @@ class PageSource(Protocol):
 
     def go(self, seconds: float) -> NDArray[np.uint32]:
         """To that moment, or to the newest one of what runs; numbers of the bricks that changed."""
+        ...
+
+    def distances(self) -> list[dict[str, Any]]:
+        """Rows for the page: name, colour, value [mm], whether it is near."""
         ...
 
     def open(self) -> None: ...
@@ -66,6 +75,7 @@ class ReplaySource:
         self.player, self.bone = player, player.bone
         self.title = player.trace.path.name
         self.tools = player.trace.tools
+        self._distances = StructureDistances(player.bone)
         self._cancel = threading.Event()
         self._thread = threading.Thread(target=self._prepare, name="burrlab page", daemon=True)
         self.state = f"{player.duration:.1f} s, {player.ticks} ticks, seed {player.trace.seed}"
@@ -77,16 +87,21 @@ class ReplaySource:
     depth = property(lambda self: self.player.depth)
     history = property(lambda self: self.player.history)
     prepared = property(lambda self: self.player.prepared)
-    events = property(lambda self: self.player.events)
+    events = property(lambda self: event_texts(self.player))
 
     def go(self, seconds: float) -> NDArray[np.uint32]:
         return self.player.seek(min(max(seconds, 0.0), self.player.duration))
 
+    def distances(self) -> list[dict[str, Any]]:
+        return self._distances.rows(self.burrs)
+
     def open(self) -> None:
         self._thread.start()
+        self._distances.open()
 
     def close(self) -> None:
         self._cancel.set()
+        self._distances.close()
         if self._thread.ident is not None:
             self._thread.join()
 
@@ -99,7 +114,7 @@ class LiveSource:
 
     kind = "live"
     prepared = 1.0
-    events = ()
+    events: Sequence[tuple[float, str]] = ()
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -107,6 +122,7 @@ class LiveSource:
         self.tools = tuple(session.tools)
         self._view = session.follower.view()
         self.bone, _ = session.snapshot()
+        self._distances = StructureDistances(self.bone)
         self._counts = tuple(-(-n // 8) for n in self.bone.shape)
         self._newest: Any = None
         self._past: deque[tuple[float, NDArray[np.float64], NDArray[np.float64]]] = deque()
@@ -165,11 +181,14 @@ class LiveSource:
         restore_bricks(self.bone, bricks, update["density"].reshape(-1, 512))
         return bricks
 
+    def distances(self) -> list[dict[str, Any]]:
+        return self._distances.rows(self.burrs)
+
     def open(self) -> None:
-        pass
+        self._distances.open()
 
     def close(self) -> None:
-        pass
+        self._distances.close()
 
     def _of(self, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
         if self._newest is None:
@@ -187,7 +206,7 @@ class StillSource:
     span = (0.0, 0.0)
     time = 0.0
     prepared = 1.0
-    events = ()
+    events: Sequence[tuple[float, str]] = ()
 
     def __init__(self, bone: VoxelBone) -> None:
         self.bone = bone
@@ -198,6 +217,9 @@ class StillSource:
 
     def go(self, seconds: float) -> NDArray[np.uint32]:
         return np.empty(0, np.uint32)
+
+    def distances(self) -> list[dict[str, Any]]:
+        return []
 
     def open(self) -> None:
         pass

@@ -21,6 +21,7 @@ from burrlab.psychophysics.experiment.runner import DeviceLost
 from burrlab.psychophysics.experiment.seat import Seat
 from burrlab.psychophysics.experiment.sitting import Sitting
 from burrlab.psychophysics.experiment.terminal import TerminalSeat
+from burrlab.psychophysics.experiment.volume_block import VolumeBlock
 from burrlab.psychophysics.report.analysis import analyse
 from burrlab.psychophysics.report.analysis_result import Analysis
 from burrlab.psychophysics.report.scored_task import ScoredTask
@@ -91,6 +92,7 @@ __all__ = [
     "TerminalSeat",
     "ThresholdTask",
     "Trial",
+    "VolumeBlock",
     "analyse",
     "binomial_test",
     "closed_form_cues",

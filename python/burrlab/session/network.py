@@ -12,6 +12,7 @@ from typing import Any
 
 from burrlab._core import AnatomyWatch, Burr, Follower, Material, Publisher, Replica, VoxelBone
 from burrlab.specimen import MOST_VOXELS
+from burrlab.volume.cut import cut_block
 from burrlab.volume.occupancy_map import OccupancyMap, occupancy_map
 from burrlab.volume.recipe import VolumeRecipe
 
@@ -95,7 +96,7 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
     Parameters
     ----------
     recipe : mapping
-        Of `block_recipe` or `volume_recipe`; it may come from another machine.
+        Of `block_recipe`, `volume_recipe` or an experiment's `VolumeBlock`; it may come from another machine.
     volume : path, optional
         Where the volume lies here, if elsewhere.
 
@@ -112,6 +113,9 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
             voxel, level = float(recipe["voxel_mm"]), _whole(recipe["level"], 255)
         elif recipe["kind"] == "volume":
             made = VolumeRecipe.of(recipe)
+        elif recipe["kind"] == "volume block":
+            made, voxel = VolumeRecipe.of(recipe["volume"]), float(recipe["voxel_mm"])
+            size, entry, axis = (_three(recipe[key]) for key in ("size_mm", "entry_mm", "axis"))
         else:
             raise KeyError("kind")
     except _UNREADABLE:
@@ -120,6 +124,9 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
         ) from None
     if recipe["kind"] == "volume":
         return (made if volume is None else made.at(volume)).bone()
+    if recipe["kind"] == "volume block":
+        here = made if volume is None else made.at(volume)
+        return cut_block(here, size, voxel, entry=entry, axis=axis)
     if voxel > 0 and not (voxels := math.prod(max(s / voxel, 1.0) for s in size)) <= MOST_VOXELS:
         raise ValueError(f"recipe must have at most {MOST_VOXELS:.3g} voxels, got {voxels:.3g}")
     return VoxelBone.block(size, voxel, origin=origin, level=level)

@@ -1,5 +1,6 @@
 """Volumes from files, grey or labelled, and bone made of them."""
 
+from burrlab.volume.cut import cut_block
 from burrlab.volume.geometry import check_same_geometry, same_geometry
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.occupancy_map import OccupancyMap
@@ -15,6 +16,7 @@ __all__ = [
     "Volume",
     "VolumeRecipe",
     "check_same_geometry",
+    "cut_block",
     "read_labels",
     "read_stack",
     "read_volume",

@@ -69,6 +69,10 @@ class Block:
         """How others make the same bone, for a session's trace."""
         return block_recipe(self.size, self.voxel, origin=self.origin)
 
+    def plain(self) -> dict[str, Any]:
+        """For a protocol."""
+        return {"size_mm": list(self.size), "voxel_mm": self.voxel}
+
     def check_burr(self, burr: Burr) -> None:
         """Raises ValueError if the burr is too small for the voxels or too large for the block."""
         if burr.radius < _LEAST_VOXELS * self.voxel:

@@ -130,7 +130,7 @@ class Protocol:
         selected_by = selection_of(experiment)
         selected_from = selected_from_of(experiment, len(subjects))
         experiment.done()
-        burr, bone = burr_and_bone_of(file)
+        burr, bone = burr_and_bone_of(file, path.parent)
         tasks = designs_of(file)
         analysis = analysis_of(file.table("analysis", needed=False))
         file.done()
@@ -261,7 +261,7 @@ class Protocol:
                     "selected_from": self.selected_from,
                 },
                 "burr": {"radius_mm": self.burr.radius},
-                "bone": {"size_mm": list(self.bone.size), "voxel_mm": self.bone.voxel},
+                "bone": self.bone.plain(),
                 "tasks": {name: design.to_dict() for name, design in self.tasks.items()},
                 "analysis": {
                     "rules": list(self.analysis.rules),

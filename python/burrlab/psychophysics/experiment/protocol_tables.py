@@ -7,15 +7,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 from burrlab._core import Burr
 from burrlab.psychophysics.design import Design
 from burrlab.psychophysics.experiment.block import Block
 from burrlab.psychophysics.experiment.design_table import design_of, stimuli_of
 from burrlab.psychophysics.experiment.toml_table import Table
+from burrlab.psychophysics.experiment.volume_block import VolumeBlock
 from burrlab.psychophysics.rules import RULES, RuleName
 from burrlab.session.device_text import parse_device
-from burrlab.specimen import MOST_VOXELS
+from burrlab.specimen import MOST_VOXELS, unit_vector
+from burrlab.volume.geometry import checked_point
+from burrlab.volume.occupancy_map import OccupancyMap
+from burrlab.volume.recipe import VolumeRecipe
 
 _MOST_SUBJECTS = 9999
 _LONGEST = 86400.0  # [s], a day: waiting has an end
@@ -122,22 +127,60 @@ def seconds_of(table: Table, key: str, default: float) -> float:
     return value
 
 
-def burr_and_bone_of(file: Table) -> tuple[Burr, Block]:
-    """[burr] and [bone], which must fit one another."""
+def burr_and_bone_of(file: Table, folder: Path) -> tuple[Burr, Block]:
+    """[burr] and [bone], which must fit one another; a volume's file in the folder."""
     table = file.table("burr")
     with table.errors():
         burr = Burr(table.number("radius_mm"))
     table.done()
     table = file.table("bone")
     size, voxel = table.numbers("size_mm"), table.number("voxel_mm")
+    volume = _volume_of(table, folder)
     table.done()
     # Side by side: a cube of a length near the ends of double is 0 or too large.
     if voxel > 0 and (voxels := math.prod(side / voxel for side in size)) > MOST_VOXELS:
         raise table.error(f"the block has {voxels:.3g} voxels, and {MOST_VOXELS:.3g} are the most")
     with table.errors():
-        bone = Block(tuple(size), voxel)
+        bone = Block(tuple(size), voxel) if volume is None else VolumeBlock(tuple(size), voxel, **volume)
         bone.check_burr(burr)
+        if isinstance(bone, VolumeBlock):
+            try:
+                bone.fresh()  # a volume that cannot be read is no surprise in the first trial
+            except OSError as error:
+                raise ValueError(str(error)) from None
     return burr, bone
+
+
+def _volume_of(table: Table, folder: Path) -> dict[str, Any] | None:
+    """What makes a `VolumeBlock` of [bone], where it names a volume."""
+    keys = ("map", "entry_mm", "axis", "spacing_mm", "series", "crop_mm", "volume_voxel_mm")
+    path = table.text("volume", None)
+    text, entry, axis = table.text("map", None), table.numbers("entry_mm", None), table.numbers("axis", None)
+    spacing, series = table.numbers("spacing_mm", None), table.text("series", None)
+    crop, voxel = table.value("crop_mm", None), table.number("volume_voxel_mm", None)
+    if path is None:
+        for key in keys:
+            if key in table:
+                raise table.error(f"{key} goes with volume")
+        return None
+    for key in keys[:3]:
+        if key not in table:
+            raise table.error(f"{key} is missing: volume needs it")
+    if crop is not None and not (isinstance(crop, list) and len(crop) == 2):
+        raise table.error(f"crop_mm must be two corners, [[x, y, z], [x, y, z]], got {crop!r}")
+    with table.errors():
+        return {
+            "volume": VolumeRecipe(
+                str(folder / path),
+                OccupancyMap.parse(text),
+                spacing,
+                series,
+                None if crop is None else (crop[0], crop[1]),
+                voxel,
+            ),
+            "entry": tuple(checked_point(entry, "entry_mm").tolist()),
+            "axis": tuple(unit_vector(axis).tolist()),
+        }
 
 
 def designs_of(file: Table) -> Mapping[str, Design]:

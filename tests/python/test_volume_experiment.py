@@ -1,0 +1,143 @@
+"""Experiments on a block that is cut out of a volume."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import burrlab
+from burrlab.cli import main
+from burrlab.psychophysics import Protocol
+from burrlab.session.network import make_bone
+from burrlab.volume import OccupancyMap, Volume, VolumeRecipe, cut_block
+
+pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+
+TURNED = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
+MAP = OccupancyMap.two_point(0, 1000)
+
+PROTOCOL = """
+[experiment]
+name = "volume"
+seed = 3
+subjects = 1
+[burr]
+radius_mm = 2.0
+[bone]
+size_mm = [12, 12, 6]
+voxel_mm = 0.5
+volume = "ct.nrrd"
+map = "0:1000"
+entry_mm = {entry}
+axis = {axis}
+[tasks.probing]
+design = "same-different"
+a = "bone"
+b = "pvc"
+mode = "probing"
+trials = 4
+interval_s = 1.0
+"""
+
+
+@pytest.fixture
+def volume(tmp_path):
+    """Solid up to z = 8 mm of 12, but for a hole on the way down; turned."""
+    values = np.zeros((24, 40, 40), np.int16)
+    values[:16] = 1000
+    values[4:8, 18:22, 18:22] = 0
+    volume = Volume(values, (0.5, 0.5, 0.5), (10, 20, 30), TURNED, "made")
+    burrlab.write_volume(tmp_path / "ct.nrrd", volume)
+    return volume
+
+
+def way(volume):
+    return {"entry": (volume.origin + TURNED @ (9.75, 9.75, 11)).tolist(), "axis": (-TURNED[:, 2]).tolist()}
+
+
+def test_a_block_is_the_volume_below_the_entry(tmp_path, volume):
+    block = cut_block(VolumeRecipe(tmp_path / "ct.nrrd", MAP), (6, 6, 7.5), 0.5, **way(volume))
+    assert block.shape == (15, 12, 12)
+    assert block.origin == (-2.75, -2.75, -7.25)
+    levels = block.density
+    assert levels[7:].min() >= 250  # solid from the top on
+    assert levels[3:7, 4:8, 4:8].max() <= 5  # the hole, 4 to 6 mm below the surface, about the axis
+    assert levels[:3].min() >= 250
+    total = (255 - levels.astype(float)).sum() / 255 * 0.125
+    assert total == pytest.approx(4 * 4 * 4 * 0.125, rel=0.05)
+
+
+def test_a_block_across_an_oblique_axis_is_flat_on_top(tmp_path, volume):
+    axis = -TURNED @ (0.3, 0.2, 1)
+    block = cut_block(
+        VolumeRecipe(tmp_path / "ct.nrrd", MAP, voxel=0.25), (4, 4, 2), 0.25, **{**way(volume), "axis": axis}
+    )
+    assert 100 < block.density[-1, 7:9, 7:9].mean() < 255  # the plane goes through the crossing
+    tilt = block.density[-4].astype(float)
+    assert tilt.min() < 250 < tilt.max() + 6  # bone's surface is not across the axis
+
+
+def test_block_errors(tmp_path, volume):
+    recipe = VolumeRecipe(tmp_path / "ct.nrrd", MAP)
+    with pytest.raises(ValueError, match="size must be a positive number or three"):
+        cut_block(recipe, (6, 6, 0), 0.5, **way(volume))
+    with pytest.raises(ValueError, match=r"voxel must be coarser: the block has 6e\+12 voxels"):
+        cut_block(recipe, (60, 100, 1), 1e-3, **way(volume))
+    with pytest.raises(ValueError, match="meets no occupancy of 128"):
+        cut_block(recipe, (6, 6, 6), 0.5, **{**way(volume), "axis": TURNED[:, 2]})
+
+
+def protocol(tmp_path, volume, old="", new=""):
+    path = tmp_path / "experiment.toml"
+    path.write_text(PROTOCOL.format(**way(volume)).replace(old, new), encoding="utf-8")
+    return path
+
+
+def test_a_protocol_with_a_volume_runs(tmp_path, volume, capsys):
+    path = protocol(tmp_path, volume)
+    bone = Protocol.read(path).bone
+    again = make_bone(json.loads(json.dumps(bone.recipe())))
+    assert again.digest() == bone.fresh().digest() == bone.plain()["digest"]
+    assert bone.plain()["volume"]["path"] == "ct.nrrd"
+    assert main(["experiment", "run", str(path), "--simulated", "--subject", "01", "--fast"]) == 0
+    capsys.readouterr()
+    assert any((tmp_path / "data").rglob("*.tsv"))
+
+
+def test_another_volume_is_another_protocol(tmp_path, volume):
+    before = Protocol.read(protocol(tmp_path, volume)).digest
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    burrlab.write_volume(elsewhere / "ct.nrrd", volume)
+    assert Protocol.read(protocol(elsewhere, volume)).digest == before
+    denser = Volume(volume.values // 2, volume.spacing, volume.origin, TURNED, "made")
+    burrlab.write_volume(elsewhere / "ct.nrrd", denser)
+    other = protocol(elsewhere, volume, '"0:1000"', '"0:900"')
+    assert Protocol.read(other).digest != before
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('volume = "ct.nrrd"\n', "", r", \[bone\]: map goes with volume"),
+        ('map = "0:1000"\n', "", r", \[bone\]: map is missing: volume needs it"),
+        ('"0:1000"', '"5"', r", \[bone\]: must be LO:HI or GREY:OCCUPANCY"),
+        ("ct.nrrd", "none.nrrd", r", \[bone\]: .*none\.nrrd: no such file"),
+        ('map = "0:1000"\n', 'map = "0:1000"\ncrop_mm = 3\n', r", \[bone\]: crop_mm must be two corners"),
+        (
+            'map = "0:1000"\n',
+            'map = "0:1000"\nspacing_mm = [1, 1, 1]\n',
+            r", \[bone\]: .*spacing must be that of the file",
+        ),
+        (
+            'map = "0:1000"\n',
+            'map = "1000:2000"\n',
+            r", \[bone\]: entry: the axis from .* meets no occupancy of 128",
+        ),
+    ],
+)
+def test_wrong_protocols(tmp_path, volume, old, new, message):
+    with pytest.raises(ValueError, match=message):
+        Protocol.read(protocol(tmp_path, volume, old, new))

@@ -1,5 +1,6 @@
 """Volumes from files, grey or labelled, and bone made of them."""
 
+from burrlab.volume.drilled import DrilledVolume, load_drilled, save_drilled
 from burrlab.volume.geometry import check_same_geometry, same_geometry
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.occupancy_map import OccupancyMap
@@ -9,13 +10,16 @@ from burrlab.volume.volume import Volume
 from burrlab.volume.write import write_volume
 
 __all__ = [
+    "DrilledVolume",
     "LabelVolume",
     "OccupancyMap",
     "Volume",
     "check_same_geometry",
+    "load_drilled",
     "read_labels",
     "read_stack",
     "read_volume",
     "same_geometry",
+    "save_drilled",
     "write_volume",
 ]

@@ -33,17 +33,19 @@ def greys(kind: str = "i2") -> np.ndarray:
 def drilled(volume: Volume) -> VoxelBone:
     bone = volume.to_bone(MAP)
     labels = LabelVolume(
-        (np.arange(volume.values.size) % 3).reshape(volume.shape), volume.spacing, volume.origin, volume.direction, "l"
+        (np.arange(volume.values.size) % 3).reshape(volume.shape),
+        volume.spacing,
+        volume.origin,
+        volume.direction,
+        "l",
     )
-    bone.set_tissues(
-        default_tissues(["air", "bone", "facial nerve"]), labels.labels.astype(np.uint8)
-    )
+    bone.set_tissues(default_tissues(["air", "bone", "facial nerve"]), labels.labels.astype(np.uint8))
     spacing = np.array(bone.spacing)
     center = np.array(bone.origin) + spacing * (9, 8, 10)
     for tick in range(40):
         erode(bone, Burr(5 * spacing.max()), center, materials["bone"], dt=1.0, seed=1, tick=tick)
     assert bone.removed > 0
-    assert 0 < np.count_nonzero((bone.density > 0) & (bone.density < bone.pristine))
+    assert np.count_nonzero((bone.density > 0) & (bone.density < bone.pristine)) > 0
     return bone
 
 
@@ -76,7 +78,12 @@ def nifti(path: Path, values: np.ndarray, slope: float = 0.0, inter: float = 0.0
     struct.pack_into("<12f", head, 280, 0.3, 0, 0, 1.5, 0, 0.4, 0, -2.25, 0, 0, 0.5, 3.0)
     head[344:348] = b"n+1\0"
     head[348:352] = b"\1\0\0\0"
-    content = bytes(head) + struct.pack("<2i", 16, 6) + b"comment\0" + values.astype(values.dtype.newbyteorder("<")).tobytes()
+    content = (
+        bytes(head)
+        + struct.pack("<2i", 16, 6)
+        + b"comment\0"
+        + values.astype(values.dtype.newbyteorder("<")).tobytes()
+    )
     path.write_bytes(gzip.compress(content) if path.suffix == ".gz" else content)
     return path
 
@@ -157,7 +164,9 @@ def test_independent_readers_see_the_same(tmp_path: Path) -> None:
     volume = read_volume(nifti(tmp_path / "a.nii.gz", greys()))
     save_drilled(tmp_path / "b.nii.gz", drilled(volume), volume, mapping=MAP)
     image = nibabel.load(tmp_path / "b.nii.gz")
-    np.testing.assert_array_equal(np.asarray(image.dataobj).transpose(2, 1, 0), read_volume(tmp_path / "b.nii.gz").values)
+    np.testing.assert_array_equal(
+        np.asarray(image.dataobj).transpose(2, 1, 0), read_volume(tmp_path / "b.nii.gz").values
+    )
     assert image.header["descrip"].item() == b"described as it please"
     assert (int(image.header["qform_code"]), int(image.header["sform_code"])) == (3, 4)
     assert len(image.header.extensions) == 1
@@ -207,7 +216,9 @@ def test_drilling_goes_on_from_a_saved_volume(tmp_path: Path) -> None:
     assert len(list(tmp_path.glob("b.nrrd.*.bone.h5"))) == 1
     save_drilled(tmp_path / "c.nrrd", later, volume, mapping=MAP, tick=41)
     assert (tmp_path / "c.nrrd").read_bytes() == path.read_bytes()
-    with pytest.raises(ValueError, match=r"like must be the original: .*b.nrrd is half-drilled, and \d+ voxels"):
+    with pytest.raises(
+        ValueError, match=r"like must be the original: .*b.nrrd is half-drilled, and \d+ voxels"
+    ):
         save_drilled(tmp_path / "d.nrrd", volume.to_bone(MAP), read_volume(path), mapping=MAP)
 
 
@@ -216,7 +227,10 @@ def test_a_changed_or_missing_part_is_found(tmp_path: Path) -> None:
     volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
     path = tmp_path / "b.nrrd"
     save_drilled(path, drilled(volume), volume, mapping=MAP)
-    with pytest.raises(ValueError, match=r"a.nrrd: the exact state, a.nrrd\.\w+\.bone.h5, must lie beside it, and there is none"):
+    with pytest.raises(
+        ValueError,
+        match=r"a.nrrd: the exact state, a.nrrd\.\w+\.bone.h5, must lie beside it, and there is none",
+    ):
         load_drilled(tmp_path / "a.nrrd")
     content = bytearray(path.read_bytes())
     content[-1] ^= 1
@@ -235,7 +249,7 @@ def test_a_changed_or_missing_part_is_found(tmp_path: Path) -> None:
     save_bone(beside, volume.to_bone(MAP))
     with pytest.raises(ValueError, match="is a bone, but not one of a drilled volume"):
         load_drilled(path)
-    with pytest.raises(FileNotFoundError, match="none.nrrd: no such file or folder"):
+    with pytest.raises(FileNotFoundError, match=r"none.nrrd: no such file or folder"):
         load_drilled(tmp_path / "none.nrrd")
 
 
@@ -294,7 +308,9 @@ def test_killed_in_the_middle_there_is_the_old_pair_or_the_new_one(
             seen.add("nothing")
             continue
         seen.add(load_drilled(path).bone.digest())
-        save_drilled(tmp_path / "after_b.nrrd" if name != "b" else tmp_path / "after_b", new, volume, mapping=MAP)
+        save_drilled(
+            tmp_path / "after_b.nrrd" if name != "b" else tmp_path / "after_b", new, volume, mapping=MAP
+        )
     assert seen <= {old.digest(), new.digest(), "nothing"}
     assert len(seen) >= (1 if name == "b" else 2)
 
@@ -344,11 +360,15 @@ def test_grey_stacks(tmp_path: Path, kind: str, turned: bool) -> None:
     np.testing.assert_array_equal(again.values[whole], volume.values[whole])
     assert np.abs(mapping.levels(again.values).astype(int) - bone.density)[~whole].max() <= 1
     assert load_drilled(tmp_path / "b").bone.digest() == bone.digest()
-    assert Image.open(tmp_path / "b" / "plane000.png").mode == Image.open(tmp_path / "a" / "plane000.png").mode
+    with (
+        Image.open(tmp_path / "b" / "plane000.png") as new,
+        Image.open(tmp_path / "a" / "plane000.png") as old,
+    ):
+        assert new.mode == old.mode
     with pytest.raises(FileExistsError, match="path must be a new folder"):
         save_drilled(tmp_path / "b", bone, volume, mapping=mapping)
     (tmp_path / "b" / "plane003.png").write_bytes((tmp_path / "b" / "plane004.png").read_bytes())
-    with pytest.raises(ValueError, match="bone.h5 belongs to another content of it"):
+    with pytest.raises(ValueError, match=r"bone.h5 belongs to another content of it"):
         load_drilled(tmp_path / "b")
     with pytest.raises(ValueError, match="a stack must be whole to be saved as one"):
         save_drilled(tmp_path / "c", volume.crop_voxels((0, 0, 0), (5, 5, 5)).to_bone(mapping),
@@ -358,7 +378,10 @@ def test_grey_stacks(tmp_path: Path, kind: str, turned: bool) -> None:
 @pytest.mark.parametrize("mode", ["RGBA", "RGB"])
 def test_coloured_stacks_and_their_description(tmp_path: Path, mode: str) -> None:
     pytest.importorskip("yaml", reason="extra `medical` is not installed")
-    colours = np.array([(0, 0, 0, 0), (*VOLUMETRIC_DRILLING["Bone"], 255), (*VOLUMETRIC_DRILLING["Facial_Nerve"], 255)], np.uint8)
+    colours = np.array(
+        [(0, 0, 0, 0), (*VOLUMETRIC_DRILLING["Bone"], 255), (*VOLUMETRIC_DRILLING["Facial_Nerve"], 255)],
+        np.uint8,
+    )
     kinds = np.random.default_rng(7).integers(0, 3, SHAPE)
     stack(tmp_path / "slices", colours[kinds], mode)
     (tmp_path / "v.yaml").write_text(
@@ -382,7 +405,9 @@ def test_coloured_stacks_and_their_description(tmp_path: Path, mode: str) -> Non
     assert "path: ./shaders/" in (tmp_path / "out" / "v.yaml").read_text()
     loaded = load_drilled(tmp_path / "out")
     assert (loaded.bone.digest(), loaded.tick, loaded.mapping) == (bone.digest(), 9, None)
-    with pytest.raises(ValueError, match="like must be a grey volume, or labels of PNG slices, to be written as x.nrrd"):
+    with pytest.raises(
+        ValueError, match=r"like must be a grey volume, or labels of PNG slices, to be written as x.nrrd"
+    ):
         save_drilled(tmp_path / "x.nrrd", bone, labels)
 
 
@@ -403,13 +428,16 @@ def test_bad_saves_are_refused(tmp_path: Path) -> None:
     refused(ValueError, r"path must end in .nrrd, .nii, .nii.gz or .mha, got .*b.txt", "b.txt")
     refused(FileNotFoundError, "folder must exist", "none/b.nrrd")
     (tmp_path / "mine.nrrd").write_text("something else")
-    refused(FileExistsError, r"path must be a new file or one of save_drilled, .*mine.nrrd is neither", "mine.nrrd")
+    refused(
+        FileExistsError,
+        r"path must be a new file or one of save_drilled, .*mine.nrrd is neither",
+        "mine.nrrd",
+    )
     other = volume.crop_voxels((0, 0, 0), (5, 5, 5))
-    refused(ValueError, r"bone must be on the voxels of .*: it has shape \(5, 5, 5\)", bone=other.to_bone(MAP))
+    refused(
+        ValueError, r"bone must be on the voxels of .*: it has shape \(5, 5, 5\)", bone=other.to_bone(MAP)
+    )
     refused(ValueError, "map must rise from 0", mapping=OccupancyMap.table((0, 1, 2), (0, 1, 0)))
-    more = VoxelBone(np.zeros(bone.shape, np.uint8), bone.spacing, bone.origin)
-    more.restore(bone.density)
-    refused(ValueError, "bone must not hold more than it did when it was loaded", bone=more)
     assert (tmp_path / "a.nrrd").read_bytes() == before
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.nrrd", "mine.nrrd"]
 

@@ -25,7 +25,13 @@ TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 def label_volume(labels: np.ndarray, names: dict[int, str] | None = None, **changes: object) -> LabelVolume:
-    given = {"spacing": (0.2, 0.3, 0.4), "origin": (5, 6, 7), "direction": TURN, "path": "seg.nrrd", **changes}
+    given = {
+        "spacing": (0.2, 0.3, 0.4),
+        "origin": (5, 6, 7),
+        "direction": TURN,
+        "path": "seg.nrrd",
+        **changes,
+    }
     return LabelVolume(labels, names=names or {}, **given)  # type: ignore[arg-type]
 
 
@@ -75,7 +81,7 @@ def test_a_label_volume_gives_names_and_colours() -> None:
         (0, "unlabelled", (128, 128, 128)), (5, "bone", (1, 2, 3)), (7, "dura", (120, 200, 220)),
     ]  # fmt: skip
     with pytest.raises(
-        ValueError, match=r"does not know label 5 \('spleen', 12 voxels\); it knows air, .* read_tissues"
+        ValueError, match=r"does not know label 5 \('spleen', 12 voxels\); it knows air, .*read_tissues"
     ):
         default_tissues(label_volume(labels, {5: "spleen"}))
     with pytest.raises(ValueError, match=r"seg.nrrd: the labels 5 \(12 voxels\) have no names in the file"):
@@ -114,7 +120,9 @@ def test_a_file_gives_the_table_back(tmp_path: Path) -> None:
 
 
 def test_what_is_left_out_comes_from_the_name_and_the_bone(tmp_path: Path) -> None:
-    (tmp_path / "t.csv").write_text("label, name, c_e_N_per_mm2\n1,bone,2.0\n\n2,Facial_Nerve,\n# note\n3,spleen,1\n")
+    (tmp_path / "t.csv").write_text(
+        "label, name, c_e_N_per_mm2\n1,bone,2.0\n\n2,Facial_Nerve,\n# note\n3,spleen,1\n"
+    )
     bone, nerve, spleen = read_tissues(tmp_path / "t.csv")
     assert (bone.c_e, bone.alpha, bone.assumed) == (2.0, BONE.alpha, True)
     assert (nerve.c_e, nerve.critical, nerve.colour, nerve.assumed) == (BONE.c_e, True, (244, 214, 49), True)
@@ -197,8 +205,13 @@ def test_a_structure_can_be_filled() -> None:
     labels[1] = 2
     table = default_tissues({1: "bone", 2: "facial nerve"})
     bare = labelled_bone(grey_volume(grey), label_volume(labels), table, mapping=GREY)
-    assert "facial nerve: 0 % of its voxels are half full or more; what is empty cannot be injured (fill=)" in bare.notes
-    made = labelled_bone(grey_volume(grey), label_volume(labels), table, mapping=GREY, fill={"facial nerve": 0.5})
+    assert (
+        "facial nerve: 0 % of its voxels are half full or more; what is empty cannot be injured (fill=)"
+        in bare.notes
+    )
+    made = labelled_bone(
+        grey_volume(grey), label_volume(labels), table, mapping=GREY, fill={"facial nerve": 0.5}
+    )
     np.testing.assert_array_equal(made.bone.density[1], 128)
     assert made.bone.mass_of("facial nerve") > 0
     assert "facial nerve: occupancy at least 0.5, as asked" in made.notes
@@ -232,7 +245,9 @@ def test_a_box_of_labels_is_placed_on_the_volume() -> None:
 def test_another_spacing() -> None:
     grey, labels = some()
     table = default_tissues(["air", "bone", "dura"])
-    bone = anatomy_bone(grey_volume(grey), label_volume(labels), table, mapping=GREY, spacing=(0.1, 0.15, 0.2))
+    bone = anatomy_bone(
+        grey_volume(grey), label_volume(labels), table, mapping=GREY, spacing=(0.1, 0.15, 0.2)
+    )
     np.testing.assert_array_equal(
         bone.tissue_numbers, labels.repeat(2, axis=0).repeat(2, axis=1).repeat(2, axis=2)
     )
@@ -270,7 +285,8 @@ def test_other_geometry_and_other_bad_input_is_refused() -> None:
         anatomy_bone(np.zeros(labels.shape, np.uint8), label_volume(labels), table, spacing=0.1)
     count = int(np.count_nonzero(labels == 2))
     with pytest.raises(
-        ValueError, match=rf"labels that are not in the table: 2 \({count} voxels\); the table has 0 air, 1 bone"
+        ValueError,
+        match=rf"labels that are not in the table: 2 \({count} voxels\); the table has 0 air, 1 bone",
     ):
         anatomy_bone(None, label_volume(labels), default_tissues(["air", "bone"]))
     with pytest.raises(ValueError, match="tissue must be one of air, bone, dura, got 'spleen'"):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from burrlab._core import VoxelBone
 from burrlab.session.snapshot import FORMAT, FORMAT_VERSION, check_tick, load_bone, open_hdf5, save_bone
 from burrlab.volume.drilled_stack import stack_slices, write_stack
+from burrlab.volume.geometry import same_geometry
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.occupancy_map import OccupancyMap
 from burrlab.volume.read import read_volume
@@ -179,7 +180,11 @@ def _check_place(bone: VoxelBone, like: Volume | LabelVolume) -> None:
 def _check_original(bone: VoxelBone, like: Volume | LabelVolume) -> None:
     """A half-drilled volume will do for the original while nothing grew on it since."""
     source = Path(like.path)
-    if not source.exists() or not _sidecars(source) or not (beside := _sidecar(source, _digest(source))).is_file():
+    if (
+        not source.exists()
+        or not _sidecars(source)
+        or not (beside := _sidecar(source, _digest(source))).is_file()
+    ):
         return
     before, _ = load_bone(beside)
     if before.shape == bone.shape and (more := int(np.count_nonzero(bone.density > before.density))):
@@ -201,16 +206,16 @@ def grey_of_levels(mapping: OccupancyMap) -> NDArray[np.float64]:
         If occupancy falls somewhere with the grey value, or no grey value is empty.
     """
     greys, occupancies = np.array(mapping.greys), np.array(mapping.occupancies)
-    if np.any(np.diff(occupancies) < 0) or occupancies[0] > 0:
+    if np.any(np.diff(occupancies) < 0) or occupancies[0] > 0 or occupancies[-1] == 0:
         raise ValueError(
             f"map must rise from 0 with the grey value, for what was removed to have one, got {mapping.text}"
         )
     levels = np.arange(256) / 255.0
-    first = np.concatenate([[True], np.diff(occupancies) > 0])  # of each plateau, where it begins
-    first[0] = False
-    start = int(np.flatnonzero(occupancies <= 0)[-1])
-    places = np.concatenate([[start], np.flatnonzero(first & (np.arange(len(greys)) > start))])
-    return np.asarray(np.interp(levels, occupancies[places], greys[places]))
+    last = np.clip(np.searchsorted(occupancies, levels), int(np.argmax(occupancies > 0)), len(greys) - 1)
+    low, high = occupancies[last - 1], occupancies[last]
+    found = greys[last - 1] + np.minimum((levels - low) / (high - low), 1.0) * (greys[last] - greys[last - 1])
+    found[0] = greys[np.flatnonzero(occupancies == 0)[-1]]
+    return np.asarray(found)
 
 
 def _greys(
@@ -219,8 +224,6 @@ def _greys(
     """Which voxels lost something, and the grey values of these."""
     density, pristine = bone.density, bone.pristine
     lost = density < pristine
-    if np.any(density > pristine):
-        raise ValueError("bone must not hold more than it did when it was loaded")
     was = like.values[lost].astype(np.float64)
     return lost, np.minimum(grey_of_levels(mapping)[density[lost]], was)
 
@@ -235,8 +238,7 @@ def _content(
         raise ValueError(f"path must end in .nrrd, .nii, .nii.gz or .mha, got {target}")
     if can_keep_header(like.path) and like.path.lower().endswith(ending):
         stored = read_stored(like.path)
-        whole = read_volume(like.path, spacing=like.spacing)
-        if stored.values.shape == like.shape and np.array_equal(whole.values, like.values):
+        if stored.values.shape == like.shape and _is_whole(like):
             new = stored.values.copy()
             new[lost] = stored.stored(values)
             return stored.content(new)
@@ -248,6 +250,12 @@ def _content(
         return part.read_bytes()
     finally:
         part.unlink(missing_ok=True)
+
+
+def _is_whole(like: Volume) -> bool:
+    """Whether the volume is what its file holds, not cropped, resampled or changed."""
+    whole = read_volume(like.path, spacing=like.spacing)
+    return same_geometry(whole, like) and np.array_equal(whole.values, like.values)
 
 
 def _replace(target: Path, content: bytes) -> None:

@@ -104,7 +104,7 @@ def _layered(
     """A segmentation whose segments lie in several layers."""
     _check_simpleitk()
     header = read_nrrd_header(name, layers=True)
-    _check_turn(header, name)
+    checked_direction(header.direction, name)
     try:
         values = _values(name, (*header.shape, layers))
         labels, names, colours, notes = merged(values, segments_of(fields, layers=layers))

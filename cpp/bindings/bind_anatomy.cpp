@@ -194,6 +194,8 @@ ValueError
     If there is no structure, they are of several bones, or a value is out of range.
 )")
       .def(py::init(&make_watch), py::arg("structures"), py::arg("radii"))
+      .def("pass_over", &AnatomyWatch::pass_over, py::arg("bone"), py::arg("tick"),
+           "The bone is as before `tick` without its ticks having been executed here; for tests.")
       .def(
           "seen", [](const AnatomyWatch& watch, std::size_t known) { return to_dict(watch, known); },
           py::arg("known") = 0,

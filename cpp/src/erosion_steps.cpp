@@ -26,11 +26,10 @@ void check_material(const VoxelBone& bone, const Material& material) {
 ErosionSteps::ErosionSteps(double a) { set(0, Tissues::most, a); }
 
 ErosionSteps::ErosionSteps(const VoxelBone& bone, const Material& material, double dt)
-    : ErosionSteps(material.alpha * dt) {
+    : ErosionSteps(bone.tissues() ? 0.0 : material.alpha * dt) {
   check_material(bone, material);
   if (!bone.tissues()) return;
   const Tissues& table = bone.tissues()->table();
-  most_doublings = 0;
   for (std::size_t i = 0; i < table.size(); ++i) set(i, i + 1, table[i].alpha * dt);
 }
 

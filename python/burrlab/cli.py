@@ -17,6 +17,7 @@ import numpy as np
 
 import burrlab
 from burrlab._core import Burr, Material, Shape
+from burrlab.cli_volume import SIGNED, add_volume_options, chosen_specimen
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,23 +67,6 @@ def _pair(text: str) -> tuple[float, float]:
     return values[0], values[1]
 
 
-def _vector(text: str) -> tuple[float, ...]:
-    values = tuple(_number(part) for part in text.split(","))
-    if len(values) != 3:
-        raise argparse.ArgumentTypeError(f"must be X,Y,Z, got '{text}'")
-    return values
-
-
-def _grey_map(text: str) -> tuple[float, float]:
-    parts = text.split(":")
-    if len(parts) != 2:
-        raise argparse.ArgumentTypeError(f"must be LO:HI, got '{text}'")
-    low, high = _number(parts[0]), _number(parts[1])
-    if low >= high:
-        raise argparse.ArgumentTypeError(f"must be LO:HI with LO below HI, got '{text}'")
-    return low, high
-
-
 def _forces(text: str) -> list[float]:
     if ":" not in text:
         return [_positive(part) for part in text.split(",")]
@@ -117,7 +101,7 @@ def _material_options(parser: argparse.ArgumentParser) -> None:
 
 def _experiment_options(parser: argparse.ArgumentParser) -> None:
     _material_options(parser)
-    parser.add_argument("--voxel", type=_positive, help="voxel spacing of the block [mm], default 0.1")
+    parser.add_argument("--voxel", type=_positive, help="voxel spacing [mm], default 0.1, or a volume's own")
     parser.add_argument("--dt", type=_positive, default=1.0, help="tick [ms], default 1")
     parser.add_argument("--seed", type=_seed, help="default: drawn and recorded")
     parser.add_argument("--scheme", choices=["layer", "cell"], default="layer", help="default: layer")
@@ -125,17 +109,7 @@ def _experiment_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--max-duration", type=_positive, default=120.0, help="[s] of the experiment, default 120"
     )
-    volume = parser.add_argument_group(
-        "a grey volume instead of a block (NRRD, NIfTI, MetaImage; extra medical)"
-    )
-    volume.add_argument("--volume", metavar="FILE", help="the grey volume")
-    volume.add_argument("--map", type=_grey_map, metavar="LO:HI", help="grey values of empty and solid")
-    volume.add_argument(
-        "--entry", type=_vector, metavar="X,Y,Z", help="where the axis begins, volume's own coordinates [mm]"
-    )
-    volume.add_argument(
-        "--axis", type=_vector, metavar="X,Y,Z", help="direction of the descent (a block too; default 0,0,-1)"
-    )
+    add_volume_options(parser)
 
 
 def _material(options: Options) -> Material:
@@ -152,22 +126,10 @@ def _material(options: Options) -> Material:
 
 
 def _specimen(options: Options, burr: Burr) -> burrlab.Specimen | None:
-    if options.volume is None:
-        for name in ("map", "entry"):
-            if getattr(options, name) is not None:
-                raise ValueError(f"--{name} goes with --volume")
-        if options.axis is None:
-            return None
-        return burrlab.half_space(burr, options.voxel or 0.1, depth=options.stop, axis=options.axis)
-    for name in ("map", "entry", "axis"):
-        if getattr(options, name) is None:
-            raise ValueError(f"--volume needs --{name}")
-    if options.voxel is not None:
-        raise ValueError("--voxel does not go with --volume: the volume has its own spacing")
-    from burrlab.volume import read_volume
-
-    volume = read_volume(options.volume)
-    return volume.specimen(*options.map, entry=options.entry, axis=options.axis)
+    specimen = chosen_specimen(options, burr)
+    if specimen is not None or options.axis is None:
+        return specimen
+    return burrlab.half_space(burr, options.voxel or 0.1, depth=options.stop, axis=options.axis)
 
 
 def _save(axes: Axes, path: str) -> None:
@@ -334,7 +296,7 @@ def _join_vectors(arguments: Sequence[str]) -> list[str]:
     """`--entry -1,2,3` as `--entry=-1,2,3`: argparse takes a leading minus for an option."""
     joined: list[str] = []
     for text in arguments:
-        if joined and joined[-1] in ("--entry", "--axis", "--map") and re.match(r"-[\d.]", text):
+        if joined and joined[-1] in SIGNED and re.match(r"-[\d.]", text):
             joined[-1] += f"={text}"
         else:
             joined.append(text)
@@ -412,9 +374,11 @@ def _parser() -> argparse.ArgumentParser:
     from burrlab.cli_experiment import add_experiment_commands
     from burrlab.cli_session import add_session_commands
     from burrlab.cli_trace import add_trace_commands
+    from burrlab.cli_view import add_view_command
 
     add_session_commands(command)
     add_trace_commands(command)
+    add_view_command(command)
     add_experiment_commands(command)
     _output_options(command("materials", _materials, "The paper's materials and their source."), plot=False)
     _output_options(command("version", _version, "Version and what it runs on."), plot=False)

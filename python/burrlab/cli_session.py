@@ -14,21 +14,20 @@ from typing import Any
 import numpy as np
 
 import burrlab
-from burrlab._core import Burr, Device, VoxelBone
+from burrlab._core import Burr, Device, Replica, VoxelBone
 from burrlab.cli import (
     Options,
     _deliver,
-    _grey_map,
     _material,
     _material_options,
     _output_options,
     _positive,
     _save,
     _seed,
-    _vector,
 )  # fmt: skip
+from burrlab.cli_volume import add_volume_options, chosen_recipe
 from burrlab.session.device_text import parse_address, parse_device
-from burrlab.session.network import block_recipe, follow, make_bone, volume_recipe
+from burrlab.session.network import block_recipe, follow, make_bone
 from burrlab.session.snapshot import check_bone_file
 from burrlab.specimen import MOST_VOXELS
 
@@ -63,18 +62,14 @@ def add_session_commands(command: AddCommand) -> None:
         "--header-version", type=int, choices=[1, 2], default=1, help="of the OpenIGTLink messages, default 1"
     )
     session.add_argument("--duration", type=_positive, metavar="S", help="[s], default until Ctrl-C")
+    session.add_argument("--view", action="store_true", help="show it in a window (extra viz3d)")
     session.add_argument("--rate", type=_positive, default=1000.0, help="of the loop [Hz], default 1000")
     _material_options(session)
     session.add_argument("--push", type=_positive, default=1.0, help="of a simulated hand [N], default 1")
-    session.add_argument("--voxel", type=_positive, help="of the block of 30 x 30 x 10 mm [mm], default 0.1")
-    session.add_argument("--volume", metavar="FILE", help="a grey volume instead of a block")
-    session.add_argument("--map", type=_grey_map, metavar="LO:HI", help="grey values of empty and solid")
     session.add_argument(
-        "--entry", type=_vector, metavar="X,Y,Z", help="volume: where a simulated hand begins [mm]"
+        "--voxel", type=_positive, help="of the block of 30 x 30 x 10 mm [mm], default 0.1, or a volume's own"
     )
-    session.add_argument(
-        "--axis", type=_vector, metavar="X,Y,Z", help="volume: where a simulated hand pushes"
-    )
+    add_volume_options(session)
     session.add_argument("--seed", type=_seed, help="default: drawn and recorded")
     session.add_argument(
         "--force-limit", type=_positive, default=8.0, help="of the force sent [N], default 8"
@@ -94,6 +89,7 @@ def add_session_commands(command: AddCommand) -> None:
     replica.add_argument(
         "--duration", type=_positive, metavar="S", help="[s], default until the session ends"
     )
+    replica.add_argument("--view", action="store_true", help="show it in a window (extra viz3d)")
     replica.add_argument("--save", metavar="FILE", help="write the bone at the end (HDF5)")
     _output_options(replica, plot=False)
 
@@ -112,6 +108,7 @@ def _address(text: str) -> tuple[str, int]:
 
 
 def _session(options: Options) -> int:
+    _check_view(options)
     if options.host is not None and options.publish is None:
         raise ValueError("--host goes with --publish")
     host = options.host or "127.0.0.1"
@@ -129,6 +126,8 @@ def _session(options: Options) -> int:
         _say(f"published on {host}, port {session.port}; there is no authentication")
     with _ended_by_signals(), session:
         try:
+            if options.view:
+                _show_live(session)
             while not session.wait(1.0):
                 _show(_line(session))
         except KeyboardInterrupt:
@@ -155,10 +154,10 @@ def _session(options: Options) -> int:
 
 def _bone(options: Options, burr: Burr) -> tuple[VoxelBone, dict[str, Any], Mapping[str, Any]]:
     """The bone, its recipe, and where a simulated hand begins."""
-    if options.volume is None:
-        for name in ("map", "entry", "axis"):
-            if getattr(options, name) is not None:
-                raise ValueError(f"--{name} goes with --volume")
+    recipe = chosen_recipe(options)
+    if recipe is None:
+        if options.axis is not None:
+            raise ValueError("--axis goes with --volume")
         voxel = options.voxel or 0.1
         if (voxels := math.prod(_BLOCK) / voxel**3) > MOST_VOXELS:
             raise ValueError(
@@ -168,19 +167,15 @@ def _bone(options: Options, burr: Burr) -> tuple[VoxelBone, dict[str, Any], Mapp
             _BLOCK, voxel, origin=[0.5 * voxel - side / 2 for side in _BLOCK[:2]] + [0.5 * voxel - _BLOCK[2]]
         )
         return make_bone(source), source, {"start": (0.0, 0.0, burr.radius + _GAP)}
-    if options.map is None:
-        raise ValueError("--volume needs --map")
-    if options.voxel is not None:
-        raise ValueError("--voxel does not go with --volume: the volume has its own spacing")
-    source = volume_recipe(options.volume, *options.map)
+    source = recipe.plain()
     if "hand" not in options.device:
-        return make_bone(source), source, {}
+        recipe.check_burr(burr)
+        return recipe.bone(), source, {}
     for name in ("entry", "axis"):
         if getattr(options, name) is None:
             raise ValueError(f"--device hand with --volume needs --{name}")
-    specimen = burrlab.read_volume(options.volume).specimen(
-        *options.map, entry=options.entry, axis=options.axis
-    )
+    recipe.check_burr(burr)
+    specimen = recipe.specimen(entry=options.entry, axis=options.axis)
     across = np.cross(specimen.axis, np.eye(3)[np.argmin(np.abs(specimen.axis))])
     start = specimen.surface - (burr.radius + _GAP) * specimen.axis
     return (
@@ -220,6 +215,7 @@ def _line(session: burrlab.Session) -> str:
 
 
 def _replica(options: Options) -> int:
+    _check_view(options)
     if options.save is not None:
         check_bone_file(options.save)
     host, port = options.address
@@ -231,6 +227,8 @@ def _replica(options: Options) -> int:
     interrupted, left = False, float("inf") if options.duration is None else options.duration
     try:
         with _ended_by_signals():
+            if options.view:
+                _show_live(replica)
             while left > 0 and not replica.wait(min(1.0, left)):
                 left -= 1.0
                 status = replica.status
@@ -246,6 +244,26 @@ def _replica(options: Options) -> int:
     if interrupted:
         return 130
     return 1 if status["divergences"] or status["failed"] else 0
+
+
+def _check_view(options: Options) -> None:
+    """Before anything is started: ImportError without pyvista, OSError without a screen."""
+    if options.view:
+        from burrlab.view.rendering import check_screen, pyvista
+
+        pyvista()
+        check_screen()
+
+
+def _show_live(source: burrlab.Session | Replica) -> None:
+    """A window beside it, until it is closed or the session ends."""
+    from burrlab.view.live import LiveView
+
+    view = LiveView(source)
+    try:
+        view.run()
+    finally:
+        view.close()
 
 
 @contextlib.contextmanager

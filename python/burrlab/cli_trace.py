@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from burrlab.cli import Options, _deliver, _output_options, _positive, _save
@@ -59,13 +60,21 @@ def _replay(options: Options) -> int:
 
 
 def _metrics(options: Options) -> int:
+    from tqdm import tqdm
+
+    from burrlab.anatomy.report import anatomy_report
     from burrlab.session.metrics import HYSTERESIS, THRESHOLD, session_metrics
     from burrlab.session.trace import load_trace
 
+    trace = load_trace(options.file)
     metrics = session_metrics(
-        load_trace(options.file), burr=options.burr, threshold=options.threshold or THRESHOLD,
+        trace, burr=options.burr, threshold=options.threshold or THRESHOLD,
         hysteresis=options.hysteresis or HYSTERESIS,
     )  # fmt: skip
+    if metrics.anatomy is None and trace.tissues is not None:  # not recorded, or the session was killed
+        with tqdm(total=100, desc="replay", unit="%", disable=not sys.stderr.isatty(), leave=False) as bar:
+            anatomy = anatomy_report(trace, progress=lambda done: bar.update(int(100 * done) - bar.n))
+        metrics = replace(metrics, anatomy=anatomy)
     if options.plot is not None:
         _save(metrics.plot()[0], options.plot)
     _deliver(options, metrics.to_dict(), repr(metrics))

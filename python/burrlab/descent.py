@@ -83,6 +83,12 @@ def descend(
         If the force is not positive or above the rig's range, dt, stop or max_duration not positive, the seed
         out of range, the burr below 4 voxels, or `material` missing.
 
+    Notes
+    -----
+    In a specimen with tissues force and erosion are those of the tissues that the burr meets. What is expected
+    beforehand (static immersion and the window that it begins, phi, default gains) is computed with the c_e and
+    alpha of `material`: where the tissues differ much from it, give a controller, and read velocities with care.
+
     Examples
     --------
     >>> import burrlab
@@ -153,4 +159,6 @@ def descend(
             "surface_mm": specimen.surface.tolist(),
             "axis": specimen.axis.tolist(),
         }
+        if specimen.made:
+            parameters["volume"] = dict(specimen.made)
     return evaluate(burr, material, force, stop, series, ending, provenance(**parameters))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,12 +40,15 @@ class Specimen:
         Unit vector into the bone.
     source : str
         What it is, for the provenance of results.
+    made : mapping
+        How it was made, ready for JSON, for the same.
     """
 
     bone: VoxelBone
     surface: NDArray[np.float64]
     axis: NDArray[np.float64]
     source: str = ""
+    made: Mapping[str, Any] = field(default_factory=dict)
 
     def center(self, immersion: float, burr: Burr) -> NDArray[np.float64]:
         """Burr centre (x, y, z) [mm] when its tip is `immersion` [mm] below the surface."""
@@ -186,7 +190,7 @@ def surface_along(
     high = np.minimum(np.ceil(last) + 2, bone.shape[::-1]).astype(int)
     levels = bone.read(low[::-1].tolist(), (high - low)[::-1].tolist())
     occupancy = map_coordinates(
-        levels, (points - low)[:, ::-1].T, output=float, order=1, mode="constant", cval=0.0
+        levels, (points - low)[:, ::-1].T, output=float, order=1, mode="grid-constant", cval=0.0
     )
     solid = np.flatnonzero(occupancy >= level)
     if solid.size == 0:

@@ -20,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # for `reference`
 
 import experiments
 import report
+import tissues
 from check import check_all
 from machine import machine, pin, unpin
 from measure import Measured, measure
@@ -54,6 +55,8 @@ def run(native: Native, quick: bool) -> tuple[list[Measured], dict[str, Any], st
     once["limits"] = report.limits(found, once["bandwidth"], reference)
     say("  volume")
     once["volume"] = experiments.volume_scaling(native, reference, quick)
+    say("  tissues")
+    once["tissues"] = tissues.tissue_cost(native, quick)
     unpin(where)
     say("  sweep")
     once["sweep"] = experiments.sweep(quick)

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "bench_lib.hpp"
+#include "burrlab/anatomy/anatomy_watch.hpp"
 #include "burrlab/burr_contact.hpp"
 #include "burrlab/cpu_path.hpp"
 #include "burrlab/voxel_bone.hpp"
@@ -16,10 +17,11 @@ using namespace burrlab::bench;
 
 namespace {
 
-// A bone with one burr.
+// A bone with one burr, and a watch where structures of it are critical.
 struct Core {
   std::shared_ptr<VoxelBone> bone;
   std::unique_ptr<BurrContact> contact;
+  std::unique_ptr<AnatomyWatch> watch;
 
   Core(std::shared_ptr<VoxelBone> bone_, const Burr& burr, const Material& material, std::uint64_t seed,
        Scheme scheme, const std::string& path, std::uint64_t tick)
@@ -39,6 +41,32 @@ Contact one_tick(BurrContact& contact, const Vec3& center, double dt, int pass) 
   if (pass != erode) felt = contact.probe(center);
   if (pass != probe) contact.erode(center, dt);
   return felt;
+}
+
+// The record as a session would have it, for the watch.
+void look(Core& core, const Vec3& center, const Contact& felt) {
+  TickRecord record;
+  record.index = felt.tick;
+  record.burr[0].on = 1;
+  for (int axis = 0; axis < 3; ++axis) {
+    record.burr[0].center[axis] = center[axis];
+    record.burr[0].force[axis] = felt.force[axis];
+  }
+  core.watch->after_step(*core.bone, record, 0);
+}
+
+// Every node of the field, 0.4 mm apart in the volume's box, is exact.
+WatchedStructure watched(const VoxelBone& bone, std::size_t tissue) {
+  constexpr double spacing = 0.4;
+  Index3 nodes;
+  std::size_t count = 1;
+  for (int axis = 0; axis < 3; ++axis) {
+    nodes[axis] = std::int64_t(double(bone.shape()[axis]) * bone.spacing()[2 - axis] / spacing) + 2;
+    count *= std::size_t(nodes[axis]);
+  }
+  const StructureSearch search(bone, tissue);
+  DistanceField field(search, nodes, std::vector<float>(count, 0.0f), spacing, bone.origin(), 0.0);
+  return {std::make_shared<StructureDistance>(search, std::move(field)), {}};
 }
 
 }  // namespace
@@ -69,6 +97,26 @@ Core* core_clone(const Core* core, const char* path) {
 
 void core_free(Core* core) { delete core; }
 
+// Gives the bone `count` tissues with the values of its material, so that it is carved as before; the first
+// `critical` are watched from here on.
+int core_set_tissues(Core* core, const std::uint8_t* numbers, int count, int critical) {
+  return guarded([&] {
+    const Material& material = core->contact->material();
+    std::vector<Tissue> rows;
+    for (int i = 0; i < count; ++i)
+      rows.push_back({std::to_string(i), i, material.c_e, material.alpha, {}, i < critical, false, false});
+    core->bone->set_tissues(
+        std::make_shared<TissueMap>(core->bone->shape(), numbers, Tissues(rows, material)));
+    core->watch.reset();
+    if (critical == 0) return 0;
+    std::vector<WatchedStructure> structures;
+    for (int i = 0; i < critical; ++i) structures.push_back(watched(*core->bone, std::size_t(i)));
+    core->watch = std::make_unique<AnatomyWatch>(structures, std::vector{core->contact->burr().radius});
+    core->watch->begin(*core->bone, core->contact->tick);
+    return 0;
+  });
+}
+
 int core_reset(Core* core) {
   return guarded([&] { return core->bone->reset(), 0; });
 }
@@ -82,6 +130,7 @@ int core_run(Core* core, const double* centers, std::int64_t n, double dt, int p
       const Stopwatch watch;
       for (std::int64_t i = first; i < first + batch; ++i) {
         const Contact felt = one_tick(*core->contact, vec3(centers + 3 * i), dt, pass);
+        if (core->watch) look(*core, vec3(centers + 3 * i), felt);
         if (!moments) continue;
         moments[4 * i] = felt.m0;
         for (int axis = 0; axis < 3; ++axis) moments[4 * i + 1 + axis] = felt.m1[axis];

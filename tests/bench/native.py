@@ -76,6 +76,7 @@ class Native:
                                     c_int, c_uint64, c_char_p, c_uint64]),
             ("core_clone", c_void_p, [c_void_p, c_char_p]),
             ("core_free", None, [c_void_p]),
+            ("core_set_tissues", c_int, [c_void_p, c_void_p, c_int, c_int]),
             ("core_reset", c_int, [c_void_p]),
             ("core_run", c_int, [c_void_p, c_void_p, c_int64, c_double, c_int, c_int64, c_void_p, c_void_p, c_void_p]),
             ("core_hold", c_int64, [c_void_p, c_double, c_void_p, c_void_p, c_double, c_double, c_double, c_int64,
@@ -208,6 +209,10 @@ class Core:
             )
         )  # fmt: skip
         return positions[:done].copy(), float(seconds[0])
+
+    def set_tissues(self, numbers: Levels, count: int, *, watched: int = 0) -> None:
+        """`count` tissues with the values of the burr's material; distances to the first `watched` are asked for."""
+        self.native.check(self.native.library.core_set_tissues(self.handle, address(numbers), count, watched))
 
     def reset(self) -> None:
         self.native.check(self.native.library.core_reset(self.handle))

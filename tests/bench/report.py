@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+import tissues
 from measure import Measured
 
 #: Least ratio of the time of a baseline to that of a CPU path (medians, side by side), by scene.
@@ -22,6 +23,9 @@ AIR_TARGETS = {"air far": 0.5, "air near": 6.0}
 LARGEST_EXPONENT = 2.4  # of the cost of a slide against R/voxel, 25 to 100
 LARGEST_VOLUME_RATIO = 1.1  # cost in the largest volume over that in the smallest
 LARGEST_HIERARCHY = 0.04  # bytes a voxel
+LARGEST_HIERARCHY_WITH_TISSUES = 0.06
+#: Largest median cost of a tick with 16 tissues over one with one, distance queries included.
+TISSUE_TARGETS = {"bricks": 1.5, "random": 2.0}
 LONGEST_OVERHEAD = 2.0  # of a call from Python [us]
 LONGEST_SWEEP = 30.0  # [s]
 EXPONENT_FROM = 25.0  # R/voxel
@@ -94,6 +98,16 @@ def targets(found: list[Measured], once: dict[str, Any]) -> list[Target]:
     rows.append(
         Target("memory of the hierarchy over voxels", hierarchy, LARGEST_HIERARCHY, False, "byte/voxel")
     )
+    ratios = tissues.largest_ratios(once["tissues"])
+    rows += [
+        Target(f"16 tissues over one, {layout}, with distances", ratios[layout], bound, False, "1")
+        for layout, bound in TISSUE_TARGETS.items()
+    ]
+    with_tissues = tissues.largest_hierarchy(once["tissues"])
+    rows.append(
+        Target("memory of the hierarchy with tissues over voxels", with_tissues, LARGEST_HIERARCHY_WITH_TISSUES, False,
+               "byte/voxel")
+    )  # fmt: skip
     overhead = once["python_step"]["overhead_us"]
     rows.append(Target("step called from Python, over the tick", overhead, LONGEST_OVERHEAD, False, "us"))
     if len(once["sweep"]["forces_N"]) == 6:
@@ -169,6 +183,7 @@ def summary(found: list[Measured], once: dict[str, Any], rows: list[Target], ref
             f"  {side:>5}^3 {row['core_median_us']:.4g} us, {row['core_over_smallest']['median']:.3f} of the smallest; "
             f"plain {row['plain_median_us']:.4g} us; hierarchy {row['hierarchy_over_voxels']:.4f} byte/voxel"
         )
+    lines += tissues.lines(once["tissues"])
     for row in once["limits"]:
         lines.append(
             f"{row['scene']}: {1e-6 * row['bytes_touched']:.3g} MB a tick, {row['limit_us']:.3g} us at the bandwidth; "

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import burrlab
-from reference.tick import ReferenceContact, ReferenceShape
+from reference.tick import ReferenceContact, ReferenceShape, ReferenceTissues
 
 SHAPES = ("parabolic", "linear", "quartic", "constant", "power(1.5)", "power(3)")
 SCHEMES = ("layer", "cell")
@@ -66,18 +66,28 @@ def table_of(shape: str) -> NDArray[np.float32] | None:
     return np.asarray(burrlab._core.depth_table(order)) if order > 0 else None
 
 
-def make_pair(scene: Scene) -> tuple[Any, Any, ReferenceContact]:
+def table_of_tissues(tissues: ReferenceTissues, material: burrlab.Material) -> burrlab.Tissues:
+    rows = [
+        burrlab.Tissue(f"tissue {i}", label=i, c_e=c_e, alpha=alpha)
+        for i, (c_e, alpha) in enumerate(zip(tissues.c_e, tissues.alpha, strict=True))
+    ]
+    return burrlab.Tissues(rows, material)
+
+
+def make_pair(scene: Scene, tissues: ReferenceTissues | None = None) -> tuple[Any, Any, ReferenceContact]:
     """The bone and the contact of the core, and the reference's contact, for a scene."""
     p = scene.pristine()
     radius = scene.ratio * max(scene.spacing)
     bone = burrlab.VoxelBone(p, spacing=scene.spacing, origin=scene.origin)
     material = burrlab.Material("any", c_e=2.145, alpha=scene.alpha, shape=scene.shape)
+    if tissues is not None:
+        bone.set_tissues(table_of_tissues(tissues, material), tissues.number)
     core = burrlab.BurrContact(
         bone, burrlab.Burr(radius), material, seed=scene.seed, index=scene.index, scheme=scene.scheme
     )
     reference = ReferenceContact(
         p.copy(), p, scene.spacing, scene.origin, radius, 2.145, scene.alpha, scene.shape,
-        seed=scene.seed, index=scene.index, scheme=scene.scheme, depth_table=table_of(scene.shape),
+        seed=scene.seed, index=scene.index, scheme=scene.scheme, depth_table=table_of(scene.shape), tissues=tissues,
     )  # fmt: skip
     core.tick = reference.tick = scene.tick
     return bone, core, reference
@@ -88,6 +98,7 @@ def assert_same_contact(got: Any, expected: Any, radius: float) -> None:
     m0 = expected["m0"]
     assert got.m0 == pytest.approx(m0, rel=RELATIVE, abs=0.0)
     np.testing.assert_allclose(got.m1, expected["m1"], rtol=RELATIVE, atol=RELATIVE * m0 * radius)
+    assert got.c_e == expected["c_e"]
     assert got.penetration == pytest.approx(expected["penetration"], rel=RELATIVE, abs=0.0)
     np.testing.assert_allclose(got.normal, expected["normal"], rtol=RELATIVE, atol=RELATIVE)
     scale = float(np.linalg.norm(expected["force"]))
@@ -97,9 +108,21 @@ def assert_same_contact(got: Any, expected: Any, radius: float) -> None:
         assert getattr(got, flag) == expected[flag], flag
 
 
-def check_scene(scene: Scene) -> float:
+def assert_same_sums(bone: Any, tissues: ReferenceTissues) -> None:
+    """What is left and what was removed of every tissue, counted anew."""
+    present, pristine = bone.density, bone.pristine
+    sx, sy, sz = bone.spacing
+    dv = sx * sy * sz / 255
+    for number in range(len(tissues.c_e)):
+        here = tissues.number == number
+        left, all_ = int(present[here].sum(dtype=np.int64)), int(pristine[here].sum(dtype=np.int64))
+        assert bone.mass_of(number) == left * dv
+        assert bone.removed_of(number) == (all_ - left) * dv
+
+
+def check_scene(scene: Scene, tissues: ReferenceTissues | None = None) -> float:
     """Run both, compare after every tick, and return what was removed [mm^3]."""
-    bone, core, reference = make_pair(scene)
+    bone, core, reference = make_pair(scene, tissues)
     removed = 0.0
     for center, (_, burr_on) in zip(scene.centers(), scene.steps, strict=True):
         expected: Any = reference.step(center, scene.dt, burr_on)
@@ -108,6 +131,8 @@ def check_scene(scene: Scene) -> float:
         np.testing.assert_array_equal(bone.density, reference.q)
         np.testing.assert_array_equal(bone.pristine, reference.p)
         assert core.tick == reference.tick
+        if tissues is not None:
+            assert_same_sums(bone, tissues)
         removed += got.removed
     return removed
 

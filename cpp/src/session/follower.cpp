@@ -159,9 +159,12 @@ void Follower::measure_stiffness() {
   last_stiffness_ = now;
   for (std::size_t i = 0; i < bone_.executor().burrs(); ++i) {
     const Vec3 center = to_vector(newest_.burr[i].center);
-    stiffness_[i] = {bone_.tick(), measured_stiffness(bone_.executor(), i, center),
+    stiffness_[i] = {bone_.tick(),
+                     measured_stiffness(bone_.executor(), i, center),
                      stiffest_contact(bone_.executor(), i, center).stiffness,
-                     to_vector(newest_.burr[i].force).norm(), newest_.burr[i].age};
+                     to_vector(newest_.burr[i].force).norm(),
+                     newest_.burr[i].age,
+                     bone_.executor().probe(i, center).c_e};
   }
 }
 
@@ -188,9 +191,11 @@ StabilityReport Follower::stability(std::size_t burr) const {
   const StiffnessAt at = stiffness(burr);
   const SessionSetup& setup = loop_->executor()->setup();
   const double spring = loop_->settings().coupling;
+  Tool tool = setup.tools[burr];
+  if (at.c_e > 0.0) tool.material.c_e = at.c_e;  // with tissues, of those that it touches
   const auto report_of = [&](double k) {
-    return stability_report(at.force, k, setup.tools[burr], loop_->devices()[burr]->model(), setup.period,
-                            at.age, 0.0, spring > 0.0 ? spring : std::numeric_limits<double>::infinity());
+    return stability_report(at.force, k, tool, loop_->devices()[burr]->model(), setup.period, at.age, 0.0,
+                            spring > 0.0 ? spring : std::numeric_limits<double>::infinity());
   };
   // Where a thin wall gives way the force falls on the way in: no spring, and no limit to it.
   StabilityReport report = report_of(std::max(at.stiffness, 0.0));

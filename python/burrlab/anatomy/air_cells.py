@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,8 @@ from burrlab.anatomy.implicit import FAR, Floats, Grid, Singles
 BLOCK = 2.0
 #: Second key word of the draws, so that no other use of the same seed shares them.
 STREAM = 0xA14CE115
-#: Lattice on which the cells are given their volumes, coarse and fine [mm].
-COARSE, FINE = 0.8, 0.4
-ROUNDS = (25, 14)
+#: Lattices on which the cells are given their volumes, coarse and fine [median diameters], and rounds on each.
+STEPS = ((0.4, 25), (0.2, 20))
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class AirCells:
 
     Notes
     -----
-    Surface over volume of the air in eight mastoids is 22 /cm (micro-CT: Cros et al., Hear. Res. 2016), which
+    Surface over volume of the air in eight mastoids is 22 /cm (micro-CT, Hear. Res., October 2016; docs/phantom.md), which
     spheres of 2.7 mm have; a median of 2 mm with a deviation of 1.4 gives that ratio of moments, 2 exp(2.5 ln(1.4)^2) mm.
     The deviation, the log-normal form and the wall are assumed.
     """
@@ -82,7 +81,7 @@ def uniform(seed: int, purpose: int, count: int) -> Floats:
     return np.asarray(((raw >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Honeycomb:
     """Cells of a power diagram: a point belongs to the site with the least |x - site|^2 - weight.
 
@@ -92,13 +91,28 @@ class Honeycomb:
         (x, y, z) [mm]
     weights : ndarray, shape (n,)
         [mm^2]
-    diameter : ndarray, shape (n,)
-        Of the sphere as large as the cell was to be [mm].
+    drawn : ndarray, shape (n,)
+        Diameter of the sphere as large as the cell was to be [mm].
+    realised : ndarray, shape (n,)
+        Diameter of the sphere as large as the cell is [mm], by counting points of a lattice.
     """
 
-    sites: Floats
-    weights: Floats
-    diameter: Floats
+    sites: Floats = field(repr=False)
+    weights: Floats = field(repr=False)
+    drawn: Floats = field(repr=False)
+    realised: Floats = field(repr=False)
+
+    def __repr__(self) -> str:
+        (median, deviation), (drawn, drawn_deviation) = self.moments, _moments(self.drawn)
+        return (
+            f"Honeycomb of {len(self.sites)} cells: diameter {median:.3f} mm x/ {deviation:.3f} "
+            f"(drawn {drawn:.3f} mm x/ {drawn_deviation:.3f})"
+        )
+
+    @property
+    def moments(self) -> tuple[float, float]:
+        """Geometric mean [mm] and geometric standard deviation of the realised diameters."""
+        return _moments(self.realised)
 
     def wall_distance(self, grid: Grid, inside: NDArray[np.bool_], reach: float) -> Singles:
         """Distance from the middle of the nearest wall [mm] where `inside`; exact below `reach`."""
@@ -146,6 +160,11 @@ class Honeycomb:
         return _owners(self.sites, self.weights, points)
 
 
+def _moments(diameter: Floats) -> tuple[float, float]:
+    log = np.log(diameter[diameter > 0])
+    return float(np.exp(log.mean())), float(np.exp(log.std()))
+
+
 def _block_edges(places: Floats) -> list[slice]:
     block = np.floor(places / BLOCK)
     begin = [0, *(np.flatnonzero(np.diff(block)) + 1).tolist(), len(places)]
@@ -178,25 +197,28 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
     moves to the middle of its cell, which makes cells round. That weights exist for any volumes is known from optimal
     transport (Aurenhammer, Hoffmann, Aronov, Algorithmica 1998); the steps are ours.
     """
-    points = lattice(COARSE)
-    diameter = cells.draw(len(points) * COARSE**3, seed)
-    sites = _scatter(points, diameter, seed)
-    weights = (diameter / 2) ** 2
-    for step, rounds in zip((COARSE, FINE), ROUNDS, strict=True):
-        points = points if step == COARSE else lattice(FINE)
-        wanted = diameter**3 / (diameter**3).sum() * len(points)
+    step = STEPS[0][0] * cells.median_diameter
+    points = lattice(step)
+    drawn = cells.draw(len(points) * step**3, seed)
+    sites, weights = _scatter(points, drawn, seed), (drawn / 2) ** 2
+    for part, rounds in STEPS:
+        step = part * cells.median_diameter
+        points = lattice(step)
+        wanted = drawn**3 / (drawn**3).sum() * len(points)
         for k in range(rounds):
             own = _owners(sites, weights, points)
             count = np.bincount(own, minlength=len(sites))
             # A change of the weight moves the walls by its part of twice the distance to the neighbours.
-            change = (wanted - count) * step**3 / (math.pi * diameter / 2)
-            weights = weights + 0.8 * np.clip(change, -0.3 * diameter**2, 0.3 * diameter**2)
-            if step == COARSE or k < rounds // 2:
+            change = (wanted - count) * step**3 / (math.pi * drawn / 2)
+            weights = weights + 0.8 * np.clip(change, -0.3 * drawn**2, 0.3 * drawn**2)
+            if k < 2 * rounds // 3:  # then the sites stay, and the volumes settle
                 full = count > 0
                 for axis in range(3):
                     total = np.bincount(own, weights=points[:, axis], minlength=len(sites))
                     sites[full, axis] += 0.7 * (total[full] / count[full] - sites[full, axis])
-    return Honeycomb(np.round(sites, 6), np.round(weights, 6), diameter)
+    sites, weights = np.round(sites, 6), np.round(weights, 6)
+    count = np.bincount(_owners(sites, weights, points), minlength=len(sites))
+    return Honeycomb(sites, weights, drawn, np.cbrt(6 / math.pi * count * step**3))
 
 
 def _scatter(points: Floats, diameter: Floats, seed: int) -> Floats:

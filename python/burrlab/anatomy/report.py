@@ -56,7 +56,12 @@ class AnatomyReport:
 
     @classmethod
     def of(
-        cls, watched: Watched, tissues: Tissues, settings: Mapping[str, Any], period: float, voxel_volume: float
+        cls,
+        watched: Watched,
+        tissues: Tissues,
+        settings: Mapping[str, Any],
+        period: float,
+        voxel_volume: float,
     ) -> AnatomyReport:
         """Of what a watch with these settings saw in a bone of these tissues; settings empty: there was none."""
         return cls(
@@ -68,10 +73,9 @@ class AnatomyReport:
     def recorded(cls, trace: Trace) -> AnatomyReport | None:
         """What the session itself said; None if it had no watch or did not come to its end."""
         check_trace(trace)
-        tissues = trace.bone().tissues
-        if trace.watched is None or tissues is None:
+        if trace.watched is None or trace.tissues is None:
             return None
-        return cls.of(trace.watched, tissues, trace.watch, trace.period, trace.voxel_volume)
+        return cls.of(trace.watched, trace.tissues, trace.watch, trace.period, trace.voxel_volume)
 
     @property
     def burrs(self) -> int:

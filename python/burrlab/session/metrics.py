@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from burrlab.anatomy.report import AnatomyReport
+
 Array = NDArray[np.float64]
 
 CUTOFF = 10.0  # [Hz] of the low pass that positions go through; a hand moves a burr more slowly
@@ -76,6 +78,8 @@ class SessionMetrics:
     series : dict
         Time, force, speed and removed volume for the figure: `time` [s], `force` [N], `removed` [mm^3] a tick,
         `motion_time` [s] and `speed` [mm/s].
+    anatomy : AnatomyReport or None
+        What the session recorded of all its burrs near watched structures; None where it did not.
     """
 
     duration: float
@@ -97,12 +101,14 @@ class SessionMetrics:
     normalised_jerk: float
     burr: int
     series: dict[str, Array] = field(repr=False)
+    anatomy: AnatomyReport | None = None
 
-    def to_dict(self) -> dict[str, float | int | None]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON, units in the names; None where there is no number."""
         pairs = [(key, getattr(self, name)) for name, key, _ in _TABLE]
         values = {key: None if math.isnan(value) else value for key, value in pairs}
-        return {**values, "threshold_N": self.threshold, "burr": self.burr}
+        anatomy = {} if self.anatomy is None else {"anatomy": self.anatomy.to_dict()}
+        return {**values, "threshold_N": self.threshold, "burr": self.burr, **anatomy}
 
     def _columns(self) -> dict[str, list[Any]]:
         return {
@@ -112,15 +118,20 @@ class SessionMetrics:
 
     def __repr__(self) -> str:
         lines = [f"{text:<42} {getattr(self, name):>12.5g}" for name, _, text in _TABLE]
+        if self.anatomy is not None:
+            lines.append(str(self.anatomy))
         return f"SessionMetrics of burr {self.burr}, threshold {self.threshold:g} N\n" + "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        return html_table(f"Burr {self.burr}, threshold {self.threshold:g} N", self._columns())
+        table = html_table(f"Burr {self.burr}, threshold {self.threshold:g} N", self._columns())
+        return table if self.anatomy is None else table + self.anatomy._repr_html_()
 
     def plot(self, figure: Figure | None = None) -> list[Axes]:
-        """Force, speed and removed volume over time, one above the other."""
-        figure = new_figure(6.4, 6.4) if figure is None else figure
-        top, middle, bottom = figure.subplots(3, 1, sharex=True)
+        """Force, speed and removed volume over time, one above the other; below them what was near structures."""
+        near = self.anatomy is not None and bool(self.anatomy.structures)
+        figure = new_figure(6.4, 11.2 if near else 6.4) if figure is None else figure
+        upper, lower = figure.subfigures(2, 1, height_ratios=(8, 7)) if near else (figure, None)
+        top, middle, bottom = upper.subplots(3, 1, sharex=True)
         s = self.series
         top.plot(s["time"], s["force"], color=FORCE, linewidth=0.6)
         if self.peak_force > 0.5 * self.threshold:
@@ -134,7 +145,8 @@ class SessionMetrics:
         bottom.set_xlabel("time [s]")
         for axes in (top, middle, bottom):
             axes.set_ylim(bottom=0)
-        return [tidy(axes) for axes in (top, middle, bottom)]
+        drawn = [tidy(axes) for axes in (top, middle, bottom)]
+        return drawn if lower is None or self.anatomy is None else drawn + self.anatomy.plot(lower)
 
 
 def session_metrics(
@@ -172,6 +184,8 @@ def session_metrics(
     Normalised jerk is that of Teulings et al. 1997 (Exp. Brain Res. 114); it grows with the number of strokes, so it
     compares sessions of like length and task.
     """
+    from burrlab.anatomy.report import AnatomyReport
+
     check_trace(trace)
     for name, value in (("threshold", threshold), ("hysteresis", hysteresis)):
         if not (math.isfinite(value) and value > 0):
@@ -200,6 +214,7 @@ def session_metrics(
         over_threshold=float(step[force > threshold].sum()), rms_jerk=math.sqrt(squared),
         normalised_jerk=math.sqrt(0.5 * squared * duration**6) / path if path > 0 else math.nan, burr=burr,
         series={"time": time, "force": force, "removed": volume, "motion_time": motion_time, "speed": speed},
+        anatomy=AnatomyReport.recorded(trace),
     )  # fmt: skip
 
 

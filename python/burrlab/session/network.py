@@ -10,9 +10,10 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from burrlab._core import Burr, Follower, Material, Publisher, Replica, VoxelBone
+from burrlab._core import AnatomyWatch, Burr, Follower, Material, Publisher, Replica, VoxelBone
 from burrlab.specimen import MOST_VOXELS
-from burrlab.volume import read_volume
+from burrlab.volume.occupancy_map import OccupancyMap, occupancy_map
+from burrlab.volume.recipe import VolumeRecipe
 
 #: How a bone is made; JSON.
 Recipe = dict[str, Any]
@@ -56,9 +57,36 @@ def block_recipe(
             "origin_mm": [float(o) for o in origin], "level": int(level)}  # fmt: skip
 
 
-def volume_recipe(path: str | os.PathLike[str], empty: float, solid: float) -> Recipe:
-    """The recipe of `read_volume(path).to_bone(empty, solid)`; the path is made absolute, for replicas run elsewhere."""
-    return {"kind": "volume", "path": os.path.abspath(path), "map": [float(empty), float(solid)]}
+def volume_recipe(
+    path: str | os.PathLike[str],
+    mapping: OccupancyMap | float,
+    solid: float | None = None,
+    *,
+    spacing: float | Sequence[float] | None = None,
+    series: str | None = None,
+    crop: tuple[Sequence[float], Sequence[float]] | None = None,
+    voxel: float | Sequence[float] | None = None,
+) -> Recipe:
+    """The recipe of `read_volume(path).to_bone(mapping, solid)`, cropped and resampled as asked.
+
+    Parameters
+    ----------
+    path : path
+        Made absolute, for replicas run elsewhere.
+    mapping, solid
+        As for `Volume.to_bone`.
+    spacing, series, crop, voxel
+        As for `burrlab.volume.VolumeRecipe`.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is wrong; the file is not looked at.
+    TypeError
+        If the map is none.
+    """
+    chosen: Any = (spacing, series, crop, voxel)
+    return VolumeRecipe(os.fspath(path), occupancy_map(mapping, solid), *chosen).plain()
 
 
 def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | None = None) -> VoxelBone:
@@ -83,8 +111,7 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
             size, origin = _three(recipe["size_mm"]), _three(recipe["origin_mm"])
             voxel, level = float(recipe["voxel_mm"]), _whole(recipe["level"], 255)
         elif recipe["kind"] == "volume":
-            path = os.fspath(recipe["path"] if volume is None else volume)
-            empty, solid = map(float, recipe["map"])
+            made = VolumeRecipe.of(recipe)
         else:
             raise KeyError("kind")
     except _UNREADABLE:
@@ -92,7 +119,7 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
             f"recipe must be that of block_recipe or volume_recipe, got {reprlib.repr(recipe)}"
         ) from None
     if recipe["kind"] == "volume":
-        return read_volume(path).to_bone(empty, solid)
+        return (made if volume is None else made.at(volume)).bone()
     if voxel > 0 and not (voxels := math.prod(max(s / voxel, 1.0) for s in size)) <= MOST_VOXELS:
         raise ValueError(f"recipe must have at most {MOST_VOXELS:.3g} voxels, got {voxels:.3g}")
     return VoxelBone.block(size, voxel, origin=origin, level=level)
@@ -188,8 +215,21 @@ def follow(
     if bone is None and not recipe:
         raise ValueError(f"bone must be given: the leader at {host}:{port} does not say how its own was made")
     mine = make_bone(recipe, volume=volume) if bone is None else bone.copy()
-    replica.start(mine, tools, seed, period=period, scheme=scheme)
+    watch = _watch(mine, hello.get("watch"), tools)
+    replica.start(mine, tools, seed, period=period, scheme=scheme, watch=watch)
     return replica
+
+
+def _watch(bone: VoxelBone, settings: Any, tools: Sequence[tuple[Burr, Material]]) -> AnatomyWatch | None:
+    """The leader's watch on the bone here; None where it has none."""
+    if not settings or bone.tissues is None:
+        return None
+    from burrlab.anatomy.watch import Watch
+
+    try:
+        return Watch.of_settings(bone, settings).core([burr.radius for burr, _ in tools])
+    except _UNREADABLE as error:
+        raise ValueError(f"watch of the leader cannot be set up here: {error}") from None
 
 
 def _tool(tool: Mapping[str, Any]) -> tuple[Burr, Material]:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from burrlab._core import Follower, HapticLoop, Histogram, Publisher
+    from burrlab.anatomy.report import AnatomyReport
     from burrlab.session.trace_writer import TraceWriter
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
@@ -54,6 +55,8 @@ class SessionReport:
         What the publisher and the recording say; empty without them.
     notes, messages : tuple of str
         What the system granted; what was said during the session.
+    anatomy : AnatomyReport or None
+        Volume removed of each tissue, and what was watched; None without tissues.
     """
 
     state: str
@@ -71,6 +74,7 @@ class SessionReport:
     recording: dict[str, Any]
     notes: tuple[str, ...]
     messages: tuple[str, ...]
+    anatomy: AnatomyReport | None = None
 
     @classmethod
     def of(
@@ -80,6 +84,7 @@ class SessionReport:
         publisher: Publisher | None,
         writer: TraceWriter | None,
         messages: Sequence[str],
+        anatomy: AnatomyReport | None = None,
     ) -> SessionReport:
         """The report of these parts, now."""
         counts, burrs = loop.counts, range(loop.executor.burrs)
@@ -103,6 +108,7 @@ class SessionReport:
             recording=recording,
             notes=tuple(loop.realtime_notes),
             messages=tuple(messages),
+            anatomy=anatomy,
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -112,6 +118,7 @@ class SessionReport:
             "times_us": self.times, "follower": self.follower, "stability": self.stability,
             "energy": [{"given_mJ": given, "most_mJ": most} for given, most in self.energy],
             "network": self.network, "recording": self.recording, "notes": self.notes, "messages": self.messages,
+            **({} if self.anatomy is None else {"anatomy": self.anatomy.to_dict()}),
         })  # fmt: skip
         assert isinstance(plain, dict)
         return plain
@@ -149,6 +156,8 @@ class SessionReport:
             said = [f"{key} {value}" for key, value in part.items() if value not in (0, "", {})]
             if said:
                 lines.append(f"  {name}: {', '.join(said)}")
+        if self.anatomy is not None:
+            lines += [f"  {line}" for line in str(self.anatomy).splitlines()]
         lines += [f"  {note}" for note in self.notes]
         lines += [f"  ! {message}" for message in self.messages if message not in self.notes]
         return "\n".join(lines)

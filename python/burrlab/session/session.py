@@ -16,10 +16,13 @@ from typing import TYPE_CHECKING, Any, cast
 from burrlab._core import Burr, Device, Follower, HapticLoop, Material, RecordReader, TickExecutor, VoxelBone
 from burrlab.provenance import provenance
 from burrlab.session.report import SessionReport
+from burrlab.session.session_anatomy import SessionAnatomy
 from burrlab.session.trace_writer import DEFAULT_DURATION, TraceWriter
 
 if TYPE_CHECKING:
     from burrlab._core import Publisher
+    from burrlab.anatomy.report import AnatomyReport
+    from burrlab.anatomy.watch import Watch
 
 Tool = tuple[Burr, Material]
 
@@ -73,6 +76,8 @@ class Session:
         To keep the loop on.
     digest_every : float
         Between digests [s].
+    watch : Watch, optional
+        Of critical structures of this bone: what happens near them is told, and kept in the trace (docs/anatomy.md).
     on_message : callable, optional
         Called with each sentence that someone should read at once, from another thread; all are in `messages`. It may
         stop the session, but not wait for its end.
@@ -80,7 +85,8 @@ class Session:
     Raises
     ------
     ValueError
-        If there is not one device a burr, a number is out of range, or the source is not JSON.
+        If there is not one device a burr, a number is out of range, the source is not JSON, or the watch is of another
+        bone.
     TypeError
         If a tool is not (Burr, Material), or a device is no Device.
     FileExistsError
@@ -123,6 +129,7 @@ class Session:
         realtime: bool = True,
         cpu: int | None = None,
         digest_every: float = 1.0,
+        watch: Watch | None = None,
         on_message: Callable[[str], object] | None = None,
     ) -> None:
         self.tools: list[Tool] = _tools(tools)
@@ -152,12 +159,15 @@ class Session:
         )  # fmt: skip
         ticks_a_digest = max(1, round(digest_every * rate))
         self._follower = Follower(self._loop, digest_every=ticks_a_digest)
+        watching = {} if watch is None else {"watch": watch.settings}
+        self._anatomy = SessionAnatomy(start, self._follower, self.tools, watch, period)
         self.provenance = provenance(
             seed=self.seed, rate_Hz=rate, scheme=scheme, first_tick=tick, digest=start.digest(), source=recipe,
             tools=[{"radius_mm": b.radius, "c_e_N_per_mm2": m.c_e, "alpha_per_ms": m.alpha, "shape": m.shape.name,
                     "material": m.name} for b, m in self.tools],
             devices=[device.name for device in self.devices],
             force_limit_N=force_limit, slew_limit_N_per_ms=slew_limit, coupling_N_per_mm=coupling, wall_clock=wall_clock,
+            **watching,
         )  # fmt: skip
         self.messages: list[str] = []
         self._on_message = on_message
@@ -175,7 +185,7 @@ class Session:
                 self._writer = TraceWriter(
                     record, RecordReader(self._loop), start, self.tools, seed=self.seed, period=period,
                     scheme=scheme, first_tick=tick, devices=[device.name for device in self.devices],
-                    source=json.dumps(recipe), note=self.provenance, duration=room, digest_every=ticks_a_digest * period / 1e3,
+                    source=json.dumps(recipe), note=self.provenance, watch=watching.get("watch"), duration=room, digest_every=ticks_a_digest * period / 1e3,
                     on_end=self._say,
                 )  # fmt: skip
             except BaseException:
@@ -281,7 +291,22 @@ class Session:
 
     def report(self) -> SessionReport:
         """What there is to say of the session now."""
-        return SessionReport.of(self._loop, self._follower, self._publisher, self._writer, self.messages)
+        return SessionReport.of(
+            self._loop, self._follower, self._publisher, self._writer, self.messages, self._anatomy.report()
+        )
+
+    def anatomy(self) -> AnatomyReport:
+        """What the burrs did near watched structures so far, and which tissues they removed.
+
+        Raises
+        ------
+        ValueError
+            If the bone has no tissues.
+        """
+        report = self._anatomy.report()
+        if report is None:
+            raise ValueError("bone of the session must have tissues, got one of a single material")
+        return report
 
     def __repr__(self) -> str:
         state = "running" if self.running else self.reason or "not started"
@@ -306,6 +331,7 @@ class Session:
         while not self._loop.wait(_LOOK):
             try:
                 self._hand_digests()
+                self._tell_of_anatomy()
                 if self._loop.counts.ticks == 0 and waited < _PATIENCE <= waited + _LOOK:
                     self._say("no tick yet: the devices have not given a first position")
                 waited += _LOOK
@@ -330,6 +356,7 @@ class Session:
                 reason = self._loop.reason
                 self._follower.stop()
                 self._hand_digests()
+                self._tell_of_anatomy(last=True)
             if self._loop.failed:
                 self._say(reason)
             if self._writer is not None:
@@ -355,6 +382,16 @@ class Session:
         for tick, digest in self._follower.digests_since(self._digests):
             self._writer.add_digest(tick, digest)
             self._digests += 1
+
+    def _tell_of_anatomy(self, *, last: bool = False) -> None:
+        events, sentences = self._anatomy.news()
+        if self._writer is not None and self._anatomy.watch is not None:
+            if len(events):
+                self._writer.add_events(events)
+            if last:
+                self._writer.set_watched(self._anatomy.watched())
+        for sentence in sentences:
+            self._say(sentence)
 
 
 _to_stop: weakref.WeakSet[Session] = weakref.WeakSet()

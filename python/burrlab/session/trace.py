@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import Burr, Material, VoxelBone
+from burrlab._core import Burr, Material, Tissues, VoxelBone
 from burrlab.dataset import frame
 from burrlab.session.snapshot import open_hdf5, read_bone, told_as_damage
 from burrlab.session.trace_file import BURR_COLUMNS, FORMAT, FORMAT_VERSION, TICK_COLUMNS, row_dtype
@@ -106,6 +106,11 @@ class Trace:
     def voxel_volume(self) -> float:
         """Of the bone's grid [mm^3]."""
         return float(np.prod(self._bone.spacing))
+
+    @property
+    def tissues(self) -> Tissues | None:
+        """Of its bone; None for a single material."""
+        return self._bone.tissues
 
     def bone(self) -> VoxelBone:
         """A new bone as it was before the first tick."""

@@ -53,7 +53,7 @@ class Scene:
         If a radius is not positive, the size is not, or the level is not from 1 to 255.
     ImportError
         If pyvista is not installed.
-    RuntimeError
+    OSError
         If there is no screen for a window, or no library to draw without one.
     """
 
@@ -132,8 +132,8 @@ class Scene:
         ----------
         bone : VoxelBone
             Of the same shape, not to be changed by another thread meanwhile.
-        bricks : array_like, shape (n, 3), optional
-            That changed, (z, y, x); None: all.
+        bricks : array_like, shape (n,) or (n, 3), optional
+            That changed, by number or place (z, y, x); None: all.
 
         Returns
         -------
@@ -210,12 +210,11 @@ class Scene:
         """Draws once."""
         self.plotter.renderer.ResetCameraClippingRange()
         self.scale.fit(self.plotter)
-        self.plotter.render()
+        self.plotter.render_window.Render()
 
     def picture(self) -> NDArray[np.uint8]:
         """What is seen now, (height, width, 3)."""
-        self.plotter.renderer.ResetCameraClippingRange()
-        self.scale.fit(self.plotter)
+        self.render()
         pixels: NDArray[np.uint8] = np.asarray(self.plotter.screenshot(return_img=True))
         return pixels
 
@@ -251,11 +250,10 @@ class Scene:
             raise ValueError(f"separation must be zero or positive and finite, got {separation}")
         middle, camera = self.viewpoint, self.plotter.camera
         width, height = self.plotter.window_size
+        aspect = (self.panels.main_share if self.panels is not None else 1.0) * width / height
         pair = []
         try:
-            for view, shift in eyes(
-                middle, separation, self.panels.main_aspect(width, height) if self.panels else width / height
-            ):
+            for view, shift in eyes(middle, separation, aspect):
                 self.look(view)
                 camera.SetWindowCenter(shift, 0.0)
                 pair.append(self.picture())
@@ -277,6 +275,11 @@ class Scene:
             If the file cannot be written.
         """
         _write_png(path, self.stereo_picture(separation, swap=swap))
+
+    def show(self) -> None:
+        """Opens the window, to orbit in with the mouse, until it is closed."""
+        self.render()
+        self.plotter.show(auto_close=False)
 
     def close(self) -> None:
         """Frees window and memory."""

@@ -42,13 +42,13 @@ def add_legend(plotter: Any, bone: VoxelBone, surface: Surface) -> None:
     width, height = plotter.window_size
     size = max(11, height // 48)
     for row, (name, colour) in enumerate(entries):
-        for text, place, tone in (
-            ("\u25a0", 0.016 * width, colour),
-            (name, 0.016 * width + 1.3 * size, _TEXT),
-        ):
+        for text, place, tone in (("M", 0.016 * width, colour), (name, 0.016 * width + 1.6 * size, _TEXT)):
             actor = vtkTextActor()
             actor.SetInput(text)
             style = actor.GetTextProperty()
+            if tone is colour:  # a box: the letter cannot be told from what lies behind it
+                style.SetBackgroundColor(*colour)
+                style.SetBackgroundOpacity(1.0)
             style.SetFontSize(size)
             style.SetColor(*tone)
             style.SetVerticalJustificationToCentered()

@@ -24,10 +24,7 @@ class SlicePanels:
         self.panels = [_Panel(plotter, plane, row) for row, plane in enumerate(PLANES)]
         plotter.renderer.SetViewport(0.0, 0.0, 1 - _SHARE, 1.0)
 
-    @staticmethod
-    def main_aspect(width: int, height: int) -> float:
-        """Width by height of what the view has left."""
-        return (1 - _SHARE) * width / height
+    main_share = 1 - _SHARE  # of the window's width, that the view has left
 
     def cut(self, bone: VoxelBone, point: ArrayLike) -> None:
         """Slices of the bone through a point [mm]."""
@@ -62,7 +59,8 @@ class _Panel:
             vtkTextActor,
         )
 
-        self.plane, self.image = plane, None
+        self.plane = plane
+        self.image: SliceImage | None = None
         self.renderer = vtkRenderer()
         self.renderer.SetViewport(1 - _SHARE, 1 - (row + 1) / 3, 1.0, 1 - row / 3)
         self.renderer.SetBackground(0.03, 0.035, 0.045)
@@ -87,7 +85,7 @@ class _Panel:
         from vtkmodules.util.numpy_support import numpy_to_vtk
         from vtkmodules.vtkCommonDataModel import vtkImageData
 
-        self.image: SliceImage | None = image
+        self.image = image
         left, right, bottom, top = image.extent
         rows, columns = image.levels.shape
         data = vtkImageData()

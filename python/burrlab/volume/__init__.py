@@ -5,6 +5,7 @@ from burrlab.volume.geometry import check_same_geometry, same_geometry
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.occupancy_map import OccupancyMap
 from burrlab.volume.read import read_labels, read_volume
+from burrlab.volume.recipe import VolumeRecipe
 from burrlab.volume.stack import read_stack
 from burrlab.volume.volume import Volume
 from burrlab.volume.write import write_volume
@@ -14,6 +15,7 @@ __all__ = [
     "LabelVolume",
     "OccupancyMap",
     "Volume",
+    "VolumeRecipe",
     "check_same_geometry",
     "load_drilled",
     "read_labels",

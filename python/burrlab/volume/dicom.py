@@ -20,6 +20,7 @@ from burrlab.volume.header import Header
 
 #: How far the distances of slices may differ from one another, a part of the distance (headers round).
 EVEN = 1e-2
+_PIXEL_DATA = b"\xe0\x7f\x10\x00"  # its tag, little endian
 #: How far the slices may shift sideways from the first to the last, a part of a pixel: more is a gantry tilt.
 STRAIGHT = 0.1
 
@@ -35,6 +36,7 @@ class _Slice:
     rows: tuple[float, ...]
     columns: tuple[float, ...]
     position: Array
+    bits: int
 
     @property
     def file(self) -> str:
@@ -117,7 +119,8 @@ def _header_of(name: str) -> _Slice:
     if np.any(np.isnan(position)) or np.any(np.isnan(turn)):
         raise ValueError(f"{name}: the DICOM header does not say the slice's position and orientation")
     return _Slice(
-        name, text("0020|000e"), (int(size[0]), int(size[1])), (across, down), turn[:3], turn[3:], np.array(position)
+        name, text("0020|000e"), (int(size[0]), int(size[1])), (across, down), turn[:3], turn[3:], np.array(position),
+        int(text("0028|0100") or 8),
     )  # fmt: skip
 
 
@@ -186,9 +189,24 @@ def _check_straight(slices: list[_Slice], direction: Array, where: str) -> None:
         )
 
 
+def _check_whole(part: _Slice) -> None:
+    """ValueError where the pixel data is shorter than rows and columns ask for: GDCM would fill the rest up."""
+    content, wanted = Path(part.name).read_bytes(), part.size[0] * part.size[1] * part.bits // 8
+    found, place = [], content.find(_PIXEL_DATA)
+    while place >= 0:
+        at = place + (
+            8 if content[place + 4 : place + 6] in (b"OW", b"OB") else 4
+        )  # with and without its type
+        found.append(int.from_bytes(content[at : at + 4], "little"))  # all ones: compressed
+        place = content.find(_PIXEL_DATA, place + 4)
+    if found and max(found) < wanted:
+        raise ValueError(f"{part.name}: the pixel data is cut short: {max(found)} bytes of {wanted}")
+
+
 def _values(part: _Slice, shape: tuple[int, int]) -> NDArray[Any]:
     import SimpleITK as sitk
 
+    _check_whole(part)
     try:
         image = sitk.ReadImage(part.name, imageIO="GDCMImageIO")
     except RuntimeError:

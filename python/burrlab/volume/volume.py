@@ -87,7 +87,8 @@ class Volume(OnGrid):
         """The voxels from `start` up to but without `stop`, indices (z, y, x); ValueError unless they lie in the volume."""
         kept = self.values[slices(self.shape, start, stop)]
         origin = self.origin + self.patient_point(np.array(start[::-1]) * self.spacing)
-        return replace(self, values=kept, origin=origin)
+        note = f"cropped to voxels {tuple(start)} to {tuple(stop)} (z, y, x) of {self.shape}"
+        return replace(self, values=kept, origin=origin, notes=(*self.notes, note))
 
     def resample(self, spacing: float | ArrayLike) -> Volume:
         """The grey values on voxels of another spacing, over the same field of view; float32.
@@ -113,7 +114,10 @@ class Volume(OnGrid):
         if np.allclose(new, self.spacing, rtol=1e-9, atol=0):
             return self
         values = resample_linear(self.values, self.spacing, new)
-        return replace(self, values=values, spacing=new, origin=self._origin_at(new))
+        note = f"grey values resampled from {_text(self.spacing)} mm"
+        return replace(
+            self, values=values, spacing=new, origin=self._origin_at(new), notes=(*self.notes, note)
+        )
 
     def to_bone(
         self,
@@ -132,7 +136,8 @@ class Volume(OnGrid):
             Grey value of solid bone.
         spacing : float or (x, y, z), optional
             Of the bone [mm]; default the volume's own. The map acts first, then the occupancy is interpolated as `resample` does
-            it, and rounded to levels once: so the amount of bone stays what the map says.
+            it, and rounded to levels once: so the amount of bone stays what the map says. Beyond the volume there is none: a last
+            voxel that reaches out is filled by its part within.
 
         Raises
         ------
@@ -154,7 +159,7 @@ class Volume(OnGrid):
                 chosen.levels(self.values), spacing=self.spacing, origin=self.bone_point(self.origin)
             )
         levels = resample_linear(
-            chosen.occupancy(self.values), self.spacing, new, kind=np.uint8, store=_levels
+            chosen.occupancy(self.values), self.spacing, new, empty_outside=True, kind=np.uint8, store=_levels
         )
         return VoxelBone(levels, spacing=new, origin=self.bone_point(self._origin_at(new)))
 
@@ -197,8 +202,17 @@ class Volume(OnGrid):
             )
         if np.array_equal(surface, start):
             raise ValueError(f"entry: {tuple(map(float, entry))} lies inside bone; begin outside it")
+        made = {
+            "path": self.path,
+            "map": chosen.text,
+            "volume_spacing_mm": self.spacing.tolist(),
+            "voxel_mm": list(bone.spacing),
+            "origin_mm": self.origin.tolist(),
+            "direction": self.direction.tolist(),
+            "notes": list(self.notes),
+        }
         where = f"{self.path}, map {chosen.text}, entry {tuple(map(float, entry))}, axis {tuple(map(float, axis))}"
-        return Specimen(bone, surface, direction, where)
+        return Specimen(bone, surface, direction, where, made)
 
     def _origin_at(self, spacing: Array) -> Array:
         """Centre of the first voxel of another grid from the same corner."""
@@ -206,8 +220,7 @@ class Volume(OnGrid):
 
     def __repr__(self) -> str:
         sizes = " x ".join(str(n) for n in self.shape[::-1])
-        apart = " x ".join(f"{s:g}" for s in self.spacing)
-        return f"Volume({sizes} voxels of {apart} mm, {self.values.dtype}, {self.path})"
+        return f"Volume({sizes} voxels of {_text(self.spacing)} mm, {self.values.dtype}, {self.path})"
 
 
 def check_finite(values: NDArray[Any], path: str) -> None:
@@ -221,6 +234,10 @@ def check_finite(values: NDArray[Any], path: str) -> None:
     raise ValueError(
         f"{path}: the volume holds values that are not finite: {count} of {values.size}, the first at (z, y, x) = {first}"
     )
+
+
+def _text(spacing: Array) -> str:
+    return " x ".join(f"{s:g}" for s in spacing)
 
 
 def _levels(occupancy: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -47,6 +47,7 @@ struct StiffnessAt {
   double stiffest = 0.0;   ///< in any direction: in a tunnel the walls can be stiffer [N/mm]
   double force = 0.0;      ///< [N]
   double age = 0.0;        ///< of the position [ms]
+  double c_e = 0.0;        ///< of the contact; 0 before the first [N/mm^2]
 };
 
 struct FollowerStatus {

@@ -1,0 +1,84 @@
+// Effects beside a running session, in a thread of their own: the loop is not touched, the follower is asked
+// once a frame.
+#pragma once
+
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "burrlab/effects/effects.hpp"
+#include "burrlab/session/follower.hpp"
+
+namespace burrlab {
+
+/// What a frame left to be looked at.
+struct EffectsFrame {
+  std::uint64_t frame = 0;  ///< made so far
+  std::uint64_t tick = 0;   ///< of the bone that it saw
+  std::vector<ParcelView> parcels;
+  std::array<SubstanceBalance, substances> balance{};
+  std::vector<std::int64_t> removed;  ///< levels by tissue's number
+  double bleeding = 0.0;              ///< [mm^3/s]
+  double hidden;                      ///< part of burr 0 that is hidden; NaN without a camera
+  FrameCounts counts;
+};
+
+class EffectsCompanion {
+ public:
+  static constexpr double least_rate = 1.0, most_rate = 200.0;  ///< [Hz]
+
+  /// Follows a session's bone from where it is now. `rate` [Hz].
+  EffectsCompanion(std::shared_ptr<HapticLoop> loop, std::shared_ptr<Follower> follower,
+                   const EffectsSetup& setup, double rate);
+  ~EffectsCompanion();
+  EffectsCompanion(const EffectsCompanion&) = delete;
+  EffectsCompanion& operator=(const EffectsCompanion&) = delete;
+
+  void start();  ///< once
+  /// After the frame that it is in; further calls do nothing.
+  void stop();
+  /// Until it is stopped, or a last frame after the session's end was made.
+  bool running() const;
+  bool wait(double seconds);  ///< until it ends; whether it has
+  std::string error() const;  ///< that ended it; empty if none did
+
+  // They hold from the next frame on.
+  void set_nozzle(const std::optional<Nozzle>& nozzle);
+  void set_sucker(const std::optional<Sucker>& sucker);
+  void set_camera(const std::optional<Camera>& camera);
+
+  EffectsFrame newest() const;  ///< a copy
+  const Histogram& wall_time() const { return effects_->wall_time(); }
+  const Histogram& cpu_time() const { return effects_->cpu_time(); }
+  double quantum() const { return effects_->quantum(); }  ///< [mm^3]
+  const EffectsSetup& setup() const { return effects_->setup(); }
+
+ private:
+  void run();
+  void frame(double seconds);
+
+  std::shared_ptr<HapticLoop> loop_;
+  std::shared_ptr<Follower> follower_;
+  double rate_;
+  std::shared_ptr<BoneView> view_;
+  std::unique_ptr<Effects> effects_;
+  EffectsFrame next_;      // being made
+  std::mutex life_mutex_;  // of the thread; the thread itself never takes it
+  std::thread thread_;
+  bool started_ = false;
+
+  mutable std::mutex mutex_;  // of all below
+  std::condition_variable woken_;
+  bool stopping_ = false, running_ = false;
+  std::optional<Nozzle> nozzle_;
+  std::optional<Sucker> sucker_;
+  std::optional<Camera> camera_;
+  EffectsFrame newest_;
+  std::string error_;
+};
+
+}  // namespace burrlab

@@ -1,0 +1,153 @@
+#include "burrlab/effects/companion.hpp"
+
+#include <chrono>
+#include <limits>
+
+#include "burrlab/check.hpp"
+#include "burrlab/session/realtime.hpp"
+
+namespace burrlab {
+namespace {
+
+constexpr int most_frames_at_once = 4;  // periods that one frame may stand for
+
+std::vector<BurrAt> burrs_of(const TickRecord& record) {
+  std::vector<BurrAt> burrs;
+  for (std::size_t i = 0; i < record.burrs && i < most_burrs; ++i) {
+    const BurrRecord& burr = record.burr[i];
+    burrs.push_back({Vec3(burr.center[0], burr.center[1], burr.center[2]), burr.radius});
+  }
+  return burrs;
+}
+
+}  // namespace
+
+EffectsCompanion::EffectsCompanion(std::shared_ptr<HapticLoop> loop, std::shared_ptr<Follower> follower,
+                                   const EffectsSetup& setup, double rate)
+    : loop_(std::move(loop)), follower_(std::move(follower)), rate_(rate) {
+  if (!(rate >= least_rate && rate <= most_rate)) refuse("rate", "from 1 to 200 Hz", rate);
+  // The view first: what changes between the two is then in both, and makes dust once.
+  view_ = follower_->view();
+  std::uint64_t tick = 0;
+  effects_ = std::make_unique<Effects>(*follower_->snapshot(tick), setup);
+  newest_.tick = tick;
+  newest_.hidden = next_.hidden = std::numeric_limits<double>::quiet_NaN();
+}
+
+EffectsCompanion::~EffectsCompanion() { stop(); }
+
+void EffectsCompanion::start() {
+  const std::lock_guard<std::mutex> life(life_mutex_);
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    if (started_ || stopping_)
+      throw std::invalid_argument("companion must be started once: it has been started or stopped");
+    started_ = running_ = true;
+  }
+  thread_ = std::thread([this] { run(); });
+}
+
+void EffectsCompanion::stop() {
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    stopping_ = true;
+  }
+  woken_.notify_all();
+  const std::lock_guard<std::mutex> life(life_mutex_);
+  if (thread_.joinable()) thread_.join();
+}
+
+bool EffectsCompanion::running() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return running_;
+}
+
+bool EffectsCompanion::wait(double seconds) {
+  std::unique_lock<std::mutex> lock(mutex_);
+  const auto limit = std::chrono::duration<double>(std::min(std::max(seconds, 0.0), 1e7));
+  return woken_.wait_for(lock, limit, [this] { return !running_; });
+}
+
+std::string EffectsCompanion::error() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return error_;
+}
+
+void EffectsCompanion::set_nozzle(const std::optional<Nozzle>& nozzle) {
+  if (nozzle) nozzle->check();
+  const std::lock_guard<std::mutex> lock(mutex_);
+  nozzle_ = nozzle;
+}
+
+void EffectsCompanion::set_sucker(const std::optional<Sucker>& sucker) {
+  if (sucker) sucker->check();
+  const std::lock_guard<std::mutex> lock(mutex_);
+  sucker_ = sucker;
+}
+
+void EffectsCompanion::set_camera(const std::optional<Camera>& camera) {
+  if (camera) camera->check();
+  const std::lock_guard<std::mutex> lock(mutex_);
+  camera_ = camera;
+}
+
+EffectsFrame EffectsCompanion::newest() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return newest_;
+}
+
+void EffectsCompanion::run() {
+  const auto period = std::chrono::nanoseconds(std::int64_t(1e9 / rate_));
+  auto deadline = std::chrono::steady_clock::now() + period;
+  std::string error;
+  for (bool last = false; !last;) {
+    {
+      std::unique_lock<std::mutex> lock(mutex_);
+      if (woken_.wait_until(lock, deadline, [this] { return stopping_; })) break;
+    }
+    int periods = 1;
+    for (deadline += period; deadline < std::chrono::steady_clock::now(); deadline += period) ++periods;
+    last = loop_->started() && !loop_->running() && follower_->status().behind == 0;
+    try {
+      frame(std::min(periods, most_frames_at_once) / rate_);
+    } catch (const std::exception& failure) {
+      error = failure.what();
+      break;
+    }
+  }
+  const std::lock_guard<std::mutex> lock(mutex_);
+  running_ = false;
+  error_ = error;
+  woken_.notify_all();
+}
+
+void EffectsCompanion::frame(double seconds) {
+  const std::int64_t started = steady_now(), cpu = thread_cpu_now();
+  std::optional<Camera> camera;
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    effects_->set_nozzle(nozzle_);
+    effects_->set_sucker(sucker_);
+    camera = camera_;
+  }
+  const BoneView::Update update = view_->take();
+  const std::vector<BurrAt> burrs = update.any ? burrs_of(update.newest) : std::vector<BurrAt>{};
+  effects_->step(seconds, {update.bricks.data(), update.density.data(), update.bricks.size()}, burrs, nullptr,
+                 started);
+
+  next_.frame = std::uint64_t(effects_->counts().frames);
+  next_.tick = update.tick;
+  next_.parcels = effects_->view();
+  next_.balance = effects_->balance();
+  next_.removed = effects_->sources().removed();
+  next_.bleeding = effects_->sources().bleeding();
+  next_.hidden = std::numeric_limits<double>::quiet_NaN();
+  if (camera && !burrs.empty() && (camera->position - burrs[0].center).norm() > burrs[0].radius)
+    next_.hidden = effects_->hidden(*camera, burrs[0]);
+  effects_->count_frame(1e-3 * double(steady_now() - started), 1e-3 * double(thread_cpu_now() - cpu));
+  next_.counts = effects_->counts();
+  const std::lock_guard<std::mutex> lock(mutex_);
+  std::swap(newest_, next_);
+}
+
+}  // namespace burrlab

@@ -1,0 +1,35 @@
+#include "burrlab/effects/frame_budget.hpp"
+
+#include <algorithm>
+
+namespace burrlab {
+namespace {
+
+constexpr double share = 0.5;     // of the budget that a frame is planned for
+constexpr double forget = 0.2;    // weight of the newest frame
+constexpr double enough = 256.0;  // movements or parcels below which a cost says nothing
+
+}  // namespace
+
+FrameDecision FrameBudget::plan(std::size_t moving, std::size_t parcels, int sub_steps,
+                                std::int64_t most) const {
+  FrameDecision plan;
+  plan.merge_to = most;
+  const double planned = share * nanoseconds_, fixed = of_parcel_ * double(parcels);
+  const double each = of_move_ * double(moving);
+  plan.sub_steps = sub_steps;
+  while (plan.sub_steps > 1 && fixed + each * plan.sub_steps > planned) --plan.sub_steps;
+  if (fixed + each > planned) {
+    const double part = planned / (fixed + each);
+    plan.merge_to = std::clamp(std::int64_t(part * double(parcels)), least_parcels, most);
+  }
+  plan.done = plan.sub_steps;
+  return plan;
+}
+
+void FrameBudget::learn(double moves, double moving_time, double parcels, double other_time) {
+  if (moves > enough) of_move_ += forget * (moving_time / moves - of_move_);
+  if (parcels > enough) of_parcel_ += forget * (other_time / parcels - of_parcel_);
+}
+
+}  // namespace burrlab

@@ -1,0 +1,130 @@
+#include "burrlab/effects/level_field.hpp"
+
+#include <algorithm>
+#include <cstring>
+
+#include "grid_walk.hpp"
+
+namespace burrlab {
+
+LevelField::LevelField(const VoxelBone& bone, int solid_level)
+    : shape_(bone.shape()),
+      bricks_(bone.bricks()),
+      spacing_(bone.spacing()),
+      low_(bone.origin() - 0.5 * bone.spacing()),
+      per_mm_(bone.spacing().cwiseInverse()),
+      solid_level_(solid_level),
+      levels_(bone.brick_count()),
+      solid_(bone.brick_count(), 0),
+      tissues_(bone.tissues()) {
+  high_ = low_ + spacing_.cwiseProduct(Vec3(double(shape_[2]), double(shape_[1]), double(shape_[0])));
+  for (std::size_t brick = 0; brick < solid_.size(); ++brick)
+    if (bone.sums(brick).mass) exchange(brick, bone.tile(brick));
+}
+
+BrickLoss LevelField::exchange(std::size_t brick, const std::uint8_t* density) {
+  BrickLoss loss;
+  std::uint8_t* mine = levels_.tile(brick);
+  std::uint8_t largest = 0;
+  for (int i = 0; i < brick_voxels; ++i) {
+    const int fall = int(mine[i]) - int(density[i]);
+    loss.by_voxel[std::size_t(i)] = static_cast<std::uint8_t>(std::max(fall, 0));
+    loss.lost += std::max(fall, 0);
+    loss.refilled += std::max(-fall, 0);
+    largest = std::max(largest, density[i]);
+  }
+  std::memcpy(mine, density, brick_voxels);
+  solid_[brick] = largest >= solid_level_;
+  return loss;
+}
+
+int LevelField::level(std::int64_t z, std::int64_t y, std::int64_t x) const {
+  if (z < 0 || y < 0 || x < 0 || z >= shape_[0] || y >= shape_[1] || x >= shape_[2]) return 0;
+  const auto brick = static_cast<std::size_t>(((z >> 3) * bricks_[1] + (y >> 3)) * bricks_[2] + (x >> 3));
+  return levels_.tile(brick)[(z & 7) << 6 | (y & 7) << 3 | (x & 7)];
+}
+
+Index3 LevelField::voxel_of(const Vec3& place) const {
+  Index3 voxel;
+  for (int axis = 0; axis < 3; ++axis) {
+    // A place far away must not overflow: one voxel beyond the volume is as empty.
+    const double at = std::floor((place[axis] - low_[axis]) * per_mm_[axis]);
+    voxel[2 - axis] = std::int64_t(std::clamp(at, -1.0, double(shape_[2 - axis])));
+  }
+  return voxel;
+}
+
+Vec3 LevelField::center(const Index3& voxel) const {
+  return low_ +
+         spacing_.cwiseProduct(Vec3(double(voxel[2]) + 0.5, double(voxel[1]) + 0.5, double(voxel[0]) + 0.5));
+}
+
+Vec3 LevelField::center(std::size_t brick, int voxel) const {
+  const auto n = static_cast<std::int64_t>(brick);
+  const Index3 at{n / (bricks_[1] * bricks_[2]), n / bricks_[2] % bricks_[1], n % bricks_[2]};
+  return center({at[0] * 8 + (voxel >> 6), at[1] * 8 + (voxel >> 3 & 7), at[2] * 8 + (voxel & 7)});
+}
+
+bool LevelField::solid_number(std::int64_t number) const {
+  return solid(Index3{number / (shape_[1] * shape_[2]), number / shape_[2] % shape_[1], number % shape_[2]});
+}
+
+bool LevelField::first_hit(const Vec3& from, const Vec3& move, LevelHit& hit) const {
+  const Vec3 start = (from - low_).cwiseProduct(per_mm_), way = move.cwiseProduct(per_mm_);
+  double begin = 0.0, end = 1.0;
+  int entered = -1;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double size = double(shape_[2 - axis]);
+    if (way[axis] == 0.0) {
+      if (start[axis] < 0.0 || start[axis] >= size) return false;
+      continue;
+    }
+    const double to_low = -start[axis] / way[axis], to_high = (size - start[axis]) / way[axis];
+    const double in = std::min(to_low, to_high);
+    if (in > begin) {
+      begin = in;
+      entered = axis;
+    }
+    end = std::min(end, std::max(to_low, to_high));
+  }
+  if (begin > end) return false;
+  const Cell3 none{0, 0, 0}, all{bricks_[2], bricks_[1], bricks_[0]};
+  return walk_grid(start, way, begin, end, 8.0, none, all, entered,
+                   [&](const Cell3& brick, double t, int by) {
+                     if (!solid_[std::size_t((brick[2] * bricks_[1] + brick[1]) * bricks_[2] + brick[0])])
+                       return false;
+                     Cell3 low, high;
+                     for (int axis = 0; axis < 3; ++axis) {
+                       low[axis] = 8 * brick[axis];
+                       high[axis] = std::min(low[axis] + 8, shape_[2 - axis]);
+                     }
+                     return walk_grid(start, way, t, end, 1.0, low, high, by,
+                                      [&](const Cell3& cell, double at, int along) {
+                                        if (along < 0 || !solid(Index3{cell[2], cell[1], cell[0]}))
+                                          return false;
+                                        hit.part = at;
+                                        hit.voxel = {cell[2], cell[1], cell[0]};
+                                        hit.face = Vec3::Zero();
+                                        hit.face[along] = way[along] > 0.0 ? -1.0 : 1.0;
+                                        return true;
+                                      });
+                   });
+}
+
+Vec3 LevelField::normal(const LevelHit& hit) const {
+  Vec3 fall = Vec3::Zero();
+  for (int axis = 0; axis < 3; ++axis) {
+    for (int far = 1; far <= 2; ++far) {
+      Index3 before = hit.voxel, after = hit.voxel;
+      before[2 - axis] -= far;
+      after[2 - axis] += far;
+      fall[axis] += double(level(before[0], before[1], before[2]) - level(after[0], after[1], after[2]));
+    }
+    fall[axis] *= per_mm_[axis];
+  }
+  const double length = fall.norm();
+  if (!(fall.dot(hit.face) > 0.1 * length)) return hit.face;
+  return fall / length;
+}
+
+}  // namespace burrlab

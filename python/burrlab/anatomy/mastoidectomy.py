@@ -1,0 +1,206 @@
+"""A scripted mastoidectomy: the burr's way through a planned cavity, layer by layer."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from burrlab._core import Burr, ScriptedDevice
+from burrlab.anatomy.phantom import Phantom
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Voxels on which a way is planned are at least this large [burr radii].
+COARSE = 0.1
+#: Speed between two cuts over that in a cut, and how far the burr is lifted off the bone for it [mm]; ours.
+RAPID, LIFT = 3.0, 1.0
+
+
+@dataclass(frozen=True)
+class BurrPath:
+    """Where the burr's centre is when, and whether it turns.
+
+    Attributes
+    ----------
+    time : ndarray, shape (n,)
+        [s], from 0, increasing.
+    center : ndarray, shape (n, 3)
+        (x, y, z) in the bone frame [mm], linear in time between rows.
+    on : ndarray of bool, shape (n,)
+        Whether the burr turns from this row to the next.
+    layers : int
+    """
+
+    time: Floats = field(repr=False)
+    center: Floats = field(repr=False)
+    on: Mask = field(repr=False)
+    layers: int
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return float(self.time[-1])
+
+    def device(self) -> ScriptedDevice:
+        """For a session."""
+        return ScriptedDevice(self.time, self.center, self.on)
+
+    def sampled(self, dt: float = 1.0) -> tuple[Floats, Mask]:
+        """Centres (m, 3) [mm] and whether the burr turns (m,), every dt [ms]."""
+        at = np.arange(0.0, self.duration, dt / 1000.0)
+        center = np.column_stack([np.interp(at, self.time, self.center[:, axis]) for axis in range(3)])
+        row = np.searchsorted(self.time, at, side="right") - 1
+        return center, self.on[row]
+
+
+def mastoidectomy_path(
+    phantom: Phantom,
+    burr: Burr,
+    *,
+    layer: float | None = None,
+    step: float | None = None,
+    speed: float = 20.0,
+    depth: float | None = None,
+) -> BurrPath:
+    """Cuts the planned cavity of a phantom from the surface down, in layers, each in parallel strokes.
+
+    Parameters
+    ----------
+    phantom : Phantom
+    burr : Burr
+    layer : float, optional
+        Between layers [mm]; default a quarter of the radius.
+    step : float, optional
+        Between strokes of a layer [mm]; default half the radius.
+    speed : float
+        In a cut [mm/s].
+    depth : float, optional
+        Of the burr's tip below the spine of Henle at which to stop [mm]; default the whole cavity.
+
+    Returns
+    -------
+    BurrPath
+        The burr never turns where it would touch bone outside the planned cavity, to within a voxel. What it
+        cannot reach without, corners that are sharper than it, is left.
+
+    Raises
+    ------
+    ValueError
+        If layer, step, speed or depth is not positive, or the burr fits nowhere into the cavity.
+
+    Notes
+    -----
+    A burr that goes where it is sent, whatever the force: with a spring between device and burr, or a slower burr, less is
+    removed. Layers, strokes and speed are ours.
+    """
+    layer = burr.radius / 4 if layer is None else layer
+    step = burr.radius / 2 if step is None else step
+    for name, value in (("layer", layer), ("step", step), ("speed", speed), ("depth", depth)):
+        if value is not None and not 0 < value < math.inf:
+            raise ValueError(f"{name} must be positive, got {value}")
+    plan = _Plan.of(phantom, burr.radius)
+    rows: list[tuple[Floats, bool]] = []
+    layers = 0
+    for x in np.arange(plan.first + layer - burr.radius, plan.deepest, layer):
+        if depth is not None and x + burr.radius > depth:
+            break
+        strokes = plan.strokes(float(x), step)
+        layers += bool(strokes)
+        for stroke in strokes:
+            rows += plan.approach(rows[-1][0] if rows else None, stroke[0])
+            rows += [(stroke[0], True), (stroke[1], True)]
+    if not rows:
+        raise ValueError(f"burr of {burr.radius:g} mm fits nowhere into the planned cavity")
+    center, on = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+    length = np.linalg.norm(np.diff(center, axis=0), axis=1)
+    # ScriptedDevice wants times that increase, also where a point comes twice.
+    taken = np.maximum(length / np.where(on[:-1], speed, RAPID * speed), 1e-3)
+    on[-1] = False
+    flip = np.array([plan.sign, 1.0, 1.0])
+    return BurrPath(np.concatenate([[0.0], np.cumsum(taken)]), center * flip, on, layers)
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """Where the burr's centre may be, in a frame whose x grows with depth."""
+
+    free: Mask  # (z, y, x), of the centre
+    cuts: Mask  # where it then reaches planned bone
+    spacing: Floats  # (x, y, z)
+    origin: Floats
+    sign: float
+    first: float  # x at which the planned cavity begins
+    deepest: float
+    radius: float
+
+    @classmethod
+    def of(cls, phantom: Phantom, radius: float) -> _Plan:
+        sign = 1.0 if phantom.side == "right" else -1.0
+        order = slice(None, None, int(sign))
+        spacing = np.array(phantom.bone.spacing)
+        thin = [max(1, int(COARSE * radius / s)) for s in spacing]
+        every = tuple(slice(n // 2, None, n) for n in thin[::-1])
+        target = phantom.target[:, :, order][every]
+        bone = np.asarray(phantom.bone.pristine > 0)[:, :, order][every]
+        start = np.array(phantom.bone.origin)
+        if sign < 0:
+            start[0] = -(start[0] + spacing[0] * (phantom.bone.shape[2] - 1))
+        origin = start + spacing * [n // 2 for n in thin]
+        spacing = spacing * thin
+        if not target.any():
+            raise ValueError("phantom must hold some of the planned cavity, got a box with none of it")
+        # The burr needs room beside the bone too, and above it.
+        pad = math.ceil(2.0 * radius / spacing[0]) + 2
+        target, bone = (np.pad(a, ((0, 0), (0, 0), (pad, 0))) for a in (target, bone))
+        origin[0] -= pad * spacing[0]
+        above = ~np.logical_or.accumulate(target | bone, axis=2)
+        zyx = spacing[::-1]
+        free = (
+            ndimage.distance_transform_edt(np.pad(target | above, 1), sampling=zyx)[1:-1, 1:-1, 1:-1] > radius
+        )
+        cuts = ndimage.distance_transform_edt(~(target & bone), sampling=zyx) < radius
+        x = np.flatnonzero(target.any(axis=(0, 1)))
+        edge = origin[0] + spacing[0] * x
+        return cls(free, cuts & free, spacing, origin, sign, float(edge[0]), float(edge[-1]), radius)
+
+    def _index(self, place: Floats) -> tuple[int, int, int]:
+        at = np.rint((place - self.origin) / self.spacing).astype(int)
+        at = np.clip(at, 0, np.array(self.free.shape[::-1]) - 1)
+        return int(at[2]), int(at[1]), int(at[0])
+
+    def strokes(self, x: float, step: float) -> list[tuple[Floats, Floats]]:
+        """Pairs of points between which the burr cuts at that depth, to and fro along y."""
+        k = round((x - self.origin[0]) / self.spacing[0])
+        if not 0 <= k < self.free.shape[2]:
+            return []
+        out: list[tuple[Floats, Floats]] = []
+        z_step, forward = max(1, round(step / self.spacing[2])), True
+        for row in range(z_step // 2, self.free.shape[0], z_step):
+            line = np.concatenate([[False], self.cuts[row, :, k], [False]])
+            edges = np.flatnonzero(np.diff(line.astype(np.int8)))
+            runs = [(a, b - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
+            for a, b in runs if forward else runs[::-1]:
+                ends = (a, b) if forward else (b, a)
+                one, two = (self.origin + self.spacing * [k, y, row] for y in ends)
+                out.append((one, two))
+            forward = not forward if runs else forward
+        return out
+
+    def approach(self, here: Floats | None, there: Floats) -> list[tuple[Floats, bool]]:
+        """Rows that bring the burr to a stroke: straight where it may go, else up and over, not turning."""
+        if here is not None and self._clear(here, there):
+            return [(here, True)]
+        top = self.first - self.radius - LIFT
+        over = [np.array([top, there[1], there[2]])]
+        if here is not None:
+            over = [here, np.array([top, here[1], here[2]]), *over]
+        return [(place, False) for place in over]
+
+    def _clear(self, here: Floats, there: Floats) -> bool:
+        count = int(np.max(np.abs(there - here) / self.spacing)) + 2
+        return all(self.free[self._index(here + t * (there - here))] for t in np.linspace(0.0, 1.0, count))

@@ -1,0 +1,207 @@
+"""What was removed against what was to be removed, by tissue."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from burrlab._core import VoxelBone
+from burrlab.dataset import html_table
+from burrlab.figures import axes_or_new, tidy
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from burrlab.volume import LabelVolume
+
+Floats = NDArray[np.float64]
+
+#: Voxels that are read at a time, which bounds the memory.
+AT_A_TIME = 4_000_000
+_PARTS = ("overlap", "missed", "excess")
+_COLOURS = ("#009E73", "#E69F00", "#D55E00")
+
+
+@dataclass(frozen=True, repr=False)
+class TargetComparison:
+    """Bone removed inside and outside a region, by tissue.
+
+    Attributes
+    ----------
+    tissues : tuple of str
+        Those of which there is anything in the region or removed; "bone" where the bone has no tissues.
+    overlap : ndarray
+        Removed inside the region, by tissue [mm^3 of solid bone], as `VoxelBone.removed`.
+    missed : ndarray
+        Left inside [mm^3].
+    excess : ndarray
+        Removed outside [mm^3].
+    volume : float
+        Of the region, whatever is in it [mm^3].
+    """
+
+    tissues: tuple[str, ...]
+    overlap: Floats
+    missed: Floats
+    excess: Floats
+    volume: float
+
+    @property
+    def planned(self) -> float:
+        """Bone in the region at the beginning [mm^3]."""
+        return float(self.overlap.sum() + self.missed.sum())
+
+    @property
+    def removed(self) -> float:
+        """Bone removed, inside and outside [mm^3]."""
+        return float(self.overlap.sum() + self.excess.sum())
+
+    @property
+    def percent(self) -> float:
+        """Part of the planned bone that was removed [%]."""
+        return 100.0 * float(self.overlap.sum()) / self.planned
+
+    @property
+    def dice(self) -> float:
+        """2 overlap/(planned + removed), 0..1 (Dice, Ecology 1945)."""
+        return 2.0 * float(self.overlap.sum()) / (self.planned + self.removed)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON, units in the names."""
+        rows = {
+            name: {f"{part}_mm3": float(getattr(self, part)[k]) for part in _PARTS}
+            for k, name in enumerate(self.tissues)
+        }
+        return {
+            "target_mm3": self.volume, "planned_mm3": self.planned, "removed_mm3": self.removed,
+            "overlap_mm3": float(self.overlap.sum()), "missed_mm3": float(self.missed.sum()),
+            "excess_mm3": float(self.excess.sum()), "percent": self.percent, "dice": self.dice, "tissues": rows,
+        }  # fmt: skip
+
+    def table(self) -> str:
+        """Text, a line a tissue."""
+        wide = max(8, *(len(name) for name in self.tissues))
+        lines = [f"{'tissue':<{wide}}  overlap [mm^3]  missed [mm^3]  excess [mm^3]"]
+        rows = [
+            *zip(self.tissues, self.overlap, self.missed, self.excess, strict=True),
+            ("all", self.overlap.sum(), self.missed.sum(), self.excess.sum()),
+        ]
+        lines += [f"{name:<{wide}}  {a:>14.2f}  {b:>13.2f}  {c:>13.2f}" for name, a, b, c in rows]
+        lines.append(
+            f"{self.percent:.1f} % of the target's {self.planned:.1f} mm^3 of bone removed; Dice {self.dice:.3f}"
+        )
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return self.table()
+
+    def _repr_html_(self) -> str:
+        columns: dict[str, list[Any]] = {"tissue": list(self.tissues)}
+        columns.update({f"{part} [mm³]": getattr(self, part).tolist() for part in _PARTS})
+        title = f"{self.percent:.1f} % of the target's {self.planned:.1f} mm³ removed; Dice {self.dice:.3f}"
+        return html_table(title, columns)
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Bars of the three volumes, a row a tissue."""
+        axes = axes_or_new(axes)
+        rows = np.arange(len(self.tissues))
+        for k, (part, colour) in enumerate(zip(_PARTS, _COLOURS, strict=True)):
+            axes.barh(rows + 0.27 * (k - 1), getattr(self, part), 0.25, color=colour, label=part)
+        axes.set_yticks(rows, self.tissues)
+        axes.invert_yaxis()
+        axes.set_xlabel("volume of solid bone [mm$^3$]")
+        axes.set_title(f"{self.percent:.1f} % of the target removed, Dice {self.dice:.2f}", fontsize=10)
+        axes.legend(fontsize=8, frameon=False)
+        return tidy(axes)
+
+
+def compare_with_target(bone: VoxelBone, target: NDArray[Any] | LabelVolume) -> TargetComparison:
+    """Overlap, missed and excess volume of what was removed from a bone.
+
+    With q the level of a voxel now and p its pristine one, in units of 255 levels: overlap = sum of p - q over the
+    region, missed = sum of q over the region, excess = sum of p - q over the rest. Sums of whole numbers, exact.
+
+    Parameters
+    ----------
+    bone : VoxelBone
+        As it is now; its pristine levels tell what it was.
+    target : ndarray of bool, shape (z, y, x), or LabelVolume
+        The region that was to be removed; of a label volume all voxels that are not 0, on the bone's own grid.
+
+    Returns
+    -------
+    TargetComparison
+
+    Raises
+    ------
+    ValueError
+        If the target has not the bone's shape or grid, is not of bool, or there is no bone in it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import burrlab
+    >>> bone = burrlab.VoxelBone.block((2, 2, 2), 0.5)
+    >>> target = np.zeros((4, 4, 4), bool)
+    >>> target[2:] = True
+    >>> bone.restore(np.where(np.arange(4)[:, None, None] > 2, 0, 255) * np.ones((4, 4, 4), np.uint8))
+    >>> comparison = compare_with_target(bone, target)
+    >>> comparison.percent, float(comparison.missed[0]), round(comparison.dice, 3)
+    (50.0, 2.0, 0.667)
+    """
+    region = _region(bone, target)
+    names = [tissue.name for tissue in bone.tissues] if bone.tissues is not None else ["bone"]
+    numbers = bone.tissue_numbers
+    sums = np.zeros((3, len(names)), dtype=np.int64)
+    nz, ny, nx = bone.shape
+    layers = max(1, AT_A_TIME // (ny * nx))
+    for begin in range(0, nz, layers):
+        count = min(layers, nz - begin)
+        rows = slice(begin, begin + count)
+        now = bone.read((begin, 0, 0), (count, ny, nx)).astype(np.int64)
+        lost = bone.read((begin, 0, 0), (count, ny, nx), pristine=True) - now
+        inside = region[rows]
+        which = np.zeros(now.shape, np.uint8) if numbers is None else numbers[rows]
+        for row, (where, levels) in enumerate(((inside, lost), (inside, now), (~inside, lost))):
+            sums[row] += _by_tissue(which[where], levels[where], len(names))
+    if sums[:2].sum() == 0:
+        raise ValueError("target must hold bone, got a region with none in it")
+    volume = float(np.prod(bone.spacing))
+    shown = [k for k in range(len(names)) if sums[:, k].any()]
+    overlap, missed, excess = sums[:, shown] * (volume / 255.0)
+    return TargetComparison(
+        tuple(names[k] for k in shown), overlap, missed, excess, int(np.count_nonzero(region)) * volume
+    )
+
+
+def _by_tissue(numbers: NDArray[np.uint8], levels: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    # Weights of bincount are doubles, which hold these sums exactly: at most 255 times 4 million.
+    return np.bincount(numbers, weights=levels, minlength=count).astype(np.int64)
+
+
+def _region(bone: VoxelBone, target: NDArray[Any] | LabelVolume) -> NDArray[np.bool_]:
+    labels = getattr(target, "labels", None)
+    region = np.asarray(target if labels is None else labels != 0)
+    if region.dtype != np.bool_:
+        raise ValueError(f"target must be an array of bool, got {region.dtype}")
+    if region.shape != bone.shape:
+        raise ValueError(f"target must have the bone's shape {bone.shape}, got {region.shape}")
+    if labels is not None:
+        _check_grid(bone, target)
+    return region
+
+
+def _check_grid(bone: VoxelBone, target: Any) -> None:
+    spacing, origin = np.asarray(target.spacing), np.asarray(target.bone_point(target.origin))
+    step = np.asarray(bone.spacing)
+    # A hundredth of a voxel: what headers lose by rounding.
+    if np.any(np.abs(spacing - step) * np.array(bone.shape[::-1]) > 0.01 * step) or np.any(
+        np.abs(origin - bone.origin) > 0.01 * step
+    ):
+        raise ValueError(
+            f"target must lie on the bone's grid, spacing {bone.spacing} and origin {bone.origin} mm, got "
+            f"{tuple(spacing.tolist())} and {tuple(origin.tolist())}"
+        )

@@ -1,0 +1,265 @@
+"""The state of a web page and what keeps it: the newest wish of the user is done, those before it are passed over."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import io
+import math
+import time
+from typing import Any
+
+import numpy as np
+
+from burrlab.view import page_mouse
+from burrlab.view.camera import Viewpoint, surgeon_view
+from burrlab.view.page_chart import polyline, top
+from burrlab.view.page_source import PageSource
+from burrlab.view.scene import Scene
+
+SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
+PRESETS = ("surgeon", "burr", "front", "side", "above")
+_PERIOD = 0.04  # between two looks at what is wished [s]
+_PATIENCE = 2.0  # a browser that has not shown a picture by then is not waited for [s]
+_QUALITY = 88  # of the JPEG pictures
+_MOST = 2560, 1600  # of a picture [pixel]
+
+
+class Page:
+    """Shows a source's bone in a scene, and says beside it what happens.
+
+    Parameters
+    ----------
+    server : trame server
+        Not yet started.
+    source : PageSource
+    scene : Scene
+        Of the source's bone, off screen.
+    """
+
+    def __init__(self, server: Any, source: PageSource, scene: Scene) -> None:
+        self.server, self.source, self.scene = server, source, scene
+        self.state = server.state
+        self._wanted, self._sent, self._clock = 0.0, -1.0, 0.0
+        self._draw, self._on_way = True, -_PATIENCE  # since when a picture is on its way
+        self._drag = np.zeros(2)
+        self._drag_moves, self._wheel = False, 0.0
+        self._counts = tuple(-(-n // 8) for n in source.bone.shape)
+        first, last = source.span
+        self.state.update({
+            "title": source.title, "kind": source.kind, "source_state": source.state, "wanted_s": 0.0, "time_s": 0.0,
+            "first_s": first, "last_s": last, "step_s": max((last - first) / 4000.0, 1e-3), "playing": False, "speed": 1.0,
+            "speeds": list(SPEEDS), "presets": list(PRESETS), "slices": False, "prepared": 0, "problem": "",
+            "numbers": [], "tissues": [], "distances": [], "events": [], "charts": [], "picture": "", "picture_number": 0,
+        })  # fmt: skip
+        self.state.change("wanted_s")(self._wish)
+        self.state.change("slices")(self._show_slices)
+        self.state.change("playing")(self._play)
+        self.state.change("speed")(self._play)
+        for name, call in (
+            ("drag", self.drag),
+            ("wheel", self.wheel),
+            ("shown", self.shown),
+            ("draw", self.draw),
+        ):
+            server.trigger(name)(call)
+        # a software renderer takes three times as long with multi-sampling
+        scene.plotter.render_window.SetMultiSamples(0)
+        scene.plotter.renderer.UseFXAAOn()
+        self._advance(0.0)
+        self._say_events()
+        self._picture()
+
+    def look(self, preset: str) -> None:
+        """Camera as named: surgeon, burr, front, side or above."""
+        self.scene.look(self._viewpoint(preset))
+        self._draw = True
+
+    def step(self, ticks: int) -> None:
+        """So many ticks on or back [ms, at 1 kHz]."""
+        period = self.source.span[1] / max(len(self.source.history.time), 1)
+        self._ask(self._wanted + ticks * period)
+
+    def seek(self, part: float) -> None:
+        """To that part of the charts' time axis, 0 to 1."""
+        first, last = self.source.span
+        self._ask(first + min(max(float(part), 0.0), 1.0) * (last - first))
+
+    def drag(self, right: float, up: float, moves: bool) -> None:
+        """The mouse went so far, in parts of the picture's height: turns the bone, or moves it."""
+        self._drag += float(right), float(up)
+        self._drag_moves = bool(moves)
+
+    def wheel(self, steps: float) -> None:
+        """The wheel turned; positive is nearer."""
+        self._wheel += float(steps)
+
+    def shown(self, width: int = 0, height: int = 0) -> None:
+        """A browser shows the newest picture, and says its place's size if that is news."""
+        self._on_way = -_PATIENCE
+        if width and height:
+            size = tuple(int(min(max(n, 64), most)) for n, most in zip((width, height), _MOST, strict=True))
+            if size != tuple(self.scene.plotter.window_size):
+                self.scene.plotter.window_size = size
+                self._draw = True
+
+    def draw(self) -> None:
+        """Once more, as for a window of another size."""
+        self._draw = True
+
+    async def run(self) -> None:
+        """Until it is cancelled."""
+        while True:
+            begin = time.monotonic()
+            try:
+                self._turn(begin)
+            except Exception as error:  # the page says it; the server goes on
+                with self.state as state:
+                    state.problem, state.playing = f"{type(error).__name__}: {error}", False
+            await asyncio.sleep(max(0.005, _PERIOD - (time.monotonic() - begin)))
+
+    def _turn(self, now: float) -> None:
+        source = self.source
+        prepared = round(100 * source.prepared)
+        if prepared != self.state.prepared:
+            with self.state as state:
+                state.prepared = prepared
+        if now - self._on_way < _PATIENCE:
+            return
+        self._move_camera()
+        if source.kind == "replay" and self.state.playing:
+            self._wanted += (now - self._clock) * float(self.state.speed)
+            self._clock = now
+            if self._wanted >= source.span[1]:
+                self._ask(source.span[1])
+                self.state.playing = False
+        with self.state:  # words and picture of one moment arrive together
+            if source.kind == "live" or self._wanted != self._sent:
+                self._advance(self._wanted)
+                self._draw = True
+            if self._draw:
+                self._picture()
+                self._on_way = now
+
+    def _move_camera(self) -> None:
+        camera = self.scene.plotter.camera
+        if self._drag.any():
+            (page_mouse.move if self._drag_moves else page_mouse.turn)(camera, *self._drag)
+            self._drag[:], self._draw = 0.0, True
+        if self._wheel:
+            page_mouse.zoom(camera, self._wheel)
+            self._wheel, self._draw = 0.0, True
+
+    def _advance(self, seconds: float) -> None:
+        """Bone, burrs and words to a moment."""
+        source, scene = self.source, self.scene
+        bricks = source.go(seconds)
+        if len(bricks):
+            scene.update(source.bone, np.stack(np.unravel_index(bricks, self._counts), axis=1))
+        burrs = source.burrs
+        scene.move_burrs(burrs.centers, list(burrs.on))
+        if self.state.slices:
+            self._cut()
+        self._sent = seconds
+        state = self.state
+        if state.playing or source.kind == "live":
+            state.wanted_s = seconds
+        state.time_s, state.source_state = round(source.time, 4), source.state
+        state.first_s, state.last_s = source.span
+        state.numbers, state.tissues = self._numbers(), self._tissues()
+        state.distances = source.distances()
+        if not state.charts or source.kind == "live":
+            state.charts = self._charts()
+
+    def _picture(self) -> None:
+        from PIL import Image
+
+        self._draw = False
+        self.scene.render()
+        data = io.BytesIO()
+        Image.fromarray(self.scene.picture()).save(data, "JPEG", quality=_QUALITY)
+        self.state.picture = "data:image/jpeg;base64," + base64.b64encode(data.getvalue()).decode("ascii")
+        self.state.picture_number += 1
+
+    def _wish(self, wanted_s: float, **_: Any) -> None:
+        value = float(wanted_s)
+        if value != self._sent and math.isfinite(value):
+            self._wanted, self._clock = value, time.monotonic()
+
+    def _play(self, **_: Any) -> None:
+        self._clock = time.monotonic()
+        if self.state.playing and self._wanted >= self.source.span[1]:
+            self._ask(0.0)
+
+    def _ask(self, seconds: float) -> None:
+        first, last = self.source.span
+        self._wanted = min(max(seconds, first), last)
+        with self.state as state:
+            state.wanted_s = self._wanted
+
+    def _show_slices(self, slices: bool, **_: Any) -> None:
+        if slices:
+            self._cut()
+        else:
+            self.scene.set_slices(None)
+        self._draw = True
+
+    def _cut(self) -> None:
+        centers = self.source.burrs.centers
+        known = len(centers) > 0 and bool(np.isfinite(centers[0]).all())
+        self.scene.set_slices(centers[0] if known else self._middle())
+
+    def _middle(self) -> Any:
+        bone = self.source.bone
+        return np.array(bone.origin) + np.array(bone.spacing) * (np.array(bone.shape[::-1]) - 1) / 2
+
+    def _viewpoint(self, preset: str) -> Viewpoint:
+        bone, burrs = self.source.bone, self.source.burrs
+        if preset == "burr" and len(burrs.radii) and np.isfinite(burrs.centers[0]).all():
+            return surgeon_view(bone, burrs.centers[0], width=8.0 * float(burrs.radii[0]), tilt=40.0)
+        axes = {"front": (0.0, 1.0, 0.0), "side": (-1.0, 0.0, 0.0), "above": (0.0, 0.0, -1.0)}
+        if preset in axes:
+            return surgeon_view(bone, axis=axes[preset], tilt=0.0)
+        return surgeon_view(bone)
+
+    def _numbers(self) -> list[dict[str, str]]:
+        source, rows = self.source, []
+        force, burrs = source.force, source.burrs
+        for i in range(len(burrs.radii)):
+            which = f" {i + 1}" if len(burrs.radii) > 1 else ""
+            place = ", ".join(f"{value:.2f}" for value in burrs.centers[i])
+            turns = "turns" if burrs.on[i] else "stands"
+            rows += [
+                ("force" + which, f"{np.linalg.norm(force[i]):.2f}", "N"),
+                ("penetration" + which, f"{source.depth[i]:.3f}", "mm"),
+                ("burr" + which, f"R = {burrs.radii[i]:g} mm, {turns}", ""),
+                ("centre" + which, place, "mm"),
+            ]
+        rows.append(("bone removed", f"{source.bone.removed:.2f}", "mm³"))
+        return [{"name": name, "value": value, "unit": unit} for name, value, unit in rows]
+
+    def _tissues(self) -> list[dict[str, Any]]:
+        bone = self.source.bone
+        if bone.tissues is None:
+            return []
+        return [
+            {"name": tissue.name, "colour": "rgb({}, {}, {})".format(*tissue.colour), "critical": tissue.critical,
+             "removed": f"{bone.removed_of(i):.2f}"}
+            for i, tissue in enumerate(bone.tissues) if bone.removed_of(i) > 0 or tissue.critical
+        ]  # fmt: skip
+
+    def _charts(self) -> list[dict[str, Any]]:
+        history, span = self.source.history, self.source.span
+        charts = []
+        for name, unit, values in (("force", "N", history.force), ("penetration", "mm", history.depth)):
+            if not values.shape[1]:
+                continue
+            most = top(values)
+            lines = [polyline(history.time, column, span, most) for column in values.T]
+            charts.append({"name": name, "unit": unit, "most": f"{most:g}", "lines": lines})
+        return charts
+
+    def _say_events(self) -> None:
+        self.state.events = [
+            {"time_s": at, "clock": f"{at:.2f} s", "text": text} for at, text in self.source.events
+        ]

@@ -1,0 +1,199 @@
+"""A replay, a running session or a bone in a web page, drawn on the server: the browser needs no WebGL."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import socket
+import sys
+import uuid
+import webbrowser
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from burrlab._core import VoxelBone
+from burrlab.session.session import Session
+from burrlab.session.trace import Trace
+from burrlab.view.page_source import PageSource, page_source
+from burrlab.view.player import TracePlayer
+
+
+def serve(
+    source: Trace | TracePlayer | Session | VoxelBone,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    open_browser: bool = False,
+    size: tuple[int, int] = (1024, 768),
+    level: int = 128,
+    on_ready: Callable[[str], object] | None = None,
+) -> None:
+    """Serves a page until Ctrl-C or SIGTERM.
+
+    Whoever reaches the port sees the page and can work it: there is no authentication. By default that is this machine
+    only. The page takes nothing from any other place.
+
+    Parameters
+    ----------
+    source : Trace, TracePlayer, Session or VoxelBone
+        A trace is replayed, with a time line; a session is shown live, and goes on when the page ends; a bone rests.
+    host : str
+        Address to listen on.
+    port : int
+        0 for any free one.
+    open_browser : bool
+        Open the page in the system's browser.
+    size : (width, height)
+        Of the picture until a browser says its own [pixel].
+    level : int
+        Occupancy level at the bone's surface, 1 to 255.
+    on_ready : callable, optional
+        Called with the page's address; default: it is printed.
+
+    Raises
+    ------
+    TypeError
+        If the source is none of these.
+    ValueError
+        If the port is not from 0 to 65535, or size or level is out of range.
+    OSError
+        If the port is taken, or the address is not one of this machine.
+    ImportError
+        If pyvista or trame is not installed.
+    RuntimeError
+        If there is no library to draw without a screen, or an event loop runs already.
+    """
+    shown = page_source(source)
+    if not 0 <= port <= 65535:
+        raise ValueError(f"port must be from 0 to 65535, got {port!r}")
+    _check_no_loop()
+    _check_trame()
+    _check_free(host, port)
+    asyncio.run(_serve(shown, host, port, open_browser, size, level, on_ready or _tell))
+
+
+async def _serve(
+    source: PageSource, host: str, port: int, open_browser: bool, size: tuple[int, int], level: int,
+    on_ready: Callable[[str], object],
+) -> None:  # fmt: skip
+    from burrlab.view.page import Page
+    from burrlab.view.page_layout import build_layout
+    from burrlab.view.scene import Scene
+
+    radii = [burr.radius for burr, _ in source.tools]
+    scene = Scene(source.bone, radii, off_screen=True, size=size, level=level, chart=False)
+    try:
+        server = _server()
+        page = Page(server, source, scene)
+        build_layout(page)
+        end = asyncio.Event()
+        ready = server.ready
+        with _ended_by_signals(end), _own_arguments():
+            task = server.start(
+                host=host, port=port, exec_mode="task", thread=True, open_browser=False, show_connection_info=False, timeout=0,
+            )  # fmt: skip
+            await asyncio.wait([ready, task], return_when=asyncio.FIRST_COMPLETED)
+            if task.done():
+                task.result()
+            address = f"http://{host}:{server.port}/"
+            on_ready(address)
+            if open_browser:
+                webbrowser.open(address)
+            source.open()
+            work = asyncio.create_task(page.run())
+            await end.wait()
+            work.cancel()
+            await server.stop()
+    finally:
+        source.close()
+        scene.close()
+
+
+def _server() -> Any:
+    from trame.app import get_server
+
+    os.environ["WSLINK_READY_MSG"] = ""  # else a word on standard output
+    os.environ.setdefault("WSLINK_WS_COMPRESS", "0")  # pictures are compressed already
+    server = get_server(f"burrlab-{uuid.uuid4()}", client_type="vue3")
+    server.controller.on_server_bind.add(_prepare_routes)
+    return server
+
+
+def _prepare_routes(web: Any) -> None:
+    from aiohttp.web import HTTPForbidden, json_response, middleware
+
+    @middleware
+    async def same_origin(request: Any, handler: Callable[[Any], Any]) -> Any:
+        """Pages of other origins must not reach in through the user's browser."""
+        origin = request.headers.get("Origin")
+        if origin and origin.split("//")[-1] != request.headers.get("Host"):
+            raise HTTPForbidden(text="this page is of another origin")
+        return await handler(request)
+
+    async def launch(request: Any) -> Any:
+        """trame's page asks a launcher first; without one the browser would log an error."""
+        return json_response({"sessionURL": f"ws://{request.host}/ws", "secret": "wslink-secret"})
+
+    web.app.middlewares.append(same_origin)
+    web.app.router.add_post("/paraview/", launch)
+
+
+@contextlib.contextmanager
+def _ended_by_signals(end: asyncio.Event) -> Iterator[None]:
+    """Ctrl-C and SIGTERM end the page in order, where this is the main thread."""
+    loop = asyncio.get_running_loop()
+    taken = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
+            loop.add_signal_handler(number, end.set)
+            taken.append(number)
+    try:
+        yield
+    finally:
+        for number in taken:
+            loop.remove_signal_handler(number)
+
+
+@contextlib.contextmanager
+def _own_arguments() -> Iterator[None]:
+    """trame would read the program's arguments as its own."""
+    before, sys.argv = sys.argv, sys.argv[:1]
+    try:
+        yield
+    finally:
+        sys.argv = before
+
+
+def _check_no_loop() -> None:
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return
+    raise RuntimeError(
+        "serve blocks until the page ends, and an event loop runs here: use a script or a terminal"
+    )
+
+
+def _check_free(host: str, port: int) -> None:
+    """OSError in one sentence if nobody could listen there."""
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except OSError as error:
+        raise OSError(f"cannot listen on {host}:{port}: {error.strerror or error}") from None
+
+
+def _check_trame() -> None:
+    try:
+        import trame.ui.vuetify3
+        import trame.widgets.vuetify3  # noqa: F401
+    except ImportError:
+        raise ImportError("the page needs trame: pip install 'burrlab[viz3d]'") from None
+
+
+def _tell(address: str) -> None:
+    print(f"{address}  (no authentication: whoever reaches it can see and work it; Ctrl-C ends)", flush=True)

@@ -1,0 +1,149 @@
+"""Distance to structures: search and field against the definition, against spheres and planes, and at their borders."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from anatomy_scenes import BONE, nerve_bone
+from tests.reference import anatomy as reference
+
+from burrlab import Tissue, Tissues, VoxelBone
+from burrlab._core import StructureDistance, StructureSearch
+from burrlab.anatomy.distance_fields import structure_distances
+
+
+def labelled(numbers, spacing, origin=(0.0, 0.0, 0.0)):
+    bone = VoxelBone(np.full(numbers.shape, 255, np.uint8), spacing, origin)
+    rows = [
+        Tissue(f"tissue {i}", label=i, c_e=2.0, alpha=0.1, critical=i > 0)
+        for i in range(int(numbers.max()) + 1)
+    ]
+    bone.set_tissues(Tissues(rows, BONE), numbers)
+    return bone
+
+
+@pytest.mark.parametrize("spacing", [(0.2, 0.2, 0.2), (0.1, 0.13, 0.31), (0.5, 0.2, 0.7)])
+@pytest.mark.parametrize("share", [0.9995, 0.97, 0.3])
+def test_search_finds_the_nearest_voxel(spacing, share) -> None:
+    random = np.random.default_rng(3)
+    shape, origin = (37, 43, 51), (-3.0, 2.0, 0.7)
+    numbers = (random.random(shape) > share).astype(np.uint8)
+    numbers[:17, 8:16, 16:24] = 1  # whole bricks, one of them beyond the volume's last whole one
+    numbers[32:, 40:, 48:] = 2
+    bone = labelled(numbers, spacing, origin)
+    size = np.array(spacing) * shape[::-1]
+    points = origin + size * random.uniform(-0.6, 1.6, (150, 3))
+    for number in (1, 2):
+        want = reference.distance(points, numbers, number, spacing, origin)
+        np.testing.assert_allclose(StructureSearch(bone, number).distance(points), want, rtol=0, atol=1e-12)
+
+
+def test_a_search_does_not_depend_on_the_one_before() -> None:
+    numbers = (np.random.default_rng(5).random((40, 40, 40)) > 0.999).astype(np.uint8)
+    search = StructureSearch(labelled(numbers, 0.2), 1)
+    points = np.random.default_rng(6).uniform(-1, 9, (200, 3))
+    one_by_one = [float(search.distance(point)) for point in points]
+    assert search.distance(points).tolist() == one_by_one
+    assert search.distance(points[::-1])[::-1].tolist() == one_by_one
+
+
+def test_inside_the_distance_is_zero_and_the_surface_at_minus_the_radius() -> None:
+    (nerve,) = structure_distances(nerve_bone(), [1])
+    assert nerve.of_sphere((0, 0, -1.5), 1.25) == -1.25
+    assert nerve.of_sphere((0.5, 0, -1.5), 0.0) == 0.0  # on its face
+
+
+@pytest.mark.parametrize("spacing", [(0.2, 0.2, 0.2), (0.1, 0.1, 0.2), (0.15, 0.2, 0.35)])
+def test_a_plane_and_a_sphere(spacing) -> None:
+    s = np.array(spacing)
+    shape = tuple(int(np.ceil(9 / step)) for step in spacing[::-1])
+    z, y, x = (((np.arange(n)) * step) for n, step in zip(shape, spacing[::-1], strict=True))
+    numbers = np.zeros(shape, np.uint8)
+    numbers[z < 2] = 1
+    r = np.sqrt(
+        ((x - 4.5) ** 2)[None, None] + ((y - 4.5) ** 2)[None, :, None] + ((z - 6) ** 2)[:, None, None]
+    )
+    numbers[r <= 1.5] = 2
+    bone = labelled(numbers, spacing)
+    top = np.ceil(2 / spacing[2] - 1e-9) * spacing[2] - spacing[2] / 2
+    plane, sphere = structure_distances(bone, [1, 2])
+    at = np.random.default_rng(1).uniform([2, 2, top], [7, 7, 12], (300, 3))
+    want = at[:, 2] - top
+    np.testing.assert_allclose(
+        plane.of_sphere(at, 1.0), want - 1.0, rtol=0, atol=1e-6
+    )  # a field is exact on planes
+    far = np.linalg.norm(at - (4.5, 4.5, 6), axis=1)
+    off = sphere.of_sphere(at, 0.5) - np.maximum(far - 1.5, 0.0) + 0.5
+    assert np.abs(off).max() < np.linalg.norm(s) + 0.03  # a sphere of voxels is that much of a sphere
+
+
+@pytest.mark.parametrize("spacing", [(0.2, 0.2, 0.2), (0.3, 0.3, 0.5)])
+def test_the_field_errs_within_its_bounds_and_is_exact_near(spacing) -> None:
+    random = np.random.default_rng(2)
+    shape = (40, 44, 48)
+    numbers = np.zeros(shape, np.uint8)
+    for corner in random.integers(
+        4, 36, (6, 3)
+    ):  # several pieces: ridges between them are the field's worst case
+        numbers[tuple(slice(c, c + 4) for c in corner)] = 1
+    bone = labelled(numbers, spacing)
+    (distance,) = structure_distances(bone, [1])
+    search = StructureSearch(bone, 1)
+    points = np.array(spacing) * shape[::-1] * random.uniform(-0.3, 1.3, (20_000, 3))
+    exact, field = search.distance(points), distance.field(points)
+    near = exact < 7.0
+    assert near.sum() > 5000
+    assert (exact - field)[near].max() < 0.8661 * 0.4
+    assert (field - exact)[near & (exact > 1.0)].max() < 0.2
+    for radius in (0.0, 1.0, 3.0, 5.0):
+        said, want = distance.of_sphere(points, radius), exact - radius
+        assert (said[want < 1.0] == want[want < 1.0]).all()
+        assert (said[want >= 1.0] >= 1.0 - 0.8661 * 0.4).all()
+
+
+def test_estimates_beyond_the_searched_nodes_err_by_less_than_is_said() -> None:
+    bone = nerve_bone()
+    (distance,) = structure_distances(bone, [1])
+    points = np.random.default_rng(8).uniform((-19, -19, -15), (19, 19, 12), (20_000, 3))
+    exact, field = StructureSearch(bone, 1).distance(points), distance.field(points)
+    inside = np.isfinite(field)
+    assert inside.sum() > 15_000
+    assert (exact[~inside] >= 15.0 - 1e-9).all()
+    assert np.abs(field - exact)[inside].max() < 0.87
+
+
+def test_what_cannot_be_searched_is_refused() -> None:
+    plain = VoxelBone.block((2, 2, 2), 0.2)
+    with pytest.raises(ValueError, match="bone must have tissues, got one of a single material"):
+        StructureSearch(plain, 0)
+    bone = nerve_bone()
+    with pytest.raises(ValueError, match="tissue must be below 4, got 4"):
+        StructureSearch(bone, 4)
+    with pytest.raises(ValueError, match="structure must have voxels, 'unused' has none"):
+        StructureSearch(bone, 3)
+    search = StructureSearch(bone, 1)
+    with pytest.raises(ValueError, match="every point must be finite, got nan"):
+        search.distance((0.0, np.nan, 0.0))
+    with pytest.raises(ValueError, match=r"points must be \(x, y, z\) along their last axis"):
+        search.distance((0.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [({"spacing": 0.5}, "spacing must be at most 0.4 mm, got 0.5"), ({"spacing": 0.0}, "spacing must be positive"),
+     ({"error": -1.0}, "error must be zero or positive"), ({"origin": (0, np.inf, 0)}, "origin must be finite"),
+     ({"estimate": np.zeros((1, 4, 4), np.float32)}, "every side of a field must be at least 2, got 1"),
+     ({"estimate": np.zeros((4, 4), np.float32)}, "estimate must have 3 dimensions")],
+)  # fmt: skip
+def test_a_field_is_checked(change, sentence) -> None:
+    values = {"estimate": np.zeros((4, 4, 4), np.float32), "spacing": 0.4, "origin": (0, 0, 0), "error": 0.5}
+    with pytest.raises(ValueError, match=sentence):
+        StructureDistance(StructureSearch(nerve_bone(), 1), **{**values, **change})
+
+
+def test_the_radius_of_a_sphere_is_checked() -> None:
+    (nerve,) = structure_distances(nerve_bone(), [1])
+    with pytest.raises(ValueError, match="radius must be at most 6 mm, got 7"):
+        nerve.of_sphere((0, 0, 0), 7.0)
+    with pytest.raises(ValueError, match="radius must be zero or positive"):
+        nerve.of_sphere((0, 0, 0), -1.0)

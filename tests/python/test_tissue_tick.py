@@ -1,0 +1,280 @@
+"""The tick in a bone with tissues: against the slow reference on every CPU path, and what must not matter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, event, given, settings
+from hypothesis import strategies as st
+from test_tick_reference import scenes
+from tick_scenes import (
+    SCHEMES,
+    SHAPES,
+    Scene,
+    assert_same_contact,
+    assert_same_sums,
+    check_scene,
+    make_pair,
+    scene_of,
+    table_of,
+    table_of_tissues,
+)
+
+import burrlab
+from burrlab import _core
+from reference.tick import ReferenceContact, ReferenceTissues
+
+PATHS = tuple(_core.cpu_paths())
+SKEW = (0.13, 0.2, 0.17)  # spacing (x, y, z) [mm]
+RATES = (0.0, 0.087, 0.256, 2.0, 1e-4, 40.0, 0.1250001)  # alpha [1/ms], with and without doublings
+
+pytestmark = pytest.mark.usefixtures("keep_cpu_path")
+
+
+def numbers_of(kind: str, size: tuple[int, int, int], count: int, seed: int = 3) -> np.ndarray:
+    """One number throughout, one a brick, two halves, or one a voxel."""
+    random = np.random.default_rng(seed)
+    if kind == "one":
+        return np.full(size, count - 1, np.uint8)
+    if kind == "bricks":
+        bricks = random.integers(0, count, tuple(-(-n // 8) for n in size)).astype(np.uint8)
+        whole = bricks.repeat(8, 0).repeat(8, 1).repeat(8, 2)
+        return whole[: size[0], : size[1], : size[2]].copy()
+    if kind == "halves":
+        z, y, x = np.indices(size)
+        return np.where(z + y > x, 0, count - 1).astype(np.uint8)
+    return random.integers(0, count, size).astype(np.uint8)
+
+
+def tissues_of(
+    kind: str, size: tuple[int, int, int], count: int, rates: tuple[float, ...] = RATES
+) -> ReferenceTissues:
+    c_e = np.random.default_rng(count).uniform(0.2, 5.0, count)
+    c_e[-1] = 1000.0
+    alpha = [rates[i % len(rates)] for i in range(count)]
+    return ReferenceTissues(numbers_of(kind, size, count), c_e.tolist(), alpha)
+
+
+# --- Against the reference ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("spacing", [(0.2, 0.2, 0.2), SKEW], ids=["equal", "skew"])
+@pytest.mark.parametrize(
+    ("kind", "count"), [("one", 2), ("bricks", 5), ("halves", 7), ("random", 16), ("random", 64)]
+)
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_kinds_of_bricks(
+    cpu_path: str, scheme: str, kind: str, count: int, spacing: tuple[float, float, float]
+) -> None:
+    """Bricks of one tissue, of two, and of many; the volume ends within a brick."""
+    for fill in ("solid", "random"):
+        scene = scene_of(scheme, "parabolic", spacing=spacing, fill=fill)
+        assert check_scene(scene, tissues_of(kind, scene.size, count)) > 0.0
+
+
+@pytest.mark.parametrize("shape", [*SHAPES, "power(7.3)"])
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_shapes(cpu_path: str, scheme: str, shape: str) -> None:
+    for spacing in ((0.2, 0.2, 0.2), SKEW):
+        scene = scene_of(scheme, shape, spacing=spacing, fill="random", seed=2**64 - 1)
+        assert check_scene(scene, tissues_of("random", scene.size, 16)) > 0.0
+
+
+@pytest.mark.parametrize("rates", [(0.087,), (0.0, 0.0625), (0.3, 0.087), (2.0, 0.0), (40.0, 0.1)], ids=str)
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_rates(cpu_path: str, scheme: str, rates: tuple[float, ...]) -> None:
+    """No doublings, doublings of some, and a tissue that does not erode; faint levels are counted too."""
+    for kind in ("random", "bricks"):
+        scene = scene_of(scheme, "parabolic", fill="faint", size=(17, 25, 31))
+        assert check_scene(scene, tissues_of(kind, scene.size, 5, rates)) > 0.0
+
+
+def test_a_tissue_that_does_not_erode_stays() -> None:
+    scene = scene_of("layer", "parabolic", fill="solid")
+    tissues = tissues_of("random", scene.size, 16, (0.0, 0.5))
+    bone, core, _ = make_pair(scene, tissues)
+    core.run(np.array(scene.centers()), scene.dt)
+    stays = tissues.number % 2 == 0
+    np.testing.assert_array_equal(bone.density[stays], 255)
+    assert bone.density[~stays].min() < 255
+
+
+@pytest.mark.parametrize("size", [(1, 1, 1), (7, 9, 15), (8, 8, 8), (9, 17, 5), (5, 6, 300)])
+def test_clipped_volumes(cpu_path: str, size: tuple[int, int, int]) -> None:
+    """Sides that are no multiples of a brick, or shorter than one."""
+    steps = tuple(((i / 7, 0.3, 0.9), True) for i in range(8))
+    for kind in ("random", "bricks"):
+        scene = scene_of("layer", "quartic", size=size, steps=steps, ratio=5.0)
+        check_scene(scene, tissues_of(kind, size, 16, (0.5, 0.2)))
+
+
+@settings(max_examples=80, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+@given(scenes(), st.sampled_from(["one", "bricks", "halves", "random"]), st.integers(1, 64))
+def test_any_scene_equals_reference(scene: Scene, kind: str, count: int) -> None:
+    removed = check_scene(scene, tissues_of(kind, scene.size, count, (scene.alpha, 0.0, scene.alpha / 7)))
+    event(f"erodes: {removed > 0.0}")
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_two_burrs_on_one_bone(scheme: str) -> None:
+    """Both meet the same tissues; the sums by tissue count what both removed."""
+    p = np.random.default_rng(5).integers(0, 256, (20, 21, 25)).astype(np.uint8)
+    tissues = tissues_of("random", p.shape, 16)
+    material = burrlab.Material("any", c_e=1.5, alpha=0.2)
+    bone, q = burrlab.VoxelBone(p, spacing=0.2), p.copy()
+    bone.set_tissues(table_of_tissues(tissues, material), tissues.number)
+    pairs = []
+    for index, radius in enumerate((1.6, 1.1)):
+        core = burrlab.BurrContact(bone, burrlab.Burr(radius), material, seed=9, index=index, scheme=scheme)
+        reference = ReferenceContact(
+            q,
+            p,
+            0.2,
+            (0, 0, 0),
+            radius,
+            1.5,
+            0.2,
+            "parabolic",
+            9,
+            index,
+            scheme,
+            table_of("parabolic"),
+            tissues,
+        )
+        pairs.append((core, reference))
+    for _ in range(6):
+        for core, reference in pairs:
+            center = (2.0 + 0.3 * reference.index, 2.1, 2.0)
+            assert_same_contact(core.step(center, 1.0), reference.step(center, 1.0), reference.radius)
+            np.testing.assert_array_equal(bone.density, q)
+            assert_same_sums(bone, tissues)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_probe_then_erode_is_a_step(cpu_path: str, scheme: str) -> None:
+    """A sphere that covers bricks whole: their weight by tissue comes from another routine."""
+    scene = scene_of(scheme, "parabolic", size=(48, 48, 48), ratio=18.0, fill="random")
+    tissues = tissues_of("random", scene.size, 16, (0.087, 0.3))
+    bone, core, reference = make_pair(scene, tissues)
+    for center in scene.centers()[:2]:
+        expected: Any = reference.step(center, scene.dt)
+        got = core.probe(center)
+        assert (got.c_e, got.force.tolist()) == (
+            pytest.approx(expected["c_e"], abs=0, rel=0), pytest.approx(expected["force"].tolist(), rel=1e-12)
+        )  # fmt: skip
+        core.erode(center, scene.dt)
+        np.testing.assert_array_equal(bone.density, reference.q)
+    assert_same_sums(bone, tissues)
+
+
+# --- What must not matter -----------------------------------------------------------------------------------
+
+
+def felt(scene: Scene, tissues: ReferenceTissues | None, c_e: float | None = None) -> tuple[bytes, list[Any]]:
+    """Levels and forces at the end of a scene; with `c_e` in a plain bone of that constant."""
+    bone, core, _ = make_pair(scene, tissues)
+    if c_e is not None:
+        material = burrlab.Material("any", c_e=c_e, alpha=scene.alpha, shape=scene.shape)
+        core = burrlab.BurrContact(
+            bone, core.burr, material, seed=scene.seed, index=scene.index, scheme=scene.scheme
+        )
+        core.tick = scene.tick
+    run = core.run(np.array(scene.centers()), scene.dt)
+    return bone.density.tobytes(), [run.force.tolist(), run.removed.tolist(), run.c_e[run.touching].tolist()]
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_one_tissue_is_a_plain_bone(cpu_path: str, scheme: str) -> None:
+    """To the last bit, for every K: also where the sum of K M is beyond 2^53."""
+    for k in (1, 8786, 4_095_999, 4_096_000):
+        scene = scene_of(scheme, "parabolic", size=(66, 66, 66), ratio=28.0, fill="solid")
+        scene = replace(scene, steps=scene.steps[:2])
+        one = ReferenceTissues(np.zeros(scene.size, np.uint8), [k / 4096], [scene.alpha])
+        assert felt(scene, one) == felt(scene, None, k / 4096)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_splitting_a_tissue_changes_nothing(cpu_path: str, scheme: str) -> None:
+    """Sixteen tissues with equal values, voxel by voxel at random, are one."""
+    scene = scene_of(scheme, "quartic", fill="random", spacing=SKEW, alpha=0.2)
+    whole = felt(scene, ReferenceTissues(np.zeros(scene.size, np.uint8), [2.0], [0.2]))
+    for count in (16, 40):
+        numbers = numbers_of("random", scene.size, count)
+        assert felt(scene, ReferenceTissues(numbers, [2.0] * count, [0.2] * count)) == whole
+
+
+def test_a_held_force_in_a_mixed_bone_is_the_same_on_every_path() -> None:
+    found = set()
+    for path in PATHS:
+        _core.use_cpu_path(path)
+        bone = burrlab.VoxelBone.block((8, 8, 3), 0.2, origin=(-4, -4, -3))
+        material = burrlab.materials["bone"]
+        tissues = tissues_of("random", bone.shape, 16, (0.087, 0.3))
+        tissues = replace(tissues, c_e=[0.5 + 0.25 * i for i in range(16)])
+        bone.set_tissues(table_of_tissues(tissues, material), tissues.number)
+        contact = burrlab.BurrContact(bone, burrlab.Burr(2.0), material, seed=4)
+        held = contact.hold(1.0, (0, 0, 2.2), (0, 0, -1), from_=0.0, travel=0.9, dt=1.0, ticks=200)
+        assert np.abs(held.force - 1.0).max() < 1e-3
+        found.add((bone.digest(), tuple(held.position)))
+    assert len(found) == 1
+
+
+# --- What is refused ----------------------------------------------------------------------------------------
+
+
+def two_tissues() -> tuple[burrlab.VoxelBone, burrlab.Material]:
+    bone = burrlab.VoxelBone.block((4, 4, 4), 0.2)
+    tissues = tissues_of("halves", bone.shape, 2, (0.087, 0.0))
+    bone.set_tissues(table_of_tissues(tissues, burrlab.materials["bone"]), tissues.number)
+    return bone, burrlab.materials["pvc"]
+
+
+def test_another_material_is_refused() -> None:
+    bone, other = two_tissues()
+    sentence = r"material must be that of the bone's tissues, 'bone' \(c_e 2.145, alpha 0.087, parabolic\), got 'pvc'"
+    with pytest.raises(ValueError, match=sentence):
+        burrlab.BurrContact(bone, burrlab.Burr(1.5), other, seed=1)
+    with pytest.raises(ValueError, match=sentence):
+        burrlab.erode(bone, burrlab.Burr(1.5), (2, 2, 2), other, dt=1.0, seed=1, tick=0)
+    assert bone.removed_of(0) == 0.0
+
+
+def test_tissues_may_come_after_the_burr() -> None:
+    """The next tick has them, or says that the material is another."""
+    bone, other = two_tissues()
+    plain = burrlab.VoxelBone.block((4, 4, 4), 0.2)
+    burr, center = burrlab.Burr(1.5), (2, 2, 4.5)
+    late = burrlab.BurrContact(plain, burr, burrlab.materials["bone"], seed=1)
+    refused = burrlab.BurrContact(plain, burr, other, seed=1)
+    assert bone.tissues is not None
+    plain.set_tissues(bone.tissues, bone.tissue_numbers)
+    early = burrlab.BurrContact(bone, burr, burrlab.materials["bone"], seed=1)
+    assert late.step(center, 1.0).c_e == early.step(center, 1.0).c_e != 2.145
+    assert plain.digest() == bone.digest()
+    with pytest.raises(ValueError, match="material must be that of the bone's tissues"):
+        refused.step(center, 1.0)
+    assert refused.probe(center).c_e == late.probe(center).c_e
+
+
+def test_rates_and_radii_beyond_what_sums_hold() -> None:
+    bone = burrlab.VoxelBone.block((1, 1, 1), 0.01)
+    material = burrlab.materials["bone"]
+    rows = [burrlab.Tissue("enamel", label=1, c_e=1000.0, alpha=0.1)]
+    bone.set_tissues(burrlab.Tissues(rows, material), np.zeros(bone.shape, np.uint8))
+    burrlab.BurrContact(bone, burrlab.Burr(1.99), material, seed=1)
+    with pytest.raises(ValueError, match="radius over the voxel must be small enough for c_e of the tissues"):
+        burrlab.BurrContact(bone, burrlab.Burr(2.05), material, seed=1)
+    with pytest.raises(ValueError, match="alpha dt must be at most 1000, got 20000"):
+        burrlab.BurrContact(bone, burrlab.Burr(1.0), material, seed=1).step((0, 0, 0), 2e5)
+
+
+def test_c_e_without_contact_is_the_materials() -> None:
+    bone, _ = two_tissues()
+    contact = burrlab.BurrContact(bone, burrlab.Burr(1.5), burrlab.materials["bone"], seed=1)
+    got = contact.run(np.array([[2.0, 2.0, 9.0], [2.0, 2.0, 4.5]]), 1.0)
+    assert got.c_e[0] == 2.145
+    assert not got.touching[0]
+    assert got[1].c_e == got.c_e[1] != 2.145

@@ -1,0 +1,322 @@
+"""A watch in a session: events at their ticks, doses, the trace, replay, gaps and a replica."""
+
+from __future__ import annotations
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+from anatomy_scenes import BONE, NAMES, nerve_bone, straight, tool
+from tests.reference import anatomy as reference
+
+import burrlab
+from burrlab import _core
+from burrlab.anatomy import AnatomyReport, Watch, anatomy_report
+from burrlab.session.network import follow
+from burrlab.session.replay import inputs
+from burrlab.session.trace_file import to_rows
+from burrlab.session.watch_rows import KINDS
+
+LIMITS = {"approach": 2.0, "touch": 0.1, "injury": 0.05, "hysteresis": 0.4}
+# Down beside the nerve and into it, up again, and once more: [mm] at [s].
+DOWN = [(0, 0, 4.0), (0, 0, -0.6), (0, 1, 4.0), (0, 1, 0.2), (0, 0, 4.5)]
+TIMES = [0.0, 0.6, 1.0, 1.3, 1.6]
+
+
+def run(path=None, *, bone=None, watch=None, devices=None, tools=None, **options):
+    bone = nerve_bone() if bone is None else bone
+    watch = Watch(bone, **LIMITS) if watch is None else watch
+    return burrlab.Session(
+        bone, tool() if tools is None else tools, straight(DOWN, TIMES) if devices is None else devices, seed=3,
+        record=path, duration=1.6, wall_clock=False, watch=watch, **options,
+    )  # fmt: skip
+
+
+def lost_of(trace, tissue):
+    """Volume lost by a tissue in each tick [mm^3], from a replay that looks at the bone after each."""
+    bone = trace.bone()
+    executor = _core.TickExecutor(bone, list(trace.tools), trace.seed, tick=trace.first_tick)
+    masses = [bone.mass_of(tissue)]
+    for i in range(len(trace)):
+        executor.execute(inputs(trace.ticks[i : i + 1]))
+        masses.append(bone.mass_of(tissue))
+    return -np.diff(masses)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    path = tmp_path_factory.mktemp("watch") / "near.h5"
+    said = []
+    with run(path, on_message=said.append) as session:
+        session.wait()
+    return session, burrlab.load_trace(path), said
+
+
+def test_events_come_at_the_ticks_of_the_definition(recorded) -> None:
+    _, trace, _ = recorded
+    watch = Watch(trace.bone(), **LIMITS)
+    for number, name in enumerate(watch.structures):
+        distances = watch.distance(trace.array("center_mm"), name, radius=1.0)
+        told = reference.events(np.zeros(len(trace), int), distances, lost_of(trace, name), **LIMITS)
+        rows = trace.events[trace.events["structure"] == number]
+        assert [(int(e["tick"]), KINDS[e["kind"]], int(e["burr"])) for e in rows] == told
+        np.testing.assert_array_equal(rows["distance_mm"], distances[rows["tick"].astype(int)])
+    kinds = [KINDS[e["kind"]] for e in trace.events if e["structure"] == 0]
+    assert kinds == ["approach", "touch", "injury", "away", "approach", "away"]
+    assert (np.diff(trace.events["tick"].astype(int)) >= 0).all()
+
+
+def test_doses_are_those_of_the_definition(recorded) -> None:
+    session, trace, _ = recorded
+    watch, report = Watch(trace.bone(), **LIMITS), session.anatomy()
+    force = np.linalg.norm(trace.array("force_N"), axis=1)
+    k, on = trace.ticks["k"].astype(float), trace.array("on") == 1
+    for name in watch.structures:
+        distances = watch.distance(trace.array("center_mm"), name, radius=1.0)
+        want, dose = reference.dose(distances, k, on, force, touch=LIMITS["touch"]), report.dose(name)
+        assert dose.closest == want["closest"] == distances[dose.closest_tick]
+        assert dose.closest_center == tuple(trace.array("center_mm")[dose.closest_tick])
+        assert dose.touching == pytest.approx(want["touching"] / 1000)
+        for field in ("time_within", "turning_within"):
+            assert list(getattr(dose, field).values()) == pytest.approx(np.array(want[field]) / 1000)
+        assert list(dose.mean_force.values()) == pytest.approx(want["mean_force"], nan_ok=True)
+        assert list(dose.peak_force.values()) == pytest.approx(want["peak_force"])
+        assert dose.removed == pytest.approx(lost_of(trace, name).sum(), abs=1e-9)
+    assert report.dose("nerve").removed > 0.05
+    assert report.closest["nerve"] == report.dose("nerve").closest < 0
+
+
+def test_session_trace_and_replay_say_the_same_to_the_bit(recorded) -> None:
+    session, trace, _ = recorded
+    kept, again = AnatomyReport.recorded(trace), anatomy_report(trace)
+    assert kept is not None
+    assert again.equals(kept)
+    assert session.anatomy().equals(kept)
+    assert not anatomy_report(trace, watch=Watch(trace.bone(), **{**LIMITS, "approach": 3.0})).equals(kept)
+    removed = dict(zip(NAMES, (trace.bone().mass_of(name) for name in NAMES), strict=True))
+    after, _ = session.snapshot()
+    for name in NAMES:
+        assert again.removed[name] == pytest.approx(removed[name] - after.mass_of(name), abs=1e-9)
+    assert again.removed["bone"] > 0 < again.removed["nerve"]
+
+
+def test_what_happens_is_said_while_the_session_runs(recorded) -> None:
+    session, trace, said = recorded
+    events = [event for event in session.anatomy().events if event.kind != "away"]
+    assert [str(event) for event in events] == [text for text in said if text.startswith("burr 0: ")]
+    assert str(events[0]) == f"burr 0: 2 mm from nerve at tick {events[0].tick}"
+    assert any(text.startswith("burr 0: touches nerve at tick ") for text in said)
+    assert any(text.startswith("burr 0: injures nerve, ") for text in said)
+    assert trace.watch == Watch(trace.bone(), **LIMITS).settings
+
+
+def test_a_report_prints_tells_json_and_draws(recorded) -> None:
+    session, trace, _ = recorded
+    report = session.report()
+    assert "removed [mm^3]: bone " in str(report)
+    assert "burr beside" in str(report)
+    metrics = burrlab.session_metrics(trace)
+    told = json.loads(json.dumps(metrics.to_dict(), allow_nan=False))["anatomy"]
+    assert told["removed_mm3"]["nerve"] > 0.05
+    assert told["doses"][0]["structure"] == "nerve"
+    assert len(told["events"]) == len(trace.events)
+    assert "nerve" in repr(metrics)
+    assert "<pre>" in metrics._repr_html_()
+    axes = metrics.plot()
+    assert [a.get_xlabel() for a in axes[-2:]] == ["distance of the burr's surface [mm]", "force [N]"]
+    assert report.to_dict()["anatomy"]["closest_mm"]["nerve"] == session.anatomy().closest["nerve"]
+
+
+def test_two_burrs_are_told_apart(tmp_path) -> None:
+    still = straight([(-3, 0, 1.2), (-3, 0, 1.2)], [0.0, 1.6])
+    path = tmp_path / "two.h5"
+    with run(path, devices=[still, straight(DOWN, TIMES)], tools=[tool(1.5), tool(1.0)]) as session:
+        session.wait()
+    trace, report = burrlab.load_trace(path), session.anatomy()
+    assert {event.burr for event in report.events if event.kind in ("touch", "injury")} == {1}
+    assert report.dose("nerve", 0).removed == 0 < report.dose("nerve", 1).removed
+    watch = Watch(trace.bone(), **LIMITS)
+    for burr, radius in enumerate((1.5, 1.0)):
+        distances = watch.distance(trace.array("center_mm", burr), "nerve", radius=radius)
+        assert report.dose("nerve", burr).closest == distances.min()
+    assert anatomy_report(trace).equals(report)
+
+
+def test_a_killed_session_keeps_its_events(tmp_path) -> None:
+    path, early = tmp_path / "killed.h5", tmp_path / "early.h5"
+    mailbox = _core.MailboxDevice(lost_after=1e4)
+    bone = nerve_bone()
+    with burrlab.Session(
+        bone, tool(), mailbox, seed=1, record=path, watch=Watch(bone), realtime=False, duration=60
+    ) as session:
+        mailbox.put((0, 0, 1.5))
+        for _ in range(100):
+            session.wait(0.05)
+            if len(burrlab.load_trace(path).events) == 1:
+                break
+        early.write_bytes(path.read_bytes())  # all that a kill would have left
+    trace = burrlab.load_trace(early)
+    assert trace.watched is None
+    assert AnatomyReport.recorded(trace) is None
+    assert len(trace.events) == 1
+    assert trace.events["tick"][0] < trace.first_tick + len(trace)
+    again = anatomy_report(trace)
+    assert again.watched.events.tobytes() == trace.events.tobytes()
+    assert burrlab.load_trace(path).watched is not None
+
+
+def test_ticks_that_are_passed_over_are_said_and_injuries_stay_whole() -> None:
+    bone = nerve_bone()
+    watch = Watch(bone, **LIMITS)
+    session = run(bone=bone, watch=watch)
+    session.follower.ask_rebuild()
+    with session:
+        for _ in range(40):
+            session.follower.ask_rebuild()
+            session.wait(0.02)
+        session.wait()
+    whole = run(bone=nerve_bone())
+    with whole:
+        whole.wait()
+    report, want = session.anatomy(), whole.anatomy()
+    assert report.removed == want.removed
+    if report.watched.ticks_passed_over:  # the follower may have been ahead each time
+        assert report.watched.gaps > 0
+        assert "ticks were passed over" in str(report)
+
+
+def test_an_injury_in_a_gap_is_told_without_a_burr() -> None:
+    bone = nerve_bone()
+    watch = Watch(bone, **LIMITS).core([1.0])
+    mine, theirs = bone.copy(), bone.copy()
+    _core.TickExecutor(mine, [tool()], 1).set_watch(watch)
+    leader = _core.TickExecutor(theirs, [tool()], 1)
+    records = np.zeros(300, _core.record_dtype)
+    records["index"], records["k"], records["burrs"] = np.arange(300), 1, 1
+    records["burr"]["center"][:, 0], records["burr"]["on"] = (0, 0, -0.6), 1
+    done = to_rows(leader.execute(records), 1)
+    assert theirs.removed_of("nerve") > LIMITS["injury"]
+    assert done["burr"]["removed_levels"].sum() > 0
+    seen = _watch_after_gap(watch, theirs, 300)
+    assert seen["gaps"] == 1
+    assert seen["ticks_passed_over"] == 300
+    assert [(e["tick"], e["burr"], KINDS[e["kind"]]) for e in seen["events"]] == [(299, -1, "injury")]
+    assert np.isinf(seen["events"]["distance"]).all()
+
+
+def _watch_after_gap(watch, bone, tick):
+    watch.pass_over(bone, tick)
+    return watch.seen()
+
+
+def test_a_replica_tells_the_same() -> None:
+    bone = nerve_bone()
+    session = run(bone=bone, publish=0, devices=straight(DOWN, TIMES))
+    replica = follow("127.0.0.1", session.port, bone=bone)
+    with session:
+        session.wait()
+        assert replica.wait(20.0)
+    status, mine = replica.status, replica.watched()
+    replica.stop()
+    report = session.anatomy()
+    if status["by_bricks"] == 0:
+        assert mine["events"].tobytes() == report.watched.events.tobytes()
+        assert mine["doses"].tobytes() == report.watched.doses.tobytes()
+    np.testing.assert_array_equal(mine["removed"], report.watched.doses["removed_levels"].sum(axis=0))
+
+
+def test_tissues_without_a_watch_are_counted(tmp_path) -> None:
+    path = tmp_path / "plain.h5"
+    with burrlab.Session(
+        nerve_bone(), tool(), straight(DOWN, TIMES), seed=3, record=path, duration=1.6, wall_clock=False
+    ) as session:
+        session.wait()
+    report = session.anatomy()
+    assert report.structures == ()
+    assert report.removed["nerve"] > 0.05
+    trace = burrlab.load_trace(path)
+    assert trace.watched is None
+    assert trace.watch == {}
+    assert len(trace.events) == 0
+    assert anatomy_report(trace).structures == ("nerve", "sinus")  # all that are critical
+    assert anatomy_report(trace).removed == report.removed
+
+
+def test_a_bone_without_tissues_has_the_old_format(tmp_path) -> None:
+    path = tmp_path / "old.h5"
+    bone = burrlab.VoxelBone.block((8, 8, 4), 0.2, origin=(-4, -4, -4))
+    with burrlab.Session(
+        bone, tool(), straight([(0, 0, 2), (0, 0, 0.8)], [0, 0.1]), record=path, seed=1, duration=0.1, wall_clock=False
+    ) as session:  # fmt: skip
+        session.wait()
+    with h5py.File(path) as file:
+        assert file.attrs["format_version"] == 1
+        assert "watch" not in file
+        assert "watch" not in json.loads(file["note"][()])
+    assert session.report().anatomy is None
+    assert "anatomy" not in session.report().to_dict()
+    assert "anatomy" not in burrlab.session_metrics(burrlab.load_trace(path)).to_dict()
+    with pytest.raises(ValueError, match="bone of the session must have tissues"):
+        session.anatomy()
+    with pytest.raises(ValueError, match="trace must be of a bone with tissues"):
+        anatomy_report(burrlab.load_trace(path))
+    with pytest.raises(TypeError, match="trace must be a Trace"):
+        anatomy_report(path)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [({"structures": ["vein"]}, "tissue must be one of bone, nerve, sinus, unused, got 'vein'"),
+     ({"structures": ["unused"]}, "structure must have voxels, 'unused' has none"),
+     ({"structures": ["nerve", "nerve"]}, "structures must differ, got nerve, nerve"),
+     ({"structures": []}, "structures must be at least one, got none"),
+     ({"approach": 1.0, "touch": 1.5}, "approach of 'nerve' must be finite and at least touch, got 1"),
+     ({"approach": float("nan")}, "approach of 'nerve' must be finite"),
+     ({"approach": 15.0}, "approach of 'nerve' with hysteresis and radius must be at most 15 mm"),
+     ({"touch": -0.1}, "touch of 'nerve' must be zero or positive"),
+     ({"injury": -1.0}, "injury of 'nerve' must be zero or positive"),
+     ({"hysteresis": 0.0}, "hysteresis of 'nerve' must be positive"),
+     ({"approach": {"bone": 1.0}}, "approach must be of watched structures, got one of 'bone'")],
+)  # fmt: skip
+def test_a_watch_is_checked(options, sentence) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        Watch(nerve_bone(), **options)
+
+
+def test_a_watch_needs_a_critical_structure_of_the_sessions_bone() -> None:
+    with pytest.raises(ValueError, match="bone must have tissues, got one of a single material"):
+        Watch(burrlab.VoxelBone.block((2, 2, 2), 0.2))
+    bone = nerve_bone()
+    only = burrlab.Tissues([burrlab.Tissue("bone", label=0, c_e=2.0, alpha=0.1)], BONE)
+    bone.set_tissues(only, np.zeros(bone.shape, np.uint8))
+    with pytest.raises(ValueError, match="structures must be named: no tissue of the bone is critical"):
+        Watch(bone)
+    with pytest.raises(ValueError, match="bone must be the one that the watch was made of, or a copy of it"):
+        run(bone=nerve_bone(), watch=Watch(nerve_bone()))
+    watch = Watch(nerve_bone(), approach={"nerve": 1.0}, structures="nerve")
+    assert watch.limits[0].approach == 1.0
+    assert watch.structures == ("nerve",)
+    with pytest.raises(ValueError, match="structure must be one of nerve, got 'sinus'"):
+        watch.distance((0, 0, 0), "sinus")
+    with pytest.raises(ValueError, match="radius of a burr that is watched must be at most 6 mm, got 7"):
+        watch.core([7.0])
+
+
+def test_a_report_is_asked_for_what_it_has(recorded) -> None:
+    report = recorded[0].anatomy()
+    with pytest.raises(ValueError, match="structure must be one of nerve, sinus, got 'bone'"):
+        report.dose("bone")
+    with pytest.raises(ValueError, match="burr must be an index below 1, got 1"):
+        report.dose("nerve", 1)
+
+
+def test_a_trace_without_a_watch_takes_no_events(tmp_path) -> None:
+    from session_scenes import writer
+
+    made = writer(tmp_path / "x.h5")
+    with pytest.raises(ValueError, match="events must be of a trace with a watch"):
+        made.add_events(np.zeros(0))
+    with pytest.raises(ValueError, match="what was watched must be of a trace with a watch"):
+        made.set_watched(None)
+    made.stop()

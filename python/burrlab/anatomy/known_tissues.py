@@ -70,7 +70,7 @@ KNOWN = (
     KnownTissue(
         "internal carotid artery", ("ica", "carotid", "carotid artery"), (216, 100, 79), bleeds=True
     ),
-    KnownTissue("sinus and dura", ("sinus dura",), (110, 184, 209), bleeds=True),
+    KnownTissue("sinus and dura", (), (110, 184, 209), bleeds=True),
     KnownTissue("sigmoid sinus", ("sinus", "transverse sinus"), (70, 90, 200), bleeds=True),
     KnownTissue("jugular bulb", ("jugular", "jugular vein", "internal jugular vein"), (50, 60, 160), bleeds=True),
     KnownTissue("dura", ("dura mater",), (120, 200, 220)),

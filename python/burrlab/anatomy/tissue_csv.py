@@ -76,6 +76,8 @@ def write_tissues(path: str | os.PathLike[str], tissues: Tissues) -> None:
 
     Raises
     ------
+    ValueError
+        If a name has a line break, or space around it.
     OSError
         If the file cannot be written.
 
@@ -90,12 +92,18 @@ def write_tissues(path: str | os.PathLike[str], tissues: Tissues) -> None:
     True
     >>> folder.cleanup()
     """
+    text = tissues_text(tissues)
     with open(path, "w", encoding="utf-8", newline="") as stream:
-        stream.write(tissues_text(tissues))
+        stream.write(text)
 
 
 def tissues_text(tissues: Tissues) -> str:
-    """The table as `write_tissues` writes it."""
+    """The table as `write_tissues` writes it; ValueError where a name has a line break or space around it."""
+    for tissue in tissues:
+        if len(tissue.name.splitlines()) != 1 or tissue.name != tissue.name.strip():
+            raise ValueError(
+                f"name of a tissue must be one line without space around it, got {tissue.name!r}"
+            )
     stream = io.StringIO()
     material = json.loads(tissues_to_json(tissues))["material"]
     stream.write(f"# material: {json.dumps(material)}\n")

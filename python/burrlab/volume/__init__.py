@@ -1,25 +1,3 @@
 """Volumes from files, grey or labelled, and bone made of them."""
 
-from burrlab.volume.cut import cut_block
-from burrlab.volume.geometry import check_same_geometry, same_geometry
-from burrlab.volume.label_volume import LabelVolume
-from burrlab.volume.occupancy_map import OccupancyMap
-from burrlab.volume.read import read_labels, read_volume
-from burrlab.volume.recipe import VolumeRecipe
-from burrlab.volume.stack import read_stack
-from burrlab.volume.volume import Volume
-from burrlab.volume.write import write_volume
-
-__all__ = [
-    "LabelVolume",
-    "OccupancyMap",
-    "Volume",
-    "VolumeRecipe",
-    "check_same_geometry",
-    "cut_block",
-    "read_labels",
-    "read_stack",
-    "read_volume",
-    "same_geometry",
-    "write_volume",
-]
+    "load_drilled",

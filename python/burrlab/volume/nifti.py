@@ -38,7 +38,7 @@ _AGREE = 1e-3
 
 
 @dataclass(frozen=True)
-class _Fields:
+class Fields:
     """Of either version of the header."""
 
     order: str
@@ -62,7 +62,7 @@ def read_nifti(name: str) -> tuple[Header, NDArray[Any]]:
     """Header and values (z, y, x); ValueError with one sentence for anything that cannot be read whole."""
     stem = name[:-4] if name.lower().endswith((".img", ".hdr")) else None
     content = _content(name if stem is None else stem + ".hdr")
-    fields = _fields(content, name)
+    fields = header_fields(content, name)
     sizes = list(fields.dim[1 : fields.dim[0] + 1])
     shape = three_sizes(sizes, name)
     kind = _KINDS.get(fields.datatype)
@@ -89,7 +89,8 @@ def _content(name: str) -> bytes:
         raise ValueError(f"{name}: the compressed data is cut short or damaged ({error})") from error
 
 
-def _fields(content: bytes, name: str) -> _Fields:
+def header_fields(content: bytes, name: str) -> Fields:
+    """Of an unpacked file; ValueError where it holds no NIfTI header."""
     if len(content) < 348:
         raise ValueError(f"{name}: the file is too short for a NIfTI header")
     for order in "<>":
@@ -101,7 +102,12 @@ def _fields(content: bytes, name: str) -> _Fields:
     raise ValueError(f"{name}: cannot be read as a volume: no NIfTI header")
 
 
-def _version_1(content: bytes, order: str) -> _Fields:
+def stored_kind(fields: Fields) -> str | None:
+    """NumPy's name of the numbers of a file, without byte order; None where they are others."""
+    return _KINDS.get(fields.datatype)
+
+
+def _version_1(content: bytes, order: str) -> Fields:
     def at(place: int, kind: str) -> Any:
         return struct.unpack_from(order + kind, content, place)
 
@@ -110,10 +116,10 @@ def _version_1(content: bytes, order: str) -> _Fields:
         order, at(40, "8h"), *at(70, "2h"), at(76, "8f"), 0 if apart else _whole(*at(108, "f")), *at(112, "2f"),
         content[123] & 7, *at(252, "2h"), at(256, "3f"), at(268, "3f"), at(280, "12f"), apart,
     ]  # fmt: skip
-    return _Fields(*values)
+    return Fields(*values)
 
 
-def _version_2(content: bytes, order: str) -> _Fields:
+def _version_2(content: bytes, order: str) -> Fields:
     def at(place: int, kind: str) -> Any:
         return struct.unpack_from(order + kind, content, place)
 
@@ -122,14 +128,14 @@ def _version_2(content: bytes, order: str) -> _Fields:
         order, at(16, "8q"), *at(12, "2h"), at(104, "8d"), *at(168, "q"), *at(176, "2d"), units & 7,
         *at(344, "2i"), at(352, "3d"), at(376, "3d"), at(400, "12d"), content[4:7] == b"ni2",
     ]  # fmt: skip
-    return _Fields(*values)
+    return Fields(*values)
 
 
 def _whole(value: float) -> int:
     return int(value) if math.isfinite(value) and value >= 0 else 0
 
 
-def _scaled(stored: NDArray[Any], fields: _Fields) -> NDArray[Any]:
+def _scaled(stored: NDArray[Any], fields: Fields) -> NDArray[Any]:
     """slope * stored + inter, unless the slope is 0 or there is nothing to do."""
     slope, inter = fields.slope, fields.inter
     native = stored.astype(stored.dtype.newbyteorder("="))
@@ -139,7 +145,7 @@ def _scaled(stored: NDArray[Any], fields: _Fields) -> NDArray[Any]:
     return values.astype(np.float32) if native.dtype.itemsize <= 2 or native.dtype == np.float32 else values
 
 
-def _header(fields: _Fields, shape: tuple[int, int, int], name: str) -> Header:
+def _header(fields: Fields, shape: tuple[int, int, int], name: str) -> Header:
     notes = []
     if fields.units not in _UNITS:
         notes.append("the NIfTI header names no unit of length: millimetres are assumed")

@@ -20,8 +20,16 @@ _TO_LPS = {
 _VALUES = ("color", "vector", "point", "gradient", "normal", "complex", "quaternion", "matrix", "hsv", "xyz")
 
 
-def read_nrrd_header(name: str) -> Header:
-    """Place of the voxels; ValueError with one sentence where the header cannot be read."""
+def segment_layers(name: str) -> tuple[int, dict[str, str]]:
+    """How many layers a segmentation of 3D Slicer has in its file, 1 if none, and the fields that describe its segments."""
+    fields, keys = _lines(name)
+    kinds, sizes = fields.get("kinds", "").lower().split(), fields.get("sizes", "").split()
+    layered = len(sizes) == 4 and kinds[:1] == ["list"] and sizes[0].isdecimal()
+    return (int(sizes[0]) if layered else 1), keys
+
+
+def read_nrrd_header(name: str, *, layers: bool = False) -> Header:
+    """Place of the voxels, of each layer if asked; ValueError with one sentence where the header cannot be read."""
     fields, keys = _lines(name)
     try:
         sizes = [int(n) for n in fields["sizes"].split()]
@@ -37,7 +45,9 @@ def read_nrrd_header(name: str) -> Header:
     spatial = [i for i in range(dimension) if (vectors[i] if vectors else not _holds_values(kinds[i]))]
     while len(spatial) > 3 and 1 in (rest := [sizes[i] for i in spatial]):
         del spatial[len(rest) - 1 - rest[::-1].index(1)]
-    if len(spatial) != 3 or any(n > 1 for i, n in enumerate(sizes) if i not in spatial):
+    if len(spatial) != 3 or any(
+        n > 1 for i, n in enumerate(sizes) if i not in spatial and not (layers and i == 0)
+    ):
         raise ValueError(
             f"{name}: a volume needs three dimensions and one value a voxel, got sizes {' x '.join(map(str, sizes))}"
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +17,8 @@ from burrlab.volume.header import Header, settled_spacing
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.meta_image import read_meta_header
 from burrlab.volume.nifti import read_nifti
-from burrlab.volume.nrrd import check_nrrd_checksum, read_nrrd_header
+from burrlab.volume.nrrd import check_nrrd_checksum, read_nrrd_header, segment_layers
+from burrlab.volume.segments import merged, segments_of
 from burrlab.volume.volume import Volume
 
 #: A file, a folder of DICOM slices, or the slices.
@@ -82,12 +84,35 @@ def read_labels(
     FileNotFoundError, ImportError
         As `read_volume`.
     ValueError
-        As `read_volume`; or if a value is not whole.
+        As `read_volume`; or if a value is not whole, or segments overlap.
     """
+    if isinstance(path, str | os.PathLike) and os.fspath(path).lower().endswith((".nrrd", ".nhdr")):
+        _check_there(os.fspath(path))
+        layers, fields = segment_layers(os.fspath(path))
+        if layers > 1:
+            return _layered(os.fspath(path), layers, fields, spacing)
     name, header, values = _read(path, spacing, series)
     return LabelVolume(
         values, settled_spacing(header, spacing, name), header.origin, header.direction, name, header.names,
         header.colours, header.notes,
+    )  # fmt: skip
+
+
+def _layered(
+    name: str, layers: int, fields: dict[str, str], spacing: float | ArrayLike | None
+) -> LabelVolume:
+    """A segmentation whose segments lie in several layers."""
+    _check_simpleitk()
+    header = read_nrrd_header(name, layers=True)
+    checked_direction(header.direction, name)
+    try:
+        values = _values(name, (*header.shape, layers))
+        labels, names, colours, notes = merged(values, segments_of(fields, layers=layers))
+    except ValueError as error:
+        raise error if str(error).startswith(name) else ValueError(f"{name}: {error}") from None
+    return LabelVolume(
+        labels, settled_spacing(header, spacing, name), header.origin, header.direction, name, names, colours,
+        (*header.notes, *notes),
     )  # fmt: skip
 
 
@@ -142,7 +167,7 @@ def _check_simpleitk() -> None:
         raise ImportError("reading volumes needs SimpleITK: pip install 'burrlab[medical]'") from error
 
 
-def _values(name: str, shape: tuple[int, int, int]) -> NDArray[Any]:
+def _values(name: str, shape: tuple[int, ...]) -> NDArray[Any]:
     import SimpleITK as sitk
 
     if name.lower().endswith(".nrrd"):
@@ -154,7 +179,7 @@ def _values(name: str, shape: tuple[int, int, int]) -> NDArray[Any]:
         detail = lines[-1] if lines else "unknown error"
         raise ValueError(f"{name}: cannot be read as a volume: {detail}") from error
     values = np.asarray(sitk.GetArrayFromImage(image))
-    if values.size != shape[0] * shape[1] * shape[2]:
+    if values.size != math.prod(shape):
         raise ValueError(
             f"{name}: a volume needs three dimensions and one value a voxel, got {values.shape} values for {shape} voxels"
         )

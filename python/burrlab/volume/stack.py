@@ -18,6 +18,9 @@ from burrlab.volume.palette import Colours, Palette
 from burrlab.volume.png_files import Slices, find_slices, pixels
 from burrlab.volume.volume import Volume
 
+#: Note of a volume that was read with `transpose`.
+ROWS_ALONG_X = "rows of the slices lie along x"
+
 
 def read_stack(
     path: str | os.PathLike[str],
@@ -76,7 +79,7 @@ def read_stack(
     )
     count = len(slices.paths)
     shape = (count, slices.columns, slices.rows) if transpose else (count, slices.rows, slices.columns)
-    notes = []
+    notes = [ROWS_ALONG_X] if transpose else []
     if described is None:
         assert spacing is not None
         apart = checked_spacing(spacing)

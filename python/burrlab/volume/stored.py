@@ -1,0 +1,198 @@
+"""The values of a volume file as it stores them, and the file again with others: its header stays as it is."""
+
+from __future__ import annotations
+
+import gzip
+import math
+import os
+import re
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from burrlab.volume import nifti
+from burrlab.volume.header import three_sizes
+
+ENDINGS = (".nrrd", ".nii", ".nii.gz", ".mha")
+
+_NRRD_KINDS = {
+    "i1": ("signed char", "int8", "int8_t"),
+    "u1": ("uchar", "unsigned char", "uint8", "uint8_t"),
+    "i2": ("short", "short int", "signed short", "signed short int", "int16", "int16_t"),
+    "u2": ("ushort", "unsigned short", "unsigned short int", "uint16", "uint16_t"),
+    "i4": ("int", "signed int", "int32", "int32_t"),
+    "u4": ("uint", "unsigned int", "uint32", "uint32_t"),
+    "i8": ("longlong", "long long", "long long int", "signed long long", "signed long long int", "int64", "int64_t"),
+    "u8": ("ulonglong", "unsigned long long", "unsigned long long int", "uint64", "uint64_t"),
+    "f4": ("float",),
+    "f8": ("double",),
+}  # fmt: skip
+_META_KINDS = {
+    "MET_CHAR": "i1", "MET_UCHAR": "u1", "MET_SHORT": "i2", "MET_USHORT": "u2", "MET_INT": "i4", "MET_UINT": "u4",
+    "MET_LONG_LONG": "i8", "MET_ULONG_LONG": "u8", "MET_FLOAT": "f4", "MET_DOUBLE": "f8",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """A volume file, taken apart.
+
+    Attributes
+    ----------
+    values : ndarray, shape (nz, ny, nx)
+        As they are stored, of the type and byte order of the file.
+    slope, inter : float
+        A grey value is slope * stored + inter.
+    """
+
+    values: NDArray[Any]
+    slope: float
+    inter: float
+    _pack: Callable[[bytes], bytes]
+
+    def content(self, values: NDArray[Any]) -> bytes:
+        """The whole file with other values of the same type; header, encoding and what follows the values stay."""
+        assert values.shape == self.values.shape
+        return self._pack(np.ascontiguousarray(values, self.values.dtype).tobytes())
+
+    def stored(self, greys: NDArray[np.float64]) -> NDArray[Any]:
+        """Grey values as the file stores them: rounded and kept in range where it holds whole numbers."""
+        found = (greys - self.inter) / self.slope
+        kind = self.values.dtype
+        if kind.kind == "f":
+            return found.astype(kind)
+        limits = np.iinfo(kind)
+        return np.clip(np.rint(found), limits.min, limits.max).astype(kind)
+
+
+def can_keep_header(path: str | os.PathLike[str]) -> bool:
+    """Whether this is a file of a format whose header can be kept as it is."""
+    name = os.fspath(path)
+    return name.lower().endswith(ENDINGS) and Path(name).is_file()
+
+
+def read_stored(path: str | os.PathLike[str]) -> Stored:
+    """Takes a volume file apart: NRRD, NIfTI or MetaImage with header and values in one file.
+
+    Raises
+    ------
+    ValueError
+        If its header says an encoding that is not known here, or values in another file.
+    """
+    name = os.fspath(path)
+    content = Path(name).read_bytes()
+    if name.lower().endswith(".nrrd"):
+        return _nrrd(name, content)
+    if name.lower().endswith(".mha"):
+        return _meta(name, content)
+    return _nifti(name, content)
+
+
+def _nrrd(name: str, content: bytes) -> Stored:
+    end = re.search(rb"\r?\n\r?\n", content)
+    if end is None:
+        raise ValueError(f"{name}: the values must follow the NRRD header in the same file")
+    head, data = content[: end.end()], content[end.end() :]
+    fields = {}
+    for line in head.decode("utf-8", "replace").splitlines():
+        if not line.startswith("#") and ":=" not in line:
+            key, _, value = line.partition(":")
+            fields[key.strip().lower()] = value.strip()
+    skips = {fields.get(key, "0") for key in ("byte skip", "byteskip", "line skip", "lineskip")}
+    if "data file" in fields or "datafile" in fields or skips != {"0"}:
+        raise ValueError(f"{name}: the values must follow the NRRD header in the same file")
+    encoding = fields.get("encoding", "").lower()
+    if encoding not in ("raw", "gzip", "gz"):
+        raise ValueError(
+            f"{name}: encoding of the NRRD file must be raw or gzip to keep its header, got {encoding!r}"
+        )
+    kind = next((k for k, words in _NRRD_KINDS.items() if fields.get("type", "").lower() in words), None)
+    if kind is None:
+        raise ValueError(
+            f"{name}: type of the NRRD file must be one of whole or real numbers, got {fields.get('type')!r}"
+        )
+    order = ">" if fields.get("endian", "little").lower() == "big" else "<"
+    shape = three_sizes([int(n) for n in fields["sizes"].split()], name)
+    if encoding == "raw":
+        return _assembled(name, data, order + kind, shape, lambda values, rest: head + values + rest)
+    unpacked = _unpacked(name, lambda: gzip.decompress(data))
+    return _assembled(
+        name,
+        unpacked,
+        order + kind,
+        shape,
+        lambda values, rest: head + gzip.compress(values + rest, 1, mtime=0),
+    )
+
+
+def _nifti(name: str, content: bytes) -> Stored:
+    packed = content[:2] == b"\x1f\x8b"
+    whole = _unpacked(name, lambda: gzip.decompress(content)) if packed else content
+    fields = nifti.header_fields(whole, name)
+    if fields.apart or (kind := nifti.stored_kind(fields)) is None:
+        raise ValueError(
+            f"{name}: the values must follow the NIfTI header in the same file, one number a voxel"
+        )
+    shape = three_sizes(list(fields.dim[1 : fields.dim[0] + 1]), name)
+    slope, inter = fields.slope, fields.inter
+    if not (math.isfinite(slope) and math.isfinite(inter)) or slope == 0:
+        slope, inter = 1.0, 0.0
+    head, data = whole[: fields.offset], whole[fields.offset :]
+
+    def pack(values: bytes, rest: bytes) -> bytes:
+        return gzip.compress(head + values + rest, 1, mtime=0) if packed else head + values + rest
+
+    return _assembled(name, data, fields.order + kind, shape, pack, slope, inter)
+
+
+def _meta(name: str, content: bytes) -> Stored:
+    end = re.search(rb"^ElementDataFile[ \t]*=[ \t]*([^\r\n]*)\r?\n", content, flags=re.MULTILINE)
+    if end is None or end[1].strip() != b"LOCAL":
+        raise ValueError(f"{name}: the values must follow the MetaImage header in the same file")
+    head, data = content[: end.end()], content[end.end() :]
+    fields = {}
+    for line in head.decode("latin-1").splitlines():
+        key, _, value = line.partition("=")
+        fields[key.strip()] = value.strip()
+    kind = _META_KINDS.get(fields.get("ElementType", ""))
+    binary = fields.get("BinaryData", "True").lower() == "true"
+    if kind is None or not binary or fields.get("HeaderSize", "0") not in ("0", ""):
+        raise ValueError(
+            f"{name}: the MetaImage file must hold binary numbers right after its header to keep that"
+        )
+    msb = fields.get("BinaryDataByteOrderMSB", fields.get("ElementByteOrderMSB", "False")).lower() == "true"
+    shape = three_sizes([int(n) for n in fields["DimSize"].split()], name)
+    order = ">" if msb else "<"
+    if fields.get("CompressedData", "False").lower() != "true":
+        return _assembled(name, data, order + kind, shape, lambda values, rest: head + values + rest)
+
+    def pack(values: bytes, rest: bytes) -> bytes:
+        packed = zlib.compress(values + rest, 1)
+        size = rb"\g<1>" + str(len(packed)).encode()  # the one field that says something of the packed values
+        return re.sub(rb"^(CompressedDataSize[ \t]*=[ \t]*)\d+", size, head, flags=re.MULTILINE) + packed
+
+    return _assembled(name, _unpacked(name, lambda: zlib.decompress(data)), order + kind, shape, pack)
+
+
+def _assembled(
+    name: str, data: bytes, kind: str, shape: tuple[int, int, int], pack: Callable[[bytes, bytes], bytes],
+    slope: float = 1.0, inter: float = 0.0,
+) -> Stored:  # fmt: skip
+    size = math.prod(shape) * np.dtype(kind).itemsize
+    if len(data) < size:
+        raise ValueError(f"{name}: the file is cut short: {len(data)} bytes of values of {size}")
+    rest = data[size:]
+    values = np.frombuffer(data, kind, math.prod(shape)).reshape(shape)
+    return Stored(values, slope, inter, lambda new: pack(new, rest))
+
+
+def _unpacked(name: str, unpack: Callable[[], bytes]) -> bytes:
+    try:
+        return unpack()
+    except (EOFError, OSError, zlib.error) as error:
+        raise ValueError(f"{name}: the compressed data is cut short or damaged ({error})") from None

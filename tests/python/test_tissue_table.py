@@ -1,0 +1,301 @@
+"""Tables of tissues: the default one, files, and bone of grey values and labels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from burrlab import Material, Tissue, Tissues, materials
+from burrlab.anatomy import (
+    anatomy_bone,
+    default_tissues,
+    label_counts,
+    labelled_bone,
+    read_tissues,
+    write_tissues,
+)
+from burrlab.anatomy.known_tissues import KNOWN, VOLUMETRIC_DRILLING, known_tissue, plain_name
+from burrlab.volume import LabelVolume, OccupancyMap, Volume
+
+BONE = materials["bone"]
+GREY = OccupancyMap.two_point(100, 200)
+TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+def label_volume(labels: np.ndarray, names: dict[int, str] | None = None, **changes: object) -> LabelVolume:
+    given = {
+        "spacing": (0.2, 0.3, 0.4),
+        "origin": (5, 6, 7),
+        "direction": TURN,
+        "path": "seg.nrrd",
+        **changes,
+    }
+    return LabelVolume(labels, names=names or {}, **given)  # type: ignore[arg-type]
+
+
+def grey_volume(values: np.ndarray) -> Volume:
+    return Volume(values, (0.2, 0.3, 0.4), (5, 6, 7), TURN, "ct.nrrd")
+
+
+def some() -> tuple[np.ndarray, np.ndarray]:
+    random = np.random.default_rng(1)
+    return random.integers(0, 256, (10, 11, 12)), random.integers(0, 3, (10, 11, 12))
+
+
+def test_names_are_known_in_any_spelling() -> None:
+    assert plain_name("Sinus_+_Dura") == plain_name("Sinus_and_Dura") == "sinus dura"
+    for name in ("Facial_Nerve", "right facial nerve", "FACIAL-NERVE", "facial"):
+        found = known_tissue(name)
+        assert found is not None
+        assert found.name == "facial nerve"
+    assert known_tissue("spleen") is None
+    texts = [plain_name(text) for known in KNOWN for text in (known.name, *known.synonyms)]
+    assert len(texts) == len(set(texts))
+    assert len(VOLUMETRIC_DRILLING) == len(set(VOLUMETRIC_DRILLING.values())) == 16
+
+
+def test_only_bone_is_not_assumed_and_all_have_its_values() -> None:
+    table = default_tissues({i: name for i, name in enumerate(VOLUMETRIC_DRILLING, 1)})
+    assert [t.name for t in table if not t.assumed] == ["bone"]
+    assert {(t.c_e, t.alpha) for t in table} == {(BONE.c_e, BONE.alpha)}
+    assert [t.name for t in table if not t.critical] == ["bone"]
+    assert [t.name for t in table if t.bleeds] == ["internal carotid artery", "sinus and dura"]
+    assert table[9].colour == (244, 214, 49)
+    own = Material("own", c_e=3.0, alpha=0.2, shape="linear")
+    assert {(t.c_e, t.alpha) for t in default_tissues(["bone", "dura"], material=own)} == {(3.0, 0.2)}
+
+
+def test_two_sides_keep_their_names() -> None:
+    table = default_tissues({1: "Left_Facial_Nerve", 2: "Right_Facial_Nerve"})
+    assert [t.name for t in table] == ["facial nerve", "Right_Facial_Nerve"]
+
+
+def test_a_label_volume_gives_names_and_colours() -> None:
+    labels = np.zeros((2, 3, 4), np.uint8)
+    labels[0] = 5
+    volume = label_volume(labels, {5: "Bone", 7: "Dura", 9: "spleen"}, colours={5: (1, 2, 3)})
+    table = default_tissues(volume)
+    assert [(t.label, t.name, t.colour) for t in table] == [
+        (0, "unlabelled", (128, 128, 128)), (5, "bone", (1, 2, 3)), (7, "dura", (120, 200, 220)),
+    ]  # fmt: skip
+    with pytest.raises(
+        ValueError, match=r"does not know label 5 \('spleen', 12 voxels\); it knows air, .*read_tissues"
+    ):
+        default_tissues(label_volume(labels, {5: "spleen"}))
+    with pytest.raises(ValueError, match=r"seg.nrrd: the labels 5 \(12 voxels\) have no names in the file"):
+        default_tissues(label_volume(labels))
+
+
+def test_too_many_labels_and_other_refusals() -> None:
+    many = np.arange(70).reshape(7, 5, 2)
+    with pytest.raises(ValueError, match=r"at most 64 tissues, and there are 70 labels \(0, 1, 2, 3, 4"):
+        default_tissues(label_volume(many))
+    with pytest.raises(ValueError, match="got the text 'bone'"):
+        default_tissues("bone")
+    with pytest.raises(ValueError, match="labels must be whole numbers"):
+        label_counts(np.array([0.5, 1.0]))
+    with pytest.raises(ValueError, match="labels must be zero or positive, got -1"):
+        label_counts(np.array([[-1, 0]]))
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.int32, np.float32])
+def test_counts_of_labels(kind: type) -> None:
+    assert label_counts(np.array([[[0, 3], [3, 200]]], kind)) == {0: 1, 3: 2, 200: 1}
+
+
+def test_a_file_gives_the_table_back(tmp_path: Path) -> None:
+    own = Material("own, with a comma", c_e=3.0, alpha=0.2, shape="quartic", source='a "source"')
+    rows = [
+        Tissue("a, b", label=3, c_e=1.5, alpha=0.1, colour=(1, 2, 255), bleeds=True),
+        Tissue("bone", label=1, c_e=3.0, alpha=0.2, assumed=False),
+        Tissue("c", label=0, c_e=3.0, alpha=0.2, critical=True),
+        Tissue("d", label=70000, c_e=3.0, alpha=0.3, assumed=False),
+    ]
+    table = Tissues(rows, own)
+    write_tissues(tmp_path / "t.csv", table)
+    assert read_tissues(tmp_path / "t.csv") == table
+    assert "\n0,c,#e6dcbe,,,yes,no,yes\n" in (tmp_path / "t.csv").read_text()
+
+
+def test_what_is_left_out_comes_from_the_name_and_the_bone(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text(
+        "label, name, c_e_N_per_mm2\n1,bone,2.0\n\n2,Facial_Nerve,\n# note\n3,spleen,1\n"
+    )
+    bone, nerve, spleen = read_tissues(tmp_path / "t.csv")
+    assert (bone.c_e, bone.alpha, bone.assumed) == (2.0, BONE.alpha, True)
+    assert (nerve.c_e, nerve.critical, nerve.colour, nerve.assumed) == (BONE.c_e, True, (244, 214, 49), True)
+    assert (spleen.c_e, spleen.critical, spleen.bleeds) == (1.0, False, False)
+    other = Material("other", c_e=9.0, alpha=0.5)
+    assert read_tissues(tmp_path / "t.csv", material=other)[1].c_e == 9.0
+
+
+HEAD = "label,name,colour,c_e_N_per_mm2,alpha_per_ms,critical,bleeds,assumed\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("", "t.csv: the file is empty"),
+        (HEAD, "there is no row below the column names"),
+        ("label,nome\n1,a\n", "t.csv, line 1: unknown column 'nome'; known are label, name, colour"),
+        ("label\n1\n", "line 1: column name is missing"),
+        ("label,name,name\n1,a,b\n", "line 1: column name is there twice"),
+        ("label,name\n1\n", r"line 2: 2 fields are due \(label, name\), found 1"),
+        ("label,name\n1,a\n1,b\n", "line 3, column label: '1' is in line 2 already"),
+        ("label,name\n1,a\n2,a\n", "line 3, column name: 'a' is in line 2 already"),
+        ("label,name\n-1,a\n", "line 2, column label: must be a whole number from 0, got '-1'"),
+        ("label,name\n1.0,a\n", "line 2, column label: must be a whole number from 0, got '1.0'"),
+        ("label,name\n99999999999,a\n", "line 2, column label: must be a whole number from 0"),
+        ("label,name\n1,\n", "line 2, column name: every row needs a name"),
+        (HEAD + "1,a,red,,,,,\n", "line 2, column colour: must be #rrggbb, got 'red'"),
+        (HEAD + "1,a,,x,,,,\n", "line 2, column c_e_N_per_mm2: 'x' is not a number"),
+        (HEAD + "1,a,,0,,,,\n", "line 2, column c_e_N_per_mm2: must be from 1/4096 to 1000, got '0'"),
+        (HEAD + "1,a,,nan,,,,\n", "line 2, column c_e_N_per_mm2: must be from 1/4096 to 1000, got 'nan'"),
+        (HEAD + "1,a,,,-1,,,\n", "line 2, column alpha_per_ms: must be zero or positive, got '-1'"),
+        (HEAD + "1,a,,,inf,,,\n", "line 2, column alpha_per_ms: must be zero or positive, got 'inf'"),
+        (HEAD + "1,a,,,,maybe,,\n", "line 2, column critical: must be yes or no, got 'maybe'"),
+        (HEAD + "1,a,,,,,,no\n", "line 2, column assumed: must be yes where c_e or alpha is empty"),
+        ('label,name\n1,"a\n', "line 2: not a line of comma-separated fields"),
+        ("# material: {}\nlabel,name\n1,a\n", "t.csv: the material in the comments is none"),
+        (HEAD + "".join(f"{i},t{i},,,,,,\n" for i in range(65)), "t.csv: number of tissues must be 1 to 64, got 65"),
+    ],
+)  # fmt: skip
+def test_bad_table_files(tmp_path: Path, text: str, match: str) -> None:
+    (tmp_path / "t.csv").write_text(text)
+    with pytest.raises(ValueError, match=match):
+        read_tissues(tmp_path / "t.csv")
+
+
+def test_a_name_with_a_line_break_is_not_written(tmp_path: Path) -> None:
+    table = Tissues([Tissue("a\nb", label=0, c_e=1, alpha=0)], BONE)
+    with pytest.raises(ValueError, match=r"name of a tissue must be one line .*got 'a\\nb'"):
+        write_tissues(tmp_path / "t.csv", table)
+
+
+def test_bytes_that_are_no_text(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ValueError, match="not a text file"):
+        read_tissues(tmp_path / "t.csv")
+
+
+def test_grey_values_and_labels_make_a_bone() -> None:
+    grey, labels = some()
+    made = labelled_bone(
+        grey_volume(grey), label_volume(labels), default_tissues({1: "bone", 2: "facial nerve"}), mapping=GREY
+    )
+    bone = made.bone
+    assert bone.digest() != grey_volume(grey).to_bone(GREY).digest()
+    np.testing.assert_array_equal(bone.density, GREY.levels(grey))
+    assert bone.tissues is not None
+    assert [t.name for t in bone.tissues] == ["bone", "facial nerve", "unlabelled"]
+    np.testing.assert_array_equal(bone.tissue_numbers, np.array([2, 0, 1], np.uint8)[labels])
+    np.testing.assert_allclose(bone.spacing, (0.2, 0.3, 0.4))
+    np.testing.assert_allclose(bone.origin, TURN.T @ (5, 6, 7))
+    held = np.count_nonzero((labels == 0) & (GREY.levels(grey) >= 128))
+    assert f"{held} voxels of label 0 hold bone: unlabelled, with the bone's c_e and alpha" in made.notes
+    assert any(
+        "facial nerve: " in note and "what is empty cannot be injured" in note for note in made.notes
+    ) == (2 * np.count_nonzero(GREY.levels(grey)[labels == 2] >= 128) < np.count_nonzero(labels == 2))
+
+
+def test_a_structure_can_be_filled() -> None:
+    grey, labels = np.zeros((4, 4, 4)), np.zeros((4, 4, 4), int)
+    labels[1] = 2
+    table = default_tissues({1: "bone", 2: "facial nerve"})
+    bare = labelled_bone(grey_volume(grey), label_volume(labels), table, mapping=GREY)
+    assert (
+        "facial nerve: 0 % of its voxels are half full or more; what is empty cannot be injured (fill=)"
+        in bare.notes
+    )
+    made = labelled_bone(
+        grey_volume(grey), label_volume(labels), table, mapping=GREY, fill={"facial nerve": 0.5}
+    )
+    np.testing.assert_array_equal(made.bone.density[1], 128)
+    assert made.bone.mass_of("facial nerve") > 0
+    assert "facial nerve: occupancy at least 0.5, as asked" in made.notes
+
+
+def test_levels_and_labels_or_labels_alone() -> None:
+    _, labels = some()
+    table = default_tissues(["air", "bone", "dura"])
+    levels = np.full(labels.shape, 77, np.uint8)
+    np.testing.assert_array_equal(anatomy_bone(levels, label_volume(labels), table).density, 77)
+    alone = labelled_bone(None, label_volume(labels), table)
+    np.testing.assert_array_equal(alone.bone.density, np.where(labels == 0, 0, 255))
+    assert "occupancy from labels alone" in alone.notes[0]
+    moved = default_tissues({1: "air", 0: "bone", 2: "dura"})
+    np.testing.assert_array_equal(
+        anatomy_bone(None, label_volume(labels), moved).density, np.where(labels == 2, 255, 0)
+    )
+
+
+def test_a_box_of_labels_is_placed_on_the_volume() -> None:
+    grey, labels = some()
+    whole = label_volume(labels)
+    box = whole.crop_voxels((2, 3, 4), (9, 10, 11))
+    table = default_tissues(["air", "bone", "dura"])
+    numbers = anatomy_bone(grey_volume(grey), box, table, mapping=GREY).tissue_numbers
+    expected = np.zeros_like(labels)
+    expected[2:9, 3:10, 4:11] = labels[2:9, 3:10, 4:11]
+    np.testing.assert_array_equal(numbers, expected)
+
+
+def test_another_spacing() -> None:
+    grey, labels = some()
+    table = default_tissues(["air", "bone", "dura"])
+    bone = anatomy_bone(
+        grey_volume(grey), label_volume(labels), table, mapping=GREY, spacing=(0.1, 0.15, 0.2)
+    )
+    np.testing.assert_array_equal(
+        bone.tissue_numbers, labels.repeat(2, axis=0).repeat(2, axis=1).repeat(2, axis=2)
+    )
+    assert bone.digest() != grey_volume(grey).to_bone(GREY, spacing=(0.1, 0.15, 0.2)).digest()
+    np.testing.assert_array_equal(
+        bone.density, grey_volume(grey).to_bone(GREY, spacing=(0.1, 0.15, 0.2)).density
+    )
+    fine = anatomy_bone(None, label_volume(labels), table, spacing=(0.1, 0.15, 0.2))
+    np.testing.assert_array_equal(fine.density, np.where(bone.tissue_numbers == 0, 0, 255))
+    np.testing.assert_allclose(fine.origin, bone.origin, rtol=1e-12)
+
+
+def test_other_geometry_and_other_bad_input_is_refused() -> None:
+    grey, labels = some()
+    table = default_tissues(["air", "bone", "dura"])
+    volume = grey_volume(grey)
+    for changes, match in (
+        ({"spacing": (0.2, 0.3, 0.5)}, "must have the same geometry: spacing"),
+        ({"origin": (5, 6, 7.1)}, "must have the same geometry: origin"),
+        ({"direction": np.eye(3)}, "must have the same geometry: directions"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            anatomy_bone(volume, label_volume(labels, **changes), table, mapping=GREY)
+    with pytest.raises(ValueError, match="12 x 11 x 10 voxels against 12 x 11 x 9"):
+        anatomy_bone(volume, label_volume(labels[:9], origin=(5, 6, 5)), table, mapping=GREY)
+    with pytest.raises(ValueError, match=r"mapping must be given for the grey values of ct.nrrd"):
+        anatomy_bone(volume, label_volume(labels), table)
+    with pytest.raises(ValueError, match="mapping must be given with grey values only"):
+        anatomy_bone(None, label_volume(labels), table, mapping=GREY)
+    with pytest.raises(TypeError, match="source must be a Volume, levels of uint8 or None, got ndarray"):
+        anatomy_bone(labels, label_volume(labels), table)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="levels must have the shape of the labels"):
+        anatomy_bone(np.zeros((2, 2, 2), np.uint8), label_volume(labels), table)
+    with pytest.raises(ValueError, match="spacing must not be given with levels"):
+        anatomy_bone(np.zeros(labels.shape, np.uint8), label_volume(labels), table, spacing=0.1)
+    count = int(np.count_nonzero(labels == 2))
+    with pytest.raises(
+        ValueError,
+        match=rf"labels that are not in the table: 2 \({count} voxels\); the table has 0 air, 1 bone",
+    ):
+        anatomy_bone(None, label_volume(labels), default_tissues(["air", "bone"]))
+    with pytest.raises(ValueError, match="tissue must be one of air, bone, dura, got 'spleen'"):
+        anatomy_bone(volume, label_volume(labels), table, mapping=GREY, fill={"spleen": 0.5})
+    with pytest.raises(ValueError, match="fill of 'dura' must be an occupancy from 0 to 1, got 2"):
+        anatomy_bone(volume, label_volume(labels), table, mapping=GREY, fill={"dura": 2})
+    rows = [Tissue(f"t{i}", label=i, c_e=1, alpha=0) for i in range(1, 65)]
+    with pytest.raises(ValueError, match="the table must have a row for label 0"):
+        anatomy_bone(None, label_volume(labels), Tissues(rows, BONE))
+    named = [Tissue(n, label=i, c_e=1, alpha=0) for i, n in ((1, "unlabelled"), (2, "b"))]
+    with pytest.raises(ValueError, match="the table must have 'unlabelled' for label 0 only"):
+        anatomy_bone(None, label_volume(labels), Tissues(named, BONE))

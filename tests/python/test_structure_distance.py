@@ -9,7 +9,7 @@ from anatomy_scenes import BONE, nerve_bone
 from burrlab import Tissue, Tissues, VoxelBone
 from burrlab._core import StructureDistance, StructureSearch
 from burrlab.anatomy.distance_fields import structure_distances
-from tests.reference import anatomy as reference
+from reference import anatomy as reference
 
 
 def labelled(numbers, spacing, origin=(0.0, 0.0, 0.0)):

@@ -16,7 +16,7 @@ from burrlab.session.network import follow
 from burrlab.session.replay import inputs
 from burrlab.session.trace_file import to_rows
 from burrlab.session.watch_rows import KINDS
-from tests.reference import anatomy as reference
+from reference import anatomy as reference
 
 LIMITS = {"approach": 2.0, "touch": 0.1, "injury": 0.05, "hysteresis": 0.4}
 # Down beside the nerve and into it, up again, and once more: [mm] at [s].

@@ -133,7 +133,9 @@ def dose_figure(
     for i, edge in enumerate(NEAR):
         at = rows + (i - 0.5 * (len(NEAR) - 1)) * 0.35
         shade = str(0.35 + 0.3 * i)
-        bottom.barh(at, [d.peak_force[edge] for d in doses], 0.3, color=shade, label=f"peak within {edge:g} mm")
+        bottom.barh(
+            at, [d.peak_force[edge] for d in doses], 0.3, color=shade, label=f"peak within {edge:g} mm"
+        )
         bottom.plot([d.mean_force[edge] for d in doses], at, "|", color="#D55E00", markersize=8,
                     label="mean" if i == 0 else None)  # fmt: skip
     bottom.set_yticks(rows, [d.structure if d.burr == 0 else f"{d.structure}, burr {d.burr}" for d in doses])

@@ -68,7 +68,9 @@ class AnatomyEvent:
     def __str__(self) -> str:
         removed = f"{self.removed:.2g} mm^3 removed in all"
         if self.burr is None:
-            return f"{self.structure} injured up to tick {self.tick}, in ticks that were not followed, {removed}"
+            return (
+                f"{self.structure} injured up to tick {self.tick}, in ticks that were not followed, {removed}"
+            )
         what = {
             "approach": f"{max(self.distance, 0.0):.2g} mm from {self.structure}",
             "touch": f"touches {self.structure}",

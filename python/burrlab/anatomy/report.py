@@ -56,7 +56,12 @@ class AnatomyReport:
 
     @classmethod
     def of(
-        cls, watched: Watched, tissues: Tissues, settings: Mapping[str, Any], period: float, voxel_volume: float
+        cls,
+        watched: Watched,
+        tissues: Tissues,
+        settings: Mapping[str, Any],
+        period: float,
+        voxel_volume: float,
     ) -> AnatomyReport:
         """Of what a watch with these settings saw in a bone of these tissues; settings empty: there was none."""
         return cls(

@@ -383,7 +383,6 @@ class Session:
             self._writer.add_digest(tick, digest)
             self._digests += 1
 
-
     def _tell_of_anatomy(self, *, last: bool = False) -> None:
         events, sentences = self._anatomy.news()
         if self._writer is not None and self._anatomy.watch is not None:

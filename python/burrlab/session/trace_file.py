@@ -123,7 +123,10 @@ def create(path: Path, header: Header, bone: VoxelBone, *, capacity: int, digest
         offsets = {name: dataset.id.get_offset() for name, dataset in names.items()}
         places = {name: dataset.id.get_offset() for name, dataset in watch.items()}
     return Places(
-        capacity=capacity, digest_capacity=digest_capacity, watch=WatchPlaces(**places) if places else None, **offsets
+        capacity=capacity,
+        digest_capacity=digest_capacity,
+        watch=WatchPlaces(**places) if places else None,
+        **offsets,
     )
 
 

@@ -115,7 +115,17 @@ class TraceWriter:
         _check(
             tools, seed, first_tick, {"period": period, "duration": duration, "digest_every": digest_every}
         )
-        header = Header(tools, seed, period, scheme, first_tick, devices, source, _json(note), _json(watch) if watch else "")
+        header = Header(
+            tools,
+            seed,
+            period,
+            scheme,
+            first_tick,
+            devices,
+            source,
+            _json(note),
+            _json(watch) if watch else "",
+        )
         rows, digests = (
             max(1, math.ceil(duration * 1000.0 / period)),
             math.ceil(duration / min(digest_every, 1.0)) + 16,

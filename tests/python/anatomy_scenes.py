@@ -20,7 +20,7 @@ def table():
 
 
 def nerve_bone(voxel=0.2):
-    """10 x 10 x 6 mm, top at z = 0: a nerve along y, 1 mm square, its top at z = -1; the sinus is the floor below -5."""
+    """10 x 10 x 6 mm, top at z = 0: a nerve along y, 0.8 mm wide, from z = -2 to -1; the sinus is the floor below -5."""
     shape = tuple(round(side / voxel) for side in (6, 10, 10))
     z, _y, x = ((np.arange(n) + 0.5) * voxel for n in shape)
     numbers = np.zeros(shape, np.uint8)

@@ -222,6 +222,9 @@ def follow(
     if bone is None and not recipe:
         raise ValueError(f"bone must be given: the leader at {host}:{port} does not say how its own was made")
     mine = make_bone(recipe, volume=volume) if bone is None else bone.copy()
+    if mine.tissues is not None:  # a hello does not say where a material's values are from
+        known = mine.tissues.material
+        tools = [(burr, known if _same(known, material) else material) for burr, material in tools]
     watch = _watch(mine, hello.get("watch"), tools)
     replica.start(mine, tools, seed, period=period, scheme=scheme, watch=watch)
     return replica
@@ -245,6 +248,10 @@ def _tool(tool: Mapping[str, Any]) -> tuple[Burr, Material]:
         shape=str(tool["shape"]), source="from the leader of a session",
     )  # fmt: skip
     return Burr(float(tool["radius_mm"])), material
+
+
+def _same(one: Material, other: Material) -> bool:
+    return (one.name, one.c_e, one.alpha, one.shape) == (other.name, other.c_e, other.alpha, other.shape)
 
 
 def _three(numbers: Sequence[Any]) -> list[float]:

@@ -1,0 +1,129 @@
+// A watch beside the tick: no allocation, even where its events are full; the nearest voxel of the tick before
+// changes nothing; what an executor and a watch called by hand see is the same.
+#include <cstring>
+#include <memory>
+#include <random>
+
+#include "burrlab/session/tick_executor.hpp"
+#include "check.hpp"
+#include "count_allocations.hpp"
+
+using namespace burrlab;
+
+namespace {
+
+const Material material("bone", 2.145, 0.087, Shape::parse("parabolic"), "");
+
+/// 60^3 voxels of 0.1 mm, tissue 1 in a random tenth of a slab, tissue 2 below it.
+std::shared_ptr<VoxelBone> make_bone() {
+  const Index3 shape{60, 60, 60};
+  auto bone = std::make_shared<VoxelBone>(shape, 255, Vec3::Constant(0.1), Vec3::Zero());
+  std::vector<std::uint8_t> numbers(60 * 60 * 60);
+  std::mt19937 random(3);
+  for (std::size_t i = 0; i < numbers.size(); ++i) {
+    const std::size_t z = i / 3600;
+    numbers[i] = z < 5 ? 2 : z < 30 && random() % 10 == 0 ? 1 : 0;
+  }
+  std::vector<Tissue> tissues(3);
+  for (int i = 0; i < 3; ++i) {
+    tissues[std::size_t(i)].name = "tissue " + std::to_string(i);
+    tissues[std::size_t(i)].label = i;
+    tissues[std::size_t(i)].c_e = material.c_e;
+    tissues[std::size_t(i)].alpha = material.alpha;
+  }
+  bone->set_tissues(std::make_shared<TissueMap>(shape, numbers.data(), Tissues(tissues, material)));
+  return bone;
+}
+
+std::vector<WatchedStructure> structures(const VoxelBone& bone, const WatchLimits& limits) {
+  std::vector<WatchedStructure> all;
+  for (const std::size_t tissue : {1, 2}) {
+    const StructureSearch search(bone, tissue);
+    const Index3 shape{100, 100, 100};
+    // Estimates of nothing, wrong by as much as can be: every node is searched.
+    DistanceField field(search, shape, std::vector<float>(1000000, 0.0f), 0.4, search.low() - Vec3::Constant(15.0), 1e3);
+    all.push_back({std::make_shared<StructureDistance>(search, std::move(field)), limits});
+  }
+  return all;
+}
+
+TickRecord record_at(std::uint64_t tick) {
+  TickRecord record;
+  record.index = tick;
+  record.burrs = 2;
+  const double t = 0.02 * double(tick);
+  record.burr[0].center = {3.0 + 1.5 * std::sin(t), 3.0, 7.0 - 0.0045 * double(tick)};
+  record.burr[1].center = {2.0, 3.0 + 1.2 * std::cos(t), 6.8};
+  record.burr[0].on = record.burr[1].on = 1;
+  return record;
+}
+
+void executor_and_watch(const WatchLimits& limits, bool full) {
+  const auto bone = make_bone();
+  SessionSetup setup;
+  setup.tools = {{Burr{1.0}, material}, {Burr{1.5}, material}};
+  setup.seed = 5;
+  const std::vector<double> radii{1.0, 1.5};
+  const auto all = structures(*bone, limits);
+  const auto watch = std::make_shared<AnatomyWatch>(all, radii);
+  TickExecutor executor(bone, setup);
+  executor.set_watch(watch);
+  const int ticks = full ? 6000 : 1200;
+  std::vector<TickRecord> records;
+  for (int i = 0; i < ticks; ++i) {
+    TickRecord record = record_at(std::uint64_t(i));
+    if (full) record.burr[0].center[2] = i % 2 ? 4.0 : 12.0;  // near and away in every other tick
+    records.push_back(record);
+  }
+  const long before = allocations;
+  for (TickRecord& record : records) executor.execute(record);
+  CHECK(allocations == before);
+  CHECK(watch->events().size() + watch->events_lost() > 4);
+  if (full) {
+    CHECK(watch->events().size() == AnatomyWatch::most_events);
+    CHECK(watch->events_lost() > 0);
+  }
+  for (std::size_t s = 0; s < 2; ++s) {
+    double closest = 1e9;
+    std::uint64_t periods = 0;
+    for (const TickRecord& record : records) {
+      const auto& c = record.burr[0].center;
+      NearestVoxel none;
+      closest = std::min(closest, all[s].distance->of_sphere(Vec3(c[0], c[1], c[2]), 1.0, none));
+    }
+    const WatchDose& dose = watch->dose(0, s);
+    for (const std::uint64_t n : dose.periods) periods += n;
+    CHECK(dose.closest == closest);
+    CHECK(periods == std::uint64_t(ticks));
+    CHECK(watch->removed(s) == watch->dose(0, s).removed + watch->dose(1, s).removed);
+  }
+  CHECK(watch->removed(0) > 0);
+}
+
+void refusals() {
+  const auto bone = make_bone(), other = make_bone();
+  const WatchLimits limits;
+  auto all = structures(*bone, limits);
+  CHECK_THROWS(AnatomyWatch({}, {1.0}), "structures must be at least one, got none");
+  CHECK_THROWS(AnatomyWatch(all, {}), "number of burrs must be 1 or 2, got 0");
+  CHECK_THROWS(AnatomyWatch(all, {0.0}), "radius must be positive");
+  SessionSetup setup;
+  setup.tools = {{Burr{1.0}, material}};
+  TickExecutor executor(bone, setup);
+  CHECK_THROWS(executor.set_watch(std::make_shared<AnatomyWatch>(all, std::vector<double>{1.5})),
+               "watch must be of the session's burrs");
+  TickExecutor elsewhere(other, setup);
+  CHECK_THROWS(elsewhere.set_watch(std::make_shared<AnatomyWatch>(all, std::vector<double>{1.0})),
+               "bone must be the one that the watch was made of");
+  all.push_back(structures(*other, limits)[0]);
+  CHECK_THROWS(AnatomyWatch(all, {1.0}), "structures must be of one bone");
+}
+
+}  // namespace
+
+int main() {
+  executor_and_watch({2.0, 0.0, 0.0, 0.5}, false);
+  executor_and_watch({1.0, 0.0, 0.0, 0.1}, true);
+  refusals();
+  return check::report();
+}

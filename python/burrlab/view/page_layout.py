@@ -62,7 +62,7 @@ def build_layout(page: Page) -> None:
         with v3.VMain(style="height: 100vh;"), html.Div(classes="burrlab-body"):
             _head(page, html, v3)
             with html.Div(classes="burrlab-row"):
-                with html.Div(classes="burrlab-view", raw_attrs=['v-resize.quiet="() => trigger(\'draw\')"']):
+                with html.Div(classes="burrlab-view", raw_attrs=["v-resize.quiet=\"() => trigger('draw')\""]):
                     html.Img(raw_attrs=_PICTURE)
                 with html.Div(classes="burrlab-side"):
                     _side(page, html)
@@ -77,9 +77,7 @@ def build_layout(page: Page) -> None:
 def _head(page: Page, html: Any, v3: Any) -> None:
     with v3.VToolbar(density="compact", color="#171c21"):
         v3.VToolbarTitle("{{ title }}", style="flex: 0 1 auto;")
-        html.Div(
-            "{{ source_state }}", classes="text-body-2 ml-4", style="color: #9fb0bd;"
-        )
+        html.Div("{{ source_state }}", classes="text-body-2 ml-4", style="color: #9fb0bd;")
         v3.VSpacer()
         for preset in page.state.presets:
             v3.VBtn(preset, click=(page.look, f"['{preset}']"))
@@ -160,7 +158,7 @@ def _charts(page: Page, html: Any) -> None:
 def _transport(page: Page, html: Any, v3: Any) -> None:
     with html.Div(classes="burrlab-transport"):
         v3.VBtn(
-            icon=("playing ? 'mdi-pause' : 'mdi-play'",), click="playing = !playing"
+            icon=("playing ? 'mdi-pause' : 'mdi-play'",), click="playing = !playing",
             aria_label=("playing ? 'pause' : 'play'",),
         )  # fmt: skip
         v3.VBtn(icon="mdi-step-backward", click=(page.step, "[-1]"), aria_label=("'one tick back'",))
@@ -169,10 +167,7 @@ def _transport(page: Page, html: Any, v3: Any) -> None:
             v_model=("wanted_s",), min=("first_s",), max=("last_s",), step=("step_s",), hide_details=True, color="#6cb6ff",
             thumb_size=14, style="flex: 1 1 auto;",
         )  # fmt: skip
-        html.Div(
-            "{{ time_s.toFixed(3) }} / {{ last_s.toFixed(3) }} s",
-            classes="burrlab-clock"
-        )
+        html.Div("{{ time_s.toFixed(3) }} / {{ last_s.toFixed(3) }} s", classes="burrlab-clock")
         v3.VSelect(
             v_model=("speed",), items=("speeds.map(x => ({title: 'x ' + x, value: x}))",), density="compact",
             hide_details=True, variant="outlined", style="flex: 0 0 104px;"

@@ -1,8 +1,6 @@
-#include <cstring>
 #include <vector>
 
 #include "bindings.hpp"
-#include "burrlab/check.hpp"
 #include "burrlab/surface.hpp"
 
 namespace py = pybind11;
@@ -54,28 +52,6 @@ py::object tissue_box(const VoxelBone& bone, const Index3& start, const Index3& 
   return out;
 }
 
-void put_bricks(VoxelBone& bone, const Places& bricks,
-                const py::array_t<std::uint8_t, py::array::c_style>& density) {
-  const std::vector<Index3> places = to_places("bricks", bricks);
-  if (density.size() != py::ssize_t(places.size()) * brick_voxels)
-    throw std::invalid_argument("density must hold 8 x 8 x 8 levels a brick");
-  std::vector<std::size_t> numbers;
-  for (const Index3& at : places) {
-    for (std::size_t axis = 0; axis < 3; ++axis)
-      if (at[axis] < 0 || at[axis] >= bone.bricks()[axis])
-        refuse("every index of a brick", "from 0 to below " + std::to_string(bone.bricks()[axis]),
-               double(at[axis]));
-    numbers.push_back(bone.brick_number(at[0], at[1], at[2]));
-  }
-  const std::uint8_t* levels = density.data();
-  const py::gil_scoped_release release;
-  for (std::size_t i = 0; i < numbers.size(); ++i) {
-    std::uint8_t present[brick_voxels], pristine[brick_voxels];
-    bone.read_brick(numbers[i], present, pristine);
-    bone.write_brick(numbers[i], levels + i * brick_voxels, pristine);
-  }
-}
-
 }  // namespace
 
 void bind_surface(py::module_& m) {
@@ -84,7 +60,4 @@ void bind_surface(py::module_& m) {
         "float32, triangles (t, 3) int32, tissues (v,) uint8, lost (v,) uint8.");
   m.def("tissue_box", &tissue_box, py::arg("bone"), py::arg("start"), py::arg("shape"),
         "Numbers of the tissues in a box, (z, y, x) uint8, copied; None without tissues.");
-  m.def("put_bricks", &put_bricks, py::arg("bone"), py::arg("bricks"), py::arg("density"),
-        "Sets the present levels of bricks, (n, 3) (z, y, x) and (n, 8, 8, 8), as a follower's view gives "
-        "them; the pristine ones stay.");
 }

@@ -70,4 +70,6 @@ void bind_stability(pybind11::module_& m);
 void bind_openigtlink(pybind11::module_& m);
 void bind_transform_reader(pybind11::module_& m);
 void bind_network(pybind11::module_& m);
+void bind_effect_parameters(pybind11::module_& m);
+void bind_effects(pybind11::module_& m);
 void bind_surface(pybind11::module_& m);

@@ -46,5 +46,7 @@ PYBIND11_MODULE(_core, m) {
   bind_openigtlink(m);
   bind_transform_reader(m);
   bind_network(m);
+  bind_effect_parameters(m);
+  bind_effects(m);
   bind_surface(m);
 }

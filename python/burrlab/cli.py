@@ -374,9 +374,11 @@ def _parser() -> argparse.ArgumentParser:
     from burrlab.cli_experiment import add_experiment_commands
     from burrlab.cli_session import add_session_commands
     from burrlab.cli_trace import add_trace_commands
+    from burrlab.cli_view import add_view_command
 
     add_session_commands(command)
     add_trace_commands(command)
+    add_view_command(command)
     add_experiment_commands(command)
     _output_options(command("materials", _materials, "The paper's materials and their source."), plot=False)
     _output_options(command("version", _version, "Version and what it runs on."), plot=False)

@@ -190,7 +190,7 @@ def surface_along(
     high = np.minimum(np.ceil(last) + 2, bone.shape[::-1]).astype(int)
     levels = bone.read(low[::-1].tolist(), (high - low)[::-1].tolist())
     occupancy = map_coordinates(
-        levels, (points - low)[:, ::-1].T, output=float, order=1, mode="constant", cval=0.0
+        levels, (points - low)[:, ::-1].T, output=float, order=1, mode="grid-constant", cval=0.0
     )
     solid = np.flatnonzero(occupancy >= level)
     if solid.size == 0:

@@ -9,7 +9,6 @@ import time
 import numpy as np
 
 import burrlab
-from burrlab import _core
 from burrlab.view.surface import Surface
 
 SIDE, VOXEL, RADIUS, SPEED, IMMERSION = 512, 0.1, 5.0, 20.0, 0.7
@@ -26,7 +25,12 @@ def changed_bricks(bone: burrlab.VoxelBone, low: np.ndarray, before: np.ndarray)
 def summary(values: list[float]) -> dict[str, float]:
     """Median and quartiles [ms]."""
     low, median, high = np.percentile(np.array(values) * 1e3, [25, 50, 75])
-    return {"median_ms": float(median), "q1_ms": float(low), "q3_ms": float(high), "largest_ms": 1e3 * max(values)}
+    return {
+        "median_ms": float(median),
+        "q1_ms": float(low),
+        "q3_ms": float(high),
+        "largest_ms": 1e3 * max(values),
+    }
 
 
 def flying_edges(bone: burrlab.VoxelBone, start: np.ndarray, shape: tuple[int, int, int]) -> float:

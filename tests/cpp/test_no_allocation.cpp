@@ -1,5 +1,5 @@
 // A tick allocates nothing: step, probe and erode, every scheme and shape, every CPU path, from the first
-// tick on, on bones of one level and of many, fresh, copied, written and restored.
+// tick on, on bones of one level and of many, fresh, copied, written and restored, with tissues and without.
 #include <cstring>
 #include <memory>
 #include <random>
@@ -28,6 +28,17 @@ VoxelBone bone_of(const VoxelBone::Levels& some) {
   return VoxelBone({side, side, side}, some, Vec3::Constant(spacing), Vec3::Zero());
 }
 
+/// Sixteen tissues by voxel in one half and by brick in the other; two of them erode in doublings.
+void give_tissues(VoxelBone& bone, const Material& material) {
+  std::vector<Tissue> rows;
+  for (int i = 0; i < 16; ++i)
+    rows.push_back({std::to_string(i), i, 1.0 + i, i > 13 ? 2.0 : 0.4, {}, {}, {}, {}});
+  VoxelBone::Levels numbers = levels(0, 15);
+  for (std::size_t i = 0; i < numbers.size(); ++i)
+    if (i % side >= 24) numbers[i] = static_cast<std::uint8_t>(i % side / 8);
+  bone.set_tissues(std::make_shared<TissueMap>(bone.shape(), numbers.data(), Tissues(rows, material)));
+}
+
 /// Bones in each state that a brick can be in.
 std::vector<VoxelBone> bones() {
   std::vector<VoxelBone> all;
@@ -53,9 +64,11 @@ void allocates_nothing(Work work) {
   CHECK(allocations == before);
 }
 
-void check_contact(const VoxelBone& fresh, Scheme scheme, const Shape& shape) {
+void check_contact(const VoxelBone& fresh, Scheme scheme, const Shape& shape, bool tissues) {
   const auto bone = std::make_shared<VoxelBone>(fresh);
-  BurrContact contact(bone, Burr(1.5), Material("any", 2.0, 0.4, shape, ""), 1, 0, scheme);
+  const Material material("any", 2.0, 0.4, shape, "");
+  if (tissues) give_tissues(*bone, material);
+  BurrContact contact(bone, Burr(1.5), material, 1, 0, scheme);
   const auto center = [](int i) { return Vec3(2.0 + 0.01 * i, 2.1, 2.9 - 0.02 * i); };
   double force = 0.0, probed = 0.0, stepped = 0.0, eroded = 0.0;
   allocates_nothing([&] { probed = contact.probe(center(0)).force.norm(); });
@@ -116,7 +129,8 @@ int main() {
     use_cpu_path(path);
     for (const Scheme scheme : {Scheme::layer, Scheme::cell})
       for (const char* shape : {"parabolic", "linear", "constant", "power(0.5)", "power(7.3)"})
-        for (const VoxelBone& bone : all) check_contact(bone, scheme, Shape::parse(shape));
+        for (const VoxelBone& bone : all)
+          for (const bool tissues : {false, true}) check_contact(bone, scheme, Shape::parse(shape), tissues);
   }
   return check::report();
 }

@@ -22,14 +22,12 @@ def table():
 def nerve_bone(voxel=0.2):
     """10 x 10 x 6 mm, top at z = 0: a nerve along y, 1 mm square, its top at z = -1; the sinus is the floor below -5."""
     shape = tuple(round(side / voxel) for side in (6, 10, 10))
-    z, y, x = ((np.arange(n) + 0.5) * voxel for n in shape)
+    z, _y, x = ((np.arange(n) + 0.5) * voxel for n in shape)
     numbers = np.zeros(shape, np.uint8)
     nerve = (np.abs(z - 4.5) < 0.5)[:, None, None] & (np.abs(x - 5) < 0.5)[None, None, :]
     numbers[np.broadcast_to(nerve, shape)] = 1
     numbers[z < 1] = 2
-    bone = VoxelBone(
-        np.full(shape, 255, np.uint8), voxel, (-5 + voxel / 2, -5 + voxel / 2, -6 + voxel / 2)
-    )
+    bone = VoxelBone(np.full(shape, 255, np.uint8), voxel, (-5 + voxel / 2, -5 + voxel / 2, -6 + voxel / 2))
     bone.set_tissues(table(), numbers)
     return bone
 

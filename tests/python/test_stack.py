@@ -199,7 +199,7 @@ def test_what_is_no_description_is_refused(tmp_path: Path, text: str, match: str
 def test_more_slices_than_the_description_counts_are_refused(tmp_path: Path) -> None:
     pytest.importorskip("yaml", reason="extra `medical` is not installed")
     save(tmp_path / "slices", coloured())
-    with pytest.raises(ValueError, match="images: count must be 3, the slices in .*slices, got 2"):
+    with pytest.raises(ValueError, match=r"images: count must be 3, the slices in .*slices, got 2"):
         read_stack(adf(tmp_path, count=2))
     with pytest.raises(ValueError, match=r"spacing must not be given with .*volume.yaml"):
         read_stack(tmp_path / "volume.yaml", spacing=0.1)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from anatomy_scenes import BONE, nerve_bone
+from tests.reference import anatomy as reference
 
 from burrlab import Tissue, Tissues, VoxelBone
 from burrlab._core import StructureDistance, StructureSearch
 from burrlab.anatomy.distance_fields import structure_distances
-from tests.reference import anatomy as reference
 
 
 def labelled(numbers, spacing, origin=(0.0, 0.0, 0.0)):
@@ -60,14 +60,18 @@ def test_a_plane_and_a_sphere(spacing) -> None:
     z, y, x = (((np.arange(n)) * step) for n, step in zip(shape, spacing[::-1], strict=True))
     numbers = np.zeros(shape, np.uint8)
     numbers[z < 2] = 1
-    r = np.sqrt(((x - 4.5) ** 2)[None, None] + ((y - 4.5) ** 2)[None, :, None] + ((z - 6) ** 2)[:, None, None])
+    r = np.sqrt(
+        ((x - 4.5) ** 2)[None, None] + ((y - 4.5) ** 2)[None, :, None] + ((z - 6) ** 2)[:, None, None]
+    )
     numbers[r <= 1.5] = 2
     bone = labelled(numbers, spacing)
     top = np.ceil(2 / spacing[2] - 1e-9) * spacing[2] - spacing[2] / 2
     plane, sphere = structure_distances(bone, [1, 2])
     at = np.random.default_rng(1).uniform([2, 2, top], [7, 7, 12], (300, 3))
     want = at[:, 2] - top
-    np.testing.assert_allclose(plane.of_sphere(at, 1.0), want - 1.0, rtol=0, atol=1e-6)  # a field is exact on planes
+    np.testing.assert_allclose(
+        plane.of_sphere(at, 1.0), want - 1.0, rtol=0, atol=1e-6
+    )  # a field is exact on planes
     far = np.linalg.norm(at - (4.5, 4.5, 6), axis=1)
     off = sphere.of_sphere(at, 0.5) - np.maximum(far - 1.5, 0.0) + 0.5
     assert np.abs(off).max() < np.linalg.norm(s) + 0.03  # a sphere of voxels is that much of a sphere
@@ -78,7 +82,9 @@ def test_the_field_errs_within_its_bounds_and_is_exact_near(spacing) -> None:
     random = np.random.default_rng(2)
     shape = (40, 44, 48)
     numbers = np.zeros(shape, np.uint8)
-    for corner in random.integers(4, 36, (6, 3)):  # several pieces: ridges between them are the field's worst case
+    for corner in random.integers(
+        4, 36, (6, 3)
+    ):  # several pieces: ridges between them are the field's worst case
         numbers[tuple(slice(c, c + 4) for c in corner)] = 1
     bone = labelled(numbers, spacing)
     (distance,) = structure_distances(bone, [1])
@@ -141,5 +147,3 @@ def test_the_radius_of_a_sphere_is_checked() -> None:
         nerve.of_sphere((0, 0, 0), 7.0)
     with pytest.raises(ValueError, match="radius must be zero or positive"):
         nerve.of_sphere((0, 0, 0), -1.0)
-
-

@@ -1,4 +1,35 @@
 """Anatomy: tissues, phantoms, and the distance to what must not be touched."""
 
+from burrlab.anatomy.air_cells import AirCells, Honeycomb
+from burrlab.anatomy.labelled_bone import LabelledBone, anatomy_bone, labelled_bone
+from burrlab.anatomy.mastoidectomy import BurrPath, mastoidectomy_path
+from burrlab.anatomy.phantom import Phantom, phantom_tissues, temporal_bone
+from burrlab.anatomy.report import AnatomyEvent, AnatomyReport, anatomy_report
+from burrlab.anatomy.target import TargetComparison, compare_with_target
+from burrlab.anatomy.tissue_csv import read_tissues, write_tissues
+from burrlab.anatomy.tissue_table import default_tissues, label_counts
+from burrlab.anatomy.watch import Limits, Watch
+
+__all__ = [
+    "AirCells",
+    "AnatomyEvent",
+    "AnatomyReport",
+    "BurrPath",
+    "Honeycomb",
+    "LabelledBone",
+    "Limits",
+    "Phantom",
+    "TargetComparison",
+    "Watch",
+    "anatomy_bone",
+    "anatomy_report",
+    "compare_with_target",
+    "default_tissues",
+    "label_counts",
+    "labelled_bone",
     "mastoidectomy_path",
     "phantom_tissues",
+    "read_tissues",
+    "temporal_bone",
+    "write_tissues",
+]

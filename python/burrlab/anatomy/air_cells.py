@@ -43,7 +43,7 @@ class AirCells:
 
     Notes
     -----
-    Surface over volume of the air in eight mastoids is 22 /cm (micro-CT: Cros et al., Hear. Res. 2016), which
+    Surface over volume of the air in eight mastoids is 22 /cm (micro-CT, Hear. Res., October 2016; docs/phantom.md), which
     spheres of 2.7 mm have; a median of 2 mm with a deviation of 1.4 gives that ratio of moments, 2 exp(2.5 ln(1.4)^2) mm.
     The deviation, the log-normal form and the wall are assumed.
     """

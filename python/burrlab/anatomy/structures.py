@@ -136,7 +136,7 @@ def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
     centre = shift + [22.2, -0.5, -0.4]
     common = Tube(shift + [[22.9, 3.4, 2.3], [22.4, 1.2, 0.0]], np.full(2, 0.7))
     low = Tube(shift + [[21.4, 5.2, -2.5], [22.2, 1.0, -1.4]], np.full(2, 0.6))
-    # 2.5 turns that narrow and rise towards the front and side; the basal turn's outer diameter is near 9 mm.
+    # 2.5 turns, 9.2 mm across and 5.1 mm high, that narrow and rise towards the front and side.
     axis = np.array([-0.55, -0.8, -0.25])
     axis /= np.linalg.norm(axis)
     one = np.cross(axis, [0.0, 0.0, 1.0])
@@ -144,7 +144,7 @@ def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
     two = np.cross(axis, one)
     t = np.linspace(0.0, 1.0, 61)[:, None]
     angle = 2 * np.pi * 2.5 * t + 0.4
-    radius = 3.4 * (1.0 - 0.75 * t)
+    radius = 3.9 * (1.0 - 0.75 * t)
     spiral = (
         shift + [23.6, -5.0, -2.2] + radius * (np.cos(angle) * one + np.sin(angle) * two) + 3.4 * t * axis
     )

@@ -30,7 +30,8 @@ _DOSE = {
 
 
 def _renamed(dtype: np.dtype[Any], columns: Mapping[str, str]) -> np.dtype[Any]:
-    assert dtype.names is not None and dtype.fields is not None
+    assert dtype.names is not None
+    assert dtype.fields is not None
     return np.dtype([(columns.get(name, name), dtype.fields[name][0]) for name in dtype.names])
 
 

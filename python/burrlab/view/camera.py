@@ -68,7 +68,7 @@ def surgeon_view(
     else:
         focus = np.asarray(entry, float)
         if focus.shape != (3,) or not np.isfinite(focus).all():
-            raise ValueError(f"entry must be three finite numbers (x, y, z) [mm], got {entry}")
+            raise ValueError(f"entry must be three finite numbers (x, y, z) [mm], got {entry!r}")
     if width is None:
         width = 2.15 * float(np.linalg.norm(half))
     if not (np.isfinite(width) and width > 0 and np.isfinite(tilt)):
@@ -109,7 +109,7 @@ def _unit(name: str, vector: Any) -> NDArray[np.float64]:
     values = np.asarray(vector, float)
     length = float(np.linalg.norm(values))
     if values.shape != (3,) or not np.isfinite(length) or length == 0:
-        raise ValueError(f"{name} must be three finite numbers, not all zero, got {vector}")
+        raise ValueError(f"{name} must be three finite numbers, not all zero, got {vector!r}")
     return values / length
 
 

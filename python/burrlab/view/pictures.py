@@ -105,7 +105,7 @@ def _draw_slice(
 
 def _tissue_handles(bone: VoxelBone, images: Sequence[SliceImage]) -> list[Patch]:
     """Colour and name of what one of the slices shows."""
-    removed = [Patch(facecolor=np.array(REMOVED) / 255.0, label="removed")] if bone.removed > 0 else []
+    removed = [Patch(facecolor=_fractions(REMOVED), label="removed")] if bone.removed > 0 else []
     if bone.tissues is None:
         return removed
     shown = sorted({
@@ -116,11 +116,14 @@ def _tissue_handles(bone: VoxelBone, images: Sequence[SliceImage]) -> list[Patch
     })  # fmt: skip
     table = list(bone.tissues)
     return [
-        Patch(
-            facecolor=np.array(table[i].colour) / 255.0, edgecolor="0.3", linewidth=0.5, label=table[i].name
-        )
+        Patch(facecolor=_fractions(table[i].colour), edgecolor="0.3", linewidth=0.5, label=table[i].name)
         for i in shown
     ] + removed
+
+
+def _fractions(colour: Sequence[int]) -> tuple[float, float, float]:
+    red, green, blue = colour
+    return red / 255, green / 255, blue / 255
 
 
 def depth_map(bone: VoxelBone, *, axis: str = "-z") -> NDArray[np.float64]:
@@ -205,9 +208,9 @@ def plot_depth_map(
     )  # fmt: skip
     deepest = float(depth.max())
     if contours and deepest > 0 and min(depth.shape) > 1:
-        levels = MaxNLocator(contours + 1).tick_values(0, deepest)
-        levels = levels[(levels > 0) & (levels < deepest)]
-        shades = ["white" if depth < 0.6 * deepest else "0.15" for depth in levels]
+        round_values = np.asarray(MaxNLocator(contours + 1).tick_values(0, deepest), float)
+        levels = [float(value) for value in round_values if 0 < value < deepest]
+        shades = ["white" if value < 0.6 * deepest else "0.15" for value in levels]
         lines = axes.contour(*places, depth, levels=levels, colors=shades, linewidths=0.6)
         axes.clabel(lines, fmt="%g", fontsize=7)
     if crop and deepest > 0:

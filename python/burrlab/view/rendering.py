@@ -31,7 +31,7 @@ def prepare_off_screen() -> None:
 
     Raises
     ------
-    RuntimeError
+    OSError
         If there is neither a screen nor a library that draws without one; VTK itself would end the process.
     """
     if not sys.platform.startswith("linux") or os.environ.get("VTK_DEFAULT_OPENGL_WINDOW"):
@@ -43,14 +43,14 @@ def prepare_off_screen() -> None:
     elif ctypes.util.find_library("OSMesa"):
         os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkOSOpenGLRenderWindow"
     else:
-        raise RuntimeError(f"drawing without a screen needs the Debian packages {PACKAGES}")
+        raise OSError(f"drawing without a screen needs the Debian packages {PACKAGES}")
 
 
 def check_screen() -> None:
-    """RuntimeError if a window would have no screen to open on."""
+    """OSError if a window would have no screen to open on."""
     if sys.platform.startswith("linux") and not (
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     ):
-        raise RuntimeError(
+        raise OSError(
             "a window needs a screen and there is none: draw to a file (--png, --video) or a page (--web)"
         )

@@ -53,7 +53,7 @@ class Scene:
         If a radius is not positive, the size is not, or the level is not from 1 to 255.
     ImportError
         If pyvista is not installed.
-    RuntimeError
+    OSError
         If there is no screen for a window, or no library to draw without one.
     """
 
@@ -132,8 +132,8 @@ class Scene:
         ----------
         bone : VoxelBone
             Of the same shape, not to be changed by another thread meanwhile.
-        bricks : array_like, shape (n, 3), optional
-            That changed, (z, y, x); None: all.
+        bricks : array_like, shape (n,) or (n, 3), optional
+            That changed, by number or place (z, y, x); None: all.
 
         Returns
         -------
@@ -275,6 +275,11 @@ class Scene:
             If the file cannot be written.
         """
         _write_png(path, self.stereo_picture(separation, swap=swap))
+
+    def show(self) -> None:
+        """Opens the window, to orbit in with the mouse, until it is closed."""
+        self.render()
+        self.plotter.show(auto_close=False)
 
     def close(self) -> None:
         """Frees window and memory."""

@@ -59,7 +59,8 @@ class _Panel:
             vtkTextActor,
         )
 
-        self.plane, self.image = plane, None
+        self.plane = plane
+        self.image: SliceImage | None = None
         self.renderer = vtkRenderer()
         self.renderer.SetViewport(1 - _SHARE, 1 - (row + 1) / 3, 1.0, 1 - row / 3)
         self.renderer.SetBackground(0.03, 0.035, 0.045)
@@ -84,7 +85,7 @@ class _Panel:
         from vtkmodules.util.numpy_support import numpy_to_vtk
         from vtkmodules.vtkCommonDataModel import vtkImageData
 
-        self.image: SliceImage | None = image
+        self.image = image
         left, right, bottom, top = image.extent
         rows, columns = image.levels.shape
         data = vtkImageData()

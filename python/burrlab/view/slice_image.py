@@ -74,7 +74,7 @@ def slice_image(bone: VoxelBone, point: ArrayLike, plane: str) -> SliceImage:
         raise ValueError(f"plane must be one of {', '.join(PLANES)}, got '{plane}'")
     at = np.asarray(point, float)
     if at.shape != (3,) or not np.isfinite(at).all():
-        raise ValueError(f"point must be three finite numbers (x, y, z) [mm], got {point}")
+        raise ValueError(f"point must be three finite numbers (x, y, z) [mm], got {point!r}")
     across, right, up = PLANES[plane]
     shape, spacing, origin = bone.shape[::-1], bone.spacing, bone.origin
     index = int(np.clip(np.rint((at[across] - origin[across]) / spacing[across]), 0, shape[across] - 1))

@@ -109,7 +109,8 @@ def surface_blocks(
     {(0, 0, 0): SurfaceBlock(602 vertices, 1200 triangles)}
     """
     if blocks is None:
-        wanted = list(itertools.product(*(range(n) for n in block_counts(bone))))
+        nz, ny, nx = block_counts(bone)
+        wanted = list(itertools.product(range(nz), range(ny), range(nx)))
     else:
         wanted = [(int(z), int(y), int(x)) for z, y, x in blocks]
     made = _core.extract_surface(bone, np.array(wanted, np.int64).reshape(-1, 3), level)
@@ -118,31 +119,59 @@ def surface_blocks(
     }
 
 
-def blocks_of_bricks(bricks: ArrayLike, counts: Block) -> list[Block]:
-    """Blocks whose surface depends on a voxel of these bricks, in order.
-
-    Parameters
-    ----------
-    bricks : array_like, shape (n, 3)
-        Bricks of 8^3 voxels, (z, y, x), as a follower's view gives them.
-    counts : (z, y, x)
-        Number of blocks.
+def brick_places(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.int64]:
+    """Bricks as (z, y, x), shape (n, 3), from their numbers, shape (n,), or from places as they are.
 
     Raises
     ------
     ValueError
-        If bricks have another shape.
+        If bricks have another shape, or one is not in the bone.
     """
-    places = np.asarray(bricks, np.int64)
-    if places.size == 0:
-        return []
-    if places.ndim != 2 or places.shape[1] != 3:
-        raise ValueError(f"bricks must have the shape (n, 3), got {places.shape}")
+    found = np.asarray(bricks, np.int64)
+    counts = np.array([-(-n // _BRICK) for n in bone.shape])
+    if found.size == 0:
+        return np.zeros((0, 3), np.int64)
+    if found.ndim == 1:
+        if found.min() < 0 or found.max() >= counts.prod():
+            raise ValueError(
+                f"bricks must be from 0 to below {counts.prod()}, got {found.min()} to {found.max()}"
+            )
+        return np.stack(np.unravel_index(found, tuple(counts)), axis=1)
+    if found.ndim != 2 or found.shape[1] != 3:
+        raise ValueError(f"bricks must have the shape (n,) or (n, 3), got {found.shape}")
+    if (found < 0).any() or (found >= counts).any():
+        raise ValueError(f"bricks must lie within {tuple(counts.tolist())} (z, y, x)")
+    return found
+
+
+def brick_numbers(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.uint32]:
+    """The inverse of `brick_places`; numbers stay as they are. ValueError as there."""
+    counts = tuple(-(-n // _BRICK) for n in bone.shape)
+    z, y, x = brick_places(bricks, bone).T
+    numbers: NDArray[np.uint32] = ((z * counts[1] + y) * counts[2] + x).astype(np.uint32)
+    return numbers
+
+
+def blocks_of_bricks(bricks: ArrayLike, bone: VoxelBone) -> list[Block]:
+    """Blocks whose surface depends on a voxel of these bricks, in order.
+
+    Parameters
+    ----------
+    bricks : array_like, shape (n,) or (n, 3)
+        Bricks of 8^3 voxels, by number or place (z, y, x).
+    bone : VoxelBone
+
+    Raises
+    ------
+    ValueError
+        If bricks have another shape, or one is not in the bone.
+    """
+    places = brick_places(bricks, bone)
     low = np.maximum((places * _BRICK - _MARGIN) // BLOCK, 0)
-    high = np.minimum((places * _BRICK + _BRICK - 1 + _MARGIN) // BLOCK, np.array(counts) - 1)
+    high = np.minimum((places * _BRICK + _BRICK - 1 + _MARGIN) // BLOCK, np.array(block_counts(bone)) - 1)
     found: set[Block] = set()
-    for first, last in {(tuple(a), tuple(b)) for a, b in zip(low.tolist(), high.tolist(), strict=True)}:
-        found.update(itertools.product(*(range(a, b + 1) for a, b in zip(first, last, strict=True))))
+    for z0, y0, x0, z1, y1, x1 in np.unique(np.hstack([low, high]), axis=0).tolist():
+        found.update(itertools.product(range(z0, z1 + 1), range(y0, y1 + 1), range(x0, x1 + 1)))
     return sorted(found)
 
 
@@ -173,8 +202,8 @@ class Surface:
         ----------
         bone : VoxelBone
             Of the same shape.
-        bricks : array_like, shape (n, 3), optional
-            That changed, (z, y, x).
+        bricks : array_like, shape (n,) or (n, 3), optional
+            That changed, by number or place (z, y, x).
 
         Returns
         -------
@@ -192,7 +221,7 @@ class Surface:
             before = set(self.blocks)
             self.blocks = surface_blocks(bone, level=self.level)
             return sorted(before | set(self.blocks))
-        wanted = blocks_of_bricks(bricks, self.counts)
+        wanted = blocks_of_bricks(bricks, bone)
         made = surface_blocks(bone, wanted, level=self.level)
         changed = []
         for block in wanted:

@@ -90,8 +90,8 @@ class OccupancyMap:
     def text(self) -> str:
         """As `parse` reads it."""
         if self.occupancies == (0.0, 1.0):
-            return f"{self.greys[0]:.17g}:{self.greys[1]:.17g}"
-        return ",".join(f"{g:.17g}:{o:.17g}" for g, o in zip(self.greys, self.occupancies, strict=True))
+            return f"{_text(self.greys[0])}:{_text(self.greys[1])}"
+        return ",".join(f"{_text(g)}:{_text(o)}" for g, o in zip(self.greys, self.occupancies, strict=True))
 
     def occupancy(self, values: NDArray[Any]) -> NDArray[np.float32]:
         """Occupancy of grey values, 0 to 1.
@@ -130,6 +130,11 @@ class OccupancyMap:
         low, high = greys[place], greys[place + 1]
         part = np.clip((values - low) / (high - low), 0.0, 1.0)
         return np.asarray(occupancies[place] + part * (occupancies[place + 1] - occupancies[place]))
+
+
+def _text(number: float) -> str:
+    """The shortest that reads back the same."""
+    return repr(number).removesuffix(".0")
 
 
 def occupancy_map(mapping: OccupancyMap | float, solid: float | None = None) -> OccupancyMap:

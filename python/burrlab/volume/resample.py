@@ -32,6 +32,7 @@ def resample_linear(
     old: Array,
     new: Array,
     *,
+    empty_outside: bool = False,
     kind: Any = np.float32,
     store: Callable[[NDArray[np.float32]], NDArray[Any]] = lambda plane: plane,
 ) -> NDArray[Any]:
@@ -45,6 +46,8 @@ def resample_linear(
     values : ndarray, shape (z, y, x)
     old, new : ndarray, shape (3,)
         Spacing (x, y, z) [mm].
+    empty_outside : bool
+        A last voxel that reaches beyond the volume gets the part of its value by which it lies within; else the whole.
     kind : dtype
         Of the result.
     store : callable
@@ -60,12 +63,20 @@ def resample_linear(
         _neighbours(work.shape[axis], shape[axis], min(float(new[2 - axis] / old[2 - axis]), 1.0))
         for axis in range(3)
     )
+    within = [
+        _within(values.shape[axis] * old[2 - axis], shape[axis], new[2 - axis])
+        if empty_outside
+        else np.float32(1)
+        for axis in range(3)
+    ]
     found = np.empty(shape, dtype=kind)
     for k in range(shape[0]):  # a plane at a time: no copies of the large volume
         plane = work[z0[k]] + zw[k] * (work[z1[k]] - work[z0[k]])
         plane = plane[y0] + yw[:, None] * (plane[y1] - plane[y0])
         plane = plane[:, x0] + xw * (plane[:, x1] - plane[:, x0])
-        found[k] = store(plane)
+        plane[-1] *= within[1]
+        plane[:, -1] *= within[2]
+        found[k] = store(plane if k < shape[0] - 1 else plane * within[0])
     return found
 
 
@@ -77,6 +88,12 @@ def resample_nearest(labels: NDArray[Any], old: Array, new: Array) -> NDArray[An
         center = (np.arange(shape[axis]) + 0.5) * (new[2 - axis] / old[2 - axis])
         places.append(np.clip(np.ceil(center - 1e-9) - 1, 0, labels.shape[axis] - 1).astype(int))
     return np.asarray(labels[np.ix_(*places)])
+
+
+def _within(extent: float, count: int, spacing: float) -> np.float32:
+    """Part of the last voxel that lies in the volume; 1 where it ends with it but for rounding."""
+    part = extent / spacing - (count - 1)
+    return np.float32(min(part, 1.0) if part < 1.0 - _WHOLE else 1.0)
 
 
 def _three(values: NDArray[Any]) -> tuple[int, int, int]:

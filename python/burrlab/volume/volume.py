@@ -136,7 +136,8 @@ class Volume(OnGrid):
             Grey value of solid bone.
         spacing : float or (x, y, z), optional
             Of the bone [mm]; default the volume's own. The map acts first, then the occupancy is interpolated as `resample` does
-            it, and rounded to levels once: so the amount of bone stays what the map says.
+            it, and rounded to levels once: so the amount of bone stays what the map says. Beyond the volume there is none: a last
+            voxel that reaches out is filled by its part within.
 
         Raises
         ------
@@ -158,7 +159,7 @@ class Volume(OnGrid):
                 chosen.levels(self.values), spacing=self.spacing, origin=self.bone_point(self.origin)
             )
         levels = resample_linear(
-            chosen.occupancy(self.values), self.spacing, new, kind=np.uint8, store=_levels
+            chosen.occupancy(self.values), self.spacing, new, empty_outside=True, kind=np.uint8, store=_levels
         )
         return VoxelBone(levels, spacing=new, origin=self.bone_point(self._origin_at(new)))
 

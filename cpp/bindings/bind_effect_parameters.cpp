@@ -1,0 +1,207 @@
+#include "bindings.hpp"
+#include "burrlab/check.hpp"
+#include "burrlab/effects/effect_parameters.hpp"
+#include "burrlab/effects/instruments.hpp"
+
+namespace py = pybind11;
+using namespace burrlab;
+
+namespace {
+
+EffectParameters make(const py::kwargs& values) {
+  EffectParameters made;
+  for (const auto& item : values) {
+    const auto name = item.first.cast<std::string>();
+    const EffectParameterRow* found = nullptr;
+    for (const EffectParameterRow& row : effect_parameter_table())
+      if (name == row.name) found = &row;
+    if (!found) throw py::type_error("EffectParameters has no parameter '" + name + "'");
+    made.*found->value = item.second.cast<double>();
+  }
+  made.check();
+  return made;
+}
+
+py::dict values_of(const EffectParameters& parameters) {
+  py::dict out;
+  for (const EffectParameterRow& row : effect_parameter_table()) {
+    const double value = parameters.*row.value;
+    out[row.name] = row.whole ? py::object(py::int_(std::int64_t(value))) : py::object(py::float_(value));
+  }
+  return out;
+}
+
+Nozzle make_nozzle(const Vec3& position, const Vec3& direction, double rate, double speed,
+                   std::optional<int> burr) {
+  Nozzle made{position, direction, rate, speed, burr.value_or(-1)};
+  if (burr && *burr < 0) burrlab::refuse("burr of the nozzle", "0, 1 or None", *burr);
+  made.check();
+  return made;
+}
+
+Sucker make_sucker(const Vec3& position, double radius, double reach, double rate, double pull) {
+  const Sucker made{position, radius, reach, rate, pull};
+  made.check();
+  return made;
+}
+
+Camera make_camera(const Vec3& position, const Vec3& look_at, const Vec3& up, double angle, double aspect) {
+  const Camera made{position, look_at, up, angle, aspect};
+  made.check();
+  return made;
+}
+
+}  // namespace
+
+void bind_effect_parameters(py::module_& m) {
+  auto parameters = py::class_<EffectParameters>(m, "EffectParameters",
+                                                 R"(Rates, sizes and friction of the secondary effects.
+
+All but gravity are assumed: the paper gives no numbers. docs/effects.md says what each means.
+
+Parameters
+----------
+**values : float
+    By name; the others keep their defaults. `table()` lists names, units and ranges.
+
+Raises
+------
+ValueError
+    If a value is not in its range.
+TypeError
+    If there is no parameter of that name.
+
+Examples
+--------
+>>> from burrlab.effects import EffectParameters
+>>> EffectParameters(blood_rate=0.2).blood_rate
+0.2
+)");
+  parameters.def(py::init(&make));
+  for (const EffectParameterRow& row : effect_parameter_table()) {
+    const auto* at = &row;
+    const std::string doc = *row.unit ? "[" + std::string(row.unit) + "]" : "";
+    parameters.def_property_readonly(
+        row.name, [at](const EffectParameters& p) { return values_of(p)[at->name]; }, doc.c_str());
+  }
+  parameters.def("to_dict", &values_of, "All of them, for JSON.")
+      .def_static(
+          "table",
+          [] {
+            py::list rows;
+            for (const EffectParameterRow& row : effect_parameter_table())
+              rows.append(py::make_tuple(row.name, row.unit, row.least, row.most, row.assumed));
+            return rows;
+          },
+          "[(name, unit, least, most, assumed)]")
+      .def(
+          "__eq__",
+          [](const EffectParameters& a, const EffectParameters& b) {
+            return values_of(a).equal(values_of(b));
+          },
+          py::is_operator())
+      .def("__repr__",
+           [](const EffectParameters& p) {
+             const py::dict mine = values_of(p), usual = values_of(EffectParameters{});
+             std::string text;
+             for (const EffectParameterRow& row : effect_parameter_table())
+               if (!mine[row.name].equal(usual[row.name]))
+                 text += (text.empty() ? "" : ", ") +
+                         std::string(py::str("{}={!r}").format(row.name, mine[row.name]));
+             return "EffectParameters(" + text + ")";
+           })
+      .def(py::pickle(&values_of, [](const py::dict& values) { return make(py::kwargs(values)); }));
+  parameters.attr("__hash__") = py::none();
+
+  const Nozzle nozzle;
+  py::class_<Nozzle>(m, "Nozzle", R"(Irrigation.
+
+Parameters
+----------
+position : (x, y, z)
+    From the centre of the burr that it moves with, or, with `burr=None`, in the bone frame [mm].
+direction : (x, y, z)
+    Of the jet; its length does not matter.
+rate : float
+    [mm^3/s]
+speed : float
+    Of the jet [mm/s].
+burr : int or None
+    Number of the burr that it moves with.
+
+Raises
+------
+ValueError
+    If a value is not finite, the direction is zero, or rate, speed or burr are negative.
+)")
+      .def(py::init(&make_nozzle), py::arg("position") = nozzle.position,
+           py::arg("direction") = nozzle.direction, py::kw_only(), py::arg("rate") = nozzle.rate,
+           py::arg("speed") = nozzle.speed, py::arg("burr") = 0)
+      .def_property_readonly(
+          "position", [](const Nozzle& n) { return n.position; }, "[mm]")
+      .def_property_readonly("direction", [](const Nozzle& n) { return n.direction; })
+      .def_readonly("rate", &Nozzle::rate, "[mm^3/s]")
+      .def_readonly("speed", &Nozzle::speed, "[mm/s]")
+      .def_property_readonly("burr",
+                             [](const Nozzle& n) { return n.burr < 0 ? std::optional<int>() : n.burr; });
+
+  const Sucker sucker;
+  py::class_<Sucker>(m, "Sucker", R"(Takes up what comes near its tip, and draws the air around it.
+
+Parameters
+----------
+position : (x, y, z)
+    Of the tip, in the bone frame [mm].
+radius : float
+    Within which it takes parcels up [mm].
+reach : float
+    Within which it draws [mm].
+rate : float
+    That it takes up at most [mm^3/s]; a parcel is never split, what is too much is owed by the next frame.
+pull : float
+    Speed of the air at `radius` [mm/s]; falls with the square of the distance.
+
+Raises
+------
+ValueError
+    If a value is not finite, the radius is not positive, the reach is less than the radius, or rate or pull are
+    negative.
+)")
+      .def(py::init(&make_sucker), py::arg("position"), py::kw_only(), py::arg("radius") = sucker.radius,
+           py::arg("reach") = sucker.reach, py::arg("rate") = sucker.rate, py::arg("pull") = sucker.pull)
+      .def_property_readonly(
+          "position", [](const Sucker& s) { return s.position; }, "[mm]")
+      .def_readonly("radius", &Sucker::radius, "[mm]")
+      .def_readonly("reach", &Sucker::reach, "[mm]")
+      .def_readonly("rate", &Sucker::rate, "[mm^3/s]")
+      .def_readonly("pull", &Sucker::pull, "[mm/s]");
+
+  const Camera camera;
+  py::class_<Camera>(m, "Camera", R"(A perspective view.
+
+Parameters
+----------
+position, look_at : (x, y, z)
+    Bone frame [mm].
+up : (x, y, z)
+view_angle : float
+    From the lower to the upper edge of the picture [degree], 1 to 170.
+aspect : float
+    Width over height of the picture.
+
+Raises
+------
+ValueError
+    If a value is not finite or out of range, `look_at` is the position, or `up` lies along the view.
+)")
+      .def(py::init(&make_camera), py::arg("position"), py::arg("look_at"), py::kw_only(),
+           py::arg("up") = camera.up, py::arg("view_angle") = camera.view_angle,
+           py::arg("aspect") = camera.aspect)
+      .def_property_readonly(
+          "position", [](const Camera& c) { return c.position; }, "[mm]")
+      .def_property_readonly(
+          "look_at", [](const Camera& c) { return c.look_at; }, "[mm]")
+      .def_property_readonly("up", [](const Camera& c) { return c.up; })
+      .def_readonly("view_angle", &Camera::view_angle, "[degree]")
+      .def_readonly("aspect", &Camera::aspect);
+}

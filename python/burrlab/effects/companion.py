@@ -1,0 +1,164 @@
+"""The secondary effects beside a running session."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from burrlab._core import Camera, EffectParameters, EffectsCompanion, Nozzle, Sucker
+from burrlab.effects.effects import to_seed
+from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance, to_report
+
+if TYPE_CHECKING:
+    from burrlab.session.session import Session
+
+DEFAULT_BUDGET = 0.020  # [s]
+
+
+class Companion:
+    """Runs effects in a thread of their own, fed by the session's follower; the loop is not touched.
+
+    Parameters
+    ----------
+    session : Session
+        Started or not. Bone that is gone by now made no dust.
+    rate : float
+        Frames a second, 1 to 200 [Hz], on the wall clock.
+    budget : float, optional
+        Of a frame [s]; None: it takes what it takes.
+    camera : Camera, optional
+        For `hidden_fraction`.
+    nozzle, sucker, parameters, seed, down, spin
+        As in `Effects`.
+
+    Raises
+    ------
+    ValueError
+        If the rate or the budget is out of range, or it is started twice.
+
+    Notes
+    -----
+    It ends by itself one frame after the session has ended, so that all that was removed has become dust. A session
+    on a virtual clock is followed on the wall clock all the same.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> from burrlab.effects import Companion
+    >>> bone = burrlab.VoxelBone.block((12, 12, 4), 0.2, origin=(-5.9, -5.9, -3.9))
+    >>> tool = burrlab.Burr(2.0), burrlab.materials["bone"]
+    >>> hand = burrlab.HandDevice((0, 0, 2.1))
+    >>> with burrlab.Session(bone, tool, hand, seed=1, duration=0.3, wall_clock=False) as session:
+    ...     with Companion(session, seed=1) as companion:
+    ...         ended = session.wait() and companion.wait(5)
+    >>> dust = companion.balance()["dust"]
+    >>> ended, dust.exact, dust.made * dust.quantum == session.snapshot()[0].removed
+    (True, True, True)
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        *,
+        rate: float = 20.0,
+        budget: float | None = DEFAULT_BUDGET,
+        camera: Camera | None = None,
+        nozzle: Nozzle | None = None,
+        sucker: Sucker | None = None,
+        parameters: EffectParameters | None = None,
+        seed: int | None = None,
+        down: ArrayLike = (0.0, 0.0, -1.0),
+        spin: ArrayLike = (0.0, 0.0, 1.0),
+    ) -> None:
+        self.parameters = EffectParameters() if parameters is None else parameters
+        self.seed = to_seed(seed)
+        self.rate = float(rate)
+        self.budget = budget
+        self._core = EffectsCompanion(
+            session.loop, session.follower, parameters=self.parameters, seed=self.seed, down=np.asarray(down, float),
+            spin=np.asarray(spin, float), budget=budget, rate=self.rate,
+        )  # fmt: skip
+        self.set_camera(camera)
+        self.set_nozzle(nozzle)
+        self.set_sucker(sucker)
+
+    def start(self) -> Companion:
+        """Once. ValueError the second time."""
+        self._core.start()
+        return self
+
+    def stop(self) -> None:
+        """Ends it after the frame that it is in. Further calls do nothing."""
+        self._core.stop()
+
+    def wait(self, seconds: float | None = None) -> bool:
+        """Until it has ended, at most so long [s]; whether it has. Can be interrupted."""
+        left = float("inf") if seconds is None else seconds
+        while left > 0 and not self._core.wait(min(left, 0.1)):
+            left -= 0.1
+        return not self._core.running
+
+    def __enter__(self) -> Companion:
+        return self.start()
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+
+    def set_nozzle(self, nozzle: Nozzle | None) -> None:
+        """From the next frame on."""
+        self._core.set_nozzle(nozzle)
+
+    def set_sucker(self, sucker: Sucker | None) -> None:
+        """From the next frame on."""
+        self._core.set_sucker(sucker)
+
+    def set_camera(self, camera: Camera | None) -> None:
+        """From the next frame on."""
+        self._core.set_camera(camera)
+
+    @property
+    def running(self) -> bool:
+        return self._core.running
+
+    @property
+    def error(self) -> str:
+        """What ended it; empty if nothing did."""
+        return self._core.error
+
+    @property
+    def quantum(self) -> float:
+        """One level of one voxel [mm^3]."""
+        return self._core.quantum
+
+    def newest(self) -> dict[str, Any]:
+        """Of one and the same frame: frame (made so far), tick, parcels, balance, removed (levels by tissue's number),
+        bleeding [mm^3/s], hidden (of burr 0; nan without camera or burr)."""
+        raw = self._core.newest()
+        raw["balance"] = to_balance(raw["balance"], self.quantum)
+        del raw["report"]
+        return raw
+
+    @property
+    def parcels(self) -> NDArray[np.void]:
+        """Of the newest frame, a copy, as `Effects.parcels`."""
+        parcels: NDArray[np.void] = self._core.newest()["parcels"]
+        return parcels
+
+    @property
+    def hidden(self) -> float:
+        """Part of burr 0 that is hidden in the newest frame; nan without a camera or before the first tick."""
+        return float(self._core.newest()["hidden"])
+
+    def balance(self) -> dict[str, SubstanceBalance]:
+        """Accounts of dust, blood and water after the newest frame."""
+        return to_balance(self._core.newest()["balance"], self.quantum)
+
+    def report(self) -> EffectsReport:
+        """Frames, what they took in all (asking the follower, moving, copying out) and what was given up."""
+        return to_report(self._core.newest()["report"], self.budget)
+
+    def __repr__(self) -> str:
+        state = "running" if self.running else "not running"
+        return f"Companion({state}, {self.report().frames} frames)"

@@ -1,0 +1,223 @@
+"""Dust, blood, water and a sucker, frame by frame."""
+
+from __future__ import annotations
+
+import operator
+import secrets
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from burrlab import _core
+from burrlab._core import Camera, EffectParameters, Nozzle, Sucker, VoxelBone
+from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance, to_report
+
+#: (merge_to, sub_steps, done): what the clock decided in a frame.
+Decision = tuple[int, int, int]
+BurrAt = tuple[ArrayLike, float]
+
+
+class Effects:
+    """What a burr leaves in the field of view: dust, blood, water, paste.
+
+    Parcels carry integer quanta of mass, one level of one voxel, so that for each substance, after every frame,
+    made = present + sucked + drained exactly.
+
+    Parameters
+    ----------
+    bone : VoxelBone
+        Its levels are copied; bone that is gone by then made no dust. Blood needs tissues that bleed.
+    parameters : EffectParameters, optional
+        Defaults are assumed.
+    seed : int, optional
+        None draws one; `seed` tells it.
+    down, spin : (x, y, z)
+        Direction of gravity; axis that the burrs turn about, right-handed. Both assumed.
+    nozzle : Nozzle, optional
+    sucker : Sucker, optional
+    budget : float, optional
+        Of a frame [s]; without it nothing depends on the clock, and the same frames give the same parcels.
+
+    Raises
+    ------
+    ValueError
+        If a direction is zero, the budget is not positive, or the seed is out of range.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> from burrlab.effects import Effects, Nozzle
+    >>> bone = burrlab.VoxelBone.block((10, 10, 5), 0.25, origin=(-4.9, -4.9, -4.9))
+    >>> effects = Effects(bone, seed=1, nozzle=Nozzle((0, 0, 5), (0, 0, -1), rate=100, burr=None))
+    >>> for _ in range(20):
+    ...     decision = effects.step(0.05)
+    >>> water = effects.balance()["water"]
+    >>> water.exact, round(water.volumes()["made"])
+    (True, 100)
+    """
+
+    def __init__(
+        self,
+        bone: VoxelBone,
+        *,
+        parameters: EffectParameters | None = None,
+        seed: int | None = None,
+        down: ArrayLike = (0.0, 0.0, -1.0),
+        spin: ArrayLike = (0.0, 0.0, 1.0),
+        nozzle: Nozzle | None = None,
+        sucker: Sucker | None = None,
+        budget: float | None = None,
+    ) -> None:
+        self.parameters = EffectParameters() if parameters is None else parameters
+        self.seed = to_seed(seed)
+        self.budget = budget
+        self._bricks = tuple(-(-int(side) // 8) for side in bone.shape)
+        self._core = _core.Effects(
+            bone, parameters=self.parameters, seed=self.seed, down=np.asarray(down, float),
+            spin=np.asarray(spin, float), budget=budget,
+        )  # fmt: skip
+        self.nozzle, self.sucker = nozzle, sucker
+
+    @property
+    def nozzle(self) -> Nozzle | None:
+        """From the next frame on."""
+        return self._core.nozzle
+
+    @nozzle.setter
+    def nozzle(self, nozzle: Nozzle | None) -> None:
+        self._core.nozzle = nozzle
+
+    @property
+    def sucker(self) -> Sucker | None:
+        """From the next frame on."""
+        return self._core.sucker
+
+    @sucker.setter
+    def sucker(self, sucker: Sucker | None) -> None:
+        self._core.sucker = sucker
+
+    def step(
+        self,
+        dt_s: float,
+        update: Mapping[str, Any] | None = None,
+        burrs: Sequence[BurrAt] = (),
+        *,
+        decision: Decision | None = None,
+    ) -> Decision:
+        """One frame.
+
+        Parameters
+        ----------
+        dt_s : float
+            That it stands for [s], at most 10.
+        update : mapping, optional
+            What changed of the bone since the last frame, as `Follower.take` gives it: `bricks` (n, 3) (z, y, x), or
+            their numbers (n,), and `density`, 512 levels each.
+        burrs : list of (center, radius)
+            Where the burrs are [mm].
+        decision : (merge_to, sub_steps, done), optional
+            That of the same frame of another run, in place of the clock's.
+
+        Returns
+        -------
+        (int, int, int)
+            The decision: parcels at most before it moved them, sub-steps planned, sub-steps after which the rest was
+            made in one.
+
+        Raises
+        ------
+        ValueError
+            If the time is out of range, a brick is not in the volume, a burr or a decision is wrong.
+        """
+        bricks, density = np.empty(0, np.uint32), np.empty(0, np.uint8)
+        if update is not None:
+            bricks = self._numbers(np.asarray(update["bricks"]))
+            density = np.ascontiguousarray(update["density"], np.uint8)
+        centers = np.array([np.asarray(center, float) for center, _ in burrs], float).reshape(len(burrs), -1)
+        radii = np.array([radius for _, radius in burrs], float)
+        return self._core.step(
+            float(dt_s), bricks, density, centers if len(burrs) else np.empty((0, 3)), radii, decision
+        )
+
+    def _numbers(self, bricks: NDArray[Any]) -> NDArray[np.uint32]:
+        if bricks.ndim == 2 and bricks.shape[1] == 3:
+            inside = (bricks >= 0).all() and (bricks < np.array(self._bricks)).all()
+            if not inside:
+                raise ValueError(f"bricks must lie inside the {self._bricks} bricks of the volume")
+            bricks = np.ravel_multi_index(tuple(bricks.T.astype(np.intp)), self._bricks)
+        return np.ascontiguousarray(bricks, np.uint32)
+
+    @property
+    def parcels(self) -> NDArray[np.void]:
+        """A copy: position, velocity (3,) [mm], [mm/s], radius [mm], dust, blood, water [quanta], age [s]."""
+        return self._core.parcels()
+
+    @property
+    def quantum(self) -> float:
+        """One level of one voxel [mm^3]."""
+        return self._core.quantum
+
+    @property
+    def removed(self) -> list[int]:
+        """Levels removed since the beginning, by tissue's number; a single one without tissues; empty before any."""
+        return self._core.removed
+
+    @property
+    def bleeding(self) -> float:
+        """Of all wounds now [mm^3/s]."""
+        return self._core.bleeding
+
+    @property
+    def decisions(self) -> list[Decision]:
+        """Of all frames, for `step(decision=...)` of another run."""
+        return self._core.decisions
+
+    def balance(self) -> dict[str, SubstanceBalance]:
+        """Accounts of dust, blood and water."""
+        return to_balance(self._core.balance(), self.quantum)
+
+    def hidden_fraction(self, camera: Camera, burr: BurrAt) -> float:
+        """Part of a burr's projected disc that parcels before it hide, 0 to 1.
+
+        Parameters
+        ----------
+        camera : Camera
+        burr : (center, radius)
+            [mm]
+
+        Returns
+        -------
+        float
+            The disc is sampled on 64 x 64 points of its frame; light passes a parcel as its opacity lets it. nan where
+            the burr is not in the picture.
+
+        Raises
+        ------
+        ValueError
+            If the camera lies in the burr, or the burr is not finite.
+        """
+        center, radius = burr
+        return self._core.hidden(camera, np.asarray(center, float), float(radius))
+
+    def report(self) -> EffectsReport:
+        """Frames, what they took and what was given up."""
+        return to_report(self._core.report(), self.budget)
+
+    def __repr__(self) -> str:
+        report = self.report()
+        return f"Effects({report.frames} frames, seed={self.seed})"
+
+
+def to_seed(seed: int | None) -> int:
+    """The seed, or a new one."""
+    if seed is None:
+        return secrets.randbits(64)
+    try:
+        number = operator.index(seed)
+    except TypeError:
+        number = -1
+    if not 0 <= number < 2**64:
+        raise ValueError(f"seed must be a whole number from 0 and below 2^64, got {seed!r}")
+    return number

@@ -1,0 +1,112 @@
+"""What there is to say of the secondary effects: each substance's account, and what was given up for time."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class SubstanceBalance:
+    """One substance's account, in quanta: one level of one voxel, dV/255.
+
+    Attributes
+    ----------
+    made : int
+        By the burr, a wound or the nozzle.
+    present : int
+        In parcels, added up anew.
+    sucked : int
+        Taken up by the sucker.
+    drained : int
+        Gone out of the box around the volume.
+    quantum : float
+        [mm^3]
+    """
+
+    made: int
+    present: int
+    sucked: int
+    drained: int
+    quantum: float
+
+    @property
+    def exact(self) -> bool:
+        """made = present + sucked + drained."""
+        return self.made == self.present + self.sucked + self.drained
+
+    def volumes(self) -> dict[str, float]:
+        """The same in mm^3."""
+        return {name: getattr(self, name) * self.quantum for name in ("made", "present", "sucked", "drained")}
+
+
+@dataclass(frozen=True, repr=False)
+class EffectsReport:
+    """Frames, what they took and what was given up.
+
+    Attributes
+    ----------
+    frames : int
+        Made so far.
+    budget : float or None
+        Of a frame [s].
+    over_budget : int
+        Frames that took longer, on the wall clock.
+    coarse, cut : int
+        Frames planned with fewer sub-steps than asked for; frames whose last sub-steps became one.
+    crowded, merged : int
+        Frames that merged parcels to save time; parcels that went into others, to save time or at the limit.
+    sub_steps_least, sub_steps_most : int
+    sub_steps_mean : float
+        Of a frame.
+    parcels_most : int
+        At the end of a frame.
+    wall_ms, cpu_ms : dict
+        p50, p90, p99, p999 and max of what a frame took [ms]: on the wall clock, and of its thread's CPU time.
+    """
+
+    frames: int
+    budget: float | None
+    over_budget: int
+    coarse: int
+    cut: int
+    crowded: int
+    merged: int
+    sub_steps_least: int
+    sub_steps_most: int
+    sub_steps_mean: float
+    parcels_most: int
+    wall_ms: dict[str, float]
+    cpu_ms: dict[str, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return asdict(self)
+
+    def __repr__(self) -> str:
+        return f"EffectsReport({self.frames} frames, {self.over_budget} over budget)"
+
+    def __str__(self) -> str:
+        if not self.frames:
+            return "no frame yet"
+        lines = [
+            f"{self.frames} frames of at most {self.parcels_most} parcels; p50 {self.wall_ms['p50']:.2f} ms, "
+            f"p99 {self.wall_ms['p99']:.2f} ms, at most {self.wall_ms['max']:.2f} ms "
+            f"(CPU time p99 {self.cpu_ms['p99']:.2f} ms)",
+            f"sub-steps {self.sub_steps_least} to {self.sub_steps_most}, {self.sub_steps_mean:.2f} in the mean",
+            f"{self.merged} parcels merged",
+        ]
+        if self.budget is not None:
+            lines.append(
+                f"budget {1e3 * self.budget:g} ms: {self.over_budget} frames over it; given up: {self.coarse} frames with fewer "
+                f"sub-steps, {self.cut} cut, {self.crowded} with parcels merged for it"
+            )
+        return "\n".join(lines)
+
+
+def to_report(raw: dict[str, Any], budget: float | None) -> EffectsReport:
+    return EffectsReport(budget=budget, **raw)
+
+
+def to_balance(raw: dict[str, tuple[int, int, int, int]], quantum: float) -> dict[str, SubstanceBalance]:
+    return {name: SubstanceBalance(*account, quantum) for name, account in raw.items()}

@@ -1,0 +1,140 @@
+"""Pictures as a film: MP4 by ffmpeg, GIF by Pillow."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def write_video(
+    path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]], *, fps: float = 20.0
+) -> int:
+    """Writes pictures as a film, by the file's ending: .mp4 (H.264) or .gif.
+
+    Parameters
+    ----------
+    path : path-like
+    frames : iterable of ndarray, shape (height, width, 3), uint8
+        All of one size; taken one by one, so that a film need not fit into memory. GIF keeps them all.
+    fps : float
+        Frames a second [1/s].
+
+    Returns
+    -------
+    int
+        Frames written.
+
+    Raises
+    ------
+    ValueError
+        If the ending is another, fps is not positive, there is no frame, or they differ in size.
+    OSError
+        If there is no ffmpeg for an MP4, or it fails; no file is left then.
+    """
+    file = Path(path)
+    if not (np.isfinite(fps) and fps > 0):
+        raise ValueError(f"fps must be positive and finite, got {fps}")
+    kind = file.suffix.lower()
+    if kind not in (".mp4", ".gif"):
+        raise ValueError(f"a film must end in .mp4 or .gif, got {file.name}")
+    write = _write_mp4 if kind == ".mp4" else _write_gif
+    part = file.with_name(f"{file.stem}.part{file.suffix}")
+    try:
+        count = write(part, _of_one_size(frames), fps)
+        if count == 0:
+            raise ValueError("a film needs at least one frame")
+        part.replace(file)
+    finally:
+        part.unlink(missing_ok=True)
+    return count
+
+
+def ffmpeg() -> str:
+    """The program ffmpeg: the system's, else that of the Python package imageio-ffmpeg.
+
+    Raises
+    ------
+    OSError
+        If there is neither.
+    """
+    found = shutil.which("ffmpeg")
+    if found:
+        return found
+    with contextlib.suppress(ImportError, RuntimeError):
+        import imageio_ffmpeg
+
+        program: str = imageio_ffmpeg.get_ffmpeg_exe()
+        return program
+    raise OSError(
+        "an MP4 needs ffmpeg: apt-get install ffmpeg, or pip install imageio-ffmpeg; a film that ends in .gif needs neither"
+    )
+
+
+def _of_one_size(frames: Iterable[NDArray[np.uint8]]) -> Iterable[NDArray[np.uint8]]:
+    first = None
+    for frame in frames:
+        if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8:
+            raise ValueError(
+                f"a frame must be uint8 of the shape (height, width, 3), got {frame.dtype} {frame.shape}"
+            )
+        first = frame.shape if first is None else first
+        if frame.shape != first:
+            raise ValueError(f"frames must have one size, got {first} and {frame.shape}")
+        yield frame
+
+
+def _write_mp4(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> int:
+    program, count = ffmpeg(), 0
+    encoder: subprocess.Popen[bytes] | None = None
+    with tempfile.TemporaryFile() as said:
+        try:
+            for frame in frames:
+                # H.264 takes even sizes only
+                even = np.ascontiguousarray(frame[: frame.shape[0] // 2 * 2, : frame.shape[1] // 2 * 2])
+                if encoder is None:
+                    encoder = subprocess.Popen(
+                        [
+                            program, "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24",
+                            "-s", f"{even.shape[1]}x{even.shape[0]}", "-r", f"{fps:g}", "-i", "-", "-an",
+                            "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "18", "-movflags", "+faststart", str(path),
+                        ],
+                        stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=said,
+                    )  # fmt: skip
+                assert encoder.stdin is not None
+                try:
+                    encoder.stdin.write(even.tobytes())
+                except BrokenPipeError:
+                    break  # its exit status and what it said follow
+                count += 1
+        except BaseException:
+            if encoder is not None:
+                encoder.kill()
+                encoder.communicate()
+            raise
+        if encoder is None:
+            return 0
+        encoder.communicate()
+        if encoder.returncode:
+            said.seek(0)
+            words = said.read().decode(errors="replace").strip().splitlines()
+            raise OSError(f"ffmpeg failed: {words[-1] if words else encoder.returncode}")
+    return count
+
+
+def _write_gif(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> int:
+    from PIL import Image
+
+    pictures = [Image.fromarray(frame).quantize(128) for frame in frames]
+    if pictures:
+        pictures[0].save(
+            path, save_all=True, append_images=pictures[1:], duration=max(round(1000 / fps), 20), loop=0
+        )
+    return len(pictures)

@@ -1,0 +1,223 @@
+"""Dust, blood, water and a sucker, frame by frame."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from effects_scenes import SOLID, bone_with_tissues, levels_removed, session
+
+import burrlab
+from burrlab import _core
+from burrlab.effects import Camera, EffectParameters, Effects, Nozzle, Sucker, effects_of
+from burrlab.view import TracePlayer
+
+WATER = Nozzle((2, 0, 3), (-0.5, 0, -0.9), rate=100)
+
+
+def carve(effects: Effects, bone: burrlab.VoxelBone, frames: int, decisions=None) -> None:
+    """Frames of 50 ms with five ticks of 10 ms of a burr that goes along x."""
+    contact = burrlab.BurrContact(bone, burrlab.Burr(2.0), SOLID, seed=3)
+    _core.take_changed_bricks(bone)
+    for frame in range(frames):
+        center = (-2 + 0.1 * frame, 0.0, 1.7)
+        for _ in range(5):
+            contact.step(center, 10.0)
+        bricks = _core.take_changed_bricks(bone)
+        update = {"bricks": bricks, "density": _core.read_bricks(bone, bricks)}
+        effects.step(0.05, update, [(center, 2.0)], decision=decisions[frame] if decisions else None)
+        accounts = effects.balance()
+        assert all(account.exact for account in accounts.values())
+        assert accounts["dust"].made == levels_removed(bone) == sum(effects.removed)
+        assert effects._core.embedded == 0
+
+
+def test_balance_of_a_cut() -> None:
+    bone = bone_with_tissues()
+    effects = Effects(bone, seed=1, nozzle=WATER, sucker=Sucker((1, 1, 0.5), rate=50))
+    carve(effects, bone, 40)
+    accounts = effects.balance()
+    assert accounts["blood"].made > 0
+    assert accounts["water"].sucked > 0
+    assert effects.removed[1] * effects.quantum == pytest.approx(bone.removed_of("sinus"), rel=1e-12)
+    assert effects.bleeding > 0
+    water = accounts["water"].volumes()
+    assert water["made"] == pytest.approx(200, abs=2 * effects.quantum)
+    assert water["made"] == pytest.approx(water["present"] + water["sucked"] + water["drained"])
+
+
+def test_parcels_are_what_the_balance_says() -> None:
+    bone = bone_with_tissues()
+    effects = Effects(bone, seed=1, nozzle=WATER)
+    carve(effects, bone, 20)
+    parcels = effects.parcels
+    for name, account in effects.balance().items():
+        assert parcels[name].sum() == account.present
+    bulk = EffectParameters().dust_bulking
+    volume = effects.quantum * (bulk * parcels["dust"] + parcels["blood"] + parcels["water"])
+    np.testing.assert_allclose(4 / 3 * np.pi * parcels["radius"] ** 3, volume, rtol=1e-12)
+    assert parcels.dtype == _core.parcel_dtype
+    assert ((parcels["dust"] > 0) & (parcels["water"] > 0)).any(), "no paste"
+    kept = parcels.copy()
+    effects.step(0.05)
+    assert (parcels == kept).all(), "a copy"
+
+
+def test_same_frames_give_same_parcels() -> None:
+    runs = []
+    for seed in (1, 1, 2):
+        bone = bone_with_tissues()
+        runs.append(Effects(bone, seed=seed, nozzle=WATER))
+        carve(runs[-1], bone, 15)
+    assert (runs[0].parcels == runs[1].parcels).all()
+    assert len(runs[0].parcels) != len(runs[2].parcels) or not (runs[0].parcels == runs[2].parcels).all()
+
+
+def test_decisions_of_the_clock_can_be_given_again() -> None:
+    bone = bone_with_tissues()
+    hurried = Effects(bone, seed=1, nozzle=WATER, budget=1e-5)
+    carve(hurried, bone, 30)
+    report = hurried.report()
+    assert report.crowded > 0
+    assert report.sub_steps_least == 1
+    assert report.over_budget > 0
+    bone = bone_with_tissues()
+    again = Effects(bone, seed=1, nozzle=WATER)
+    carve(again, bone, 30, hurried.decisions)
+    assert (hurried.parcels == again.parcels).all()
+
+
+def test_limit_merges_and_drops_nothing() -> None:
+    bone = bone_with_tissues()
+    effects = Effects(bone, seed=1, nozzle=WATER, parameters=EffectParameters(most_parcels=50))
+    carve(effects, bone, 30)
+    assert len(effects.parcels) <= 50
+    assert effects.report().merged > 0
+
+
+def test_update_by_place_and_by_number() -> None:
+    results = []
+    for by_place in (True, False):
+        bone = bone_with_tissues()
+        effects = Effects(bone, seed=1)
+        density = np.zeros((1, 8, 8, 8), np.uint8)
+        effects.step(
+            0.05, {"bricks": np.array([[1, 2, 3]]) if by_place else [1 * 64 + 2 * 8 + 3], "density": density}
+        )
+        results.append(effects.balance()["dust"].made)
+    assert results[0] == results[1] == 512 * 255
+
+
+def test_a_recorded_session(tmp_path: Path) -> None:
+    with session(1.0, record=tmp_path / "trace.h5") as made:
+        made.wait()
+    trace = burrlab.load_trace(tmp_path / "trace.h5")
+    parcels = []
+    for _ in range(2):
+        player = TracePlayer(trace)
+        effects = Effects(player.bone, seed=1, nozzle=WATER)
+        times = list(effects_of(player, effects))
+        assert times == pytest.approx(np.arange(1, 21) * 0.05)
+        parcels.append(effects.parcels)
+        assert effects.balance()["dust"].made == levels_removed(player.bone) > 0
+    assert (parcels[0] == parcels[1]).all()
+    with pytest.raises(ValueError, match="rate must be positive"):
+        effects_of(player, effects, rate=0)
+
+
+def test_a_replay_that_goes_back_buries_nothing(tmp_path: Path) -> None:
+    with session(0.5, record=tmp_path / "trace.h5") as made:
+        made.wait()
+    player = TracePlayer(burrlab.load_trace(tmp_path / "trace.h5"))
+    effects = Effects(player.bone, seed=1)
+    list(effects_of(player, effects))
+    bricks = player.seek(0)
+    effects.step(0.05, {"bricks": bricks, "density": _core.read_bricks(player.bone, bricks)})
+    dust = effects.balance()["dust"]
+    assert effects._core.refilled == dust.made
+    assert dust.exact
+    assert effects._core.embedded == 0
+
+
+def test_hidden_fraction() -> None:
+    opaque = EffectParameters(water_opacity=1.0, water_parcel=1000.0, gravity=0.0)
+    effects = Effects(
+        bone_with_tissues(), seed=1, parameters=opaque,
+        nozzle=Nozzle((0, 0, 6), (0, 0, 1), rate=20000, speed=0, burr=None),
+    )  # fmt: skip
+    camera, burr = Camera((0, 0, 60), (0, 0, 0), up=(0, 1, 0)), ((0, 0, 1.8), 2.0)
+    assert effects.hidden_fraction(camera, burr) == 0
+    effects.step(0.05)
+    assert effects.parcels["radius"].max() > 4
+    assert effects.hidden_fraction(camera, burr) == 1
+    assert np.isnan(effects.hidden_fraction(Camera((0, 0, 60), (0, 0, 100), up=(0, 1, 0)), burr))
+    with pytest.raises(ValueError, match="distance of the camera from the burr must be above its radius"):
+        effects.hidden_fraction(Camera((0, 0, 2), (0, 0, 0), up=(0, 1, 0)), burr)
+    with pytest.raises(ValueError, match="radius of the burr must be positive"):
+        effects.hidden_fraction(camera, ((0, 0, 0), 0.0))
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: EffectParameters(sub_steps=0), "sub_steps must be a whole number from 1 to 64, got 0"),
+        (lambda: EffectParameters(dust_bulking=0.5), "dust_bulking must be from 1 to 100, got 0.5"),
+        (
+            lambda: EffectParameters(gravity=float("nan")),
+            "gravity must be from 0 to 1e\\+06 mm/s\\^2, got nan",
+        ),
+        (lambda: Nozzle((0, 0, 0), (0, 0, 0)), "length of direction of the nozzle must be positive"),
+        (lambda: Nozzle((0, 0, 0), rate=-1), "rate of the nozzle must be zero or positive"),
+        (lambda: Nozzle((0, 0, 0), burr=-1), "burr of the nozzle must be 0, 1 or None"),
+        (lambda: Sucker((0, 0, 0), radius=0), "radius of the sucker must be positive"),
+        (lambda: Sucker((0, 0, 0), reach=1), "reach of the sucker must be at least its radius"),
+        (lambda: Camera((0, 0, 0), (0, 0, 0)), "distance of look_at from the camera must be positive"),
+        (lambda: Camera((0, 0, 9), (0, 0, 0)), "sine of the angle between up and the view"),
+        (lambda: Camera((9, 0, 0), (0, 0, 0), view_angle=0), "view_angle must be from 1 to 170 degrees"),
+        (lambda: Effects(bone_with_tissues(), budget=0), "budget must be positive"),
+        (lambda: Effects(bone_with_tissues(), seed=-1), "seed must be a whole number from 0"),
+        (lambda: Effects(bone_with_tissues(), down=(0, 0, 0)), "length of down must be positive"),
+    ],
+)
+def test_refusals(make, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        make()
+
+
+def test_unknown_parameter() -> None:
+    with pytest.raises(TypeError, match="no parameter 'dust_rate'"):
+        EffectParameters(dust_rate=1.0)
+
+
+def test_frames_are_refused() -> None:
+    effects = Effects(bone_with_tissues(), seed=1)
+    tile = np.zeros((1, 8, 8, 8), np.uint8)
+    for sentence, call in {
+        "dt_s must be above 0 and at most 10 s, got 0": lambda: effects.step(0),
+        "bricks must lie inside the": lambda: effects.step(0.05, {"bricks": [[0, 0, 8]], "density": tile}),
+        "every brick must be below": lambda: effects.step(0.05, {"bricks": [9999], "density": tile}),
+        "density must hold 512 levels a brick": lambda: effects.step(
+            0.05, {"bricks": [1, 2], "density": tile}
+        ),
+        "radius of a burr must be positive": lambda: effects.step(0.05, None, [((0, 0, 0), -1.0)]),
+        "center of a burr must be finite": lambda: effects.step(0.05, None, [((0, 0, np.nan), 1.0)]),
+        "burrs must be": lambda: effects.step(0.05, None, [((0, 0), 1.0)]),
+        "done of a decision": lambda: effects.step(0.05, decision=(100, 2, 3)),
+    }.items():
+        with pytest.raises(ValueError, match=sentence):
+            call()
+    assert effects.report().frames == 0
+
+
+def test_parameters_are_documented_and_kept() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "effects.md").read_text()
+    for name, unit, _, _, assumed in EffectParameters.table():
+        row = next((line for line in text.splitlines() if line.startswith(f"| `{name}` ")), "")
+        cells = [cell.strip() for cell in row.strip("|").split("|")]
+        assert cells[1:3] == [f"{EffectParameters().to_dict()[name]:g}", unit], name
+        assert cells[3] == ("assumed" if assumed else ""), name
+    some = EffectParameters(blood_rate=0.2, sub_steps=3)
+    assert pickle.loads(pickle.dumps(some)) == some != EffectParameters()
+    assert repr(some) == "EffectParameters(blood_rate=0.2, sub_steps=3)"

@@ -1,0 +1,122 @@
+"""The secondary effects beside a running session: its end, rebuilds, being stopped, and what it costs."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import time
+from pathlib import Path
+
+import pytest
+from effects_scenes import levels_removed, session
+
+from burrlab.effects import Camera, Companion, EffectParameters, Nozzle, Sucker
+
+WATER = Nozzle((2, 0, 3), (-0.5, 0, -0.9), rate=100)
+
+
+def exact(companion: Companion) -> bool:
+    return all(account.exact for account in companion.balance().values())
+
+
+def test_all_that_was_removed_is_dust() -> None:
+    with session(1.0) as made, Companion(made, seed=1, nozzle=WATER, rate=50) as companion:
+        assert made.wait(60)
+        assert companion.wait(60)
+        assert not companion.running
+        assert companion.error == ""
+    newest = companion.newest()
+    assert newest["tick"] == 1000
+    assert newest["frame"] == companion.report().frames > 0
+    assert newest["balance"]["dust"].made == levels_removed(made.snapshot()[0]) == sum(newest["removed"])
+    assert exact(companion)
+    assert newest["balance"]["blood"].made > 0
+    for name, account in newest["balance"].items():
+        assert newest["parcels"][name].sum() == account.present
+    assert (companion.parcels == newest["parcels"]).all()
+
+
+def test_what_was_gone_before_made_no_dust() -> None:
+    with session(1.0) as made:
+        made.wait(60)
+        before = levels_removed(made.snapshot()[0])
+        with Companion(made, seed=1, rate=100) as companion:
+            assert companion.wait(60)
+    assert before > 0
+    assert companion.balance()["dust"].made == 0
+
+
+def test_rebuilds_lose_nothing() -> None:
+    with session(2.0, wall_clock=True, realtime=False) as made, Companion(made, seed=1) as companion:
+        for _ in range(8):
+            time.sleep(0.15)
+            made.follower.ask_rebuild()
+        assert made.wait(60)
+        assert companion.wait(60)
+    assert made.follower.status["rebuilds"] >= 4
+    assert companion.balance()["dust"].made == levels_removed(made.snapshot()[0]) > 0
+    assert exact(companion)
+
+
+def test_stopped_in_the_middle_and_changed_while_it_runs() -> None:
+    with session(2.0, wall_clock=True, realtime=False) as made:
+        companion = Companion(made, seed=1, rate=100, camera=Camera((0, -40, 60), (0, 0, 0)))
+        assert math.isnan(companion.hidden)
+        companion.start()
+        assert not companion.wait(0.3)
+        companion.set_nozzle(WATER)
+        companion.set_sucker(Sucker((0, 2, 1)))
+        time.sleep(0.3)
+        assert companion.running
+        assert 0 <= companion.hidden <= 1
+        companion.set_camera(None)
+        companion.stop()
+        companion.stop()
+        assert not companion.running
+        assert made.running
+        frames = companion.report().frames
+        time.sleep(0.1)
+        assert companion.report().frames == frames
+        assert companion.balance()["water"].made > 0
+        assert exact(companion)
+        with pytest.raises(ValueError, match="companion must be started once"):
+            companion.start()
+
+
+def test_it_outlives_the_names_of_session_and_companion() -> None:
+    made = session(30.0, wall_clock=True, realtime=False).start()
+    companion = Companion(made, seed=1, rate=200).start()
+    made.stop()
+    del made
+    assert companion.wait(60)
+    Companion(session(0.1), seed=1).start()  # ends with its last reference
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"rate": 0}, "rate must be from 1 to 200 Hz, got 0"),
+        ({"rate": float("nan")}, "rate must be from 1 to 200 Hz, got nan"),
+        ({"budget": -1}, "budget must be positive"),
+        ({"seed": 1.5}, "seed must be a whole number"),
+        ({"spin": (0, 0, 0)}, "length of spin must be positive"),
+    ],
+)
+def test_refusals(options: dict, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        Companion(session(0.1), **options)
+
+
+@pytest.mark.slow
+def test_twenty_thousand_parcels_beside_the_loop(capsys) -> None:
+    """60 s: the balance is exact whatever the machine does; the times are printed, not held against anything."""
+    path = Path(__file__).parents[1] / "bench" / "effects.py"
+    spec = importlib.util.spec_from_file_location("bench_effects", path)
+    bench = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(bench)
+    result = bench.run(60.0, 20_000)
+    with capsys.disabled():
+        print("\n" + result["text"])
+    assert result["exact"]
+    assert not result["failed"]
+    assert result["report"]["parcels_most"] > EffectParameters().most_parcels // 2

@@ -1,0 +1,89 @@
+"""The scripted mastoidectomy: it carves the planned cavity and little else."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+import burrlab
+from burrlab.anatomy import Phantom, compare_with_target, mastoidectomy_path, temporal_bone
+
+BURR = burrlab.Burr(3.0)
+
+
+@pytest.fixture(scope="module", params=["right", "left"])
+def phantom(request) -> Phantom:
+    return temporal_bone(0.5, seed=3, side=request.param)
+
+
+def drill(phantom: Phantom, path) -> burrlab.VoxelBone:
+    contact = burrlab.BurrContact(phantom.bone, BURR, burrlab.materials["bone"], seed=1)
+    center, on = path.sampled(2.0)
+    edges = [0, *(np.flatnonzero(np.diff(on.astype(int))) + 1), len(on)]
+    for a, b in itertools.pairwise(edges):
+        contact.run(center[a:b], 2.0, bool(on[a]))
+    return contact.bone
+
+
+def test_it_carves_the_plan(phantom):
+    path = mastoidectomy_path(phantom, BURR, layer=1.0, step=1.5, speed=30)
+    cut = compare_with_target(drill(phantom, path), phantom.target)
+    assert cut.percent > 75
+    assert cut.excess.sum() < 0.03 * cut.planned
+    injured = dict(zip(cut.tissues, cut.overlap + cut.excess, strict=True))
+    for name in ("facial nerve", "sigmoid sinus", "dura", "labyrinth"):
+        assert injured.get(name, 0.0) == 0
+
+
+def test_the_turning_burr_stays_in_the_plan_or_in_the_open(phantom):
+    """Distance from each centre to bone outside the plan, by a transform of its own."""
+    path = mastoidectomy_path(phantom, BURR, layer=1.0, step=1.5)
+    forbidden = (phantom.bone.pristine > 0) & ~phantom.target
+    pad = 16
+    away = ndimage.distance_transform_edt(~np.pad(forbidden, pad), sampling=phantom.bone.spacing[::-1])
+    center, on = path.sampled(20.0)
+    at = np.rint((center[on] - phantom.bone.origin) / phantom.bone.spacing).astype(int)[:, ::-1] + pad
+    assert away[tuple(at.T)].min() > BURR.radius - 0.9  # the diagonal of a voxel
+    assert on.mean() > 0.5
+
+
+def test_a_session_takes_it(phantom):
+    path = mastoidectomy_path(phantom, BURR, layer=1.5, step=2.0, speed=60, depth=4.0)
+    tool = BURR, burrlab.materials["bone"]
+    with burrlab.Session(
+        phantom.bone, tool, path.device(), seed=1, wall_clock=False, coupling=5.0
+    ) as session:
+        session.wait()
+        bone, _ = session.snapshot()
+    assert compare_with_target(bone, phantom.target).overlap.sum() > 100
+
+
+def test_depth_and_layers(phantom):
+    shallow = mastoidectomy_path(phantom, BURR, layer=1.0, depth=5.0)
+    whole = mastoidectomy_path(phantom, BURR, layer=1.0)
+    assert shallow.layers < whole.layers
+    deepest = np.abs(shallow.center[shallow.on, 0] + np.sign(phantom.axis[0]) * BURR.radius)
+    assert deepest.max() <= 5.0 + 0.5
+    assert np.all(np.diff(whole.time) > 0)
+    assert not whole.on[-1]
+    assert whole.duration == whole.time[-1]
+
+
+@pytest.mark.parametrize("name", ["layer", "step", "speed", "depth"])
+def test_bad_numbers_are_refused(phantom, name):
+    with pytest.raises(ValueError, match=f"{name} must be positive, got -1"):
+        mastoidectomy_path(phantom, BURR, **{name: -1.0})
+
+
+def test_burrs_that_do_not_fit_are_refused(phantom):
+    with pytest.raises(ValueError, match="burr of 40 mm fits nowhere into the planned cavity"):
+        mastoidectomy_path(phantom, burrlab.Burr(40.0))
+
+
+def test_boxes_without_a_plan_are_refused():
+    part = temporal_bone(0.5, seed=3, size=(6, 6, 6), corner=(20, -6, -6))
+    with pytest.raises(ValueError, match="phantom must hold some of the planned cavity"):
+        mastoidectomy_path(part, BURR)

@@ -1,0 +1,181 @@
+"""The procedural temporal bone: one ear a seed, at any resolution, with its structures where they belong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+import burrlab
+from burrlab.anatomy import AirCells, Phantom, phantom_tissues, temporal_bone
+from burrlab.anatomy.fields import MARGINS
+from burrlab.anatomy.phantom import _cells
+from burrlab.anatomy.structures import Structures
+
+CRITICAL = ("facial nerve", "sigmoid sinus", "dura", "labyrinth", "ossicles")
+
+
+@pytest.fixture(scope="module")
+def phantom() -> Phantom:
+    return temporal_bone(0.4, seed=3)
+
+
+def where(phantom: Phantom, name: str) -> np.ndarray:
+    assert phantom.bone.tissues is not None
+    return phantom.labels == phantom.bone.tissues.number(name)
+
+
+def test_one_seed_is_one_ear(phantom):
+    _cells.cache_clear()
+    again = temporal_bone(0.4, seed=3)
+    assert again.bone.digest() == phantom.bone.digest()
+    np.testing.assert_array_equal(again.target, phantom.target)
+    other = temporal_bone(0.4, seed=4)
+    assert other.bone.digest() != phantom.bone.digest()
+    assert not np.array_equal(other.landmarks["second genu"], phantom.landmarks["second genu"])
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_a_part_is_a_part_of_the_whole(side):
+    """Bit by bit, across edges of slabs, blocks and lattice."""
+    low, size = np.array([-20.0, -2.0, -10.0]), (40, 14, 18)
+    whole = temporal_bone(0.5, seed=3, corner=low, size=size, side=side)
+    part = temporal_bone(0.5, seed=3, corner=low + [5.5, 3.0, 7.5], size=(30, 8, 7), side=side)
+    box = (slice(15, 29), slice(6, 22), slice(11, 71))
+    np.testing.assert_array_equal(part.bone.density, whole.bone.density[box])
+    np.testing.assert_array_equal(part.labels, whole.labels[box])
+    np.testing.assert_array_equal(part.target, whole.target[box])
+    np.testing.assert_allclose(part.bone.origin, np.array(whole.bone.origin) + [5.5, 3.0, 7.5])
+    assert len(np.unique(part.labels)) > 4
+
+
+@pytest.mark.parametrize("voxel", [0.2, (0.2, 0.3, 0.45), (0.5, 0.25, 0.25)])
+def test_resolutions_show_the_same_ear(phantom, voxel):
+    """Mass of each tissue within 3 %, thin or small ones 8 %; the planned cavity within 1 %."""
+    other = temporal_bone(voxel, seed=3)
+    for tissue in phantom_tissues():
+        if tissue.name == "air":
+            continue
+        within = 0.03 if tissue.name in ("cortex", "mastoid", "sigmoid sinus") else 0.08
+        assert other.bone.mass_of(tissue.name) == pytest.approx(phantom.bone.mass_of(tissue.name), rel=within)
+    assert other.bone.mass == pytest.approx(phantom.bone.mass, rel=0.01)
+    planned = [float(p.target.sum() * np.prod(p.bone.spacing)) for p in (phantom, other)]
+    assert planned[1] == pytest.approx(planned[0], rel=0.01)
+    assert other.landmarks["antrum"] == pytest.approx(phantom.landmarks["antrum"])
+
+
+def test_left_is_the_mirror_image_of_right(phantom):
+    left = temporal_bone(0.4, seed=3, side="left")
+    np.testing.assert_array_equal(left.bone.density, phantom.bone.density[:, :, ::-1])
+    np.testing.assert_array_equal(left.labels, phantom.labels[:, :, ::-1])
+    np.testing.assert_array_equal(left.target, phantom.target[:, :, ::-1])
+    for name, point in phantom.landmarks.items():
+        assert left.landmarks[name] == pytest.approx(point * [-1, 1, 1])
+    right_end = phantom.bone.origin[0] + 0.4 * (phantom.bone.shape[2] - 1)
+    assert left.bone.origin[0] == pytest.approx(-right_end)
+
+
+def test_structures_hold_together_and_lie_inside():
+    # In the default box the sinus and the dura are cut, but by a face, not in two.
+    phantom = temporal_bone(0.3, seed=3)
+    for name in ("facial nerve", "sigmoid sinus", "labyrinth", "ossicles", "dura"):
+        _, parts = ndimage.label(where(phantom, name), structure=np.ones((3, 3, 3)))
+        assert parts == 1, name
+    inside = where(phantom, "labyrinth") | where(phantom, "ossicles")
+    for axis in range(3):
+        assert not inside.take([0, -1], axis=axis).any()
+    # One number a voxel, and something in it wherever it is not air.
+    np.testing.assert_array_equal(where(phantom, "air"), phantom.bone.density == 0)
+
+
+def test_no_two_structures_meet_whatever_the_seed():
+    """Surfaces of tubes, by the points of their axes: nerve, canals, sinus, and the antrum beside them."""
+    for seed in range(40):
+        at = Structures.of(seed)
+        near = {"labyrinth": at.canals, "sinus": (at.sinus,)}
+        for name, tubes in near.items():
+            for tube in tubes:
+                gap = np.linalg.norm(tube.points[:, None] - at.nerve.points, axis=2)
+                gap -= tube.radius[:, None] + at.nerve.radius
+                assert gap.min() > 0.1, (seed, name)
+        for tube in (at.nerve, *at.canals):
+            centre, half = at.antrum
+            assert np.linalg.norm((tube.points - centre) / half, axis=1).min() > 1, seed
+
+
+def test_distances_lie_in_the_range_that_was_measured():
+    """Means within two standard deviations of published ones; docs/phantom.md names them."""
+    found = []
+    for seed in range(40):
+        at = Structures.of(seed)
+        genu, foramen = at.landmarks["second genu"], at.landmarks["stylomastoid foramen"]
+        sinus = np.linalg.norm(at.sinus.points, axis=1).min() - at.sinus.radius[0]
+        to_sinus = np.linalg.norm(at.sinus.points - genu, axis=1).min() - at.sinus.radius[0]
+        along = at.nerve.points[at.genu :]
+        found.append(
+            (np.linalg.norm(genu), np.linalg.norm(foramen), sinus, to_sinus, np.linalg.norm(np.diff(along, axis=0), axis=1).sum())
+        )  # fmt: skip
+    mean = np.mean(found, axis=0)
+    published = np.array([[15.61, 2.11], [20.32, 2.69], [16.24, 3.5], [9.41, 2.06], [15.1, 3.78]])
+    assert np.all(np.abs(mean - published[:, 0]) < 2 * published[:, 1])
+
+
+def test_the_planned_cavity_keeps_its_margins(phantom):
+    for name in CRITICAL[:-1]:
+        away = ndimage.distance_transform_edt(~where(phantom, name), sampling=phantom.bone.spacing[::-1])
+        assert away[phantom.target].min() > MARGINS[name] - 0.6, name  # a voxel and a half
+    assert ndimage.label(phantom.target)[1] == 1
+    antrum = np.rint((phantom.landmarks["antrum"] - phantom.bone.origin) / phantom.bone.spacing).astype(int)
+    assert phantom.target[tuple(antrum[::-1])]
+
+
+def test_entry_lies_on_the_surface_and_the_axis_leads_in(phantom):
+    surface = burrlab.surface_along(phantom.bone, phantom.entry - 5 * phantom.axis, phantom.axis)
+    assert surface is not None
+    assert np.linalg.norm(surface - phantom.entry) < 0.5
+    assert np.linalg.norm(phantom.axis) == pytest.approx(1)
+
+
+def test_tissues_say_what_is_critical_and_what_is_assumed():
+    table = phantom_tissues(burrlab.materials["pvc"])
+    assert [tissue.label for tissue in table] == list(range(8))
+    assert {tissue.name for tissue in table if tissue.critical} == set(CRITICAL)
+    assert {tissue.name for tissue in table if tissue.bleeds} == {"sigmoid sinus", "dura"}
+    assert {tissue.name for tissue in table if not tissue.assumed} == {"cortex", "mastoid"}
+    assert {tissue.c_e for tissue in table} == {burrlab.materials["pvc"].c_e}
+
+
+def test_air_cells_are_options(phantom):
+    solid = temporal_bone(0.4, seed=3, air_cells=AirCells(2.0, 1.4, wall=0.8))
+    assert solid.bone.mass_of("mastoid") > 1.5 * phantom.bone.mass_of("mastoid")
+
+
+def test_progress_and_description(phantom):
+    done: list[float] = []
+    small = temporal_bone(0.25, seed=3, size=(10, 40, 40), progress=done.append)
+    assert done[-1] == 1
+    assert done == sorted(done)
+    about = small.to_dict()
+    assert about["seed"] == 3
+    assert about["digest"] == small.bone.digest()
+    assert set(about["landmarks_mm"]) == set(phantom.landmarks)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"voxel": 0.0}, "voxel must be 0.02 to 1 mm, got 0.0"),
+        ({"voxel": (0.2, 0.2, float("nan"))}, "voxel must be 0.02 to 1 mm"),
+        ({"size": (10, 10)}, "size must be three positive numbers"),
+        ({"size": (10, 10, -1)}, "size must be three positive numbers"),
+        ({"size": (0.1, 10, 10)}, "size and voxel must give 1 to 4e\\+08 voxels"),
+        ({"voxel": 0.02, "size": (40, 40, 40)}, "size and voxel must give 1 to 4e\\+08 voxels"),
+        ({"corner": (0, 0)}, "corner must be three numbers within 1000 mm"),
+        ({"side": "both"}, "side must be 'right' or 'left', got 'both'"),
+        ({"seed": -1}, "seed must be in 0..2\\^64 - 1, got -1"),
+    ],
+)
+def test_bad_arguments_are_refused(changed, message):
+    arguments = {"voxel": 0.5, "seed": 1, **changed}
+    with pytest.raises(ValueError, match=message):
+        temporal_bone(arguments.pop("voxel"), **arguments)

@@ -1,0 +1,300 @@
+"""Maps of occupancy, crop, resampling, and whether two volumes share a grid."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import burrlab
+from burrlab.volume import LabelVolume, OccupancyMap, Volume, check_same_geometry, same_geometry
+
+TURNED = np.array([[0.0, -1.0, 0.0], [0.6, 0.0, -0.8], [0.8, 0.0, 0.6]])
+
+
+def sphere(spacing, radius=4.0, soft=0.0, side=12.0):
+    """Grey 0 to 1000 in a cube about the origin, its rim falling over `soft` mm."""
+    spacing = np.broadcast_to(np.asarray(spacing, dtype=float), (3,))
+    count = np.round(side / spacing).astype(int)
+    axes = [(np.arange(n) + 0.5) * s - side / 2 for n, s in zip(count, spacing, strict=True)]
+    x, y, z = np.meshgrid(*axes, indexing="ij")
+    apart = radius - np.sqrt(x**2 + y**2 + z**2)
+    part = np.clip(apart / max(soft, 1e-9) + 0.5, 0, 1)
+    return Volume(np.rint(1000 * part).T.astype(np.int16), spacing, [a[0] for a in axes], np.eye(3), "sphere")
+
+
+def test_two_point_map():
+    values = np.array([-100, 90, 91, 135, 179, 180, 30000])
+    wanted = [0, 0, 3, 128, 252, 255, 255]
+    for kind in (np.int16, np.int32, np.float32, np.float64):
+        np.testing.assert_array_equal(OccupancyMap.two_point(90, 180).levels(values.astype(kind)), wanted)
+
+
+def test_table():
+    table = OccupancyMap.table([-10, 0, 10, 30], [0.2, 1.0, 0.0, 0.5])
+    values = np.array([-50, -10, -5, 0, 5, 10, 20, 30, 99])
+    wanted = np.interp(values, table.greys, table.occupancies)
+    np.testing.assert_allclose(table.occupancy(values.astype(np.float64)), wanted, atol=1e-7)
+    np.testing.assert_allclose(table.occupancy(values.astype(np.int8)), wanted, atol=1e-7)
+    assert OccupancyMap.parse(table.text) == table
+    assert OccupancyMap.parse("90:180") == OccupancyMap.two_point(90, 180)
+
+
+def test_map_equals_the_plain_definition_on_random_values():
+    values = np.random.default_rng(3).integers(-2000, 3000, 5000).astype(np.int16)
+    wanted = np.rint(255 * np.clip((values - 150.0) / (1250.0 - 150.0), 0, 1))
+    np.testing.assert_array_equal(OccupancyMap.two_point(150, 1250).levels(values), wanted)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: OccupancyMap.two_point(2, 1), "LO:HI with LO below HI, got 2:1"),
+        (lambda: OccupancyMap.two_point(0, np.nan), "LO:HI with LO below HI"),
+        (lambda: OccupancyMap.table([1], [0]), "two points or more"),
+        (lambda: OccupancyMap.table([1, 2], [0]), "two points or more, .* got 2 and 1"),
+        (lambda: OccupancyMap.table([1, 1], [0, 1]), "finite, increasing grey values"),
+        (lambda: OccupancyMap.table([1, np.inf], [0, 1]), "finite, increasing grey values"),
+        (lambda: OccupancyMap.table([1, 2], [0, 1.5]), "occupancies within 0 to 1"),
+        (lambda: OccupancyMap.parse("1:2:3"), "must be LO:HI or GREY:OCCUPANCY"),
+        (lambda: OccupancyMap.two_point(0, 1).levels(np.array([0.5, np.nan])), "values must be finite"),
+    ],
+)
+def test_wrong_maps(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_a_map_that_is_none():
+    volume = sphere(0.6)
+    with pytest.raises(TypeError, match="map must be an OccupancyMap or two grey values, got 5 and None"):
+        volume.to_bone(5)
+    with pytest.raises(TypeError, match="map must be an OccupancyMap or two grey values"):
+        volume.to_bone(OccupancyMap.two_point(0, 1), 2)
+
+
+@pytest.mark.parametrize("old", [0.4, (0.4, 0.3, 0.6)])
+@pytest.mark.parametrize("new", [0.1, 0.2, 0.13, 0.17, (0.1, 0.2, 0.3), 0.7, 1.2, (0.1, 0.9, 0.25)])
+def test_mass_is_kept(old, new):
+    """Of a sphere with a rim within a voxel: 0.3 % at any ratio, exactly at whole ones, but for rounding to levels."""
+    volume = sphere(old)
+    mapping = OccupancyMap.two_point(0, 1000)
+    before = volume.to_bone(mapping).mass
+    after = volume.to_bone(mapping, spacing=new).mass
+    ratios = volume.spacing / np.broadcast_to(new, 3)
+    whole = np.allclose(ratios, np.round(ratios)) and np.all(ratios > 0.99)
+    assert after == pytest.approx(before, rel=1e-4 if whole else 3e-3)
+
+
+def test_resampled_where_the_map_bends():
+    """The map acts first: a two-point map of a steep rim gives the same amount of bone, interpolated grey values do not."""
+    volume, mapping = sphere(0.4, soft=0.4), OccupancyMap.two_point(600, 700)
+    before = volume.to_bone(mapping).mass
+    assert volume.to_bone(mapping, spacing=0.1).mass == pytest.approx(before, rel=1e-4)
+    assert volume.resample(0.1).to_bone(mapping).mass == pytest.approx(before, rel=0.1)
+
+
+def test_linear_values_are_kept_when_finer():
+    z, y, x = np.meshgrid(*(np.arange(n, dtype=float) for n in (5, 6, 7)), indexing="ij")
+    volume = Volume(x + 10 * y + 100 * z, (0.4, 0.6, 0.8), (0, 0, 0), np.eye(3), "ramp")
+    fine = volume.resample((0.2, 0.2, 0.2))
+    assert fine.shape == (20, 18, 14)
+    np.testing.assert_allclose(fine.origin, (-0.1, -0.2, -0.3))
+    centers = [np.arange(n) * 0.2 + o for n, o in zip(fine.shape[::-1], fine.origin, strict=True)]
+    inside = [np.clip(c / s, 0, n - 1) for c, s, n in zip(centers, volume.spacing, (7, 6, 5), strict=True)]
+    wanted = inside[0] + 10 * inside[1][:, None] + 100 * inside[2][:, None, None]
+    np.testing.assert_allclose(fine.values, wanted, atol=1e-4)
+
+
+def test_coarser_is_the_mean():
+    values = np.random.default_rng(4).random((4, 6, 5))
+    volume = Volume(values, (0.1, 0.1, 0.1), (0, 0, 0), np.eye(3), "noise")
+    coarse = volume.resample((0.25, 0.3, 0.2))
+    assert coarse.shape == (2, 2, 2)
+    weights = np.array([[1, 1, 0.5, 0, 0], [0, 0, 0.5, 1, 1]]) / 2.5
+    wanted = np.einsum("zaybx,kx->zyk", values.reshape(2, 2, 2, 3, 5), weights) / 6
+    np.testing.assert_allclose(coarse.values, wanted, rtol=1e-6)
+
+
+def test_no_aliasing():
+    """Walls of one voxel every third: on voxels twice as large a third is kept, wherever they lie."""
+    values = np.zeros((6, 6, 60))
+    values[:, :, ::3] = 255
+    volume = Volume(values, (0.1, 0.1, 0.1), (0, 0, 0), np.eye(3), "walls")
+    assert volume.resample((0.6, 0.1, 0.1)).values == pytest.approx(85.0)
+
+
+@pytest.mark.parametrize("new", [0.1, 0.25, 0.7, (0.1, 0.3, 0.2)])
+def test_field_of_view(new):
+    volume = Volume(np.ones((7, 8, 9)), (0.3, 0.3, 0.5), (1, 2, 3), TURNED, "ones")
+    finer = volume.resample(new)
+    low = volume.bone_point(volume.origin) - volume.spacing / 2
+    np.testing.assert_allclose(finer.bone_point(finer.origin) - finer.spacing / 2, low, atol=1e-12)
+    assert np.all(finer.extent >= volume.extent - 1e-6 * finer.spacing)
+    assert np.all(finer.extent < volume.extent + finer.spacing)
+    labels = LabelVolume(np.ones((7, 8, 9), int), volume.spacing, volume.origin, TURNED, "labels").resample(
+        new
+    )
+    assert same_geometry(finer, labels)
+    bone = volume.to_bone(0, 1, spacing=new)
+    assert bone.shape == finer.shape
+    np.testing.assert_allclose(bone.origin, finer.bone_point(finer.origin))
+
+
+@pytest.mark.parametrize("new", [0.7, (0.25, 0.7, 1.1), 0.33])
+def test_bone_ends_with_the_volume(new):
+    """Solid bone up to the faces: a voxel that reaches beyond them holds its part within."""
+    bone = Volume(np.ones((7, 8, 9)), (0.3, 0.3, 0.5), (0, 0, 0), np.eye(3), "ones").to_bone(
+        0, 1, spacing=new
+    )
+    assert bone.mass == pytest.approx(7 * 8 * 9 * 0.045, rel=5e-3)
+
+
+def test_labels_nearest():
+    labels = np.random.default_rng(5).integers(0, 40, (4, 5, 6)).astype(np.uint16)
+    volume = LabelVolume(labels, (0.4, 0.4, 0.4), (0, 0, 0), np.eye(3), "labels", names={3: "dura"})
+    fine = volume.resample(0.2)
+    np.testing.assert_array_equal(fine.labels, labels.repeat(2, 0).repeat(2, 1).repeat(2, 2))
+    assert (fine.labels.dtype, fine.names) == (np.uint16, {3: "dura"})
+    odd = volume.resample(0.15)
+    places = [np.floor((np.arange(n) + 0.5) * 0.15 / 0.4).astype(int).clip(max=m - 1) for n, m in zip(odd.shape, labels.shape, strict=True)]  # fmt: skip
+    np.testing.assert_array_equal(odd.labels, labels[np.ix_(*places)])
+    np.testing.assert_array_equal(fine.resample(0.4).labels, labels)  # a face: the lower of two
+
+
+def test_the_same_spacing_changes_nothing():
+    volume = sphere(0.4)
+    assert volume.resample(0.4) is volume
+    assert volume.to_bone(0, 1000, spacing=0.4).digest() == volume.to_bone(0, 1000).digest()
+
+
+def test_crop():
+    values = np.arange(4 * 5 * 6).reshape(4, 5, 6)
+    volume = Volume(values, (0.5, 0.5, 1.0), (10, 20, 30), np.eye(3), "v")
+    part = volume.crop((10.6, 20.5, 31.0), (12.0, 21.4, 99))
+    np.testing.assert_array_equal(part.values, values[1:, 1:3, 2:5])
+    np.testing.assert_array_equal(part.origin, (11, 20.5, 31))
+    assert "cropped to voxels (1, 1, 2) to (4, 3, 5) (z, y, x) of (4, 5, 6)" in part.notes
+    np.testing.assert_array_equal(volume.crop((12.0, 21.4, 99), (10.6, 20.5, 31.0)).values, part.values)
+    by_index = volume.crop_voxels((1, 1, 2), (4, 3, 5))
+    assert same_geometry(part, by_index)
+    labels = LabelVolume(values, (0.5, 0.5, 1.0), (10, 20, 30), np.eye(3), "l")
+    assert same_geometry(labels.crop((10.6, 20.5, 31.0), (12.0, 21.4, 99)), part)
+    with pytest.raises(
+        ValueError, match=r"holds no voxel of v, which lies between \(10, 20, 30\) and \(12\.5, 22, 33\) mm"
+    ):
+        volume.crop((0, 0, 0), (5, 5, 5))
+    with pytest.raises(
+        ValueError,
+        match=r"must be a box of voxels \(z, y, x\) in \(4, 5, 6\), got \(0, 0, 0\) to \(4, 5, 7\)",
+    ):
+        volume.crop_voxels((0, 0, 0), (4, 5, 7))
+    with pytest.raises(ValueError, match="low must be three finite numbers"):
+        volume.crop((0, 0, np.nan), (1, 1, 1))
+
+
+def test_crop_of_a_turned_volume_keeps_the_whole_box():
+    volume = Volume(np.ones((30, 30, 30)), (0.5, 0.5, 0.5), (0, 0, 0), TURNED, "v")
+    low, high = np.array(volume.patient_point((5, 5, 5))) - 1, np.array(volume.patient_point((5, 5, 5))) + 1
+    part = volume.crop(low, high)
+    first = part.bone_point(part.origin)
+    last = first + (np.array(part.shape[::-1]) - 1) * part.spacing
+    for corner in np.stack(np.meshgrid(*zip(low, high, strict=True)), -1).reshape(-1, 3):
+        assert np.all(part.bone_point(corner) >= first - 0.5)
+        assert np.all(part.bone_point(corner) <= last + 0.5)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"values": np.ones((4, 5, 7))}, "6 x 5 x 4 voxels against 7 x 5 x 4"),
+        ({"spacing": (0.5, 0.5, 1.01)}, r"spacing \(0\.5, 0\.5, 1\) against \(0\.5, 0\.5, 1\.01\) mm"),
+        ({"origin": (10, 20.1, 30)}, r"origin \(10, 20, 30\) against \(10, 20\.1, 30\) mm"),
+        ({"direction": np.diag([1, -1, 1])}, r"directions \(1, 0, 0\), .* against \(1, 0, 0\), \(0, -1, 0\)"),
+    ],
+)
+def test_geometry_that_differs(change, message):
+    given = {
+        "values": np.ones((4, 5, 6)),
+        "spacing": (0.5, 0.5, 1.0),
+        "origin": (10, 20, 30),
+        "direction": np.eye(3),
+    }
+    first, second = Volume(**given, path="a"), Volume(**{**given, **change}, path="b")
+    assert same_geometry(first, first)
+    assert not same_geometry(first, second)
+    with pytest.raises(ValueError, match=f"a and b must have the same geometry: {message}"):
+        check_same_geometry(first, second)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"values": np.ones((4, 5))}, "values must be numbers in three dimensions"),
+        ({"values": np.ones((2, 2, 2), dtype=complex)}, "values must be numbers in three dimensions"),
+        (
+            {"values": np.full((2, 2, 2), np.inf)},
+            r"not finite: 8 of 8, the first at \(z, y, x\) = \(0, 0, 0\)",
+        ),
+        ({"spacing": (1, 1, 0)}, "spacing must be a positive number or three"),
+        ({"origin": (1, 1)}, "origin must be three finite numbers"),
+        ({"direction": np.eye(3) * 2}, "not orthonormal"),
+        ({"direction": np.eye(2)}, "matrix of 3 x 3 finite numbers"),
+    ],
+)
+def test_wrong_volumes(change, message):
+    given = {
+        "values": np.ones((4, 5, 6)),
+        "spacing": (0.5, 0.5, 1.0),
+        "origin": (10, 20, 30),
+        "direction": np.eye(3),
+    }
+    with pytest.raises(ValueError, match=message):
+        Volume(**{**given, **change}, path="v")
+
+
+def test_too_many_voxels():
+    with pytest.raises(
+        ValueError,
+        match=r"spacing must be coarser or the volume cropped: 0\.001 mm makes .* voxels, and 2e\+08",
+    ):
+        sphere(0.6).resample(0.001)
+    with pytest.raises(ValueError, match="spacing must be a positive number or three"):
+        sphere(0.6).resample(-1)
+
+
+def test_values_are_read_only_and_points_come_back():
+    volume = Volume(np.ones((2, 2, 2)), (1, 1, 1), (1, 2, 3), TURNED, "v")
+    with pytest.raises(ValueError, match="read-only"):
+        volume.values[0, 0, 0] = 2
+    np.testing.assert_allclose(volume.patient_point(volume.bone_point((4, 5, 6))), (4, 5, 6), atol=1e-14)
+
+
+def test_wrong_labels():
+    grid = {"spacing": (1, 1, 1), "origin": (0, 0, 0), "direction": np.eye(3), "path": "l"}
+    with pytest.raises(ValueError, match="l: labels must be whole numbers in three dimensions"):
+        LabelVolume(np.ones((2, 2)), **grid)
+    with pytest.raises(ValueError, match="colours must be of channels 0 to 255"):
+        LabelVolume(np.ones((2, 2, 2), int), **grid, colours={1: (0, 0, 256)})
+    assert LabelVolume(np.ones((2, 2, 2), bool), **grid).labels.dtype == np.uint8
+    assert (
+        repr(LabelVolume(np.ones((2, 2, 2), int), **grid))
+        == "LabelVolume(2 x 2 x 2 voxels of 1 x 1 x 1 mm, int64, l)"
+    )
+
+
+def test_the_map_is_in_the_result():
+    values = np.zeros((40, 50, 50), np.int16)
+    values[:20] = 1000
+    volume = Volume(values, (0.2, 0.2, 0.2), (0, 0, 0), np.eye(3), "slab").crop((0, 0, 0), (9.0, 9.9, 8))
+    table = OccupancyMap.table([0, 500, 1000], [0, 0.2, 1])
+    specimen = volume.specimen(table, entry=(4.5, 5, 7), axis=(0, 0, -1), spacing=0.3)
+    run = burrlab.descend(
+        burrlab.Burr(2.4), burrlab.materials["bone"], 1.0, specimen=specimen, seed=1, ideal=True
+    )
+    made = run.provenance["volume"]
+    assert (made["map"], made["voxel_mm"], made["volume_spacing_mm"]) == (
+        "0:0,500:0.2,1000:1",
+        [0.3] * 3,
+        [0.2] * 3,
+    )
+    assert "cropped to voxels" in made["notes"][0]

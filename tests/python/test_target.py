@@ -1,0 +1,106 @@
+"""What was removed against a region: exact sums by tissue."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from burrlab import Tissue, Tissues, VoxelBone, materials
+from burrlab.anatomy import compare_with_target
+from burrlab.volume import LabelVolume
+
+SHAPE = (9, 10, 12)
+
+
+def carved() -> tuple[VoxelBone, np.ndarray, np.ndarray]:
+    """A bone of random levels and two tissues, a region, and the numbers of the tissues."""
+    random = np.random.default_rng(7)
+    bone = VoxelBone(random.integers(0, 256, SHAPE).astype(np.uint8), (0.2, 0.3, 0.5), (1.0, 2.0, 3.0))
+    rows = [Tissue(name, label=k, c_e=1.0, alpha=0.1) for k, name in enumerate(("bone", "nerve", "unseen"))]
+    numbers = random.integers(0, 2, SHAPE).astype(np.uint8)
+    bone.set_tissues(Tissues(rows, materials["bone"]), numbers)
+    bone.restore((bone.density * (random.random(SHAPE) < 0.6)).astype(np.uint8))
+    return bone, random.random(SHAPE) < 0.4, numbers
+
+
+def labels_on(bone: VoxelBone, region: np.ndarray) -> LabelVolume:
+    return LabelVolume(
+        region.astype(np.uint8) * 3, np.array(bone.spacing), np.array(bone.origin), np.eye(3), "target.nrrd"
+    )
+
+
+def test_sums_by_tissue_are_those_of_the_voxels():
+    bone, region, numbers = carved()
+    found = compare_with_target(bone, region)
+    unit = 0.2 * 0.3 * 0.5 / 255
+    now, lost = bone.density.astype(int), bone.pristine.astype(int) - bone.density
+    assert found.tissues == ("bone", "nerve")
+    for k in range(2):
+        here = numbers == k
+        assert found.overlap[k] == pytest.approx(lost[here & region].sum() * unit, rel=1e-14)
+        assert found.missed[k] == pytest.approx(now[here & region].sum() * unit, rel=1e-14)
+        assert found.excess[k] == pytest.approx(lost[here & ~region].sum() * unit, rel=1e-14)
+    assert found.removed == pytest.approx(bone.removed, rel=1e-12)
+    assert found.volume == pytest.approx(region.sum() * 0.03)
+    assert found.planned == pytest.approx(bone.pristine[region].astype(int).sum() * unit)
+    assert found.percent == pytest.approx(100 * found.overlap.sum() / found.planned)
+    assert found.dice == pytest.approx(2 * found.overlap.sum() / (found.planned + found.removed))
+
+
+def test_slabs_change_nothing(monkeypatch):
+    bone, region, _ = carved()
+    whole = compare_with_target(bone, region)
+    monkeypatch.setattr("burrlab.anatomy.target.AT_A_TIME", 250)
+    assert compare_with_target(bone, region).to_dict() == whole.to_dict()
+
+
+def test_all_and_nothing():
+    bone = VoxelBone.block((2, 2, 2), 0.5)
+    region = np.zeros(bone.shape, bool)
+    region[:2] = True
+    untouched = compare_with_target(bone, region)
+    assert (untouched.percent, untouched.dice, untouched.removed) == (0, 0, 0)
+    bone.restore(np.where(region, 0, 255).astype(np.uint8))
+    done = compare_with_target(bone, region)
+    assert (done.percent, done.dice) == (100, 1)
+    assert done.tissues == ("bone",)
+
+
+def test_a_label_volume_is_a_target():
+    bone, region, _ = carved()
+    assert (
+        compare_with_target(bone, labels_on(bone, region)).to_dict()
+        == compare_with_target(bone, region).to_dict()
+    )
+
+
+def test_it_prints_and_draws_itself():
+    bone, region, _ = carved()
+    found = compare_with_target(bone, region)
+    assert "nerve" in repr(found)
+    assert "Dice" in found.table()
+    assert "<table>" in found._repr_html_()
+    kept = json.loads(json.dumps(found.to_dict()))
+    assert kept["tissues"]["nerve"]["overlap_mm3"] == pytest.approx(found.overlap[1])
+    axes = found.plot()
+    assert "[mm" in axes.get_xlabel()
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["overlap", "missed", "excess"]
+
+
+def test_bad_targets_are_refused():
+    bone, region, _ = carved()
+    with pytest.raises(
+        ValueError, match=r"target must have the bone's shape \(9, 10, 12\), got \(8, 10, 12\)"
+    ):
+        compare_with_target(bone, region[1:])
+    with pytest.raises(ValueError, match="target must be an array of bool, got uint8"):
+        compare_with_target(bone, region.astype(np.uint8))
+    with pytest.raises(ValueError, match="target must hold bone, got a region with none in it"):
+        compare_with_target(bone, np.zeros(SHAPE, bool))
+    labels = labels_on(bone, region)
+    for changed in ({"origin": labels.origin + [0.0, 0.1, 0.0]}, {"spacing": labels.spacing * 1.01}):
+        with pytest.raises(ValueError, match="target must lie on the bone's grid"):
+            compare_with_target(bone, replace(labels, **changed))

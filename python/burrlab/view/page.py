@@ -18,7 +18,15 @@ from burrlab.view.page_source import PageSource
 from burrlab.view.scene import Scene
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
-PRESETS = ("surgeon", "burr", "front", "side", "above")
+_AXES = {
+    "+x": (1, 0, 0),
+    "-x": (-1, 0, 0),
+    "+y": (0, 1, 0),
+    "-y": (0, -1, 0),
+    "-z": (0, 0, -1),
+    "+z": (0, 0, 1),
+}
+PRESETS = ("surgeon", "burr", *_AXES)
 _PERIOD = 0.04  # between two looks at what is wished [s]
 _PATIENCE = 2.0  # a browser that has not shown a picture by then is not waited for [s]
 _QUALITY = 88  # of the JPEG pictures
@@ -35,10 +43,23 @@ class Page:
     source : PageSource
     scene : Scene
         Of the source's bone, off screen.
+    surgeon : Viewpoint, optional
+        The first preset; default: along the forces of a trace, else from above.
     """
 
-    def __init__(self, server: Any, source: PageSource, scene: Scene) -> None:
+    def __init__(
+        self, server: Any, source: PageSource, scene: Scene, *, surgeon: Viewpoint | None = None
+    ) -> None:
         self.server, self.source, self.scene = server, source, scene
+        approach = source.approach()
+        self._into = np.array([0.0, 0.0, -1.0]) if approach is None else approach[1]
+        if surgeon is None:
+            entry = None if approach is None else approach[0]
+            size = np.linalg.norm(np.multiply(source.bone.shape[::-1], source.bone.spacing))
+            width = None if approach is None else 0.75 * float(size)
+            surgeon = surgeon_view(source.bone, entry, self._into, width=width)
+        self._surgeon = surgeon
+        scene.look(surgeon)
         self.state = server.state
         self._wanted, self._sent, self._clock = 0.0, -1.0, 0.0
         self._draw, self._on_way = True, -_PATIENCE  # since when a picture is on its way
@@ -71,7 +92,7 @@ class Page:
         self._picture()
 
     def look(self, preset: str) -> None:
-        """Camera as named: surgeon, burr, front, side or above."""
+        """Camera as named: surgeon, burr, or along an axis."""
         self.scene.look(self._viewpoint(preset))
         self._draw = True
 
@@ -216,11 +237,11 @@ class Page:
     def _viewpoint(self, preset: str) -> Viewpoint:
         bone, burrs = self.source.bone, self.source.burrs
         if preset == "burr" and len(burrs.radii) and np.isfinite(burrs.centers[0]).all():
-            return surgeon_view(bone, burrs.centers[0], width=8.0 * float(burrs.radii[0]), tilt=40.0)
-        axes = {"front": (0.0, 1.0, 0.0), "side": (-1.0, 0.0, 0.0), "above": (0.0, 0.0, -1.0)}
-        if preset in axes:
-            return surgeon_view(bone, axis=axes[preset], tilt=0.0)
-        return surgeon_view(bone)
+            width = 8.0 * float(burrs.radii[0])
+            return surgeon_view(bone, burrs.centers[0], self._into, width=width, tilt=40.0)
+        if preset in _AXES:
+            return surgeon_view(bone, axis=_AXES[preset], tilt=0.0)
+        return self._surgeon
 
     def _numbers(self) -> list[dict[str, str]]:
         source, rows = self.source, []

@@ -54,6 +54,10 @@ class PageSource(Protocol):
         """A word or sentence on the source itself."""
         ...
 
+    def approach(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Where the bone was first met [mm], and the direction into it; None if that is not known."""
+        ...
+
     def go(self, seconds: float) -> NDArray[np.uint32]:
         """To that moment, or to the newest one of what runs; numbers of the bricks that changed."""
         ...
@@ -88,6 +92,14 @@ class ReplaySource:
     history = property(lambda self: self.player.history)
     prepared = property(lambda self: self.player.prepared)
     events = property(lambda self: event_texts(self.player))
+
+    def approach(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        burr = self.player.trace.ticks["burr"][:, 0]
+        met = burr["touching"] > 0
+        out = burr["force_N"][met].sum(axis=0)
+        if not np.linalg.norm(out) > 0:
+            return None
+        return burr["center_mm"][met][0], -out / np.linalg.norm(out)
 
     def go(self, seconds: float) -> NDArray[np.uint32]:
         return self.player.seek(min(max(seconds, 0.0), self.player.duration))
@@ -166,6 +178,9 @@ class LiveSource:
     def state(self) -> str:
         return "running" if self.session.running else self.session.reason or "not started"
 
+    def approach(self) -> None:
+        return None
+
     def go(self, seconds: float) -> NDArray[np.uint32]:
         update = self.session.follower.take(self._view)
         if update["newest"] is not None:
@@ -214,6 +229,9 @@ class StillSource:
         self.force, self.depth = np.zeros((0, 3)), np.zeros(0)
         self.history = History(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
         self.state = f"{bone.mass:.0f} mm³ of bone"
+
+    def approach(self) -> None:
+        return None
 
     def go(self, seconds: float) -> NDArray[np.uint32]:
         return np.empty(0, np.uint32)

@@ -16,6 +16,7 @@ from typing import Any
 from burrlab._core import VoxelBone
 from burrlab.session.session import Session
 from burrlab.session.trace import Trace
+from burrlab.view.camera import Viewpoint
 from burrlab.view.page_source import PageSource, page_source
 from burrlab.view.player import TracePlayer
 
@@ -28,6 +29,7 @@ def serve(
     open_browser: bool = False,
     size: tuple[int, int] = (1024, 768),
     level: int = 128,
+    viewpoint: Viewpoint | None = None,
     on_ready: Callable[[str], object] | None = None,
 ) -> None:
     """Serves a page until Ctrl-C or SIGTERM.
@@ -49,6 +51,8 @@ def serve(
         Of the picture until a browser says its own [pixel].
     level : int
         Occupancy level at the bone's surface, 1 to 255.
+    viewpoint : Viewpoint, optional
+        The first camera; default: of a trace, along the forces that the burr met, else from above.
     on_ready : callable, optional
         Called with the page's address; default: it is printed.
 
@@ -71,12 +75,12 @@ def serve(
     _check_no_loop()
     _check_trame()
     _check_free(host, port)
-    asyncio.run(_serve(shown, host, port, open_browser, size, level, on_ready or _tell))
+    asyncio.run(_serve(shown, host, port, open_browser, size, level, viewpoint, on_ready or _tell))
 
 
 async def _serve(
     source: PageSource, host: str, port: int, open_browser: bool, size: tuple[int, int], level: int,
-    on_ready: Callable[[str], object],
+    viewpoint: Viewpoint | None, on_ready: Callable[[str], object],
 ) -> None:  # fmt: skip
     from burrlab.view.page import Page
     from burrlab.view.page_layout import build_layout
@@ -86,7 +90,7 @@ async def _serve(
     scene = Scene(source.bone, radii, off_screen=True, size=size, level=level, chart=False)
     try:
         server = _server()
-        page = Page(server, source, scene)
+        page = Page(server, source, scene, surgeon=viewpoint)
         build_layout(page)
         end = asyncio.Event()
         ready = server.ready

@@ -7,9 +7,10 @@ import os
 from pathlib import Path
 from typing import Any
 
-from burrlab.cli import Options, _deliver, _grey_map, _number, _positive, _vector
+from burrlab.cli import Options, _deliver, _number, _positive
 from burrlab.cli_session import _port
 from burrlab.cli_trace import AddCommand
+from burrlab.cli_volume import grey_map, vector
 
 _OF_TRACE = ("at", "video", "web")
 
@@ -22,7 +23,7 @@ def add_view_command(command: AddCommand) -> None:
     view.add_argument("file", metavar="TRACE", nargs="?", help="a trace")
     view.add_argument("--bone", metavar="FILE", help="a saved bone (HDF5) instead of a trace")
     view.add_argument("--volume", metavar="FILE", help="a grey volume instead of a trace")
-    view.add_argument("--map", type=_grey_map, metavar="LO:HI", help="grey values of empty and solid")
+    view.add_argument("--map", type=grey_map, metavar="LO:HI", help="grey values of empty and solid")
     view.add_argument("--at", type=_number, metavar="S", help="time of the trace [s], default its end")
     view.add_argument("--png", metavar="FILE", help="write a picture; no window opens")
     view.add_argument("--pictures", metavar="FILE", help="write slices and, if bone was removed, FILE-depth, by matplotlib alone")  # fmt: skip
@@ -34,10 +35,8 @@ def add_view_command(command: AddCommand) -> None:
     view.add_argument(
         "--size", type=_size, default=(1024, 768), metavar="WxH", help="[pixel], default 1024x768"
     )
-    view.add_argument("--entry", type=_vector, metavar="X,Y,Z", help="what is looked at, bone frame [mm]")
-    view.add_argument(
-        "--axis", type=_vector, metavar="X,Y,Z", help="direction of the approach, into the bone"
-    )
+    view.add_argument("--entry", type=vector, metavar="X,Y,Z", help="what is looked at, bone frame [mm]")
+    view.add_argument("--axis", type=vector, metavar="X,Y,Z", help="direction of the approach, into the bone")
     view.add_argument("--width", type=_positive, metavar="MM", help="that the view holds at the entry [mm]")
     view.add_argument("--web", action="store_true", help="serve a page for a browser instead of a window")
     view.add_argument("--port", type=_port, help="of the page, default any free one")
@@ -139,9 +138,9 @@ def _show_bone(options: Options) -> int:
 
         bone, _ = load_bone(options.bone)
     else:
-        from burrlab.session.network import make_bone, volume_recipe
+        from burrlab.volume import VolumeRecipe
 
-        bone = make_bone(volume_recipe(options.volume, *options.map))
+        bone = VolumeRecipe(options.volume, options.map).bone()
     middle = [
         o + s * (n - 1) / 2 for o, s, n in zip(bone.origin, bone.spacing, bone.shape[::-1], strict=True)
     ]

@@ -22,7 +22,7 @@ EffectParameters make(const py::kwargs& values) {
   return made;
 }
 
-py::dict to_dict(const EffectParameters& parameters) {
+py::dict values_of(const EffectParameters& parameters) {
   py::dict out;
   for (const EffectParameterRow& row : effect_parameter_table()) {
     const double value = parameters.*row.value;
@@ -82,9 +82,9 @@ Examples
     const auto* at = &row;
     const std::string doc = *row.unit ? "[" + std::string(row.unit) + "]" : "";
     parameters.def_property_readonly(
-        row.name, [at](const EffectParameters& p) { return to_dict(p)[at->name]; }, doc.c_str());
+        row.name, [at](const EffectParameters& p) { return values_of(p)[at->name]; }, doc.c_str());
   }
-  parameters.def("to_dict", &to_dict, "All of them, for JSON.")
+  parameters.def("to_dict", &values_of, "All of them, for JSON.")
       .def_static(
           "table",
           [] {
@@ -96,11 +96,13 @@ Examples
           "[(name, unit, least, most, assumed)]")
       .def(
           "__eq__",
-          [](const EffectParameters& a, const EffectParameters& b) { return to_dict(a).equal(to_dict(b)); },
+          [](const EffectParameters& a, const EffectParameters& b) {
+            return values_of(a).equal(values_of(b));
+          },
           py::is_operator())
       .def("__repr__",
            [](const EffectParameters& p) {
-             const py::dict mine = to_dict(p), usual = to_dict(EffectParameters{});
+             const py::dict mine = values_of(p), usual = values_of(EffectParameters{});
              std::string text;
              for (const EffectParameterRow& row : effect_parameter_table())
                if (!mine[row.name].equal(usual[row.name]))
@@ -108,7 +110,7 @@ Examples
                          std::string(py::str("{}={!r}").format(row.name, mine[row.name]));
              return "EffectParameters(" + text + ")";
            })
-      .def(py::pickle(&to_dict, [](const py::dict& values) { return make(py::kwargs(values)); }));
+      .def(py::pickle(&values_of, [](const py::dict& values) { return make(py::kwargs(values)); }));
   parameters.attr("__hash__") = py::none();
 
   const Nozzle nozzle;

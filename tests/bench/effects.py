@@ -3,8 +3,8 @@
     python tests/bench/effects.py [--seconds 60] [--parcels 20000] [--json FILE]
 
 A burr of 3 mm strokes through a block with two tissues, one of which bleeds, at 1 kHz; beside it run effects at 20 Hz
-water and a sucker. Parcels fill up to the number given in the first seconds, and stay there. The same session runs
-without effects before, so that the ratio of their ticks is of one machine in one run.
+with water and a sucker. Parcels fill up to the number given in the first seconds, and stay there. The same session
+runs without effects before, so that the ratio of their ticks is of one machine in one run.
 """
 
 from __future__ import annotations

@@ -95,7 +95,7 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
     Parameters
     ----------
     recipe : mapping
-        Of `block_recipe` or `volume_recipe`; it may come from another machine.
+        Of `block_recipe`, `volume_recipe` or `LabelledRecipe.plain`; it may come from another machine.
     volume : path, optional
         Where the volume lies here, if elsewhere.
 
@@ -112,12 +112,18 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
             voxel, level = float(recipe["voxel_mm"]), _whole(recipe["level"], 255)
         elif recipe["kind"] == "volume":
             made = VolumeRecipe.of(recipe)
+        elif recipe["kind"] == "labelled volume":
+            from burrlab.anatomy.labelled_recipe import LabelledRecipe  # anatomy builds on sessions
+
+            labelled = LabelledRecipe.of(recipe)
         else:
             raise KeyError("kind")
     except _UNREADABLE:
         raise ValueError(
             f"recipe must be that of block_recipe or volume_recipe, got {reprlib.repr(recipe)}"
         ) from None
+    if recipe["kind"] == "labelled volume":
+        return (labelled if volume is None else labelled.at(volume)).bone()
     if recipe["kind"] == "volume":
         return (made if volume is None else made.at(volume)).bone()
     if voxel > 0 and not (voxels := math.prod(max(s / voxel, 1.0) for s in size)) <= MOST_VOXELS:

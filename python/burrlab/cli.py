@@ -17,7 +17,7 @@ import numpy as np
 
 import burrlab
 from burrlab._core import Burr, Material, Shape
-from burrlab.cli_volume import SIGNED, add_volume_options, chosen_specimen
+from burrlab.cli_volume import SIGNED, add_label_options, add_volume_options, chosen_specimen
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -110,6 +110,7 @@ def _experiment_options(parser: argparse.ArgumentParser) -> None:
         "--max-duration", type=_positive, default=120.0, help="[s] of the experiment, default 120"
     )
     add_volume_options(parser)
+    add_label_options(parser)
 
 
 def _material(options: Options) -> Material:
@@ -126,7 +127,7 @@ def _material(options: Options) -> Material:
 
 
 def _specimen(options: Options, burr: Burr) -> burrlab.Specimen | None:
-    specimen = chosen_specimen(options, burr)
+    specimen = chosen_specimen(options, burr, _material(options))
     if specimen is not None or options.axis is None:
         return specimen
     return burrlab.half_space(burr, options.voxel or 0.1, depth=options.stop, axis=options.axis)

@@ -25,7 +25,7 @@ from burrlab.cli import (
     _save,
     _seed,
 )  # fmt: skip
-from burrlab.cli_volume import add_volume_options, chosen_recipe
+from burrlab.cli_volume import add_label_options, add_volume_options, chosen_recipe
 from burrlab.session.device_text import parse_address, parse_device
 from burrlab.session.network import block_recipe, follow, make_bone
 from burrlab.session.snapshot import check_bone_file
@@ -70,6 +70,7 @@ def add_session_commands(command: AddCommand) -> None:
         "--voxel", type=_positive, help="of the block of 30 x 30 x 10 mm [mm], default 0.1, or a volume's own"
     )
     add_volume_options(session)
+    add_label_options(session)
     session.add_argument("--seed", type=_seed, help="default: drawn and recorded")
     session.add_argument(
         "--force-limit", type=_positive, default=8.0, help="of the force sent [N], default 8"
@@ -154,7 +155,7 @@ def _session(options: Options) -> int:
 
 def _bone(options: Options, burr: Burr) -> tuple[VoxelBone, dict[str, Any], Mapping[str, Any]]:
     """The bone, its recipe, and where a simulated hand begins."""
-    recipe = chosen_recipe(options)
+    recipe = chosen_recipe(options, _material(options))
     if recipe is None:
         if options.axis is not None:
             raise ValueError("--axis goes with --volume")
@@ -173,7 +174,8 @@ def _bone(options: Options, burr: Burr) -> tuple[VoxelBone, dict[str, Any], Mapp
         return recipe.bone(), source, {}
     for name in ("entry", "axis"):
         if getattr(options, name) is None:
-            raise ValueError(f"--device hand with --volume needs --{name}")
+            given = "volume" if options.labels is None or options.volume is not None else "labels"
+            raise ValueError(f"--device hand with --{given} needs --{name}")
     recipe.check_burr(burr)
     specimen = recipe.specimen(entry=options.entry, axis=options.axis)
     across = np.cross(specimen.axis, np.eye(3)[np.argmin(np.abs(specimen.axis))])

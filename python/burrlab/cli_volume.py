@@ -5,10 +5,15 @@ from __future__ import annotations
 import argparse
 import math
 
-from burrlab._core import Burr
+from burrlab._core import Burr, Material
+from burrlab.anatomy.labelled_recipe import LabelledRecipe, labels_of
+from burrlab.anatomy.tissue_csv import read_tissues
+from burrlab.anatomy.tissue_table import default_tissues
 from burrlab.specimen import Specimen
 from burrlab.volume.occupancy_map import OccupancyMap
 from burrlab.volume.recipe import VolumeRecipe
+
+Recipe = VolumeRecipe | LabelledRecipe
 
 #: Options whose values may begin with a minus.
 SIGNED = ("--entry", "--axis", "--map", "--crop")
@@ -49,8 +54,71 @@ def add_volume_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def chosen_recipe(options: argparse.Namespace, burr: Burr | None = None) -> VolumeRecipe | None:
-    """Of the options; None without --volume. ValueError for options that do not fit, or a burr too small for the voxels."""
+def add_label_options(parser: argparse.ArgumentParser) -> None:
+    """Adds `--labels` and what goes with it."""
+    labels = parser.add_argument_group(
+        "labels of tissues: with --volume on its voxels, or alone, then what is labelled is solid"
+    )
+    labels.add_argument(
+        "--labels",
+        metavar="FILE",
+        help="NRRD (.seg.nrrd), NIfTI, MetaImage; coloured PNG slices or their YAML file",
+    )
+    labels.add_argument(
+        "--tissues",
+        metavar="FILE.csv",
+        help="what the labels are (`burrlab tissues`); default by their names",
+    )
+    labels.add_argument(
+        "--fill", type=filling, action="append", default=[], metavar="TISSUE:OCCUPANCY",
+        help="the least occupancy of a tissue, 0 to 1, where the map takes it as empty; as often as needed",
+    )  # fmt: skip
+    add_stack_options(labels)
+
+
+def add_stack_options(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
+    """Adds what coloured slices need."""
+    parser.add_argument(
+        "--unknown",
+        type=label_or_word,
+        default="refuse",
+        metavar="nearest|LABEL",
+        help="what colours in no table are",
+    )
+    parser.add_argument("--unit", type=spacing, help="of the dimensions in a YAML file [mm], default a metre")
+
+
+def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | None = None) -> Recipe | None:
+    """Of the options; None without --volume and --labels.
+
+    ValueError for options that do not fit, or a burr too small for the voxels.
+    """
+    if options.labels is None:
+        for name in ("tissues", "unit"):
+            if getattr(options, name) is not None:
+                raise ValueError(f"--{name} goes with --labels")
+        if options.fill or options.unknown != "refuse":
+            raise ValueError(f"--{'fill' if options.fill else 'unknown'} goes with --labels")
+        return _grey_recipe(options, burr)
+    grey = None
+    if options.volume is not None:
+        grey = _grey_recipe(options, burr)
+    elif options.map is not None or options.series is not None:
+        raise ValueError(f"--{'map' if options.map is not None else 'series'} goes with --volume")
+    own = options.spacing if grey is None else None
+    stack = {"unknown": options.unknown, "unit": None if options.unit is None else options.unit[0]}
+    if options.tissues is None:
+        tissues = default_tissues(labels_of(options.labels, spacing=own, **stack), material=material)
+    else:
+        tissues = read_tissues(options.tissues, material=material)
+    alone = {} if grey is not None else {"crop": options.crop, "voxel": _same(options.voxel)}
+    recipe = LabelledRecipe(options.labels, tissues, grey, dict(options.fill), own, **stack, **alone)
+    if burr is not None:
+        recipe.check_burr(burr)
+    return recipe
+
+
+def _grey_recipe(options: argparse.Namespace, burr: Burr | None) -> VolumeRecipe | None:
     if options.volume is None:
         for name in ("map", "entry", "spacing", "series", "crop"):
             if getattr(options, name) is not None:
@@ -66,13 +134,14 @@ def chosen_recipe(options: argparse.Namespace, burr: Burr | None = None) -> Volu
     return recipe
 
 
-def chosen_specimen(options: argparse.Namespace, burr: Burr) -> Specimen | None:
-    """Of a volume, with its --entry and --axis; None without --volume."""
-    if options.volume is not None:
-        for name in ("map", "entry", "axis"):
+def chosen_specimen(options: argparse.Namespace, burr: Burr, material: Material) -> Specimen | None:
+    """Of a volume or labels, with --entry and --axis; None without them."""
+    given = "volume" if options.volume is not None else "labels"
+    if getattr(options, given) is not None:
+        for name in ("map", "entry", "axis") if given == "volume" else ("entry", "axis"):
             if getattr(options, name) is None:
-                raise ValueError(f"--volume needs --{name}")
-    recipe = chosen_recipe(options, burr)
+                raise ValueError(f"--{given} needs --{name}")
+    recipe = chosen_recipe(options, material, burr)
     return None if recipe is None else recipe.specimen(entry=options.entry, axis=options.axis)
 
 
@@ -82,6 +151,27 @@ def grey_map(text: str) -> OccupancyMap:
         return OccupancyMap.parse(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def filling(text: str) -> tuple[str, float]:
+    """TISSUE:OCCUPANCY."""
+    name, _, part = text.rpartition(":")
+    try:
+        occupancy = float(part)
+    except ValueError:
+        occupancy = math.nan
+    if not name or not 0.0 <= occupancy <= 1.0:
+        raise argparse.ArgumentTypeError(f"must be TISSUE:OCCUPANCY, 0 to 1, got '{text}'")
+    return name, occupancy
+
+
+def label_or_word(text: str) -> str | int:
+    """A label, or "nearest"."""
+    if text in ("nearest", "refuse"):
+        return text
+    if not (text.isascii() and text.isdecimal()):
+        raise argparse.ArgumentTypeError(f"must be nearest or a label, got '{text}'")
+    return int(text)
 
 
 def vector(text: str) -> Numbers:
@@ -101,6 +191,10 @@ def box(text: str) -> tuple[Numbers, Numbers]:
     """X,Y,Z:X,Y,Z."""
     low, _, high = text.partition(":")
     return _three(low, "X,Y,Z:X,Y,Z", text), _three(high, "X,Y,Z:X,Y,Z", text)
+
+
+def _same(value: float | None) -> Numbers | None:
+    return None if value is None else (value, value, value)
 
 
 def _three(text: str, form: str, whole: str) -> Numbers:

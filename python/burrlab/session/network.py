@@ -96,7 +96,8 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
     Parameters
     ----------
     recipe : mapping
-        Of `block_recipe`, `volume_recipe` or an experiment's `VolumeBlock`; it may come from another machine.
+        Of `block_recipe`, `volume_recipe`, an experiment's `VolumeBlock` or `LabelledRecipe.plain`;
+        it may come from another machine.
     volume : path, optional
         Where the volume lies here, if elsewhere.
 
@@ -116,12 +117,18 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
         elif recipe["kind"] == "volume block":
             made, voxel = VolumeRecipe.of(recipe["volume"]), float(recipe["voxel_mm"])
             size, entry, axis = (_three(recipe[key]) for key in ("size_mm", "entry_mm", "axis"))
+        elif recipe["kind"] == "labelled volume":
+            from burrlab.anatomy.labelled_recipe import LabelledRecipe  # anatomy builds on sessions
+
+            labelled = LabelledRecipe.of(recipe)
         else:
             raise KeyError("kind")
     except _UNREADABLE:
         raise ValueError(
             f"recipe must be that of block_recipe or volume_recipe, got {reprlib.repr(recipe)}"
         ) from None
+    if recipe["kind"] == "labelled volume":
+        return (labelled if volume is None else labelled.at(volume)).bone()
     if recipe["kind"] == "volume":
         return (made if volume is None else made.at(volume)).bone()
     if recipe["kind"] == "volume block":

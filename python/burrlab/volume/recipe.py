@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from burrlab._core import Burr, VoxelBone
 from burrlab.specimen import Specimen, Vector
-from burrlab.volume.geometry import checked_point, checked_spacing
+from burrlab.volume.geometry import Array, checked_point, checked_spacing
 from burrlab.volume.occupancy_map import OccupancyMap
 from burrlab.volume.read import read_volume
 from burrlab.volume.stack import read_stack
@@ -132,12 +132,16 @@ class VolumeRecipe:
 
     def check_burr(self, burr: Burr) -> None:
         """Raises ValueError if the burr is too small for the bone's voxels, with the spacing that would do."""
-        apart = self.volume().spacing if self.voxel is None else np.array(self.voxel)
-        if burr.radius < _LEAST_VOXELS * apart.max():
-            raise ValueError(
-                f"radius of the burr must be at least {_LEAST_VOXELS:g} voxels of {apart.max():g} mm, got {burr.radius:g} mm; "
-                f"--voxel {enough(burr)} (voxel={enough(burr)}) makes finer ones"
-            )
+        check_radius(burr, self.volume().spacing if self.voxel is None else np.array(self.voxel))
+
+
+def check_radius(burr: Burr, spacing: Array) -> None:
+    """Raises ValueError if the burr is too small for voxels of a spacing (x, y, z) [mm]."""
+    if burr.radius < _LEAST_VOXELS * spacing.max():
+        raise ValueError(
+            f"radius of the burr must be at least {_LEAST_VOXELS:g} voxels of {spacing.max():g} mm, got {burr.radius:g} mm; "
+            f"--voxel {enough(burr)} (voxel={enough(burr)}) makes finer ones"
+        )
 
 
 def enough(burr: Burr) -> str:
@@ -147,7 +151,7 @@ def enough(burr: Burr) -> str:
 
 
 def _grey(path: str, spacing: tuple[float, float, float] | None, series: str | None) -> Volume:
-    if not _is_stack(path):
+    if not is_stack(path):
         return read_volume(path, spacing=spacing, series=series)
     found = read_stack(path, spacing=spacing)
     if not isinstance(found, Volume):
@@ -155,7 +159,7 @@ def _grey(path: str, spacing: tuple[float, float, float] | None, series: str | N
     return found
 
 
-def _is_stack(path: str) -> bool:
+def is_stack(path: str) -> bool:
     """Whether it is PNG slices: their description, a pattern of names, or a folder of them."""
     if Path(path).suffix.lower() in (".yaml", ".yml", ".png"):
         return True

@@ -191,17 +191,7 @@ class Volume(OnGrid):
             If the map is none.
         """
         chosen = occupancy_map(mapping, solid)
-        direction = np.asarray(self.direction.T @ unit_vector(axis))
-        start = self.bone_point(checked_point(entry, "entry"))
         bone = self.to_bone(chosen, spacing=spacing)
-        surface = surface_along(bone, start, direction)
-        if surface is None:
-            raise ValueError(
-                f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in {self.path}, "
-                f"whose grey values are {self.values.min():g} to {self.values.max():g}"
-            )
-        if np.array_equal(surface, start):
-            raise ValueError(f"entry: {tuple(map(float, entry))} lies inside bone; begin outside it")
         made = {
             "path": self.path,
             "map": chosen.text,
@@ -211,8 +201,8 @@ class Volume(OnGrid):
             "direction": self.direction.tolist(),
             "notes": list(self.notes),
         }
-        where = f"{self.path}, map {chosen.text}, entry {tuple(map(float, entry))}, axis {tuple(map(float, axis))}"
-        return Specimen(bone, surface, direction, where, made)
+        of = f"{self.path}, whose grey values are {self.values.min():g} to {self.values.max():g}"
+        return specimen_in(self, bone, entry, axis, made, f"map {chosen.text}", of=of)
 
     def _origin_at(self, spacing: Array) -> Array:
         """Centre of the first voxel of another grid from the same corner."""
@@ -221,6 +211,30 @@ class Volume(OnGrid):
     def __repr__(self) -> str:
         sizes = " x ".join(str(n) for n in self.shape[::-1])
         return f"Volume({sizes} voxels of {_text(self.spacing)} mm, {self.values.dtype}, {self.path})"
+
+
+def specimen_in(
+    grid: OnGrid,
+    bone: VoxelBone,
+    entry: Vector,
+    axis: Vector,
+    made: dict[str, Any],
+    how: str,
+    *,
+    of: str = "",
+) -> Specimen:
+    """A bone on the voxel axes of a volume, with an axis in the volume's own coordinates; errors as `Volume.specimen`."""
+    direction = np.asarray(grid.direction.T @ unit_vector(axis))
+    start = grid.bone_point(checked_point(entry, "entry"))
+    surface = surface_along(bone, start, direction)
+    if surface is None:
+        raise ValueError(
+            f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in {of or grid.path}"
+        )
+    if np.array_equal(surface, start):
+        raise ValueError(f"entry: {tuple(map(float, entry))} lies inside bone; begin outside it")
+    where = f"{grid.path}, {how}, entry {tuple(map(float, entry))}, axis {tuple(map(float, axis))}"
+    return Specimen(bone, surface, direction, where, made)
 
 
 def check_finite(values: NDArray[Any], path: str) -> None:

@@ -1,0 +1,180 @@
+"""How a bone with tissues is made of files. What results and traces keep, and replicas follow."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from burrlab._core import Burr, Tissues, VoxelBone
+from burrlab.anatomy.labelled_bone import LabelledBone, labelled_bone, placed_on
+from burrlab.session.snapshot import tissues_from_json, tissues_to_json
+from burrlab.specimen import Specimen, Vector
+from burrlab.volume import LabelVolume, read_labels
+from burrlab.volume.recipe import VolumeRecipe, check_radius, is_stack
+from burrlab.volume.stack import read_stack
+from burrlab.volume.volume import specimen_in
+
+Box = tuple[tuple[float, float, float], tuple[float, float, float]]
+
+
+@dataclass(frozen=True)
+class LabelledRecipe:
+    """Labels from a file, their table, and the grey volume that they belong to, if any.
+
+    Parameters
+    ----------
+    labels : path
+        A file, or a stack of coloured PNG slices; made absolute.
+    tissues : Tissues
+    grey : VolumeRecipe, optional
+        Without it what is labelled is solid; see `labelled_bone`.
+    fill : mapping of str to float
+        See `labelled_bone`.
+    spacing : (x, y, z), optional
+        Of the labels, where their file has none [mm].
+    unknown : "refuse", "nearest" or int
+        Of colours that are in no table; see `read_stack`.
+    unit : float, optional
+        Of the dimensions in a YAML file [mm].
+    crop, voxel : optional
+        As of `VolumeRecipe`, of labels alone: a grey volume has its own.
+
+    Raises
+    ------
+    ValueError
+        If a crop or a spacing of the bone is given beside a grey volume.
+    """
+
+    labels: str
+    tissues: Tissues
+    grey: VolumeRecipe | None = None
+    fill: Mapping[str, float] = field(default_factory=dict)
+    spacing: tuple[float, float, float] | None = None
+    unknown: str | int = "refuse"
+    unit: float | None = None
+    crop: Box | None = None
+    voxel: tuple[float, float, float] | None = None
+    _made: dict[str, LabelledBone] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "labels", os.path.abspath(self.labels))
+        if self.grey is not None and (self.crop is not None or self.voxel is not None):
+            raise ValueError("crop and voxel must be those of the grey volume")
+
+    @classmethod
+    def of(cls, plain: Mapping[str, Any]) -> LabelledRecipe:
+        """Of what `plain` gave, through JSON too; KeyError, TypeError or ValueError where it is not that."""
+        fill = {str(name): float(part) for name, part in dict(plain.get("fill", {})).items()}
+        unknown = plain.get("unknown", "refuse")
+        unit, crop = plain.get("unit_mm"), plain.get("crop_mm")
+        return cls(
+            os.fspath(plain["labels"]), tissues_from_json(plain["tissues"]),
+            VolumeRecipe.of(plain["grey"]) if "grey" in plain else None, fill, _three(plain.get("labels_spacing_mm")),
+            unknown if isinstance(unknown, int) else str(unknown), None if unit is None else float(unit),
+            None if crop is None else (_numbers(crop[0]), _numbers(crop[1])), _three(plain.get("voxel_mm")),
+        )  # fmt: skip
+
+    def plain(self) -> dict[str, Any]:
+        """Ready for JSON; what is not given is left out."""
+        given = {
+            "grey": None if self.grey is None else self.grey.plain(),
+            "fill": dict(self.fill) or None,
+            "labels_spacing_mm": None if self.spacing is None else list(self.spacing),
+            "unknown": None if self.unknown == "refuse" else self.unknown,
+            "unit_mm": self.unit,
+            "crop_mm": None if self.crop is None else [list(corner) for corner in self.crop],
+            "voxel_mm": None if self.voxel is None else list(self.voxel),
+        }
+        return {
+            "kind": "labelled volume",
+            "labels": self.labels,
+            "tissues": tissues_to_json(self.tissues),
+            **{name: value for name, value in given.items() if value is not None},
+        }
+
+    def at(self, path: str | os.PathLike[str]) -> LabelledRecipe:
+        """The same of a volume (labels, if they are alone) that lies elsewhere, with labels of the same name beside it."""
+        if self.grey is None:
+            return replace(self, labels=os.fspath(path))
+        beside = Path(path).parent / Path(self.labels).name
+        labels = str(beside) if beside.exists() else self.labels
+        return replace(self, grey=self.grey.at(path), labels=labels)
+
+    def made(self) -> LabelledBone:
+        """The bone and its notes, made once.
+
+        Raises
+        ------
+        FileNotFoundError, ImportError
+            As `read_labels` and `read_stack`.
+        ValueError
+            As these and `labelled_bone`; or if a stack is grey.
+        """
+        if "bone" not in self._made:
+            self._made["bone"] = self._make()
+        return self._made["bone"]
+
+    def bone(self) -> VoxelBone:
+        """A copy of the bone; errors as `made`."""
+        return self.made().bone.copy()
+
+    def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
+        """The bone with an axis; parameters and errors as `Volume.specimen`."""
+        grid = self._labels() if self.grey is None else self.grey.volume()
+        made = {"path": grid.path, "recipe": self.plain(), "notes": list(self.made().notes)}
+        return specimen_in(grid, self.bone(), entry, axis, made, f"labels of {self.labels}")
+
+    def check_burr(self, burr: Burr) -> None:
+        """As `VolumeRecipe.check_burr`."""
+        if self.grey is not None:
+            self.grey.check_burr(burr)
+        else:
+            check_radius(burr, self._labels().spacing if self.voxel is None else np.array(self.voxel))
+
+    def _make(self) -> LabelledBone:
+        if self.grey is None:
+            return labelled_bone(None, self._labels(), self.tissues, fill=self.fill, spacing=self.voxel)
+        labels, volume = self._labels(), self.grey.volume()
+        if self.grey.crop is not None:  # labels belong to the whole volume
+            whole = replace(self.grey, crop=None).volume()
+            labels = placed_on(labels, whole).crop(*self.grey.crop)
+        return labelled_bone(
+            volume, labels, self.tissues, mapping=self.grey.mapping, fill=self.fill, spacing=self.grey.voxel
+        )
+
+    def _labels(self) -> LabelVolume:
+        labels = labels_of(
+            self.labels, spacing=self.spacing, unknown=self.unknown, unit=self.unit, palette=self.tissues
+        )
+        return labels if self.crop is None else labels.crop(*self.crop)
+
+
+def labels_of(
+    path: str | os.PathLike[str],
+    *,
+    spacing: tuple[float, float, float] | None = None,
+    unknown: str | int = "refuse",
+    unit: float | None = None,
+    palette: Tissues | None = None,
+) -> LabelVolume:
+    """Labels of a file or of a stack of coloured slices, by the colours of a table; errors as of `read_labels` and `read_stack`."""
+    if not is_stack(os.fspath(path)):
+        return read_labels(path, spacing=spacing)
+    found = read_stack(path, spacing=spacing, palette=palette, unknown=unknown, unit=unit)
+    if not isinstance(found, LabelVolume):
+        raise ValueError(f"{os.fspath(path)}: the slices are grey, and labels are coloured ones")
+    return found
+
+
+def _numbers(value: Any) -> tuple[float, float, float]:
+    x, y, z = (float(part) for part in value)
+    return x, y, z
+
+
+def _three(value: Any) -> tuple[float, float, float] | None:
+    return None if value is None else _numbers(value)

@@ -16,8 +16,8 @@ FALSE_ALARM = 1e-6
 
 
 def cube(step: float) -> np.ndarray:
-    """Points of a cubic lattice in a box of 24 mm."""
-    side = np.arange(step / 2, 24.0, step)
+    """Points of a cubic lattice in a box of 20 mm."""
+    side = np.arange(step / 2, 20.0, step)
     return Grid(side, side, side).points()
 
 

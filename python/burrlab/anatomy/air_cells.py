@@ -211,6 +211,8 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
             # A change of the weight moves the walls by its part of twice the distance to the neighbours.
             change = (wanted - count) * step**3 / (math.pi * drawn / 2)
             weights = weights + 0.8 * np.clip(change, -0.3 * drawn**2, 0.3 * drawn**2)
+            lost = np.flatnonzero(count == 0)
+            weights[lost] = (drawn[lost] / 4) ** 2 - _least_power(sites[lost], sites, weights)
             if k < 2 * rounds // 3:  # then the sites stay, and the volumes settle
                 full = count > 0
                 for axis in range(3):
@@ -219,6 +221,12 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
     sites, weights = np.round(sites, 6), np.round(weights, 6)
     count = np.bincount(_owners(sites, weights, points), minlength=len(sites))
     return Honeycomb(sites, weights, drawn, np.cbrt(6 / math.pi * count * step**3))
+
+
+def _least_power(points: Floats, sites: Floats, weights: Floats) -> Floats:
+    """What a new site at each point must be below to own it [mm^2]."""
+    power = ((points[:, None, :] - sites[None, :, :]) ** 2).sum(axis=2) - weights
+    return np.asarray(power.min(axis=1))
 
 
 def _scatter(points: Floats, diameter: Floats, seed: int) -> Floats:

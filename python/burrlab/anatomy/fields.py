@@ -24,6 +24,8 @@ CORTEX = 2.0
 PLATE, AROUND_CANAL, AROUND_NERVE, AROUND_LABYRINTH = 0.8, 1.5, 1.0, 1.5
 #: Margins of the planned cavity from dura, sinus, nerve and labyrinth, and the wall left to the ear canal [mm]; ours.
 MARGINS = {"dura": 1.0, "sigmoid sinus": 1.0, "facial nerve": 1.5, "labyrinth": 2.0, "ear canal": 2.0}
+#: How far the planned cavity reaches out of the bone [mm], so that it holds the voxels that the surface cuts.
+ABOVE = 1.0
 #: Radii of the planned cavity at the surface and at the antrum [mm]; ours.
 OPENING, BOTTOM = 15.0, 7.5
 #: Box that holds the air cells whatever the seed: least and largest (x, y, z) [mm].
@@ -72,7 +74,7 @@ class Fields:
         bone = {"sigmoid sinus": PLATE, "facial nerve": AROUND_NERVE, "labyrinth": AROUND_LABYRINTH,
                 "dura": PLATE, "ear canal": AROUND_CANAL}  # fmt: skip
         cells = np.maximum(_mastoid(lattice, outside), _within(near, bone))
-        plan = np.maximum(_funnel(at, lattice), np.maximum(_within(near, MARGINS), outside))
+        plan = np.maximum(_funnel(at, lattice), np.maximum(_within(near, MARGINS), outside - ABOVE))
         parts = (outside, cranium, _rooms(at, lattice, canal), near["sigmoid sinus"], cells, plan)
         return cls(lattice, *(part.astype(np.float32) for part in parts))
 

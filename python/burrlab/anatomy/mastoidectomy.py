@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from contourpy import contour_generator
+from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from burrlab._core import Burr, ScriptedDevice
@@ -67,7 +68,7 @@ def mastoidectomy_path(
     speed: float = 20.0,
     depth: float | None = None,
 ) -> BurrPath:
-    """Cuts the planned cavity of a phantom from the surface down, in layers, each in parallel strokes.
+    """Cuts the planned cavity of a phantom from the surface down, in layers: parallel strokes, then once along the edge.
 
     Parameters
     ----------
@@ -113,7 +114,7 @@ def mastoidectomy_path(
         layers += bool(strokes)
         for stroke in strokes:
             rows += plan.approach(rows[-1][0] if rows else None, stroke[0])
-            rows += [(stroke[0], True), (stroke[1], True)]
+            rows += [(place, True) for place in stroke]
     if not rows:
         raise ValueError(f"burr of {burr.radius:g} mm fits nowhere into the planned cavity")
     center, on = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
@@ -129,8 +130,8 @@ def mastoidectomy_path(
 class _Plan:
     """Where the burr's centre may be, in a frame whose x grows with depth."""
 
-    free: Mask  # (z, y, x), of the centre
-    cuts: Mask  # where it then reaches planned bone
+    room: Floats  # from the burr's surface to what is not to be cut (z, y, x), of its centre [mm]
+    cuts: Mask  # where it may be and reaches planned bone
     spacing: Floats  # (x, y, z)
     origin: Floats
     sign: float
@@ -160,36 +161,40 @@ class _Plan:
         origin[0] -= pad * spacing[0]
         above = ~np.logical_or.accumulate(target | bone, axis=2)
         zyx = spacing[::-1]
-        free = (
-            ndimage.distance_transform_edt(np.pad(target | above, 1), sampling=zyx)[1:-1, 1:-1, 1:-1] > radius
+        room = (
+            ndimage.distance_transform_edt(np.pad(target | above, 1), sampling=zyx)[1:-1, 1:-1, 1:-1] - radius
         )
         cuts = ndimage.distance_transform_edt(~(target & bone), sampling=zyx) < radius
         x = np.flatnonzero(target.any(axis=(0, 1)))
         edge = origin[0] + spacing[0] * x
-        return cls(free, cuts & free, spacing, origin, sign, float(edge[0]), float(edge[-1]), radius)
+        return cls(room, cuts & (room > 0), spacing, origin, sign, float(edge[0]), float(edge[-1]), radius)
 
     def _index(self, place: Floats) -> tuple[int, int, int]:
         at = np.rint((place - self.origin) / self.spacing).astype(int)
-        at = np.clip(at, 0, np.array(self.free.shape[::-1]) - 1)
+        at = np.clip(at, 0, np.array(self.room.shape[::-1]) - 1)
         return int(at[2]), int(at[1]), int(at[0])
 
-    def strokes(self, x: float, step: float) -> list[tuple[Floats, Floats]]:
-        """Pairs of points between which the burr cuts at that depth, to and fro along y."""
+    def strokes(self, x: float, step: float) -> list[Floats]:
+        """Polylines (n, 3) along which the burr cuts at that depth: to and fro along y, then around."""
         k = round((x - self.origin[0]) / self.spacing[0])
-        if not 0 <= k < self.free.shape[2]:
+        if not 0 <= k < self.room.shape[2] or not self.cuts[:, :, k].any():
             return []
-        out: list[tuple[Floats, Floats]] = []
+        out: list[Floats] = []
         z_step, forward = max(1, round(step / self.spacing[2])), True
-        for row in range(z_step // 2, self.free.shape[0], z_step):
-            line = np.concatenate([[False], self.cuts[row, :, k], [False]])
-            edges = np.flatnonzero(np.diff(line.astype(np.int8)))
-            runs = [(a, b - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
-            for a, b in runs if forward else runs[::-1]:
-                ends = (a, b) if forward else (b, a)
-                one, two = (self.origin + self.spacing * [k, y, row] for y in ends)
-                out.append((one, two))
+        for row in range(z_step // 2, self.room.shape[0], z_step):
+            runs = [self._places(k, [(row, a), (row, b - 1)]) for a, b in _runs(self.cuts[row, :, k])]
+            out += runs if forward else [run[::-1] for run in runs[::-1]]
             forward = not forward if runs else forward
+        for line in contour_generator(z=self.room[:, :, k]).lines(0.0):
+            at = np.asarray(line)[:, ::-1]  # (z, y), as indices
+            nearest = np.rint(at).astype(int)
+            cut = ndimage.binary_dilation(self.cuts[:, :, k])[tuple(nearest.T)]
+            out += [self._places(k, at[a:b]) for a, b in _runs(cut)]
         return out
+
+    def _places(self, k: int, at: ArrayLike) -> Floats:
+        z, y = np.asarray(at, dtype=float).T
+        return np.asarray(self.origin + self.spacing * np.column_stack([np.full(len(z), k), y, z]))
 
     def approach(self, here: Floats | None, there: Floats) -> list[tuple[Floats, bool]]:
         """Rows that bring the burr to a stroke: straight where it may go, else up and over, not turning."""
@@ -203,4 +208,12 @@ class _Plan:
 
     def _clear(self, here: Floats, there: Floats) -> bool:
         count = int(np.max(np.abs(there - here) / self.spacing)) + 2
-        return all(self.free[self._index(here + t * (there - here))] for t in np.linspace(0.0, 1.0, count))
+        return all(
+            self.room[self._index(here + t * (there - here))] > 0 for t in np.linspace(0.0, 1.0, count)
+        )
+
+
+def _runs(mask: Mask) -> list[tuple[int, int]]:
+    """Begin and end of each run of at least two."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]

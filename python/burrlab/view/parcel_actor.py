@@ -36,20 +36,31 @@ def check_parcels(parcels: NDArray[np.void]) -> None:
         raise ValueError(f"parcels must have the fields {', '.join(FIELDS)}; {', '.join(missing)} is missing")
 
 
+#: A disc that is darker towards its rim, as a ball lit from the eye.
+_BALL = """//VTK::Color::Impl
+float away = dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy);
+if (away > 1.0) discard;
+float facing = 0.4 + 0.6 * sqrt(1.0 - away);
+ambientColor *= facing;
+diffuseColor *= facing;
+"""
+
+
 class ParcelActor:
-    """Points drawn as shaded spheres by the graphics processor, so that 20 000 cost one upload."""
+    """Points drawn as shaded discs that face the eye, so that 20 000 cost one upload."""
 
     def __init__(self, renderer: Any) -> None:
-        from vtkmodules.vtkRenderingCore import vtkActor
-        from vtkmodules.vtkRenderingOpenGL2 import vtkOpenGLSphereMapper
+        from vtkmodules.vtkRenderingCore import vtkActor, vtkPointGaussianMapper
 
-        self.mapper = vtkOpenGLSphereMapper()
+        self.mapper = vtkPointGaussianMapper()
         self.mapper.SetScaleArray("radius")
+        self.mapper.SetScaleFactor(1.0)
+        self.mapper.SetEmissive(False)
+        self.mapper.SetTriangleScale(2.0)  # of the triangle in which a disc of radius 1 lies
+        self.mapper.SetSplatShaderCode(_BALL)
         self.actor = vtkActor()
         self.actor.SetMapper(self.mapper)
         self.actor.SetVisibility(False)
-        self.actor.GetProperty().SetSpecular(0.35)
-        self.actor.GetProperty().SetAmbient(0.2)
         renderer.AddActor(self.actor)
 
     def replace(self, parcels: NDArray[np.void] | None) -> None:

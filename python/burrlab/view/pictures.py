@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -126,7 +126,7 @@ def _fractions(colour: Sequence[int]) -> tuple[float, float, float]:
     return red / 255, green / 255, blue / 255
 
 
-def depth_map(bone: VoxelBone, *, axis: str = "-z") -> NDArray[np.float64]:
+def removed_thickness(bone: VoxelBone, *, axis: str = "-z") -> NDArray[np.float64]:
     """Thickness of bone that was removed along an axis, at each place across it.
 
     The sum over a column of voxels of (pristine minus present level)/255 times the spacing.
@@ -135,13 +135,12 @@ def depth_map(bone: VoxelBone, *, axis: str = "-z") -> NDArray[np.float64]:
     ----------
     bone : VoxelBone
     axis : str
-        Direction in which one looks: "x", "-x", "y", "-y", "z" or "-z".
+        Direction in which one looks: "x", "-x", "y", "-y", "z" or "-z"; its sign changes nothing.
 
     Returns
     -------
     ndarray
-        [mm]; rows and columns as in the slices across that axis: (y, x), (z, x) or (z, y). The sign of the axis
-        does not change it.
+        [mm]; rows and columns as in the slices across that axis: (y, x), (z, x) or (z, y).
 
     Raises
     ------
@@ -149,18 +148,67 @@ def depth_map(bone: VoxelBone, *, axis: str = "-z") -> NDArray[np.float64]:
         If the axis is another.
     """
     across = _axis(axis)
-    nz, ny, nx = bone.shape
-    removed = np.zeros([n for a, n in enumerate((nz, ny, nx)) if a != 2 - across])
-    for z in range(0, nz, 32):  # slabs, so that a large volume is never copied whole
-        start, size = (z, 0, 0), (min(32, nz - z), ny, nx)
-        lost = (bone.read(start, size, pristine=True) - bone.read(start, size)).sum(
-            axis=2 - across, dtype=np.int64
-        )
-        if across == 2:
-            removed += lost
-        else:
-            removed[z : z + size[0]] = lost
-    return removed * (bone.spacing[across] / 255.0)
+    slabs = [
+        (pristine - present).sum(axis=2 - across, dtype=np.int64)
+        for present, pristine in _slabs(bone, across)
+    ]
+    return np.concatenate(slabs, axis=0) * (bone.spacing[across] / 255.0)
+
+
+def depth_map(bone: VoxelBone, *, axis: str = "-z", level: int = 128) -> NDArray[np.float64]:
+    """Depth of a crater as one sees it: from the surface as it was to the surface as it is, along an axis.
+
+    The surface is where the level first reaches `level`, between voxel centres linearly. Where one sees through, the
+    far face of the volume takes its place.
+
+    Parameters
+    ----------
+    bone : VoxelBone
+    axis : str
+        Direction in which one looks: "x", "-x", "y", "-y", "z" or "-z".
+    level : int
+        Occupancy level at the surface, 1 to 255.
+
+    Returns
+    -------
+    ndarray
+        [mm], 0 where there was no bone; rows and columns as in the slices across that axis: (y, x), (z, x) or
+        (z, y).
+
+    Raises
+    ------
+    ValueError
+        If the axis is another, or the level is not from 1 to 255.
+    """
+    if not 1 <= level <= 255:
+        raise ValueError(f"level must be from 1 to 255, got {level}")
+    across = _axis(axis)
+    depths = []
+    for present, pristine in _slabs(bone, across):
+        now, before = (_first(part, 2 - across, axis[0] == "-", level) for part in (present, pristine))
+        depths.append(np.where(before < bone.shape[2 - across], now - before, 0.0))
+    return np.concatenate(depths, axis=0) * bone.spacing[across]
+
+
+def _slabs(bone: VoxelBone, across: int) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
+    """Present and pristine levels in slabs of whole columns, so that a large volume is never copied at once."""
+    along = 1 if across == 2 else 0  # the first of the two axes that are left
+    for begin in range(0, bone.shape[along], 32):
+        start, size = [0, 0, 0], list(bone.shape)
+        start[along], size[along] = begin, min(32, bone.shape[along] - begin)
+        yield bone.read(start, size), bone.read(start, size, pristine=True)
+
+
+def _first(levels: NDArray[np.uint8], along: int, backwards: bool, level: int) -> NDArray[np.float64]:
+    """Where each column first reaches a level, in voxels from the outer face; its length where it never does."""
+    columns = np.moveaxis(levels, along, -1)[..., :: -1 if backwards else 1]
+    solid = columns >= level
+    index = solid.argmax(axis=-1)
+    here = np.take_along_axis(columns, index[..., None], -1)[..., 0].astype(float)
+    before = np.take_along_axis(columns, np.maximum(index - 1, 0)[..., None], -1)[..., 0].astype(float)
+    before = np.where(index == 0, 0.0, before)  # beyond the volume there is nothing
+    place = index - 0.5 + (level - 0.5 - before) / np.maximum(here - before, 1.0)
+    return np.where(solid.any(axis=-1), np.maximum(place, 0.0), float(columns.shape[-1]))
 
 
 def _axis(axis: str) -> int:
@@ -170,15 +218,23 @@ def _axis(axis: str) -> int:
 
 
 def plot_depth_map(
-    bone: VoxelBone, *, axis: str = "-z", ax: Axes | None = None, contours: int = 6, crop: bool = True
+    bone: VoxelBone,
+    *,
+    axis: str = "-z",
+    thickness: bool = False,
+    ax: Axes | None = None,
+    contours: int = 6,
+    crop: bool = True,
 ) -> Axes:
-    """The crater as a map: how much was removed along an axis, with contours.
+    """The crater as a map, with contours: `depth_map`, or `removed_thickness`.
 
     Parameters
     ----------
     bone : VoxelBone
     axis : str
         Direction in which one looks.
+    thickness : bool
+        How much bone was removed, air cells left out; else the depth that one sees.
     ax : Axes, optional
     contours : int
         About so many lines of equal depth, at round values; 0: none.
@@ -197,7 +253,7 @@ def plot_depth_map(
     if contours < 0:
         raise ValueError(f"contours must be zero or positive, got {contours}")
     across = _axis(axis)
-    depth = depth_map(bone, axis=axis)
+    depth = removed_thickness(bone, axis=axis) if thickness else depth_map(bone, axis=axis)
     _, right, up = next(axes for axes in PLANES.values() if axes[0] == across)
     places = [bone.origin[a] + bone.spacing[a] * np.arange(bone.shape[2 - a]) for a in (right, up)]
     half = [bone.spacing[a] / 2 for a in (right, up)]
@@ -223,7 +279,9 @@ def plot_depth_map(
             )
     figure = axes.get_figure(root=True)
     assert figure is not None
-    figure.colorbar(image, ax=axes, label=f"bone removed along {_NAMES[across]} [mm]")
+    figure.colorbar(
+        image, ax=axes, label=f"{'bone removed' if thickness else 'depth'} along {_NAMES[across]} [mm]"
+    )
     if axis in ("z", "-x", "y"):  # seen from behind, so that left is left for whoever looks
         axes.invert_xaxis()
     axes.set_xlabel(f"{_NAMES[right]} [mm]")

@@ -15,7 +15,7 @@ from burrlab.view.camera import Viewpoint, eyes, surgeon_view
 from burrlab.view.parcel_actor import ParcelActor
 from burrlab.view.rendering import check_screen, prepare_off_screen, pyvista
 from burrlab.view.scene_chart import SceneChart
-from burrlab.view.scene_labels import ScaleBar, add_legend
+from burrlab.view.scene_labels import Legend, ScaleBar
 from burrlab.view.scene_slices import SlicePanels
 from burrlab.view.surface import Surface, tissue_palette
 
@@ -89,8 +89,7 @@ class Scene:
         self.panels: SlicePanels | None = None
         self.chart = SceneChart(self.plotter, module) if chart else None
         self.scale = ScaleBar(self.plotter.renderer)
-        if legend:
-            add_legend(self.plotter, bone, self.surface)
+        self.legend = Legend(self.plotter.renderer, bone, self.surface) if legend else None
         self._add_lights(module)
         self._centers = np.full((len(self.radii), 3), np.nan)
         self.look(surgeon_view(bone))
@@ -210,6 +209,8 @@ class Scene:
         """Draws once."""
         self.plotter.renderer.ResetCameraClippingRange()
         self.scale.fit(self.plotter)
+        if self.legend is not None:
+            self.legend.fit()
         self.plotter.render_window.Render()
 
     def picture(self) -> NDArray[np.uint8]:

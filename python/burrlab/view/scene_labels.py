@@ -27,35 +27,82 @@ def shown_tissues(bone: VoxelBone, surface: Surface) -> list[int]:
     ]
 
 
-def add_legend(plotter: Any, bone: VoxelBone, surface: Surface) -> None:
+class Legend:
     """Colour and name of every tissue, at the upper left; nothing without tissues."""
-    if bone.tissues is None:
-        return
-    entries = [
-        (tissue.name + (" (critical)" if tissue.critical else ""), [part / 255 for part in tissue.colour])
-        for tissue in (bone.tissues[i] for i in shown_tissues(bone, surface))
-    ]
-    if not entries:
-        return
-    from vtkmodules.vtkRenderingCore import vtkTextActor
 
-    width, height = plotter.window_size
-    size = max(11, height // 48)
-    for row, (name, colour) in enumerate(entries):
-        for text, place, tone in (("M", 0.016 * width, colour), (name, 0.016 * width + 1.6 * size, _TEXT)):
-            actor = vtkTextActor()
-            actor.SetInput(text)
-            style = actor.GetTextProperty()
-            if tone is colour:  # a box: the letter cannot be told from what lies behind it
-                style.SetBackgroundColor(*colour)
-                style.SetBackgroundOpacity(1.0)
-            style.SetFontSize(size)
-            style.SetColor(*tone)
-            style.SetVerticalJustificationToCentered()
-            coordinate = actor.GetPositionCoordinate()
-            coordinate.SetCoordinateSystemToNormalizedViewport()
-            coordinate.SetValue(place / width, 1 - (0.022 * height + (row + 0.5) * 1.45 * size) / height)
-            plotter.renderer.AddViewProp(actor)
+    def __init__(self, renderer: Any, bone: VoxelBone, surface: Surface) -> None:
+        from vtkmodules.vtkRenderingCore import vtkTextActor
+
+        self.renderer, self.ground, self.rows = renderer, Ground(renderer), []
+        table = bone.tissues
+        for number in shown_tissues(bone, surface):
+            assert table is not None
+            tissue, box, text = table[number], vtkTextActor(), vtkTextActor()
+            colour = [part / 255 for part in tissue.colour]
+            box.SetInput("M")  # a box: the letter cannot be told from what lies behind it
+            text.SetInput(tissue.name + (" (critical)" if tissue.critical else ""))
+            box.GetTextProperty().SetBackgroundColor(*colour)
+            box.GetTextProperty().SetBackgroundOpacity(1.0)
+            for actor, tone in ((box, colour), (text, _TEXT)):
+                actor.GetTextProperty().SetColor(*tone)
+                actor.GetTextProperty().SetVerticalJustificationToCentered()
+                renderer.AddViewProp(actor)
+            self.rows.append((box, text))
+
+    def fit(self) -> None:
+        """Follows the window's size."""
+        height = self.renderer.GetSize()[1]
+        size = font_size(height)
+        pitch, left, widest = 1.6 * size, 1.2 * size, 0.0
+        for i, (box, text) in enumerate(self.rows):
+            y = height - 1.2 * size - (i + 0.5) * pitch
+            for actor, x in ((box, left), (text, left + 1.7 * size)):
+                actor.GetTextProperty().SetFontSize(size)
+                actor.SetPosition(x, y)
+            bounds = [0.0, 0.0]
+            text.GetSize(self.renderer, bounds)
+            widest = max(widest, bounds[0])
+        if self.rows:
+            low = height - 1.2 * size - len(self.rows) * pitch
+            self.ground.place(0.5 * size, low - 0.4 * size, left + 2.5 * size + widest, height - 0.6 * size)
+
+
+def font_size(height: int) -> int:
+    """Of all words in a view of this height [pixel]."""
+    return max(11, int(height / 52))
+
+
+class Ground:
+    """A dark, translucent rectangle behind words, in pixels."""
+
+    def __init__(self, renderer: Any) -> None:
+        from vtkmodules.vtkCommonCore import vtkPoints
+        from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+        from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D
+
+        self.points, cells, self.mesh = vtkPoints(), vtkCellArray(), vtkPolyData()
+        self.points.SetNumberOfPoints(4)
+        cells.InsertNextCell(4)
+        for i in range(4):
+            self.points.SetPoint(i, 0.0, 0.0, 0.0)
+            cells.InsertCellPoint(i)
+        self.mesh.SetPoints(self.points)
+        self.mesh.SetPolys(cells)
+        mapper = vtkPolyDataMapper2D()
+        mapper.SetInputData(self.mesh)
+        actor = vtkActor2D()
+        actor.SetMapper(mapper)
+        actor.GetProperty().SetColor(0.04, 0.05, 0.07)
+        actor.GetProperty().SetOpacity(0.62)
+        actor.SetLayerNumber(0)
+        renderer.AddViewProp(actor)
+
+    def place(self, left: float, low: float, right: float, high: float) -> None:
+        """Its edges."""
+        for i, (x, y) in enumerate(((left, low), (right, low), (right, high), (left, high))):
+            self.points.SetPoint(i, x, y, 0.0)
+        self.points.Modified()
+        self.mesh.Modified()
 
 
 class ScaleBar:
@@ -66,7 +113,7 @@ class ScaleBar:
         from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
         from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D, vtkTextActor
 
-        self.renderer = renderer
+        self.renderer, self.ground = renderer, Ground(renderer)
         self.points, lines, self.mesh = vtkPoints(), vtkCellArray(), vtkPolyData()
         self.points.SetNumberOfPoints(6)
         for a, b in ((0, 1), (2, 3), (4, 5)):
@@ -102,8 +149,10 @@ class ScaleBar:
         self.points.Modified()
         self.mesh.Modified()
         self.text.SetInput(f"{length:g} mm")
-        self.text.GetTextProperty().SetFontSize(max(11, int(height / 48)))
+        size = font_size(height)
+        self.text.GetTextProperty().SetFontSize(size)
         self.text.SetPosition((left + right) / 2, low + 1.2 * tick)
+        self.ground.place(left - size, low - 2.4 * tick, right + size, low + 2.4 * tick + 1.3 * size)
 
 
 def scale_length(most: float) -> float:

@@ -91,8 +91,9 @@ def slice_image(bone: VoxelBone, point: ArrayLike, plane: str) -> SliceImage:
     # (z, y, x) without the axis across is (upwards, to the right) for all three planes
     palette = tissue_palette(bone)
     colour = np.asarray(BONE) if numbers is None else palette[numbers].astype(float)
-    now, lost = levels[..., None] / 255.0, (pristine - levels)[..., None] / 255.0
-    pixels = now * colour + lost * np.asarray(REMOVED) + (1 - now - lost) * np.asarray(_EMPTY)
+    # half full is drawn as full, as the surface is: soft tissue keeps its colour
+    now, lost = (np.minimum(part[..., None] / 127.5, 1.0) for part in (levels, pristine - levels))
+    pixels = now * colour + (1 - now) * (lost * np.asarray(REMOVED) + (1 - lost) * np.asarray(_EMPTY))
     low = [origin[a] - spacing[a] / 2 for a in (right, up)]
     high = [origin[a] + spacing[a] * (shape[a] - 0.5) for a in (right, up)]
     return SliceImage(

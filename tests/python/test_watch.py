@@ -114,12 +114,15 @@ def test_what_happens_is_said_while_the_session_runs(recorded) -> None:
 def test_a_report_prints_tells_json_and_draws(recorded) -> None:
     session, trace, _ = recorded
     report = session.report()
-    assert "removed [mm^3]: bone " in str(report) and "burr beside" in str(report)
+    assert "removed [mm^3]: bone " in str(report)
+    assert "burr beside" in str(report)
     metrics = burrlab.session_metrics(trace)
     told = json.loads(json.dumps(metrics.to_dict(), allow_nan=False))["anatomy"]
-    assert told["removed_mm3"]["nerve"] > 0.05 and told["doses"][0]["structure"] == "nerve"
+    assert told["removed_mm3"]["nerve"] > 0.05
+    assert told["doses"][0]["structure"] == "nerve"
     assert len(told["events"]) == len(trace.events)
-    assert "nerve" in repr(metrics) and "<pre>" in metrics._repr_html_()
+    assert "nerve" in repr(metrics)
+    assert "<pre>" in metrics._repr_html_()
     axes = metrics.plot()
     assert [a.get_xlabel() for a in axes[-2:]] == ["distance of the burr's surface [mm]", "force [N]"]
     assert report.to_dict()["anatomy"]["closest_mm"]["nerve"] == session.anatomy().closest["nerve"]
@@ -154,8 +157,10 @@ def test_a_killed_session_keeps_its_events(tmp_path) -> None:
                 break
         early.write_bytes(path.read_bytes())  # all that a kill would have left
     trace = burrlab.load_trace(early)
-    assert trace.watched is None and AnatomyReport.recorded(trace) is None
-    assert len(trace.events) == 1 and trace.events["tick"][0] < trace.first_tick + len(trace)
+    assert trace.watched is None
+    assert AnatomyReport.recorded(trace) is None
+    assert len(trace.events) == 1
+    assert trace.events["tick"][0] < trace.first_tick + len(trace)
     again = anatomy_report(trace)
     assert again.watched.events.tobytes() == trace.events.tobytes()
     assert burrlab.load_trace(path).watched is not None
@@ -194,7 +199,8 @@ def test_an_injury_in_a_gap_is_told_without_a_burr() -> None:
     assert theirs.removed_of("nerve") > LIMITS["injury"]
     assert done["burr"]["removed_levels"].sum() > 0
     seen = _watch_after_gap(watch, theirs, 300)
-    assert seen["gaps"] == 1 and seen["ticks_passed_over"] == 300
+    assert seen["gaps"] == 1
+    assert seen["ticks_passed_over"] == 300
     assert [(e["tick"], e["burr"], KINDS[e["kind"]]) for e in seen["events"]] == [(299, -1, "injury")]
     assert np.isinf(seen["events"]["distance"]).all()
 
@@ -227,9 +233,12 @@ def test_tissues_without_a_watch_are_counted(tmp_path) -> None:
     ) as session:
         session.wait()
     report = session.anatomy()
-    assert report.structures == () and report.removed["nerve"] > 0.05
+    assert report.structures == ()
+    assert report.removed["nerve"] > 0.05
     trace = burrlab.load_trace(path)
-    assert trace.watched is None and trace.watch == {} and len(trace.events) == 0
+    assert trace.watched is None
+    assert trace.watch == {}
+    assert len(trace.events) == 0
     assert anatomy_report(trace).structures == ("nerve", "sinus")  # all that are critical
     assert anatomy_report(trace).removed == report.removed
 
@@ -242,9 +251,11 @@ def test_a_bone_without_tissues_has_the_old_format(tmp_path) -> None:
     ) as session:  # fmt: skip
         session.wait()
     with h5py.File(path) as file:
-        assert file.attrs["format_version"] == 1 and "watch" not in file
+        assert file.attrs["format_version"] == 1
+        assert "watch" not in file
         assert "watch" not in json.loads(file["note"][()])
-    assert session.report().anatomy is None and "anatomy" not in session.report().to_dict()
+    assert session.report().anatomy is None
+    assert "anatomy" not in session.report().to_dict()
     assert "anatomy" not in burrlab.session_metrics(burrlab.load_trace(path)).to_dict()
     with pytest.raises(ValueError, match="bone of the session must have tissues"):
         session.anatomy()
@@ -284,7 +295,8 @@ def test_a_watch_needs_a_critical_structure_of_the_sessions_bone() -> None:
     with pytest.raises(ValueError, match="bone must be the one that the watch was made of, or a copy of it"):
         run(bone=nerve_bone(), watch=Watch(nerve_bone()))
     watch = Watch(nerve_bone(), approach={"nerve": 1.0}, structures="nerve")
-    assert watch.limits[0].approach == 1.0 and watch.structures == ("nerve",)
+    assert watch.limits[0].approach == 1.0
+    assert watch.structures == ("nerve",)
     with pytest.raises(ValueError, match="structure must be one of nerve, got 'sinus'"):
         watch.distance((0, 0, 0), "sinus")
     with pytest.raises(ValueError, match="radius of a burr that is watched must be at most 6 mm, got 7"):

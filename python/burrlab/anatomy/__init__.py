@@ -7,7 +7,7 @@ from burrlab.anatomy.labelled_bone import LabelledBone, anatomy_bone, labelled_b
 from burrlab.anatomy.labelled_recipe import LabelledRecipe
 from burrlab.anatomy.mastoidectomy import BurrPath, mastoidectomy_path
 from burrlab.anatomy.phantom import Phantom, phantom_tissues, temporal_bone
-from burrlab.anatomy.report import AnatomyEvent, AnatomyReport, anatomy_report
+from burrlab.anatomy.report import AnatomyReport, anatomy_report
 from burrlab.anatomy.target import TargetComparison, compare_with_target
 from burrlab.anatomy.tissue_csv import read_tissues, write_tissues
 from burrlab.anatomy.tissue_table import default_tissues, label_counts

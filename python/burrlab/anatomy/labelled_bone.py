@@ -202,7 +202,7 @@ def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:
 
 def _of_labels(numbers: NDArray[np.uint8], tissues: Tissues) -> NDArray[np.uint8]:
     solid = np.array([0 if _is_empty(t.name, t.label) else 255 for t in tissues], np.uint8)
-    return solid.take(numbers)
+    return solid[numbers]
 
 
 def _is_empty(name: str, label: int) -> bool:
@@ -219,7 +219,7 @@ def _filled(
             raise ValueError(f"fill of {name!r} must be an occupancy from 0 to 1, got {occupancy!r}")
         least[tissues.number(name)] = round(255 * occupancy)
         notes.append(f"{name}: occupancy at least {occupancy:g}, as asked")
-    return (np.maximum(levels, least.take(numbers)) if fill else levels), notes
+    return (np.maximum(levels, least[numbers]) if fill else levels), notes
 
 
 def _said_of_tissues(levels: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues) -> list[str]:

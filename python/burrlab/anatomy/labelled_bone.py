@@ -100,7 +100,7 @@ def labelled_bone(
     if isinstance(source, Volume):
         notes[:0] = source.notes
         labels = placed_on(labels, source)
-    counts = label_counts(labels.labels)
+    counts = label_counts(labels.labels, labels.path)
     tissues = _with_background(tissues, counts, labels.path)
     if spacing is not None:
         if isinstance(source, np.ndarray):
@@ -214,10 +214,13 @@ def _filled(
     levels: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues, fill: Mapping[str, float]
 ) -> tuple[NDArray[np.uint8], list[str]]:
     least, notes = np.zeros(len(tissues), np.uint8), []
+    names = [tissue.name for tissue in tissues]
     for name, occupancy in fill.items():
+        if name not in names:
+            raise ValueError(f"fill must be of tissues of the table ({', '.join(names)}), got {name!r}")
         if not 0.0 <= occupancy <= 1.0:
             raise ValueError(f"fill of {name!r} must be an occupancy from 0 to 1, got {occupancy!r}")
-        least[tissues.number(name)] = round(255 * occupancy)
+        least[names.index(name)] = round(255 * occupancy)
         notes.append(f"{name}: occupancy at least {occupancy:g}, as asked")
     return (np.maximum(levels, least[numbers]) if fill else levels), notes
 

@@ -57,6 +57,8 @@ class Start:
         In whose format it is saved.
     mapping : OccupancyMap or None
         Of its grey values.
+    notes : tuple of str
+        What was assumed or left out when it was made.
     """
 
     bone: VoxelBone
@@ -66,6 +68,7 @@ class Start:
     place: Mapping[str, Any]
     like: Volume | LabelVolume | None = None
     mapping: OccupancyMap | None = None
+    notes: tuple[str, ...] = ()
 
     def save(self, path: str, bone: VoxelBone, tick: int) -> None:
         """Keeps the bone at the end of the session."""
@@ -94,7 +97,7 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
         tick = recipe.tick
         if bone.tissues is not None and material == materials["bone"]:  # the default: the bone knows its own
             material = bone.tissues.material
-    return Start(bone, tick, material, recipe.plain(), place, like, mapping)
+    return Start(bone, tick, material, recipe.plain(), place, like, mapping, recipe.notes())
 
 
 def _recipe(options: argparse.Namespace, material: Material) -> Recipe | DrilledRecipe | None:

@@ -113,7 +113,8 @@ def test_a_recipe_of_files_that_lie_elsewhere(files: Path) -> None:
 def test_a_session_and_the_next_day(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first = [*HAND, *GREY, "--labels", "labels.nii.gz", "--tissues", "t.csv", *THERE]
     assert main([*first, "--save", "kept.nrrd", "--record", "one.h5", "--json", "one.json"]) == 0
-    assert "bone saved as kept.nrrd" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "bone saved as kept.nrrd" in said
     kept = load_drilled("kept.nrrd")
     assert (kept.tick, kept.mapping) == (200, MAP)
     assert kept.bone.removed_of("facial nerve") > 0
@@ -122,6 +123,7 @@ def test_a_session_and_the_next_day(files: Path, capsys: pytest.CaptureFixture[s
     assert source["kind"] == "labelled volume"
     second = [*HAND, "--bone", "kept.nrrd", *THERE, "--record", "two.h5", "--json", "two.json"]
     assert main([*second, "--save", "kept.nrrd"]) == 0
+    assert "kept.nrrd has been burred for 200 ticks before" in capsys.readouterr().err
     later = load_drilled("kept.nrrd")
     assert later.tick == 400
     assert later.bone.removed > kept.bone.removed
@@ -276,7 +278,8 @@ def test_colours_in_no_table_are_told(files: Path, capsys: pytest.CaptureFixture
         "3 pixels of 1 colour that are in no table: (254, 240, 200) in plane00003.png, row 4, column 5"
         in said
     )
-    assert "unknown='nearest' takes the nearest colour" in said
+    assert "unknown='nearest' (--unknown nearest) takes the nearest colour" in said
+    assert said.startswith("burrlab tissues: v.yaml: 3 pixels")
     assert main(["tissues", "v.yaml", "--unknown", "nearest"]) == 0
     assert (
         "! 3 pixels of 1 colour that are in no table were taken as the nearest colour"

@@ -128,6 +128,10 @@ class LabelledRecipe:
         """Of the grey values; None of labels alone."""
         return None if self.grey is None else self.grey.mapping
 
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed when the bone was made."""
+        return self.made().notes
+
     def like(self) -> Volume | LabelVolume:
         """The grey volume on the voxels of the bone, or labels alone, for `save_drilled`."""
         if self.grey is not None:

@@ -125,6 +125,10 @@ class VolumeRecipe:
         """The bone; errors as `volume` and `Volume.to_bone`."""
         return self.volume().to_bone(self.mapping, spacing=self.voxel)
 
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed when the volume was read."""
+        return self.volume().notes
+
     def like(self) -> Volume:
         """The volume on the voxels of the bone, for `save_drilled`."""
         return self.volume() if self.voxel is None else self.volume().resample(self.voxel)

@@ -106,8 +106,9 @@ def _recipe(options: argparse.Namespace, material: Material) -> Recipe | Drilled
     for name in _OTHERS:
         if getattr(options, name) is not None:
             raise ValueError(f"--{name} goes without --bone, which has its own")
-    if options.fill or options.unknown != "refuse":
-        raise ValueError(f"--{'fill' if options.fill else 'unknown'} goes without --bone, which has its own")
+    if options.fill or options.onto or options.unknown != "refuse":
+        name = "fill" if options.fill else "onto" if options.onto else "unknown"
+        raise ValueError(f"--{name} goes without --bone, which has its own")
     return DrilledRecipe(options.bone)
 
 

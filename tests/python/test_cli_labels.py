@@ -158,6 +158,9 @@ def test_a_block_and_slices_are_kept(files: Path, capsys: pytest.CaptureFixture[
         (["--unit", "1"], "--unit goes with --labels"),
         (["--fill", "bone:1"], "--fill goes with --labels"),
         (["--unknown", "nearest"], "--unknown goes with --labels"),
+        (["--onto"], "--onto goes with --labels"),
+        (["--labels", "a.seg.nrrd", "--onto"], "--onto goes with --volume"),
+        (["--bone", "ct.nrrd", "--onto", *THERE], "--onto goes without --bone, which has its own"),
         (["--labels", "a.seg.nrrd", "--map", "0:1"], "--map goes with --volume"),
         (["--labels", "a.seg.nrrd", "--series", "1"], "--series goes with --volume"),
         (["--labels", "a.seg.nrrd"], "--device hand with --labels needs --entry"),
@@ -223,6 +226,9 @@ def test_a_descent_into_labels(files: Path, capsys: pytest.CaptureFixture[str]) 
     assert main([*words, *both, "--json", "-"]) == 0
     made = json.loads(capsys.readouterr().out)["provenance"]["volume"]
     assert made["recipe"]["kind"] == "labelled volume"
+    onto = ["--labels", "a.seg.nrrd", "--onto"]  # elsewhere: no label meets the volume
+    assert main([*words, *GREY, *onto, "--json", "-"]) == 0
+    assert "labels are the nearest of" in capsys.readouterr().err
     assert main(["descend", "--force", "1", "--labels", "a.seg.nrrd"]) == 2
     assert "--labels needs --entry" in capsys.readouterr().err
 

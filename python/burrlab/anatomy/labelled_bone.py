@@ -140,7 +140,10 @@ def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
         and np.abs(offset - start).max() <= SAME
     )
     if not alike or np.any(start < 0) or np.any(stop > volume.shape[::-1]) or labels.shape == volume.shape:
-        check_same_geometry(volume, labels)
+        try:
+            check_same_geometry(volume, labels)
+        except ValueError as error:
+            raise ValueError(f"{error}; labels.on(volume) (--onto) takes the nearest label") from None
         return labels
     whole = np.zeros(volume.shape, labels.labels.dtype)
     (x, y, z), (u, v, w) = start, stop

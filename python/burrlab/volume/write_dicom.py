@@ -64,8 +64,8 @@ def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:
     except ImportError as error:
         raise ImportError("writing volumes needs SimpleITK: pip install 'burrlab[medical]'") from error
     content = hashlib.sha256(np.ascontiguousarray(volume.values).tobytes())
-    for part in (volume.spacing, volume.origin, volume.direction):
-        content.update(part.tobytes())
+    for place in (volume.spacing, volume.origin, volume.direction):
+        content.update(place.tobytes())
     shared = {
         "0008|0008": "DERIVED\\SECONDARY",
         "0008|0016": _CT_IMAGE,

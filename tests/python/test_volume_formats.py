@@ -346,6 +346,33 @@ def test_meta_image_without_spacing_takes_the_given_or_the_size_of_elements(tmp_
     np.testing.assert_array_equal(burrlab.read_volume(path).spacing, (1, 1, 4))
 
 
+def test_meta_image_with_its_values_in_another_file(tmp_path):
+    volume = a_volume()
+    head = (
+        "ObjectType = Image\nNDims = 3\nBinaryData = True\nElementSpacing = 0.1 0.25 0.7\nDimSize = 5 4 3\n"
+        "ElementType = MET_SHORT\nElementDataFile = v.raw\n"
+    )
+    (tmp_path / "v.mhd").write_text(head)
+    with pytest.raises(ValueError, match=r"v\.mhd: the file of its values, v\.raw, is not there"):
+        burrlab.read_volume(tmp_path / "v.mhd")
+    (tmp_path / "v.raw").write_bytes(volume.values.tobytes())
+    np.testing.assert_array_equal(burrlab.read_volume(tmp_path / "v.mhd").values, volume.values)
+    (tmp_path / "v.raw").write_bytes(volume.values.tobytes()[:-2])
+    with pytest.raises(ValueError, match=r"v\.mhd: the file is cut short: 118 bytes of values, of 120"):
+        burrlab.read_volume(tmp_path / "v.mhd")
+
+
+@pytest.mark.parametrize("cut", [1, 8, 30])
+def test_a_damaged_meta_image(tmp_path, cut):
+    path = tmp_path / "v.mha"
+    burrlab.write_volume(path, a_volume())
+    content = bytearray(path.read_bytes())
+    content[-cut] ^= 0x55
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"v\.mha: the compressed data is cut short or damaged"):
+        burrlab.read_volume(path)
+
+
 @pytest.mark.parametrize("name", ["v.nrrd", "v.nii", "v.nii.gz", "v.mha"])
 @pytest.mark.parametrize("compress", [False, True])
 def test_one_byte_less_is_an_error(tmp_path, name, compress):

@@ -38,10 +38,10 @@ def test_one_seed_is_one_ear(phantom):
 @pytest.mark.parametrize("side", ["right", "left"])
 def test_a_part_is_a_part_of_the_whole(side):
     """Bit by bit, across edges of slabs, blocks and lattice."""
-    low, size = np.array([-20.0, -2.0, -10.0]), (40, 14, 18)
+    low, size = np.array([-25.0, -2.0, -10.0]), (50, 14, 18)
     whole = temporal_bone(0.5, seed=3, corner=low, size=size, side=side)
-    part = temporal_bone(0.5, seed=3, corner=low + [5.5, 3.0, 7.5], size=(30, 8, 7), side=side)
-    box = (slice(15, 29), slice(6, 22), slice(11, 71))
+    part = temporal_bone(0.5, seed=3, corner=low + [5.5, 3.0, 7.5], size=(39, 8, 7), side=side)
+    box = (slice(15, 29), slice(6, 22), slice(11, 89))
     np.testing.assert_array_equal(part.bone.density, whole.bone.density[box])
     np.testing.assert_array_equal(part.labels, whole.labels[box])
     np.testing.assert_array_equal(part.target, whole.target[box])
@@ -78,9 +78,11 @@ def test_left_is_the_mirror_image_of_right(phantom):
 def test_structures_hold_together_and_lie_inside():
     # In the default box the sinus and the dura are cut, but by a face, not in two.
     phantom = temporal_bone(0.3, seed=3)
-    for name in ("facial nerve", "sigmoid sinus", "labyrinth", "ossicles", "dura"):
-        _, parts = ndimage.label(where(phantom, name), structure=np.ones((3, 3, 3)))
-        assert parts == 1, name
+    # The sinus runs in the dura and parts it.
+    for names in (("facial nerve",), ("sigmoid sinus",), ("labyrinth",), ("ossicles",), ("dura", "sigmoid sinus")):
+        mask = np.logical_or.reduce([where(phantom, name) for name in names])
+        _, parts = ndimage.label(mask, structure=np.ones((3, 3, 3)))
+        assert parts == 1, names
     inside = where(phantom, "labyrinth") | where(phantom, "ossicles")
     for axis in range(3):
         assert not inside.take([0, -1], axis=axis).any()

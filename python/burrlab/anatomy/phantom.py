@@ -163,7 +163,7 @@ def temporal_bone(
     if not 0 <= seed < 2**64:
         raise ValueError(f"seed must be in 0..2^64 - 1, got {seed}")
     at = Structures.of(seed)
-    cells = _cells(seed, air_cells)
+    cells = _cells(seed, air_cells.median_diameter, air_cells.geometric_deviation)
     mirrored = side == "left"
     painted = Grid(-grid.x[::-1], grid.y, grid.z) if mirrored else grid
     fields = Fields.of(at, lattice_around(painted))
@@ -220,7 +220,7 @@ def _checked_grid(
 
 
 @lru_cache(maxsize=4)
-def _cells(seed: int, air_cells: AirCells) -> Honeycomb:
+def _cells(seed: int, median_diameter: float, geometric_deviation: float) -> Honeycomb:
     at = Structures.of(seed)
     low, high = (np.array(corner) for corner in CELLS_BOX)
     grid = lattice_around(Grid(*(np.array([a, b]) for a, b in zip(low, high, strict=True))))
@@ -231,7 +231,7 @@ def _cells(seed: int, air_cells: AirCells) -> Honeycomb:
         inside = (fields.on("pneumatised", fine) < 0) & (fields.on("rooms", fine) > 0)
         return fine.points()[inside.ravel()]
 
-    return honeycomb(air_cells, lattice, seed)
+    return honeycomb(AirCells(median_diameter, geometric_deviation, wall=0.05), lattice, seed)
 
 
 def _paint(

@@ -7,10 +7,11 @@ import pytest
 from scipy import ndimage
 
 import burrlab
-from burrlab.anatomy import AirCells, Phantom, phantom_tissues, temporal_bone
+from burrlab.anatomy import AirCells, Phantom, compare_with_target, phantom_tissues, temporal_bone
 from burrlab.anatomy.fields import MARGINS
 from burrlab.anatomy.phantom import _cells
 from burrlab.anatomy.structures import Structures
+from burrlab.volume import read_labels, write_volume
 
 CRITICAL = ("facial nerve", "sigmoid sinus", "dura", "labyrinth", "ossicles")
 
@@ -158,6 +159,13 @@ def test_tissues_say_what_is_critical_and_what_is_assumed():
     assert {tissue.name for tissue in table if tissue.bleeds} == {"sigmoid sinus", "dura"}
     assert {tissue.name for tissue in table if not tissue.assumed} == {"cortex", "mastoid"}
     assert {tissue.c_e for tissue in table} == {burrlab.materials["pvc"].c_e}
+
+
+def test_the_plan_can_be_written_and_read(phantom, tmp_path):
+    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+    write_volume(tmp_path / "plan.nrrd", phantom.target_labels)
+    again = compare_with_target(phantom.bone, read_labels(tmp_path / "plan.nrrd"))
+    assert again.to_dict() == compare_with_target(phantom.bone, phantom.target).to_dict()
 
 
 def test_air_cells_are_options(phantom):

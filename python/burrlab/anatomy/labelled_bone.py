@@ -141,7 +141,7 @@ def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
     )
     if not alike or np.any(start < 0) or np.any(stop > volume.shape[::-1]) or labels.shape == volume.shape:
         check_same_geometry(volume, labels)
-        return labels
+        return replace(labels, spacing=volume.spacing, origin=volume.origin, direction=volume.direction)
     whole = np.zeros(volume.shape, labels.labels.dtype)
     (x, y, z), (u, v, w) = start, stop
     whole[z:w, y:v, x:u] = labels.labels

@@ -2,6 +2,7 @@
 
 from burrlab.volume.cut import cut_block
 from burrlab.volume.drilled import DrilledVolume, load_drilled, save_drilled
+from burrlab.volume.drilled_recipe import DrilledRecipe
 from burrlab.volume.geometry import check_same_geometry, same_geometry
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.occupancy_map import OccupancyMap
@@ -13,6 +14,7 @@ from burrlab.volume.write import write_volume
 from burrlab.volume.write_dicom import write_dicom
 
 __all__ = [
+    "DrilledRecipe",
     "DrilledVolume",
     "LabelVolume",
     "OccupancyMap",

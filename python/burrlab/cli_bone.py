@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from burrlab._core import Burr, Material, VoxelBone
-from burrlab.cli_volume import Recipe, chosen_recipe
+from burrlab.cli_volume import Recipe, chosen_recipe, say_notes
 from burrlab.materials import materials
 from burrlab.session.network import block_recipe, make_bone
 from burrlab.session.snapshot import check_bone_file, save_bone
@@ -94,6 +94,8 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
         tick = recipe.tick
         if bone.tissues is not None and material == materials["bone"]:  # the default: the bone knows its own
             material = bone.tissues.material
+    else:
+        say_notes(recipe)
     return Start(bone, tick, material, recipe.plain(), place, like, mapping)
 
 

@@ -128,6 +128,36 @@ def test_a_clinical_volume_resampled_from_the_command_line(tmp_path, capsys):
     assert result["penetration_velocity_mm_s"] == pytest.approx(direct.penetration_velocity, rel=0.3)
 
 
+def test_what_is_assumed_is_said(tmp_path, capsys):
+    """A file that does not say how it lies in the patient."""
+    path = tmp_path / "ct.nrrd"
+    values = np.full((12, 20, 20), 200, "u1")
+    path.write_bytes(
+        b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 20 20 12\nspacings: 0.5 0.5 0.5\nencoding: raw\n\n"
+        + values.tobytes()
+    )
+    ask = [
+        "--volume",
+        str(path),
+        "--map",
+        "0:100",
+        "--entry",
+        "4.75,4.75,7",
+        "--axis",
+        "0,0,-1",
+        "--seed",
+        "1",
+    ]
+    for command in (
+        ["descend", "--force", "1", "--ideal"],
+        ["session", "--device", "hand", "--duration", "0.05", "--no-realtime"],
+    ):
+        assert main([*command, *ask, "--radius", "2.5"]) == 0
+        said = capsys.readouterr().err
+        assert "burrlab: the NRRD header" in said
+        assert "L, P, S" in said
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

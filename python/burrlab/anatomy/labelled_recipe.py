@@ -123,6 +123,10 @@ class LabelledRecipe:
         """A copy of the bone; errors as `made`."""
         return self.made().bone.copy()
 
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed on the way to the bone; errors as `made`."""
+        return self.made().notes
+
     @property
     def mapping(self) -> OccupancyMap | None:
         """Of the grey values; None of labels alone."""

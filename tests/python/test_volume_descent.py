@@ -10,6 +10,7 @@ import pytest
 
 import burrlab
 from burrlab.cli import main
+from burrlab.fitting.voxel_descent import VoxelSettings
 from burrlab.session.network import make_bone, volume_recipe
 from burrlab.volume import OccupancyMap, Volume, VolumeRecipe
 
@@ -126,6 +127,34 @@ def test_a_clinical_volume_resampled_from_the_command_line(tmp_path, capsys):
     )  # fmt: skip
     # The interpolated rim is 0.4 mm wide, so the burr meets less bone at first: not equal, but no other regime.
     assert result["penetration_velocity_mm_s"] == pytest.approx(direct.penetration_velocity, rel=0.3)
+
+
+def test_results_keep_how_the_bone_was_made(tmp_path):
+    """Map, voxels and crop, from descent to curve and fit, through their files."""
+    volume, _ = slab(tmp_path / "ct.nrrd")
+    crop = (volume.origin.tolist(), (volume.origin + TURNED @ (19, 19, 11)).tolist())
+    recipe = VolumeRecipe(
+        tmp_path / "ct.nrrd", OccupancyMap.table([-1000, 1000], [0.1, 0.9]), crop=crop, voxel=0.3
+    )
+    specimen = recipe.specimen(entry=volume.origin + TURNED @ (10, 10, 11.5), axis=-TURNED[:, 2])
+    burr = burrlab.Burr(2.4)
+    run = burrlab.descend(burr, BONE, 1.0, specimen=specimen, seed=1, ideal=True)
+    curve = burrlab.force_sweep(burr, BONE, [0.5, 1.0], specimen=specimen, seed=1)
+    curve.to_csv(tmp_path / "curve.csv")
+    settings = VoxelSettings(0.3, 1.0, False, specimen, 1).described()
+    for kept in (
+        run.provenance,
+        curve.provenance,
+        burrlab.VelocityCurve.from_csv(tmp_path / "curve.csv").provenance,
+        settings,
+    ):
+        made = json.loads(json.dumps(kept["volume"]))
+        assert made["map"] == recipe.mapping.text
+        assert made["volume_spacing_mm"] == pytest.approx([0.4] * 3)
+        assert made["voxel_mm"] == [0.3] * 3
+        assert any(note.startswith("cropped to voxels") for note in made["notes"])
+        assert VolumeRecipe.of(made["recipe"]) == recipe
+        assert make_bone(made["recipe"]).digest() == specimen.bone.digest()
 
 
 def test_what_is_assumed_is_said(tmp_path, capsys):

@@ -25,7 +25,7 @@ class StructureDistances:
     def __init__(self, bone: VoxelBone) -> None:
         tissues = bone.tissues
         self._watch: Any = None
-        self._bone = None
+        self._bone: VoxelBone | None = None
         if tissues is not None and any(tissue.critical for tissue in tissues):
             self._bone = bone.copy()  # the other goes on changing
         self._thread = threading.Thread(target=self._make, name="burrlab distances", daemon=True)
@@ -66,6 +66,7 @@ class StructureDistances:
     def _make(self) -> None:
         from burrlab.anatomy.watch import Watch
 
+        assert self._bone is not None
         try:
             self._watch = Watch(self._bone)
         except ValueError:  # no voxel of a critical tissue

@@ -127,7 +127,7 @@ def _side(page: Page, html: Any) -> None:
 def _charts(page: Page, html: Any) -> None:
     from trame_client.widgets.core import AbstractElement
 
-    class Svg(AbstractElement):  # trame's html widgets end at HTML
+    class Svg(AbstractElement):  # type: ignore[misc]  # trame is untyped, and its html widgets end at HTML
         def __init__(self, name: str, children: Any = None, **attributes: Any) -> None:
             super().__init__(name, children, **attributes)
             self._attr_names += [

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from burrlab._core import Burr, Material, VoxelBone
-from burrlab.cli_volume import Recipe, chosen_recipe, say_notes
+from burrlab.cli_volume import Recipe, chosen_recipe
 from burrlab.materials import materials
 from burrlab.session.network import block_recipe, make_bone
 from burrlab.session.snapshot import check_bone_file, save_bone
@@ -57,6 +57,8 @@ class Start:
         In whose format it is saved.
     mapping : OccupancyMap or None
         Of its grey values.
+    notes : tuple of str
+        What was assumed or left out when it was made.
     """
 
     bone: VoxelBone
@@ -66,6 +68,7 @@ class Start:
     place: Mapping[str, Any]
     like: Volume | LabelVolume | None = None
     mapping: OccupancyMap | None = None
+    notes: tuple[str, ...] = ()
 
     def save(self, path: str, bone: VoxelBone, tick: int) -> None:
         """Keeps the bone at the end of the session."""
@@ -94,9 +97,7 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
         tick = recipe.tick
         if bone.tissues is not None and material == materials["bone"]:  # the default: the bone knows its own
             material = bone.tissues.material
-    else:
-        say_notes(recipe)
-    return Start(bone, tick, material, recipe.plain(), place, like, mapping)
+    return Start(bone, tick, material, recipe.plain(), place, like, mapping, recipe.notes())
 
 
 def _recipe(options: argparse.Namespace, material: Material) -> Recipe | DrilledRecipe | None:
@@ -105,8 +106,9 @@ def _recipe(options: argparse.Namespace, material: Material) -> Recipe | Drilled
     for name in _OTHERS:
         if getattr(options, name) is not None:
             raise ValueError(f"--{name} goes without --bone, which has its own")
-    if options.fill or options.unknown != "refuse":
-        raise ValueError(f"--{'fill' if options.fill else 'unknown'} goes without --bone, which has its own")
+    if options.fill or options.onto or options.unknown != "refuse":
+        name = "fill" if options.fill else "onto" if options.onto else "unknown"
+        raise ValueError(f"--{name} goes without --bone, which has its own")
     return DrilledRecipe(options.bone)
 
 

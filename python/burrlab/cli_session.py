@@ -112,6 +112,8 @@ def _session(options: Options) -> int:
     host = options.host or "127.0.0.1"
     burr = Burr(options.radius)
     start = chosen_start(options, burr, _material(options))
+    for note in start.notes:
+        _say(note)
     devices = [_device(text, options, burr, start.place, i) for i, text in enumerate(options.device)]
     session = burrlab.Session(
         start.bone, [(burr, start.material)] * len(devices), devices, seed=options.seed, rate=options.rate, tick=start.tick,

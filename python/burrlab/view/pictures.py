@@ -282,7 +282,7 @@ def plot_depth_map(
     figure.colorbar(
         image, ax=axes, label=f"{'bone removed' if thickness else 'depth'} along {_NAMES[across]} [mm]"
     )
-    if axis in ("z", "-x", "y"):  # seen from behind, so that left is left for whoever looks
+    if axis in ("x", "-y", "z"):  # seen from behind, so that left is left for whoever looks
         axes.invert_xaxis()
     axes.set_xlabel(f"{_NAMES[right]} [mm]")
     axes.set_ylabel(f"{_NAMES[up]} [mm]")

@@ -46,6 +46,7 @@ py::dict to_dict(const FrameCounts& counts, const Histogram& wall, const Histogr
   out["coarse"] = counts.coarse;
   out["cut"] = counts.cut;
   out["crowded"] = counts.crowded;
+  out["skipped"] = counts.skipped;
   out["merged"] = counts.merged;
   out["sub_steps_least"] = counts.least_sub_steps;
   out["sub_steps_most"] = counts.most_sub_steps;
@@ -101,6 +102,17 @@ void bind_companion(py::module_& m) {
       .def("set_sucker", &EffectsCompanion::set_sucker, py::arg("sucker"))
       .def("set_camera", &EffectsCompanion::set_camera, py::arg("camera"))
       .def_property_readonly("quantum", &EffectsCompanion::quantum, "[mm^3]")
+      .def_property_readonly("first_tick", &EffectsCompanion::first_tick)
+      .def_property_readonly(
+          "frames",
+          [](const EffectsCompanion& companion) {
+            std::vector<std::tuple<double, std::uint64_t, Decision>> out;
+            for (const FrameRecord& f : companion.frames())
+              out.emplace_back(f.seconds, f.tick,
+                               Decision{f.decision.merge_to, f.decision.sub_steps, f.decision.done});
+            return out;
+          },
+          "[(seconds, tick, decision)], one a frame")
       .def(
           "newest",
           [](const EffectsCompanion& companion) {

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Camera, EffectParameters, EffectsCompanion, Nozzle, Sucker
-from burrlab.effects.effects import to_seed
+from burrlab.effects.effects import FrameRecord, to_seed
 from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance, to_report
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ class Companion:
     camera : Camera, optional
         For `hidden_fraction`.
     nozzle, sucker, parameters, seed, down, spin
-        As in `Effects`.
+        As in `Effects`. A nozzle that moves with a burr gives no water before the first tick.
 
     Raises
     ------
@@ -126,6 +126,16 @@ class Companion:
     def error(self) -> str:
         """What ended it; empty if nothing did."""
         return self._core.error
+
+    @property
+    def first_tick(self) -> int:
+        """Of the bone that it began with."""
+        return self._core.first_tick
+
+    @property
+    def frames(self) -> list[FrameRecord]:
+        """(seconds, tick, decision) of all frames so far: `effects_of(player, effects, frames=...)` makes them again."""
+        return self._core.frames
 
     @property
     def quantum(self) -> float:

@@ -27,6 +27,13 @@ struct EffectsFrame {
   FrameCounts counts;
 };
 
+/// What a frame was made of, so that the trace of its session makes it again.
+struct FrameRecord {
+  double seconds = 0.0;
+  std::uint64_t tick = 0;  ///< of the bone that it saw
+  FrameDecision decision;
+};
+
 class EffectsCompanion {
  public:
   static constexpr double least_rate = 1.0, most_rate = 200.0;  ///< [Hz]
@@ -51,7 +58,9 @@ class EffectsCompanion {
   void set_sucker(const std::optional<Sucker>& sucker);
   void set_camera(const std::optional<Camera>& camera);
 
-  EffectsFrame newest() const;  ///< a copy
+  EffectsFrame newest() const;                              ///< a copy
+  std::vector<FrameRecord> frames() const;                  ///< of all frames, in order
+  std::uint64_t first_tick() const { return first_tick_; }  ///< of the bone that it began with
   const Histogram& wall_time() const { return effects_->wall_time(); }
   const Histogram& cpu_time() const { return effects_->cpu_time(); }
   double quantum() const { return effects_->quantum(); }  ///< [mm^3]
@@ -59,13 +68,14 @@ class EffectsCompanion {
 
  private:
   void run();
-  void frame(double seconds);
+  void frame(int periods);
 
   std::shared_ptr<HapticLoop> loop_;
   std::shared_ptr<Follower> follower_;
   double rate_;
   std::shared_ptr<BoneView> view_;
   std::unique_ptr<Effects> effects_;
+  std::uint64_t first_tick_ = 0;
   EffectsFrame next_;      // being made
   std::mutex life_mutex_;  // of the thread; the thread itself never takes it
   std::thread thread_;
@@ -78,6 +88,7 @@ class EffectsCompanion {
   std::optional<Sucker> sucker_;
   std::optional<Camera> camera_;
   EffectsFrame newest_;
+  std::vector<FrameRecord> frames_;
   std::string error_;
 };
 

@@ -85,19 +85,21 @@ void bind_companion(py::module_& m) {
   py::class_<EffectsCompanion>(m, "EffectsCompanion", "Effects in a thread beside a session; see Companion.")
       .def(py::init([](std::shared_ptr<HapticLoop> loop, std::shared_ptr<Follower> follower,
                        const EffectParameters& parameters, std::uint64_t seed, const Vec3& down,
-                       const Vec3& spin, std::optional<double> budget, double rate) {
+                       const Vec3& spin, std::optional<double> budget, double rate, bool realtime) {
              if (!loop || !follower) throw std::invalid_argument("loop and follower must be a session's");
              const py::gil_scoped_release release;
              return std::make_unique<EffectsCompanion>(std::move(loop), std::move(follower),
-                                                       to_setup(parameters, seed, down, spin, budget), rate);
+                                                       to_setup(parameters, seed, down, spin, budget), rate,
+                                                       realtime);
            }),
            py::arg("loop"), py::arg("follower"), py::kw_only(), py::arg("parameters"), py::arg("seed"),
-           py::arg("down"), py::arg("spin"), py::arg("budget"), py::arg("rate"))
+           py::arg("down"), py::arg("spin"), py::arg("budget"), py::arg("rate"), py::arg("realtime"))
       .def("start", &EffectsCompanion::start, py::call_guard<py::gil_scoped_release>())
       .def("stop", &EffectsCompanion::stop, py::call_guard<py::gil_scoped_release>())
       .def("wait", &EffectsCompanion::wait, py::arg("seconds"), py::call_guard<py::gil_scoped_release>())
       .def_property_readonly("running", &EffectsCompanion::running)
       .def_property_readonly("error", &EffectsCompanion::error)
+      .def_property_readonly("realtime_notes", &EffectsCompanion::realtime_notes)
       .def("set_nozzle", &EffectsCompanion::set_nozzle, py::arg("nozzle"))
       .def("set_sucker", &EffectsCompanion::set_sucker, py::arg("sucker"))
       .def("set_camera", &EffectsCompanion::set_camera, py::arg("camera"))

@@ -23,8 +23,8 @@ std::vector<BurrAt> burrs_of(const TickRecord& record) {
 }  // namespace
 
 EffectsCompanion::EffectsCompanion(std::shared_ptr<HapticLoop> loop, std::shared_ptr<Follower> follower,
-                                   const EffectsSetup& setup, double rate)
-    : loop_(std::move(loop)), follower_(std::move(follower)), rate_(rate) {
+                                   const EffectsSetup& setup, double rate, bool realtime)
+    : loop_(std::move(loop)), follower_(std::move(follower)), rate_(rate), realtime_(realtime) {
   if (!(rate >= least_rate && rate <= most_rate)) refuse("rate", "from 1 to 200 Hz", rate);
   // The view first: what changes between the two is then in both, and makes dust once.
   view_ = follower_->view();
@@ -95,7 +95,20 @@ EffectsFrame EffectsCompanion::newest() const {
   return newest_;
 }
 
+std::vector<std::string> EffectsCompanion::realtime_notes() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return notes_;
+}
+
 void EffectsCompanion::run() {
+  // What has no end in sight must not keep ordinary threads from a core.
+  const auto& budget = effects_->setup().budget;
+  const bool brief = budget && *budget * rate_ <= most_share;
+  std::vector<std::string> notes = become_realtime({realtime_ && brief, priority, false, -1});
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    notes_ = std::move(notes);
+  }
   const auto period = std::chrono::nanoseconds(std::int64_t(1e9 / rate_));
   auto deadline = std::chrono::steady_clock::now() + period;
   std::string error;

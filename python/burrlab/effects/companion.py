@@ -28,6 +28,9 @@ class Companion:
         Frames a second, 1 to 200 [Hz], on the wall clock.
     budget : float, optional
         Of a frame [s]; None: it takes what it takes.
+    realtime : bool
+        Asks for a priority before ordinary threads and below the loop's, so that frames are not late because other
+        programs run; only with a budget that is at most half of a period. `realtime_notes` says what was granted.
     camera : Camera, optional
         For `hidden_fraction`.
     nozzle, sucker, parameters, seed, down, spin
@@ -64,6 +67,7 @@ class Companion:
         *,
         rate: float = 20.0,
         budget: float | None = DEFAULT_BUDGET,
+        realtime: bool = True,
         camera: Camera | None = None,
         nozzle: Nozzle | None = None,
         sucker: Sucker | None = None,
@@ -79,6 +83,7 @@ class Companion:
         self._core = EffectsCompanion(
             session.loop, session.follower, parameters=self.parameters, seed=self.seed, down=np.asarray(down, float),
             spin=np.asarray(spin, float), budget=budget, rate=self.rate,
+            realtime=bool(realtime),
         )  # fmt: skip
         self.set_camera(camera)
         self.set_nozzle(nozzle)
@@ -126,6 +131,11 @@ class Companion:
     def error(self) -> str:
         """What ended it; empty if nothing did."""
         return self._core.error
+
+    @property
+    def realtime_notes(self) -> list[str]:
+        """A sentence for each thing that the system was asked for, granted or not; empty before the first frame."""
+        return self._core.realtime_notes
 
     @property
     def first_tick(self) -> int:

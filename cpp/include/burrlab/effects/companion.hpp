@@ -38,9 +38,13 @@ class EffectsCompanion {
  public:
   static constexpr double least_rate = 1.0, most_rate = 200.0;  ///< [Hz]
 
-  /// Follows a session's bone from where it is now. `rate` [Hz].
+  static constexpr int priority = 40;        ///< of real-time threads; the loop's is 80
+  static constexpr double most_share = 0.5;  ///< of the time that frames with such a priority may take
+
+  /// Follows a session's bone from where it is now. `rate` [Hz]. `realtime`: asks for a priority before
+  /// ordinary threads, and below the loop's, if there is a budget and it is at most `most_share` of a period.
   EffectsCompanion(std::shared_ptr<HapticLoop> loop, std::shared_ptr<Follower> follower,
-                   const EffectsSetup& setup, double rate);
+                   const EffectsSetup& setup, double rate, bool realtime);
   ~EffectsCompanion();
   EffectsCompanion(const EffectsCompanion&) = delete;
   EffectsCompanion& operator=(const EffectsCompanion&) = delete;
@@ -50,8 +54,9 @@ class EffectsCompanion {
   void stop();
   /// Until it is stopped, or a last frame after the session's end was made.
   bool running() const;
-  bool wait(double seconds);  ///< until it ends; whether it has
-  std::string error() const;  ///< that ended it; empty if none did
+  bool wait(double seconds);                        ///< until it ends; whether it has
+  std::string error() const;                        ///< that ended it; empty if none did
+  std::vector<std::string> realtime_notes() const;  ///< what the system granted; empty before the start
 
   // They hold from the next frame on.
   void set_nozzle(const std::optional<Nozzle>& nozzle);
@@ -73,6 +78,7 @@ class EffectsCompanion {
   std::shared_ptr<HapticLoop> loop_;
   std::shared_ptr<Follower> follower_;
   double rate_;
+  bool realtime_;
   std::shared_ptr<BoneView> view_;
   std::unique_ptr<Effects> effects_;
   std::uint64_t first_tick_ = 0;
@@ -90,6 +96,7 @@ class EffectsCompanion {
   EffectsFrame newest_;
   std::vector<FrameRecord> frames_;
   std::string error_;
+  std::vector<std::string> notes_;
 };
 
 }  // namespace burrlab

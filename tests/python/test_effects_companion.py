@@ -80,7 +80,7 @@ def test_its_frames_come_again_from_the_trace(tmp_path: Path) -> None:
     assert len(again.parcels) > 0
     assert (again.parcels == companion.parcels).all()
     assert again.balance() == companion.balance()
-    with pytest.raises(ValueError, match="ticks of the frames must be from 0 to 1000, got 3 to 1001"):
+    with pytest.raises(ValueError, match=f"frames must be from 0 to {player.ticks}, got 3 to 1001"):
         effects_of(player, again, frames=[(0.05, 3, (99, 1, 1)), (0.05, 1001, (99, 1, 1))])
 
 

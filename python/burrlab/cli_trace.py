@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from burrlab.cli import Options, _deliver, _output_options, _positive, _save
+from burrlab.cli_watch import add_watch_options, chosen_watch, watch_asked_for
 
 #: Adds a command: its name, what runs it, its help.
 AddCommand = Callable[[str, Callable[[Options], int], str], argparse.ArgumentParser]
@@ -30,6 +31,7 @@ def add_trace_commands(command: AddCommand) -> None:
     metrics.add_argument("--burr", type=_tick, default=0, metavar="INDEX", help="default 0")
     metrics.add_argument("--threshold", type=_positive, metavar="N", help="of the force [N], default 2")
     metrics.add_argument("--hysteresis", type=_positive, metavar="MM", help="least stroke [mm], default 1")
+    add_watch_options(metrics)
     _output_options(metrics)
 
 
@@ -71,9 +73,16 @@ def _metrics(options: Options) -> int:
         trace, burr=options.burr, threshold=options.threshold or THRESHOLD,
         hysteresis=options.hysteresis or HYSTERESIS,
     )  # fmt: skip
-    if metrics.anatomy is None and trace.tissues is not None:  # not recorded, or the session was killed
+    asked = watch_asked_for(options)
+    # Not recorded, the session was killed, or another watch is wanted.
+    if asked or (metrics.anatomy is None and trace.tissues is not None):
+        watch = chosen_watch(options, trace.bone()) if asked else None
+        if asked and watch is None:
+            raise ValueError("--watch must name structures of the trace's bone, got none")
         with tqdm(total=100, desc="replay", unit="%", disable=not sys.stderr.isatty(), leave=False) as bar:
-            anatomy = anatomy_report(trace, progress=lambda done: bar.update(int(100 * done) - bar.n))
+            anatomy = anatomy_report(
+                trace, watch=watch, progress=lambda done: bar.update(int(100 * done) - bar.n)
+            )
         metrics = replace(metrics, anatomy=anatomy)
     if options.plot is not None:
         _save(metrics.plot()[0], options.plot)

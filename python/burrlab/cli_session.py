@@ -26,8 +26,10 @@ from burrlab.cli import (
 )  # fmt: skip
 from burrlab.cli_bone import add_bone_options, chosen_start
 from burrlab.cli_volume import add_label_options, add_volume_options
+from burrlab.cli_watch import add_watch_options, chosen_watch
 from burrlab.session.device_text import parse_address, parse_device
 from burrlab.session.network import follow
+from burrlab.session.replica_report import replica_events, replica_report
 from burrlab.session.snapshot import check_bone_file
 
 #: Adds a command: its name, what runs it, its help.
@@ -68,6 +70,7 @@ def add_session_commands(command: AddCommand) -> None:
     add_volume_options(session)
     add_label_options(session)
     add_bone_options(session)
+    add_watch_options(session)
     session.add_argument("--seed", type=_seed, help="default: drawn and recorded")
     session.add_argument(
         "--force-limit", type=_positive, default=8.0, help="of the force sent [N], default 8"
@@ -119,7 +122,8 @@ def _session(options: Options) -> int:
         start.bone, [(burr, start.material)] * len(devices), devices, seed=options.seed, rate=options.rate, tick=start.tick,
         duration=options.duration, force_limit=options.force_limit, slew_limit=options.slew_limit,
         coupling=options.coupling, record=options.record, publish=options.publish, host=host,
-        header_version=options.header_version, source=start.source, realtime=not options.no_realtime, on_message=_say,
+        header_version=options.header_version, source=start.source, realtime=not options.no_realtime,
+        watch=chosen_watch(options, start.bone), on_message=_say,
     )  # fmt: skip
     interrupted = False
     if session.port is not None:
@@ -195,25 +199,42 @@ def _replica(options: Options) -> int:
         raise ValueError(f"{error}; --volume says where the leader's volume lies here") from None
     _say(f"following {host}, port {port}")
     interrupted, left = False, float("inf") if options.duration is None else options.duration
+    told = 0
     try:
         with _ended_by_signals():
             if options.view:
                 _show_live(replica)
             while left > 0 and not replica.wait(min(1.0, left)):
                 left -= 1.0
+                told = _tell_events(replica, told)
                 status = replica.status
                 _show(f"tick {status['tick']}, {'connected' if status['connected'] else 'not connected'}")
     except KeyboardInterrupt:
         interrupted = True
     replica.stop()
+    _tell_events(replica, told)
     _show("")
+    anatomy = replica_report(replica)
     if options.save is not None:
         burrlab.save_bone(options.save, *replica.snapshot())
     status = {"interrupted": interrupted, "digest": replica.digest(), **replica.status}
-    _deliver(options, status, "\n".join(f"{name}: {value}" for name, value in status.items()))
+    said = [f"{name}: {value}" for name, value in status.items()]
+    if anatomy is not None:
+        said.append(str(anatomy))
+        status["anatomy"] = anatomy.to_dict()
+    _deliver(options, status, "\n".join(said))
     if interrupted:
         return 130
     return 1 if status["divergences"] or status["failed"] else 0
+
+
+def _tell_events(replica: Replica, known: int) -> int:
+    """Says what happened near watched structures but for the first events; how many there are."""
+    events = replica_events(replica, known)
+    for event in events:
+        if event.kind != "away":
+            _say(str(event))
+    return known + len(events)
 
 
 def _check_view(options: Options) -> None:

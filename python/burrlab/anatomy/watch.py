@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -43,6 +43,8 @@ class Watch:
         That the burr goes beyond a distance before it can be told again [mm]; the default is ours.
     structures : sequence of str, optional
         Names of tissues; default: all that are critical and have voxels.
+    progress : callable, optional
+        Called with the part of the fields that is done, 0 to 1.
 
     Attributes
     ----------
@@ -84,6 +86,7 @@ class Watch:
         injury: Limit = _INJURY,
         hysteresis: float = _HYSTERESIS,
         structures: Sequence[str] | None = None,
+        progress: Callable[[float], object] | None = None,
     ) -> None:
         tissues = bone.tissues
         if tissues is None:
@@ -107,7 +110,7 @@ class Watch:
         self.hysteresis = float(hysteresis)
         self.colours = tuple(tissues[number].colour for number in numbers)
         self._voxel_volume = float(np.prod(bone.spacing))
-        self._distances = structure_distances(bone, numbers)
+        self._distances = structure_distances(bone, numbers, progress)
         self.core([1.0])  # the limits are checked there
 
     @classmethod

@@ -151,6 +151,11 @@ class Page:
         if prepared != self.state.prepared:
             with self.state as state:
                 state.prepared = prepared
+            if prepared == 100:
+                self._show_effects(self.state.effects)
+        if not self.state.distances and (rows := source.distances()):  # their fields are made meanwhile
+            with self.state as state:
+                state.distances = rows
         if now - self._on_way < _PATIENCE:
             return
         self._move_camera()

@@ -88,7 +88,9 @@ class StructureDistances:
 
         assert self._bone is not None
         try:
-            self._watch = Watch.of_settings(self._bone, self._settings) if self._settings else Watch(self._bone)
+            self._watch = (
+                Watch.of_settings(self._bone, self._settings) if self._settings else Watch(self._bone)
+            )
         except ValueError:  # no voxel of a critical tissue
             pass
         finally:
@@ -97,9 +99,11 @@ class StructureDistances:
 
 def page_event(time: float, row: np.void, structures: Sequence[str]) -> PageEvent:
     """Of a row of a trace's or a watch's events."""
-    what, colour = _KINDS[KINDS[int(row["kind"])]]
-    text, distance = f"{what} {structures[int(row['structure'])]}", float(row["distance_mm"])
-    return PageEvent(time, f"{text}, {distance:.2f} mm" if np.isfinite(distance) else text, colour)
+    kind, distance = KINDS[int(row["kind"])], float(row["distance_mm"])
+    what, colour = _KINDS[kind]
+    text = f"{what} {structures[int(row['structure'])]}"
+    told = kind in ("approach", "away") and np.isfinite(distance)
+    return PageEvent(time, f"{text}, {distance:.2f} mm" if told else text, colour)
 
 
 def trace_events(player: TracePlayer) -> list[PageEvent]:
@@ -109,4 +113,6 @@ def trace_events(player: TracePlayer) -> list[PageEvent]:
         return []
     names = [row["name"] for row in trace.watch["structures"]]
     at = [min(max(int(event["tick"]) - trace.first_tick, 0), player.ticks - 1) for event in events]
-    return [page_event(float(player.history.time[i]), event, names) for i, event in zip(at, events, strict=True)]
+    return [
+        page_event(float(player.history.time[i]), event, names) for i, event in zip(at, events, strict=True)
+    ]

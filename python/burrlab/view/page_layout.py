@@ -154,7 +154,14 @@ def _charts(page: Page, html: Any) -> None:
             "svg", view_box=f"0 0 {WIDTH:g} {HEIGHT:g}", preserve="none",
             click=(page.seek, "[$event.offsetX / $event.currentTarget.clientWidth]"),
         ):  # fmt: skip
-            _line(Svg, "row.x", "row.colour", v_for="row in events", key="row.time_s + row.text", stroke_dasharray="3 3")
+            _line(
+                Svg,
+                "row.x",
+                "row.colour",
+                v_for="row in events",
+                key="row.time_s + row.text",
+                stroke_dasharray="3 3",
+            )
             Svg(
                 "polyline", v_for="(line, i) in chart.lines", key="i", points=("line",), fill="none",
                 stroke=(f"{list(_COLOURS)!r}[i]",), stroke_width="1.2", vector_effect="non-scaling-stroke",
@@ -179,7 +186,11 @@ def _transport(page: Page, html: Any, v3: Any) -> None:
                 raw_attrs=[""":aria-label="playing ? 'pause' : 'play'" """],
             )  # fmt: skip
             for icon, ticks, label in (("backward", -1, "one tick back"), ("forward", 1, "one tick on")):
-                v3.VBtn(icon=f"mdi-step-{icon}", click=(page.step, f"[{ticks}]"), raw_attrs=[f'aria-label="{label}"'])
+                v3.VBtn(
+                    icon=f"mdi-step-{icon}",
+                    click=(page.step, f"[{ticks}]"),
+                    raw_attrs=[f'aria-label="{label}"'],
+                )
         v3.VSlider(
             v_model=("wanted_s",), min=("first_s",), max=("last_s",), step=("step_s",), hide_details=True, color="#6cb6ff",
             thumb_size=14, raw_attrs=['aria-label="time"'],

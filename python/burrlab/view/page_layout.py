@@ -32,6 +32,8 @@ html, body { overflow: hidden !important; }
 .burrlab-value { align-self: center; padding-left: 12px; font-size: 1.05rem; font-variant-numeric: tabular-nums; }
 .burrlab-clock { min-width: 9em; padding-left: 12px; font-size: 0.9rem; font-variant-numeric: tabular-nums; white-space: nowrap; }
 .burrlab-line .v-slider.v-input--horizontal { margin-inline: 0; }
+.burrlab-line .v-field__input { padding-block: 0; min-height: 36px; align-items: center; }
+.burrlab-line .v-field__append-inner { padding-top: 0; align-items: center; }
 """
 # What trame's widgets have no names for: a drag is told in parts of the height, a place's size once it is another.
 _PICTURE = [

@@ -63,8 +63,8 @@ def test_says_what_the_player_has(page, trace, moment):
     assert page.state.time_s == pytest.approx(player.time)
     said = rows(page)
     assert said["bone removed"] == f"{player.bone.removed:.2f}"
-    assert said["force"] == page.state["values"][0] == f"{np.linalg.norm(player.force):.2f}"
-    assert said["penetration"] == page.state["values"][1] == f"{player.depth[0]:.3f}"
+    assert said["force"] == page.state["values"][0][0] == f"{np.linalg.norm(player.force):.2f}"
+    assert said["penetration"] == page.state["values"][1][0] == f"{player.depth[0]:.3f}"
     assert said["centre"] == ", ".join(f"{value:.2f}" for value in player.burrs.centers[0])
     assert (page.scene.centers == player.burrs.centers).all()
     removed = {row["name"]: row["removed"] for row in page.state.tissues}

@@ -58,7 +58,7 @@ def test_beside_a_session_to_its_end():
         for row, event in zip(page.state.events, session.anatomy().events, strict=True):
             assert row["time_s"] == pytest.approx(event.tick / 1000, abs=2e-3)
         assert page.state.charts[0]["lines"][0]
-        assert page.state.numbers[0]["value"] == page.state["values"][0]
+        assert page.state.numbers[0]["value"] == page.state["values"][0][0]
 
 
 def test_before_the_first_tick():

@@ -166,10 +166,15 @@ def _charts(page: Page, html: Any) -> None:
             )
             Svg(
                 "polyline", v_for="(line, i) in chart.lines", key="i", points=("line",), fill="none",
-                stroke=(f"{list(_COLOURS)!r}[i]",), stroke_width="1.2", vector_effect="non-scaling-stroke",
+                stroke=(f"{list(_COLOURS)!r}[i % {len(_COLOURS)}]",), stroke_width="1.2", vector_effect="non-scaling-stroke",
             )  # fmt: skip
             _line(Svg, f"{WIDTH:g} * {part}", "'#e3e7ea'")
-        html.Div("{{ values[n] }} {{ chart.unit }}", classes="burrlab-value")
+        with html.Div(classes="burrlab-value"):
+            html.Span(
+                "{{ value }}&ensp;", v_for="(value, i) in values[n]", key="i",
+                style=(f"'color: ' + {list(_COLOURS)!r}[i % {len(_COLOURS)}]",),
+            )  # fmt: skip
+            html.Span("{{ chart.unit }}")
 
 
 def _line(svg: Any, x: str, colour: str, **attributes: str) -> None:

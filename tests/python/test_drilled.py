@@ -405,7 +405,7 @@ def test_coloured_stacks_and_their_description(tmp_path: Path, mode: str) -> Non
     assert "path: ./shaders/" in (tmp_path / "out" / "v.yaml").read_text()
     loaded = load_drilled(tmp_path / "out")
     assert (loaded.bone.digest(), loaded.tick, loaded.mapping) == (bone.digest(), 9, None)
-    with pytest.raises(ValueError, match="mapping must be given for grey values only, and .* holds labels"):
+    with pytest.raises(ValueError, match=r"mapping must be given for grey values only, and .* holds labels"):
         save_drilled(tmp_path / "x", bone, labels, mapping=MAP)
 
 

@@ -38,6 +38,7 @@ def structure_distances(bone: VoxelBone, tissues: Sequence[int]) -> list[Structu
     """
     searches = [StructureSearch(bone, tissue) for tissue in tissues]
     numbers = bone.tissue_numbers
+    assert numbers is not None  # a search would have refused
     boxes = find_objects(numbers + np.uint8(1))
     return [
         _field(search, bone, numbers[boxes[tissue]] == tissue, boxes[tissue])

@@ -89,8 +89,7 @@ class Watch:
         if tissues is None:
             raise ValueError("bone must have tissues, got one of a single material")
         if structures is None:
-            present = np.bincount(bone.tissue_numbers.ravel(), minlength=len(tissues))
-            structures = [t.name for i, t in enumerate(tissues) if t.critical and present[i]]
+            structures = critical_structures(bone)
             if not structures:
                 raise ValueError("structures must be named: no tissue of the bone is critical and has voxels")
         self.structures = tuple([structures] if isinstance(structures, str) else structures)
@@ -173,6 +172,15 @@ class Watch:
             f"{n} {asdict(limit)}" for n, limit in zip(self.structures, self.limits, strict=True)
         )
         return f"Watch({said}, hysteresis={self.hysteresis:g})"
+
+
+def critical_structures(bone: VoxelBone) -> list[str]:
+    """Names of the critical tissues that have voxels."""
+    tissues, numbers = bone.tissues, bone.tissue_numbers
+    if tissues is None or numbers is None:
+        return []
+    present = np.bincount(numbers.ravel(), minlength=len(tissues))
+    return [t.name for i, t in enumerate(tissues) if t.critical and present[i]]
 
 
 def _of(limit: Limit, name: str, default: float) -> float:

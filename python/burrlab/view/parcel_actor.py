@@ -56,7 +56,8 @@ class ParcelActor:
         self.mapper.SetScaleArray("radius")
         self.mapper.SetScaleFactor(1.0)
         self.mapper.SetEmissive(False)
-        (getattr(self.mapper, "SetBoundScale", None) or self.mapper.SetTriangleScale)(2.0)  # of the triangle in which a disc of radius 1 lies
+        # of the triangle in which a disc of radius 1 lies; VTK 9.4 gave it another name
+        (getattr(self.mapper, "SetBoundScale", None) or self.mapper.SetTriangleScale)(2.0)
         self.mapper.SetSplatShaderCode(_BALL)
         self.actor = vtkActor()
         self.actor.SetMapper(self.mapper)

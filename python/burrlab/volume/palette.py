@@ -83,7 +83,7 @@ class Palette:
         codes = _code(image[..., :3].astype(np.uint32))
         codes[image[..., 3] == 0] = 0
         places = self._places.take(codes)
-        found = self._labels.take(places)
+        found: NDArray[Any] = self._labels.take(places)
         strange = places == self._strange_place
         if strange.any():
             found[strange] = self._of_strange(image, codes, strange, path)

@@ -40,6 +40,7 @@ def add_view_command(command: AddCommand) -> None:
     view.add_argument("--width", type=_positive, metavar="MM", help="that the view holds at the entry [mm]")
     view.add_argument("--web", action="store_true", help="serve a page for a browser instead of a window")
     view.add_argument("--port", type=_port, help="of the page, default any free one")
+    view.add_argument("--effects", action="store_true", help="dust, blood and water in the page, at assumed rates")  # fmt: skip
     view.add_argument("--json", metavar="FILE", help="write the result as JSON; - for standard output")
 
 
@@ -53,12 +54,26 @@ def _size(text: str) -> tuple[int, int]:
 def _view(options: Options) -> int:
     _check(options)
     if options.web:
-        from burrlab.session.trace import load_trace
-        from burrlab.view.web import serve  # type: ignore[import-not-found, unused-ignore]
-
-        serve(load_trace(options.file), **({} if options.port is None else {"port": options.port}))
-        return 0
+        return _serve(options)
     return _show_trace(options) if options.file is not None else _show_bone(options)
+
+
+def _serve(options: Options) -> int:
+    from burrlab.session.trace import load_trace
+    from burrlab.view.camera import surgeon_view
+    from burrlab.view.web import check_page, serve
+
+    check_page(port=options.port or 0)
+    trace = load_trace(options.file)
+    effects = viewpoint = None
+    if options.effects:
+        from burrlab.effects import Effects
+
+        effects = Effects(trace.bone(), seed=trace.seed)
+    if options.entry is not None or options.width is not None:
+        viewpoint = surgeon_view(trace.bone(), options.entry, options.axis, width=options.width)
+    serve(trace, port=options.port or 0, size=options.size, effects=effects, viewpoint=viewpoint)
+    return 0
 
 
 def _check(options: Options) -> None:
@@ -72,8 +87,9 @@ def _check(options: Options) -> None:
                 raise ValueError(f"--{name} goes with a trace")
     if (options.volume is None) != (options.map is None):
         raise ValueError("--volume and --map go together")
-    if options.port is not None and not options.web:
-        raise ValueError("--port goes with --web")
+    for name in ("port", "effects"):
+        if getattr(options, name) and not options.web:
+            raise ValueError(f"--{name} goes with --web")
     if options.axis is not None and options.entry is None:
         raise ValueError("--axis goes with --entry")
     for name in ("png", "pictures", "video"):

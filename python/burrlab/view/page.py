@@ -10,6 +10,7 @@ import time
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from burrlab.view import page_mouse, page_words
 from burrlab.view.camera import Viewpoint, surgeon_view
@@ -66,6 +67,7 @@ class Page:
         self._smooth, self._drawn = False, 0.0  # the newest picture, and when
         self._drag = np.zeros(2)
         self._drag_moves, self._wheel = False, 0.0
+        self._changed: list[NDArray[np.uint32]] = []  # bricks, and not yet drawn
         self._counts = tuple(-(-n // 8) for n in source.bone.shape)
         first, last = source.span
         self.state.update({
@@ -151,6 +153,13 @@ class Page:
         if prepared != self.state.prepared:
             with self.state as state:
                 state.prepared = prepared
+            if prepared == 100:
+                self._show_effects(self.state.effects)
+        if not self.state.distances and (rows := source.distances()):  # their fields are made meanwhile
+            with self.state as state:
+                state.distances = rows
+        if source.kind == "live":  # every moment for the curves, whatever is drawn of them
+            self._changed.append(source.go(now))
         if now - self._on_way < _PATIENCE:
             return
         self._move_camera()
@@ -180,7 +189,8 @@ class Page:
     def _advance(self, seconds: float) -> None:
         """Bone, burrs and words to a moment."""
         source, scene = self.source, self.scene
-        bricks = source.go(seconds)
+        bricks = np.unique(np.concatenate([*self._changed, source.go(seconds)]))
+        self._changed = []
         if len(bricks):
             scene.update(source.bone, np.stack(np.unravel_index(bricks, self._counts), axis=1))
         burrs = source.burrs

@@ -99,9 +99,11 @@ class StructureDistances:
 
 def page_event(time: float, row: np.void, structures: Sequence[str]) -> PageEvent:
     """Of a row of a trace's or a watch's events."""
-    what, colour = _KINDS[KINDS[int(row["kind"])]]
-    text, distance = f"{what} {structures[int(row['structure'])]}", float(row["distance_mm"])
-    return PageEvent(time, f"{text}, {distance:.2f} mm" if np.isfinite(distance) else text, colour)
+    kind, distance = KINDS[int(row["kind"])], float(row["distance_mm"])
+    what, colour = _KINDS[kind]
+    text = f"{what} {structures[int(row['structure'])]}"
+    told = kind in ("approach", "away") and np.isfinite(distance)
+    return PageEvent(time, f"{text}, {distance:.2f} mm" if told else text, colour)
 
 
 def trace_events(player: TracePlayer) -> list[PageEvent]:

@@ -32,6 +32,8 @@ html, body { overflow: hidden !important; }
 .burrlab-value { align-self: center; padding-left: 12px; font-size: 1.05rem; font-variant-numeric: tabular-nums; }
 .burrlab-clock { min-width: 9em; padding-left: 12px; font-size: 0.9rem; font-variant-numeric: tabular-nums; white-space: nowrap; }
 .burrlab-line .v-slider.v-input--horizontal { margin-inline: 0; }
+.burrlab-line .v-field__input { padding-block: 0; min-height: 36px; align-items: center; }
+.burrlab-line .v-field__append-inner { padding-top: 0; align-items: center; }
 """
 # What trame's widgets have no names for: a drag is told in parts of the height, a place's size once it is another.
 _PICTURE = [
@@ -164,10 +166,15 @@ def _charts(page: Page, html: Any) -> None:
             )
             Svg(
                 "polyline", v_for="(line, i) in chart.lines", key="i", points=("line",), fill="none",
-                stroke=(f"{list(_COLOURS)!r}[i]",), stroke_width="1.2", vector_effect="non-scaling-stroke",
+                stroke=(f"{list(_COLOURS)!r}[i % {len(_COLOURS)}]",), stroke_width="1.2", vector_effect="non-scaling-stroke",
             )  # fmt: skip
             _line(Svg, f"{WIDTH:g} * {part}", "'#e3e7ea'")
-        html.Div("{{ values[n] }} {{ chart.unit }}", classes="burrlab-value")
+        with html.Div(classes="burrlab-value"):
+            html.Span(
+                "{{ value }}&ensp;", v_for="(value, i) in values[n]", key="i",
+                style=(f"'color: ' + {list(_COLOURS)!r}[i % {len(_COLOURS)}]",),
+            )  # fmt: skip
+            html.Span("{{ chart.unit }}")
 
 
 def _line(svg: Any, x: str, colour: str, **attributes: str) -> None:

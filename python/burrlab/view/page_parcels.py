@@ -12,8 +12,9 @@ from burrlab.effects.offline import effects_of
 from burrlab.session.trace import Trace
 from burrlab.view.player import TracePlayer
 
-#: What is drawn of a parcel, in single precision.
-_DTYPE = np.dtype([("position", "f4", 3), *((name, "f4") for name in ("radius", "dust", "blood", "water"))])
+#: What is drawn of a parcel, as finely as it is seen: within 0.03 mm, and shares of 255.
+_DTYPE = np.dtype([("position", "f2", 3), ("radius", "f2"), ("dust", "u1"), ("blood", "u1"), ("water", "u1")])
+_SUBSTANCES = ("dust", "blood", "water")
 _RATE = 20.0  # frames of a second of the trace that are made [Hz]
 
 
@@ -56,10 +57,7 @@ class ParcelHistory:
             self._made += 1
             if self._made % self._every:
                 continue
-            parcels = self._effects.parcels
-            frame = np.empty(len(parcels), _DTYPE)
-            for name in _DTYPE.names or ():
-                frame[name] = parcels[name]
+            frame = _drawn(self._effects.parcels)
             with self._lock:
                 self._frames.append(frame)
                 size += frame.nbytes
@@ -76,3 +74,12 @@ class ParcelHistory:
             if not 0 < i <= len(self._frames):
                 return None
             return self._frames[i - 1]
+
+
+def _drawn(parcels: NDArray[np.void]) -> NDArray[np.void]:
+    frame = np.empty(len(parcels), _DTYPE)
+    frame["position"], frame["radius"] = parcels["position"], parcels["radius"]
+    whole = np.maximum(sum(parcels[name] for name in _SUBSTANCES), 1)
+    for name in _SUBSTANCES:
+        frame[name] = np.rint(255.0 * parcels[name] / whole)
+    return frame

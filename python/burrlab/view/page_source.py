@@ -20,6 +20,7 @@ from burrlab.view.player import Burrs, History, TracePlayer
 if TYPE_CHECKING:
     from burrlab.effects import Effects
 
+_MEETING = 250.0  # when a burr has just met bone, and its force is along the normal [ms]
 #: What a page can show.
 Shown: TypeAlias = Trace | TracePlayer | Session | Replica | VoxelBone
 
@@ -73,7 +74,7 @@ class PageSource(Protocol):
         ...
 
     def approach(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Where the bone was first met [mm], and the direction into it; None if that is not known."""
+        """Middle of where bone was met [mm], and the direction into it; None if that is not known."""
         ...
 
     def go(self, seconds: float) -> NDArray[np.uint32]:
@@ -123,11 +124,12 @@ class ReplaySource:
 
     def approach(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         burr = self.player.trace.ticks["burr"][:, 0]
-        met = burr["touching"] > 0
-        out = burr["force_N"][met].sum(axis=0)
-        if not np.linalg.norm(out) > 0:
+        met = burr[burr["touching"] > 0]
+        first = met["force_N"][: round(_MEETING / self.player.trace.period)].sum(axis=0)
+        if not np.linalg.norm(first) > 0:
             return None
-        return burr["center_mm"][met][0], -out / np.linalg.norm(out)
+        centers = met["center_mm"]
+        return 0.5 * (centers.min(axis=0) + centers.max(axis=0)), -first / np.linalg.norm(first)
 
     def go(self, seconds: float) -> NDArray[np.uint32]:
         return self.player.seek(min(max(seconds, 0.0), self.player.duration))

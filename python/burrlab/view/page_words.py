@@ -51,12 +51,10 @@ def charts(source: PageSource) -> list[dict[str, Any]]:
     return rows
 
 
-def values(source: PageSource) -> list[str]:
-    """That the charts' curves have now, a text a chart."""
+def values(source: PageSource) -> list[list[str]]:
+    """That the charts' curves have now: of each chart, a text a burr."""
     force = np.linalg.norm(source.force, axis=1)
-    return [
-        " · ".join(f"{value:.{places}f}" for value in now) for now, places in ((force, 2), (source.depth, 3))
-    ]
+    return [[f"{value:.{places}f}" for value in now] for now, places in ((force, 2), (source.depth, 3))]
 
 
 def events(source: PageSource) -> list[dict[str, Any]]:

@@ -76,10 +76,20 @@ def serve(
     shown = page_source(source, effects)
     if not 0 <= port <= 65535:
         raise ValueError(f"port must be from 0 to 65535, got {port!r}")
+    check_page(host=host, port=port)
+    asyncio.run(_serve(shown, host, port, open_browser, size, level, viewpoint, on_ready or _tell))
+
+
+def check_page(*, host: str = "127.0.0.1", port: int = 0) -> None:
+    """ImportError without trame, OSError where nobody could listen, RuntimeError where an event loop runs."""
     _check_no_loop()
     _check_trame()
     _check_free(host, port)
-    asyncio.run(_serve(shown, host, port, open_browser, size, level, viewpoint, on_ready or _tell))
+
+
+def warning(address: str) -> str:
+    """That goes with a page's address."""
+    return f"{address}  (no authentication: whoever reaches it can see and work it; Ctrl-C ends)"
 
 
 async def _serve(
@@ -150,17 +160,18 @@ def _prepare_routes(web: Any) -> None:
 @contextlib.contextmanager
 def _ended_by_signals(end: asyncio.Event) -> Iterator[None]:
     """Ctrl-C and SIGTERM end the page in order, where this is the main thread."""
-    loop = asyncio.get_running_loop()
-    taken = []
+    loop, before = asyncio.get_running_loop(), {}
     for number in (signal.SIGINT, signal.SIGTERM):
+        handler = signal.getsignal(number)
         with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
             loop.add_signal_handler(number, end.set)
-            taken.append(number)
+            before[number] = handler
     try:
         yield
     finally:
-        for number in taken:
+        for number, handler in before.items():
             loop.remove_signal_handler(number)
+            signal.signal(number, handler)
 
 
 @contextlib.contextmanager
@@ -203,4 +214,4 @@ def _check_trame() -> None:
 
 
 def _tell(address: str) -> None:
-    print(f"{address}  (no authentication: whoever reaches it can see and work it; Ctrl-C ends)", flush=True)
+    print(warning(address), flush=True)

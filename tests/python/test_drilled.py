@@ -17,7 +17,7 @@ from burrlab import Burr, VoxelBone, erode, materials, read_volume, save_bone
 from burrlab.anatomy import anatomy_bone, default_tissues
 from burrlab.anatomy.known_tissues import VOLUMETRIC_DRILLING
 from burrlab.volume import LabelVolume, OccupancyMap, Volume, load_drilled, read_stack, save_drilled
-from burrlab.volume.drilled import grey_of_levels
+from burrlab.volume.drilled_values import grey_of_levels
 
 MAP = OccupancyMap.two_point(200, 1200)
 SHAPE = (14, 16, 18)
@@ -405,10 +405,8 @@ def test_coloured_stacks_and_their_description(tmp_path: Path, mode: str) -> Non
     assert "path: ./shaders/" in (tmp_path / "out" / "v.yaml").read_text()
     loaded = load_drilled(tmp_path / "out")
     assert (loaded.bone.digest(), loaded.tick, loaded.mapping) == (bone.digest(), 9, None)
-    with pytest.raises(
-        ValueError, match=r"like must be a grey volume, or labels of PNG slices, to be written as x.nrrd"
-    ):
-        save_drilled(tmp_path / "x.nrrd", bone, labels)
+    with pytest.raises(ValueError, match="mapping must be given for grey values only, and .* holds labels"):
+        save_drilled(tmp_path / "x", bone, labels, mapping=MAP)
 
 
 def test_bad_saves_are_refused(tmp_path: Path) -> None:

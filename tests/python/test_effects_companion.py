@@ -20,7 +20,9 @@ def exact(companion: Companion) -> bool:
 
 
 def test_all_that_was_removed_is_dust() -> None:
-    with session(1.0) as made, Companion(made, seed=1, nozzle=WATER, rate=50) as companion:
+    # Not yet running: what it removes before a companion is made is no dust.
+    made = session(1.0, wall_clock=True, realtime=False)
+    with Companion(made, seed=1, nozzle=WATER, rate=50) as companion, made:
         assert made.wait(60)
         assert companion.wait(60)
         assert not companion.running
@@ -47,7 +49,8 @@ def test_what_was_gone_before_made_no_dust() -> None:
 
 
 def test_rebuilds_lose_nothing() -> None:
-    with session(2.0, wall_clock=True, realtime=False) as made, Companion(made, seed=1) as companion:
+    made = session(2.0, wall_clock=True, realtime=False)
+    with Companion(made, seed=1) as companion, made:
         for _ in range(8):
             time.sleep(0.15)
             made.follower.ask_rebuild()

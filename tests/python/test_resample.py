@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import burrlab
+from burrlab.anatomy import anatomy_bone, default_tissues
 from burrlab.volume import LabelVolume, OccupancyMap, Volume, check_same_geometry, same_geometry
 
 TURNED = np.array([[0.0, -1.0, 0.0], [0.6, 0.0, -0.8], [0.8, 0.0, 0.6]])
@@ -159,6 +160,23 @@ def test_labels_nearest():
     places = [np.floor((np.arange(n) + 0.5) * 0.15 / 0.4).astype(int).clip(max=m - 1) for n, m in zip(odd.shape, labels.shape, strict=True)]  # fmt: skip
     np.testing.assert_array_equal(odd.labels, labels[np.ix_(*places)])
     np.testing.assert_array_equal(fine.resample(0.4).labels, labels)  # a face: the lower of two
+
+
+def test_spacing_in_single_precision_makes_the_same_grid(tmp_path):
+    """NIfTI's 0.3 mm is 0.30000001 mm: grey values in one format and labels in another stay on one grid."""
+    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+    values = np.full((38, 62, 47), 1000, np.int16)
+    grey = Volume(values, (0.3, 0.3, 0.5), (0, 0, 0), np.eye(3), "grey")
+    labels = LabelVolume(np.ones(values.shape, np.uint8), grey.spacing, grey.origin, np.eye(3), "labels")
+    burrlab.write_volume(tmp_path / "labels.nii", labels)
+    read = burrlab.volume.read_labels(tmp_path / "labels.nii")
+    assert read.spacing[0] != grey.spacing[0]
+    assert read.resample(0.2).shape == grey.resample(0.2).shape == (95, 93, 71)
+    made = anatomy_bone(
+        grey, read, default_tissues({1: "bone"}), mapping=OccupancyMap.two_point(0, 1000), spacing=0.2
+    )
+    assert made.shape == (95, 93, 71)
+    np.testing.assert_array_equal(made.density[:-1, :-1, :-1], 255)
 
 
 def test_the_same_spacing_changes_nothing():

@@ -141,7 +141,7 @@ def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
     )
     if not alike or np.any(start < 0) or np.any(stop > volume.shape[::-1]) or labels.shape == volume.shape:
         check_same_geometry(volume, labels)
-        return labels
+        return replace(labels, spacing=volume.spacing, origin=volume.origin, direction=volume.direction)
     whole = np.zeros(volume.shape, labels.labels.dtype)
     (x, y, z), (u, v, w) = start, stop
     whole[z:w, y:v, x:u] = labels.labels
@@ -189,12 +189,14 @@ def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tis
 
 
 def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:
-    table = np.array([tissue.label for tissue in tissues])
-    order = np.argsort(table).astype(np.uint8)
-    table = table[order]
+    own = np.array([tissue.label for tissue in tissues])
+    order = np.argsort(own).astype(np.uint8)
+    direct = np.zeros(1 << 16, np.uint8)
+    direct[own[own < direct.size]] = np.flatnonzero(own < direct.size)
+    small = labels.dtype.itemsize <= 2 or labels.max() < direct.size
     numbers = np.empty(labels.shape, np.uint8)
     for k, plane in enumerate(labels):  # plane by plane: no large arrays of places
-        numbers[k] = order[np.searchsorted(table, plane)]
+        numbers[k] = direct[plane] if small else order[np.searchsorted(own, plane, sorter=order)]
     return numbers
 
 
@@ -222,9 +224,11 @@ def _filled(
 
 def _said_of_tissues(levels: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues) -> list[str]:
     """Bone that no label names, and critical structures that hold none."""
-    size = len(tissues)
-    voxels = np.bincount(numbers.ravel(), minlength=size)
-    held = np.bincount(numbers[levels >= _HALF], minlength=size)
+    both = np.zeros(2 * len(tissues), np.int64)
+    for plane, filled in zip(numbers, levels, strict=True):  # bincount works in int64: plane by plane
+        both += np.bincount((2 * plane + (filled >= _HALF)).ravel(), minlength=both.size)
+    held = both[1::2]
+    voxels = both[::2] + held
     notes = []
     for number, tissue in enumerate(tissues):
         if tissue.label == 0 and tissue.name == UNLABELLED and held[number]:

@@ -14,7 +14,7 @@ from burrlab._core import Burr, Tissues, VoxelBone
 from burrlab.anatomy.labelled_bone import LabelledBone, labelled_bone, placed_on
 from burrlab.session.snapshot import tissues_from_json, tissues_to_json
 from burrlab.specimen import Specimen, Vector
-from burrlab.volume import LabelVolume, read_labels
+from burrlab.volume import LabelVolume, OccupancyMap, Volume, read_labels
 from burrlab.volume.recipe import VolumeRecipe, check_radius, is_stack
 from burrlab.volume.stack import read_stack
 from burrlab.volume.volume import specimen_in
@@ -122,6 +122,17 @@ class LabelledRecipe:
     def bone(self) -> VoxelBone:
         """A copy of the bone; errors as `made`."""
         return self.made().bone.copy()
+
+    @property
+    def mapping(self) -> OccupancyMap | None:
+        """Of the grey values; None of labels alone."""
+        return None if self.grey is None else self.grey.mapping
+
+    def like(self) -> Volume | LabelVolume:
+        """The grey volume on the voxels of the bone, or labels alone, for `save_drilled`."""
+        if self.grey is not None:
+            return self.grey.like()
+        return self._labels() if self.voxel is None else self._labels().resample(self.voxel)
 
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""

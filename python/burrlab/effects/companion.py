@@ -23,7 +23,7 @@ class Companion:
     Parameters
     ----------
     session : Session
-        Started or not. Bone that is gone by now made no dust.
+        Started or not. Bone that is gone by now made no dust, so a companion that is to see all of it is made first.
     rate : float
         Frames a second, 1 to 200 [Hz], on the wall clock.
     budget : float, optional
@@ -50,9 +50,9 @@ class Companion:
     >>> bone = burrlab.VoxelBone.block((12, 12, 4), 0.2, origin=(-5.9, -5.9, -3.9))
     >>> tool = burrlab.Burr(2.0), burrlab.materials["bone"]
     >>> hand = burrlab.HandDevice((0, 0, 2.1))
-    >>> with burrlab.Session(bone, tool, hand, seed=1, duration=0.3, wall_clock=False) as session:
-    ...     with Companion(session, seed=1) as companion:
-    ...         ended = session.wait() and companion.wait(5)
+    >>> session = burrlab.Session(bone, tool, hand, seed=1, duration=0.3, wall_clock=False)
+    >>> with Companion(session, seed=1) as companion, session:
+    ...     ended = session.wait() and companion.wait(5)
     >>> dust = companion.balance()["dust"]
     >>> ended, dust.exact, dust.made * dust.quantum == session.snapshot()[0].removed
     (True, True, True)

@@ -125,6 +125,10 @@ class VolumeRecipe:
         """The bone; errors as `volume` and `Volume.to_bone`."""
         return self.volume().to_bone(self.mapping, spacing=self.voxel)
 
+    def like(self) -> Volume:
+        """The volume on the voxels of the bone, for `save_drilled`."""
+        return self.volume() if self.voxel is None else self.volume().resample(self.voxel)
+
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
         found = self.volume().specimen(self.mapping, entry=entry, axis=axis, spacing=self.voxel)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 
 from burrlab._core import Burr, Material
 from burrlab.anatomy.labelled_recipe import LabelledRecipe, labels_of
@@ -152,7 +153,17 @@ def chosen_specimen(options: argparse.Namespace, burr: Burr, material: Material)
             if getattr(options, name) is None:
                 raise ValueError(f"--{given} needs --{name}")
     recipe = chosen_recipe(options, material, burr)
-    return None if recipe is None else recipe.specimen(entry=options.entry, axis=options.axis)
+    if recipe is None:
+        return None
+    specimen = recipe.specimen(entry=options.entry, axis=options.axis)
+    say_notes(recipe)
+    return specimen
+
+
+def say_notes(recipe: Recipe) -> None:
+    """Prints to standard error what was assumed on the way to the bone."""
+    for note in recipe.notes():
+        print(f"burrlab: {note}", file=sys.stderr)
 
 
 def grey_map(text: str) -> OccupancyMap:

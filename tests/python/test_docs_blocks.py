@@ -16,7 +16,16 @@ def blocks(page: str) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "page", ["psychophysics.md", "simulated_subject.md", "experiment.md", "volumes.md", "tissues.md"]
+    "page",
+    [
+        "psychophysics.md",
+        "simulated_subject.md",
+        "experiment.md",
+        "volumes.md",
+        "tissues.md",
+        "phantom.md",
+        "effects.md",
+    ],
 )
 def test_blocks_run(page, tmp_path):
     found = blocks(page)

@@ -93,24 +93,26 @@ void AnatomyWatch::after_step(const VoxelBone& bone, const TickRecord& record, s
       dose.near_peak[i] = std::max(dose.near_peak[i], force);
     }
 
-    const WatchEvent event{record.index, 0,     std::uint32_t(s), std::int32_t(burr), at.on,
-                           distance,     force, removed(s),       at.center};
+    const auto tell_of = [&](WatchEventKind kind) {
+      tell({record.index, std::uint32_t(kind), std::uint32_t(s), std::int32_t(burr), at.on, distance, force,
+            removed(s), at.center});
+    };
     if (!beside.approached && distance <= limits.approach) {
       beside.approached = true;
-      tell(WatchEventKind::approach, event);
+      tell_of(WatchEventKind::approach);
     }
     if (!beside.touched && distance <= limits.touch) {
       beside.touched = true;
-      tell(WatchEventKind::touch, event);
+      tell_of(WatchEventKind::touch);
     }
     if (lost > 0 && !beside.injured && is_injury(bone, s)) {
       beside.injured = true;
-      tell(WatchEventKind::injury, event);
+      tell_of(WatchEventKind::injury);
     }
     if (distance > limits.touch + limits.hysteresis) beside.touched = beside.injured = false;
     if (beside.approached && distance > limits.approach + limits.hysteresis) {
       beside.approached = false;
-      tell(WatchEventKind::away, event);
+      tell_of(WatchEventKind::away);
     }
   }
 }
@@ -132,7 +134,8 @@ void AnatomyWatch::pass_over(const VoxelBone& bone, std::uint64_t tick) noexcept
     event.burr = -1;
     event.distance = std::numeric_limits<double>::infinity();
     event.removed = removed(s);
-    tell(WatchEventKind::injury, event);
+    event.kind = std::uint32_t(WatchEventKind::injury);
+    tell(event);
   }
 }
 
@@ -140,13 +143,12 @@ bool AnatomyWatch::is_injury(const VoxelBone& bone, std::size_t structure) const
   return double(removed(structure)) * (bone.voxel_volume() / 255.0) > structures_[structure].limits.injury;
 }
 
-void AnatomyWatch::tell(WatchEventKind kind, const WatchEvent& event) noexcept {
+void AnatomyWatch::tell(const WatchEvent& event) noexcept {
   if (events_.size() == most_events) {
     ++events_lost_;
     return;
   }
   events_.push_back(event);
-  events_.back().kind = std::uint32_t(kind);
 }
 
 }  // namespace burrlab

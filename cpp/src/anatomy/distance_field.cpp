@@ -1,7 +1,5 @@
 #include "burrlab/anatomy/distance_field.hpp"
 
-#include <cmath>
-
 #include "burrlab/check.hpp"
 
 namespace burrlab {
@@ -36,8 +34,8 @@ double DistanceField::at(const Vec3& point) const noexcept {
   for (int i = 0; i < 3; ++i) {
     const double place = (point[2 - i] - origin_[2 - i]) / spacing_;
     if (!(place >= 0.0 && place < double(shape_[i] - 1))) return std::numeric_limits<double>::infinity();
-    const double whole = std::floor(place);
-    part[i] = place - whole;
+    const auto whole = std::int64_t(place);
+    part[i] = place - double(whole);
     base = base * std::size_t(shape_[i]) + std::size_t(whole);
   }
   const std::size_t row = std::size_t(shape_[2]), slice = row * std::size_t(shape_[1]);

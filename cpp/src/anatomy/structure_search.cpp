@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "../brick_walk.hpp"
 #include "burrlab/check.hpp"
 
 namespace burrlab {
@@ -30,7 +31,8 @@ bool holds(const std::uint8_t* row, std::uint64_t numbers) {
 struct StructureSearch::Best {
   double squared;
   NearestVoxel& nearest;
-  bool any = false;  // below the bound
+  Index3 first{}, last{};  // voxels that may be nearer
+  bool any = false;        // below the bound
   void take(double value, const Index3& at) {
     squared = value;
     nearest.at = at;
@@ -91,28 +93,28 @@ double StructureSearch::distance(const Vec3& point, NearestVoxel& nearest, doubl
     if (known < best.squared) best.take(known, nearest.at);
   }
   const double reach = std::sqrt(best.squared);
-  Index3 from, to;  // blocks
+  std::int64_t first[3], last[3];  // bricks (x, y, z)
   for (int axis = 0; axis < 3; ++axis) {
     const auto most = double(shape_[2 - axis] - 1);
-    const double low = (point[axis] - reach - origin_[axis]) / spacing_[axis] - 1.5;
-    const double high = (point[axis] + reach - origin_[axis]) / spacing_[axis] + 1.5;
-    from[2 - axis] = std::int64_t(std::clamp(low, 0.0, most)) / block_side;
-    to[2 - axis] = std::int64_t(std::clamp(high, 0.0, most)) / block_side;
+    const double low = (point[axis] - reach - origin_[axis]) / spacing_[axis] - 0.51;
+    const double high = (point[axis] + reach - origin_[axis]) / spacing_[axis] + 0.51;
+    best.first[2 - axis] = std::int64_t(std::clamp(low, 0.0, most));
+    best.last[2 - axis] = std::int64_t(std::clamp(high, 0.0, most));
+    first[axis] = best.first[2 - axis] / brick_side;
+    last[axis] = best.last[2 - axis] / brick_side;
   }
-  for (std::int64_t z = from[0]; z <= to[0]; ++z) {
-    for (std::int64_t y = from[1]; y <= to[1]; ++y) {
-      for (std::int64_t x = from[2]; x <= to[2]; ++x) {
-        const std::uint64_t word = where_.block(z, y, x);
-        if (!word) continue;
-        const Index3 first{block_side * z, block_side * y, block_side * x};
-        const Index3 last{first[0] + block_side - 1, first[1] + block_side - 1, first[2] + block_side - 1};
-        if (squared_to(first, last) >= best.squared) continue;
-        for (std::uint64_t left = word; left; left &= left - 1) {
-          std::uint64_t lowest = left & (~left + 1);
-          int bit = 0;
-          for (int step = 32; step; step /= 2)
-            if (lowest >> step) lowest >>= step, bit += step;
-          look_into({4 * z + (bit >> 4), 4 * y + (bit >> 2 & 3), 4 * x + (bit & 3)}, point, best);
+  constexpr int fan = Occupancy::fan;
+  for (std::int64_t z = first[2] / fan; z <= last[2] / fan; ++z) {
+    for (std::int64_t y = first[1] / fan; y <= last[1] / fan; ++y) {
+      for (std::int64_t x = first[0] / fan; x <= last[0] / fan; ++x) {
+        std::uint64_t bricks = where_.block(z, y, x) & within(first, last, z, y, x);
+        if (!bricks) continue;
+        const Index3 low{block_side * z, block_side * y, block_side * x};
+        const Index3 high{low[0] + block_side - 1, low[1] + block_side - 1, low[2] + block_side - 1};
+        if (squared_to(low, high) >= best.squared) continue;
+        for (; bricks; bricks &= bricks - 1) {
+          const int bit = lowest_bit(bricks);
+          look_into({fan * z + (bit >> 4), fan * y + (bit >> 2 & 3), fan * x + (bit & 3)}, point, best);
         }
       }
     }
@@ -125,8 +127,8 @@ void StructureSearch::look_into(const Index3& brick, const Vec3& point, Best& be
   Index3 first, last;
   double least[3];  // (z, y, x)
   for (int i = 0; i < 3; ++i) {
-    first[i] = brick_side * brick[i];
-    last[i] = std::min<std::int64_t>(first[i] + brick_side, shape_[i]) - 1;
+    first[i] = std::max<std::int64_t>(brick_side * brick[i], best.first[i]);
+    last[i] = std::min<std::int64_t>(brick_side * brick[i] + brick_side - 1, best.last[i]);
     least[i] = gap(2 - i, point[2 - i], first[i], last[i]);
   }
   const double squared = least[0] * least[0] + least[1] * least[1] + least[2] * least[2];
@@ -136,27 +138,31 @@ void StructureSearch::look_into(const Index3& brick, const Vec3& point, Best& be
     Index3 at;
     for (int i = 0; i < 3; ++i) {
       const double voxel = (point[2 - i] - origin_[2 - i]) / spacing_[2 - i];
-      at[i] = std::int64_t(std::rint(std::clamp(voxel, double(first[i]), double(last[i]))));
+      at[i] = std::int64_t(std::clamp(voxel, double(first[i]), double(last[i])) + 0.5);
     }
     return best.take(squared, at);
   }
-  double x_squared[brick_side];
+  double x_squared[brick_side], y_squared[brick_side];
   for (std::int64_t x = first[2]; x <= last[2]; ++x) {
     const double d = gap(0, point[0], x, x);
-    x_squared[x - first[2]] = d * d;
+    x_squared[x & 7] = d * d;
+  }
+  for (std::int64_t y = first[1]; y <= last[1]; ++y) {
+    const double d = gap(1, point[1], y, y);
+    y_squared[y & 7] = d * d;
   }
   const std::uint64_t numbers = 0x0101010101010101u * tissue_;
   for (std::int64_t z = first[0]; z <= last[0]; ++z) {
     const double dz = gap(2, point[2], z, z);
     if (dz * dz + least[1] * least[1] + least[2] * least[2] >= best.squared) continue;
     for (std::int64_t y = first[1]; y <= last[1]; ++y) {
-      const double dy = gap(1, point[1], y, y), row = dz * dz + dy * dy;
+      const double row = dz * dz + y_squared[y & 7];
       if (row + least[2] * least[2] >= best.squared) continue;
       const std::uint8_t* labels = tile + 64 * (z & 7) + 8 * (y & 7);
       if (!holds(labels, numbers)) continue;
-      for (std::int64_t x = 0; x <= last[2] - first[2]; ++x)
-        if (labels[x] == tissue_ && row + x_squared[x] < best.squared)
-          best.take(row + x_squared[x], {z, y, first[2] + x});
+      for (std::int64_t x = first[2]; x <= last[2]; ++x)
+        if (labels[x & 7] == tissue_ && row + x_squared[x & 7] < best.squared)
+          best.take(row + x_squared[x & 7], {z, y, x});
     }
   }
 }

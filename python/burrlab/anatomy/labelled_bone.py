@@ -144,7 +144,7 @@ def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
             check_same_geometry(volume, labels)
         except ValueError as error:
             raise ValueError(f"{error}; labels.on(volume) (--onto) takes the nearest label") from None
-        return labels
+        return replace(labels, spacing=volume.spacing, origin=volume.origin, direction=volume.direction)
     whole = np.zeros(volume.shape, labels.labels.dtype)
     (x, y, z), (u, v, w) = start, stop
     whole[z:w, y:v, x:u] = labels.labels

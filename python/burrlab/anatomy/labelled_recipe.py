@@ -130,14 +130,14 @@ class LabelledRecipe:
         """A copy of the bone; errors as `made`."""
         return self.made().bone.copy()
 
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed on the way to the bone; errors as `made`."""
+        return self.made().notes
+
     @property
     def mapping(self) -> OccupancyMap | None:
         """Of the grey values; None of labels alone."""
         return None if self.grey is None else self.grey.mapping
-
-    def notes(self) -> tuple[str, ...]:
-        """What was assumed when the bone was made."""
-        return self.made().notes
 
     def like(self) -> Volume | LabelVolume:
         """The grey volume on the voxels of the bone, or labels alone, for `save_drilled`."""

@@ -11,6 +11,7 @@ from burrlab.volume.recipe import VolumeRecipe
 from burrlab.volume.stack import read_stack
 from burrlab.volume.volume import Volume
 from burrlab.volume.write import write_volume
+from burrlab.volume.write_dicom import write_dicom
 
 __all__ = [
     "DrilledRecipe",
@@ -27,5 +28,6 @@ __all__ = [
     "read_volume",
     "same_geometry",
     "save_drilled",
+    "write_dicom",
     "write_volume",
 ]

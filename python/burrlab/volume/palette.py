@@ -82,8 +82,8 @@ class Palette:
         """Labels of a slice of RGBA pixels; ValueError for a colour that is not in the table, where it is to be refused."""
         codes = _code(image[..., :3].astype(np.uint32))
         codes[image[..., 3] == 0] = 0
-        places = self._places[codes]
-        found: NDArray[Any] = self._labels[places]
+        places = self._places.take(codes)
+        found: NDArray[Any] = self._labels.take(places)
         strange = places == self._strange_place
         if strange.any():
             found[strange] = self._of_strange(image, codes, strange, path)

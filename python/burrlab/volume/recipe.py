@@ -121,13 +121,13 @@ class VolumeRecipe:
             self._read["volume"] = volume if self.crop is None else volume.crop(*self.crop)
         return self._read["volume"]
 
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed or done on reading the volume; errors as `volume`."""
+        return self.volume().notes
+
     def bone(self) -> VoxelBone:
         """The bone; errors as `volume` and `Volume.to_bone`."""
         return self.volume().to_bone(self.mapping, spacing=self.voxel)
-
-    def notes(self) -> tuple[str, ...]:
-        """What was assumed when the volume was read."""
-        return self.volume().notes
 
     def like(self) -> Volume:
         """The volume on the voxels of the bone, for `save_drilled`."""

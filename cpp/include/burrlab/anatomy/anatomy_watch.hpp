@@ -102,7 +102,7 @@ class AnatomyWatch {
     return beside_[burr * structures_.size() + structure];
   }
   bool is_injury(const VoxelBone& bone, std::size_t structure) const;
-  void tell(WatchEventKind kind, const WatchEvent& event) noexcept;
+  void tell(const WatchEvent& event) noexcept;
 
   std::vector<WatchedStructure> structures_;
   std::vector<double> radii_;

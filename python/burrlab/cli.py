@@ -128,9 +128,6 @@ def _material(options: Options) -> Material:
 
 def _specimen(options: Options, burr: Burr) -> burrlab.Specimen | None:
     specimen = chosen_specimen(options, burr, _material(options))
-    if specimen is not None:
-        for note in specimen.made.get("notes", []):
-            print(f"burrlab: {note}", file=sys.stderr)
     if specimen is not None or options.axis is None:
         return specimen
     return burrlab.half_space(burr, options.voxel or 0.1, depth=options.stop, axis=options.axis)

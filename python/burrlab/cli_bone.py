@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from burrlab._core import Burr, Material, VoxelBone
-from burrlab.cli_volume import Recipe, chosen_recipe
+from burrlab.cli_volume import Recipe, chosen_recipe, say_notes
 from burrlab.materials import materials
 from burrlab.session.network import block_recipe, make_bone
 from burrlab.session.snapshot import check_bone_file, save_bone
@@ -57,8 +57,6 @@ class Start:
         In whose format it is saved.
     mapping : OccupancyMap or None
         Of its grey values.
-    notes : tuple of str
-        What was assumed or left out when it was made.
     """
 
     bone: VoxelBone
@@ -68,7 +66,6 @@ class Start:
     place: Mapping[str, Any]
     like: Volume | LabelVolume | None = None
     mapping: OccupancyMap | None = None
-    notes: tuple[str, ...] = ()
 
     def save(self, path: str, bone: VoxelBone, tick: int) -> None:
         """Keeps the bone at the end of the session."""
@@ -92,12 +89,13 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
     recipe.check_burr(burr)
     like, mapping = _kept_as(options.save, recipe)
     bone, place = _placed(options, recipe, burr)
+    say_notes(recipe)
     tick = 0
     if isinstance(recipe, DrilledRecipe):
         tick = recipe.tick
         if bone.tissues is not None and material == materials["bone"]:  # the default: the bone knows its own
             material = bone.tissues.material
-    return Start(bone, tick, material, recipe.plain(), place, like, mapping, recipe.notes())
+    return Start(bone, tick, material, recipe.plain(), place, like, mapping)
 
 
 def _recipe(options: argparse.Namespace, material: Material) -> Recipe | DrilledRecipe | None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import burrlab
-from burrlab._core import Burr, Device
+from burrlab._core import Burr, Device, Replica
 from burrlab.cli import (
     Options,
     _deliver,
@@ -116,8 +116,6 @@ def _session(options: Options) -> int:
     host = options.host or "127.0.0.1"
     burr = Burr(options.radius)
     start = chosen_start(options, burr, _material(options))
-    for note in start.notes:
-        _say(note)
     devices = [_device(text, options, burr, start.place, i) for i, text in enumerate(options.device)]
     session = burrlab.Session(
         start.bone, [(burr, start.material)] * len(devices), devices, seed=options.seed, rate=options.rate, tick=start.tick,
@@ -227,7 +225,7 @@ def _replica(options: Options) -> int:
     return 1 if status["divergences"] or status["failed"] else 0
 
 
-def _tell_events(replica: burrlab.Replica, known: int) -> int:
+def _tell_events(replica: Replica, known: int) -> int:
     """Says what happened near watched structures but for the first events; how many there are."""
     events = replica_events(replica, known)
     for event in events:

@@ -11,6 +11,7 @@ from burrlab.anatomy.labelled_recipe import LabelledRecipe, labels_of
 from burrlab.anatomy.tissue_csv import read_tissues
 from burrlab.anatomy.tissue_table import default_tissues
 from burrlab.specimen import Specimen
+from burrlab.volume.drilled_recipe import DrilledRecipe
 from burrlab.volume.occupancy_map import OccupancyMap
 from burrlab.volume.recipe import VolumeRecipe
 
@@ -160,7 +161,7 @@ def chosen_specimen(options: argparse.Namespace, burr: Burr, material: Material)
     return specimen
 
 
-def say_notes(recipe: Recipe) -> None:
+def say_notes(recipe: Recipe | DrilledRecipe) -> None:
     """Prints to standard error what was assumed on the way to the bone."""
     for note in recipe.notes():
         print(f"burrlab: {note}", file=sys.stderr)

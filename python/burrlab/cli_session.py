@@ -24,7 +24,7 @@ from burrlab.cli import (
     _save,
     _seed,
 )  # fmt: skip
-from burrlab.cli_bone import add_bone_options, chosen_start
+from burrlab.cli_bone import Start, add_bone_options, chosen_start
 from burrlab.cli_live import add_live_options, check_live, show_live
 from burrlab.cli_volume import add_label_options, add_volume_options
 from burrlab.cli_watch import add_watch_options, chosen_watch
@@ -127,7 +127,7 @@ def _session(options: Options) -> int:
     interrupted = False
     if session.port is not None:
         _say(f"published on {host}, port {session.port}; there is no authentication")
-    with _ended_by_signals(), session:
+    with _kept(options, start, session), _ended_by_signals(), session:
         try:
             show_live(options, session, _say)
             while not session.wait(1.0):
@@ -136,9 +136,6 @@ def _session(options: Options) -> int:
             interrupted = True
             session.stop("interrupted")
     _show("")
-    if options.save is not None:
-        start.save(options.save, *session.snapshot())
-        _say(f"bone saved as {options.save}")
     report = session.report()
     if options.plot is not None:
         _save(report.plot()[0], options.plot)
@@ -155,6 +152,18 @@ def _session(options: Options) -> int:
     if interrupted:
         return 130
     return 1 if session.failed else 0
+
+
+@contextlib.contextmanager
+def _kept(options: Options, start: Start, session: burrlab.Session) -> Iterator[None]:
+    """Keeps the bone once the session has ended, and if it ended on an error too."""
+    try:
+        yield
+    finally:
+        if options.save is not None:
+            _show("")
+            start.save(options.save, *session.snapshot())
+            _say(f"bone saved as {options.save}")
 
 
 def _device(text: str, options: Options, burr: Burr, place: Mapping[str, Any], number: int) -> Device:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -133,6 +134,16 @@ def test_a_session_and_the_next_day(files: Path, capsys: pytest.CaptureFixture[s
     assert replay(trace).equal
     assert json.loads(Path("two.json").read_text())["provenance"]["source"]["digest"] == kept.bone.digest()
     assert len(list(files.glob("kept.nrrd*"))) == 2
+
+
+def test_the_bone_is_kept_when_the_view_fails(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*words: object) -> None:
+        time.sleep(0.2)
+        raise ValueError("the window is gone")
+
+    monkeypatch.setattr("burrlab.cli_session.show_live", fails)
+    assert main([*HAND, "--radius", "3", "--voxel", "0.4", "--duration", "60", "--save", "block.h5"]) == 2
+    assert 0 < load_bone("block.h5")[1] < 60_000
 
 
 def test_a_block_and_slices_are_kept(files: Path, capsys: pytest.CaptureFixture[str]) -> None:

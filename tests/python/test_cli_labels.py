@@ -8,21 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_drilled_session import MAP, SPACING, TABLE, coloured, label_file, labels, volume
-from test_segments import FIELDS, seg_nrrd
+from label_scenes import MAP, SPACING, volume, write_files
 
 from burrlab import Burr, VoxelBone, load_bone, load_trace, replay
-from burrlab.anatomy import LabelledRecipe, anatomy_bone, default_tissues, read_tissues, write_tissues
 from burrlab.cli import main
-from burrlab.session.network import follow, make_bone
+from burrlab.session.network import follow
 from burrlab.volume import (
     DrilledRecipe,
-    LabelVolume,
-    VolumeRecipe,
     load_drilled,
-    read_labels,
-    read_volume,
-    write_volume,
 )
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
@@ -44,71 +37,8 @@ GREY = ["--volume", "ct.nrrd", "--map", "0:1000"]
 @pytest.fixture
 def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    write_volume("ct.nrrd", VOLUME)
-    label_file(Path("labels.nii.gz"), VOLUME)
-    seg_nrrd(Path("a.seg.nrrd"), labels(), FIELDS)
-    coloured(tmp_path / "slices")
-    write_tissues("t.csv", TABLE)
+    write_files(tmp_path)
     return tmp_path
-
-
-def test_a_recipe_comes_back_and_makes_the_same_bone(files: Path) -> None:
-    low = VOLUME.patient_point((-1, -1, -1.0))
-    grey = VolumeRecipe("ct.nrrd", MAP)
-    box = (tuple(VOLUME.origin + low), tuple(VOLUME.origin + VOLUME.patient_point((5, 5, 6.0))))
-    of_grey = LabelledRecipe("labels.nii.gz", TABLE, grey, {"facial nerve": 0.5})
-    cropped = LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP, crop=box))
-    finer = LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP, voxel=0.2))
-    alone = LabelledRecipe("a.seg.nrrd", TABLE, voxel=(0.2, 0.2, 0.2))
-    colours = default_tissues({1: "bone", 10: "facial nerve"})
-    slices = LabelledRecipe("slices", colours, spacing=SPACING, unknown="nearest")
-    described = LabelledRecipe("v.yaml", colours, unit=500.0)
-    for recipe in (of_grey, cropped, finer, alone, slices, described):
-        plain = json.loads(json.dumps(recipe.plain()))
-        assert LabelledRecipe.of(plain) == recipe
-        assert make_bone(plain).digest() == recipe.bone().digest()
-        assert recipe.bone().removed == 0
-        like = recipe.like()
-        assert like.shape == recipe.bone().shape
-        np.testing.assert_allclose(like.bone_point(like.origin), recipe.bone().origin, atol=1e-9)
-    whole = anatomy_bone(read_volume("ct.nrrd"), read_labels("labels.nii.gz"), TABLE, mapping=MAP)
-    np.testing.assert_array_equal(
-        of_grey.bone().density, np.maximum(whole.density, np.where(labels() == 4, 128, 0))
-    )
-    part = cropped.bone()
-    assert np.prod(part.shape) < np.prod(whole.shape)
-    start = np.rint((np.array(part.origin) - whole.origin) / SPACING).astype(int)
-    cut = tuple(slice(a, a + n) for a, n in zip(start[::-1], part.shape, strict=True))
-    np.testing.assert_array_equal(part.density, whole.density[cut])
-    np.testing.assert_array_equal(part.tissue_numbers, whole.tissue_numbers[cut])
-    assert described.bone().spacing == (0.125, 0.125, 0.125)
-    np.testing.assert_array_equal(slices.bone().tissue_numbers > 0, labels() != 1)
-
-
-def test_wrong_recipes(files: Path) -> None:
-    with pytest.raises(ValueError, match="crop and voxel must be those of the grey volume"):
-        LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP), voxel=(0.1, 0.1, 0.1))
-    with pytest.raises(
-        ValueError, match=r"radius of the burr must be at least 4 voxels of 0\.4 mm, got 1 mm"
-    ):
-        LabelledRecipe("a.seg.nrrd", TABLE).check_burr(Burr(1))
-    with pytest.raises(ValueError, match=r"radius of the burr must be at least 4 voxels of 0\.25 mm"):
-        LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP)).check_burr(Burr(0.9))
-    for plain in ({"labels": "x"}, {"labels": "x", "tissues": "{}"}, {"labels": 3, "tissues": "[]"}):
-        with pytest.raises(ValueError, match="recipe must be that of block_recipe"):
-            make_bone({"kind": "labelled volume", **plain})
-
-
-def test_a_recipe_of_files_that_lie_elsewhere(files: Path) -> None:
-    recipe = LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP))
-    plain, digest = recipe.plain(), recipe.bone().digest()
-    (files / "there").mkdir()
-    (files / "ct.nrrd").rename(files / "there" / "other.nrrd")
-    assert make_bone(plain, volume="there/other.nrrd").digest() == digest
-    (files / "labels.nii.gz").rename(files / "there" / "labels.nii.gz")
-    assert make_bone(plain, volume="there/other.nrrd").digest() == digest
-    with pytest.raises(FileNotFoundError, match=r"labels\.nii\.gz: no such file"):
-        make_bone(plain)
 
 
 def test_a_session_and_the_next_day(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -242,68 +172,6 @@ def test_a_descent_into_labels(files: Path, capsys: pytest.CaptureFixture[str]) 
     assert "labels are the nearest of" in capsys.readouterr().err
     assert main(["descend", "--force", "1", "--labels", "a.seg.nrrd"]) == 2
     assert "--labels needs --entry" in capsys.readouterr().err
-
-
-def test_what_the_labels_of_a_file_are(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    def said(*words: str, status: int = 0) -> str:
-        assert main(["tissues", *words]) == status
-        out = capsys.readouterr()
-        return out.out if status == 0 else out.err
-
-    assert "facial nerve" in said()
-    assert "facial, cn vii" in said()
-    assert [line.split()[:3] for line in said("a.seg.nrrd").splitlines()[1:]] == [
-        ["0", "6912", "165.89"], ["1", "19008", "456.19"], ["4", "6336", "152.06"],
-    ]  # fmt: skip
-    rows = json.loads(said("a.seg.nrrd", "--json", "-"))["labels"]
-    assert rows[2] == {"label": 4, "voxels": 6336, "volume_mm3": pytest.approx(152.064), "name": "Facial_Nerve", "tissue": "facial nerve"}  # fmt: skip
-    text = said("labels.nii.gz")
-    assert "2 of 3 labels are no known tissue: they need a table (--template, --tissues)" in text
-    assert "facial nerve" in said("labels.nii.gz", "--tissues", "t.csv")
-    assert "written new.csv" in said("labels.nii.gz", "--template", "new.csv")
-    assert [t.name for t in read_tissues("new.csv")] == ["unlabelled", "structure 1", "structure 4"]
-    assert "--template: new.csv is there already" in said("labels.nii.gz", "--template", "new.csv", status=2)
-    said("a.seg.nrrd", "--template", "seg.csv")
-    table = read_tissues("seg.csv")
-    assert [(t.label, t.name, t.critical, t.assumed) for t in table] == [
-        (0, "unlabelled", False, True), (1, "Bone", False, False), (4, "Facial_Nerve", True, True),
-    ]  # fmt: skip
-    assert table[2].colour == (51, 102, 153)
-    assert "Facial_Nerve" in said("seg.csv")
-    assert "ct.nrrd: labels must be zero or positive, got -1000: is this a grey volume?" in said(
-        "ct.nrrd", status=2
-    )
-    assert "--template goes with a file of labels" in said("--template", "x.csv", status=2)
-    many = LabelVolume(np.arange(125).reshape(5, 5, 5), 0.2, (0, 0, 0), np.eye(3), "m")
-    write_volume("many.nrrd", many)
-    assert "many.nrrd: a bone has at most 64 tissues, and there are 125 labels" in said(
-        "many.nrrd", "--template", "m.csv", status=2
-    )
-    assert not Path("m.csv").exists()
-
-
-def test_colours_in_no_table_are_told(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from PIL import Image
-
-    with Image.open("slices/plane00003.png") as image:
-        pixels = np.asarray(image).copy()
-    pixels[4, 5:8, :3] = (254, 240, 200)
-    Image.fromarray(pixels).save("slices/plane00003.png")
-    assert main(["tissues", "v.yaml"]) == 2
-    said = capsys.readouterr().err
-    assert (
-        "3 pixels of 1 colour that are in no table: (254, 240, 200) in plane00003.png, row 4, column 5"
-        in said
-    )
-    assert "unknown='nearest' (--unknown nearest) takes the nearest colour" in said
-    assert said.startswith("burrlab tissues: v.yaml: 3 pixels")
-    assert main(["tissues", "v.yaml", "--unknown", "nearest"]) == 0
-    assert (
-        "! 3 pixels of 1 colour that are in no table were taken as the nearest colour"
-        in capsys.readouterr().out
-    )
-    assert main(["tissues", "v.yaml", "--unknown", "10", "--json", "-"]) == 0
-    assert json.loads(capsys.readouterr().out)["labels"][2]["voxels"] == 6339
 
 
 def test_a_kept_bone_of_another_material(files: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_drilled_session import MAP, TABLE, labels, volume
+from label_scenes import MAP, TABLE, labels, volume
 
 from burrlab.anatomy import LabelledRecipe, labelled_bone
 from burrlab.session.network import make_bone

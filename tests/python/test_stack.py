@@ -319,3 +319,16 @@ def test_bad_options_are_refused(tmp_path: Path, options: dict[str, Any], match:
 def test_a_palette_for_grey_slices_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="a palette is for coloured slices, and these are grey"):
         read_stack(save(tmp_path / "s", grey()), spacing=0.1, palette={"bone": BONE})
+
+
+def test_a_palette_of_too_many_colours_is_refused(tmp_path: Path) -> None:
+    many = {f"t{i}": (1 + i // 65536, i // 256 % 256, i % 256) for i in range(65534)}
+    folder = tmp_path / "s"
+    folder.mkdir()
+    Image.fromarray(np.full((2, 2, 3), (1, 0, 0), np.uint8)).save(folder / "p0.png")
+    with pytest.raises(ValueError, match="palette must have at most 65533 colours, got 65534"):
+        read_stack(folder, spacing=0.1, palette=many)
+    del many["t65533"]
+    found = read_stack(folder, spacing=0.1, palette=many)
+    assert isinstance(found, LabelVolume)
+    assert (found.labels == 1).all()

@@ -69,10 +69,11 @@ void to_the_end() {
   beside.follower->stop();
   CHECK(companion.wait(20.0) && companion.error().empty());
   const EffectsFrame last = companion.newest();
-  CHECK(last.tick == 2000 && exact(last));
+  const std::uint64_t ticks = beside.loop->executor()->tick();
+  CHECK(last.tick == ticks && ticks > 100 && exact(last));
   CHECK(last.balance[dust].made == beside.removed() && beside.removed() > 0);
   CHECK(last.balance[water].made > 0 && last.hidden >= 0.0);
-  CHECK(last.frame == companion.frames().size() && companion.frames().back().tick == 2000);
+  CHECK(last.frame == companion.frames().size() && companion.frames().back().tick == ticks);
   CHECK(beside.follower->status().rebuilds >= 3);
   CHECK(companion.realtime_notes().size() == 2);
 }

@@ -30,7 +30,7 @@ def test_all_that_was_removed_is_dust() -> None:
         assert not companion.running
         assert companion.error == ""
     newest = companion.newest()
-    assert newest["tick"] == 1000
+    assert newest["tick"] == made.snapshot()[1] > 100
     assert newest["frame"] == companion.report().frames > 0
     assert newest["balance"]["dust"].made == levels_removed(made.snapshot()[0]) == sum(newest["removed"])
     assert exact(companion)

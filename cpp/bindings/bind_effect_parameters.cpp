@@ -82,7 +82,8 @@ Examples
     const auto* at = &row;
     const std::string doc = *row.unit ? "[" + std::string(row.unit) + "]" : "";
     parameters.def_property_readonly(
-        row.name, [at](const EffectParameters& p) { return values_of(p)[at->name]; }, doc.c_str());
+        row.name, [at](const EffectParameters& p) { return py::object(values_of(p)[at->name]); },
+        doc.c_str());
   }
   parameters.def("to_dict", &values_of, "All of them, for JSON.")
       .def_static(

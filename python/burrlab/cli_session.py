@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import math
 import signal
 import sys
 import threading
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import burrlab
-from burrlab._core import Burr, Device, Replica, VoxelBone
+from burrlab._core import Burr, Device
 from burrlab.cli import (
     Options,
     _deliver,
@@ -25,19 +24,17 @@ from burrlab.cli import (
     _save,
     _seed,
 )  # fmt: skip
-from burrlab.cli_volume import add_label_options, add_volume_options, chosen_recipe
+from burrlab.cli_bone import add_bone_options, chosen_start
+from burrlab.cli_live import add_live_options, check_live, show_live
+from burrlab.cli_volume import add_label_options, add_volume_options
 from burrlab.cli_watch import add_watch_options, chosen_watch
 from burrlab.session.device_text import parse_address, parse_device
-from burrlab.session.network import block_recipe, follow, make_bone
+from burrlab.session.network import follow
 from burrlab.session.replica_report import replica_events, replica_report
 from burrlab.session.snapshot import check_bone_file
-from burrlab.specimen import MOST_VOXELS
 
 #: Adds a command: its name, what runs it, its help.
 AddCommand = Callable[[str, Callable[[Options], int], str], argparse.ArgumentParser]
-
-_BLOCK = (30.0, 30.0, 10.0)  # of the block that a session burrs unless a volume is given, top at z = 0 [mm]
-_GAP = 0.5  # between the burr of a simulated hand and the bone at the start [mm]
 
 
 def add_session_commands(command: AddCommand) -> None:
@@ -64,7 +61,7 @@ def add_session_commands(command: AddCommand) -> None:
         "--header-version", type=int, choices=[1, 2], default=1, help="of the OpenIGTLink messages, default 1"
     )
     session.add_argument("--duration", type=_positive, metavar="S", help="[s], default until Ctrl-C")
-    session.add_argument("--view", action="store_true", help="show it in a window (extra viz3d)")
+    add_live_options(session, _port)
     session.add_argument("--rate", type=_positive, default=1000.0, help="of the loop [Hz], default 1000")
     _material_options(session)
     session.add_argument("--push", type=_positive, default=1.0, help="of a simulated hand [N], default 1")
@@ -73,6 +70,7 @@ def add_session_commands(command: AddCommand) -> None:
     )
     add_volume_options(session)
     add_label_options(session)
+    add_bone_options(session)
     add_watch_options(session)
     session.add_argument("--seed", type=_seed, help="default: drawn and recorded")
     session.add_argument(
@@ -93,7 +91,7 @@ def add_session_commands(command: AddCommand) -> None:
     replica.add_argument(
         "--duration", type=_positive, metavar="S", help="[s], default until the session ends"
     )
-    replica.add_argument("--view", action="store_true", help="show it in a window (extra viz3d)")
+    add_live_options(replica, _port)
     replica.add_argument("--save", metavar="FILE", help="write the bone at the end (HDF5)")
     _output_options(replica, plot=False)
 
@@ -112,33 +110,37 @@ def _address(text: str) -> tuple[str, int]:
 
 
 def _session(options: Options) -> int:
-    _check_view(options)
+    check_live(options)
     if options.host is not None and options.publish is None:
         raise ValueError("--host goes with --publish")
     host = options.host or "127.0.0.1"
     burr = Burr(options.radius)
-    bone, source, place = _bone(options, burr)
-    devices = [_device(text, options, burr, place, i) for i, text in enumerate(options.device)]
+    start = chosen_start(options, burr, _material(options))
+    for note in start.notes:
+        _say(note)
+    devices = [_device(text, options, burr, start.place, i) for i, text in enumerate(options.device)]
     session = burrlab.Session(
-        bone, [(burr, _material(options))] * len(devices), devices, seed=options.seed, rate=options.rate,
+        start.bone, [(burr, start.material)] * len(devices), devices, seed=options.seed, rate=options.rate, tick=start.tick,
         duration=options.duration, force_limit=options.force_limit, slew_limit=options.slew_limit,
         coupling=options.coupling, record=options.record, publish=options.publish, host=host,
-        header_version=options.header_version, source=source, realtime=not options.no_realtime,
-        watch=chosen_watch(options, bone), on_message=_say,
+        header_version=options.header_version, source=start.source, realtime=not options.no_realtime,
+        watch=chosen_watch(options, start.bone), on_message=_say,
     )  # fmt: skip
     interrupted = False
     if session.port is not None:
         _say(f"published on {host}, port {session.port}; there is no authentication")
     with _ended_by_signals(), session:
         try:
-            if options.view:
-                _show_live(session)
+            show_live(options, session, _say)
             while not session.wait(1.0):
                 _show(_line(session))
         except KeyboardInterrupt:
             interrupted = True
             session.stop("interrupted")
     _show("")
+    if options.save is not None:
+        start.save(options.save, *session.snapshot())
+        _say(f"bone saved as {options.save}")
     report = session.report()
     if options.plot is not None:
         _save(report.plot()[0], options.plot)
@@ -155,40 +157,6 @@ def _session(options: Options) -> int:
     if interrupted:
         return 130
     return 1 if session.failed else 0
-
-
-def _bone(options: Options, burr: Burr) -> tuple[VoxelBone, dict[str, Any], Mapping[str, Any]]:
-    """The bone, its recipe, and where a simulated hand begins."""
-    recipe = chosen_recipe(options, _material(options))
-    if recipe is None:
-        if options.axis is not None:
-            raise ValueError("--axis goes with --volume")
-        voxel = options.voxel or 0.1
-        if (voxels := math.prod(_BLOCK) / voxel**3) > MOST_VOXELS:
-            raise ValueError(
-                f"--voxel makes a block of {voxels:.3g} voxels, and {MOST_VOXELS:.3g} are the most"
-            )
-        source = block_recipe(
-            _BLOCK, voxel, origin=[0.5 * voxel - side / 2 for side in _BLOCK[:2]] + [0.5 * voxel - _BLOCK[2]]
-        )
-        return make_bone(source), source, {"start": (0.0, 0.0, burr.radius + _GAP)}
-    source = recipe.plain()
-    if "hand" not in options.device:
-        recipe.check_burr(burr)
-        return recipe.bone(), source, {}
-    for name in ("entry", "axis"):
-        if getattr(options, name) is None:
-            given = "volume" if options.labels is None or options.volume is not None else "labels"
-            raise ValueError(f"--device hand with --{given} needs --{name}")
-    recipe.check_burr(burr)
-    specimen = recipe.specimen(entry=options.entry, axis=options.axis)
-    across = np.cross(specimen.axis, np.eye(3)[np.argmin(np.abs(specimen.axis))])
-    start = specimen.surface - (burr.radius + _GAP) * specimen.axis
-    return (
-        specimen.bone,
-        source,
-        {"start": start, "into": specimen.axis, "along": across / np.linalg.norm(across)},
-    )
 
 
 def _device(text: str, options: Options, burr: Burr, place: Mapping[str, Any], number: int) -> Device:
@@ -221,7 +189,7 @@ def _line(session: burrlab.Session) -> str:
 
 
 def _replica(options: Options) -> int:
-    _check_view(options)
+    check_live(options)
     if options.save is not None:
         check_bone_file(options.save)
     host, port = options.address
@@ -234,8 +202,7 @@ def _replica(options: Options) -> int:
     told = 0
     try:
         with _ended_by_signals():
-            if options.view:
-                _show_live(replica)
+            show_live(options, replica, _say)
             while left > 0 and not replica.wait(min(1.0, left)):
                 left -= 1.0
                 told = _tell_events(replica, told)
@@ -260,33 +227,13 @@ def _replica(options: Options) -> int:
     return 1 if status["divergences"] or status["failed"] else 0
 
 
-def _tell_events(replica: Replica, known: int) -> int:
+def _tell_events(replica: burrlab.Replica, known: int) -> int:
     """Says what happened near watched structures but for the first events; how many there are."""
     events = replica_events(replica, known)
     for event in events:
         if event.kind != "away":
             _say(str(event))
     return known + len(events)
-
-
-def _check_view(options: Options) -> None:
-    """Before anything is started: ImportError without pyvista, OSError without a screen."""
-    if options.view:
-        from burrlab.view.rendering import check_screen, pyvista
-
-        pyvista()
-        check_screen()
-
-
-def _show_live(source: burrlab.Session | Replica) -> None:
-    """A window beside it, until it is closed or the session ends."""
-    from burrlab.view.live import LiveView
-
-    view = LiveView(source)
-    try:
-        view.run()
-    finally:
-        view.close()
 
 
 @contextlib.contextmanager

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from burrlab.cli import Options, _deliver, _output_options, _positive, _save
 from burrlab.cli_watch import add_watch_options, chosen_watch, watch_asked_for
+
+if TYPE_CHECKING:
+    from burrlab.anatomy.target import TargetComparison
+    from burrlab.session.trace import Trace
+    from burrlab.volume import LabelVolume
 
 #: Adds a command: its name, what runs it, its help.
 AddCommand = Callable[[str, Callable[[Options], int], str], argparse.ArgumentParser]
@@ -31,6 +37,9 @@ def add_trace_commands(command: AddCommand) -> None:
     metrics.add_argument("--burr", type=_tick, default=0, metavar="INDEX", help="default 0")
     metrics.add_argument("--threshold", type=_positive, metavar="N", help="of the force [N], default 2")
     metrics.add_argument("--hysteresis", type=_positive, metavar="MM", help="least stroke [mm], default 1")
+    metrics.add_argument(
+        "--target", metavar="VOLUME", help="labels on the bone's grid, not 0 where bone was to be removed"
+    )
     add_watch_options(metrics)
     _output_options(metrics)
 
@@ -42,14 +51,12 @@ def _tick(text: str) -> int:
 
 
 def _replay(options: Options) -> int:
-    from tqdm import tqdm
-
     from burrlab.session.replay import replay
     from burrlab.session.trace import load_trace
 
     trace = load_trace(options.file)
-    with tqdm(total=100, desc="replay", unit="%", disable=not sys.stderr.isatty(), leave=False) as bar:
-        again = replay(trace, until=options.until, progress=lambda done: bar.update(int(100 * done) - bar.n))
+    with _bar() as progress:
+        again = replay(trace, until=options.until, progress=progress)
     where = f"{again.ticks} ticks from {trace.first_tick}, {again.digests} digests compared"
     said = f"equal: {where}" if again.equal else f"different: {again.difference}"
     ended = trace.ended or "recording did not end: the session was killed, or goes on"
@@ -62,13 +69,17 @@ def _replay(options: Options) -> int:
 
 
 def _metrics(options: Options) -> int:
-    from tqdm import tqdm
-
     from burrlab.anatomy.report import anatomy_report
     from burrlab.session.metrics import HYSTERESIS, THRESHOLD, session_metrics
     from burrlab.session.trace import load_trace
 
-    trace = load_trace(options.file)
+    trace, target = load_trace(options.file), None
+    if options.target is not None:
+        from burrlab.anatomy.target import compare_with_target
+        from burrlab.volume import read_labels
+
+        target = read_labels(options.target)
+        compare_with_target(trace.bone(), target)  # what is wrong with it is said before the work
     metrics = session_metrics(
         trace, burr=options.burr, threshold=options.threshold or THRESHOLD,
         hysteresis=options.hysteresis or HYSTERESIS,
@@ -79,12 +90,35 @@ def _metrics(options: Options) -> int:
         watch = chosen_watch(options, trace.bone()) if asked else None
         if asked and watch is None:
             raise ValueError("--watch must name structures of the trace's bone, got none")
-        with tqdm(total=100, desc="replay", unit="%", disable=not sys.stderr.isatty(), leave=False) as bar:
-            anatomy = anatomy_report(
-                trace, watch=watch, progress=lambda done: bar.update(int(100 * done) - bar.n)
-            )
+        with _bar() as progress:
+            anatomy = anatomy_report(trace, watch=watch, progress=progress)
         metrics = replace(metrics, anatomy=anatomy)
+    result, text = metrics.to_dict(), repr(metrics)
+    if target is not None:
+        removed = _against(trace, target)
+        result["target"] = {"file": options.target, **removed.to_dict()}
+        text += f"\n\nagainst {options.target}\n{removed.table()}"
     if options.plot is not None:
         _save(metrics.plot()[0], options.plot)
-    _deliver(options, metrics.to_dict(), repr(metrics))
+    _deliver(options, result, text)
     return 0
+
+
+def _against(trace: Trace, target: LabelVolume) -> TargetComparison:
+    from burrlab.anatomy.target import compare_with_target
+    from burrlab.session.replay import replay
+
+    with _bar() as progress:
+        again = replay(trace, progress=progress)
+    if again.difference is not None:
+        raise ValueError(f"--target: the trace replays otherwise than recorded: {again.difference}")
+    return compare_with_target(again.bone, target)
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[float], object]]:
+    """What takes the part done, 0 to 1, and shows it."""
+    from tqdm import tqdm
+
+    with tqdm(total=100, desc="replay", unit="%", disable=not sys.stderr.isatty(), leave=False) as bar:
+        yield lambda done: bar.update(int(100 * done) - bar.n)

@@ -7,12 +7,17 @@ import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from burrlab.cli import Options, _deliver, _number, _positive
 from burrlab.cli_session import _port
 from burrlab.cli_trace import AddCommand
-from burrlab.cli_volume import grey_map, vector
+from burrlab.cli_volume import Recipe, add_label_options, add_volume_options, chosen_recipe
+from burrlab.materials import materials
+from burrlab.volume.drilled_recipe import DrilledRecipe
 
-_OF_TRACE = ("at", "video", "web")
+_OF_TRACE = ("at", "video", "effects")
+_OF_VOLUME = ("map", "spacing", "series", "crop", "voxel", "tissues", "unit")
 
 
 def add_view_command(command: AddCommand) -> None:
@@ -20,26 +25,45 @@ def add_view_command(command: AddCommand) -> None:
     view = command(
         "view", _view, "Show a recorded session, a bone or a volume: window, PNG, film or web page."
     )
-    view.add_argument("file", metavar="TRACE", nargs="?", help="a trace")
-    view.add_argument("--bone", metavar="FILE", help="a saved bone (HDF5) instead of a trace")
-    view.add_argument("--volume", metavar="FILE", help="a grey volume instead of a trace")
-    view.add_argument("--map", type=grey_map, metavar="LO:HI", help="grey values of empty and solid")
+    view.add_argument(
+        "file", metavar="TRACE", nargs="?", help="a trace; its --entry and --axis are in the bone frame"
+    )
+    view.add_argument(
+        "--bone",
+        metavar="FILE",
+        help="a bone that was kept (.h5, or a volume with its state) instead of a trace",
+    )
     view.add_argument("--at", type=_number, metavar="S", help="time of the trace [s], default its end")
     view.add_argument("--png", metavar="FILE", help="write a picture; no window opens")
-    view.add_argument("--pictures", metavar="FILE", help="write slices and, if bone was removed, FILE-depth, by matplotlib alone")  # fmt: skip
-    view.add_argument("--video", metavar="FILE", help="write a film, .mp4 or .gif; no window opens")
+    view.add_argument(
+        "--pictures",
+        metavar="FILE",
+        help="write slices and, if bone was removed, FILE-depth, by matplotlib alone",
+    )
+    view.add_argument(
+        "--video", metavar="FILE", help="write a film of the trace, .mp4 or .gif; no window opens"
+    )
     view.add_argument("--fps", type=_positive, default=20.0, help="of the film [1/s], default 20")
     view.add_argument("--speed", type=_positive, default=1.0, help="of the trace in the film, default 1")
     view.add_argument("--stereo", action="store_true", help="both eyes' pictures side by side")
-    view.add_argument("--slices", action="store_true", help="slices through the burr, or the middle")
+    view.add_argument(
+        "--slices", action="store_true", help="slices through the burr, the entry or the middle"
+    )
     view.add_argument(
         "--size", type=_size, default=(1024, 768), metavar="WxH", help="[pixel], default 1024x768"
     )
-    view.add_argument("--entry", type=vector, metavar="X,Y,Z", help="what is looked at, bone frame [mm]")
-    view.add_argument("--axis", type=vector, metavar="X,Y,Z", help="direction of the approach, into the bone")
     view.add_argument("--width", type=_positive, metavar="MM", help="that the view holds at the entry [mm]")
     view.add_argument("--web", action="store_true", help="serve a page for a browser instead of a window")
     view.add_argument("--port", type=_port, help="of the page, default any free one")
+    view.add_argument(
+        "--effects",
+        action="store_true",
+        default=None,
+        help="dust, blood and water of a trace in the page, at assumed rates",
+    )
+    view.add_argument("--voxel", type=_positive, help="of a volume's bone [mm], default its own")
+    add_volume_options(view)
+    add_label_options(view)
     view.add_argument("--json", metavar="FILE", help="write the result as JSON; - for standard output")
 
 
@@ -52,28 +76,31 @@ def _size(text: str) -> tuple[int, int]:
 
 def _view(options: Options) -> int:
     _check(options)
-    if options.web:
-        from burrlab.session.trace import load_trace
-        from burrlab.view.web import serve  # type: ignore[import-not-found, unused-ignore]
-
-        serve(load_trace(options.file), **({} if options.port is None else {"port": options.port}))
-        return 0
     return _show_trace(options) if options.file is not None else _show_bone(options)
 
 
 def _check(options: Options) -> None:
     """ValueError before any work for what does not go together, or could not be written."""
-    given = [name for name in ("file", "bone", "volume") if getattr(options, name) is not None]
-    if len(given) != 1:
-        raise ValueError("view needs one of TRACE, --bone FILE and --volume FILE")
+    of_volume = options.volume is not None or options.labels is not None
+    if (options.file is not None) + (options.bone is not None) + of_volume != 1:
+        raise ValueError("view needs one of TRACE, --bone FILE, and --volume or --labels FILE")
     if options.file is None:
         for name in _OF_TRACE:
-            if getattr(options, name):
+            if getattr(options, name) is not None:
                 raise ValueError(f"--{name} goes with a trace")
-    if (options.volume is None) != (options.map is None):
-        raise ValueError("--volume and --map go together")
-    if options.port is not None and not options.web:
-        raise ValueError("--port goes with --web")
+    if not of_volume:
+        for name in _OF_VOLUME:
+            if getattr(options, name) is not None:
+                raise ValueError(f"--{name} goes with --volume or --labels")
+        if options.fill or options.unknown != "refuse":
+            raise ValueError(f"--{'fill' if options.fill else 'unknown'} goes with --labels")
+    if options.web:
+        for name in ("png", "pictures", "video"):
+            if getattr(options, name) is not None:
+                raise ValueError(f"--{name} goes without --web")
+    for name in ("port", "effects"):
+        if getattr(options, name) and not options.web:
+            raise ValueError(f"--{name} goes with --web")
     if options.axis is not None and options.entry is None:
         raise ValueError("--axis goes with --entry")
     for name in ("png", "pictures", "video"):
@@ -97,18 +124,43 @@ def _needs_scene(options: Options) -> bool:
     return options.png is not None or options.video is not None or options.pictures is None
 
 
-def _look(options: Options, scene: Any) -> None:
-    if options.entry is not None or options.width is not None:
-        from burrlab.view.camera import surgeon_view
+def _viewpoint(options: Options, bone: Any) -> Any:
+    """As asked for in the bone frame; None if not."""
+    if options.entry is None and options.width is None:
+        return None
+    from burrlab.view.camera import surgeon_view
 
-        scene.look(surgeon_view(scene.bone, options.entry, options.axis, width=options.width))
+    return surgeon_view(bone, options.entry, options.axis, width=options.width)
+
+
+def _look(options: Options, scene: Any) -> None:
+    viewpoint = _viewpoint(options, scene.bone)
+    if viewpoint is not None:
+        scene.look(viewpoint)
+
+
+def _serve(options: Options, source: Any, bone: Any, effects: Any = None) -> int:
+    from burrlab.view.web import check_page, serve
+
+    check_page(port=options.port or 0)
+    viewpoint = _viewpoint(options, bone)
+    serve(source, port=options.port or 0, size=options.size, effects=effects, viewpoint=viewpoint)
+    return 0
 
 
 def _show_trace(options: Options) -> int:
     from burrlab.session.trace import load_trace
     from burrlab.view.player import TracePlayer
 
-    player = TracePlayer(load_trace(options.file))
+    trace = load_trace(options.file)
+    if options.web:
+        bone, effects = trace.bone(), None
+        if options.effects:
+            from burrlab.effects import Effects
+
+            effects = Effects(bone, seed=trace.seed)
+        return _serve(options, trace, bone, effects)
+    player = TracePlayer(trace)
     at = player.duration if options.at is None else options.at
     result: dict[str, Any] = {"file": str(options.file), "at_s": at, "written": []}
     if _needs_scene(options):
@@ -121,31 +173,29 @@ def _show_trace(options: Options) -> int:
             frames = view.frames(fps=options.fps, speed=options.speed, stereo=options.stereo)
             result["frames"] = write_video(options.video, frames, fps=options.fps)
             result["written"].append(str(options.video))
-        view.go(at)
+        if options.video is None or options.png is not None:
+            view.go(at)
         _finish_scene(options, view.scene, result)
     else:
         player.seek(at)
     if options.pictures is not None:
         centers = player.burrs.centers
-        point = centers[0] if len(centers) else None
-        _write_pictures(options.pictures, player.bone, point, player.burrs.radii.tolist(), centers, result)
+        known = len(centers) > 0 and bool(np.isfinite(centers).all())
+        burrs = (player.burrs.radii.tolist(), centers) if known else ([], [])
+        _write_pictures(
+            options.pictures, player.bone, centers[0] if known else _middle(player.bone), *burrs, result
+        )
     return _done(options, result)
 
 
 def _show_bone(options: Options) -> int:
-    if options.bone is not None:
-        from burrlab.session.snapshot import load_bone
-
-        bone, _ = load_bone(options.bone)
-    else:
-        from burrlab.volume import VolumeRecipe
-
-        bone = VolumeRecipe(options.volume, options.map).bone()
-    middle = [
-        o + s * (n - 1) / 2 for o, s, n in zip(bone.origin, bone.spacing, bone.shape[::-1], strict=True)
-    ]
-    point = options.entry or middle
-    result: dict[str, Any] = {"file": str(options.bone or options.volume), "written": []}
+    recipe = _recipe(options)
+    bone = recipe.bone()
+    _into_bone_frame(options, recipe)
+    if options.web:
+        return _serve(options, bone, bone)
+    point = _middle(bone) if options.entry is None else options.entry
+    result: dict[str, Any] = {"file": str(options.bone or options.volume or options.labels), "written": []}
     if _needs_scene(options):
         from burrlab.view.scene import Scene
 
@@ -157,6 +207,29 @@ def _show_bone(options: Options) -> int:
     if options.pictures is not None:
         _write_pictures(options.pictures, bone, point, [], [], result)
     return _done(options, result)
+
+
+def _recipe(options: Options) -> Recipe | DrilledRecipe:
+    if options.bone is not None:
+        return DrilledRecipe(options.bone)
+    recipe = chosen_recipe(options, materials["bone"])
+    assert recipe is not None
+    return recipe
+
+
+def _into_bone_frame(options: Options, recipe: Recipe | DrilledRecipe) -> None:
+    """Entry and axis are given in the volume's own coordinates; those of a bone alone are the bone frame."""
+    if options.entry is None or Path(options.bone or "").suffix.lower() in (".h5", ".hdf5"):
+        return
+    grid = recipe.like()
+    options.entry = tuple(grid.bone_point(options.entry).tolist())
+    if options.axis is not None:
+        options.axis = tuple((grid.direction.T @ np.asarray(options.axis)).tolist())
+
+
+def _middle(bone: Any) -> list[float]:
+    """Of the volume, bone frame [mm]."""
+    return [o + s * (n - 1) / 2 for o, s, n in zip(bone.origin, bone.spacing, bone.shape[::-1], strict=True)]
 
 
 def _finish_scene(options: Options, scene: Any, result: dict[str, Any]) -> None:

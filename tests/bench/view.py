@@ -1,15 +1,18 @@
-"""Cost of the surface: blocks that changed against a rebuild, in one run. Run: python tests/bench/view.py"""
+"""Cost of the surface: blocks that changed as a scene takes them over, against a rebuild, in one run. Needs the extra viz3d.
+
+Run: python tests/bench/view.py"""
 
 from __future__ import annotations
 
 import argparse
 import json
 import time
+from typing import Any
 
 import numpy as np
 
 import burrlab
-from burrlab.view.surface import Surface
+from burrlab.view import Scene, Surface
 
 SIDE, VOXEL, RADIUS, SPEED, IMMERSION = 512, 0.1, 5.0, 20.0, 0.7
 TICKS = 50  # at 1 kHz: a frame of 20 Hz
@@ -51,11 +54,17 @@ def flying_edges(bone: burrlab.VoxelBone, start: np.ndarray, shape: tuple[int, i
     return time.perf_counter() - begin
 
 
+def rendering(scene: Any) -> float:
+    """Seconds to draw once; by software where there is no graphics card."""
+    begin = time.perf_counter()
+    scene.render()
+    return time.perf_counter() - begin
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=24)
     parser.add_argument("--rebuilds", type=int, default=5)
-    parser.add_argument("--scene", action="store_true", help="with the actors of a pyvista scene")
     parser.add_argument("--json", metavar="FILE")
     options = parser.parse_args()
     half = SIDE * VOXEL / 2
@@ -63,15 +72,10 @@ def main() -> None:
         (2 * half,) * 3, VOXEL, origin=(VOXEL / 2 - half, VOXEL / 2 - half, VOXEL / 2 - 2 * half)
     )
     contact = burrlab.BurrContact(bone, burrlab.Burr(RADIUS), burrlab.materials["bone"], 1)
-    surface = Surface(bone)
-    actors = None
-    if options.scene:
-        from burrlab.view.scene import Scene
-
-        scene = Scene(bone, [RADIUS], off_screen=True)
-        surface, actors = scene.surface, scene.actors
-    update, update_actors, vtk, counts, triangles = [], [], [], [], []
-    rebuild, rebuild_actors = [], []
+    scene = Scene(bone, [RADIUS], off_screen=True)
+    scene.render()
+    extraction = Surface(bone)
+    update, rebuild, extract, extract_all, vtk, drawn, counts = [], [], [], [], [], [], []
     every = max(options.frames // options.rebuilds, 1)
     low = np.array([SIDE - 64, SIDE // 2 - 80, 0])
     for frame in range(options.frames):
@@ -81,36 +85,35 @@ def main() -> None:
         contact.run(path, 1.0)
         bricks = changed_bricks(bone, low, before)
         begin = time.perf_counter()
-        blocks = surface.update(bone, bricks)
+        scene.update(bone, bricks)
         update.append(time.perf_counter() - begin)
-        if actors is not None:
-            actors.replace(surface, blocks)
-            update_actors.append(time.perf_counter() - begin)
-        counts.append((len(bricks), len(blocks)))
-        triangles.append(sum(len(surface.blocks[b].triangles) for b in blocks if b in surface.blocks))
-        vtk.append(sum(
-            flying_edges(bone, np.maximum(np.array(b) * 32 - 1, 0), tuple(np.minimum(34, SIDE - np.maximum(np.array(b) * 32 - 1, 0)).tolist()))
-            for b in blocks
-        ))  # fmt: skip
+        begin = time.perf_counter()
+        blocks = extraction.update(bone, bricks)
+        extract.append(time.perf_counter() - begin)
+        drawn.append(rendering(scene))
+        changed = [extraction.blocks[b] for b in blocks if b in extraction.blocks]
+        counts.append((len(bricks), len(blocks), sum(len(block.triangles) for block in changed)))
+        vtk.append(0.0)
+        for block in blocks:
+            start = np.maximum(np.array(block) * 32 - 1, 0)
+            vtk[-1] += flying_edges(bone, start, tuple(np.minimum(34, SIDE - start).tolist()))
         if frame % every == every - 1:
             begin = time.perf_counter()
-            blocks = surface.update(bone)
+            scene.update(bone)
             rebuild.append(time.perf_counter() - begin)
-            if actors is not None:
-                actors.replace(surface, blocks)
-                rebuild_actors.append(time.perf_counter() - begin)
+            begin = time.perf_counter()
+            extraction.update(bone)
+            extract_all.append(time.perf_counter() - begin)
+            scene.render()
+    triangles = sum(len(block.triangles) for block in extraction.blocks.values())
+    middle = np.median(np.array(counts), axis=0)
     result = {
-        "bricks": float(np.median([a for a, _ in counts])), "blocks": float(np.median([b for _, b in counts])),
-        "triangles": float(np.median(triangles)), "all_triangles": sum(len(b.triangles) for b in surface.blocks.values()),
-        "update": summary(update), "rebuild": summary(rebuild),
+        "bricks": middle[0], "blocks": middle[1], "triangles": middle[2], "all_triangles": triangles,
+        "scene_update": summary(update), "scene_rebuild": summary(rebuild),
         "ratio": float(np.median(rebuild) / np.median(update)),
-        "flying_edges_of_the_blocks": summary(vtk),
+        "extraction_of_the_blocks": summary(extract), "extraction_of_all": summary(extract_all),
+        "flying_edges_of_the_blocks": summary(vtk), "drawing_after_an_update": summary(drawn),
     }  # fmt: skip
-    if update_actors:
-        result |= {
-            "update_with_actors": summary(update_actors), "rebuild_with_actors": summary(rebuild_actors),
-            "ratio_with_actors": float(np.median(rebuild_actors) / np.median(update_actors)),
-        }  # fmt: skip
     text = json.dumps(result, indent=2)
     print(text)
     if options.json:

@@ -15,7 +15,10 @@ def blocks(page: str) -> list[str]:
     return re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize("page", ["psychophysics.md", "simulated_subject.md", "experiment.md", "volumes.md"])
+@pytest.mark.parametrize(
+    "page",
+    ["psychophysics.md", "simulated_subject.md", "experiment.md", "volumes.md", "phantom.md", "effects.md"],
+)
 def test_blocks_run(page, tmp_path):
     found = blocks(page)
     assert len(found) > 0

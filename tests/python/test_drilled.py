@@ -17,7 +17,7 @@ from burrlab import Burr, VoxelBone, erode, materials, read_volume, save_bone
 from burrlab.anatomy import anatomy_bone, default_tissues
 from burrlab.anatomy.known_tissues import VOLUMETRIC_DRILLING
 from burrlab.volume import LabelVolume, OccupancyMap, Volume, load_drilled, read_stack, save_drilled
-from burrlab.volume.drilled import grey_of_levels
+from burrlab.volume.drilled_values import grey_of_levels
 
 MAP = OccupancyMap.two_point(200, 1200)
 SHAPE = (14, 16, 18)
@@ -222,6 +222,18 @@ def test_drilling_goes_on_from_a_saved_volume(tmp_path: Path) -> None:
         save_drilled(tmp_path / "d.nrrd", volume.to_bone(MAP), read_volume(path), mapping=MAP)
 
 
+def test_saved_twice_under_a_relative_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same content has the same exact state: the second save must not take it for an older one."""
+    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+    monkeypatch.chdir(tmp_path)
+    volume = read_volume(nrrd(Path("a.nrrd"), greys()))
+    bone = drilled(volume)
+    for tick in (1, 2):
+        save_drilled("b.nrrd", bone, volume, mapping=MAP, tick=tick)
+        loaded = load_drilled("b.nrrd")
+        assert (loaded.bone.digest(), loaded.tick) == (bone.digest(), tick)
+
+
 def test_a_changed_or_missing_part_is_found(tmp_path: Path) -> None:
     pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
@@ -405,10 +417,8 @@ def test_coloured_stacks_and_their_description(tmp_path: Path, mode: str) -> Non
     assert "path: ./shaders/" in (tmp_path / "out" / "v.yaml").read_text()
     loaded = load_drilled(tmp_path / "out")
     assert (loaded.bone.digest(), loaded.tick, loaded.mapping) == (bone.digest(), 9, None)
-    with pytest.raises(
-        ValueError, match=r"like must be a grey volume, or labels of PNG slices, to be written as x.nrrd"
-    ):
-        save_drilled(tmp_path / "x.nrrd", bone, labels)
+    with pytest.raises(ValueError, match=r"mapping must be given for grey values only, and .* holds labels"):
+        save_drilled(tmp_path / "x", bone, labels, mapping=MAP)
 
 
 def test_bad_saves_are_refused(tmp_path: Path) -> None:

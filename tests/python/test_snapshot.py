@@ -81,8 +81,8 @@ def test_what_is_no_bone(tmp_path):
 def test_a_newer_format(tmp_path):
     burrlab.save_bone(tmp_path / "bone.h5", small_bone())
     with h5py.File(tmp_path / "bone.h5", "a") as file:
-        file.attrs["format_version"] = 2
-    with pytest.raises(ValueError, match="of format 2, and this version reads up to 1"):
+        file.attrs["format_version"] = 3
+    with pytest.raises(ValueError, match="of format 3, and this version reads up to 2"):
         burrlab.load_bone(tmp_path / "bone.h5")
 
 

@@ -7,10 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from anatomy_scenes import nerve_bone, straight, tool
 
+import burrlab
 from burrlab import Tissue, Tissues, VoxelBone, materials
 from burrlab.anatomy import compare_with_target
-from burrlab.volume import LabelVolume
+from burrlab.cli import main
+from burrlab.volume import LabelVolume, write_volume
 
 SHAPE = (9, 10, 12)
 
@@ -104,3 +107,27 @@ def test_bad_targets_are_refused():
     for changed in ({"origin": labels.origin + [0.0, 0.1, 0.0]}, {"spacing": labels.spacing * 1.01}):
         with pytest.raises(ValueError, match="target must lie on the bone's grid"):
             compare_with_target(bone, replace(labels, **changed))
+
+
+def test_command_line(tmp_path, capsys):
+    """A trace of a bone and a target in a file, which a second program could have drawn."""
+    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+    bone = nerve_bone()
+    region = np.zeros(bone.shape, bool)
+    region[-5:] = True
+    write_volume(tmp_path / "target.nrrd", labels_on(bone, region))
+    record, wrong = tmp_path / "session.h5", tmp_path / "wrong.nrrd"
+    device = straight([[0, 0, 1.2], [0, 0, 0.2], [1, 0, 0.2]], [0, 0.2, 0.5])
+    with burrlab.Session(bone, tool(), device, seed=1, wall_clock=False, record=record) as session:
+        session.wait()
+        drilled, _ = session.snapshot()
+    assert main(["metrics", str(record), "--target", str(tmp_path / "target.nrrd"), "--json", "-"]) == 0
+    found = json.loads(capsys.readouterr().out)["target"]
+    expected = compare_with_target(drilled, region).to_dict()
+    assert expected["overlap_mm3"] > 0
+    assert {key: found[key] for key in expected} == expected
+    assert main(["metrics", str(record), "--target", str(tmp_path / "target.nrrd")]) == 0
+    assert "% of the target's" in capsys.readouterr().out
+    write_volume(wrong, replace(labels_on(bone, region), origin=np.zeros(3)))
+    assert main(["metrics", str(record), "--target", str(wrong)]) == 2
+    assert "target must lie on the bone's grid" in capsys.readouterr().err

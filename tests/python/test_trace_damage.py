@@ -35,7 +35,7 @@ def test_what_is_no_trace(file):
 
 
 def newer(file):
-    file.attrs["format_version"] = 2
+    file.attrs["format_version"] = 3
 
 
 def lose_ticks(file):
@@ -73,7 +73,7 @@ def another_digest(file):
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        (newer, "of format 2, and this version reads up to 1"), (lose_ticks, "is damaged"),
+        (newer, "of format 3, and this version reads up to 2"), (lose_ticks, "is damaged"),
         (lose_seed, "is damaged"), (count_too_many, "1501 ticks are counted, and there is room for 1500"),
         (blank_a_row, "is damaged: the row of tick 740 holds something else"),
         (stand_for_nothing, "is damaged: the row of tick 43 holds something else"),

@@ -21,7 +21,7 @@ FrameDecision FrameBudget::plan(std::size_t moving, std::size_t parcels, int sub
   while (plan.sub_steps > 1 && fixed + each * plan.sub_steps > planned) --plan.sub_steps;
   if (fixed + each > planned) {
     const double part = planned / (fixed + each);
-    plan.merge_to = std::clamp(std::int64_t(part * double(parcels)), least_parcels, most);
+    plan.merge_to = std::min(most, std::max(std::int64_t(part * double(parcels)), least_parcels));
   }
   plan.done = plan.sub_steps;
   return plan;

@@ -95,18 +95,21 @@ class Honeycomb:
         Diameter of the sphere as large as the cell was to be [mm].
     realised : ndarray, shape (n,)
         Diameter of the sphere as large as the cell is [mm], by counting points of a lattice.
+    vanished : int
+        Cells that were drawn and are not there: too small to hold their own between their neighbours.
     """
 
     sites: Floats = field(repr=False)
     weights: Floats = field(repr=False)
     drawn: Floats = field(repr=False)
     realised: Floats = field(repr=False)
+    vanished: int
 
     def __repr__(self) -> str:
         (median, deviation), (drawn, drawn_deviation) = self.moments, _moments(self.drawn)
         return (
             f"Honeycomb of {len(self.sites)} cells: diameter {median:.3f} mm x/ {deviation:.3f} "
-            f"(drawn {drawn:.3f} mm x/ {drawn_deviation:.3f})"
+            f"(drawn {drawn:.3f} mm x/ {drawn_deviation:.3f}; {self.vanished} vanished)"
         )
 
     @property
@@ -161,7 +164,7 @@ class Honeycomb:
 
 
 def _moments(diameter: Floats) -> tuple[float, float]:
-    log = np.log(diameter[diameter > 0])
+    log = np.log(diameter)
     return float(np.exp(log.mean())), float(np.exp(log.std()))
 
 
@@ -220,7 +223,10 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
                     sites[full, axis] += 0.7 * (total[full] / count[full] - sites[full, axis])
     sites, weights = np.round(sites, 6), np.round(weights, 6)
     count = np.bincount(_owners(sites, weights, points), minlength=len(sites))
-    return Honeycomb(sites, weights, drawn, np.cbrt(6 / math.pi * count * step**3))
+    # A site that owns no point here can still own a sliver between the points: without it, it is no cell anywhere.
+    there = count > 0
+    realised = np.cbrt(6 / math.pi * count[there] * step**3)
+    return Honeycomb(sites[there], weights[there], drawn[there], realised, int(np.count_nonzero(~there)))
 
 
 def _least_power(points: Floats, sites: Floats, weights: Floats) -> Floats:

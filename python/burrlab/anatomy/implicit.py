@@ -159,4 +159,5 @@ def smooth_max(a: Floats, b: Floats, width: float) -> Floats:
 
 def share(distance: Singles, width: float) -> Singles:
     """Part of a voxel of that width [mm] inside a surface at that signed distance [mm] from its centre, 0..1."""
-    return np.clip(np.float32(0.5) - distance * np.float32(1.0 / width), np.float32(0.0), np.float32(1.0))
+    part = np.float32(0.5) - distance * np.float32(1.0 / width)
+    return np.asarray(np.clip(part, np.float32(0.0), np.float32(1.0)))

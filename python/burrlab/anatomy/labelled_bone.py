@@ -100,7 +100,7 @@ def labelled_bone(
     if isinstance(source, Volume):
         notes[:0] = source.notes
         labels = placed_on(labels, source)
-    counts = label_counts(labels.labels)
+    counts = label_counts(labels.labels, labels.path)
     tissues = _with_background(tissues, counts, labels.path)
     if spacing is not None:
         if isinstance(source, np.ndarray):
@@ -140,8 +140,11 @@ def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
         and np.abs(offset - start).max() <= SAME
     )
     if not alike or np.any(start < 0) or np.any(stop > volume.shape[::-1]) or labels.shape == volume.shape:
-        check_same_geometry(volume, labels)
-        return labels
+        try:
+            check_same_geometry(volume, labels)
+        except ValueError as error:
+            raise ValueError(f"{error}; labels.on(volume) (--onto) takes the nearest label") from None
+        return replace(labels, spacing=volume.spacing, origin=volume.origin, direction=volume.direction)
     whole = np.zeros(volume.shape, labels.labels.dtype)
     (x, y, z), (u, v, w) = start, stop
     whole[z:w, y:v, x:u] = labels.labels
@@ -189,12 +192,14 @@ def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tis
 
 
 def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:
-    table = np.array([tissue.label for tissue in tissues])
-    order = np.argsort(table).astype(np.uint8)
-    table = table[order]
+    own = np.array([tissue.label for tissue in tissues])
+    order = np.argsort(own).astype(np.uint8)
+    direct = np.zeros(1 << 16, np.uint8)
+    direct[own[own < direct.size]] = np.flatnonzero(own < direct.size)
+    small = labels.dtype.itemsize <= 2 or labels.max() < direct.size
     numbers = np.empty(labels.shape, np.uint8)
     for k, plane in enumerate(labels):  # plane by plane: no large arrays of places
-        numbers[k] = order[np.searchsorted(table, plane)]
+        numbers[k] = direct[plane] if small else order[np.searchsorted(own, plane, sorter=order)]
     return numbers
 
 
@@ -212,19 +217,24 @@ def _filled(
     levels: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues, fill: Mapping[str, float]
 ) -> tuple[NDArray[np.uint8], list[str]]:
     least, notes = np.zeros(len(tissues), np.uint8), []
+    names = [tissue.name for tissue in tissues]
     for name, occupancy in fill.items():
+        if name not in names:
+            raise ValueError(f"fill must be of tissues of the table ({', '.join(names)}), got {name!r}")
         if not 0.0 <= occupancy <= 1.0:
             raise ValueError(f"fill of {name!r} must be an occupancy from 0 to 1, got {occupancy!r}")
-        least[tissues.number(name)] = round(255 * occupancy)
+        least[names.index(name)] = round(255 * occupancy)
         notes.append(f"{name}: occupancy at least {occupancy:g}, as asked")
     return (np.maximum(levels, least[numbers]) if fill else levels), notes
 
 
 def _said_of_tissues(levels: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues) -> list[str]:
     """Bone that no label names, and critical structures that hold none."""
-    size = len(tissues)
-    voxels = np.bincount(numbers.ravel(), minlength=size)
-    held = np.bincount(numbers[levels >= _HALF], minlength=size)
+    both = np.zeros(2 * len(tissues), np.int64)
+    for plane, filled in zip(numbers, levels, strict=True):  # bincount works in int64: plane by plane
+        both += np.bincount((2 * plane + (filled >= _HALF)).ravel(), minlength=both.size)
+    held = both[1::2]
+    voxels = both[::2] + held
     notes = []
     for number, tissue in enumerate(tissues):
         if tissue.label == 0 and tissue.name == UNLABELLED and held[number]:

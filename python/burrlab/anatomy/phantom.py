@@ -11,12 +11,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import Material, Tissue, Tissues, VoxelBone
+from burrlab._core import Material, VoxelBone
 from burrlab.anatomy.air_cells import AirCells, Honeycomb, honeycomb
 from burrlab.anatomy.fields import CELLS_BOX, Fields
-from burrlab.anatomy.implicit import Grid, Singles, distance_to, ellipsoid, lattice_around, share
-from burrlab.anatomy.structures import DURA, Structures
+from burrlab.anatomy.implicit import Grid, lattice_around
+from burrlab.anatomy.structures import Structures
+from burrlab.anatomy.tissue_painting import paint, phantom_tissues
 from burrlab.materials import materials
+from burrlab.volume import LabelVolume
 
 Floats = NDArray[np.float64]
 
@@ -28,20 +30,6 @@ CORNER = (-2.0, -14.0, -29.0)
 MOST_VOXELS = 4e8
 #: Voxels that are filled at a time, which bounds the memory.
 AT_A_TIME = 1_000_000
-#: Occupancy of nerve, sinus, dura and labyrinth: softer than bone, and yet seen at level 128 (ours, assumed).
-SOFT = 0.6
-
-_ROWS: tuple[tuple[str, tuple[int, int, int], bool, bool], ...] = (
-    ("air", (20, 20, 30), False, False),
-    ("cortex", (235, 225, 200), False, False),
-    ("mastoid", (220, 200, 165), False, False),
-    ("facial nerve", (250, 220, 50), True, False),
-    ("sigmoid sinus", (60, 80, 190), True, True),
-    ("dura", (200, 120, 130), True, True),
-    ("labyrinth", (60, 180, 200), True, False),
-    ("ossicles", (250, 250, 245), True, False),
-)
-_AIR, _CORTEX, _MASTOID, _NERVE, _SINUS, _DURA, _LABYRINTH, _OSSICLES = range(8)
 
 
 @dataclass(frozen=True)
@@ -83,6 +71,13 @@ class Phantom:
         assert numbers is not None
         return numbers
 
+    @property
+    def target_labels(self) -> LabelVolume:
+        """The planned cavity with its geometry, 1 inside: for `write_volume`, and `burrlab metrics --target`."""
+        origin, spacing = np.array(self.bone.origin), np.array(self.bone.spacing)
+        labels = self.target.astype(np.uint8)
+        return LabelVolume(labels, spacing, origin, np.eye(3), "planned cavity", {1: "planned cavity"})
+
     def to_dict(self) -> dict[str, Any]:
         """For JSON: how to make it again, and where things are [mm]."""
         return {
@@ -90,19 +85,6 @@ class Phantom:
             "shape": list(self.bone.shape), "origin_mm": list(self.bone.origin), "digest": self.bone.digest(),
             "landmarks_mm": {name: point.tolist() for name, point in self.landmarks.items()},
         }  # fmt: skip
-
-
-def phantom_tissues(material: Material = materials["bone"]) -> Tissues:
-    """The tissues of a phantom; all have the values of `material`, and all but its bone are assumed."""
-    bony = {"cortex", "mastoid"}
-    rows = [
-        Tissue(
-            name, label=number, c_e=material.c_e, alpha=material.alpha, colour=colour, critical=critical,
-            bleeds=bleeds, assumed=name not in bony,
-        )
-        for number, (name, colour, critical, bleeds) in enumerate(_ROWS)
-    ]  # fmt: skip
-    return Tissues(rows, material)
 
 
 def temporal_bone(
@@ -163,7 +145,7 @@ def temporal_bone(
     if not 0 <= seed < 2**64:
         raise ValueError(f"seed must be in 0..2^64 - 1, got {seed}")
     at = Structures.of(seed)
-    cells = _cells(seed, air_cells)
+    cells = _cells(seed, air_cells.median_diameter, air_cells.geometric_deviation)
     mirrored = side == "left"
     painted = Grid(-grid.x[::-1], grid.y, grid.z) if mirrored else grid
     fields = Fields.of(at, lattice_around(painted))
@@ -176,7 +158,7 @@ def temporal_bone(
     for begin in range(0, grid.shape[0], layers):
         rows = slice(begin, begin + layers)
         part = Grid(painted.x, painted.y, painted.z[rows])
-        slab = _paint(at, fields, cells, part, air_cells.wall, width)
+        slab = paint(at, fields, cells, part, air_cells.wall, width)
         for whole, one in zip((levels, numbers, target), slab, strict=True):
             whole[rows] = one[:, :, order]
         if progress is not None:
@@ -220,7 +202,7 @@ def _checked_grid(
 
 
 @lru_cache(maxsize=4)
-def _cells(seed: int, air_cells: AirCells) -> Honeycomb:
+def _cells(seed: int, median_diameter: float, geometric_deviation: float) -> Honeycomb:
     at = Structures.of(seed)
     low, high = (np.array(corner) for corner in CELLS_BOX)
     grid = lattice_around(Grid(*(np.array([a, b]) for a, b in zip(low, high, strict=True))))
@@ -231,54 +213,4 @@ def _cells(seed: int, air_cells: AirCells) -> Honeycomb:
         inside = (fields.on("pneumatised", fine) < 0) & (fields.on("rooms", fine) > 0)
         return fine.points()[inside.ravel()]
 
-    return honeycomb(air_cells, lattice, seed)
-
-
-def _paint(
-    at: Structures, fields: Fields, cells: Honeycomb, grid: Grid, wall: float, width: float
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.bool_]]:
-    """Levels, tissue numbers and target of a slab, in the frame of a right ear."""
-    one = np.float32(1.0)
-    numbers = np.full(grid.shape, _CORTEX, dtype=np.uint8)
-    part = fields.on("pneumatised", grid)
-    rooms = fields.on("rooms", grid)
-    inside = (part < np.float32(width)) & (rooms > np.float32(-width))
-    numbers[part < 0] = _MASTOID
-    from_wall = cells.wall_distance(grid, inside, reach=wall / 2 + width)
-    walls = share(from_wall - np.float32(wall / 2), width) - share(from_wall + np.float32(wall / 2), width)
-    held = one - share(part, width) * (one - walls)
-    held *= one - share(rooms, width)
-    cranium = fields.on("cranium", grid)
-    beyond, sheet = share(cranium, width), share(cranium + np.float32(DURA), width)
-    held *= one - beyond
-    held = _lay(held, beyond - sheet, _DURA, numbers)
-    held *= share(fields.on("outside", grid), width)
-    held = _lay(held, share(fields.on("sinus", grid), width), _SINUS, numbers, replace=True)
-    for tubes, number, level in (
-        (at.canals, _LABYRINTH, SOFT),
-        (at.ossicles, _OSSICLES, 1.0),
-        ((at.nerve,), _NERVE, SOFT),
-    ):
-        distance = distance_to(tubes, grid, 2 * width).astype(np.float32)
-        if number == _LABYRINTH:
-            distance = np.minimum(distance, ellipsoid(grid, *at.vestibule).astype(np.float32))
-        held = _lay(held, share(distance, width), number, numbers, level, replace=True)
-    levels = np.rint(np.float32(255) * held).astype(np.uint8)
-    numbers[levels == 0] = _AIR
-    return levels, numbers, fields.on("plan", grid) < 0
-
-
-def _lay(
-    held: Singles,
-    part: Singles,
-    number: int,
-    numbers: NDArray[np.uint8],
-    level: float = SOFT,
-    *,
-    replace: bool = False,
-) -> Singles:
-    """Puts a tissue into its part of each voxel, which is numbered after it if it has half of it or all that is in it."""
-    before = held * (np.float32(1.0) - part) if replace else held
-    added = np.float32(level) * part
-    numbers[(part >= np.float32(0.5)) | (added > before)] = number
-    return np.asarray(before + added)
+    return honeycomb(AirCells(median_diameter, geometric_deviation, wall=0.05), lattice, seed)

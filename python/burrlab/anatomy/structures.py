@@ -43,7 +43,7 @@ class Structures:
         draw = iter((2.0 * uniform(seed, 2, 64) - 1.0).tolist())
 
         def jitter(width: float) -> float:
-            return round(width * next(draw), 6)
+            return float(round(width * next(draw), 6))
 
         def shift(width: float) -> Floats:
             return np.array([jitter(width) for _ in range(3)])
@@ -130,7 +130,7 @@ def surface_depth(grid: Grid) -> Floats:
 
 def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
     # Radii of curvature: Spoor and Zonneveld, Yearb. Phys. Anthropol. 1998 (human means 3.2, 3.1 and 2.3 mm).
-    lateral = Tube.ring(shift + [19.8, 1.0, 1.2], [-0.3, 0.3, 1.0], 2.3, 0.6)
+    lateral = Tube.ring(shift + [20.2, 1.2, 1.5], [-0.3, 0.3, 1.0], 2.3, 0.6)
     anterior = Tube.ring(shift + [21.0, 1.0, 4.2], [1.0, -1.0, 0.0], 3.2, 0.55)
     posterior = Tube.ring(shift + [20.6, 6.0, 0.4], [1.0, 1.0, 0.0], 3.1, 0.55)
     centre = shift + [22.2, -0.5, -0.4]

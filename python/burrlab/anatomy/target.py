@@ -109,9 +109,11 @@ class TargetComparison:
         axes = axes_or_new(axes)
         rows = np.arange(len(self.tissues))
         for k, (part, colour) in enumerate(zip(_PARTS, _COLOURS, strict=True)):
-            axes.barh(rows + 0.27 * (k - 1), getattr(self, part), 0.25, color=colour, label=part)
+            bars = axes.barh(rows + 0.27 * (k - 1), getattr(self, part), 0.25, color=colour, label=part)
+            axes.bar_label(bars, fmt=lambda v: f"{v:.1f}" if v else "", padding=2, fontsize=7)
         axes.set_yticks(rows, self.tissues)
         axes.invert_yaxis()
+        axes.margins(x=0.12)
         axes.set_xlabel("volume of solid bone [mm$^3$]")
         axes.set_title(f"{self.percent:.1f} % of the target removed, Dice {self.dice:.2f}", fontsize=10)
         axes.legend(fontsize=8, frameon=False)

@@ -16,6 +16,8 @@ from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance, 
 
 #: (merge_to, sub_steps, done): what the clock decided in a frame.
 Decision = tuple[int, int, int]
+#: (seconds, tick, decision): what a companion's frame was made of.
+FrameRecord = tuple[float, int, Decision]
 BurrAt = tuple[ArrayLike, float]
 
 
@@ -135,11 +137,9 @@ class Effects:
         if update is not None:
             bricks = self._numbers(np.asarray(update["bricks"]))
             density = np.ascontiguousarray(update["density"], np.uint8)
-        centers = np.array([np.asarray(center, float) for center, _ in burrs], float).reshape(len(burrs), -1)
+        centers = np.array([np.ravel(center) for center, _ in burrs], float) if burrs else np.empty((0, 3))
         radii = np.array([radius for _, radius in burrs], float)
-        return self._core.step(
-            float(dt_s), bricks, density, centers if len(burrs) else np.empty((0, 3)), radii, decision
-        )
+        return self._core.step(float(dt_s), bricks, density, centers, radii, decision)
 
     def _numbers(self, bricks: NDArray[Any]) -> NDArray[np.uint32]:
         if bricks.ndim == 2 and bricks.shape[1] == 3:

@@ -13,6 +13,7 @@ from typing import Any
 from burrlab._core import AnatomyWatch, Burr, Follower, Material, Publisher, Replica, VoxelBone
 from burrlab.specimen import MOST_VOXELS
 from burrlab.volume.cut import cut_block
+from burrlab.volume.drilled_recipe import DrilledRecipe
 from burrlab.volume.occupancy_map import OccupancyMap, occupancy_map
 from burrlab.volume.recipe import VolumeRecipe
 
@@ -96,7 +97,7 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
     Parameters
     ----------
     recipe : mapping
-        Of `block_recipe`, `volume_recipe`, an experiment's `VolumeBlock` or `LabelledRecipe.plain`;
+        Of `block_recipe`, `volume_recipe`, an experiment's `VolumeBlock`, `LabelledRecipe.plain` or `DrilledRecipe.plain`;
         it may come from another machine.
     volume : path, optional
         Where the volume lies here, if elsewhere.
@@ -121,12 +122,16 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
             from burrlab.anatomy.labelled_recipe import LabelledRecipe  # anatomy builds on sessions
 
             labelled = LabelledRecipe.of(recipe)
+        elif recipe["kind"] == "drilled volume":
+            drilled = DrilledRecipe.of(recipe)
         else:
             raise KeyError("kind")
     except _UNREADABLE:
         raise ValueError(
             f"recipe must be that of block_recipe or volume_recipe, got {reprlib.repr(recipe)}"
         ) from None
+    if recipe["kind"] == "drilled volume":
+        return (drilled if volume is None else drilled.at(volume)).bone()
     if recipe["kind"] == "labelled volume":
         return (labelled if volume is None else labelled.at(volume)).bone()
     if recipe["kind"] == "volume":

@@ -56,7 +56,12 @@ class ParcelActor:
         self.mapper.SetScaleArray("radius")
         self.mapper.SetScaleFactor(1.0)
         self.mapper.SetEmissive(False)
-        self.mapper.SetTriangleScale(2.0)  # of the triangle in which a disc of radius 1 lies
+        # of the shape in which a disc of radius 1 lies; a triangle before VTK 9.6
+        bound = getattr(self.mapper, "SetBoundScale", None)
+        if bound is not None:
+            bound(1.0)
+        else:
+            self.mapper.SetTriangleScale(2.0)
         self.mapper.SetSplatShaderCode(_BALL)
         self.actor = vtkActor()
         self.actor.SetMapper(self.mapper)

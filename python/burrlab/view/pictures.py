@@ -262,13 +262,11 @@ def plot_depth_map(
         depth, origin="lower", cmap="cividis", vmin=0, interpolation="nearest",
         extent=(places[0][0] - half[0], places[0][-1] + half[0], places[1][0] - half[1], places[1][-1] + half[1]),
     )  # fmt: skip
-    deepest = float(depth.max())
+    deepest, lines = float(depth.max()), None
     if contours and deepest > 0 and min(depth.shape) > 1:
         round_values = np.asarray(MaxNLocator(contours + 1).tick_values(0, deepest), float)
         levels = [float(value) for value in round_values if 0 < value < deepest]
-        shades = ["white" if value < 0.6 * deepest else "0.15" for value in levels]
-        lines = axes.contour(*places, depth, levels=levels, colors=shades, linewidths=0.6)
-        axes.clabel(lines, fmt="%g", fontsize=7)
+        lines = axes.contour(*places, depth, levels=levels, colors="white", linewidths=0.6)
     if crop and deepest > 0:
         for limits, along, step in ((axes.set_xlim, 0, half[0]), (axes.set_ylim, 1, half[1])):
             kept = places[along][np.flatnonzero(depth.max(axis=along) > 0.01 * deepest)]
@@ -279,10 +277,12 @@ def plot_depth_map(
             )
     figure = axes.get_figure(root=True)
     assert figure is not None
-    figure.colorbar(
+    bar = figure.colorbar(
         image, ax=axes, label=f"{'bone removed' if thickness else 'depth'} along {_NAMES[across]} [mm]"
     )
-    if axis in ("z", "-x", "y"):  # seen from behind, so that left is left for whoever looks
+    if lines is not None:
+        bar.add_lines(lines)  # on the map their numbers would hide a small crater
+    if axis in ("x", "-y", "z"):  # seen from behind, so that left is left for whoever looks
         axes.invert_xaxis()
     axes.set_xlabel(f"{_NAMES[right]} [mm]")
     axes.set_ylabel(f"{_NAMES[up]} [mm]")

@@ -98,7 +98,7 @@ class TracePlayer:
     @property
     def duration(self) -> float:
         """Of the trace [s]."""
-        return self.trace.duration
+        return float(self.trace.duration)
 
     @property
     def ticks(self) -> int:
@@ -150,7 +150,7 @@ class TracePlayer:
     def prepared(self) -> float:
         """Part of the trace whose states are kept, 0 to 1: seeking there is fast."""
         with self._kept.lock:
-            step = self._every * 2**self._kept.thinned
+            step = self._every << self._kept.thinned
             return min(1.0, (self._kept.last + step) / max(self.ticks, 1))
 
     @property
@@ -255,7 +255,7 @@ class _Walk:
 
     def _execute(self, done: int) -> NDArray[np.uint32]:
         """Up to `done` or the next kept state, whichever comes first."""
-        step = self._every * 2**self._kept.thinned
+        step = self._every << self._kept.thinned
         key = self._kept.after(self.done)
         if key is None:
             key = max(self._kept.last, self.done + 1 - step) + step

@@ -100,16 +100,22 @@ class _Panel:
         self.lines.GetMapper().SetInputData(
             _polylines([np.array([[left, v], [right, v]]), np.array([[u, bottom], [u, top]])])
         )
-        self.text.SetInput(f"{'xyz'[across]} = {image.position:.1f} mm")
+        self.text.SetInput(
+            f"{'xyz'[across]} = {image.position:.1f} mm ({'xyz'[along]} right, {'xyz'[up]} up)"
+        )
         camera = self.renderer.GetActiveCamera()
         camera.ParallelProjectionOn()
         middle = (left + right) / 2, (bottom + top) / 2
-        camera.SetFocalPoint(*middle, 0.0)
-        camera.SetPosition(*middle, 100.0)
         camera.SetViewUp(0.0, 1.0, 0.0)
         width, height = self.renderer.GetSize()
         aspect = width / height if height else 1.0
-        camera.SetParallelScale(0.52 * max(top - bottom, (right - left) / aspect))
+        # the words have a strip of their own below
+        strip = min(2.2 * self.text.GetTextProperty().GetFontSize() / max(height, 1), 0.4)
+        scale = 0.51 * max((top - bottom) / (1 - strip), (right - left) / aspect)
+        camera.SetParallelScale(scale)
+        low = middle[1] - scale * strip
+        camera.SetFocalPoint(middle[0], low, 0.0)
+        camera.SetPosition(middle[0], low, 100.0)
         self.renderer.ResetCameraClippingRange()
 
     def outline(self, centers: NDArray[np.float64], radii: Sequence[float]) -> None:

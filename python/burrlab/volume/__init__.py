@@ -2,6 +2,7 @@
 
 from burrlab.volume.cut import cut_block
 from burrlab.volume.drilled import DrilledVolume, load_drilled, save_drilled
+from burrlab.volume.drilled_recipe import DrilledRecipe
 from burrlab.volume.geometry import check_same_geometry, same_geometry
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.occupancy_map import OccupancyMap
@@ -10,8 +11,10 @@ from burrlab.volume.recipe import VolumeRecipe
 from burrlab.volume.stack import read_stack
 from burrlab.volume.volume import Volume
 from burrlab.volume.write import write_volume
+from burrlab.volume.write_dicom import write_dicom
 
 __all__ = [
+    "DrilledRecipe",
     "DrilledVolume",
     "LabelVolume",
     "OccupancyMap",
@@ -25,5 +28,6 @@ __all__ = [
     "read_volume",
     "same_geometry",
     "save_drilled",
+    "write_dicom",
     "write_volume",
 ]

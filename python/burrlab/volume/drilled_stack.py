@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import VoxelBone
 from burrlab.volume.adf import read_description
+from burrlab.volume.drilled_pair import content_digest
+from burrlab.volume.drilled_values import Changes
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.png_files import Slices, find_slices, pixels
 from burrlab.volume.stack import ROWS_ALONG_X
 from burrlab.volume.volume import Volume
 
-Greys = tuple[NDArray[np.bool_], NDArray[np.float64]]
+if TYPE_CHECKING:
+    from PIL import Image
 
 
 def stack_slices(like: Volume | LabelVolume) -> Slices | None:
@@ -36,12 +37,21 @@ def stack_slices(like: Volume | LabelVolume) -> Slices | None:
     return None
 
 
+def check_whole_stack(slices: Slices, like: Volume | LabelVolume) -> None:
+    """ValueError unless a volume has the voxels of the stack."""
+    turned = ROWS_ALONG_X in like.notes
+    sides = (slices.columns, slices.rows) if turned else (slices.rows, slices.columns)
+    if (len(slices.paths), *sides) != like.shape:
+        raise ValueError(
+            f"{like.path}: a stack must be whole to be saved as one, {(len(slices.paths), *sides)} voxels, got {like.shape}"
+        )
+
+
 def write_stack(
     target: Path,
     slices: Slices,
     like: Volume | LabelVolume,
-    bone: VoxelBone,
-    greys: Greys | None,
+    changed: Changes,
     beside: Callable[[Path, str], None],
 ) -> None:
     """Writes a folder of slices of the same names, sizes and kind, which appears when it is whole.
@@ -54,76 +64,57 @@ def write_stack(
         Of the original.
     like : Volume or LabelVolume
         Read of them.
-    bone : VoxelBone
-    greys : (ndarray, ndarray) or None
-        Which voxels lost something, and their new grey values; None for coloured slices, in which a voxel of which less than half
-        is left becomes transparent (black, without transparency).
+    changed : (ndarray, ndarray)
+        Which voxels change, and their grey values; of coloured slices they become transparent (black, without transparency).
     beside : callable
         Called with the folder before it appears and the digest of its slices.
-
-    Raises
-    ------
-    ValueError
-        If `like` is not the whole stack.
     """
-    turned = ROWS_ALONG_X in like.notes
-    shape = (
-        (len(slices.paths), slices.columns, slices.rows)
-        if turned
-        else (len(slices.paths), slices.rows, slices.columns)
-    )
-    if shape != like.shape:
-        raise ValueError(
-            f"{like.path}: a stack must be whole to be saved as one, {shape} voxels, got {like.shape}"
-        )
-    density, pristine = bone.density, bone.pristine
-    gone = 2 * density.astype(np.int64) < pristine
-    new = None
-    if greys is not None:
-        assert isinstance(like, Volume)
+    where, values = changed
+    new: NDArray[Any] | None = None
+    if isinstance(like, Volume):
         new = like.values.copy()
-        new[greys[0]] = np.rint(greys[1])
+        new[where] = np.rint(values)
     part = target.with_name(f".{target.name}.part")
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir()
     try:
-        digest = hashlib.sha256()
-        order = []
         for k, path in enumerate(slices.paths):
-            lost, plane = gone[k], None if new is None else new[k]
-            if turned:
-                lost, plane = lost.T, None if plane is None else plane.T
-            copy = part / path.name
-            _write_slice(path, copy, slices.kind, lost, plane)
-            order.append((path.name, copy))
-        for name, copy in sorted(order):
-            digest.update(name.encode() + b"\0" + hashlib.sha256(copy.read_bytes()).digest())
+            here, plane = where[k], None if new is None else new[k]
+            if ROWS_ALONG_X in like.notes:
+                here, plane = here.T, None if plane is None else plane.T
+            _write_slice(path, part / path.name, slices, here, plane)
         if Path(like.path).is_file():
             _write_description(Path(like.path), part)
-        beside(part, digest.hexdigest())
+        beside(part, content_digest(part))
         os.rename(part, target)
     finally:
         shutil.rmtree(part, ignore_errors=True)
 
 
 def _write_slice(
-    path: Path, copy: Path, kind: str, gone: NDArray[np.bool_], plane: NDArray[Any] | None
+    path: Path, copy: Path, slices: Slices, where: NDArray[np.bool_], plane: NDArray[Any] | None
 ) -> None:
+    with copy.open("wb") as file:
+        if not where.any() and slices.kind != "palette" and slices.bits >= 8:  # others change their kind
+            file.write(path.read_bytes())
+        else:
+            _draw(path, slices.kind, where, plane).save(file, format="PNG", compress_level=3)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _draw(path: Path, kind: str, where: NDArray[np.bool_], plane: NDArray[Any] | None) -> Image.Image:
     from PIL import Image
 
     image = pixels(path).copy()
     if plane is None:
-        image[gone] = 0
+        image[where] = 0
+        image[image[..., 3] == 0] = 0  # without transparency nothing else says that they are empty
     elif image.ndim == 2:
         image[...] = plane
     else:
         image[..., :3] = plane[..., None]
-    if kind == "RGB":
-        image = image[..., :3]
-    with copy.open("wb") as file:
-        Image.fromarray(image).save(file, format="PNG")
-        file.flush()
-        os.fsync(file.fileno())
+    return Image.fromarray(image[..., :3] if kind == "RGB" else image)
 
 
 def _write_description(path: Path, folder: Path) -> None:

@@ -55,10 +55,15 @@ class Palette:
         self.dtype = (
             np.uint8 if max(self.colours) < 256 else np.uint16 if max(self.colours) < 65536 else np.int32
         )
-        codes = np.array([_code(np.array(colour)) for colour in self.colours.values()])
-        order = np.argsort(codes)
-        self._codes = codes[order]
-        self._labels = np.array(list(self.colours))[order]
+        # A place for each colour there is: 0 for black, 1, 2, ... for the table's, the last for all others.
+        if len(self.colours) > 65533:
+            raise ValueError(f"palette must have at most 65533 colours, got {len(self.colours)}")
+        self._strange_place = len(self.colours) + 1
+        self._places = np.full(1 << 24, self._strange_place, np.uint16)
+        self._places[[0, *(_code(np.array(colour)) for colour in self.colours.values())]] = np.arange(
+            self._strange_place
+        )
+        self._labels = np.array([0, *self.colours, 0], self.dtype)
         self._strange: Counter[int] = Counter()
         self._example = ""
 
@@ -75,16 +80,16 @@ class Palette:
 
     def labels(self, image: NDArray[np.uint8], path: Path) -> NDArray[Any]:
         """Labels of a slice of RGBA pixels; ValueError for a colour that is not in the table, where it is to be refused."""
-        codes = _code(image[..., :3].astype(np.int64))
-        nothing = (image[..., 3] == 0) | (codes == 0)
-        place = np.minimum(np.searchsorted(self._codes, codes), len(self._codes) - 1)
-        found = np.where(nothing, 0, self._labels[place])
-        strange = ~nothing & (self._codes[place] != codes)
+        codes = _code(image[..., :3].astype(np.uint32))
+        codes[image[..., 3] == 0] = 0
+        places = self._places.take(codes)
+        found: NDArray[Any] = self._labels.take(places)
+        strange = places == self._strange_place
         if strange.any():
             found[strange] = self._of_strange(image, codes, strange, path)
-        return found.astype(self.dtype)
+        return found
 
-    def notes(self) -> list[str]:
+    def notes(self, name: str) -> list[str]:
         """What was done with colours that are in no table; ValueError with count and example where they are refused."""
         if not self._strange:
             return []
@@ -92,14 +97,14 @@ class Palette:
         many = f"{pixels} pixel{'s' if pixels > 1 else ''} of {kinds} colour{'s' if kinds > 1 else ''} that are in no table"
         if self.unknown == "refuse":
             raise ValueError(
-                f"{many}: {self._example}; blends of structures that overlap, or of scaling? "
-                "unknown='nearest' takes the nearest colour, unknown=LABEL that label"
+                f"{name}: {many}: {self._example}; blends of structures that overlap, or of scaling? "
+                "unknown='nearest' (--unknown nearest) takes the nearest colour, unknown=LABEL that label"
             )
         taken = "the nearest colour" if self.unknown == "nearest" else f"label {self.unknown}"
         return [f"{many} were taken as {taken}: {self._example}"]
 
     def _of_strange(
-        self, image: NDArray[np.uint8], codes: NDArray[np.int64], strange: NDArray[np.bool_], path: Path
+        self, image: NDArray[np.uint8], codes: NDArray[np.uint32], strange: NDArray[np.bool_], path: Path
     ) -> NDArray[Any]:
         kinds, inverse, counts = np.unique(codes[strange], return_inverse=True, return_counts=True)
         if not self._example:
@@ -111,7 +116,7 @@ class Palette:
         if self.unknown != "nearest":
             return np.full(inverse.shape, 0 if self.unknown == "refuse" else self.unknown)
         known = np.array(list(self.colours.values()))
-        own = np.stack([kinds >> 16, (kinds >> 8) & 255, kinds & 255], axis=-1)
+        own = np.stack([kinds >> 16, (kinds >> 8) & 255, kinds & 255], axis=-1).astype(np.int64)
         nearest = np.argmin(((own[:, None, :] - known[None]) ** 2).sum(axis=-1), axis=1)
         return np.asarray(np.array(list(self.colours))[nearest][inverse])
 

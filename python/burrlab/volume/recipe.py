@@ -121,9 +121,17 @@ class VolumeRecipe:
             self._read["volume"] = volume if self.crop is None else volume.crop(*self.crop)
         return self._read["volume"]
 
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed or done on reading the volume; errors as `volume`."""
+        return self.volume().notes
+
     def bone(self) -> VoxelBone:
         """The bone; errors as `volume` and `Volume.to_bone`."""
         return self.volume().to_bone(self.mapping, spacing=self.voxel)
+
+    def like(self) -> Volume:
+        """The volume on the voxels of the bone, for `save_drilled`."""
+        return self.volume() if self.voxel is None else self.volume().resample(self.voxel)
 
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""

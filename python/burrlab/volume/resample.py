@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from burrlab.specimen import MOST_VOXELS
 
 Array = NDArray[np.float64]
-_WHOLE = 1e-6  # of a voxel: by how much a field of view may miss a whole number of voxels
+_WHOLE = 1e-3  # of a voxel: by how much a field of view may miss a whole number of voxels, spacing in float32
 
 
 def resampled_shape(shape: tuple[int, int, int], old: Array, new: Array) -> tuple[int, int, int]:

@@ -1,0 +1,91 @@
+"""The two files of a half-drilled volume: the volume itself, and beside it the exact state of its bone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from burrlab.session.snapshot import FORMAT, FORMAT_VERSION, open_hdf5
+
+KIND = "burrlab drilled volume"
+#: Name of the exact state in a folder of slices.
+IN_FOLDER = "bone.h5"
+
+
+def content_digest(target: Path) -> str:
+    """SHA-256 of a file, or of the names and contents of a folder's slices."""
+    if target.is_file():
+        return hashlib.sha256(target.read_bytes()).hexdigest()
+    digest = hashlib.sha256()
+    for path in sorted(target.glob("*.png")):
+        digest.update(path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def sidecar(target: Path, digest: str) -> Path:
+    """Where the exact state of a volume of this content lies."""
+    if target.is_dir():
+        return target / IN_FOLDER
+    return target.with_name(f"{target.name}.{digest[:16]}.bone.h5")
+
+
+def sidecars(target: Path) -> list[Path]:
+    """Those that are there, of whatever content of the volume."""
+    if target.is_dir():
+        return [target / IN_FOLDER] if (target / IN_FOLDER).is_file() else []
+    head, tail = f"{target.name}.", ".bone.h5"
+    folder = target.resolve().parent
+    if not folder.is_dir():
+        return []
+    return sorted(
+        path
+        for path in folder.iterdir()
+        if path.name.startswith(head)
+        and path.name.endswith(tail)
+        and len(path.name) == len(head) + 16 + len(tail)
+    )
+
+
+def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
+    """The exact state that belongs to what a volume holds now, and what it says of itself; errors as `load_drilled`."""
+    digest = content_digest(target)
+    beside = sidecar(target, digest)
+    if not beside.is_file():
+        others = ", ".join(other.name for other in sidecars(target))
+        found = (
+            f"there is {others}, of another content of it"
+            if others
+            else "there is none: was the volume moved, or is it not one that was saved half-drilled?"
+        )
+        raise ValueError(f"{target}: the exact state, {beside.name}, must lie beside it, and {found}")
+    told = _told(beside)
+    if told.get("sha256") != digest:
+        raise ValueError(f"{target}: {beside.name} belongs to another content of it: one of them was changed")
+    return beside, told
+
+
+def replace_whole(target: Path, content: bytes) -> None:
+    """Writes a file that appears, or replaces an older one, when it is whole and on disk."""
+    part = target.with_name(f".{target.name}.part")
+    try:
+        with part.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(target)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _told(path: Path) -> dict[str, Any]:
+    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file:
+        try:
+            told = json.loads(file.attrs["source"])
+        except (KeyError, ValueError):
+            told = None
+    if not isinstance(told, dict) or told.get("kind") != KIND:
+        raise ValueError(f"{path} is a bone, but not one of a drilled volume")
+    return told

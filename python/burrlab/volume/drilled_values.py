@@ -1,0 +1,105 @@
+"""What a half-drilled volume's voxels hold, and the bytes of its file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from burrlab._core import VoxelBone
+from burrlab.volume.geometry import same_geometry
+from burrlab.volume.label_volume import LabelVolume
+from burrlab.volume.nrrd import segment_layers
+from burrlab.volume.occupancy_map import OccupancyMap
+from burrlab.volume.read import read_labels, read_volume
+from burrlab.volume.stored import ENDINGS, can_keep_header, read_stored
+from burrlab.volume.volume import Volume
+from burrlab.volume.write import write_volume
+
+#: Which voxels get another value, and these values.
+Changes = tuple[NDArray[np.bool_], NDArray[np.float64]]
+
+
+def grey_of_levels(mapping: OccupancyMap) -> NDArray[np.float64]:
+    """Grey value of each level 0 to 255, by the map turned round; of empty, the highest that is empty.
+
+    Raises
+    ------
+    ValueError
+        If occupancy falls somewhere with the grey value, or no grey value is empty.
+    """
+    greys, occupancies = np.array(mapping.greys), np.array(mapping.occupancies)
+    if np.any(np.diff(occupancies) < 0) or occupancies[0] > 0 or occupancies[-1] == 0:
+        raise ValueError(
+            f"map must rise from 0 with the grey value, for what was removed to have one, got {mapping.text}"
+        )
+    levels = np.arange(256) / 255.0
+    last = np.clip(np.searchsorted(occupancies, levels), int(np.argmax(occupancies > 0)), len(greys) - 1)
+    low, high = occupancies[last - 1], occupancies[last]
+    found = greys[last - 1] + np.minimum((levels - low) / (high - low), 1.0) * (greys[last] - greys[last - 1])
+    found[0] = greys[np.flatnonzero(occupancies == 0)[-1]]
+    return np.asarray(found)
+
+
+def changes(bone: VoxelBone, like: Volume | LabelVolume, mapping: OccupancyMap | None) -> Changes:
+    """Grey values of what lost something, by the map turned round; label 0 where less than half is left."""
+    density, pristine = bone.density, bone.pristine
+    lost = density < pristine
+    if isinstance(like, LabelVolume):
+        lost[lost] = 2 * density[lost].astype(np.int64) < pristine[lost]
+        return lost, np.zeros(np.count_nonzero(lost))
+    assert mapping is not None
+    was = like.values[lost].astype(np.float64)
+    return lost, np.minimum(grey_of_levels(mapping)[density[lost]], was)
+
+
+def file_ending(target: Path) -> str:
+    """The ending that says the format; ValueError for none of them."""
+    ending = next((e for e in ENDINGS if target.name.lower().endswith(e)), None)
+    if ending is None:
+        raise ValueError(f"path must end in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}, got {target}")
+    return ending
+
+
+def changed_file(target: Path, like: Volume | LabelVolume, changed: Changes) -> bytes:
+    """The bytes of the volume's file with other values, under the header of the original where that can be kept."""
+    where, values = changed
+    ending = file_ending(target)
+    if can_keep_header(like.path) and like.path.lower().endswith(ending) and _is_whole(like):
+        stored = read_stored(like.path)
+        new = stored.values.copy()
+        new[where] = stored.stored(values)
+        return stored.content(new)
+    part = target.with_name(f".{target.name}.values{ending}")
+    try:
+        write_volume(part, _changed(like, where, values))
+        return part.read_bytes()
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _changed(
+    like: Volume | LabelVolume, where: NDArray[np.bool_], values: NDArray[np.float64]
+) -> Volume | LabelVolume:
+    new = _voxels(like).copy()
+    new[where] = values if new.dtype.kind == "f" else np.rint(values)
+    return replace(like, labels=new) if isinstance(like, LabelVolume) else replace(like, values=new)
+
+
+def _is_whole(like: Volume | LabelVolume) -> bool:
+    """Whether the volume is what its file holds, in one layer, not cropped, resampled or changed."""
+    if like.path.lower().endswith(".nrrd") and segment_layers(like.path)[0] > 1:
+        return False
+    read = read_volume if isinstance(like, Volume) else read_labels
+    try:
+        whole = read(like.path, spacing=like.spacing)
+    except ValueError:  # another spacing than the file's
+        return False
+    return same_geometry(whole, like) and np.array_equal(_voxels(whole), _voxels(like))
+
+
+def _voxels(like: Volume | LabelVolume) -> NDArray[Any]:
+    return like.labels if isinstance(like, LabelVolume) else like.values

@@ -1,0 +1,80 @@
+"""Where one looks from: the surgeon's view, and two eyes whose pictures can be fused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import burrlab
+from burrlab.view import Viewpoint, surgeon_view
+from burrlab.view.camera import eyes
+from burrlab.view.scene_labels import scale_length
+
+
+def on_screen(view: Viewpoint, point, aspect=4 / 3, shift=0.0):
+    """Where a point is drawn, -1 to 1 from left to right and from bottom to top, by the definition."""
+    sight = np.subtract(view.focus, view.position) / view.distance
+    right = np.cross(sight, view.up)
+    right /= np.linalg.norm(right)
+    up = np.cross(right, sight)
+    away = np.subtract(point, view.position)
+    half = np.tan(np.deg2rad(view.angle) / 2) * (away @ sight)
+    return np.array([away @ right / (half * aspect) - shift, away @ up / half])
+
+
+@pytest.fixture
+def block():
+    return burrlab.VoxelBone.block((20, 30, 10), 0.5, origin=(1.0, 2.0, 3.0))
+
+
+@pytest.mark.parametrize("axis", [None, (0, 0, -1), (1, 0, 0), (0, -1, 0), (0.3, -0.5, 0.7)])
+def test_the_whole_volume_is_seen(block, axis):
+    view = surgeon_view(block, axis=axis)
+    low = np.array(block.origin) - 0.25
+    corners = low + np.array(np.meshgrid([0, 20], [0, 30], [0, 10])).reshape(3, -1).T
+    drawn = np.array([on_screen(view, corner, aspect=1.0) for corner in corners])
+    assert np.abs(drawn).max() < 1.25
+    assert np.abs(drawn).max() > 0.4  # and fills the picture
+    into = np.array((0, 0, -1) if axis is None else axis, float)
+    sight = np.subtract(view.focus, view.position) / view.distance
+    assert sight @ into / np.linalg.norm(into) == pytest.approx(np.cos(np.deg2rad(28)))
+
+
+def test_the_entry_is_in_the_middle_and_its_width_fills_the_view(block):
+    view = surgeon_view(block, (5, 6, 7), (0, 0, -2), width=12.0, tilt=0.0)
+    np.testing.assert_allclose(on_screen(view, (5, 6, 7)), 0, atol=1e-12)
+    np.testing.assert_allclose(on_screen(view, (5, 12, 7)), (0, 1), atol=1e-12)
+    assert view.position[2] > 7
+
+
+def test_eyes_agree_at_the_focus_and_part_behind_it(block):
+    view = surgeon_view(block, (5, 6, 7), width=12.0)
+    (left, left_shift), (right, right_shift) = eyes(view, 62.0, 4 / 3)
+    assert np.linalg.norm(np.subtract(left.position, right.position)) == pytest.approx(
+        62.0 * view.distance / 500.0
+    )
+    sight = np.subtract(view.focus, view.position) / view.distance
+    for shift, place in ((0.0, 0.0), (2.0, 1.0), (-2.0, -1.0)):
+        point = np.array(view.focus) + shift * sight
+        one = on_screen(left, point, shift=left_shift)
+        other = on_screen(right, point, shift=right_shift)
+        assert np.sign(round(other[0] - one[0], 12)) == place  # behind the focus: uncrossed
+        assert one[1] == pytest.approx(other[1], abs=1e-12)  # nothing is skewed: the same height
+    (same, shift), _ = eyes(view, 0.0, 4 / 3)
+    assert same.position == pytest.approx(view.position)
+    assert shift == 0
+
+
+@pytest.mark.parametrize(("most", "length"), [(7.3, 5.0), (5.0, 5.0), (0.05, 0.1), (1e4, 100.0)])
+def test_the_scale_is_of_a_round_length(most, length):
+    assert scale_length(most) == length
+
+
+def test_refused(block):
+    with pytest.raises(ValueError, match="axis must be three finite numbers, not all zero"):
+        surgeon_view(block, axis=(0, 0, 0))
+    for entry in ((1, 2), (0, 0, np.nan)):
+        with pytest.raises(ValueError, match=r"entry must be three finite numbers \(x, y, z\)"):
+            surgeon_view(block, entry=entry)
+    with pytest.raises(ValueError, match="width must be positive and tilt finite, got 0 and 28"):
+        surgeon_view(block, width=0)

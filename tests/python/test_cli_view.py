@@ -1,0 +1,189 @@
+"""burrlab view: what it writes, and one sentence for what it cannot."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from rendering_probe import need_drawing
+from session_scenes import small_bone
+from view_scenes import frames_in, read, write_trace
+
+import burrlab
+from burrlab.cli import main
+from burrlab.session.snapshot import save_bone
+
+SMALL = ("--size", "320x240")
+
+
+@pytest.fixture(scope="module")
+def trace(tmp_path_factory):
+    file = tmp_path_factory.mktemp("view") / "session.h5"
+    write_trace(file)
+    return file
+
+
+@pytest.fixture(scope="module")
+def volume(tmp_path_factory):
+    """8 x 6 x 4 mm of grey 1000 under air, at half a millimetre, turned by a quarter about z."""
+    sitk = pytest.importorskip("SimpleITK")
+    grey = np.full((8, 12, 16), 1000, np.int16)
+    grey[6:] = -1000
+    image = sitk.GetImageFromArray(grey)
+    image.SetSpacing((0.5, 0.5, 0.5))
+    image.SetOrigin((10.0, 20.0, 30.0))
+    image.SetDirection((0, -1, 0, 1, 0, 0, 0, 0, 1))
+    file = tmp_path_factory.mktemp("view") / "grey.nrrd"
+    sitk.WriteImage(image, str(file))
+    return file
+
+
+def call(capsys, *arguments):
+    try:
+        code = main(["view", *map(str, arguments)])
+    except SystemExit as stop:
+        code = stop.code
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def test_pictures_need_no_extra(trace, tmp_path):
+    """In a process that cannot import pyvista; the scene says so in one sentence."""
+    made, depth = tmp_path / "slices.png", tmp_path / "slices-depth.png"
+    program = f"""
+import sys
+sys.modules["pyvista"] = None
+from burrlab.cli import main
+assert main(["view", {str(trace)!r}, "--pictures", {str(made)!r}, "--json", "-"]) == 0
+sys.exit(main(["view", {str(trace)!r}, "--png", {str(tmp_path / "a.png")!r}]))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.stderr == "burrlab view: the view needs pyvista: pip install 'burrlab[viz3d]'\n"
+    assert done.returncode == 2
+    assert json.loads(done.stdout)["written"] == [str(made), str(depth)]
+    assert read(made).shape == (780, 1920, 3)
+    assert read(depth).shape[1] > 800
+
+
+def test_pictures_of_a_volume_are_in_the_bone_frame(volume, tmp_path, capsys):
+    made = tmp_path / "slices.png"
+    code, out, _ = call(
+        capsys, "--volume", volume, "--map", "-1000:1000", "--pictures", made, "--entry", "9,21,32", "--json", "-"
+    )  # fmt: skip
+    assert code == 0
+    assert json.loads(out)["written"] == [str(made)]  # nothing removed: no depth
+    assert read(made).shape == (780, 1920, 3)
+
+
+def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
+    png = tmp_path / "a.png"
+    for said, *arguments in (
+        ("view needs one of TRACE, --bone FILE, and --volume or --labels FILE",),
+        ("view needs one of TRACE, --bone FILE, and --volume or --labels FILE", trace, "--bone", trace),
+        ("--at goes with a trace", "--bone", trace, "--at", 1),
+        ("--at goes with a trace", "--bone", trace, "--at", 0),
+        ("--video goes with a trace", "--volume", volume, "--video", "a.mp4"),
+        ("--map goes with --volume or --labels", trace, "--map", "0:1"),
+        ("--voxel goes with --volume or --labels", "--bone", trace, "--voxel", 1),
+        ("--unknown goes with --labels", trace, "--unknown", "nearest"),
+        ("--volume needs --map", "--volume", volume),
+        ("--port goes with --web", trace, "--port", 8080),
+        ("--png goes without --web", trace, "--web", "--png", png),
+        ("--axis goes with --entry", trace, "--axis", "0,0,-1"),
+        ("--png: a.jpg must end in .png", trace, "--png", "a.jpg"),
+        ("--video: a.avi must end in .mp4 or .gif", trace, "--video", "a.avi"),
+        (f"--png: {tmp_path}/no/a.png cannot be written", trace, "--png", f"{tmp_path}/no/a.png"),
+        (f"--pictures: {tmp_path} cannot be written", trace, "--pictures", tmp_path),
+    ):  # fmt: skip
+        code, out, err = call(capsys, *arguments)
+        assert (code, out, err) == (2, "", f"burrlab view: {said}\n")
+    assert not png.exists()
+
+
+def test_bad_values_and_files(trace, tmp_path, capsys):
+    code, _, err = call(capsys, trace, "--size", "8x8")
+    assert code == 2
+    assert "must be WIDTHxHEIGHT of at least 16 pixels, got '8x8'" in err
+    code, _, err = call(capsys, trace, "--pictures", tmp_path / "a.png", "--at", 99)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "seconds must be from 0 to 0." in err
+    broken = tmp_path / "broken.h5"
+    broken.write_bytes(trace.read_bytes()[:1000])
+    for arguments in ((broken,), ("--bone", broken), (tmp_path / "none.h5",)):
+        code, out, err = call(capsys, *arguments, "--pictures", tmp_path / "b.png")
+        assert (code, out, err.count("\n")) == (2, "", 1)
+    assert not list(tmp_path.glob("*.png"))
+
+
+def test_a_window_without_a_screen_is_one_sentence(trace, capsys, monkeypatch):
+    pytest.importorskip("pyvista")
+    if not sys.platform.startswith("linux"):
+        pytest.skip("other systems have a screen")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    code, _, err = call(capsys, trace)
+    assert code == 2
+    assert (
+        err
+        == "burrlab view: a window needs a screen and there is none: draw to a file (--png, --video) or a page (--web)\n"
+    )
+
+
+@pytest.mark.slow
+def test_picture_film_and_stereo_of_a_trace(trace, tmp_path, capsys):
+    need_drawing()
+    png, stereo, film = tmp_path / "a.png", tmp_path / "b.png", tmp_path / "c.gif"
+    assert call(capsys, trace, "--png", png, "--at", 0.2, *SMALL)[0] == 0
+    assert call(capsys, trace, "--png", stereo, "--stereo", "--slices", *SMALL)[0] == 0
+    assert read(png).shape == (240, 320, 3)
+    assert read(stereo).shape == (240, 640, 3)
+    code, out, _ = call(capsys, trace, "--video", film, "--fps", 10, "--speed", 0.5, "--json", "-", *SMALL)
+    assert code == 0
+    duration = burrlab.load_trace(trace).duration
+    frames = int(duration * 10 / 0.5 + 1e-9) + 1
+    assert json.loads(out)["frames"] == frames
+    assert frames_in(film) == frames
+
+
+@pytest.mark.slow
+def test_picture_of_bone_and_volume(volume, tmp_path, capsys):
+    need_drawing()
+    file = tmp_path / "bone.h5"
+    save_bone(file, small_bone(), 0)
+    looks = ((), ("--entry", "0,0,0", "--axis", "0,0,-1", "--width", 8, "--slices"))
+    pictures = []
+    for i, look in enumerate(looks):
+        png = tmp_path / f"{i}.png"
+        assert call(capsys, "--bone", file, "--png", png, *look, *SMALL)[0] == 0
+        pictures.append(read(png))
+    assert pictures[0].shape == pictures[1].shape == (240, 320, 3)
+    assert (pictures[0] != pictures[1]).any()
+    png = tmp_path / "v.png"
+    look = ("--entry", "8,22,32.5", "--axis", "0,0,-1", "--width", 8)
+    code = call(capsys, "--volume", volume, "--map", "-1000:1000", "--png", png, *look, *SMALL)[0]
+    assert code == 0
+    middle = read(png)[120, 160].astype(int)
+    assert middle.min() > 90  # bone is where the entry is, in the volume's own coordinates
+
+
+@pytest.mark.slow
+def test_missing_libraries_are_one_sentence(trace, tmp_path):
+    """With a loader that finds neither EGL nor OSMesa."""
+    program = (
+        "import ctypes.util, sys; ctypes.util.find_library = lambda name: None\n"
+        "from burrlab.cli import main\n"
+        "sys.exit(main(sys.argv[1:]))"
+    )
+    kept = {"DISPLAY", "WAYLAND_DISPLAY", "VTK_DEFAULT_OPENGL_WINDOW"}
+    environment = {name: value for name, value in os.environ.items() if name not in kept}
+    done = subprocess.run(
+        [sys.executable, "-c", program, "view", str(trace), "--png", str(tmp_path / "a.png")],
+        capture_output=True, text=True, check=False, env=environment,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.startswith("burrlab view: drawing without a screen needs the Debian packages libegl1")
+    assert done.stderr.count("\n") == 1

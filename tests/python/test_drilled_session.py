@@ -1,0 +1,252 @@
+"""A session on a labelled bone, kept at its end in each format, seen by other readers, and gone on with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from dicom_series import write_series
+from PIL import Image
+from test_segments import FIELDS, seg_nrrd
+
+import burrlab
+from burrlab import Burr, ScriptedDevice, Session, VoxelBone, materials
+from burrlab.anatomy import LabelledRecipe, default_tissues
+from burrlab.anatomy.known_tissues import VOLUMETRIC_DRILLING
+from burrlab.session.network import make_bone
+from burrlab.volume import (
+    DrilledRecipe,
+    LabelVolume,
+    OccupancyMap,
+    Volume,
+    VolumeRecipe,
+    load_drilled,
+    read_labels,
+    read_volume,
+    save_drilled,
+    write_volume,
+)
+
+MAP = OccupancyMap.two_point(0, 1000)
+SPACING = (0.25, 0.25, 0.25)
+TURNED = np.array([[0.0, 1, 0], [0, 0, -1], [1, 0, 0]])
+TABLE = default_tissues({1: "bone", 4: "facial nerve"})
+
+
+def labels() -> np.ndarray:
+    found = np.ones((28, 32, 36), np.uint8)
+    found[:, 12:20] = 4
+    found[22:] = 0
+    return found
+
+
+def greys() -> np.ndarray:
+    noise = np.random.default_rng(3).integers(0, 400, labels().shape)
+    return np.where(labels() > 0, 800 + noise, -1000).astype(np.int16)
+
+
+def volume(direction: np.ndarray = TURNED) -> Volume:
+    return Volume(greys(), SPACING, (5.0, -6.0, 7.0), direction, "made")
+
+
+def label_file(path: Path, like: Volume) -> Path:
+    write_volume(path, LabelVolume(labels(), like.spacing, like.origin, like.direction, "made"))
+    return path
+
+
+def coloured(folder: Path) -> Path:
+    colour = {
+        0: (0, 0, 0, 0),
+        1: (*VOLUMETRIC_DRILLING["Bone"], 255),
+        4: (*VOLUMETRIC_DRILLING["Facial_Nerve"], 255),
+    }
+    folder.mkdir()
+    for k, plane in enumerate(np.array([colour.get(i, (0, 0, 0, 0)) for i in range(5)], np.uint8)[labels()]):
+        Image.fromarray(plane).save(folder / f"plane00{k:03d}.png")
+    text = "VOLUME v:\n  dimensions: {x: 0.009, y: 0.008, z: 0.007}\n  images: {path: slices, prefix: plane00, format: png}\n"
+    (folder.parent / "v.yaml").write_text(text)
+    return folder.parent / "v.yaml"
+
+
+def recipe(kind: str, folder: Path) -> tuple[LabelledRecipe | VolumeRecipe, str]:
+    """How the bone is made, and where it is kept."""
+    if kind == "coloured slices":
+        table = default_tissues({0: "air", 1: "bone", 10: "facial nerve"})
+        return LabelledRecipe(str(coloured(folder / "slices")), table), "kept"
+    if kind == "segmentation":
+        return LabelledRecipe(str(seg_nrrd(folder / "a.seg.nrrd", labels(), FIELDS)), TABLE), "kept.seg.nrrd"
+    if kind == "labels.nii.gz":
+        return LabelledRecipe(str(label_file(folder / "a.nii.gz", volume())), TABLE), "kept.nii.gz"
+    if kind == "DICOM":
+        write_series(folder / "series", greys(), step=0.25, spacing=(0.25, 0.25))
+        grey = read_volume(folder / "series")
+        name = "kept.nrrd"
+        source = folder / "series"
+    else:
+        source, name, grey = folder / f"ct{kind}", f"kept{kind}", volume()
+        write_volume(source, grey)
+    file = label_file(folder / "labels.nrrd", grey)
+    return LabelledRecipe(str(file), TABLE, VolumeRecipe(str(source), MAP)), name
+
+
+def device(bone: VoxelBone, since: int, ticks: int) -> ScriptedDevice:
+    """One path through bone and nerve, of which a session does a part; a tick a ms."""
+    at = np.arange(since, since + ticks + 9) / 1e3  # longer than the session
+    start = np.array(bone.origin) + np.array(bone.spacing) * (10, 8, 24)
+    return ScriptedDevice(at - at[0], start + np.outer(at, (6.0, 10.0, -4.0)))
+
+
+def drill(bone: VoxelBone, tick: int, ticks: int) -> tuple[VoxelBone, int]:
+    tool = Burr(1.7), materials["bone"]
+    session = Session(
+        bone, tool, device(bone, tick, ticks), seed=7, tick=tick, duration=ticks / 1e3, wall_clock=False
+    )
+    with session:
+        assert session.wait(60)
+    return session.snapshot()
+
+
+KINDS = (".nrrd", ".nii", ".nii.gz", ".mha", "DICOM", "coloured slices", "segmentation", "labels.nii.gz")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_kept_seen_and_gone_on_with(kind: str, tmp_path: Path) -> None:
+    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+    pytest.importorskip("yaml", reason="extra `medical` is not installed")
+    made, name = recipe(kind, tmp_path)
+    bone, tick = drill(made.bone(), 0, 500)
+    assert tick == 500
+    assert min(bone.removed_of(tissue) for tissue in ("bone", "facial nerve")) > 0
+    path = tmp_path / name
+    like = made.like()
+    save_drilled(path, bone, like, mapping=made.mapping, tick=tick)
+
+    values, affine = independent(path)
+    original = like.labels if isinstance(like, LabelVolume) else like.values
+    whole = bone.density == bone.pristine
+    assert np.count_nonzero(~whole) > 100
+    np.testing.assert_array_equal(values[whole], original[whole])
+    gone = (bone.density == 0) & ~whole
+    assert np.count_nonzero(gone) > 10
+    assert (values[gone] == 0).all()
+    if affine is not None:  # turned as the original, centre of the first voxel where it was
+        np.testing.assert_allclose(affine[:3, :3], like.direction * like.spacing, atol=1e-6)
+        np.testing.assert_allclose(affine[:3, 3], like.origin, atol=1e-5)
+
+    kept = load_drilled(path)
+    assert (kept.bone.digest(), kept.tick, kept.mapping) == (bone.digest(), 500, made.mapping)
+    np.testing.assert_array_equal(kept.bone.pristine, made.bone().pristine)
+    assert kept.bone.tissues == made.bone().tissues
+    np.testing.assert_array_equal(kept.bone.tissue_numbers, made.bone().tissue_numbers)
+
+    later, tick = drill(kept.bone, kept.tick, 400)  # the next day
+    assert tick == 900
+    assert later.digest() == drill(made.bone(), 0, 900)[0].digest()  # as if there had been no night
+    if path.is_dir():
+        with pytest.raises(FileExistsError, match="path must be a new folder"):
+            save_drilled(path, later, kept.volume(), tick=tick)
+        path = tmp_path / "second"
+    save_drilled(path, later, kept.volume(), mapping=kept.mapping, tick=tick)
+    again = load_drilled(path)
+    assert (again.bone.digest(), again.tick) == (later.digest(), 900)
+    np.testing.assert_array_equal(again.bone.pristine, made.bone().pristine)
+    values, _ = independent(path)
+    assert (values[(later.density == 0) & (later.pristine > 0)] == 0).all()
+    untouched = later.density == later.pristine
+    np.testing.assert_array_equal(values[untouched], original[untouched])
+
+
+def independent(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
+    """Values (z, y, x), and the matrix from voxel (x, y, z) to LPS, by readers that are not ours."""
+    if path.is_dir():
+        planes = []
+        for file in sorted(path.glob("*.png")):
+            with Image.open(file) as image:
+                planes.append(np.asarray(image))
+        colours = np.stack(planes).astype(int)
+        code = np.zeros(colours.shape[:3], int)
+        for label, name in ((1, "Bone"), (10, "Facial_Nerve")):
+            code[(colours == (*VOLUMETRIC_DRILLING[name], 255)).all(axis=-1)] = label
+        assert ((code > 0) == (colours[..., 3] > 0)).all()
+        return code, None
+    if ".nii" in path.name:
+        nibabel = pytest.importorskip("nibabel", reason="nibabel, an independent reader, is not installed")
+        image = nibabel.load(path)
+        return np.asarray(image.dataobj).transpose(2, 1, 0), np.diag([-1, -1, 1, 1]) @ image.affine
+    if path.suffix == ".nrrd":
+        nrrd = pytest.importorskip("nrrd", reason="pynrrd, an independent reader, is not installed")
+        values, header = nrrd.read(str(path))
+        assert header["space"] == "left-posterior-superior"
+        matrix = np.eye(4)
+        matrix[:3, :3] = header["space directions"].T
+        matrix[:3, 3] = header["space origin"]
+        return values.transpose(2, 1, 0), matrix
+    import zlib
+
+    head, _, data = path.read_bytes().partition(b"ElementDataFile = LOCAL\n")
+    fields = dict(line.split(" = ", 1) for line in head.decode().splitlines())
+    data = zlib.decompress(data) if fields["CompressedData"] == "True" else data
+    shape = [int(n) for n in fields["DimSize"].split()][::-1]
+    matrix = np.eye(4)
+    axes = np.array([float(n) for n in fields["TransformMatrix"].split()]).reshape(3, 3)
+    matrix[:3, :3] = axes.T * np.array([float(n) for n in fields["ElementSpacing"].split()])
+    matrix[:3, 3] = [float(n) for n in fields["Offset"].split()]
+    return np.frombuffer(data, "<i2").reshape(shape), matrix
+
+
+def test_a_segmentation_keeps_names_and_layers_become_labels(tmp_path: Path) -> None:
+    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+    made, name = recipe("segmentation", tmp_path)
+    bone, tick = drill(made.bone(), 0, 300)
+    save_drilled(tmp_path / name, bone, made.like(), tick=tick)
+    again = read_labels(tmp_path / name)
+    assert again.names == {1: "Bone", 4: "Facial_Nerve"}
+    head = (tmp_path / "a.seg.nrrd").read_bytes().partition(b"\n\n")[0]
+    assert (tmp_path / name).read_bytes().startswith(head + b"\n\n")
+    two = np.stack([labels() == 1, labels() == 4], axis=-1)
+    fields = {**FIELDS, "Segment1_LabelValue": "1", "Segment1_Layer": "1"}
+    layered = read_labels(seg_nrrd(tmp_path / "b.seg.nrrd", two, fields))
+    table = default_tissues({1: "bone", 2: "facial nerve"})
+    bone, _ = drill(LabelledRecipe(layered.path, table).bone(), 0, 300)
+    save_drilled(tmp_path / "c.seg.nrrd", bone, layered)
+    again = read_labels(tmp_path / "c.seg.nrrd")
+    gone = 2 * bone.density.astype(int) < bone.pristine
+    np.testing.assert_array_equal(again.labels, np.where(gone, 0, layered.labels))
+    assert load_drilled(tmp_path / "c.seg.nrrd").bone.digest() == bone.digest()
+
+
+def test_a_recipe_of_a_kept_bone(tmp_path: Path) -> None:
+    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+    made, name = recipe(".nrrd", tmp_path)
+    bone, tick = drill(made.bone(), 0, 300)
+    save_drilled(tmp_path / name, bone, made.like(), mapping=MAP, tick=tick)
+    kept = DrilledRecipe(str(tmp_path / name))
+    assert (kept.tick, kept.mapping, kept.bone().digest()) == (300, MAP, bone.digest())
+    plain: dict[str, Any] = kept.plain()
+    assert plain == {"kind": "drilled volume", "path": str(tmp_path / name), "digest": bone.digest()}
+    assert make_bone(plain).digest() == bone.digest()
+    where = volume().patient_point(np.array(bone.origin) + np.array(bone.spacing) * (5, 4, 27))
+    axis = volume().patient_point((0, 0, -1.0))
+    one = kept.specimen(entry=where, axis=axis)
+    np.testing.assert_allclose(one.surface, made.specimen(entry=where, axis=axis).surface)
+    with pytest.raises(ValueError, match=r"radius of the burr must be at least 4 voxels of 0.25 mm, got 0.5"):
+        kept.check_burr(Burr(0.5))
+
+    burrlab.save_bone(tmp_path / "alone.h5", bone, tick)
+    alone = DrilledRecipe(str(tmp_path / "alone.h5"))
+    assert (alone.tick, alone.mapping, alone.bone().digest()) == (300, None, bone.digest())
+    there = alone.specimen(entry=np.array(bone.origin) + (1, 1, 6.8), axis=(0, 0, -1))
+    np.testing.assert_allclose(there.axis, (0, 0, -1))
+    with pytest.raises(
+        ValueError, match=r"alone\.h5 is a bone alone, without a volume: save it as .h5 again"
+    ):
+        alone.like()
+
+    later, tick = drill(bone, tick, 100)
+    save_drilled(tmp_path / name, later, made.like(), mapping=MAP, tick=tick)
+    with pytest.raises(ValueError, match=r"kept.nrrd: the bone has digest \w+ by now, and \w+ is asked for"):
+        make_bone(plain)
+    with pytest.raises(ValueError, match="recipe must be that of"):
+        make_bone({"kind": "drilled volume", "path": "x"})

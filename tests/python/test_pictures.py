@@ -1,0 +1,151 @@
+"""Pictures by matplotlib alone: what they show is where it is, in mm."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+import burrlab
+from burrlab.view import depth_map, plot_depth_map, plot_slices
+from burrlab.view.pictures import removed_thickness
+from burrlab.view.slice_image import REMOVED, slice_image
+
+SPACING, ORIGIN = (0.1, 0.2, 0.4), (-1.0, 2.0, 5.0)
+
+
+@pytest.fixture
+def bone():
+    """Two tissues, full; 30 x 20 x 10 voxels."""
+    made = burrlab.VoxelBone(np.full((10, 20, 30), 255, np.uint8), SPACING, ORIGIN)
+    table = [
+        burrlab.Tissue("cortex", label=1, c_e=2.1, alpha=0.1, colour=(200, 190, 150)),
+        burrlab.Tissue("nerve", label=2, c_e=2.1, alpha=0.1, colour=(240, 220, 20), critical=True),
+    ]
+    numbers = np.zeros((10, 20, 30), np.uint8)
+    numbers[4:6, 8:12] = 1  # along x
+    made.set_tissues(burrlab.Tissues(table, burrlab.materials["bone"]), numbers)
+    return made
+
+
+@pytest.fixture
+def crater():
+    """A block of 6 x 6 x 3 mm, its top at z = 0, with a crater of a burr of 2 mm."""
+    made = burrlab.VoxelBone.block((6, 6, 3), 0.1, origin=(-2.95, -2.95, -2.95))
+    contact = burrlab.BurrContact(made, burrlab.Burr(2.0), burrlab.materials["bone"], 1)
+    for z in np.linspace(2.2, 0.8, 29):
+        contact.run(np.tile([0.0, 0.0, z], (60, 1)), 1.0)
+    return made
+
+
+def test_a_slice_is_the_plane_of_voxels_with_its_outer_faces(bone):
+    image = slice_image(bone, (0.0, 4.1, 7.1), "yz")
+    assert image.levels.shape == (10, 20)
+    assert image.extent == pytest.approx((2.0 - 0.1, 2.0 + 19.5 * 0.2, 5.0 - 0.2, 5.0 + 9.5 * 0.4))
+    assert image.position == pytest.approx(0.0)
+    np.testing.assert_array_equal(image.pixels[5, 10], (240, 220, 20))  # rows are z, upwards
+    np.testing.assert_array_equal(image.pixels[6, 10], (200, 190, 150))
+    assert slice_image(bone, (99, 0, 0), "xz").position == pytest.approx(2.0)  # the outermost plane
+    assert image.burr_radius((0.3, 0, 0), 0.5) == pytest.approx(0.4)
+    assert image.burr_radius((0.6, 0, 0), 0.5) == 0
+
+
+def test_planes_agree_where_they_meet(bone):
+    contact = burrlab.BurrContact(bone, burrlab.Burr(1.7), burrlab.materials["bone"], 1)
+    contact.run(np.tile([0.5, 4.0, 8.0], (50, 1)), 1.0)
+    point, index = (0.5, 4.0, 7.0), (15, 10, 5)
+    images = {plane: slice_image(bone, point, plane) for plane in ("xy", "xz", "yz")}
+    np.testing.assert_array_equal(images["xy"].pixels[index[1], :], images["xz"].pixels[index[2], :])
+    np.testing.assert_array_equal(images["xy"].pixels[:, index[0]], images["yz"].pixels[index[2], :])
+    np.testing.assert_array_equal(images["xz"].levels[:, index[0]], bone.density[:, index[1], index[0]])
+
+
+def test_what_was_removed_has_a_colour_of_its_own(crater):
+    image = slice_image(crater, (0, 0, -0.5), "xz")
+    middle = image.pixels[-2, 30]
+    np.testing.assert_array_equal(middle, REMOVED)
+    assert not (image.pixels[2, 30] == REMOVED).all()
+
+
+def test_slices_have_units_outlines_and_a_legend(bone):
+    axes = plot_slices(bone, (0.5, 4.0, 7.0), radii=[0.7])
+    assert [a.get_xlabel() for a in axes] == ["x [mm]", "x [mm]", "y [mm]"]
+    assert [a.get_ylabel() for a in axes] == ["y [mm]", "z [mm]", "z [mm]"]
+    assert [a.get_title() for a in axes] == ["z = 7.00 mm", "y = 4.00 mm", "x = 0.50 mm"]
+    for one in axes:
+        (circle,) = [patch for patch in one.patches if isinstance(patch, Circle)]
+        assert circle.radius == pytest.approx(0.7)
+        assert one.get_aspect() == 1.0
+    figure = axes[0].figure
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["cortex", "nerve"]
+    mine = Figure()
+    assert plot_slices(bone, (0, 0, 0), figure=mine)[0].figure is mine
+    assert not mine.legends or [t.get_text() for t in mine.legends[0].get_texts()]
+
+
+def test_depth_of_a_crater(crater):
+    depth = depth_map(crater)
+    assert depth.shape == (60, 60)
+    y, x = np.indices(depth.shape) * 0.1 - 2.95
+    cap = np.maximum(np.sqrt(np.maximum(4.0 - x**2 - y**2, 0)) - 0.8, 0)  # sphere at z = 0.8
+    assert np.abs(depth - cap).max() < 0.25
+    assert np.abs(depth - cap).mean() < 0.05  # half a voxel: the rim erodes slowly
+    thickness = removed_thickness(crater)
+    assert thickness.sum() * 0.1**2 == pytest.approx(crater.removed)
+    np.testing.assert_allclose(thickness, removed_thickness(crater, axis="z"))
+
+
+def test_depth_is_of_what_one_sees(bone):
+    """Through a hole one sees the far face; from behind the other depth."""
+    levels = np.full((10, 10, 10), 255, np.uint8)
+    levels[:, 3, 3] = 0
+    pristine = burrlab.VoxelBone(levels, 0.1)
+    assert depth_map(pristine).max() == 0  # as it was
+    hole = burrlab.VoxelBone.block((3, 3, 1), 0.1, origin=(0, 0, 0))
+    contact = burrlab.BurrContact(hole, burrlab.Burr(0.5), burrlab.materials["bone"], 1)
+    contact.run(np.tile([1.5, 1.5, 1.1], (2000, 1)), 1.0)
+    front, back = depth_map(hole), depth_map(hole, axis="z")
+    assert front[15, 15] > 0.3
+    assert back.max() == 0
+    np.testing.assert_allclose(removed_thickness(hole, axis="x").sum(), hole.removed / 0.01, rtol=1e-9)
+    assert depth_map(hole, axis="-y").shape == (10, 30)
+
+
+def test_the_map_says_what_it_shows(crater):
+    axes = plot_depth_map(crater)
+    assert axes.get_xlabel() == "x [mm]"
+    assert axes.get_ylabel() == "y [mm]"
+    assert (
+        axes.get_title() == f"{crater.removed:.1f} mm$^3$ removed, {depth_map(crater).max():.2f} mm at most"
+    )
+    low, high = axes.get_xlim()
+    assert -3.0 < low < -1.8
+    assert 1.8 < high < 3.0
+    bar = axes.figure.axes[1]
+    assert bar.get_ylabel() == "depth along z [mm]"
+    whole = plot_depth_map(crater, axis="x", thickness=True, crop=False, contours=0)
+    assert whole.get_xlim() == pytest.approx((-3.0, 3.0))
+    assert whole.figure.axes[1].get_ylabel() == "bone removed along x [mm]"
+    assert plot_depth_map(crater, axis="z").xaxis_inverted()  # from below: left is left
+
+
+def test_an_untouched_bone_has_an_empty_map():
+    axes = plot_depth_map(burrlab.VoxelBone.block((2, 2, 2), 0.1))
+    assert axes.get_title() == "0.0 mm$^3$ removed, 0.00 mm at most"
+
+
+def test_refused(bone):
+    with pytest.raises(ValueError, match="plane must be one of xy, xz, yz, got 'zy'"):
+        slice_image(bone, (0, 0, 0), "zy")
+    with pytest.raises(ValueError, match="point must be three finite numbers"):
+        plot_slices(bone, (0, np.inf, 0))
+    with pytest.raises(ValueError, match="centers must be one for each of 2 radii, got 0"):
+        plot_slices(bone, (0, 0, 0), radii=[1, 2])
+    for draw in (depth_map, removed_thickness, plot_depth_map):
+        with pytest.raises(ValueError, match="axis must be one of x, -x, y, -y, z, -z, got 'up'"):
+            draw(bone, axis="up")
+    with pytest.raises(ValueError, match="level must be from 1 to 255, got 0"):
+        depth_map(bone, level=0)
+    with pytest.raises(ValueError, match="contours must be zero or positive, got -1"):
+        plot_depth_map(bone, contours=-1)

@@ -1,0 +1,247 @@
+"""The scene drawn: what is put into it is seen, and it follows sessions and traces."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import time
+
+import numpy as np
+import pytest
+from rendering_probe import need_drawing
+from replica_scenes import Leader
+from session_scenes import small_bone, tools
+from view_scenes import parcels, read, write_trace
+
+import burrlab
+from burrlab.session.network import follow
+from burrlab.view import LiveView, Scene, TraceView, surface_blocks, surgeon_view, write_video
+from burrlab.view.parcel_actor import parcel_colours
+
+pytestmark = pytest.mark.slow
+SIZE = (320, 240)
+
+
+@pytest.fixture
+def scene():
+    need_drawing()
+    made = Scene(small_bone(), [1.0], off_screen=True, size=SIZE, chart=False)
+    made.look(surgeon_view(made.bone, (0, 0, 0), width=8.0, tilt=0.0))
+    yield made
+    made.close()
+
+
+def differing(one, other):
+    return np.abs(one.astype(int) - other.astype(int)).max(axis=2) > 8
+
+
+def test_a_burr_is_drawn_where_it_is_and_as_large(scene):
+    before = scene.picture()
+    assert before.shape == (240, 320, 3)
+    scene.move_burrs([[1.0, -0.5, 1.5]], [True])
+    rows, columns = np.nonzero(differing(scene.picture(), before))
+    pixel = 8.0 / 240  # [mm] at the height of the focus; the burr is 1.5 mm nearer
+    distance = scene.viewpoint.distance
+    nearer = distance / (distance - 1.5)
+    assert (columns.mean() - 159.5) * pixel == pytest.approx(1.0 * nearer, abs=0.1)
+    assert (119.5 - rows.mean()) * pixel == pytest.approx(-0.5 * nearer, abs=0.1)
+    assert np.ptp(columns) * pixel == pytest.approx(2.0 * nearer, rel=0.08)
+    scene.move_burrs([[np.nan] * 3])
+    assert not differing(scene.picture(), before).any()
+
+
+def test_an_update_draws_what_a_new_scene_draws(scene):
+    bone = scene.bone
+    before = bone.density.copy()
+    contact = burrlab.BurrContact(bone, burrlab.Burr(1.0), burrlab.materials["bone"], 1)
+    contact.run(np.tile([-1.0, 0.5, 0.3], (100, 1)), 1.0)
+    changed = np.unique(np.argwhere(bone.density != before) // 8, axis=0)
+    seen = scene.picture()
+    assert 0 < scene.update(bone, changed) < len(scene.surface.blocks) + 1
+    updated = scene.picture()
+    assert differing(updated, seen).any()
+    anew = Scene(bone, [1.0], off_screen=True, size=SIZE, chart=False)
+    anew.look(scene.viewpoint)
+    np.testing.assert_array_equal(anew.picture(), updated)
+    anew.close()
+
+
+def test_neighbouring_blocks_show_no_seam():
+    """A flat top across four blocks is one colour."""
+    need_drawing()
+    bone = burrlab.VoxelBone.block((9.6, 9.6, 3), 0.1, origin=(0, 0, 0))
+    scene = Scene(bone, [], off_screen=True, size=SIZE)
+    assert len(surface_blocks(bone)) == 9
+    scene.look(surgeon_view(bone, (4.75, 4.75, 2.95), width=6.0, tilt=0.0))
+    scene.scale.bar.SetVisibility(False)
+    middle = scene.picture()[40:190, 60:260].astype(int)
+    assert np.abs(np.diff(middle, axis=0)).max() <= 2
+    assert np.abs(np.diff(middle, axis=1)).max() <= 2
+    scene.close()
+
+
+def test_particles_slices_and_curves_are_seen(scene):
+    plain = scene.picture()
+    scene.set_parcels(parcels(50))
+    assert differing(scene.picture(), plain).sum() > 50
+    scene.set_parcels(None)
+    assert not differing(scene.picture(), plain).any()
+    scene.set_slices((0.0, 0.0, -1.0))
+    beside = scene.picture()
+    assert differing(beside, plain)[:, 250:].mean() > 0.5
+    scene.set_slices(None)
+    assert not differing(scene.picture(), plain).any()
+
+
+def test_a_chart_appears_with_its_values():
+    need_drawing()
+    scene = Scene(small_bone(), [1.0], off_screen=True, size=SIZE)
+    plain = scene.picture()
+    time = np.linspace(0, 1, 20)
+    scene.set_curves(time[:1], time[:1], time[:1])
+    assert not differing(scene.picture(), plain).any()
+    scene.set_curves(time, time**2, time)
+    changed = differing(scene.picture(), plain)
+    assert changed[160:, :100].any()
+    assert not changed[:120].any()
+    scene.close()
+
+
+def test_eyes_differ_but_not_at_the_focus(scene):
+    scene.move_burrs([[0.0, 0.0, 3.0]])
+    pair = scene.stereo_picture()
+    assert pair.shape == (240, 640, 3)
+    left, right = pair[:, :320], pair[:, 320:]
+    assert differing(left, right).any()
+    np.testing.assert_array_equal(scene.stereo_picture(swap=True), np.concatenate([right, left], axis=1))
+    one, other = np.split(scene.stereo_picture(0.0), 2, axis=1)
+    np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(scene.picture(), one)  # the camera is back in the middle
+
+
+def test_files_are_pictures(scene, tmp_path):
+    scene.screenshot(tmp_path / "a.png")
+    scene.stereo_pair(tmp_path / "b.png")
+    assert read(tmp_path / "a.png").shape == (240, 320, 3)
+    assert read(tmp_path / "b.png").shape == (240, 640, 3)
+    with pytest.raises(OSError, match="No such file"):
+        scene.screenshot(tmp_path / "no" / "a.png")
+
+
+def test_refused_by_the_scene(scene):
+    bone = scene.bone
+    with pytest.raises(ValueError, match="radii must be positive and finite, got 0"):
+        Scene(bone, [0.0], off_screen=True)
+    with pytest.raises(ValueError, match="size must be at least 16 pixels each way, got 8 x 100"):
+        Scene(bone, [], off_screen=True, size=(8, 100))
+    with pytest.raises(ValueError, match="level must be from 1 to 255, got 0"):
+        Scene(bone, [], off_screen=True, level=0)
+    with pytest.raises(ValueError, match=r"centers must have the shape \(1, 3\), got \(2, 3\)"):
+        scene.move_burrs(np.zeros((2, 3)))
+    with pytest.raises(ValueError, match="blood, water is missing"):
+        scene.set_parcels(np.zeros(0, [("position", "f8", 3), ("radius", "f8"), ("dust", "i8")]))
+    with pytest.raises(ValueError, match="point must be three finite numbers"):
+        scene.set_slices((0, 0, np.nan))
+    with pytest.raises(ValueError, match="separation must be zero or positive and finite, got -1"):
+        scene.stereo_picture(-1)
+    with pytest.raises(ValueError, match="bone must have the shape of the surface"):
+        scene.update(burrlab.VoxelBone.block((1, 1, 1), 0.1))
+
+
+def test_a_view_of_a_trace_holds_its_bone(tmp_path):
+    need_drawing()
+    digest = write_trace(tmp_path / "session.h5")
+    trace = burrlab.load_trace(tmp_path / "session.h5")
+    view = TraceView(trace, off_screen=True, size=SIZE, slices=True)
+    assert view.go(trace.duration) > 0
+    assert view.player.bone.digest() == digest
+    fresh = surface_blocks(view.player.bone)
+    assert fresh.keys() == view.scene.surface.blocks.keys()
+    for block, made in view.scene.surface.blocks.items():
+        np.testing.assert_array_equal(made.points, fresh[block].points)
+    assert view.scene.burrs[0].GetPosition() == pytest.approx(trace.ticks["burr"]["center_mm"][-1, 0])
+    frames = list(view.frames(fps=5.0, start=0.0, stop=0.4, stereo=True))
+    assert len(frames) == 3
+    assert frames[0].shape == (240, 640, 3)
+    assert differing(frames[0], frames[-1]).any()
+    with pytest.raises(ValueError, match="fps must be positive and finite, got 0"):
+        next(view.frames(fps=0))
+    with pytest.raises(ValueError, match="start and stop must lie from 0 to"):
+        next(view.frames(stop=99.0))
+    with pytest.raises(ValueError, match="seconds must be from 0 to"):
+        view.go(99.0)
+    view.close()
+    with pytest.raises(TypeError):
+        TraceView(small_bone(), off_screen=True)
+
+
+def check_live(view, bone, tick):
+    """The scene holds this state and draws its surface."""
+    assert view.bone.digest() == bone.digest()
+    assert view.tick == tick
+    assert bone.removed > 0
+    fresh = surface_blocks(bone)
+    assert fresh.keys() == view.scene.surface.blocks.keys()
+    for block, made in fresh.items():
+        np.testing.assert_array_equal(made.points, view.scene.surface.blocks[block].points)
+
+
+def test_a_live_view_ends_with_the_bone_of_the_session():
+    need_drawing()
+    device = burrlab.HandDevice(start=(0.0, 0.0, 2.2), strokes_after=0.0)
+    session = burrlab.Session(small_bone(), tools(1)[0], device, seed=1, duration=2.0)
+    view = LiveView(session, off_screen=True, size=SIZE, slices=True)
+    with session:
+        frames = list(view.frames(60.0, fps=10.0))
+    view.step()
+    assert len(frames) > 2
+    assert differing(frames[0], frames[-1]).any()
+    check_live(view, *session.snapshot())
+    assert view.scene.burrs[0].GetVisibility()
+    with pytest.raises(ValueError, match=r"seconds and fps must be positive, got 0 and 20\.0"):
+        next(view.frames(0))
+    with pytest.raises(ValueError, match="rate must be positive and finite, got 0"):
+        view.run(rate=0)
+    view.close()
+    with pytest.raises(TypeError, match="source must be a Session or a Replica, got VoxelBone"):
+        LiveView(small_bone(), off_screen=True)
+
+
+def test_a_live_view_of_a_replica():
+    need_drawing()
+    with Leader() as leader:
+        replica = follow("127.0.0.1", leader.port)
+        view = LiveView(replica, off_screen=True, size=SIZE)
+        for _ in range(3):
+            time.sleep(0.3)
+            view.step()
+            view.scene.picture()
+        leader.end()
+        assert replica.wait(60.0)
+    view.step()
+    check_live(view, *replica.snapshot())
+    replica.stop()
+    view.close()
+
+
+def test_blood_outweighs_and_nothing_is_grey():
+    some = parcels(4)
+    some["dust"], some["blood"], some["water"] = (100, 0, 0, 100), (0, 100, 0, 100), (0, 0, 100, 0)
+    colours = parcel_colours(some).astype(int)
+    assert colours[1].argmax() == 0
+    assert colours[2].argmax() == 2
+    assert np.abs(colours[3] - colours[1]).sum() < np.abs(colours[3] - colours[0]).sum()
+    some["dust"] = some["blood"] = some["water"] = 0
+    assert (parcel_colours(some) == parcel_colours(some)[0]).all()
+
+
+def test_an_mp4_is_read_by_ffmpeg(tmp_path):
+    if shutil.which("ffmpeg") is None or shutil.which("ffprobe") is None:
+        pytest.skip("ffmpeg is not installed")
+    frames = [np.full((64, 81, 3), 20 * i, np.uint8) for i in range(10)]
+    assert write_video(tmp_path / "a.mp4", frames, fps=25.0) == 10
+    said = subprocess.run(
+        ["ffprobe", "-v", "error", "-count_frames", "-show_entries", "stream=width,height,nb_read_frames,r_frame_rate",
+         "-of", "csv=p=0", str(tmp_path / "a.mp4")], capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    assert said.strip() == "80,64,25/1,10"

@@ -1,0 +1,267 @@
+"""The surface in blocks: closed, without seams, the same after an update as made anew."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+import burrlab
+from burrlab.view import Surface, surface_blocks
+from burrlab.view.surface import BLOCK, blocks_of_bricks, brick_numbers, brick_places, tissue_palette
+
+RADIUS, VOXEL, CENTER = 40.0, 0.1, (47.3, 46.1, 48.9)  # of a ball (z, y, x), in voxels
+
+
+def ball(shape=(96, 96, 96), center=CENTER, radius=RADIUS, spacing=VOXEL):
+    z, y, x = np.indices(shape)
+    away = radius - np.sqrt((z - center[0]) ** 2 + (y - center[1]) ** 2 + (x - center[2]) ** 2)
+    return burrlab.VoxelBone(np.rint(np.clip(away + 0.5, 0, 1) * 255).astype(np.uint8), spacing)
+
+
+def noise(seed, shape=(40, 35, 66)):
+    """Levels without any order: every kind of cell."""
+    return np.random.default_rng(seed).integers(0, 256, shape).astype(np.uint8)
+
+
+def joined(mesh):
+    """(number of different vertices, triangles of them)."""
+    unique, number = np.unique(mesh.points, axis=0, return_inverse=True)
+    return len(unique), number.reshape(-1)[mesh.triangles]
+
+
+def assert_equal_blocks(some, others):
+    assert some.keys() == others.keys()
+    for block, one in some.items():
+        for name in ("points", "normals", "triangles", "tissues", "lost"):
+            np.testing.assert_array_equal(
+                getattr(one, name), getattr(others[block], name), err_msg=str(block)
+            )
+
+
+def test_a_ball_is_closed_with_its_area_and_volume():
+    mesh = Surface(ball()).merged()
+    vertices, triangles = joined(mesh)
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    different, uses = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
+    assert (uses == 2).all()  # closed, across the borders of 27 blocks
+    assert len(np.unique(edges, axis=0)) == len(edges)  # and turned the same way all over
+    assert vertices - len(different) + len(triangles) == 2  # Euler characteristic of a ball
+    points = mesh.points.astype(float)
+    a, b, c = (points[mesh.triangles[:, i]] for i in range(3))
+    cross = np.cross(b - a, c - a)
+    r = RADIUS * VOXEL
+    assert np.linalg.norm(cross, axis=1).sum() / 2 == pytest.approx(4 * np.pi * r**2, rel=0.01)
+    assert np.einsum("ij,ij", a, cross) / 6 == pytest.approx(4 / 3 * np.pi * r**3, rel=0.005)
+
+
+def test_vertices_and_normals_of_a_ball_are_where_they_should_be():
+    mesh = Surface(ball()).merged()
+    out = mesh.points - VOXEL * np.array(CENTER[::-1])
+    away = np.linalg.norm(out, axis=1)
+    assert np.abs(away - RADIUS * VOXEL).max() < 0.5 * VOXEL
+    assert ((out / away[:, None]) * mesh.normals).sum(axis=1).min() > np.cos(np.deg2rad(5))
+    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-6)
+
+
+def test_a_ball_of_unequal_voxels_is_round():
+    spacing = np.array([0.1, 0.1, 0.2])
+    z, y, x = np.indices((40, 80, 80))
+    away = (
+        np.sqrt(((x - 40) * 0.1) ** 2 + ((y - 40) * 0.1) ** 2 + ((z - 20) * 0.2) ** 2) - 3.0
+    )  # signed distance [mm]
+    levels = np.rint(np.clip(0.5 - away / 0.2, 0, 1) * 255).astype(np.uint8)
+    bone = burrlab.VoxelBone(levels, tuple(spacing), (1.0, 2.0, 3.0))
+    mesh = Surface(bone).merged()
+    out = mesh.points - (np.array([1.0, 2.0, 3.0]) + np.array([40, 40, 20]) * spacing)
+    radius = np.linalg.norm(out, axis=1)
+    assert np.abs(radius - 3.0).max() < 0.1
+    assert ((out / radius[:, None]) * mesh.normals).sum(axis=1).min() > np.cos(np.deg2rad(8))
+
+
+@pytest.mark.parametrize("make", [ball, lambda: burrlab.VoxelBone(noise(1), 0.1)])
+def test_neighbours_share_vertices_and_normals_to_the_bit(make):
+    blocks = surface_blocks(make())
+    shared = 0
+    for a, b in itertools.combinations(blocks, 2):
+        if max(abs(i - j) for i, j in zip(a, b, strict=True)) > 1:
+            continue
+        one, other = blocks[a], blocks[b]
+        normals = {
+            point.tobytes(): normal.tobytes() for point, normal in zip(one.points, one.normals, strict=True)
+        }
+        for point, normal in zip(other.points, other.normals, strict=True):
+            if point.tobytes() in normals:
+                assert normals[point.tobytes()] == normal.tobytes()
+                shared += 1
+    assert shared > 500
+
+
+def test_borders_are_covered_by_both_sides():
+    """Every edge that one block uses once is used once by a neighbour: no gap."""
+    surface = Surface(burrlab.VoxelBone(noise(2, (36, 35, 34)), 0.1))
+    _, triangles = joined(surface.merged())
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    directed, uses = np.unique(edges, axis=0, return_counts=True)
+    forth = {tuple(edge): int(n) for edge, n in zip(directed.tolist(), uses, strict=True)}
+    assert all(forth.get((b, a), 0) == n for (a, b), n in forth.items())
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_an_update_equals_a_rebuild(seed):
+    rng = np.random.default_rng(seed)
+    bone = burrlab.VoxelBone.block((10, 7, 9), 0.1)
+    surface = Surface(bone)
+    for _ in range(4):
+        contact = burrlab.BurrContact(bone, burrlab.Burr(1.5), burrlab.materials["bone"], seed)
+        centers = rng.uniform([0, 0, 0], [10, 7, 9], (3, 3)).repeat(20, axis=0)
+        before = bone.density.copy()
+        contact.run(centers, 1.0)
+        changed = np.unique(np.argwhere(bone.density != before) // 8, axis=0)
+        assert len(changed)
+        made = surface.update(bone, changed)
+        assert set(made) <= set(blocks_of_bricks(changed, bone))
+        assert_equal_blocks(surface.blocks, surface_blocks(bone))
+
+
+def test_blocks_that_were_not_touched_are_not_made_again():
+    bone = burrlab.VoxelBone.block((9.6, 9.6, 9.6), 0.1)
+    surface = Surface(bone)
+    before = dict(surface.blocks)
+    made = surface.update(bone, [[5, 5, 5]])  # (2nd block, inside it)
+    assert made == []  # full: costs nothing
+    assert surface.update(bone, [[0, 0, 0]]) == [(0, 0, 0)]
+    assert {block for block in before if surface.blocks[block] is not before[block]} == {(0, 0, 0)}
+
+
+def test_what_is_gone_leaves_no_block():
+    bone = burrlab.VoxelBone.block((3.2, 3.2, 3.2), 0.1)
+    surface = Surface(bone)
+    gone = burrlab.VoxelBone(np.zeros((32, 32, 32), np.uint8), 0.1)
+    assert surface.update(gone, [[1, 1, 1]]) == [(0, 0, 0)]
+    assert surface.blocks == {}
+    merged = surface.merged()
+    assert len(merged.points) == len(merged.triangles) == 0
+    assert repr(merged) == "SurfaceBlock(0 vertices, 0 triangles)"
+
+
+@pytest.mark.parametrize("full", [0, 255])
+def test_blocks_inside_and_outside_cost_nothing(full):
+    levels = np.full((96, 96, 96), full, np.uint8)
+    blocks = surface_blocks(burrlab.VoxelBone(levels, 0.1))
+    assert (1, 1, 1) not in blocks
+    assert len(blocks) == (26 if full else 0)
+
+
+@pytest.mark.parametrize(
+    ("brick", "blocks"),
+    [
+        ((1, 1, 1), {(0, 0, 0)}),
+        ((5, 5, 5), {(1, 1, 1)}),
+        ((3, 1, 1), {(0, 0, 0), (1, 0, 0)}),
+        ((4, 1, 1), {(0, 0, 0), (1, 0, 0)}),
+        ((4, 3, 5), {(0, 0, 1), (0, 1, 1), (1, 0, 1), (1, 1, 1)}),
+        ((3, 4, 3), set(itertools.product((0, 1), repeat=3))),
+        ((11, 11, 11), {(2, 2, 2)}),
+    ],
+)
+def test_blocks_of_a_brick(brick, blocks):
+    bone = burrlab.VoxelBone.block((9.6, 9.6, 9.6), 0.1)
+    assert set(blocks_of_bricks([brick], bone)) == blocks
+    assert set(blocks_of_bricks(brick_numbers([brick], bone), bone)) == blocks
+
+
+def test_every_voxel_changes_no_other_block():
+    """The mapping against the extraction: blocks that change with a voxel are among those of its brick."""
+    levels = noise(3, (72, 40, 40))
+    bone = burrlab.VoxelBone(levels, 0.1)
+    before = surface_blocks(bone)
+    rng = np.random.default_rng(4)
+    found = set()
+    near_borders = np.array([*range(24, 40), *range(56, 72)])
+    for _ in range(30):
+        z, y, x = (int(rng.choice(near_borders[near_borders < n])) for n in levels.shape)
+        changed = levels.copy()
+        changed[z, y, x] ^= 255
+        after = surface_blocks(burrlab.VoxelBone(changed, 0.1))
+        differ = {
+            block
+            for block in before.keys() | after.keys()
+            if not (
+                block in before
+                and block in after
+                and np.array_equal(before[block].points, after[block].points)
+                and np.array_equal(before[block].normals, after[block].normals)
+            )
+        }
+        assert differ <= set(blocks_of_bricks([[z // 8, y // 8, x // 8]], bone))
+        found |= differ
+    assert len(found) > 4
+
+
+def test_brick_numbers_are_the_cores():
+    bone = burrlab.VoxelBone.block((2.9, 4.1, 1.7), 0.1)
+    levels = bone.density.copy()
+    numbers = np.arange(np.prod([-(-n // 8) for n in bone.shape]))
+    places = brick_places(numbers, bone)
+    np.testing.assert_array_equal(brick_numbers(places, bone), numbers)
+    np.testing.assert_array_equal(brick_numbers(numbers, bone), numbers)
+    z, y, x = places[17] * 8
+    kept = burrlab._core.read_bricks(bone, np.array([17], np.uint32))
+    box = levels[z : z + 8, y : y + 8, x : x + 8]
+    np.testing.assert_array_equal(kept.reshape(8, 8, 8)[: box.shape[0], : box.shape[1], : box.shape[2]], box)
+    assert brick_places([], bone).shape == (0, 3)
+
+
+def test_a_cut_is_lighter_and_tissues_have_their_colours():
+    tissues = burrlab.Tissues(
+        [
+            burrlab.Tissue("cortex", label=1, c_e=2.1, alpha=0.1, colour=(200, 190, 150)),
+            burrlab.Tissue("nerve", label=2, c_e=2.1, alpha=0.1, colour=(240, 220, 20), critical=True),
+        ],
+        burrlab.materials["bone"],
+    )
+    numbers = np.zeros((40, 40, 40), np.uint8)
+    numbers[:, :, 20:] = 1
+    bone = burrlab.VoxelBone.block((4, 4, 4), 0.1)
+    bone.set_tissues(tissues, numbers)
+    palette = tissue_palette(bone)
+    np.testing.assert_array_equal(palette, [(200, 190, 150), (240, 220, 20)])
+    mesh = Surface(bone).merged()
+    assert mesh.lost.max() == 0
+    right = mesh.points[:, 0] > 2.0
+    np.testing.assert_array_equal(mesh.tissues, right)
+    np.testing.assert_array_equal(mesh.colours(palette)[right], np.tile(palette[1], (right.sum(), 1)))
+    contact = burrlab.BurrContact(bone, burrlab.Burr(1.0), burrlab.materials["bone"], 1)
+    contact.run(np.tile([2.0, 2.0, 4.0], (100, 1)), 1.0)
+    mesh = Surface(bone).merged()
+    cut = mesh.lost > 200
+    assert cut.sum() > 100
+    assert np.linalg.norm(mesh.points[cut] - [2.0, 2.0, 4.0], axis=1).max() < 1.3
+    assert (mesh.colours(palette)[cut, 2] > palette[mesh.tissues[cut], 2]).all()
+
+
+def test_levels_move_the_surface():
+    levels = np.zeros((16, 16, 16), np.uint8)
+    levels[:8], levels[8] = 255, 100
+    bone = burrlab.VoxelBone(levels, 0.1)
+    top = [Surface(bone, level=level).merged().points[:, 2].max() for level in (50, 100, 128)]
+    assert top[0] > top[1] > 0.8 > top[2] > 0.7
+
+
+def test_refused():
+    bone = burrlab.VoxelBone.block((2, 2, 2), 0.1)
+    for level in (0, 256):
+        with pytest.raises(ValueError, match=f"level must be from 1 to 255, got {level}"):
+            Surface(bone, level=level)
+    with pytest.raises(ValueError, match="every index of a block must be from 0 to below 1, got 1"):
+        surface_blocks(bone, [(0, 0, 1)])
+    with pytest.raises(ValueError, match="bricks must be from 0 to below 27, got 3 to 27"):
+        brick_places([3, 27], bone)
+    with pytest.raises(ValueError, match=r"bricks must have the shape \(n,\) or \(n, 3\), got \(1, 2\)"):
+        brick_places([[1, 2]], bone)
+    with pytest.raises(ValueError, match=r"bricks must lie within \(3, 3, 3\)"):
+        blocks_of_bricks([[0, 0, 3]], bone)
+    with pytest.raises(ValueError, match="bone must have the shape of the surface"):
+        Surface(bone).update(burrlab.VoxelBone.block((2, 2, BLOCK * 0.1 + 2), 0.1), [])

@@ -17,7 +17,15 @@ def blocks(page: str) -> list[str]:
 
 @pytest.mark.parametrize(
     "page",
-    ["psychophysics.md", "simulated_subject.md", "experiment.md", "volumes.md", "phantom.md", "effects.md"],
+    [
+        "psychophysics.md",
+        "simulated_subject.md",
+        "experiment.md",
+        "volumes.md",
+        "phantom.md",
+        "effects.md",
+        "anatomy.md",
+    ],
 )
 def test_blocks_run(page, tmp_path):
     found = blocks(page)

@@ -25,6 +25,7 @@ def blocks(page: str) -> list[str]:
         "tissues.md",
         "phantom.md",
         "effects.md",
+        "anatomy.md",
     ],
 )
 def test_blocks_run(page, tmp_path):

@@ -15,6 +15,7 @@ from replica_scenes import soon
 
 import burrlab
 from burrlab.anatomy import Watch
+from burrlab.cli import main
 from burrlab.effects import Companion, Effects
 from burrlab.effects.offline import effects_of
 from burrlab.session.network import block_recipe, follow, make_bone
@@ -183,3 +184,27 @@ def test_a_missing_extra(monkeypatch, name):
     what = {"pyvista": "the view needs pyvista", "trame": "the page needs trame"}[name]
     with pytest.raises(ImportError, match=rf"{what}: pip install 'burrlab\[viz3d\]'"):
         serve(nerve_bone())
+
+
+def test_refused_on_the_command_line(capsys, tmp_path):
+    device = ["--device", "hand", "--duration", "1"]
+    for arguments, sentence in (
+        (["view", "x.h5", "--effects"], "--effects goes with --web"),
+        (["view", "x.h5", "--port", "1"], "--port goes with --web"),
+        (["view", "--bone", "x.h5", "--web"], "--web goes with a trace"),
+        (["session", "--web", "--view", *device], "argument --view: not allowed with argument --web"),
+        (["session", "--web", "65536", *device], "must be a port, 0 to 65535, got '65536'"),
+    ):
+        try:
+            code = main(arguments)
+        except SystemExit as end:
+            code = end.code
+        assert code == 2
+        assert sentence in capsys.readouterr().err
+    pytest.importorskip("trame", reason="needs the extra viz3d")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        file = tmp_path / "none.h5"
+        assert main(["session", "--web", str(port), "--record", str(file), *device]) != 0
+        assert not file.exists()
+        assert f"cannot listen on 127.0.0.1:{port}: Address already in use" in capsys.readouterr().err

@@ -67,31 +67,38 @@ def pictures(tmp_path_factory):
 
 
 class Served:
-    """`burrlab view ... --web` beside the test; its address."""
+    """`burrlab ... --web` beside the test; its address."""
 
     def __init__(self, *arguments):
         self.process = subprocess.Popen(
-            [sys.executable, "-W", "error", "-m", "burrlab", "view", *map(str, arguments), "--web"],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            [sys.executable, "-W", "error", "-m", "burrlab", *map(str, arguments), "--web"],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         )  # fmt: skip
-        line = self.process.stdout.readline()
-        assert line, self.process.communicate()[1]
-        self.address = re.match(r"http://127\.0\.0\.1:\d+/", line)[0]
+        self.said = []
+        for line in self.process.stdout:
+            self.said.append(line)
+            if found := re.search(r"http://127\.0\.0\.1:\d+/", line):
+                self.address = found[0]
+                return
+        raise AssertionError("".join(self.said))
 
     def end(self, number=signal.SIGINT):
-        """(exit code, standard error) after a signal."""
+        """(exit code, what it says after a signal)."""
         self.process.send_signal(number)
-        _, error = self.process.communicate(timeout=30)
-        return self.process.returncode, error
+        rest, _ = self.process.communicate(timeout=60)
+        return self.process.returncode, rest
+
+    def kill(self):
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.communicate()
 
 
 @pytest.fixture
 def served(trace):
-    one = Served(trace)
+    one = Served("view", trace)
     yield one
-    if one.process.poll() is None:
-        one.process.kill()
-        one.process.communicate()
+    one.kill()
 
 
 def settled(page):
@@ -200,8 +207,7 @@ def test_load_orbit_scrub_and_play(served, trace, pictures, tmp_path, flags):
         assert clock(page) == pytest.approx(player.duration, abs=1e-3)
         page.screenshot(pictures / f"{name}_played.png")
         nothing_amiss(page, served.address)
-    code, error = served.end()
-    assert (code, error) == (0, "")
+    assert served.end() == (0, "")
 
 
 def test_events_slices_wheel_and_presets(served, trace, pictures, tmp_path):
@@ -255,11 +261,43 @@ def test_a_page_of_another_origin_is_refused(served):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_it_in_order(trace, tmp_path, number):
-    served = Served(trace)
+    served = Served("view", trace)
     with Chromium(tmp_path / "profile", *_NO_WEBGL) as page:
         opened(page, served.address)
         assert served.end(number) == (0, "")
     assert shutil.which("ps") is None or not children(served.process.pid)
+
+
+def test_beside_a_session_and_a_replica(tmp_path, pictures):
+    """Live in two pages; Ctrl-C ends each with its page, and the trace is whole."""
+    file = tmp_path / "session.h5"
+    session = Served("session", "--device", "hand", "--record", file, "--publish", 0)
+    replica = None
+    try:
+        port = re.search(r"published on 127\.0\.0\.1, port (\d+)", "".join(session.said))[1]
+        replica = Served("replica", f"127.0.0.1:{port}")
+        with Chromium(tmp_path / "profile", *_NO_WEBGL) as page:
+            for name, one in (("session", session), ("replica", replica)):
+                page.asked.clear()
+                page.load(one.address)
+                page.wait(f"{_IMAGE}?.naturalWidth > 0")
+                number = int(page.value(f"{_IMAGE}.dataset.number"))
+                page.wait(f"{_IMAGE}.dataset.number > {number + 3}")
+                page.wait("document.querySelectorAll('.burrlab-chart polyline').length === 2")
+                page.wait("!document.querySelector('.burrlab-side').innerText.includes('not known')")
+                assert bone_part(page, page.screenshot(pictures / f"live_{name}.png")).std() > 10
+                nothing_amiss(page, one.address)
+        assert replica.end()[0] == 130
+        code, rest = session.end()
+        assert code == 130, rest
+        assert not children(session.process.pid) + children(replica.process.pid)
+        recorded = burrlab.load_trace(file)
+        assert len(recorded) > 500
+        assert recorded.complete
+    finally:
+        session.kill()
+        if replica is not None:
+            replica.kill()
 
 
 def children(process):

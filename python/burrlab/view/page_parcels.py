@@ -32,6 +32,7 @@ class ParcelHistory:
 
     def __init__(self, trace: Trace, effects: Effects, *, memory: float = 192.0) -> None:
         self._trace, self._effects, self._memory = trace, effects, memory * 1e6
+        self._duration = float(trace.duration)
         self._lock = threading.Lock()
         self._frames: list[NDArray[np.void]] = []  # at the ends of `_every` frames of effects, each
         self._every, self._made = 1, 0
@@ -39,7 +40,7 @@ class ParcelHistory:
     @property
     def made(self) -> float:
         """Part of the trace, 0 to 1."""
-        return min(1.0, self._made / _RATE / self._trace.duration)
+        return min(1.0, self._made / _RATE / self._duration)
 
     @property
     def bytes(self) -> int:
@@ -49,7 +50,7 @@ class ParcelHistory:
 
     def make(self, cancel: threading.Event | None = None) -> bool:
         """All of it; may run in a thread. Returns whether it came to the end."""
-        player = TracePlayer(self._trace, every=self._trace.duration + 1.0)  # goes forward only
+        player = TracePlayer(self._trace, every=self._duration + 1.0)  # goes forward only
         size = 0
         for _ in effects_of(player, self._effects, rate=_RATE):
             if cancel is not None and cancel.is_set():
@@ -64,7 +65,7 @@ class ParcelHistory:
                 while size > self._memory and len(self._frames) > 1:
                     self._frames, self._every = self._frames[1::2], 2 * self._every
                     size = sum(kept.nbytes for kept in self._frames)
-        self._made = max(self._made, round(self._trace.duration * _RATE))
+        self._made = max(self._made, round(self._duration * _RATE))
         return True
 
     def at(self, seconds: float) -> NDArray[np.void] | None:

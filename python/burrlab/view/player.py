@@ -86,6 +86,7 @@ class TracePlayer:
         times = trace.time()
         burr = trace.ticks["burr"]
         self.history = History(times, np.linalg.norm(burr["force_N"], axis=2), burr["penetration_mm"])
+        self._duration = float(trace.duration)  # a sum over all ticks
         self._every = max(1, round(every * 1000.0 / trace.period))
         self._kept = BrickHistory(trace._bone, int(memory * 1e6))  # which never changes: no copy
         self._walk = _Walk(trace, self._kept, self._every)
@@ -98,7 +99,7 @@ class TracePlayer:
     @property
     def duration(self) -> float:
         """Of the trace [s]."""
-        return float(self.trace.duration)
+        return self._duration
 
     @property
     def ticks(self) -> int:

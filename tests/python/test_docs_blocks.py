@@ -16,7 +16,8 @@ def blocks(page: str) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "page", ["psychophysics.md", "simulated_subject.md", "experiment.md", "volumes.md", "phantom.md"]
+    "page",
+    ["psychophysics.md", "simulated_subject.md", "experiment.md", "volumes.md", "phantom.md", "view.md"],
 )
 def test_blocks_run(page, tmp_path):
     found = blocks(page)

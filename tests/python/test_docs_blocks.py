@@ -26,6 +26,7 @@ def blocks(page: str) -> list[str]:
         "phantom.md",
         "effects.md",
         "anatomy.md",
+        "view.md",
     ],
 )
 def test_blocks_run(page, tmp_path):

@@ -15,7 +15,7 @@ README = (ROOT / "README.md").read_text()
 
 def test_script(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    first, second = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    first, second, third = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     exec(compile(first, "README.md", "exec"), {})
     assert "[[Variables]]" in capsys.readouterr().out
     assert {p.name for p in tmp_path.iterdir()} == {"descent.png", "curve.csv", "fit.png", "region.png"}
@@ -23,6 +23,10 @@ def test_script(tmp_path, monkeypatch, capsys):
     said = capsys.readouterr().out
     assert "Replay(equal, 5000 ticks" in said
     assert "path length" in said
+    exec(compile(third, "README.md", "exec"), {})
+    said = capsys.readouterr().out
+    assert "facial nerve" in said
+    assert "of bone removed; Dice" in said
 
 
 def test_commands(tmp_path, monkeypatch):

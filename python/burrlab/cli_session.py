@@ -227,7 +227,7 @@ def _replica(options: Options) -> int:
     return 1 if status["divergences"] or status["failed"] else 0
 
 
-def _tell_events(replica: burrlab.Replica, known: int) -> int:
+def _tell_events(replica: Replica, known: int) -> int:
     """Says what happened near watched structures but for the first events; how many there are."""
     events = replica_events(replica, known)
     for event in events:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import burrlab
-from burrlab._core import Burr, Device
+from burrlab._core import Burr, Device, Replica
 from burrlab.cli import (
     Options,
     _deliver,

@@ -8,7 +8,8 @@ import numpy as np
 from PIL import Image
 from test_segments import FIELDS, seg_nrrd
 
-from burrlab.anatomy import default_tissues, write_tissues
+from burrlab import VoxelBone
+from burrlab.anatomy import default_tissues, labelled_bone, write_tissues
 from burrlab.anatomy.known_tissues import VOLUMETRIC_DRILLING
 from burrlab.volume import LabelVolume, OccupancyMap, Volume, write_volume
 
@@ -16,6 +17,11 @@ MAP = OccupancyMap.two_point(0, 1000)
 SPACING = (0.25, 0.25, 0.25)
 TURNED = np.array([[0.0, 1, 0], [0, 0, -1], [1, 0, 0]])
 TABLE = default_tissues({1: "bone", 4: "facial nerve"})
+
+
+def anatomy_bone(*given, **options) -> VoxelBone:
+    """Of `labelled_bone`, without its notes."""
+    return labelled_bone(*given, **options).bone
 
 
 def labels() -> np.ndarray:

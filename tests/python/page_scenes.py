@@ -2,11 +2,27 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+from anatomy_scenes import nerve_bone, straight, tool
 
+import burrlab
+from burrlab.anatomy import Watch
 from burrlab.view.page import Page
+
+
+def nerve_trace(file: Path) -> Path:
+    """4 s into a nerve, with a watch."""
+    bone = nerve_bone()
+    device = straight([(-3, 0, 1.5), (-3, 0, -0.6), (3, 0, -0.6), (0, 0, -1.2)], [0, 1, 3, 4])
+    watch = Watch(bone, approach=0.5)
+    with burrlab.Session(
+        bone, tool(), device, seed=1, duration=4.0, wall_clock=False, record=file, watch=watch
+    ) as session:
+        session.wait()
+    return file
 
 
 class State(dict):

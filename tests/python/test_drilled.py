@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from label_scenes import anatomy_bone
 from PIL import Image
 
 from burrlab import Burr, VoxelBone, erode, materials, read_volume, save_bone
-from burrlab.anatomy import anatomy_bone, default_tissues
+from burrlab.anatomy import default_tissues
 from burrlab.anatomy.known_tissues import VOLUMETRIC_DRILLING
 from burrlab.volume import LabelVolume, OccupancyMap, Volume, load_drilled, read_stack, save_drilled
 from burrlab.volume.drilled_values import grey_of_levels

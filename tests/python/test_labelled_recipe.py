@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from label_scenes import MAP, SPACING, TABLE, labels, volume, write_files
+from label_scenes import MAP, SPACING, TABLE, anatomy_bone, labels, volume, write_files
 
 from burrlab import Burr
-from burrlab.anatomy import LabelledRecipe, anatomy_bone, default_tissues
+from burrlab.anatomy import LabelledRecipe, default_tissues
 from burrlab.session.network import make_bone
 from burrlab.volume import VolumeRecipe, read_labels, read_volume
 

@@ -8,33 +8,18 @@ import io
 
 import numpy as np
 import pytest
-from anatomy_scenes import nerve_bone, straight, tool
-from page_scenes import make_page
+from anatomy_scenes import nerve_bone
+from page_scenes import make_page, nerve_trace
 from PIL import Image
 
 import burrlab
-from burrlab.anatomy import Watch
 from burrlab.view import TracePlayer, page_chart
 from burrlab.view.page_source import page_source
 
 
 @pytest.fixture(scope="module")
 def trace(tmp_path_factory):
-    """4 s into a nerve, with a watch."""
-    file, bone = tmp_path_factory.mktemp("page") / "session.h5", nerve_bone()
-    device = straight([(-3, 0, 1.5), (-3, 0, -0.6), (3, 0, -0.6), (0, 0, -1.2)], [0, 1, 3, 4])
-    with burrlab.Session(
-        bone,
-        tool(),
-        device,
-        seed=1,
-        duration=4.0,
-        wall_clock=False,
-        record=file,
-        watch=Watch(bone, approach=0.5),
-    ) as session:
-        session.wait()
-    return burrlab.load_trace(file)
+    return burrlab.load_trace(nerve_trace(tmp_path_factory.mktemp("page") / "session.h5"))
 
 
 @pytest.fixture

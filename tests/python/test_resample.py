@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from label_scenes import anatomy_bone
 
 import burrlab
-from burrlab.anatomy import anatomy_bone, default_tissues
+from burrlab.anatomy import default_tissues
 from burrlab.volume import LabelVolume, OccupancyMap, Volume, check_same_geometry, same_geometry
 
 TURNED = np.array([[0.0, -1.0, 0.0], [0.6, 0.0, -0.8], [0.8, 0.0, 0.6]])

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from label_scenes import anatomy_bone
 
 from burrlab import Material, Tissue, Tissues, materials
 from burrlab.anatomy import (
-    anatomy_bone,
     default_tissues,
     label_counts,
     labelled_bone,

@@ -16,11 +16,10 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-from anatomy_scenes import nerve_bone, straight, tool
 from chromium import Chromium, chromium_path
+from page_scenes import nerve_trace
 
 import burrlab
-from burrlab.anatomy import Watch
 from burrlab.view import TracePlayer
 
 pytestmark = pytest.mark.slow
@@ -44,21 +43,7 @@ def needs():
 
 @pytest.fixture(scope="module")
 def trace(tmp_path_factory):
-    """4 s into a nerve, with a watch."""
-    file, bone = tmp_path_factory.mktemp("web") / "session.h5", nerve_bone()
-    device = straight([(-3, 0, 1.5), (-3, 0, -0.6), (3, 0, -0.6), (0, 0, -1.2)], [0, 1, 3, 4])
-    with burrlab.Session(
-        bone,
-        tool(),
-        device,
-        seed=1,
-        duration=4.0,
-        wall_clock=False,
-        record=file,
-        watch=Watch(bone, approach=0.5),
-    ) as session:
-        session.wait()
-    return file
+    return nerve_trace(tmp_path_factory.mktemp("web") / "session.h5")
 
 
 @pytest.fixture(scope="module")

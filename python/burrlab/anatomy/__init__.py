@@ -3,7 +3,7 @@
 from burrlab.anatomy.air_cells import AirCells, Honeycomb
 from burrlab.anatomy.dose import Dose
 from burrlab.anatomy.event import AnatomyEvent
-from burrlab.anatomy.labelled_bone import LabelledBone, anatomy_bone, labelled_bone
+from burrlab.anatomy.labelled_bone import LabelledBone, labelled_bone
 from burrlab.anatomy.labelled_recipe import LabelledRecipe
 from burrlab.anatomy.mastoidectomy import BurrPath, mastoidectomy_path
 from burrlab.anatomy.phantom import Phantom, temporal_bone
@@ -27,7 +27,6 @@ __all__ = [
     "Phantom",
     "TargetComparison",
     "Watch",
-    "anatomy_bone",
     "anatomy_report",
     "compare_with_target",
     "default_tissues",

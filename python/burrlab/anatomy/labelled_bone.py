@@ -33,19 +33,6 @@ class LabelledBone:
     notes: tuple[str, ...] = ()
 
 
-def anatomy_bone(
-    source: Volume | NDArray[np.uint8] | None,
-    labels: LabelVolume,
-    tissues: Tissues,
-    *,
-    mapping: OccupancyMap | None = None,
-    fill: Mapping[str, float] | None = None,
-    spacing: float | ArrayLike | None = None,
-) -> VoxelBone:
-    """The bone of `labelled_bone`, without its notes."""
-    return labelled_bone(source, labels, tissues, mapping=mapping, fill=fill, spacing=spacing).bone
-
-
 def labelled_bone(
     source: Volume | NDArray[np.uint8] | None,
     labels: LabelVolume,

@@ -18,6 +18,7 @@ from burrlab import Burr, VoxelBone, erode, materials, read_volume, save_bone
 from burrlab.anatomy import default_tissues
 from burrlab.anatomy.known_tissues import VOLUMETRIC_DRILLING
 from burrlab.volume import LabelVolume, OccupancyMap, Volume, load_drilled, read_stack, save_drilled
+from burrlab.volume.drilled import check_drilled
 from burrlab.volume.drilled_values import grey_of_levels
 
 MAP = OccupancyMap.two_point(200, 1200)
@@ -470,6 +471,23 @@ def test_nrrd_headers_that_cannot_be_kept(tmp_path: Path, old: bytes, new: bytes
     path.write_bytes(path.read_bytes().replace(old, new, 1))
     with pytest.raises(ValueError, match=match):
         read_stored(path)
+
+
+@pytest.mark.parametrize("name", ["a.nrrd", "a.mha"])
+def test_a_header_that_cannot_be_kept_is_told_before_there_is_a_bone(tmp_path: Path, name: str) -> None:
+    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+    text = " ".join(map(str, greys().ravel())).encode() + b"\n"
+    path = nrrd(tmp_path / name, greys()) if name == "a.nrrd" else meta(tmp_path / name, greys(), False)
+    head = path.read_bytes()[: -greys().nbytes].replace(b"encoding: raw", b"encoding: ascii")
+    path.write_bytes(head.replace(b"BinaryData = True", b"BinaryData = False") + text)
+    volume = read_volume(path)
+    np.testing.assert_array_equal(volume.values, greys())
+    match = "encoding of the NRRD file must be raw or gzip|must hold binary numbers right after its header"
+    with pytest.raises(ValueError, match=match):
+        check_drilled(tmp_path / f"b{path.suffix}", volume, MAP)
+    part = volume.crop_voxels((1, 1, 1), SHAPE)  # gets a new header
+    for target, like in ((f"b{path.suffix}", part), ("b.nii", volume)):
+        assert check_drilled(tmp_path / target, like, MAP) is None
 
 
 def test_other_headers_that_cannot_be_kept(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from burrlab._core import VoxelBone
 from burrlab.session.snapshot import check_tick, load_bone, save_bone
 from burrlab.volume.drilled_pair import IN_FOLDER, KIND, own_sidecar, replace_whole, sidecar, sidecars
 from burrlab.volume.drilled_stack import check_whole_stack, stack_slices, write_stack
-from burrlab.volume.drilled_values import changed_file, changes, file_ending, grey_of_levels
+from burrlab.volume.drilled_values import changed_file, changes, check_header, file_ending, grey_of_levels
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.occupancy_map import OccupancyMap
 from burrlab.volume.png_files import Slices
@@ -89,8 +89,8 @@ def save_drilled(
     ------
     ValueError
         If bone and volume are on different voxels, the map is missing, given for labels or cannot be turned round, the path is
-        the original's, its ending is none of these, the tick out of range, or `like` is itself half-drilled and has less than
-        the bone.
+        the original's, its ending is none of these, the header cannot be kept (values as text, or in another place than right
+        behind it), the tick out of range, or `like` is itself half-drilled and has less than the bone.
     FileExistsError
         If there is something else under that name.
     FileNotFoundError
@@ -178,6 +178,7 @@ def check_drilled(
         file_ending(target)
         if target.exists() and not sidecars(target):
             raise FileExistsError(f"path must be a new file or one of save_drilled, {target} is neither")
+        check_header(target, like)
         return None
     check_whole_stack(slices, like)
     if target.exists():

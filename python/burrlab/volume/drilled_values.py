@@ -15,7 +15,7 @@ from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.nrrd import segment_layers
 from burrlab.volume.occupancy_map import OccupancyMap
 from burrlab.volume.read import read_labels, read_volume
-from burrlab.volume.stored import ENDINGS, can_keep_header, read_stored
+from burrlab.volume.stored import ENDINGS, can_keep_header, check_stored, read_stored
 from burrlab.volume.volume import Volume
 from burrlab.volume.write import write_volume
 
@@ -64,11 +64,21 @@ def file_ending(target: Path) -> str:
     return ending
 
 
+def check_header(target: Path, like: Volume | LabelVolume) -> None:
+    """ValueError where the header of the original should be kept under other values, and cannot be."""
+    if _keeps_ending(target, like):
+        try:
+            check_stored(like.path)
+        except ValueError:
+            if _is_whole(like):
+                raise
+
+
 def changed_file(target: Path, like: Volume | LabelVolume, changed: Changes) -> bytes:
     """The bytes of the volume's file with other values, under the header of the original where that can be kept."""
     where, values = changed
     ending = file_ending(target)
-    if can_keep_header(like.path) and like.path.lower().endswith(ending) and _is_whole(like):
+    if _keeps_ending(target, like) and _is_whole(like):
         stored = read_stored(like.path)
         new = stored.values.copy()
         new[where] = stored.stored(values)
@@ -87,6 +97,10 @@ def _changed(
     new = _voxels(like).copy()
     new[where] = values if new.dtype.kind == "f" else np.rint(values)
     return replace(like, labels=new) if isinstance(like, LabelVolume) else replace(like, values=new)
+
+
+def _keeps_ending(target: Path, like: Volume | LabelVolume) -> bool:
+    return can_keep_header(like.path) and like.path.lower().endswith(file_ending(target))
 
 
 def _is_whole(like: Volume | LabelVolume) -> bool:

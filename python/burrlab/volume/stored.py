@@ -93,13 +93,45 @@ def read_stored(path: str | os.PathLike[str]) -> Stored:
     return _nifti(name, content)
 
 
+def check_stored(path: str | os.PathLike[str]) -> None:
+    """The errors of `read_stored` that the header alone tells."""
+    name = os.fspath(path)
+    with open(name, "rb") as file:
+        if name.lower().endswith((".nrrd", ".mha")):
+            meta, lines = name.lower().endswith(".mha"), []
+            for line in file:
+                lines.append(line)
+                if line.startswith(b"ElementDataFile") if meta else not line.strip():
+                    break
+            (_meta_layout if meta else _nrrd_layout)(name, b"".join(lines))
+            return
+        packed = file.read(2) == b"\x1f\x8b"
+    with gzip.open(name) if packed else open(name, "rb") as file:
+        _nifti_layout(name, file.read(540))
+
+
 def _nrrd(name: str, content: bytes) -> Stored:
+    end, encoding, kind, shape = _nrrd_layout(name, content)
+    head, data = content[:end], content[end:]
+    if encoding == "raw":
+        return _assembled(name, data, kind, shape, lambda values, rest: head + values + rest)
+    unpacked = _unpacked(name, lambda: gzip.decompress(data))
+    return _assembled(
+        name,
+        unpacked,
+        kind,
+        shape,
+        lambda values, rest: head + gzip.compress(values + rest, 1, mtime=0),
+    )
+
+
+def _nrrd_layout(name: str, content: bytes) -> tuple[int, str, str, tuple[int, int, int]]:
+    """Bytes of the header, encoding, type with byte order, and shape of the values."""
     end = re.search(rb"\r?\n\r?\n", content)
     if end is None:
         raise ValueError(f"{name}: the values must follow the NRRD header in the same file")
-    head, data = content[: end.end()], content[end.end() :]
     fields = {}
-    for line in head.decode("utf-8", "replace").splitlines():
+    for line in content[: end.end()].decode("utf-8", "replace").splitlines():
         if not line.startswith("#") and ":=" not in line:
             key, _, value = line.partition(":")
             fields[key.strip().lower()] = value.strip()
@@ -118,27 +150,13 @@ def _nrrd(name: str, content: bytes) -> Stored:
         )
     order = ">" if fields.get("endian", "little").lower() == "big" else "<"
     shape = three_sizes([int(n) for n in fields["sizes"].split()], name)
-    if encoding == "raw":
-        return _assembled(name, data, order + kind, shape, lambda values, rest: head + values + rest)
-    unpacked = _unpacked(name, lambda: gzip.decompress(data))
-    return _assembled(
-        name,
-        unpacked,
-        order + kind,
-        shape,
-        lambda values, rest: head + gzip.compress(values + rest, 1, mtime=0),
-    )
+    return end.end(), encoding, order + kind, shape
 
 
 def _nifti(name: str, content: bytes) -> Stored:
     packed = content[:2] == b"\x1f\x8b"
     whole = _unpacked(name, lambda: gzip.decompress(content)) if packed else content
-    fields = nifti.header_fields(whole, name)
-    if fields.apart or (kind := nifti.stored_kind(fields)) is None:
-        raise ValueError(
-            f"{name}: the values must follow the NIfTI header in the same file, one number a voxel"
-        )
-    shape = three_sizes(list(fields.dim[1 : fields.dim[0] + 1]), name)
+    fields, kind, shape = _nifti_layout(name, whole)
     slope, inter = fields.slope, fields.inter
     if not (math.isfinite(slope) and math.isfinite(inter)) or slope == 0:
         slope, inter = 1.0, 0.0
@@ -147,16 +165,40 @@ def _nifti(name: str, content: bytes) -> Stored:
     def pack(values: bytes, rest: bytes) -> bytes:
         return gzip.compress(head + values + rest, 1, mtime=0) if packed else head + values + rest
 
-    return _assembled(name, data, fields.order + kind, shape, pack, slope, inter)
+    return _assembled(name, data, kind, shape, pack, slope, inter)
+
+
+def _nifti_layout(name: str, content: bytes) -> tuple[nifti.Fields, str, tuple[int, int, int]]:
+    """The header, type with byte order, and shape of the values."""
+    fields = nifti.header_fields(content, name)
+    if fields.apart or (kind := nifti.stored_kind(fields)) is None:
+        raise ValueError(
+            f"{name}: the values must follow the NIfTI header in the same file, one number a voxel"
+        )
+    return fields, fields.order + kind, three_sizes(list(fields.dim[1 : fields.dim[0] + 1]), name)
 
 
 def _meta(name: str, content: bytes) -> Stored:
+    end, packed, kind, shape = _meta_layout(name, content)
+    head, data = content[:end], content[end:]
+    if not packed:
+        return _assembled(name, data, kind, shape, lambda values, rest: head + values + rest)
+
+    def pack(values: bytes, rest: bytes) -> bytes:
+        packed = zlib.compress(values + rest, 1)
+        size = rb"\g<1>" + str(len(packed)).encode()  # the one field that says something of the packed values
+        return re.sub(rb"^(CompressedDataSize[ \t]*=[ \t]*)\d+", size, head, flags=re.MULTILINE) + packed
+
+    return _assembled(name, _unpacked(name, lambda: zlib.decompress(data)), kind, shape, pack)
+
+
+def _meta_layout(name: str, content: bytes) -> tuple[int, bool, str, tuple[int, int, int]]:
+    """Bytes of the header, whether the values are packed, their type with byte order, and shape."""
     end = re.search(rb"^ElementDataFile[ \t]*=[ \t]*([^\r\n]*)\r?\n", content, flags=re.MULTILINE)
     if end is None or end[1].strip() != b"LOCAL":
         raise ValueError(f"{name}: the values must follow the MetaImage header in the same file")
-    head, data = content[: end.end()], content[end.end() :]
     fields = {}
-    for line in head.decode("latin-1").splitlines():
+    for line in content[: end.end()].decode("latin-1").splitlines():
         key, _, value = line.partition("=")
         fields[key.strip()] = value.strip()
     kind = _META_KINDS.get(fields.get("ElementType", ""))
@@ -167,16 +209,12 @@ def _meta(name: str, content: bytes) -> Stored:
         )
     msb = fields.get("BinaryDataByteOrderMSB", fields.get("ElementByteOrderMSB", "False")).lower() == "true"
     shape = three_sizes([int(n) for n in fields["DimSize"].split()], name)
-    order = ">" if msb else "<"
-    if fields.get("CompressedData", "False").lower() != "true":
-        return _assembled(name, data, order + kind, shape, lambda values, rest: head + values + rest)
-
-    def pack(values: bytes, rest: bytes) -> bytes:
-        packed = zlib.compress(values + rest, 1)
-        size = rb"\g<1>" + str(len(packed)).encode()  # the one field that says something of the packed values
-        return re.sub(rb"^(CompressedDataSize[ \t]*=[ \t]*)\d+", size, head, flags=re.MULTILINE) + packed
-
-    return _assembled(name, _unpacked(name, lambda: zlib.decompress(data)), order + kind, shape, pack)
+    return (
+        end.end(),
+        fields.get("CompressedData", "False").lower() == "true",
+        (">" if msb else "<") + kind,
+        shape,
+    )
 
 
 def _assembled(

@@ -450,6 +450,12 @@ def test_bad_saves_are_refused(tmp_path: Path) -> None:
         ValueError, r"bone must be on the voxels of .*: it has shape \(5, 5, 5\)", bone=other.to_bone(MAP)
     )
     refused(ValueError, "map must rise from 0", mapping=OccupancyMap.table((0, 1, 2), (0, 1, 0)))
+    below = OccupancyMap.two_point(-100, 180)
+    small = Volume(np.full(SHAPE, 200, np.uint8), (0.3, 0.4, 0.5), (0, 0, 0), np.eye(3), "small")
+    refused(
+        ValueError, "map must have a grey value of empty that small can hold, .*: it holds uint8, got -100",
+        bone=small.to_bone(below), like=small, mapping=below,
+    )  # fmt: skip
     assert (tmp_path / "a.nrrd").read_bytes() == before
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.nrrd", "mine.nrrd"]
 

@@ -88,9 +88,10 @@ def save_drilled(
     Raises
     ------
     ValueError
-        If bone and volume are on different voxels, the map is missing, given for labels or cannot be turned round, the path is
-        the original's, its ending is none of these, the header cannot be kept (values as text, or in another place than right
-        behind it), the tick out of range, or `like` is itself half-drilled and has less than the bone.
+        If bone and volume are on different voxels, the map is missing, given for labels, cannot be turned round or has a grey
+        value of empty that the volume's type does not hold, the path is the original's, its ending is none of these, the header
+        cannot be kept (values as text, or in another place than right behind it), the tick out of range, or `like` is itself
+        half-drilled and has less than the bone.
     FileExistsError
         If there is something else under that name.
     FileNotFoundError
@@ -172,7 +173,7 @@ def check_drilled(
     elif mapping is None:
         raise ValueError(f"mapping must be given: that with which the bone was made of {like.path}")
     else:
-        grey_of_levels(mapping)
+        _check_empty(grey_of_levels(mapping)[0], like)
     slices = None if target.name.lower().endswith(ENDINGS) else stack_slices(like)
     if slices is None:
         file_ending(target)
@@ -184,6 +185,16 @@ def check_drilled(
     if target.exists():
         raise FileExistsError(f"path must be a new folder, {target} is there")
     return slices
+
+
+def _check_empty(grey: float, like: Volume) -> None:
+    """ValueError where whole numbers of the volume's type do not go down to the grey value of empty."""
+    kind = like.values.dtype
+    if kind.kind in "iu" and grey < np.iinfo(kind).min:
+        raise ValueError(
+            f"map must have a grey value of empty that {like.path} can hold, for what was removed to have one: it holds {kind}, "
+            f"got {grey:g}"
+        )
 
 
 def _check_place(bone: VoxelBone, like: Volume | LabelVolume) -> None:

@@ -423,6 +423,31 @@ def test_coloured_stacks_and_their_description(tmp_path: Path, mode: str) -> Non
         save_drilled(tmp_path / "x", bone, labels, mapping=MAP)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "VOLUME v: {dimensions: {x: 0.0054, y: 0.0064, z: 0.007}, images: {path: PLACE, prefix: p}}\n",
+        "VOLUME v:\n  dimensions: {x: 0.0054, y: 0.0064, z: 0.007}\n  images: {path: PLACE, prefix: p}\n",
+        'VOLUME v:\n  dimensions: {x: 0.0054, y: 0.0064, z: 0.007}\n  "images":\n    path: PLACE\n    prefix: p\n',
+        'VOLUME v:\n  dimensions: {x: 0.0054, y: 0.0064, z: 0.007}\n  images:\n    "path": PLACE\n    prefix: p\n',
+    ],
+)
+def test_descriptions_in_other_styles_name_the_new_slices(tmp_path: Path, text: str) -> None:
+    pytest.importorskip("yaml", reason="extra `medical` is not installed")
+    (tmp_path / "old").mkdir()
+    for k, plane in enumerate(greys("u2")):
+        Image.fromarray(plane).save(tmp_path / "old" / f"p{k:03d}.png")
+    (tmp_path / "v.yaml").write_text(text.replace("PLACE", os.fspath(tmp_path / "old")))
+    volume = read_stack(tmp_path / "v.yaml")
+    assert isinstance(volume, Volume)
+    bone = drilled(volume)
+    save_drilled(tmp_path / "new", bone, volume, mapping=MAP)
+    found = read_stack(tmp_path / "new" / "v.yaml")
+    assert isinstance(found, Volume)
+    assert np.count_nonzero(found.values != volume.values) > 0
+    np.testing.assert_allclose(found.spacing, volume.spacing)
+
+
 def test_bad_saves_are_refused(tmp_path: Path) -> None:
     pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))

@@ -118,10 +118,17 @@ def _draw(path: Path, kind: str, where: NDArray[np.bool_], plane: NDArray[Any] |
 
 
 def _write_description(path: Path, folder: Path) -> None:
-    """The YAML file of the original, with the slices beside it."""
-    text = path.read_text(encoding="utf-8")
+    """The YAML file of the original, with the slices beside it; comments go where its style is not that of the simulator's."""
+    import yaml
+
+    text, copy = path.read_text(encoding="utf-8"), folder / path.name
     block = re.search(r"^(\s*)images:[^\n]*\n(?:\1\s+[^\n]*\n?|\s*\n)*", text, flags=re.MULTILINE)
-    if block is None:
-        return
-    own = re.sub(r"^(\s*path:)[^\n]*", r"\g<1> ./", block[0], count=1, flags=re.MULTILINE)
-    (folder / path.name).write_text(text[: block.start()] + own + text[block.end() :], encoding="utf-8")
+    if block is not None:
+        own = re.sub(r"^(\s*path:)[^\n]*", r"\g<1> ./", block[0], count=1, flags=re.MULTILINE)
+        copy.write_text(text[: block.start()] + own + text[block.end() :], encoding="utf-8")
+        if read_description(copy, unit=1.0).folder.resolve() == folder.resolve():
+            return
+    content = yaml.safe_load(text)
+    (named,) = (name for name in content if str(name).startswith("VOLUME "))  # as read_description has it
+    content[named]["images"]["path"] = "./"
+    copy.write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")

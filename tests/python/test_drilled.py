@@ -423,6 +423,19 @@ def test_coloured_stacks_and_their_description(tmp_path: Path, mode: str) -> Non
         save_drilled(tmp_path / "x", bone, labels, mapping=MAP)
 
 
+def test_slices_in_capitals_belong_to_their_state_too(tmp_path: Path) -> None:
+    (tmp_path / "old").mkdir()
+    for k, plane in enumerate(greys("u2")):
+        Image.fromarray(plane).save(tmp_path / "old" / f"P{k + 1:03d}.PNG")
+    volume = read_stack(tmp_path / "old", spacing=(0.3, 0.4, 0.5))
+    assert isinstance(volume, Volume)
+    save_drilled(tmp_path / "new", drilled(volume), volume, mapping=MAP)
+    load_drilled(tmp_path / "new")
+    (tmp_path / "new" / "P005.PNG").write_bytes((tmp_path / "old" / "P006.PNG").read_bytes())
+    with pytest.raises(ValueError, match="belongs to another content of it: one of them was changed"):
+        load_drilled(tmp_path / "new")
+
+
 @pytest.mark.parametrize(
     "text",
     [

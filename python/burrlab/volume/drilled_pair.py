@@ -20,7 +20,7 @@ def content_digest(target: Path) -> str:
     if target.is_file():
         return hashlib.sha256(target.read_bytes()).hexdigest()
     digest = hashlib.sha256()
-    for path in sorted(target.glob("*.png")):
+    for path in sorted(part for part in target.iterdir() if part.suffix.lower() == ".png"):
         digest.update(path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()
 

@@ -10,7 +10,8 @@ import pytest
 import burrlab
 from burrlab.fitting.voxel_descent import VoxelSettings
 from burrlab.session.network import make_bone, volume_recipe
-from burrlab.volume import OccupancyMap, VolumeRecipe
+from burrlab.volume import OccupancyMap, VolumeRecipe, write_dicom
+from burrlab.volume.drilled import check_drilled
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 from volume_scenes import ASKEW, slab
@@ -67,6 +68,18 @@ def test_a_stack_of_slices_as_a_recipe(tmp_path):
         image.fromarray(np.full((5, 6, 3), (0, 9, 60 * k), np.uint8)).save(folder / f"slice{k}.png")
     with pytest.raises(ValueError, match=r"colour|labels"):
         VolumeRecipe(folder, OccupancyMap.two_point(0, 255), spacing=0.5).bone()
+
+
+def test_a_picture_among_dicom_slices_makes_no_stack_of_them(tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    values = np.full((3, 4, 5), 100, np.int16)
+    volume = burrlab.Volume(values, (0.2, 0.3, 0.4), (0, 0, 0), np.eye(3), "made")
+    write_dicom(tmp_path / "ct", volume)
+    image.fromarray(np.zeros((4, 5), np.uint8)).save(tmp_path / "ct" / "preview.png")
+    found = VolumeRecipe(tmp_path / "ct", OccupancyMap.two_point(0, 1)).volume()
+    np.testing.assert_array_equal(found.values, values)
+    with pytest.raises(ValueError, match=r"path must end in \.nrrd"):
+        check_drilled(tmp_path / "kept", found, OccupancyMap.two_point(0, 1))
 
 
 def test_results_keep_how_the_bone_was_made(tmp_path):

@@ -109,6 +109,14 @@ def dicom_files(folder: str | os.PathLike[str]) -> tuple[list[str], list[str]]:
     return found, others
 
 
+def holds_dicom(folder: str | os.PathLike[str]) -> bool:
+    """Whether a folder has DICOM files."""
+    try:
+        return bool(dicom_files(folder)[0])
+    except ValueError:
+        return False
+
+
 def is_dicom(name: str) -> bool:
     """Whether a file says that it is DICOM."""
     with open(name, "rb") as file:

@@ -17,6 +17,7 @@ from burrlab.volume.drilled_pair import content_digest
 from burrlab.volume.drilled_values import Changes
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.png_files import Slices, find_slices, pixels
+from burrlab.volume.recipe import is_stack
 from burrlab.volume.stack import ROWS_ALONG_X
 from burrlab.volume.volume import Volume
 
@@ -30,9 +31,7 @@ def stack_slices(like: Volume | LabelVolume) -> Slices | None:
     if Path(path).suffix.lower() in (".yaml", ".yml") and Path(path).is_file():
         described = read_description(path, unit=1.0)
         return find_slices(described.folder, prefix=described.prefix)
-    if any(sign in path for sign in "*?[") or (
-        Path(path).is_dir() and any(Path(path).glob("*.[pP][nN][gG]"))
-    ):
+    if any(sign in path for sign in "*?[") or (Path(path).is_dir() and is_stack(path)):
         return find_slices(path)
     return None
 

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from burrlab._core import Burr, VoxelBone
 from burrlab.specimen import Specimen, Vector
+from burrlab.volume.dicom import holds_dicom
 from burrlab.volume.geometry import Array, checked_point, checked_spacing
 from burrlab.volume.occupancy_map import OccupancyMap
 from burrlab.volume.read import read_volume
@@ -168,10 +169,10 @@ def _grey(path: str, spacing: tuple[float, float, float] | None, series: str | N
 
 
 def is_stack(path: str) -> bool:
-    """Whether it is PNG slices: their description, a pattern of names, or a folder of them."""
+    """Whether it is PNG slices: their description, a pattern of names, or a folder of them without DICOM files."""
     if Path(path).suffix.lower() in (".yaml", ".yml", ".png"):
         return True
-    return Path(path).is_dir() and any(part.suffix.lower() == ".png" for part in Path(path).iterdir())
+    return Path(path).is_dir() and any(Path(path).glob("*.[pP][nN][gG]")) and not holds_dicom(path)
 
 
 def _spacing(value: float | ArrayLike | None, what: str) -> tuple[float, float, float] | None:

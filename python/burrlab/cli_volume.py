@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from pathlib import Path
 
 from burrlab._core import Burr, Material
 from burrlab.anatomy.labelled_recipe import LabelledRecipe, labels_of
@@ -13,7 +14,7 @@ from burrlab.anatomy.tissue_table import default_tissues
 from burrlab.specimen import Specimen
 from burrlab.volume.drilled_recipe import DrilledRecipe
 from burrlab.volume.occupancy_map import OccupancyMap
-from burrlab.volume.recipe import VolumeRecipe
+from burrlab.volume.recipe import VolumeRecipe, is_stack
 
 Recipe = VolumeRecipe | LabelledRecipe
 
@@ -45,7 +46,7 @@ def add_volume_options(parser: argparse.ArgumentParser) -> None:
         "--spacing",
         type=spacing,
         metavar="X,Y,Z",
-        help="of the volume's voxels, where its file has none [mm]",
+        help="of the volume's voxels, where its file has none, and of labels in slices [mm]",
     )
     volume.add_argument("--series", metavar="UID", help="SeriesInstanceUID in a folder with several")
     volume.add_argument(
@@ -115,7 +116,7 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
         raise ValueError(f"--{'map' if options.map is not None else 'series'} goes with --volume")
     elif options.onto:
         raise ValueError("--onto goes with --volume")
-    own = options.spacing if grey is None else None
+    own = options.spacing if grey is None or _sizeless(options.labels) else None
     stack = {"unknown": options.unknown, "unit": None if options.unit is None else options.unit[0]}
     if options.tissues is None:
         tissues = default_tissues(labels_of(options.labels, spacing=own, **stack), material=material)
@@ -128,6 +129,11 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
     if burr is not None:
         recipe.check_burr(burr)
     return recipe
+
+
+def _sizeless(labels: str) -> bool:
+    """Whether they are slices without a description, for which --spacing is the one source."""
+    return is_stack(labels) and Path(labels).suffix.lower() not in (".yaml", ".yml")
 
 
 def _grey_recipe(options: argparse.Namespace, burr: Burr | None) -> VolumeRecipe | None:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from label_scenes import MAP, SPACING, volume, write_files
+from label_scenes import MAP, SPACING, greys, volume, write_files
+from PIL import Image
 
 from burrlab import Burr, VoxelBone, load_bone, load_trace, replay
 from burrlab.cli import main
@@ -92,6 +93,16 @@ def test_a_block_and_slices_are_kept(files: Path, capsys: pytest.CaptureFixture[
     capsys.readouterr()
 
 
+def test_grey_and_coloured_slices_of_one_spacing(files: Path) -> None:
+    (files / "greys").mkdir()
+    for k, plane in enumerate(np.clip(greys(), 0, None).astype(np.uint16)):
+        Image.fromarray(plane).save(files / "greys" / f"g{k:03d}.png")
+    words = ["--volume", "greys", "--map", "0:1000", "--labels", "slices", "--spacing", "0.25"]
+    place = ["--entry", "4,4,7", "--axis", "0,0,-1"]
+    assert main([*HAND, *words, *place, "--save", "kept"]) == 0
+    assert {t.name for t in load_drilled("kept").bone.tissues} >= {"bone", "facial nerve"}
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -107,6 +118,8 @@ def test_a_block_and_slices_are_kept(files: Path, capsys: pytest.CaptureFixture[
         (["--labels", "a.seg.nrrd"], "--device hand with --labels needs --entry"),
         (["--labels", "labels.nii.gz", *THERE], "labels.nii.gz: the labels 1 (19008 voxels), 4 (6336 voxels) have no names in the file"),
         (["--labels", "none.nrrd", *THERE], "none.nrrd: no such file"),
+        (["--labels", "a.seg.nrrd", "--unit", "1", *THERE], "unit (--unit) goes with labels in PNG slices, got a.seg.nrrd"),
+        ([*GREY, "--labels", "labels.nii.gz", "--unknown", "nearest", *THERE], "unknown (--unknown) goes with labels in PNG slices"),
         (["--labels", "slices", *THERE], "slices: PNG slices do not say how large they are"),
         (["--labels", "slices", "--unit", "1", "--spacing", "0.2", *THERE], "unit goes with a YAML file: spacing is in mm"),
         ([*GREY, "--labels", "a.seg.nrrd", *THERE], "a.seg.nrrd must have the same geometry: spacing (0.25, 0.25, 0.25) against (0.2, 0.3"),

@@ -188,6 +188,9 @@ def labels_of(
 ) -> LabelVolume:
     """Labels of a file or of a stack of coloured slices, by the colours of a table; errors as of `read_labels` and `read_stack`."""
     if not is_stack(os.fspath(path)):
+        if unknown != "refuse" or unit is not None:
+            name = "unit" if unknown == "refuse" else "unknown"
+            raise ValueError(f"{name} (--{name}) goes with labels in PNG slices, got {os.fspath(path)}")
         return read_labels(path, spacing=spacing)
     found = read_stack(path, spacing=spacing, palette=palette, unknown=unknown, unit=unit)
     if not isinstance(found, LabelVolume):

@@ -17,6 +17,8 @@ from burrlab.materials import materials
 from burrlab.volume.drilled_recipe import DrilledRecipe
 
 _OF_TRACE = ("at", "video", "effects")
+_OF_FILM = ("fps", "speed")
+_OF_SCENE = ("width", "axis", "size", "slices", "effects")  # --pictures has none
 _OF_VOLUME = ("map", "spacing", "series", "crop", "voxel", "tissues", "unit")
 
 
@@ -43,15 +45,16 @@ def add_view_command(command: AddCommand) -> None:
     view.add_argument(
         "--video", metavar="FILE", help="write a film of the trace, .mp4 or .gif; no window opens"
     )
-    view.add_argument("--fps", type=_positive, default=20.0, help="of the film [1/s], default 20")
-    view.add_argument("--speed", type=_positive, default=1.0, help="of the trace in the film, default 1")
-    view.add_argument("--stereo", action="store_true", help="both eyes' pictures side by side")
+    view.add_argument("--fps", type=_positive, help="of the film [1/s], default 20")
+    view.add_argument("--speed", type=_positive, help="of the trace in the film, default 1")
+    view.add_argument("--stereo", action="store_true", help="both eyes side by side, in a picture or a film")
     view.add_argument(
-        "--slices", action="store_true", help="slices through the burr, the entry or the middle"
+        "--slices",
+        action="store_true",
+        default=None,
+        help="slices through the burr, the entry or the middle",
     )
-    view.add_argument(
-        "--size", type=_size, default=(1024, 768), metavar="WxH", help="[pixel], default 1024x768"
-    )
+    view.add_argument("--size", type=_size, metavar="WxH", help="[pixel], default 1024x768")
     view.add_argument("--width", type=_positive, metavar="MM", help="that the view holds at the entry [mm]")
     view.add_argument("--web", action="store_true", help="serve a page for a browser instead of a window")
     view.add_argument("--port", type=_port, help="of the page, default any free one")
@@ -94,15 +97,7 @@ def _check(options: Options) -> None:
                 raise ValueError(f"--{name} goes with --volume or --labels")
         if options.fill or options.unknown != "refuse":
             raise ValueError(f"--{'fill' if options.fill else 'unknown'} goes with --labels")
-    if options.web:
-        for name in ("png", "pictures", "video"):
-            if getattr(options, name) is not None:
-                raise ValueError(f"--{name} goes without --web")
-    for name in ("port", "effects"):
-        if getattr(options, name) and not options.web:
-            raise ValueError(f"--{name} goes with --web")
-    if options.axis is not None and options.entry is None:
-        raise ValueError("--axis goes with --entry")
+    _check_shown(options)
     for name in ("png", "pictures", "video"):
         path = getattr(options, name)
         if path is None:
@@ -116,8 +111,38 @@ def _check(options: Options) -> None:
         raise ValueError(f"--png: {options.png} must end in .png")
 
 
+def _check_shown(options: Options) -> None:
+    """ValueError for an option that what is asked for would not look at."""
+    if options.web:
+        for name in ("png", "pictures", "video", "at", "slices"):
+            if getattr(options, name) is not None:
+                raise ValueError(f"--{name} goes without --web")
+    elif options.port is not None:
+        raise ValueError("--port goes with --web")
+    if options.axis is not None and options.entry is None:
+        raise ValueError("--axis goes with --entry")
+    for name in _OF_FILM:
+        if getattr(options, name) is not None and options.video is None:
+            raise ValueError(f"--{name} goes with --video")
+    if options.stereo and options.png is None and options.video is None:
+        raise ValueError("--stereo goes with --png or --video")
+    if options.at is not None and options.video is not None and not (options.png or options.pictures):
+        raise ValueError("--at goes with a window, --png or --pictures: a film shows the whole trace")
+    if not _needs_scene(options):
+        for name in _OF_SCENE:
+            if getattr(options, name) is not None:
+                raise ValueError(f"--{name} does not go with --pictures alone")
+
+
+def _scene_size(options: Options) -> tuple[int, int]:
+    return options.size or (1024, 768)
+
+
 def _scene_options(options: Options) -> dict[str, Any]:
-    return {"size": options.size, "off_screen": options.png is not None or options.video is not None}
+    return {
+        "size": _scene_size(options),
+        "off_screen": options.png is not None or options.video is not None,
+    }
 
 
 def _needs_scene(options: Options) -> bool:
@@ -144,7 +169,7 @@ def _serve(options: Options, source: Any, bone: Any, effects: Any = None) -> int
 
     check_page(port=options.port or 0)
     viewpoint = _viewpoint(options, bone)
-    serve(source, port=options.port or 0, size=options.size, effects=effects, viewpoint=viewpoint)
+    serve(source, port=options.port or 0, size=_scene_size(options), effects=effects, viewpoint=viewpoint)
     return 0
 
 
@@ -167,13 +192,14 @@ def _show_trace(options: Options) -> int:
         from burrlab.view.trace_view import TraceView
         from burrlab.view.video import write_video
 
-        view = TraceView(player, slices=options.slices, **_scene_options(options))
+        view = TraceView(player, slices=bool(options.slices), **_scene_options(options))
         _look(options, view.scene)
         if options.video is not None:
-            frames = view.frames(fps=options.fps, speed=options.speed, stereo=options.stereo)
-            result["frames"] = write_video(options.video, frames, fps=options.fps)
+            fps = options.fps or 20.0
+            frames = view.frames(fps=fps, speed=options.speed or 1.0, stereo=options.stereo)
+            result["frames"] = write_video(options.video, frames, fps=fps)
             result["written"].append(str(options.video))
-        if options.video is None or options.png is not None:
+        if options.video is None or options.png is not None or options.pictures is not None:
             view.go(at)
         _finish_scene(options, view.scene, result)
     else:
@@ -182,9 +208,8 @@ def _show_trace(options: Options) -> int:
         centers = player.burrs.centers
         known = len(centers) > 0 and bool(np.isfinite(centers).all())
         burrs = (player.burrs.radii.tolist(), centers) if known else ([], [])
-        _write_pictures(
-            options.pictures, player.bone, centers[0] if known else _middle(player.bone), *burrs, result
-        )
+        point = options.entry or (centers[0] if known else _middle(player.bone))
+        _write_pictures(options.pictures, player.bone, point, *burrs, result)
     return _done(options, result)
 
 

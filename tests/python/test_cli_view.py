@@ -79,6 +79,14 @@ def test_pictures_of_a_volume_are_in_the_bone_frame(volume, tmp_path, capsys):
     assert read(made).shape == (780, 1920, 3)
 
 
+def test_pictures_of_a_trace_go_through_the_entry(trace, tmp_path, capsys):
+    seen = []
+    for i, look in enumerate(((), ("--entry", "1,1,-1"))):
+        assert call(capsys, trace, "--pictures", tmp_path / f"{i}.png", *look)[0] == 0
+        seen.append(read(tmp_path / f"{i}.png"))
+    assert (seen[0] != seen[1]).any()
+
+
 def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
     png = tmp_path / "a.png"
     for said, *arguments in (
@@ -94,6 +102,15 @@ def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
         ("--port goes with --web", trace, "--port", 8080),
         ("--png goes without --web", trace, "--web", "--png", png),
         ("--axis goes with --entry", trace, "--axis", "0,0,-1"),
+        ("--at goes without --web", trace, "--web", "--at", 0),
+        ("--slices goes without --web", trace, "--web", "--slices"),
+        ("--fps goes with --video", trace, "--png", png, "--fps", 5),
+        ("--speed goes with --video", trace, "--pictures", png, "--speed", 2),
+        ("--stereo goes with --png or --video", trace, "--stereo"),
+        ("--at goes with a window, --png or --pictures: a film shows the whole trace", trace, "--video", "a.gif", "--at", 0),
+        ("--width does not go with --pictures alone", trace, "--pictures", png, "--width", 5),
+        ("--size does not go with --pictures alone", trace, "--pictures", png, "--size", "320x240"),
+        ("--slices does not go with --pictures alone", trace, "--pictures", png, "--slices"),
         ("--png: a.jpg must end in .png", trace, "--png", "a.jpg"),
         ("--video: a.avi must end in .mp4 or .gif", trace, "--video", "a.avi"),
         (f"--png: {tmp_path}/no/a.png cannot be written", trace, "--png", f"{tmp_path}/no/a.png"),
@@ -147,6 +164,15 @@ def test_picture_film_and_stereo_of_a_trace(trace, tmp_path, capsys):
     frames = int(duration * 10 / 0.5 + 1e-9) + 1
     assert json.loads(out)["frames"] == frames
     assert frames_in(film) == frames
+
+
+@pytest.mark.slow
+def test_pictures_beside_a_film_are_of_the_time_asked_for(trace, tmp_path, capsys):
+    need_drawing()
+    film, both, alone = tmp_path / "c.gif", tmp_path / "both.png", tmp_path / "alone.png"
+    assert call(capsys, trace, "--video", film, "--fps", 5, "--pictures", both, "--at", 0, *SMALL)[0] == 0
+    assert call(capsys, trace, "--pictures", alone, "--at", 0)[0] == 0
+    np.testing.assert_array_equal(read(both), read(alone))
 
 
 @pytest.mark.slow

@@ -46,6 +46,7 @@ py::dict to_dict(const FrameCounts& counts, const Histogram& wall, const Histogr
   out["coarse"] = counts.coarse;
   out["cut"] = counts.cut;
   out["crowded"] = counts.crowded;
+  out["skipped"] = counts.skipped;
   out["merged"] = counts.merged;
   out["sub_steps_least"] = counts.least_sub_steps;
   out["sub_steps_most"] = counts.most_sub_steps;
@@ -84,23 +85,36 @@ void bind_companion(py::module_& m) {
   py::class_<EffectsCompanion>(m, "EffectsCompanion", "Effects in a thread beside a session; see Companion.")
       .def(py::init([](std::shared_ptr<HapticLoop> loop, std::shared_ptr<Follower> follower,
                        const EffectParameters& parameters, std::uint64_t seed, const Vec3& down,
-                       const Vec3& spin, std::optional<double> budget, double rate) {
+                       const Vec3& spin, std::optional<double> budget, double rate, bool realtime) {
              if (!loop || !follower) throw std::invalid_argument("loop and follower must be a session's");
              const py::gil_scoped_release release;
              return std::make_unique<EffectsCompanion>(std::move(loop), std::move(follower),
-                                                       to_setup(parameters, seed, down, spin, budget), rate);
+                                                       to_setup(parameters, seed, down, spin, budget), rate,
+                                                       realtime);
            }),
            py::arg("loop"), py::arg("follower"), py::kw_only(), py::arg("parameters"), py::arg("seed"),
-           py::arg("down"), py::arg("spin"), py::arg("budget"), py::arg("rate"))
+           py::arg("down"), py::arg("spin"), py::arg("budget"), py::arg("rate"), py::arg("realtime"))
       .def("start", &EffectsCompanion::start, py::call_guard<py::gil_scoped_release>())
       .def("stop", &EffectsCompanion::stop, py::call_guard<py::gil_scoped_release>())
       .def("wait", &EffectsCompanion::wait, py::arg("seconds"), py::call_guard<py::gil_scoped_release>())
       .def_property_readonly("running", &EffectsCompanion::running)
       .def_property_readonly("error", &EffectsCompanion::error)
+      .def_property_readonly("realtime_notes", &EffectsCompanion::realtime_notes)
       .def("set_nozzle", &EffectsCompanion::set_nozzle, py::arg("nozzle"))
       .def("set_sucker", &EffectsCompanion::set_sucker, py::arg("sucker"))
       .def("set_camera", &EffectsCompanion::set_camera, py::arg("camera"))
       .def_property_readonly("quantum", &EffectsCompanion::quantum, "[mm^3]")
+      .def_property_readonly("first_tick", &EffectsCompanion::first_tick)
+      .def_property_readonly(
+          "frames",
+          [](const EffectsCompanion& companion) {
+            std::vector<std::tuple<double, std::uint64_t, Decision>> out;
+            for (const FrameRecord& f : companion.frames())
+              out.emplace_back(f.seconds, f.tick,
+                               Decision{f.decision.merge_to, f.decision.sub_steps, f.decision.done});
+            return out;
+          },
+          "[(seconds, tick, decision)], one a frame")
       .def(
           "newest",
           [](const EffectsCompanion& companion) {

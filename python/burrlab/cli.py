@@ -141,12 +141,18 @@ def _save(axes: Axes, path: str) -> None:
 
 def _check_outputs(options: Options) -> None:
     """ValueError before any work if a result could not be written."""
-    for name in ("json", "plot", "out", "region", "profile", "record", "save", "tsv"):
+    for name in ("json", "plot", "out", "region", "profile", "record", "save", "template", "tsv"):
         path = getattr(options, name, None)
         if path is None or path == "-":
             continue
         folder = Path(path).resolve().parent
-        if not folder.is_dir() or not os.access(folder, os.W_OK) or Path(path).is_dir():
+        if (
+            not folder.is_dir()
+            or not os.access(folder, os.W_OK)
+            or (
+                Path(path).is_dir() and name != "save"  # slices are saved as a folder
+            )
+        ):
             raise ValueError(f"--{name}: {path} cannot be written")
         if name in ("plot", "region", "profile"):
             from matplotlib.figure import Figure
@@ -374,6 +380,7 @@ def _parser() -> argparse.ArgumentParser:
 
     from burrlab.cli_experiment import add_experiment_commands
     from burrlab.cli_session import add_session_commands
+    from burrlab.cli_tissues import add_tissues_command
     from burrlab.cli_trace import add_trace_commands
     from burrlab.cli_view import add_view_command
 
@@ -381,6 +388,7 @@ def _parser() -> argparse.ArgumentParser:
     add_trace_commands(command)
     add_view_command(command)
     add_experiment_commands(command)
+    add_tissues_command(command)
     _output_options(command("materials", _materials, "The paper's materials and their source."), plot=False)
     _output_options(command("version", _version, "Version and what it runs on."), plot=False)
     return parser

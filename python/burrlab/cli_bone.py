@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from burrlab._core import Burr, Material, VoxelBone
-from burrlab.cli_volume import Recipe, chosen_recipe
+from burrlab.cli_volume import Recipe, chosen_recipe, say_notes
 from burrlab.materials import materials
 from burrlab.session.network import block_recipe, make_bone
 from burrlab.session.snapshot import check_bone_file, save_bone
@@ -89,6 +89,7 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
     recipe.check_burr(burr)
     like, mapping = _kept_as(options.save, recipe)
     bone, place = _placed(options, recipe, burr)
+    say_notes(recipe)
     tick = 0
     if isinstance(recipe, DrilledRecipe):
         tick = recipe.tick
@@ -103,8 +104,9 @@ def _recipe(options: argparse.Namespace, material: Material) -> Recipe | Drilled
     for name in _OTHERS:
         if getattr(options, name) is not None:
             raise ValueError(f"--{name} goes without --bone, which has its own")
-    if options.fill or options.unknown != "refuse":
-        raise ValueError(f"--{'fill' if options.fill else 'unknown'} goes without --bone, which has its own")
+    if options.fill or options.onto or options.unknown != "refuse":
+        name = "fill" if options.fill else "onto" if options.onto else "unknown"
+        raise ValueError(f"--{name} goes without --bone, which has its own")
     return DrilledRecipe(options.bone)
 
 

@@ -24,10 +24,13 @@ from burrlab.cli import (
     _save,
     _seed,
 )  # fmt: skip
-from burrlab.cli_bone import add_bone_options, chosen_start
+from burrlab.cli_bone import Start, add_bone_options, chosen_start
+from burrlab.cli_live import add_live_options, check_live, show_live
 from burrlab.cli_volume import add_label_options, add_volume_options
+from burrlab.cli_watch import add_watch_options, chosen_watch
 from burrlab.session.device_text import parse_address, parse_device
 from burrlab.session.network import follow
+from burrlab.session.replica_report import replica_events, replica_report
 from burrlab.session.snapshot import check_bone_file
 
 #: Adds a command: its name, what runs it, its help.
@@ -58,7 +61,7 @@ def add_session_commands(command: AddCommand) -> None:
         "--header-version", type=int, choices=[1, 2], default=1, help="of the OpenIGTLink messages, default 1"
     )
     session.add_argument("--duration", type=_positive, metavar="S", help="[s], default until Ctrl-C")
-    session.add_argument("--view", action="store_true", help="show it in a window (extra viz3d)")
+    add_live_options(session, _port)
     session.add_argument("--rate", type=_positive, default=1000.0, help="of the loop [Hz], default 1000")
     _material_options(session)
     session.add_argument("--push", type=_positive, default=1.0, help="of a simulated hand [N], default 1")
@@ -68,6 +71,7 @@ def add_session_commands(command: AddCommand) -> None:
     add_volume_options(session)
     add_label_options(session)
     add_bone_options(session)
+    add_watch_options(session)
     session.add_argument("--seed", type=_seed, help="default: drawn and recorded")
     session.add_argument(
         "--force-limit", type=_positive, default=8.0, help="of the force sent [N], default 8"
@@ -87,7 +91,7 @@ def add_session_commands(command: AddCommand) -> None:
     replica.add_argument(
         "--duration", type=_positive, metavar="S", help="[s], default until the session ends"
     )
-    replica.add_argument("--view", action="store_true", help="show it in a window (extra viz3d)")
+    add_live_options(replica, _port)
     replica.add_argument("--save", metavar="FILE", help="write the bone at the end (HDF5)")
     _output_options(replica, plot=False)
 
@@ -106,7 +110,7 @@ def _address(text: str) -> tuple[str, int]:
 
 
 def _session(options: Options) -> int:
-    _check_view(options)
+    check_live(options)
     if options.host is not None and options.publish is None:
         raise ValueError("--host goes with --publish")
     host = options.host or "127.0.0.1"
@@ -117,24 +121,21 @@ def _session(options: Options) -> int:
         start.bone, [(burr, start.material)] * len(devices), devices, seed=options.seed, rate=options.rate, tick=start.tick,
         duration=options.duration, force_limit=options.force_limit, slew_limit=options.slew_limit,
         coupling=options.coupling, record=options.record, publish=options.publish, host=host,
-        header_version=options.header_version, source=start.source, realtime=not options.no_realtime, on_message=_say,
+        header_version=options.header_version, source=start.source, realtime=not options.no_realtime,
+        watch=chosen_watch(options, start.bone), on_message=_say,
     )  # fmt: skip
     interrupted = False
     if session.port is not None:
         _say(f"published on {host}, port {session.port}; there is no authentication")
-    with _ended_by_signals(), session:
+    with _kept(options, start, session), _ended_by_signals(), session:
         try:
-            if options.view:
-                _show_live(session)
+            show_live(options, session, _say)
             while not session.wait(1.0):
                 _show(_line(session))
         except KeyboardInterrupt:
             interrupted = True
             session.stop("interrupted")
     _show("")
-    if options.save is not None:
-        start.save(options.save, *session.snapshot())
-        _say(f"bone saved as {options.save}")
     report = session.report()
     if options.plot is not None:
         _save(report.plot()[0], options.plot)
@@ -151,6 +152,18 @@ def _session(options: Options) -> int:
     if interrupted:
         return 130
     return 1 if session.failed else 0
+
+
+@contextlib.contextmanager
+def _kept(options: Options, start: Start, session: burrlab.Session) -> Iterator[None]:
+    """Keeps the bone once the session has ended, and if it ended on an error too."""
+    try:
+        yield
+    finally:
+        if options.save is not None:
+            _show("")
+            start.save(options.save, *session.snapshot())
+            _say(f"bone saved as {options.save}")
 
 
 def _device(text: str, options: Options, burr: Burr, place: Mapping[str, Any], number: int) -> Device:
@@ -183,7 +196,7 @@ def _line(session: burrlab.Session) -> str:
 
 
 def _replica(options: Options) -> int:
-    _check_view(options)
+    check_live(options)
     if options.save is not None:
         check_bone_file(options.save)
     host, port = options.address
@@ -193,45 +206,41 @@ def _replica(options: Options) -> int:
         raise ValueError(f"{error}; --volume says where the leader's volume lies here") from None
     _say(f"following {host}, port {port}")
     interrupted, left = False, float("inf") if options.duration is None else options.duration
+    told = 0
     try:
         with _ended_by_signals():
-            if options.view:
-                _show_live(replica)
+            show_live(options, replica, _say)
             while left > 0 and not replica.wait(min(1.0, left)):
                 left -= 1.0
+                told = _tell_events(replica, told)
                 status = replica.status
                 _show(f"tick {status['tick']}, {'connected' if status['connected'] else 'not connected'}")
     except KeyboardInterrupt:
         interrupted = True
     replica.stop()
+    _tell_events(replica, told)
     _show("")
+    anatomy = replica_report(replica)
     if options.save is not None:
         burrlab.save_bone(options.save, *replica.snapshot())
     status = {"interrupted": interrupted, "digest": replica.digest(), **replica.status}
-    _deliver(options, status, "\n".join(f"{name}: {value}" for name, value in status.items()))
+    said = [f"{name}: {value}" for name, value in status.items()]
+    if anatomy is not None:
+        said.append(str(anatomy))
+        status["anatomy"] = anatomy.to_dict()
+    _deliver(options, status, "\n".join(said))
     if interrupted:
         return 130
     return 1 if status["divergences"] or status["failed"] else 0
 
 
-def _check_view(options: Options) -> None:
-    """Before anything is started: ImportError without pyvista, OSError without a screen."""
-    if options.view:
-        from burrlab.view.rendering import check_screen, pyvista
-
-        pyvista()
-        check_screen()
-
-
-def _show_live(source: burrlab.Session | Replica) -> None:
-    """A window beside it, until it is closed or the session ends."""
-    from burrlab.view.live import LiveView
-
-    view = LiveView(source)
-    try:
-        view.run()
-    finally:
-        view.close()
+def _tell_events(replica: Replica, known: int) -> int:
+    """Says what happened near watched structures but for the first events; how many there are."""
+    events = replica_events(replica, known)
+    for event in events:
+        if event.kind != "away":
+            _say(str(event))
+    return known + len(events)
 
 
 @contextlib.contextmanager

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from burrlab.cli import Options, _deliver, _output_options, _positive, _save
+from burrlab.cli_watch import add_watch_options, chosen_watch, watch_asked_for
 
 if TYPE_CHECKING:
     from burrlab.anatomy.target import TargetComparison
@@ -39,6 +40,7 @@ def add_trace_commands(command: AddCommand) -> None:
     metrics.add_argument(
         "--target", metavar="VOLUME", help="labels on the bone's grid, not 0 where bone was to be removed"
     )
+    add_watch_options(metrics)
     _output_options(metrics)
 
 
@@ -82,9 +84,14 @@ def _metrics(options: Options) -> int:
         trace, burr=options.burr, threshold=options.threshold or THRESHOLD,
         hysteresis=options.hysteresis or HYSTERESIS,
     )  # fmt: skip
-    if metrics.anatomy is None and trace.tissues is not None:  # not recorded, or the session was killed
+    asked = watch_asked_for(options)
+    # Not recorded, the session was killed, or another watch is wanted.
+    if asked or (metrics.anatomy is None and trace.tissues is not None):
+        watch = chosen_watch(options, trace.bone()) if asked else None
+        if asked and watch is None:
+            raise ValueError("--watch must name structures of the trace's bone, got none")
         with _bar() as progress:
-            anatomy = anatomy_report(trace, progress=progress)
+            anatomy = anatomy_report(trace, watch=watch, progress=progress)
         metrics = replace(metrics, anatomy=anatomy)
     result, text = metrics.to_dict(), repr(metrics)
     if target is not None:

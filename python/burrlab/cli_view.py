@@ -16,7 +16,7 @@ from burrlab.cli_volume import Recipe, add_label_options, add_volume_options, ch
 from burrlab.materials import materials
 from burrlab.volume.drilled_recipe import DrilledRecipe
 
-_OF_TRACE = ("at", "video")
+_OF_TRACE = ("at", "video", "effects")
 _OF_VOLUME = ("map", "spacing", "series", "crop", "voxel", "tissues", "unit")
 
 
@@ -55,6 +55,12 @@ def add_view_command(command: AddCommand) -> None:
     view.add_argument("--width", type=_positive, metavar="MM", help="that the view holds at the entry [mm]")
     view.add_argument("--web", action="store_true", help="serve a page for a browser instead of a window")
     view.add_argument("--port", type=_port, help="of the page, default any free one")
+    view.add_argument(
+        "--effects",
+        action="store_true",
+        default=None,
+        help="dust, blood and water of a trace in the page, at assumed rates",
+    )
     view.add_argument("--voxel", type=_positive, help="of a volume's bone [mm], default its own")
     add_volume_options(view)
     add_label_options(view)
@@ -92,8 +98,9 @@ def _check(options: Options) -> None:
         for name in ("png", "pictures", "video"):
             if getattr(options, name) is not None:
                 raise ValueError(f"--{name} goes without --web")
-    if options.port is not None and not options.web:
-        raise ValueError("--port goes with --web")
+    for name in ("port", "effects"):
+        if getattr(options, name) and not options.web:
+            raise ValueError(f"--{name} goes with --web")
     if options.axis is not None and options.entry is None:
         raise ValueError("--axis goes with --entry")
     for name in ("png", "pictures", "video"):
@@ -132,10 +139,12 @@ def _look(options: Options, scene: Any) -> None:
         scene.look(viewpoint)
 
 
-def _serve(options: Options, source: Any, bone: Any) -> int:
-    from burrlab.view.web import serve
+def _serve(options: Options, source: Any, bone: Any, effects: Any = None) -> int:
+    from burrlab.view.web import check_page, serve
 
-    serve(source, port=options.port or 0, size=options.size, viewpoint=_viewpoint(options, bone))
+    check_page(port=options.port or 0)
+    viewpoint = _viewpoint(options, bone)
+    serve(source, port=options.port or 0, size=options.size, effects=effects, viewpoint=viewpoint)
     return 0
 
 
@@ -143,9 +152,15 @@ def _show_trace(options: Options) -> int:
     from burrlab.session.trace import load_trace
     from burrlab.view.player import TracePlayer
 
-    player = TracePlayer(load_trace(options.file))
+    trace = load_trace(options.file)
     if options.web:
-        return _serve(options, player, player.bone)
+        bone, effects = trace.bone(), None
+        if options.effects:
+            from burrlab.effects import Effects
+
+            effects = Effects(bone, seed=trace.seed)
+        return _serve(options, trace, bone, effects)
+    player = TracePlayer(trace)
     at = player.duration if options.at is None else options.at
     result: dict[str, Any] = {"file": str(options.file), "at_s": at, "written": []}
     if _needs_scene(options):

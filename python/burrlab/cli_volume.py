@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 
 from burrlab._core import Burr, Material
 from burrlab.anatomy.labelled_recipe import LabelledRecipe, labels_of
 from burrlab.anatomy.tissue_csv import read_tissues
 from burrlab.anatomy.tissue_table import default_tissues
 from burrlab.specimen import Specimen
+from burrlab.volume.drilled_recipe import DrilledRecipe
 from burrlab.volume.occupancy_map import OccupancyMap
 from burrlab.volume.recipe import VolumeRecipe
 
@@ -73,6 +75,11 @@ def add_label_options(parser: argparse.ArgumentParser) -> None:
         "--fill", type=filling, action="append", default=[], metavar="TISSUE:OCCUPANCY",
         help="the least occupancy of a tissue, 0 to 1, where the map takes it as empty; as often as needed",
     )  # fmt: skip
+    labels.add_argument(
+        "--onto",
+        action="store_true",
+        help="labels on other voxels than the volume: bring the nearest on its own",
+    )
     add_stack_options(labels)
 
 
@@ -97,14 +104,17 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
         for name in ("tissues", "unit"):
             if getattr(options, name) is not None:
                 raise ValueError(f"--{name} goes with --labels")
-        if options.fill or options.unknown != "refuse":
-            raise ValueError(f"--{'fill' if options.fill else 'unknown'} goes with --labels")
+        if options.fill or options.onto or options.unknown != "refuse":
+            name = "fill" if options.fill else "onto" if options.onto else "unknown"
+            raise ValueError(f"--{name} goes with --labels")
         return _grey_recipe(options, burr)
     grey = None
     if options.volume is not None:
         grey = _grey_recipe(options, burr)
     elif options.map is not None or options.series is not None:
         raise ValueError(f"--{'map' if options.map is not None else 'series'} goes with --volume")
+    elif options.onto:
+        raise ValueError("--onto goes with --volume")
     own = options.spacing if grey is None else None
     stack = {"unknown": options.unknown, "unit": None if options.unit is None else options.unit[0]}
     if options.tissues is None:
@@ -112,7 +122,9 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
     else:
         tissues = read_tissues(options.tissues, material=material)
     alone = {} if grey is not None else {"crop": options.crop, "voxel": _same(options.voxel)}
-    recipe = LabelledRecipe(options.labels, tissues, grey, dict(options.fill), own, **stack, **alone)
+    recipe = LabelledRecipe(
+        options.labels, tissues, grey, dict(options.fill), own, **stack, **alone, onto=options.onto
+    )
     if burr is not None:
         recipe.check_burr(burr)
     return recipe
@@ -142,7 +154,17 @@ def chosen_specimen(options: argparse.Namespace, burr: Burr, material: Material)
             if getattr(options, name) is None:
                 raise ValueError(f"--{given} needs --{name}")
     recipe = chosen_recipe(options, material, burr)
-    return None if recipe is None else recipe.specimen(entry=options.entry, axis=options.axis)
+    if recipe is None:
+        return None
+    specimen = recipe.specimen(entry=options.entry, axis=options.axis)
+    say_notes(recipe)
+    return specimen
+
+
+def say_notes(recipe: Recipe | DrilledRecipe) -> None:
+    """Prints to standard error what was assumed on the way to the bone."""
+    for note in recipe.notes():
+        print(f"burrlab: {note}", file=sys.stderr)
 
 
 def grey_map(text: str) -> OccupancyMap:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from tqdm import tqdm
@@ -215,8 +215,11 @@ def force_sweep(
     # With the force held exactly to R/3 the window is the default one, which a fit predicts from c_e; written
     # out, its start would be taken as given and its information on c_e lost.
     about = "half-space of solid bone" if specimen is None else repr(specimen)
+    volume: dict[str, Any] = {}
     if isinstance(specimen, Specimen):
         about = specimen.source
+        if specimen.made:
+            volume = {"volume": dict(specimen.made), "digest": specimen.bone.digest()}
     own_window = rig or stop is not None or specimen is not None
     return VelocityCurve(
         force=np.array([item.force for item in items]),
@@ -230,6 +233,6 @@ def force_sweep(
             seed=seed, voxel_mm=list(specimen.bone.spacing) if isinstance(specimen, Specimen) else spacing,
             specimen=about,
             warnings=sorted({text.split(":")[0] for row in rows for text in row[4]}), dt_ms=dt, scheme=scheme, rig=rig, radius_mm=burr.radius, repeats=repeats,
-            c_e=material.c_e, alpha=material.alpha, shape=material.shape.name,
+            c_e=material.c_e, alpha=material.alpha, shape=material.shape.name, **volume,
         ),
     )  # fmt: skip

@@ -65,12 +65,12 @@ def scene_cost(native: Native, scene: Scene, path: str) -> dict[str, Any]:
 
 
 def tissue_cost(native: Native, quick: bool) -> dict[str, Any]:
-    """Of a slide and of a buried burr, by CPU path."""
+    """Of slides and of a buried burr, by CPU path: a large burr, and small ones, beside which a distance counts."""
     radius, spacing = (2.5, 0.2) if quick else (5.0, 0.1)
-    scenes = [
-        slide(radius, spacing, ticks=100 if quick else 600, quick=quick),
-        buried(radius, spacing, quick=quick),
-    ]
+    ticks = 100 if quick else 600
+    scenes = [slide(radius, spacing, ticks=ticks, quick=quick), buried(radius, spacing, quick=quick)]
+    if not quick:
+        scenes += [slide(2.5, 0.2, ticks=ticks), slide(1.0, 0.1, ticks=ticks)]
     return {
         scene.name: {path: scene_cost(native, scene, path) for path in native.cpu_paths if path != "scalar"}
         for scene in scenes

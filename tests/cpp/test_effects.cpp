@@ -93,6 +93,11 @@ void decisions() {
   hurried.frames(60);
   const FrameCounts& counts = hurried.effects->counts();
   CHECK(counts.coarse + counts.cut > 0 && counts.crowded > 0 && counts.least_sub_steps == 1);
+  setup.parameters.most_parcels = 16;  // fewer than a budget would ask for
+  Run few(setup);
+  few.frames(5);
+  CHECK(few.effects->parcels().size() <= 16);
+  setup.parameters.most_parcels = EffectParameters{}.most_parcels;
   setup.budget.reset();
   Run again(setup);
   again.frames(60, &hurried.effects->decisions());

@@ -156,6 +156,22 @@ void first_hits() {
   CHECK(wrong == 0);
 }
 
+/// A resting parcel stays where friction holds more than the air pulls: air / tau < friction g.
+void held_by_friction() {
+  World world(half_full());
+  world.parcels.add(Vec3(8.0, 8.0, 8.5), Vec3::Zero(), {1, 0, 0});
+  world.run(1.0, 50);
+  CHECK(world.motion.rests(world.parcels, 0));
+  Sucker sucker;
+  sucker.reach = 20.0;
+  const double air = 0.6 * 9806.65 * 0.02, distance = sucker.radius * std::sqrt(sucker.pull / air);
+  for (const double part : {0.99, 1.01}) {
+    sucker.position = world.parcels.position[0] + Vec3(part * distance, 0.0, 0.0);
+    world.sucker = sucker;
+    CHECK(world.motion.rests(world.parcels, 0) == (part > 1.0));
+  }
+}
+
 /// The sucker draws what is near its tip, and not what lies beyond its reach.
 void suction() {
   VoxelBone bone = empty();
@@ -184,6 +200,7 @@ int main() {
   rest();
   slope();
   first_hits();
+  held_by_friction();
   suction();
   return check::report();
 }

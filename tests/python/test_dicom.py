@@ -81,6 +81,43 @@ def test_a_missing_slice_is_named(folder):
         burrlab.read_volume(folder)
 
 
+@pytest.mark.parametrize("lost", [(1, 3), (1, 4), (2, 4)])
+def test_more_than_one_gap(folder, lost):
+    for k in lost:
+        (folder / f"slice{k:03d}.dcm").unlink()
+    with pytest.raises(
+        ValueError,
+        match=rf"2 slices are missing: 1\.5 mm between slices {lost[0] - 1} and {lost[0]} .*0\.75 mm apart",
+    ):
+        burrlab.read_volume(folder)
+
+
+def test_a_gap_among_three(folder):
+    some = [folder / f"slice{k:03d}.dcm" for k in (3, 0, 1)]
+    with pytest.raises(ValueError, match=r"1 slice is missing: 1\.5 mm between slices 1 and 2"):
+        burrlab.read_volume(some)
+
+
+def test_what_may_be_lost_at_even_distances_is_noted(folder, tmp_path):
+    for k in (1, 3, 5):
+        (folder / f"slice{k:03d}.dcm").unlink()
+    volume = burrlab.read_volume(folder)
+    assert volume.spacing[2] == pytest.approx(1.5)
+    assert volume.notes == ("the slices are numbered 1 to 5, of which 2 are absent: slices may be missing",)
+    write_series(tmp_path / "end", VALUES[:4], ImagesInAcquisition="6")
+    assert burrlab.read_volume(tmp_path / "end").notes == (
+        "the DICOM headers count 6 images in the acquisition, 4 are there: slices may be missing",
+    )
+
+
+def test_files_that_are_no_dicom_are_noted(folder):
+    for name in ("notes.txt", "IM0007"):
+        (folder / name).write_text("cut short")
+    assert burrlab.read_volume(folder).notes == (
+        "2 files of the folder left out, as no DICOM: IM0007, notes.txt",
+    )
+
+
 def test_uneven_slices(folder):
     write_slice(folder / "slice003.dcm", VALUES[3], (1, 2, 3 + 3 * 0.75 + 0.2), series="1.2.3.4")
     with pytest.raises(ValueError, match=r"not evenly spaced: 0\.95 mm between slices 2 and 3"):

@@ -17,7 +17,17 @@ def blocks(page: str) -> list[str]:
 
 @pytest.mark.parametrize(
     "page",
-    ["psychophysics.md", "simulated_subject.md", "experiment.md", "volumes.md", "phantom.md", "view.md"],
+    [
+        "psychophysics.md",
+        "simulated_subject.md",
+        "experiment.md",
+        "volumes.md",
+        "tissues.md",
+        "phantom.md",
+        "effects.md",
+        "anatomy.md",
+        "view.md",
+    ],
 )
 def test_blocks_run(page, tmp_path):
     found = blocks(page)

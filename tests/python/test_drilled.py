@@ -222,6 +222,18 @@ def test_drilling_goes_on_from_a_saved_volume(tmp_path: Path) -> None:
         save_drilled(tmp_path / "d.nrrd", volume.to_bone(MAP), read_volume(path), mapping=MAP)
 
 
+def test_saved_twice_under_a_relative_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same content has the same exact state: the second save must not take it for an older one."""
+    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+    monkeypatch.chdir(tmp_path)
+    volume = read_volume(nrrd(Path("a.nrrd"), greys()))
+    bone = drilled(volume)
+    for tick in (1, 2):
+        save_drilled("b.nrrd", bone, volume, mapping=MAP, tick=tick)
+        loaded = load_drilled("b.nrrd")
+        assert (loaded.bone.digest(), loaded.tick) == (bone.digest(), tick)
+
+
 def test_a_changed_or_missing_part_is_found(tmp_path: Path) -> None:
     pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
@@ -405,7 +417,7 @@ def test_coloured_stacks_and_their_description(tmp_path: Path, mode: str) -> Non
     assert "path: ./shaders/" in (tmp_path / "out" / "v.yaml").read_text()
     loaded = load_drilled(tmp_path / "out")
     assert (loaded.bone.digest(), loaded.tick, loaded.mapping) == (bone.digest(), 9, None)
-    with pytest.raises(ValueError, match="mapping must be given for grey values only, and .* holds labels"):
+    with pytest.raises(ValueError, match=r"mapping must be given for grey values only, and .* holds labels"):
         save_drilled(tmp_path / "x", bone, labels, mapping=MAP)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from dicom_series import write_series
+from label_scenes import MAP, TABLE, coloured, greys, label_file, labels, volume
 from PIL import Image
 from test_segments import FIELDS, seg_nrrd
 
@@ -19,8 +20,6 @@ from burrlab.session.network import make_bone
 from burrlab.volume import (
     DrilledRecipe,
     LabelVolume,
-    OccupancyMap,
-    Volume,
     VolumeRecipe,
     load_drilled,
     read_labels,
@@ -28,46 +27,6 @@ from burrlab.volume import (
     save_drilled,
     write_volume,
 )
-
-MAP = OccupancyMap.two_point(0, 1000)
-SPACING = (0.25, 0.25, 0.25)
-TURNED = np.array([[0.0, 1, 0], [0, 0, -1], [1, 0, 0]])
-TABLE = default_tissues({1: "bone", 4: "facial nerve"})
-
-
-def labels() -> np.ndarray:
-    found = np.ones((28, 32, 36), np.uint8)
-    found[:, 12:20] = 4
-    found[22:] = 0
-    return found
-
-
-def greys() -> np.ndarray:
-    noise = np.random.default_rng(3).integers(0, 400, labels().shape)
-    return np.where(labels() > 0, 800 + noise, -1000).astype(np.int16)
-
-
-def volume(direction: np.ndarray = TURNED) -> Volume:
-    return Volume(greys(), SPACING, (5.0, -6.0, 7.0), direction, "made")
-
-
-def label_file(path: Path, like: Volume) -> Path:
-    write_volume(path, LabelVolume(labels(), like.spacing, like.origin, like.direction, "made"))
-    return path
-
-
-def coloured(folder: Path) -> Path:
-    colour = {
-        0: (0, 0, 0, 0),
-        1: (*VOLUMETRIC_DRILLING["Bone"], 255),
-        4: (*VOLUMETRIC_DRILLING["Facial_Nerve"], 255),
-    }
-    folder.mkdir()
-    for k, plane in enumerate(np.array([colour.get(i, (0, 0, 0, 0)) for i in range(5)], np.uint8)[labels()]):
-        Image.fromarray(plane).save(folder / f"plane00{k:03d}.png")
-    text = "VOLUME v:\n  dimensions: {x: 0.009, y: 0.008, z: 0.007}\n  images: {path: slices, prefix: plane00, format: png}\n"
-    (folder.parent / "v.yaml").write_text(text)
-    return folder.parent / "v.yaml"
 
 
 def recipe(kind: str, folder: Path) -> tuple[LabelledRecipe | VolumeRecipe, str]:

@@ -110,6 +110,47 @@ def test_update_by_place_and_by_number() -> None:
     assert results[0] == results[1] == 512 * 255
 
 
+def test_what_a_follower_hands_out() -> None:
+    made = session(0.3)
+    effects, view = Effects(bone_with_tissues(), seed=1, nozzle=WATER), made.follower.view()
+    with made:
+        assert made.wait(30)
+    made.follower.stop()
+    update = made.follower.take(view)
+    burrs = update["newest"]["burr"][: update["newest"]["burrs"]]
+    effects.step(0.05, update, [(burr["center"], burr["radius"]) for burr in burrs])
+    balance = effects.balance()
+    assert balance["dust"].made == levels_removed(made.snapshot()[0]) > 0
+    assert balance["water"].made > 0
+
+
+def test_a_nozzle_waits_for_its_burr() -> None:
+    effects = Effects(bone_with_tissues(), seed=1, nozzle=WATER)
+    effects.step(0.05)
+    assert effects.balance()["water"].made == 0
+    effects.nozzle = Nozzle((0, 0, 9), burr=None)
+    effects.step(0.05)
+    assert effects.balance()["water"].made > 0
+
+
+def test_the_budget_decides_how_fine(capsys) -> None:
+    """Little time: fewer sub-steps, then fewer parcels; the account stays exact. Times are printed only."""
+    parameters = EffectParameters(most_parcels=50_000, water_parcel=0.01, liquid_friction=1.0)
+    nozzle = Nozzle((0, 0, 9), (0, 0, -1), rate=200, burr=None, speed=300)
+    reports = []
+    for budget in (None, 0.004, 0.0005):
+        effects = Effects(bone_with_tissues(), seed=1, parameters=parameters, nozzle=nozzle, budget=budget)
+        for _ in range(60):
+            effects.step(0.05)
+            assert effects.balance()["water"].exact
+        reports.append(effects.report())
+    with capsys.disabled():
+        print("\nCPU time p99 [ms]:", [f"{report.cpu_ms['p99']:.2f}" for report in reports])
+    assert reports[0].coarse == reports[0].crowded == reports[0].over_budget == 0
+    assert reports[2].coarse > 0
+    assert reports[2].parcels_most < reports[0].parcels_most
+
+
 def test_a_recorded_session(tmp_path: Path) -> None:
     with session(1.0, record=tmp_path / "trace.h5") as made:
         made.wait()

@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 from effects_scenes import levels_removed, session
 
-from burrlab.effects import Camera, Companion, EffectParameters, Nozzle, Sucker
+import burrlab
+from burrlab.effects import Camera, Companion, EffectParameters, Effects, Nozzle, Sucker, effects_of
+from burrlab.view import TracePlayer
 
 WATER = Nozzle((2, 0, 3), (-0.5, 0, -0.9), rate=100)
 
@@ -28,7 +30,7 @@ def test_all_that_was_removed_is_dust() -> None:
         assert not companion.running
         assert companion.error == ""
     newest = companion.newest()
-    assert newest["tick"] == 1000
+    assert newest["tick"] == made.snapshot()[1] > 100
     assert newest["frame"] == companion.report().frames > 0
     assert newest["balance"]["dust"].made == levels_removed(made.snapshot()[0]) == sum(newest["removed"])
     assert exact(companion)
@@ -59,6 +61,27 @@ def test_rebuilds_lose_nothing() -> None:
     assert made.follower.status["rebuilds"] >= 4
     assert companion.balance()["dust"].made == levels_removed(made.snapshot()[0]) > 0
     assert exact(companion)
+
+
+def test_its_frames_come_again_from_the_trace(tmp_path: Path) -> None:
+    """Also those of a budget that no machine meets, beginning in the middle."""
+    sucker = Sucker((0, 2, 1))
+    with session(1.0, wall_clock=True, realtime=False, record=tmp_path / "trace.h5") as made:
+        made.wait(0.2)
+        with Companion(made, seed=5, rate=100, budget=1e-5, nozzle=WATER, sucker=sucker) as companion:
+            assert companion.wait(60)
+    assert companion.report().over_budget > 0
+    player = TracePlayer(burrlab.load_trace(tmp_path / "trace.h5"))
+    assert companion.first_tick > 0
+    player.seek_tick(companion.first_tick)
+    again = Effects(player.bone, seed=5, nozzle=WATER, sucker=sucker)
+    for _ in effects_of(player, again, frames=companion.frames):
+        pass
+    assert len(again.parcels) > 0
+    assert (again.parcels == companion.parcels).all()
+    assert again.balance() == companion.balance()
+    with pytest.raises(ValueError, match=f"frames must be from 0 to {player.ticks}, got 3 to 1001"):
+        effects_of(player, again, frames=[(0.05, 3, (99, 1, 1)), (0.05, 1001, (99, 1, 1))])
 
 
 def test_stopped_in_the_middle_and_changed_while_it_runs() -> None:

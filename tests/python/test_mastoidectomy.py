@@ -10,6 +10,7 @@ from scipy import ndimage
 
 import burrlab
 from burrlab.anatomy import Phantom, compare_with_target, mastoidectomy_path, temporal_bone
+from burrlab.view import plot_depth_map
 
 BURR = burrlab.Burr(3.0)
 
@@ -87,3 +88,14 @@ def test_boxes_without_a_plan_are_refused():
     part = temporal_bone(0.5, seed=3, size=(6, 6, 6), corner=(20, -6, -6))
     with pytest.raises(ValueError, match="phantom must hold some of the planned cavity"):
         mastoidectomy_path(part, BURR)
+
+
+@pytest.mark.parametrize("axis", ["x", "-x", "y", "-y", "z", "-z"])
+def test_depth_maps_are_not_mirror_images(axis):
+    """What is to the right of whoever looks along the axis, the map's vertical up, is to the right in the map."""
+    axes = plot_depth_map(burrlab.VoxelBone.block((2, 2, 2), 0.5), axis=axis)
+    across = "xyz".index(axis[-1])
+    right, up = (k for k in range(3) if k != across)
+    sight = np.eye(3)[across] * (-1 if axis[0] == "-" else 1)
+    towards = np.cross(sight, np.eye(3)[up])
+    assert axes.xaxis_inverted() == (towards[right] < 0)

@@ -146,7 +146,10 @@ def test_a_description_gives_size_and_slices(tmp_path: Path) -> None:
     save(tmp_path / "slices", grey((2, 3, 3)), "preview{}.png")
     labels = read_stack(adf(tmp_path))
     np.testing.assert_allclose(labels.spacing, (10, 10, 10))  # 50, 40, 30 mm over 5 columns, 4 rows, 3 slices
-    assert labels.notes == (f"count in {tmp_path / 'volume.yaml'} is 512, of which 3 slices are there",)
+    [note] = labels.notes
+    assert note.startswith(
+        f"count in {tmp_path / 'volume.yaml'} is 512, and 3 slices are there: they share its dimensions"
+    )
     assert read_stack(adf(tmp_path, count=3)).notes == ()
     half = read_stack(adf(tmp_path, extra="  scale: 0.5\n"))
     np.testing.assert_allclose(half.spacing, (5, 5, 5))
@@ -205,6 +208,17 @@ def test_more_slices_than_the_description_counts_are_refused(tmp_path: Path) -> 
         read_stack(tmp_path / "volume.yaml", spacing=0.1)
 
 
+def test_a_description_counts_from_zero(tmp_path: Path) -> None:
+    pytest.importorskip("yaml", reason="extra `medical` is not installed")
+    path = adf(tmp_path)
+    (tmp_path / "slices").mkdir(exist_ok=True)
+    save(tmp_path / "slices", grey((3, 4, 5)))
+    first = min((tmp_path / "slices").glob("plane*.png"))
+    first.unlink()
+    with pytest.raises(ValueError, match=r"slice 0 is missing, the first is plane001\.png"):
+        read_stack(path)
+
+
 def test_without_yaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "yaml", None)
     with pytest.raises(ImportError, match=r"PyYAML: pip install 'burrlab\[medical\]'"):
@@ -224,7 +238,10 @@ def test_broken_stacks_are_refused(tmp_path: Path) -> None:
     folder = save(tmp_path / "s", grey())
     (folder / "plane005.png").unlink()
     (folder / "plane007.png").unlink()
-    refused(r"2 of the slices 0 to 11 are missing \(5, 7\)", folder)
+    refused(r"s: of the slices 0 to 11, 2 are missing \(5, 7\)", folder)
+    save(folder, grey())
+    (folder / "plane007.png").unlink()
+    refused("s: of the slices 0 to 11, slice 7 is missing", folder)
     save(folder, grey())
     (folder / "plane000.png").unlink()
     (folder / "plane001.png").unlink()
@@ -302,3 +319,16 @@ def test_bad_options_are_refused(tmp_path: Path, options: dict[str, Any], match:
 def test_a_palette_for_grey_slices_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="a palette is for coloured slices, and these are grey"):
         read_stack(save(tmp_path / "s", grey()), spacing=0.1, palette={"bone": BONE})
+
+
+def test_a_palette_of_too_many_colours_is_refused(tmp_path: Path) -> None:
+    many = {f"t{i}": (1 + i // 65536, i // 256 % 256, i % 256) for i in range(65534)}
+    folder = tmp_path / "s"
+    folder.mkdir()
+    Image.fromarray(np.full((2, 2, 3), (1, 0, 0), np.uint8)).save(folder / "p0.png")
+    with pytest.raises(ValueError, match="palette must have at most 65533 colours, got 65534"):
+        read_stack(folder, spacing=0.1, palette=many)
+    del many["t65533"]
+    found = read_stack(folder, spacing=0.1, palette=many)
+    assert isinstance(found, LabelVolume)
+    assert (found.labels == 1).all()

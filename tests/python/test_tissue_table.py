@@ -129,6 +129,8 @@ def test_what_is_left_out_comes_from_the_name_and_the_bone(tmp_path: Path) -> No
     assert (spleen.c_e, spleen.critical, spleen.bleeds) == (1.0, False, False)
     other = Material("other", c_e=9.0, alpha=0.5)
     assert read_tissues(tmp_path / "t.csv", material=other)[1].c_e == 9.0
+    (tmp_path / "u.csv").write_text("label,name\n1,Bone\n2,Facial_Nerve\n")
+    assert [tissue.assumed for tissue in read_tissues(tmp_path / "u.csv")] == [False, True]
 
 
 HEAD = "label,name,colour,c_e_N_per_mm2,alpha_per_ms,critical,bleeds,assumed\n"
@@ -289,7 +291,9 @@ def test_other_geometry_and_other_bad_input_is_refused() -> None:
         match=rf"labels that are not in the table: 2 \({count} voxels\); the table has 0 air, 1 bone",
     ):
         anatomy_bone(None, label_volume(labels), default_tissues(["air", "bone"]))
-    with pytest.raises(ValueError, match="tissue must be one of air, bone, dura, got 'spleen'"):
+    with pytest.raises(
+        ValueError, match=r"fill must be of tissues of the table \(air, bone, dura\), got 'spleen'"
+    ):
         anatomy_bone(volume, label_volume(labels), table, mapping=GREY, fill={"spleen": 0.5})
     with pytest.raises(ValueError, match="fill of 'dura' must be an occupancy from 0 to 1, got 2"):
         anatomy_bone(volume, label_volume(labels), table, mapping=GREY, fill={"dura": 2})

@@ -7,7 +7,7 @@ import json
 import h5py
 import numpy as np
 import pytest
-from anatomy_scenes import BONE, NAMES, nerve_bone, straight, tool
+from anatomy_scenes import NAMES, nerve_bone, straight, tool
 
 import burrlab
 from burrlab import _core
@@ -265,58 +265,9 @@ def test_a_bone_without_tissues_has_the_old_format(tmp_path) -> None:
         anatomy_report(path)
 
 
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [({"structures": ["vein"]}, "tissue must be one of bone, nerve, sinus, unused, got 'vein'"),
-     ({"structures": ["unused"]}, "structure must have voxels, 'unused' has none"),
-     ({"structures": ["nerve", "nerve"]}, "structures must differ, got nerve, nerve"),
-     ({"structures": []}, "structures must be at least one, got none"),
-     ({"approach": 1.0, "touch": 1.5}, "approach of 'nerve' must be finite and at least touch, got 1"),
-     ({"approach": float("nan")}, "approach of 'nerve' must be finite"),
-     ({"approach": 15.0}, "approach of 'nerve' with hysteresis and radius must be at most 15 mm"),
-     ({"touch": -0.1}, "touch of 'nerve' must be zero or positive"),
-     ({"injury": -1.0}, "injury of 'nerve' must be zero or positive"),
-     ({"hysteresis": 0.0}, "hysteresis of 'nerve' must be positive"),
-     ({"approach": {"bone": 1.0}}, "approach must be of watched structures, got one of 'bone'")],
-)  # fmt: skip
-def test_a_watch_is_checked(options, sentence) -> None:
-    with pytest.raises(ValueError, match=sentence):
-        Watch(nerve_bone(), **options)
-
-
-def test_a_watch_needs_a_critical_structure_of_the_sessions_bone() -> None:
-    with pytest.raises(ValueError, match="bone must have tissues, got one of a single material"):
-        Watch(burrlab.VoxelBone.block((2, 2, 2), 0.2))
-    bone = nerve_bone()
-    only = burrlab.Tissues([burrlab.Tissue("bone", label=0, c_e=2.0, alpha=0.1)], BONE)
-    bone.set_tissues(only, np.zeros(bone.shape, np.uint8))
-    with pytest.raises(ValueError, match="structures must be named: no tissue of the bone is critical"):
-        Watch(bone)
-    with pytest.raises(ValueError, match="bone must be the one that the watch was made of, or a copy of it"):
-        run(bone=nerve_bone(), watch=Watch(nerve_bone()))
-    watch = Watch(nerve_bone(), approach={"nerve": 1.0}, structures="nerve")
-    assert watch.limits[0].approach == 1.0
-    assert watch.structures == ("nerve",)
-    with pytest.raises(ValueError, match="structure must be one of nerve, got 'sinus'"):
-        watch.distance((0, 0, 0), "sinus")
-    with pytest.raises(ValueError, match="radius of a burr that is watched must be at most 6 mm, got 7"):
-        watch.core([7.0])
-
-
 def test_a_report_is_asked_for_what_it_has(recorded) -> None:
     report = recorded[0].anatomy()
     with pytest.raises(ValueError, match="structure must be one of nerve, sinus, got 'bone'"):
         report.dose("bone")
     with pytest.raises(ValueError, match="burr must be an index below 1, got 1"):
         report.dose("nerve", 1)
-
-
-def test_a_trace_without_a_watch_takes_no_events(tmp_path) -> None:
-    from session_scenes import writer
-
-    made = writer(tmp_path / "x.h5")
-    with pytest.raises(ValueError, match="events must be of a trace with a watch"):
-        made.add_events(np.zeros(0))
-    with pytest.raises(ValueError, match="what was watched must be of a trace with a watch"):
-        made.set_watched(None)
-    made.stop()

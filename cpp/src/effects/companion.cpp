@@ -23,14 +23,13 @@ std::vector<BurrAt> burrs_of(const TickRecord& record) {
 }  // namespace
 
 EffectsCompanion::EffectsCompanion(std::shared_ptr<HapticLoop> loop, std::shared_ptr<Follower> follower,
-                                   const EffectsSetup& setup, double rate)
-    : loop_(std::move(loop)), follower_(std::move(follower)), rate_(rate) {
+                                   const EffectsSetup& setup, double rate, bool realtime)
+    : loop_(std::move(loop)), follower_(std::move(follower)), rate_(rate), realtime_(realtime) {
   if (!(rate >= least_rate && rate <= most_rate)) refuse("rate", "from 1 to 200 Hz", rate);
   // The view first: what changes between the two is then in both, and makes dust once.
   view_ = follower_->view();
-  std::uint64_t tick = 0;
-  effects_ = std::make_unique<Effects>(*follower_->snapshot(tick), setup);
-  newest_.tick = tick;
+  effects_ = std::make_unique<Effects>(*follower_->snapshot(first_tick_), setup);
+  newest_.tick = first_tick_;
   newest_.hidden = next_.hidden = std::numeric_limits<double>::quiet_NaN();
 }
 
@@ -96,7 +95,20 @@ EffectsFrame EffectsCompanion::newest() const {
   return newest_;
 }
 
+std::vector<std::string> EffectsCompanion::realtime_notes() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return notes_;
+}
+
 void EffectsCompanion::run() {
+  // What has no end in sight must not keep ordinary threads from a core.
+  const auto& budget = effects_->setup().budget;
+  const bool brief = budget && *budget * rate_ <= most_share;
+  std::vector<std::string> notes = become_realtime({realtime_ && brief, priority, false, -1});
+  {
+    const std::lock_guard<std::mutex> lock(mutex_);
+    notes_ = std::move(notes);
+  }
   const auto period = std::chrono::nanoseconds(std::int64_t(1e9 / rate_));
   auto deadline = std::chrono::steady_clock::now() + period;
   std::string error;
@@ -109,7 +121,7 @@ void EffectsCompanion::run() {
     for (deadline += period; deadline < std::chrono::steady_clock::now(); deadline += period) ++periods;
     last = loop_->started() && !loop_->running() && follower_->status().behind == 0;
     try {
-      frame(std::min(periods, most_frames_at_once) / rate_);
+      frame(periods);
     } catch (const std::exception& failure) {
       error = failure.what();
       break;
@@ -121,7 +133,12 @@ void EffectsCompanion::run() {
   woken_.notify_all();
 }
 
-void EffectsCompanion::frame(double seconds) {
+std::vector<FrameRecord> EffectsCompanion::frames() const {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return frames_;
+}
+
+void EffectsCompanion::frame(int periods) {
   const std::int64_t started = steady_now(), cpu = thread_cpu_now();
   std::optional<Camera> camera;
   {
@@ -132,22 +149,25 @@ void EffectsCompanion::frame(double seconds) {
   }
   const BoneView::Update update = view_->take();
   const std::vector<BurrAt> burrs = update.any ? burrs_of(update.newest) : std::vector<BurrAt>{};
-  effects_->step(seconds, {update.bricks.data(), update.density.data(), update.bricks.size()}, burrs, nullptr,
-                 started);
+  const double seconds = std::min(periods, most_frames_at_once) / rate_;
+  const FrameDecision decision = effects_->step(
+      seconds, {update.bricks.data(), update.density.data(), update.bricks.size()}, burrs, nullptr, started);
 
   next_.frame = std::uint64_t(effects_->counts().frames);
   next_.tick = update.tick;
-  next_.parcels = effects_->view();
+  effects_->view(next_.parcels);
   next_.balance = effects_->balance();
   next_.removed = effects_->sources().removed();
   next_.bleeding = effects_->sources().bleeding();
   next_.hidden = std::numeric_limits<double>::quiet_NaN();
   if (camera && !burrs.empty() && (camera->position - burrs[0].center).norm() > burrs[0].radius)
     next_.hidden = effects_->hidden(*camera, burrs[0]);
-  effects_->count_frame(1e-3 * double(steady_now() - started), 1e-3 * double(thread_cpu_now() - cpu));
+  effects_->count_frame(1e-3 * double(steady_now() - started), 1e-3 * double(thread_cpu_now() - cpu),
+                        periods - 1);
   next_.counts = effects_->counts();
   const std::lock_guard<std::mutex> lock(mutex_);
   std::swap(newest_, next_);
+  frames_.push_back({seconds, update.tick, decision});
 }
 
 }  // namespace burrlab

@@ -62,7 +62,6 @@ FrameDecision Effects::step(double seconds, const BrickLevels& changes, const st
     refuse("done of a decision", "from 1 to its sub_steps", given->done);
   if (given && given->merge_to < 16) refuse("merge_to of a decision", "at least 16", double(given->merge_to));
   if (started == 0) started = steady_now();
-  const std::int64_t cpu = thread_cpu_now();
   const EffectParameters& parameters = setup_.parameters;
 
   EffectDraws draws(setup_.seed, frame_++);
@@ -93,16 +92,13 @@ FrameDecision Effects::step(double seconds, const BrickLevels& changes, const st
 
   const std::int64_t before = thread_cpu_now();
   move(seconds, decision, given != nullptr, started);
-  const std::int64_t after = thread_cpu_now();
+  moving_time_ = double(thread_cpu_now() - before);
+  moves_ = double(moving_.size()) * std::min(decision.done + 1, decision.sub_steps);
   emit(seconds);
   wet();
   parcels_.compact();
   if (std::int64_t(parcels_.size()) > most) merge_to(std::int64_t(merged_share * double(most)));
 
-  if (budget_)
-    budget_->learn(double(moving_.size()) * std::min(decision.done + 1, decision.sub_steps),
-                   double(after - before), double(parcels_.size()),
-                   double(thread_cpu_now() - after + before - cpu));
   ++counts_.frames;
   counts_.coarse += decision.sub_steps < std::int32_t(parameters.sub_steps);
   counts_.cut += decision.done < decision.sub_steps;
@@ -238,10 +234,13 @@ void Effects::merge_to(std::int64_t most) {
   }
 }
 
-void Effects::count_frame(double wall_microseconds, double cpu_microseconds) {
+void Effects::count_frame(double wall_microseconds, double cpu_microseconds, int skipped) {
   wall_time_.add(wall_microseconds);
   cpu_time_.add(cpu_microseconds);
-  if (setup_.budget) counts_.over_budget += wall_microseconds > 1e6 * *setup_.budget;
+  counts_.skipped += skipped;
+  if (!budget_) return;
+  counts_.over_budget += 1e3 * wall_microseconds > budget_->nanoseconds();
+  budget_->learn(moves_, moving_time_, double(parcels_.size()), 1e3 * cpu_microseconds - moving_time_);
 }
 
 std::array<SubstanceBalance, substances> Effects::balance() const {
@@ -252,7 +251,13 @@ std::array<SubstanceBalance, substances> Effects::balance() const {
 }
 
 std::vector<ParcelView> Effects::view() const {
-  std::vector<ParcelView> out(parcels_.size());
+  std::vector<ParcelView> out;
+  view(out);
+  return out;
+}
+
+void Effects::view(std::vector<ParcelView>& out) const {
+  out.resize(parcels_.size());
   for (std::size_t i = 0; i < out.size(); ++i) {
     ParcelView& parcel = out[i];
     for (int axis = 0; axis < 3; ++axis) {
@@ -265,7 +270,6 @@ std::vector<ParcelView> Effects::view() const {
     parcel.water = parcels_.mass[i][water];
     parcel.age = parcels_.age[i];
   }
-  return out;
 }
 
 std::size_t Effects::embedded() const {

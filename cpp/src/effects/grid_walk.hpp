@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <limits>
 
 #include "burrlab/types.hpp"
@@ -25,7 +24,8 @@ bool walk_grid(const Vec3& from, const Vec3& move, double begin, double end, dou
     return (double(cell[i] + (move[i] > 0.0)) * size - from[i]) / move[i];
   };
   for (int i = 0; i < 3; ++i) {
-    cell[i] = std::clamp(std::int64_t(std::floor((from[i] + begin * move[i]) / size)), low[i], high[i] - 1);
+    // Truncation is rounding down here: `low` is not negative.
+    cell[i] = std::clamp(std::int64_t((from[i] + begin * move[i]) / size), low[i], high[i] - 1);
     next[i] = crossing(i);
   }
   for (double t = begin;;) {

@@ -38,22 +38,6 @@ BrickLoss LevelField::exchange(std::size_t brick, const std::uint8_t* density) {
   return loss;
 }
 
-int LevelField::level(std::int64_t z, std::int64_t y, std::int64_t x) const {
-  if (z < 0 || y < 0 || x < 0 || z >= shape_[0] || y >= shape_[1] || x >= shape_[2]) return 0;
-  const auto brick = static_cast<std::size_t>(((z >> 3) * bricks_[1] + (y >> 3)) * bricks_[2] + (x >> 3));
-  return levels_.tile(brick)[(z & 7) << 6 | (y & 7) << 3 | (x & 7)];
-}
-
-Index3 LevelField::voxel_of(const Vec3& place) const {
-  Index3 voxel;
-  for (int axis = 0; axis < 3; ++axis) {
-    // A place far away must not overflow: one voxel beyond the volume is as empty.
-    const double at = std::floor((place[axis] - low_[axis]) * per_mm_[axis]);
-    voxel[2 - axis] = std::int64_t(std::clamp(at, -1.0, double(shape_[2 - axis])));
-  }
-  return voxel;
-}
-
 Vec3 LevelField::center(const Index3& voxel) const {
   return low_ +
          spacing_.cwiseProduct(Vec3(double(voxel[2]) + 0.5, double(voxel[1]) + 0.5, double(voxel[0]) + 0.5));

@@ -32,7 +32,13 @@ double Motion::friction(const Parcels& parcels, std::size_t i) const {
 bool Motion::rests(const Parcels& parcels, std::size_t i) const {
   if (parcels.support[i] < 0 || !field_->solid_number(parcels.support[i])) return false;
   const auto& sucker = *sucker_;
-  return !sucker || (sucker->position - parcels.position[i]).squaredNorm() > sucker->reach * sucker->reach;
+  if (!sucker) return true;
+  const double distance = (sucker->position - parcels.position[i]).norm();
+  if (distance > sucker->reach) return true;
+  if (distance <= sucker->radius) return false;
+  const double drag_time = parcels.dry(i) ? parameters_->dust_drag_time : parameters_->liquid_drag_time;
+  const double held = friction(parcels, i) * parameters_->gravity * drag_time;  // by friction, on the level
+  return sucker->air(parcels.position[i]).squaredNorm() < held * held;
 }
 
 void Motion::advance(Parcels& parcels, std::size_t i, const Interval& interval) const {

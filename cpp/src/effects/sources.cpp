@@ -142,12 +142,13 @@ double Sources::bleeding() const {
 
 void Sources::irrigate(const Nozzle& nozzle, double seconds, const std::vector<BurrAt>& burrs,
                        const std::vector<BurrAt>& before, EffectDraws& draws, std::vector<Emission>& out) {
+  if (nozzle.burr >= int(burrs.size())) return;
   water_ready_ += nozzle.rate * seconds / quantum_;
   const auto quanta = std::int64_t(water_ready_);
   water_ready_ -= double(quanta);
   if (quanta == 0) return;
   Vec3 now = Vec3::Zero(), last = Vec3::Zero();
-  if (nozzle.burr >= 0 && std::size_t(nozzle.burr) < burrs.size()) {
+  if (nozzle.burr >= 0) {
     const auto which = std::size_t(nozzle.burr);
     now = burrs[which].center;
     last = which < before.size() ? before[which].center : now;

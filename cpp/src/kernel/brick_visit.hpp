@@ -3,6 +3,8 @@
 // decides a bit follows docs/tick.md.
 #pragma once
 
+#include <string.h>
+
 #include "erosion.hpp"
 #include "random.hpp"
 #include "rows.hpp"
@@ -195,9 +197,23 @@ inline std::int64_t weigh(const std::uint8_t* tile, const std::uint8_t* tissue, 
 
 inline void add_by_tissue(const std::uint8_t* tile, const std::uint8_t* tissue, std::uint64_t present,
                           int sign, std::int64_t* sums) {
+  static constexpr Slabs all{{0, 64, 128, 192, 256, 320, 384, 448}, 8};
+  Slabs filled{};
+  for (const unsigned at : all.at) {
+    std::uint64_t row, any = 0;
+    for (unsigned y = 0; y < 8; ++y) {
+      memcpy(&row, tile + at + 8 * y, sizeof row);
+      any |= row;
+    }
+    filled.at[filled.count] = at;
+    filled.count += any != 0;
+  }
   for (; present; present &= present - 1) {
     const unsigned number = lowest(present);
-    sums[number] += sign * std::int64_t(sum_where(tile, tissue, static_cast<std::uint8_t>(number)));
+    const auto which = static_cast<std::uint8_t>(number);
+    const std::uint32_t sum = filled.count == all.count ? sum_where(tile, tissue, which, all)  // unrolled
+                                                        : sum_where(tile, tissue, which, filled);
+    sums[number] += sign * std::int64_t(sum);
   }
 }
 

@@ -72,6 +72,12 @@ struct Sums {
   std::uint32_t after_mass, after_x, after_y, after_z;  // side by side, for vector stores
 };
 
+/// The z-slabs of a tile that hold anything, by the offset of their first voxel.
+struct Slabs {
+  unsigned at[8];
+  int count;
+};
+
 enum Pass : int { moments, erosion, both };
 
 using Visit = void (*)(const Sphere&, const Brick&, Sums&);

@@ -171,12 +171,14 @@ inline Float pick(const float* table, const std::uint8_t* numbers, bool few) {
 }
 
 /// Sum of the levels of a tile where its numbers are this one.
-inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number) {
+inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number,
+                               const Slabs& slabs) {
   const __m512i which = _mm512_set1_epi8(static_cast<char>(number)), zero = _mm512_setzero_si512();
   __m512i sum = zero;
-  for (int i = 0; i < 512; i += 64) {
-    const __mmask64 here = _mm512_cmpeq_epi8_mask(_mm512_load_si512(numbers + i), which);
-    sum = _mm512_add_epi64(sum, _mm512_sad_epu8(_mm512_maskz_loadu_epi8(here, tile + i), zero));
+  for (int i = 0; i < slabs.count; ++i) {
+    const unsigned at = slabs.at[i];
+    const __mmask64 here = _mm512_cmpeq_epi8_mask(_mm512_load_si512(numbers + at), which);
+    sum = _mm512_add_epi64(sum, _mm512_sad_epu8(_mm512_maskz_loadu_epi8(here, tile + at), zero));
   }
   return static_cast<std::uint32_t>(total({sum}));
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,9 @@ SPACING = 0.4  # of the nodes [mm]
 MARGIN = 15.0  # about the structure [mm]
 
 
-def structure_distances(bone: VoxelBone, tissues: Sequence[int]) -> list[StructureDistance]:
+def structure_distances(
+    bone: VoxelBone, tissues: Sequence[int], progress: Callable[[float], object] | None = None
+) -> list[StructureDistance]:
     """The distance to each of some structures.
 
     Parameters
@@ -24,6 +26,8 @@ def structure_distances(bone: VoxelBone, tissues: Sequence[int]) -> list[Structu
         With tissues.
     tissues : sequence of int
         Their numbers.
+    progress : callable, optional
+        Called with the part done, 0 to 1, after each.
 
     Raises
     ------
@@ -38,11 +42,14 @@ def structure_distances(bone: VoxelBone, tissues: Sequence[int]) -> list[Structu
     """
     searches = [StructureSearch(bone, tissue) for tissue in tissues]
     numbers = bone.tissue_numbers
+    assert numbers is not None  # a search would have refused
     boxes = find_objects(numbers + np.uint8(1))
-    return [
-        _field(search, bone, numbers[boxes[tissue]] == tissue, boxes[tissue])
-        for search, tissue in zip(searches, tissues, strict=True)
-    ]
+    distances = []
+    for search, tissue in zip(searches, tissues, strict=True):
+        distances.append(_field(search, bone, numbers[boxes[tissue]] == tissue, boxes[tissue]))
+        if progress is not None:
+            progress(len(distances) / len(tissues))
+    return distances
 
 
 def _field(

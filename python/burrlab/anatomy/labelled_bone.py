@@ -100,7 +100,7 @@ def labelled_bone(
     if isinstance(source, Volume):
         notes[:0] = source.notes
         labels = placed_on(labels, source)
-    counts = label_counts(labels.labels)
+    counts = label_counts(labels.labels, labels.path)
     tissues = _with_background(tissues, counts, labels.path)
     if spacing is not None:
         if isinstance(source, np.ndarray):
@@ -140,7 +140,10 @@ def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
         and np.abs(offset - start).max() <= SAME
     )
     if not alike or np.any(start < 0) or np.any(stop > volume.shape[::-1]) or labels.shape == volume.shape:
-        check_same_geometry(volume, labels)
+        try:
+            check_same_geometry(volume, labels)
+        except ValueError as error:
+            raise ValueError(f"{error}; labels.on(volume) (--onto) takes the nearest label") from None
         return replace(labels, spacing=volume.spacing, origin=volume.origin, direction=volume.direction)
     whole = np.zeros(volume.shape, labels.labels.dtype)
     (x, y, z), (u, v, w) = start, stop
@@ -214,10 +217,13 @@ def _filled(
     levels: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues, fill: Mapping[str, float]
 ) -> tuple[NDArray[np.uint8], list[str]]:
     least, notes = np.zeros(len(tissues), np.uint8), []
+    names = [tissue.name for tissue in tissues]
     for name, occupancy in fill.items():
+        if name not in names:
+            raise ValueError(f"fill must be of tissues of the table ({', '.join(names)}), got {name!r}")
         if not 0.0 <= occupancy <= 1.0:
             raise ValueError(f"fill of {name!r} must be an occupancy from 0 to 1, got {occupancy!r}")
-        least[tissues.number(name)] = round(255 * occupancy)
+        least[names.index(name)] = round(255 * occupancy)
         notes.append(f"{name}: occupancy at least {occupancy:g}, as asked")
     return (np.maximum(levels, least[numbers]) if fill else levels), notes
 

@@ -43,11 +43,13 @@ class LabelledRecipe:
         Of the dimensions in a YAML file [mm].
     crop, voxel : optional
         As of `VolumeRecipe`, of labels alone: a grey volume has its own.
+    onto : bool
+        Bring the labels on the voxels of the grey volume: see `LabelVolume.on`.
 
     Raises
     ------
     ValueError
-        If a crop or a spacing of the bone is given beside a grey volume.
+        If a crop or a spacing of the bone is given beside a grey volume, or `onto` without one.
     """
 
     labels: str
@@ -59,12 +61,15 @@ class LabelledRecipe:
     unit: float | None = None
     crop: Box | None = None
     voxel: tuple[float, float, float] | None = None
+    onto: bool = False
     _made: dict[str, LabelledBone] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", os.path.abspath(self.labels))
         if self.grey is not None and (self.crop is not None or self.voxel is not None):
             raise ValueError("crop and voxel must be those of the grey volume")
+        if self.onto and self.grey is None:
+            raise ValueError("onto goes with a grey volume")
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> LabelledRecipe:
@@ -77,6 +82,7 @@ class LabelledRecipe:
             VolumeRecipe.of(plain["grey"]) if "grey" in plain else None, fill, _three(plain.get("labels_spacing_mm")),
             unknown if isinstance(unknown, int) else str(unknown), None if unit is None else float(unit),
             None if crop is None else (_numbers(crop[0]), _numbers(crop[1])), _three(plain.get("voxel_mm")),
+            bool(plain.get("onto", False)),
         )  # fmt: skip
 
     def plain(self) -> dict[str, Any]:
@@ -89,6 +95,7 @@ class LabelledRecipe:
             "unit_mm": self.unit,
             "crop_mm": None if self.crop is None else [list(corner) for corner in self.crop],
             "voxel_mm": None if self.voxel is None else list(self.voxel),
+            "onto": self.onto or None,
         }
         return {
             "kind": "labelled volume",
@@ -123,6 +130,10 @@ class LabelledRecipe:
         """A copy of the bone; errors as `made`."""
         return self.made().bone.copy()
 
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed on the way to the bone; errors as `made`."""
+        return self.made().notes
+
     @property
     def mapping(self) -> OccupancyMap | None:
         """Of the grey values; None of labels alone."""
@@ -151,7 +162,9 @@ class LabelledRecipe:
         if self.grey is None:
             return labelled_bone(None, self._labels(), self.tissues, fill=self.fill, spacing=self.voxel)
         labels, volume = self._labels(), self.grey.volume()
-        if self.grey.crop is not None:  # labels belong to the whole volume
+        if self.onto:
+            labels = labels.on(volume)
+        elif self.grey.crop is not None:  # labels belong to the whole volume
             whole = replace(self.grey, crop=None).volume()
             labels = placed_on(labels, whole).crop(*self.grey.crop)
         return labelled_bone(

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab import _core
-from burrlab._core import Tissues, VoxelBone
+from burrlab._core import Tissues
 from burrlab.anatomy.dose import Dose, dose_figure, dose_table
 from burrlab.anatomy.event import AnatomyEvent
-from burrlab.anatomy.watch import Watch
+from burrlab.anatomy.watch import Watch, critical_structures
 from burrlab.session.replay import inputs
 from burrlab.session.trace import Trace, check_trace
 from burrlab.session.watch_rows import DOSE_DTYPE, EVENT_DTYPE, Watched
@@ -219,14 +219,6 @@ def anatomy_report(
     watched = nothing_watched(trace.burrs, removed) if core is None else Watched.of(core.seen(), removed)
     settings = {} if watch is None else watch.settings
     return AnatomyReport.of(watched, tissues, settings, trace.period, trace.voxel_volume)
-
-
-def critical_structures(bone: VoxelBone) -> list[str]:
-    """Names of the critical tissues that have voxels."""
-    if bone.tissues is None or bone.tissue_numbers is None:
-        return []
-    present = np.bincount(bone.tissue_numbers.ravel(), minlength=len(bone.tissues))
-    return [t.name for i, t in enumerate(bone.tissues) if t.critical and present[i]]
 
 
 def nothing_watched(burrs: int, removed: NDArray[np.int64] | Sequence[int]) -> Watched:

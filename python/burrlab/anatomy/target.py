@@ -110,7 +110,7 @@ class TargetComparison:
         rows = np.arange(len(self.tissues))
         for k, (part, colour) in enumerate(zip(_PARTS, _COLOURS, strict=True)):
             bars = axes.barh(rows + 0.27 * (k - 1), getattr(self, part), 0.25, color=colour, label=part)
-            axes.bar_label(bars, fmt="%.1f", padding=2, fontsize=7)
+            axes.bar_label(bars, fmt=lambda v: f"{v:.1f}" if v else "", padding=2, fontsize=7)
         axes.set_yticks(rows, self.tissues)
         axes.invert_yaxis()
         axes.margins(x=0.12)

@@ -29,7 +29,7 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
     path : path-like
         Columns `label` and `name` must be there. An empty `colour`, `critical` or `bleeds` is what the default table
         says of a structure of that name (else grey, no, no). An empty `c_e_N_per_mm2` or `alpha_per_ms` is the
-        material's, and the tissue then counts as assumed.
+        material's, and the tissue then counts as assumed, but for bone with both of the material's.
     material : Material, optional
         The bone. Default: the one in the file's comments, as `write_tissues` puts it there, else `materials["bone"]`.
 
@@ -178,8 +178,10 @@ def _tissue(where: str, row: dict[str, str], material: Material) -> Tissue:
     known = known_tissue(name)
     c_e = _number(where, "c_e_N_per_mm2", row, "from 1/4096 to 1000", 1 / 4096, 1000.0)
     alpha = _number(where, "alpha_per_ms", row, "zero or positive", 0.0, math.inf)
-    assumed = _flag(where, "assumed", row, c_e is None or alpha is None)
-    if (c_e is None or alpha is None) and not assumed:
+    is_bone = known is not None and known.name == "bone" and c_e is None and alpha is None
+    lacking = (c_e is None or alpha is None) and not is_bone
+    assumed = _flag(where, "assumed", row, lacking)
+    if lacking and not assumed:
         raise ValueError(f"{where}, column assumed: must be yes where c_e or alpha is empty, got 'no'")
     return Tissue(
         name, label=int(label), c_e=material.c_e if c_e is None else c_e,

@@ -84,22 +84,27 @@ def unlabelled(material: Material) -> Tissue:
     return Tissue(UNLABELLED, label=0, c_e=material.c_e, alpha=material.alpha, colour=known.colour)
 
 
-def label_counts(values: NDArray[Any]) -> dict[int, int]:
-    """Voxels of each label that is present.
+def label_counts(values: NDArray[Any], path: str = "") -> dict[int, int]:
+    """Voxels of each label that is present; a sentence on what is wrong names the path.
 
     Raises
     ------
     ValueError
         If a label is negative or no whole number.
     """
+    said = f"{path}: " if path else ""
     if not np.issubdtype(values.dtype, np.integer):
         whole = np.rint(values)
         if not np.array_equal(whole, values):  # NaN too
-            raise ValueError("labels must be whole numbers: this is a grey volume, or was interpolated")
+            raise ValueError(
+                f"{said}labels must be whole numbers: this is a grey volume, or was interpolated"
+            )
         values = whole.astype(np.int64)
     found, counts = _unique(values)
     if found.size and found[0] < 0:
-        raise ValueError(f"labels must be zero or positive, got {int(found[0])}")
+        raise ValueError(
+            f"{said}labels must be zero or positive, got {int(found[0])}: is this a grey volume?"
+        )
     return {int(label): int(count) for label, count in zip(found, counts, strict=True)}
 
 
@@ -123,8 +128,8 @@ def _named(
         return {int(label): str(name) for label, name in labels.items()}, None, {}
     if isinstance(labels, Sequence):
         return {label: str(name) for label, name in enumerate(labels)}, None, {}
-    counts = label_counts(labels.labels)
-    _check_count(counts)
+    counts = label_counts(labels.labels, labels.path)
+    _check_count(counts, f"{labels.path}: ")
     names = {label: labels.names.get(label, UNLABELLED if label == 0 else "") for label in counts}
     nameless = [label for label, name in names.items() if not name]
     if nameless:
@@ -139,11 +144,11 @@ def _named(
     return names, counts, {label: colour for label, colour in labels.colours.items() if label != 0}
 
 
-def _check_count(labels: Mapping[int, object]) -> None:
+def _check_count(labels: Mapping[int, object], said: str = "") -> None:
     if len(labels) > MOST:
         first = ", ".join(str(label) for label in sorted(labels)[:5])
         raise ValueError(
-            f"a bone has at most {MOST} tissues, and there are {len(labels)} labels ({first}, ...): "
+            f"{said}a bone has at most {MOST} tissues, and there are {len(labels)} labels ({first}, ...): "
             "is this a grey volume, or does it hold instances? Merge labels first"
         )
 

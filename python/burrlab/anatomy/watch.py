@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -43,6 +43,8 @@ class Watch:
         That the burr goes beyond a distance before it can be told again [mm]; the default is ours.
     structures : sequence of str, optional
         Names of tissues; default: all that are critical and have voxels.
+    progress : callable, optional
+        Called with the part of the fields that is done, 0 to 1.
 
     Attributes
     ----------
@@ -84,13 +86,13 @@ class Watch:
         injury: Limit = _INJURY,
         hysteresis: float = _HYSTERESIS,
         structures: Sequence[str] | None = None,
+        progress: Callable[[float], object] | None = None,
     ) -> None:
         tissues = bone.tissues
         if tissues is None:
             raise ValueError("bone must have tissues, got one of a single material")
         if structures is None:
-            present = np.bincount(bone.tissue_numbers.ravel(), minlength=len(tissues))
-            structures = [t.name for i, t in enumerate(tissues) if t.critical and present[i]]
+            structures = critical_structures(bone)
             if not structures:
                 raise ValueError("structures must be named: no tissue of the bone is critical and has voxels")
         self.structures = tuple([structures] if isinstance(structures, str) else structures)
@@ -108,7 +110,7 @@ class Watch:
         self.hysteresis = float(hysteresis)
         self.colours = tuple(tissues[number].colour for number in numbers)
         self._voxel_volume = float(np.prod(bone.spacing))
-        self._distances = structure_distances(bone, numbers)
+        self._distances = structure_distances(bone, numbers, progress)
         self.core([1.0])  # the limits are checked there
 
     @classmethod
@@ -173,6 +175,15 @@ class Watch:
             f"{n} {asdict(limit)}" for n, limit in zip(self.structures, self.limits, strict=True)
         )
         return f"Watch({said}, hysteresis={self.hysteresis:g})"
+
+
+def critical_structures(bone: VoxelBone) -> list[str]:
+    """Names of the critical tissues that have voxels."""
+    tissues, numbers = bone.tissues, bone.tissue_numbers
+    if tissues is None or numbers is None:
+        return []
+    present = np.bincount(numbers.ravel(), minlength=len(tissues))
+    return [t.name for i, t in enumerate(tissues) if t.critical and present[i]]
 
 
 def _of(limit: Limit, name: str, default: float) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Camera, EffectParameters, EffectsCompanion, Nozzle, Sucker
-from burrlab.effects.effects import to_seed
+from burrlab.effects.effects import FrameRecord, to_seed
 from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance, to_report
 
 if TYPE_CHECKING:
@@ -28,10 +28,13 @@ class Companion:
         Frames a second, 1 to 200 [Hz], on the wall clock.
     budget : float, optional
         Of a frame [s]; None: it takes what it takes.
+    realtime : bool
+        Asks for a priority before ordinary threads and below the loop's, so that frames are not late because other
+        programs run; only with a budget that is at most half of a period. `realtime_notes` says what was granted.
     camera : Camera, optional
         For `hidden_fraction`.
     nozzle, sucker, parameters, seed, down, spin
-        As in `Effects`.
+        As in `Effects`. A nozzle that moves with a burr gives no water before the first tick.
 
     Raises
     ------
@@ -64,6 +67,7 @@ class Companion:
         *,
         rate: float = 20.0,
         budget: float | None = DEFAULT_BUDGET,
+        realtime: bool = True,
         camera: Camera | None = None,
         nozzle: Nozzle | None = None,
         sucker: Sucker | None = None,
@@ -79,6 +83,7 @@ class Companion:
         self._core = EffectsCompanion(
             session.loop, session.follower, parameters=self.parameters, seed=self.seed, down=np.asarray(down, float),
             spin=np.asarray(spin, float), budget=budget, rate=self.rate,
+            realtime=bool(realtime),
         )  # fmt: skip
         self.set_camera(camera)
         self.set_nozzle(nozzle)
@@ -126,6 +131,21 @@ class Companion:
     def error(self) -> str:
         """What ended it; empty if nothing did."""
         return self._core.error
+
+    @property
+    def realtime_notes(self) -> list[str]:
+        """A sentence for each thing that the system was asked for, granted or not; empty before the first frame."""
+        return self._core.realtime_notes
+
+    @property
+    def first_tick(self) -> int:
+        """Of the bone that it began with."""
+        return self._core.first_tick
+
+    @property
+    def frames(self) -> list[FrameRecord]:
+        """(seconds, tick, decision) of all frames so far: `effects_of(player, effects, frames=...)` makes them again."""
+        return self._core.frames
 
     @property
     def quantum(self) -> float:

@@ -16,6 +16,8 @@ from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance, 
 
 #: (merge_to, sub_steps, done): what the clock decided in a frame.
 Decision = tuple[int, int, int]
+#: (seconds, tick, decision): what a companion's frame was made of.
+FrameRecord = tuple[float, int, Decision]
 BurrAt = tuple[ArrayLike, float]
 
 

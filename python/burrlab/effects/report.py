@@ -54,6 +54,8 @@ class EffectsReport:
         Frames that took longer, on the wall clock.
     coarse, cut : int
         Frames planned with fewer sub-steps than asked for; frames whose last sub-steps became one.
+    skipped : int
+        Frames that one that came late stood for besides itself.
     crowded, merged : int
         Frames that merged parcels to save time; parcels that went into others, to save time or at the limit.
     sub_steps_least, sub_steps_most : int
@@ -71,6 +73,7 @@ class EffectsReport:
     coarse: int
     cut: int
     crowded: int
+    skipped: int
     merged: int
     sub_steps_least: int
     sub_steps_most: int
@@ -94,7 +97,7 @@ class EffectsReport:
             f"p99 {self.wall_ms['p99']:.2f} ms, at most {self.wall_ms['max']:.2f} ms "
             f"(CPU time p99 {self.cpu_ms['p99']:.2f} ms)",
             f"sub-steps {self.sub_steps_least} to {self.sub_steps_most}, {self.sub_steps_mean:.2f} in the mean",
-            f"{self.merged} parcels merged",
+            f"{self.merged} parcels merged, {self.skipped} frames left out",
         ]
         if self.budget is not None:
             lines.append(

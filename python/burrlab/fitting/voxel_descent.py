@@ -34,14 +34,17 @@ class VoxelSettings:
         """For the provenance."""
         specimen = self.specimen
         name = "solid bone" if specimen is None else repr(specimen)
+        volume: dict[str, Any] = {}
         if isinstance(specimen, Specimen):
             name = f"{specimen.source}, digest {specimen.bone.digest()}"
+            volume = {"volume": dict(specimen.made)} if specimen.made else {}
         return {
             "voxel_mm": self.voxel,
             "dt_ms": self.dt,
             "rig": self.rig,
             "specimen": name,
             "replicates": self.replicates,
+            **volume,
         }
 
 

@@ -130,7 +130,8 @@ class SessionMetrics:
         """Force, speed and removed volume over time, one above the other; below them what was near structures."""
         near = self.anatomy is not None and bool(self.anatomy.structures)
         figure = new_figure(6.4, 11.2 if near else 6.4) if figure is None else figure
-        upper, lower = figure.subfigures(2, 1, height_ratios=(8, 7)) if near else (figure, None)
+        parts = figure.subfigures(2, 1, squeeze=False, height_ratios=(8, 7))[:, 0] if near else [figure]
+        upper, lower = parts[0], parts[-1]
         top, middle, bottom = upper.subplots(3, 1, sharex=True)
         s = self.series
         top.plot(s["time"], s["force"], color=FORCE, linewidth=0.6)
@@ -146,7 +147,7 @@ class SessionMetrics:
         for axes in (top, middle, bottom):
             axes.set_ylim(bottom=0)
         drawn = [tidy(axes) for axes in (top, middle, bottom)]
-        return drawn if lower is None or self.anatomy is None else drawn + self.anatomy.plot(lower)
+        return drawn + self.anatomy.plot(lower) if near and self.anatomy is not None else drawn
 
 
 def session_metrics(

@@ -10,10 +10,10 @@ import time
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from burrlab.view import page_mouse
+from burrlab.view import page_mouse, page_words
 from burrlab.view.camera import Viewpoint, surgeon_view
-from burrlab.view.page_chart import polyline, top
 from burrlab.view.page_source import PageSource
 from burrlab.view.scene import Scene
 
@@ -29,7 +29,8 @@ _AXES = {
 PRESETS = ("surgeon", "burr", *_AXES)
 _PERIOD = 0.04  # between two looks at what is wished [s]
 _PATIENCE = 2.0  # a browser that has not shown a picture by then is not waited for [s]
-_QUALITY = 88  # of the JPEG pictures
+_REST = 0.3  # after which a picture at rest is drawn once more, smoother [s]
+_QUALITY = {False: 80, True: 92}  # of the JPEG pictures, in motion and at rest
 _MOST = 2560, 1600  # of a picture [pixel]
 
 
@@ -63,18 +64,22 @@ class Page:
         self.state = server.state
         self._wanted, self._sent, self._clock = 0.0, -1.0, 0.0
         self._draw, self._on_way = True, -_PATIENCE  # since when a picture is on its way
+        self._smooth, self._drawn = False, 0.0  # the newest picture, and when
         self._drag = np.zeros(2)
         self._drag_moves, self._wheel = False, 0.0
+        self._changed: list[NDArray[np.uint32]] = []  # bricks, and not yet drawn
         self._counts = tuple(-(-n // 8) for n in source.bone.shape)
         first, last = source.span
         self.state.update({
             "title": source.title, "kind": source.kind, "source_state": source.state, "wanted_s": 0.0, "time_s": 0.0,
             "first_s": first, "last_s": last, "step_s": max((last - first) / 4000.0, 1e-3), "playing": False, "speed": 1.0,
-            "speeds": list(SPEEDS), "presets": list(PRESETS), "slices": False, "prepared": 0, "problem": "",
-            "numbers": [], "tissues": [], "distances": [], "events": [], "charts": [], "picture": "", "picture_number": 0,
+            "speeds": list(SPEEDS), "presets": list(PRESETS), "slices": False, "effects": True, "has_effects": source.has_effects,
+            "prepared": 0, "problem": "", "numbers": [], "tissues": [], "distances": [], "events": [], "charts": [],
+            "values": [], "picture": "", "picture_number": 0,
         })  # fmt: skip
         self.state.change("wanted_s")(self._wish)
         self.state.change("slices")(self._show_slices)
+        self.state.change("effects")(self._show_effects)
         self.state.change("playing")(self._play)
         self.state.change("speed")(self._play)
         for name, call in (
@@ -84,12 +89,11 @@ class Page:
             ("draw", self.draw),
         ):
             server.trigger(name)(call)
-        # a software renderer takes three times as long with multi-sampling
+        # a software renderer takes three times as long with multi-sampling, and half as long again for backs
         scene.plotter.render_window.SetMultiSamples(0)
-        scene.plotter.renderer.UseFXAAOn()
+        scene.actors.property.BackfaceCullingOn()
         self._advance(0.0)
-        self._say_events()
-        self._picture()
+        self._picture(smooth=True)
 
     def look(self, preset: str) -> None:
         """Camera as named: surgeon, burr, or along an axis."""
@@ -105,6 +109,10 @@ class Page:
         """To that part of the charts' time axis, 0 to 1."""
         first, last = self.source.span
         self._ask(first + min(max(float(part), 0.0), 1.0) * (last - first))
+
+    def go(self, seconds: float) -> None:
+        """To a moment [s]."""
+        self._ask(float(seconds))
 
     def drag(self, right: float, up: float, moves: bool) -> None:
         """The mouse went so far, in parts of the picture's height: turns the bone, or moves it."""
@@ -145,6 +153,13 @@ class Page:
         if prepared != self.state.prepared:
             with self.state as state:
                 state.prepared = prepared
+            if prepared == 100:
+                self._show_effects(self.state.effects)
+        if not self.state.distances and (rows := source.distances()):  # their fields are made meanwhile
+            with self.state as state:
+                state.distances = rows
+        if source.kind == "live":  # every moment for the curves, whatever is drawn of them
+            self._changed.append(source.go(now))
         if now - self._on_way < _PATIENCE:
             return
         self._move_camera()
@@ -158,9 +173,9 @@ class Page:
             if source.kind == "live" or self._wanted != self._sent:
                 self._advance(self._wanted)
                 self._draw = True
-            if self._draw:
-                self._picture()
-                self._on_way = now
+            if self._draw or not (self._smooth or now - self._drawn < _REST):
+                self._picture(smooth=not self._draw)
+                self._on_way = self._drawn = now
 
     def _move_camera(self) -> None:
         camera = self.scene.plotter.camera
@@ -174,11 +189,13 @@ class Page:
     def _advance(self, seconds: float) -> None:
         """Bone, burrs and words to a moment."""
         source, scene = self.source, self.scene
-        bricks = source.go(seconds)
+        bricks = np.unique(np.concatenate([*self._changed, source.go(seconds)]))
+        self._changed = []
         if len(bricks):
             scene.update(source.bone, np.stack(np.unravel_index(bricks, self._counts), axis=1))
         burrs = source.burrs
-        scene.move_burrs(burrs.centers, list(burrs.on))
+        scene.move_burrs(burrs.centers, burrs.on.tolist())
+        scene.set_parcels(source.parcels if self.state.effects else None)
         if self.state.slices:
             self._cut()
         self._sent = seconds
@@ -187,18 +204,19 @@ class Page:
             state.wanted_s = seconds
         state.time_s, state.source_state = round(source.time, 4), source.state
         state.first_s, state.last_s = source.span
-        state.numbers, state.tissues = self._numbers(), self._tissues()
-        state.distances = source.distances()
+        state.numbers, state.tissues = page_words.numbers(source), page_words.tissues(source.bone)
+        state.distances, state.values = source.distances(), page_words.values(source)
         if not state.charts or source.kind == "live":
-            state.charts = self._charts()
+            state.charts, state.events = page_words.charts(source), page_words.events(source)
 
-    def _picture(self) -> None:
+    def _picture(self, *, smooth: bool) -> None:
         from PIL import Image
 
-        self._draw = False
-        self.scene.render()
+        renderer = self.scene.plotter.renderer
+        (renderer.UseFXAAOn if smooth else renderer.UseFXAAOff)()
+        self._draw, self._smooth = False, smooth
         data = io.BytesIO()
-        Image.fromarray(self.scene.picture()).save(data, "JPEG", quality=_QUALITY)
+        Image.fromarray(self.scene.picture()).save(data, "JPEG", quality=_QUALITY[smooth])
         self.state.picture = "data:image/jpeg;base64," + base64.b64encode(data.getvalue()).decode("ascii")
         self.state.picture_number += 1
 
@@ -225,6 +243,10 @@ class Page:
             self.scene.set_slices(None)
         self._draw = True
 
+    def _show_effects(self, effects: bool, **_: Any) -> None:
+        self.scene.set_parcels(self.source.parcels if effects else None)
+        self._draw = True
+
     def _cut(self) -> None:
         centers = self.source.burrs.centers
         known = len(centers) > 0 and bool(np.isfinite(centers[0]).all())
@@ -242,45 +264,3 @@ class Page:
         if preset in _AXES:
             return surgeon_view(bone, axis=_AXES[preset], tilt=0.0)
         return self._surgeon
-
-    def _numbers(self) -> list[dict[str, str]]:
-        source, rows = self.source, []
-        force, burrs = source.force, source.burrs
-        for i in range(len(burrs.radii)):
-            which = f" {i + 1}" if len(burrs.radii) > 1 else ""
-            place = ", ".join(f"{value:.2f}" for value in burrs.centers[i])
-            turns = "turns" if burrs.on[i] else "stands"
-            rows += [
-                ("force" + which, f"{np.linalg.norm(force[i]):.2f}", "N"),
-                ("penetration" + which, f"{source.depth[i]:.3f}", "mm"),
-                ("burr" + which, f"R = {burrs.radii[i]:g} mm, {turns}", ""),
-                ("centre" + which, place, "mm"),
-            ]
-        rows.append(("bone removed", f"{source.bone.removed:.2f}", "mm³"))
-        return [{"name": name, "value": value, "unit": unit} for name, value, unit in rows]
-
-    def _tissues(self) -> list[dict[str, Any]]:
-        bone = self.source.bone
-        if bone.tissues is None:
-            return []
-        return [
-            {"name": tissue.name, "colour": "rgb({}, {}, {})".format(*tissue.colour), "critical": tissue.critical,
-             "removed": f"{bone.removed_of(i):.2f}"}
-            for i, tissue in enumerate(bone.tissues) if bone.removed_of(i) > 0 or tissue.critical
-        ]  # fmt: skip
-
-    def _charts(self) -> list[dict[str, Any]]:
-        history, span = self.source.history, self.source.span
-        charts = []
-        for name, unit, values in (("force", "N", history.force), ("penetration", "mm", history.depth)):
-            if not values.shape[1]:
-                continue
-            most = top(values)
-            lines = [polyline(history.time, column, span, most) for column in values.T]
-            charts.append({"name": name, "unit": unit, "most": f"{most:g}", "lines": lines})
-        return charts
-
-    def _say_events(self) -> None:
-        self.state.events = [
-            {"time_s": at, "clock": f"{at:.2f} s", "text": text} for at, text in self.source.events
-        ]

@@ -3,14 +3,31 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from burrlab._core import VoxelBone
+from burrlab.session.watch_rows import KINDS
 from burrlab.view.player import Burrs, TracePlayer
 
-_KINDS = ("approach to", "touch of", "injury of", "away from")
+_KINDS = {  # what is said of an event, and its colour
+    "approach": ("approach to", "#ffb454"),
+    "touch": ("touch of", "#ff7b72"),
+    "injury": ("injury of", "#ff7b72"),
+    "away": ("away from", "#7a8791"),
+}
+
+
+@dataclass(frozen=True)
+class PageEvent:
+    """Something that happened: when [s], in words, and the colour of its mark."""
+
+    time: float
+    text: str
+    colour: str
 
 
 class StructureDistances:
@@ -20,13 +37,16 @@ class StructureDistances:
     ----------
     bone : VoxelBone
         One without critical tissues gives no rows.
+    settings : mapping, optional
+        Of the watch that looked at it; default: one of all critical tissues.
     """
 
-    def __init__(self, bone: VoxelBone) -> None:
+    def __init__(self, bone: VoxelBone, settings: Mapping[str, Any] | None = None) -> None:
         tissues = bone.tissues
         self._watch: Any = None
-        self._bone = None
-        if tissues is not None and any(tissue.critical for tissue in tissues):
+        self._settings = settings
+        self._bone: VoxelBone | None = None
+        if tissues is not None and (settings or any(tissue.critical for tissue in tissues)):
             self._bone = bone.copy()  # the other goes on changing
         self._thread = threading.Thread(target=self._make, name="burrlab distances", daemon=True)
 
@@ -66,25 +86,33 @@ class StructureDistances:
     def _make(self) -> None:
         from burrlab.anatomy.watch import Watch
 
+        assert self._bone is not None
         try:
-            self._watch = Watch(self._bone)
+            self._watch = (
+                Watch.of_settings(self._bone, self._settings) if self._settings else Watch(self._bone)
+            )
         except ValueError:  # no voxel of a critical tissue
             pass
         finally:
             self._bone = None
 
 
-def event_texts(player: TracePlayer) -> list[tuple[float, str]]:
-    """Time [s] and text of each event that a trace holds."""
+def page_event(time: float, row: np.void, structures: Sequence[str]) -> PageEvent:
+    """Of a row of a trace's or a watch's events."""
+    kind, distance = KINDS[int(row["kind"])], float(row["distance_mm"])
+    what, colour = _KINDS[kind]
+    text = f"{what} {structures[int(row['structure'])]}"
+    told = kind in ("approach", "away") and np.isfinite(distance)
+    return PageEvent(time, f"{text}, {distance:.2f} mm" if told else text, colour)
+
+
+def trace_events(player: TracePlayer) -> list[PageEvent]:
+    """Those that a trace holds."""
     trace, events = player.trace, player.events
     if not len(events):
         return []
     names = [row["name"] for row in trace.watch["structures"]]
-    texts = []
-    for event in events:
-        at = int(event["tick"]) - trace.first_tick
-        time = float(player.history.time[min(max(at, 0), player.ticks - 1)])
-        distance = float(event["distance_mm"])
-        text = f"{_KINDS[event['kind']]} {names[event['structure']]}"
-        texts.append((time, f"{text}, {distance:.2f} mm" if np.isfinite(distance) else text))
-    return texts
+    at = [min(max(int(event["tick"]) - trace.first_tick, 0), player.ticks - 1) for event in events]
+    return [
+        page_event(float(player.history.time[i]), event, names) for i, event in zip(at, events, strict=True)
+    ]

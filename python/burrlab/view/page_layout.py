@@ -15,8 +15,8 @@ html, body { overflow: hidden !important; }
 .burrlab-view img { position: absolute; inset: 0; width: 100%; height: 100%; object-fit: contain; touch-action: none; cursor: grab; }
 .burrlab-view img:active { cursor: grabbing; }
 .burrlab-side { flex: 0 0 330px; overflow-y: auto; padding: 12px 16px; background: #171c21; border-left: 1px solid #2a3138; }
-.burrlab-side h2 { font-size: 0.78rem; font-weight: 500; letter-spacing: 0.04em; color: #9fb0bd; margin: 14px 0 4px; }
-.burrlab-side h2:first-child { margin-top: 0; }
+.burrlab-side h2 { font-size: 0.78rem; font-weight: 500; letter-spacing: 0.04em; color: #9fb0bd; margin: 16px 0 4px; }
+.burrlab-side > h2:first-child { margin-top: 0; }
 .burrlab-side table { width: 100%; border-collapse: collapse; font-size: 0.9rem; }
 .burrlab-side td { padding: 2px 0; vertical-align: baseline; }
 .burrlab-number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
@@ -25,11 +25,15 @@ html, body { overflow: hidden !important; }
 .burrlab-event { cursor: pointer; }
 .burrlab-event:hover { background: #222a31; }
 .burrlab-foot { flex: 0 0 auto; background: #171c21; border-top: 1px solid #2a3138; padding: 4px 16px 6px; }
-.burrlab-chart { display: grid; grid-template-columns: 120px 1fr; align-items: stretch; font-size: 0.78rem; }
+.burrlab-line { display: grid; grid-template-columns: 124px 1fr 216px; align-items: center; }
+.burrlab-chart { align-items: stretch; font-size: 0.78rem; }
 .burrlab-axis { display: flex; flex-direction: column; justify-content: space-between; text-align: right; padding-right: 8px; color: #9fb0bd; }
 .burrlab-chart svg { width: 100%; height: 54px; background: #101418; border: 1px solid #2a3138; cursor: crosshair; display: block; }
-.burrlab-transport { display: flex; align-items: center; gap: 8px; }
-.burrlab-clock { min-width: 11.5em; text-align: right; font-variant-numeric: tabular-nums; }
+.burrlab-value { align-self: center; padding-left: 12px; font-size: 1.05rem; font-variant-numeric: tabular-nums; }
+.burrlab-clock { min-width: 9em; padding-left: 12px; font-size: 0.9rem; font-variant-numeric: tabular-nums; white-space: nowrap; }
+.burrlab-line .v-slider.v-input--horizontal { margin-inline: 0; }
+.burrlab-line .v-field__input { padding-block: 0; min-height: 36px; align-items: center; }
+.burrlab-line .v-field__append-inner { padding-top: 0; align-items: center; }
 """
 # What trame's widgets have no names for: a drag is told in parts of the height, a place's size once it is another.
 _PICTURE = [
@@ -85,6 +89,10 @@ def _head(page: Page, html: Any, v3: Any) -> None:
             v_model=("slices",), label="slices", hide_details=True, density="compact", color="#6cb6ff",
             classes="mx-4", style="flex: 0 0 auto;",
         )  # fmt: skip
+        v3.VSwitch(
+            v_if="has_effects", v_model=("effects",), label="dust, blood, water", hide_details=True, density="compact",
+            color="#6cb6ff", classes="mr-4", style="flex: 0 0 auto;",
+        )  # fmt: skip
         v3.VProgressLinear(v_if="prepared < 100", model_value=("prepared",), absolute=True, location="bottom")
     v3.VAlert("{{ problem }}", v_if="problem", type="error", density="compact", tile=True)
 
@@ -111,32 +119,35 @@ def _side(page: Page, html: Any) -> None:
                 html.Span("{{ row.name }}")
             html.Td(
                 "{{ row.removed }}", classes="burrlab-number",
-                style=("row.critical && row.removed !== '0.00' ? 'color: #ff7b72' : ''",),
+                style=("row.hurt ? 'color: #ff7b72' : ''",),
             )  # fmt: skip
             html.Td("mm³", classes="burrlab-unit")
     with html.Div(v_if="events.length"):
         html.H2("events")
         with (
             html.Table(),
-            html.Tr(v_for="row in events", classes="burrlab-event", click="wanted_s = row.time_s"),
+            html.Tr(v_for="row in events", classes="burrlab-event", click=(page.go, "[row.time_s]")),
         ):
             html.Td("{{ row.clock }}", style="width: 5em;", classes="burrlab-number pr-3")
-            html.Td("{{ row.text }}")
+            with html.Td():
+                html.Span(classes="burrlab-mark", style=("'background: ' + row.colour",))
+                html.Span("{{ row.text }}")
 
 
 def _charts(page: Page, html: Any) -> None:
     from trame_client.widgets.core import AbstractElement
 
-    class Svg(AbstractElement):  # trame's html widgets end at HTML
+    class Svg(AbstractElement):  # type: ignore[misc]  # trame is untyped, and its html widgets end at HTML
         def __init__(self, name: str, children: Any = None, **attributes: Any) -> None:
             super().__init__(name, children, **attributes)
             self._attr_names += [
                 ("view_box", "viewBox"), ("preserve", "preserveAspectRatio"), "points", "fill", "stroke",
                 ("stroke_width", "stroke-width"), ("vector_effect", "vector-effect"), "x1", "x2", "y1", "y2",
+                ("stroke_dasharray", "stroke-dasharray"),
             ]  # fmt: skip
 
     part = "(time_s - first_s) / Math.max(last_s - first_s, 1e-9)"
-    with html.Div(classes="burrlab-chart", v_for="chart in charts", key="chart.name"):
+    with html.Div(classes="burrlab-line burrlab-chart", v_for="(chart, n) in charts", key="chart.name"):
         with html.Div(classes="burrlab-axis"):
             html.Span("{{ chart.most }}")
             html.Span("{{ chart.name }} [{{ chart.unit }}]", style="color: #e3e7ea;")
@@ -145,30 +156,55 @@ def _charts(page: Page, html: Any) -> None:
             "svg", view_box=f"0 0 {WIDTH:g} {HEIGHT:g}", preserve="none",
             click=(page.seek, "[$event.offsetX / $event.currentTarget.clientWidth]"),
         ):  # fmt: skip
+            _line(
+                Svg,
+                "row.x",
+                "row.colour",
+                v_for="row in events",
+                key="row.time_s + row.text",
+                stroke_dasharray="3 3",
+            )
             Svg(
                 "polyline", v_for="(line, i) in chart.lines", key="i", points=("line",), fill="none",
-                stroke=(f"{list(_COLOURS)!r}[i]",), stroke_width="1.2", vector_effect="non-scaling-stroke",
+                stroke=(f"{list(_COLOURS)!r}[i % {len(_COLOURS)}]",), stroke_width="1.2", vector_effect="non-scaling-stroke",
             )  # fmt: skip
-            Svg(
-                "line", x1=(f"{WIDTH:g} * {part}",), x2=(f"{WIDTH:g} * {part}",), y1="0", y2=f"{HEIGHT:g}",
-                stroke="#e3e7ea", stroke_width="1", vector_effect="non-scaling-stroke",
+            _line(Svg, f"{WIDTH:g} * {part}", "'#e3e7ea'")
+        with html.Div(classes="burrlab-value"):
+            html.Span(
+                "{{ value }}&ensp;", v_for="(value, i) in values[n]", key="i",
+                style=(f"'color: ' + {list(_COLOURS)!r}[i % {len(_COLOURS)}]",),
             )  # fmt: skip
+            html.Span("{{ chart.unit }}")
+
+
+def _line(svg: Any, x: str, colour: str, **attributes: str) -> None:
+    """An upright line across a chart."""
+    svg(
+        "line", x1=(x,), x2=(x,), y1="0", y2=f"{HEIGHT:g}", stroke=(colour,), stroke_width="1",
+        vector_effect="non-scaling-stroke", **attributes,
+    )  # fmt: skip
 
 
 def _transport(page: Page, html: Any, v3: Any) -> None:
-    with html.Div(classes="burrlab-transport"):
-        v3.VBtn(
-            icon=("playing ? 'mdi-pause' : 'mdi-play'",), click="playing = !playing",
-            aria_label=("playing ? 'pause' : 'play'",),
-        )  # fmt: skip
-        v3.VBtn(icon="mdi-step-backward", click=(page.step, "[-1]"), aria_label=("'one tick back'",))
-        v3.VBtn(icon="mdi-step-forward", click=(page.step, "[1]"), aria_label=("'one tick on'",))
+    with html.Div(classes="burrlab-line"):
+        with html.Div():
+            v3.VBtn(
+                icon=("playing ? 'mdi-pause' : 'mdi-play'",), click="playing = !playing",
+                raw_attrs=[""":aria-label="playing ? 'pause' : 'play'" """],
+            )  # fmt: skip
+            for icon, ticks, label in (("backward", -1, "one tick back"), ("forward", 1, "one tick on")):
+                v3.VBtn(
+                    icon=f"mdi-step-{icon}",
+                    click=(page.step, f"[{ticks}]"),
+                    raw_attrs=[f'aria-label="{label}"'],
+                )
         v3.VSlider(
             v_model=("wanted_s",), min=("first_s",), max=("last_s",), step=("step_s",), hide_details=True, color="#6cb6ff",
-            thumb_size=14, style="flex: 1 1 auto;",
+            thumb_size=14, raw_attrs=['aria-label="time"'],
         )  # fmt: skip
-        html.Div("{{ time_s.toFixed(3) }} / {{ last_s.toFixed(3) }} s", classes="burrlab-clock")
-        v3.VSelect(
-            v_model=("speed",), items=("speeds.map(x => ({title: 'x ' + x, value: x}))",), density="compact",
-            hide_details=True, variant="outlined", style="flex: 0 0 104px;"
-        )  # fmt: skip
+        with html.Div(classes="d-flex align-center"):
+            html.Div("{{ time_s.toFixed(3) }} / {{ last_s.toFixed(3) }} s", classes="burrlab-clock")
+            v3.VSelect(
+                v_model=("speed",), items=("speeds.map(x => ({title: 'x ' + x, value: x}))",), density="compact",
+                hide_details=True, variant="plain", style="flex: 0 0 70px;", raw_attrs=['aria-label="speed"'],
+            )  # fmt: skip

@@ -3,29 +3,44 @@
 from __future__ import annotations
 
 import threading
-from collections import deque
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import VoxelBone, restore_bricks
+from burrlab._core import Replica, VoxelBone
 from burrlab.session.session import Session
 from burrlab.session.trace import Trace
-from burrlab.view.page_anatomy import StructureDistances, event_texts
+from burrlab.view.page_anatomy import PageEvent, StructureDistances, trace_events
+from burrlab.view.page_live import LiveSource
+from burrlab.view.page_parcels import ParcelHistory
 from burrlab.view.player import Burrs, History, TracePlayer
 
-_SHOWN_LIVE = 30.0  # of a running session in the charts [s]
+if TYPE_CHECKING:
+    from burrlab.effects import Effects
+
+_MEETING = 250.0  # when a burr has just met bone, and its force is along the normal [ms]
+#: What a page can show.
+Shown: TypeAlias = Trace | TracePlayer | Session | Replica | VoxelBone
 
 
 class PageSource(Protocol):
     """The bone at a moment, and how to get to another one."""
 
-    title: str
-    kind: str  # "replay", "live" or "still"
-    bone: VoxelBone
-    tools: tuple[tuple[Any, Any], ...]
+    @property
+    def kind(self) -> str:
+        """replay, live or still."""
+        ...
+
+    @property
+    def title(self) -> str: ...
+    @property
+    def bone(self) -> VoxelBone: ...
+    @property
+    def radii(self) -> tuple[float, ...]:
+        """Of the burrs [mm]."""
+        ...
 
     @property
     def span(self) -> tuple[float, float]:
@@ -45,17 +60,21 @@ class PageSource(Protocol):
     @property
     def prepared(self) -> float: ...
     @property
-    def events(self) -> Sequence[tuple[float, str]]:
-        """Time [s] and what happened then."""
+    def events(self) -> Sequence[PageEvent]: ...
+    @property
+    def parcels(self) -> NDArray[np.void] | None:
+        """Dust, blood and water at the moment; None where there are no effects."""
         ...
 
+    @property
+    def has_effects(self) -> bool: ...
     @property
     def state(self) -> str:
         """A word or sentence on the source itself."""
         ...
 
     def approach(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Where the bone was first met [mm], and the direction into it; None if that is not known."""
+        """Middle of where bone was met [mm], and the direction into it; None if that is not known."""
         ...
 
     def go(self, seconds: float) -> NDArray[np.uint32]:
@@ -75,11 +94,14 @@ class ReplaySource:
 
     kind = "replay"
 
-    def __init__(self, player: TracePlayer) -> None:
+    def __init__(self, player: TracePlayer, effects: Effects | None = None) -> None:
         self.player, self.bone = player, player.bone
         self.title = player.trace.path.name
-        self.tools = player.trace.tools
-        self._distances = StructureDistances(player.bone)
+        self.radii = tuple(burr.radius for burr, _ in player.trace.tools)
+        self.events = trace_events(player)
+        self._distances = StructureDistances(player.bone, player.trace.watch)
+        self._past = None if effects is None else ParcelHistory(player.trace, effects)
+        self.has_effects = effects is not None
         self._cancel = threading.Event()
         self._thread = threading.Thread(target=self._prepare, name="burrlab page", daemon=True)
         self.state = f"{player.duration:.1f} s, {player.ticks} ticks, seed {player.trace.seed}"
@@ -90,16 +112,24 @@ class ReplaySource:
     force = property(lambda self: self.player.force)
     depth = property(lambda self: self.player.depth)
     history = property(lambda self: self.player.history)
-    prepared = property(lambda self: self.player.prepared)
-    events = property(lambda self: event_texts(self.player))
+
+    @property
+    def prepared(self) -> float:
+        bone = self.player.prepared
+        return bone if self._past is None else 0.5 * (bone + self._past.made)
+
+    @property
+    def parcels(self) -> NDArray[np.void] | None:
+        return None if self._past is None else self._past.at(self.time)
 
     def approach(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         burr = self.player.trace.ticks["burr"][:, 0]
-        met = burr["touching"] > 0
-        out = burr["force_N"][met].sum(axis=0)
-        if not np.linalg.norm(out) > 0:
+        met = burr[burr["touching"] > 0]
+        first = met["force_N"][: round(_MEETING / self.player.trace.period)].sum(axis=0)
+        if not np.linalg.norm(first) > 0:
             return None
-        return burr["center_mm"][met][0], -out / np.linalg.norm(out)
+        centers = met["center_mm"]
+        return 0.5 * (centers.min(axis=0) + centers.max(axis=0)), -first / np.linalg.norm(first)
 
     def go(self, seconds: float) -> NDArray[np.uint32]:
         return self.player.seek(min(max(seconds, 0.0), self.player.duration))
@@ -118,98 +148,8 @@ class ReplaySource:
             self._thread.join()
 
     def _prepare(self) -> None:
-        self.player.prepare(cancel=self._cancel)
-
-
-class LiveSource:
-    """A session that runs or has ended: a bone of one's own that takes over the bricks that changed."""
-
-    kind = "live"
-    prepared = 1.0
-    events: Sequence[tuple[float, str]] = ()
-
-    def __init__(self, session: Session) -> None:
-        self.session = session
-        self.title = "session"
-        self.tools = tuple(session.tools)
-        self._view = session.follower.view()
-        self.bone, _ = session.snapshot()
-        self._distances = StructureDistances(self.bone)
-        self._counts = tuple(-(-n // 8) for n in self.bone.shape)
-        self._newest: Any = None
-        self._past: deque[tuple[float, NDArray[np.float64], NDArray[np.float64]]] = deque()
-
-    @property
-    def time(self) -> float:
-        return 0.0 if self._newest is None else float(self._newest["time"])
-
-    @property
-    def span(self) -> tuple[float, float]:
-        return max(0.0, self.time - _SHOWN_LIVE), max(self.time, _SHOWN_LIVE)
-
-    @property
-    def burrs(self) -> Burrs:
-        n, radii = len(self.tools), np.array([burr.radius for burr, _ in self.tools])
-        if self._newest is None:
-            none = np.zeros(n, bool)
-            return Burrs(np.full((n, 3), np.nan), radii, none, none)
-        burr = self._newest["burr"][:n]
-        return Burrs(burr["center"].copy(), radii, burr["on"] > 0, burr["touching"] > 0)
-
-    @property
-    def force(self) -> NDArray[np.float64]:
-        return self._of("force", (len(self.tools), 3))
-
-    @property
-    def depth(self) -> NDArray[np.float64]:
-        return self._of("penetration", (len(self.tools),))
-
-    @property
-    def history(self) -> History:
-        past = list(self._past)
-        n = len(self.tools)
-        return History(
-            np.array([time for time, _, _ in past]),
-            np.array([force for _, force, _ in past]).reshape(-1, n),
-            np.array([depth for _, _, depth in past]).reshape(-1, n),
-        )
-
-    @property
-    def state(self) -> str:
-        return "running" if self.session.running else self.session.reason or "not started"
-
-    def approach(self) -> None:
-        return None
-
-    def go(self, seconds: float) -> NDArray[np.uint32]:
-        update = self.session.follower.take(self._view)
-        if update["newest"] is not None:
-            self._newest = update["newest"]
-            if not self._past or self.time > self._past[-1][0]:
-                self._past.append((self.time, np.linalg.norm(self.force, axis=1), self.depth))
-            while self._past[0][0] < self.time - _SHOWN_LIVE:
-                self._past.popleft()
-        places = update["bricks"]
-        if not len(places):
-            return np.empty(0, np.uint32)
-        bricks = np.ravel_multi_index(tuple(places.T), self._counts).astype(np.uint32)
-        restore_bricks(self.bone, bricks, update["density"].reshape(-1, 512))
-        return bricks
-
-    def distances(self) -> list[dict[str, Any]]:
-        return self._distances.rows(self.burrs)
-
-    def open(self) -> None:
-        self._distances.open()
-
-    def close(self) -> None:
-        self._distances.close()
-
-    def _of(self, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-        if self._newest is None:
-            return np.zeros(shape)
-        values: NDArray[np.float64] = self._newest["burr"][name][: shape[0]].copy()
-        return values
+        if self.player.prepare(cancel=self._cancel) and self._past is not None:
+            self._past.make(self._cancel)
 
 
 class StillSource:
@@ -217,11 +157,13 @@ class StillSource:
 
     kind = "still"
     title = "bone"
-    tools = ()
+    radii: tuple[float, ...] = ()
     span = (0.0, 0.0)
     time = 0.0
     prepared = 1.0
-    events: Sequence[tuple[float, str]] = ()
+    events: Sequence[PageEvent] = ()
+    parcels = None
+    has_effects = False
 
     def __init__(self, bone: VoxelBone) -> None:
         self.bone = bone
@@ -246,14 +188,20 @@ class StillSource:
         pass
 
 
-def page_source(source: Trace | TracePlayer | Session | VoxelBone) -> PageSource:
-    """The source of a page. TypeError if it is none."""
-    if isinstance(source, Trace):
-        return ReplaySource(TracePlayer(source))
-    if isinstance(source, TracePlayer):
-        return ReplaySource(source)
-    if isinstance(source, Session):
-        return LiveSource(source)
+def page_source(source: Shown, effects: Any = None) -> PageSource:
+    """The source of a page. TypeError if it is none, or its effects are not of its kind."""
+    from burrlab.effects import Companion, Effects
+
+    if isinstance(source, Trace | TracePlayer):
+        if not isinstance(effects, Effects | None):
+            raise TypeError(f"effects of a trace must be Effects, got {effects!r}")
+        return ReplaySource(TracePlayer(source) if isinstance(source, Trace) else source, effects)
+    if isinstance(source, Session | Replica):
+        if not isinstance(effects, Companion | None):
+            raise TypeError(f"effects of a session must be a Companion, got {effects!r}")
+        return LiveSource(source, effects)
     if isinstance(source, VoxelBone):
+        if effects is not None:
+            raise TypeError(f"effects go with a trace or a session, got {effects!r} with a bone")
         return StillSource(source)
-    raise TypeError(f"source must be a Trace, TracePlayer, Session or VoxelBone, got {source!r}")
+    raise TypeError(f"source must be a Trace, TracePlayer, Session, Replica or VoxelBone, got {source!r}")

@@ -282,7 +282,7 @@ def plot_depth_map(
     )
     if lines is not None:
         bar.add_lines(lines)  # on the map their numbers would hide a small crater
-    if axis in ("z", "-x", "y"):  # seen from behind, so that left is left for whoever looks
+    if axis in ("x", "-y", "z"):  # seen from behind, so that left is left for whoever looks
         axes.invert_xaxis()
     axes.set_xlabel(f"{_NAMES[right]} [mm]")
     axes.set_ylabel(f"{_NAMES[up]} [mm]")

@@ -86,6 +86,7 @@ class TracePlayer:
         times = trace.time()
         burr = trace.ticks["burr"]
         self.history = History(times, np.linalg.norm(burr["force_N"], axis=2), burr["penetration_mm"])
+        self._duration = float(trace.duration)  # a sum over all ticks
         self._every = max(1, round(every * 1000.0 / trace.period))
         self._kept = BrickHistory(trace._bone, int(memory * 1e6))  # which never changes: no copy
         self._walk = _Walk(trace, self._kept, self._every)
@@ -98,7 +99,7 @@ class TracePlayer:
     @property
     def duration(self) -> float:
         """Of the trace [s]."""
-        return self.trace.duration
+        return self._duration
 
     @property
     def ticks(self) -> int:
@@ -150,7 +151,7 @@ class TracePlayer:
     def prepared(self) -> float:
         """Part of the trace whose states are kept, 0 to 1: seeking there is fast."""
         with self._kept.lock:
-            step = self._every * 2**self._kept.thinned
+            step = self._every << self._kept.thinned
             return min(1.0, (self._kept.last + step) / max(self.ticks, 1))
 
     @property
@@ -255,7 +256,7 @@ class _Walk:
 
     def _execute(self, done: int) -> NDArray[np.uint32]:
         """Up to `done` or the next kept state, whichever comes first."""
-        step = self._every * 2**self._kept.thinned
+        step = self._every << self._kept.thinned
         key = self._kept.after(self.done)
         if key is None:
             key = max(self._kept.last, self.done + 1 - step) + step

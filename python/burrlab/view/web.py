@@ -11,19 +11,19 @@ import sys
 import uuid
 import webbrowser
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from burrlab._core import VoxelBone
-from burrlab.session.session import Session
-from burrlab.session.trace import Trace
 from burrlab.view.camera import Viewpoint
-from burrlab.view.page_source import PageSource, page_source
-from burrlab.view.player import TracePlayer
+from burrlab.view.page_source import PageSource, Shown, page_source
+
+if TYPE_CHECKING:
+    from burrlab.effects import Companion, Effects
 
 
 def serve(
-    source: Trace | TracePlayer | Session | VoxelBone,
+    source: Shown,
     *,
+    effects: Effects | Companion | None = None,
     host: str = "127.0.0.1",
     port: int = 0,
     open_browser: bool = False,
@@ -39,8 +39,12 @@ def serve(
 
     Parameters
     ----------
-    source : Trace, TracePlayer, Session or VoxelBone
-        A trace is replayed, with a time line; a session is shown live, and goes on when the page ends; a bone rests.
+    source : Trace, TracePlayer, Session, Replica or VoxelBone
+        A trace is replayed, with a time line; a session or a started replica is shown live, and goes on when the page
+        ends; a bone rests.
+    effects : Effects or Companion, optional
+        Dust, blood and water: of a trace, those that effects of its initial bone give, made in the background; of a
+        session or a replica, those of a companion that runs beside it.
     host : str
         Address to listen on.
     port : int
@@ -59,7 +63,7 @@ def serve(
     Raises
     ------
     TypeError
-        If the source is none of these.
+        If the source is none of these, or the effects do not go with it.
     ValueError
         If the port is not from 0 to 65535, or size or level is out of range.
     OSError
@@ -69,13 +73,23 @@ def serve(
     RuntimeError
         If there is no library to draw without a screen, or an event loop runs already.
     """
-    shown = page_source(source)
+    shown = page_source(source, effects)
     if not 0 <= port <= 65535:
         raise ValueError(f"port must be from 0 to 65535, got {port!r}")
+    check_page(host=host, port=port)
+    asyncio.run(_serve(shown, host, port, open_browser, size, level, viewpoint, on_ready or _tell))
+
+
+def check_page(*, host: str = "127.0.0.1", port: int = 0) -> None:
+    """ImportError without trame, OSError where nobody could listen, RuntimeError where an event loop runs."""
     _check_no_loop()
     _check_trame()
     _check_free(host, port)
-    asyncio.run(_serve(shown, host, port, open_browser, size, level, viewpoint, on_ready or _tell))
+
+
+def warning(address: str) -> str:
+    """That goes with a page's address."""
+    return f"{address}  (no authentication: whoever reaches it can see and work it; Ctrl-C ends)"
 
 
 async def _serve(
@@ -86,8 +100,7 @@ async def _serve(
     from burrlab.view.page_layout import build_layout
     from burrlab.view.scene import Scene
 
-    radii = [burr.radius for burr, _ in source.tools]
-    scene = Scene(source.bone, radii, off_screen=True, size=size, level=level, chart=False)
+    scene = Scene(source.bone, source.radii, off_screen=True, size=size, level=level, chart=False)
     try:
         server = _server()
         page = Page(server, source, scene, surgeon=viewpoint)
@@ -147,17 +160,18 @@ def _prepare_routes(web: Any) -> None:
 @contextlib.contextmanager
 def _ended_by_signals(end: asyncio.Event) -> Iterator[None]:
     """Ctrl-C and SIGTERM end the page in order, where this is the main thread."""
-    loop = asyncio.get_running_loop()
-    taken = []
+    loop, before = asyncio.get_running_loop(), {}
     for number in (signal.SIGINT, signal.SIGTERM):
+        handler = signal.getsignal(number)
         with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
             loop.add_signal_handler(number, end.set)
-            taken.append(number)
+            before[number] = handler
     try:
         yield
     finally:
-        for number in taken:
+        for number, handler in before.items():
             loop.remove_signal_handler(number)
+            signal.signal(number, handler)
 
 
 @contextlib.contextmanager
@@ -200,4 +214,4 @@ def _check_trame() -> None:
 
 
 def _tell(address: str) -> None:
-    print(f"{address}  (no authentication: whoever reaches it can see and work it; Ctrl-C ends)", flush=True)
+    print(warning(address), flush=True)

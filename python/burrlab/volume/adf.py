@@ -121,17 +121,23 @@ def _positive(name: str, what: str, value: Any) -> float:
 
 def _check_plausible(name: str, sides: NDArray[np.float64]) -> None:
     low, high = PLAUSIBLE
-    if np.all((sides * _METRE >= low) & (sides * _METRE <= high)):
+
+    def plausible(unit: float) -> bool:
+        return bool(np.all((sides * unit >= low) & (sides * unit <= high)))
+
+    if plausible(_METRE):
         return
     others = [
         ("millimetres", 1.0),
         ("centimetres", 10.0),
         ("units of 0.049664 m, as in older files of the simulator", _OLD_UNIT),
     ]
-    would = "; ".join(f"in {what} {_sides(sides * unit)} mm (unit={unit:g})" for what, unit in others)
+    would = "; ".join(
+        f"in {what} {_sides(sides * unit)} mm (unit={unit:g})" for what, unit in others if plausible(unit)
+    )
     raise ValueError(
         f"{name}: dimensions in metres would be {_sides(sides * _METRE)} mm, and a head or a part of one has sides of {low:g} to "
-        f"{high:g} mm; {would}: give unit= [mm]"
+        f"{high:g} mm; {would or 'in no usual unit it would be one'}: give unit= [mm]"
     )
 
 

@@ -37,14 +37,21 @@ class _Slice:
     columns: tuple[float, ...]
     position: Array
     bits: int
+    number: int | None = None  # InstanceNumber
+    images: int | None = None  # ImagesInAcquisition
 
     @property
     def file(self) -> str:
         return Path(self.name).name
 
 
-def read_dicom(names: Sequence[str], where: str, series: str | None) -> tuple[Header, NDArray[Any]]:
-    """Header and values (z, y, x) of the files of one series; ValueError with one sentence where they make no volume."""
+def read_dicom(
+    names: Sequence[str], where: str, series: str | None, others: Sequence[str] = ()
+) -> tuple[Header, NDArray[Any]]:
+    """Header and values (z, y, x) of the files of one series; ValueError with one sentence where they make no volume.
+
+    `others` are files of the folder that are no DICOM: they are noted.
+    """
     slices = _of_series([_header_of(name) for name in names], where, series)
     _check_alike(slices, where)
     turn = np.column_stack([slices[0].rows, slices[0].columns])
@@ -60,21 +67,46 @@ def read_dicom(names: Sequence[str], where: str, series: str | None) -> tuple[He
     values = np.empty((len(planes), rows, columns), dtype=np.result_type(*planes))
     for k, plane in enumerate(planes):
         values[k] = plane
-    return Header(values.shape, spacing, slices[0].position, direction), values
+    notes = _notes(slices, others)
+    return Header(values.shape, spacing, slices[0].position, direction, notes), values
 
 
-def dicom_files(folder: str | os.PathLike[str]) -> list[str]:
-    """The DICOM files of a folder, by name: those with DICM at byte 128, without an index (DICOMDIR)."""
-    found = []
+def _notes(slices: list[_Slice], others: Sequence[str]) -> tuple[str, ...]:
+    """What positions cannot show: slices that are lost at the ends, or at even distances."""
+    notes = []
+    numbers = sorted({s.number for s in slices if s.number is not None})
+    if len(numbers) == len(slices) and numbers[-1] - numbers[0] >= len(numbers):
+        absent = numbers[-1] - numbers[0] + 1 - len(numbers)
+        notes.append(
+            f"the slices are numbered {numbers[0]} to {numbers[-1]}, of which {absent} are absent: slices may be missing"
+        )
+    told = max((s.images or 0 for s in slices), default=0)
+    if told > len(slices):
+        notes.append(
+            f"the DICOM headers count {told} images in the acquisition, {len(slices)} are there: slices may be missing"
+        )
+    if others:
+        first = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
+        notes.append(
+            f"{len(others)} file{'s' * (len(others) > 1)} of the folder left out, as no DICOM: {first}"
+        )
+    return tuple(notes)
+
+
+def dicom_files(folder: str | os.PathLike[str]) -> tuple[list[str], list[str]]:
+    """The DICOM files of a folder, by name: those with DICM at byte 128, without an index (DICOMDIR); names of the other files."""
+    found, others = [], []
     for path in sorted(Path(folder).iterdir()):
         if not path.is_file() or path.name.upper() == "DICOMDIR":
             continue
         with path.open("rb") as file:
             if file.read(132)[128:] == b"DICM" or path.suffix.lower() in (".dcm", ".dicom"):
                 found.append(str(path))
+            elif not path.name.startswith("."):
+                others.append(path.name)
     if not found:
         raise ValueError(f"{os.fspath(folder)}: the folder holds no DICOM files")
-    return found
+    return found, others
 
 
 def is_dicom(name: str) -> bool:
@@ -106,6 +138,9 @@ def _header_of(name: str) -> _Slice:
             found = ()
         return found if len(found) == count and np.all(np.isfinite(found)) else (np.nan,) * count
 
+    def whole(tag: str) -> int | None:
+        return int(text(tag)) if text(tag).lstrip("+-").isdecimal() else None
+
     size = reader.GetSize()
     if len(size) > 2 and any(n > 1 for n in size[2:]):
         raise ValueError(f"{name}: DICOM files of several frames are not read: convert it to NRRD or NIfTI")
@@ -120,7 +155,7 @@ def _header_of(name: str) -> _Slice:
         raise ValueError(f"{name}: the DICOM header does not say the slice's position and orientation")
     return _Slice(
         name, text("0020|000e"), (int(size[0]), int(size[1])), (across, down), turn[:3], turn[3:], np.array(position),
-        int(text("0028|0100") or 8),
+        int(text("0028|0100") or 8), whole("0020|0013"), whole("0020|1002"),
     )  # fmt: skip
 
 
@@ -153,7 +188,7 @@ def _distance(slices: list[_Slice], along: Array, where: str) -> float:
     steps = np.diff(along)
     if len(steps) == 0:
         return np.nan
-    usual = float(np.median(steps))
+    usual = float(np.sort(steps)[(len(steps) - 1) // 2])
     twins = np.flatnonzero(steps < 0.01 * max(usual, 1e-3))
     if len(twins):
         k = int(twins[0])
@@ -161,19 +196,23 @@ def _distance(slices: list[_Slice], along: Array, where: str) -> float:
             f"{where}: two slices lie at the same position, {along[k]:g} mm along the normal: {slices[k].file} and "
             f"{slices[k + 1].file}"
         )
-    step = float(steps.min()) if np.all(steps > 0.5 * usual) else usual
+
+    def gap(k: int, others: float) -> str:
+        return (
+            f"{steps[k]:g} mm between slices {k} and {k + 1} ({slices[k].file} at {along[k]:g} mm, {slices[k + 1].file} at "
+            f"{along[k + 1]:g} mm), where others are {others:g} mm apart"
+        )
+
+    least = float(steps.min())
+    times = np.rint(steps / least)
+    if times.max() > 1 and np.all(np.abs(steps - times * least) <= 2 * EVEN * least * times):
+        lost, first = int((times - 1).sum()), int(np.flatnonzero(times > 1)[0])
+        said = "slices are" if lost > 1 else "slice is"
+        raise ValueError(f"{where}: {lost} {said} missing: {gap(first, least)}")
     odd = np.flatnonzero(np.abs(steps - usual) > EVEN * usual)
-    if len(odd) == 0:
-        return float((along[-1] - along[0]) / len(steps))
-    k = int(odd[0])
-    lost = round(float(steps[k]) / step) - 1
-    gap = (
-        f"{steps[k]:g} mm between slices {k} and {k + 1} ({slices[k].file} at {along[k]:g} mm, {slices[k + 1].file} at "
-        f"{along[k + 1]:g} mm), where others are {step:g} mm apart"
-    )
-    if lost >= 1 and abs(steps[k] - (lost + 1) * step) <= 2 * EVEN * step * (lost + 1):
-        raise ValueError(f"{where}: {lost} slice{'s are' if lost > 1 else ' is'} missing: {gap}")
-    raise ValueError(f"{where}: the slices are not evenly spaced: {gap}")
+    if len(odd):
+        raise ValueError(f"{where}: the slices are not evenly spaced: {gap(int(odd[0]), usual)}")
+    return float((along[-1] - along[0]) / len(steps))
 
 
 def _check_straight(slices: list[_Slice], direction: Array, where: str) -> None:

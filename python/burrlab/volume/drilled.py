@@ -130,7 +130,7 @@ def save_drilled(
     content = changed_file(target, like, changed)
     digest = hashlib.sha256(content).hexdigest()
     own = sidecar(target, digest)
-    before = [other for other in sidecars(target) if other != own]
+    before = [other for other in sidecars(target) if other.name != own.name]
     beside(own, digest)
     replace_whole(target, content)  # from here on the new pair counts
     for other in before:

@@ -55,7 +55,11 @@ def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
     beside = sidecar(target, digest)
     if not beside.is_file():
         others = ", ".join(other.name for other in sidecars(target))
-        found = f"there is {others}, of another content of it" if others else "there is none"
+        found = (
+            f"there is {others}, of another content of it"
+            if others
+            else "there is none: was the volume moved, or is it not one that was saved half-drilled?"
+        )
         raise ValueError(f"{target}: the exact state, {beside.name}, must lie beside it, and {found}")
     told = _told(beside)
     if told.get("sha256") != digest:

@@ -84,6 +84,10 @@ class DrilledRecipe:
         """A copy of the bone."""
         return self.drilled().bone.copy()
 
+    def notes(self) -> tuple[str, ...]:
+        """On what was saved."""
+        return (f"{self.path} has been burred for {self.tick} ticks before",)
+
     def like(self) -> Volume | LabelVolume:
         """The volume on the voxels of the bone, for `save_drilled`; ValueError of a bone without one."""
         if _holds_bone(self.path):

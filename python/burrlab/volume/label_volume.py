@@ -94,6 +94,32 @@ class LabelVolume(OnGrid):
             self, labels=resample_nearest(self.labels, self.spacing, new), spacing=new, origin=origin
         )
 
+    def on(self, volume: OnGrid) -> LabelVolume:
+        """The labels on the voxels of a volume: of the voxel in which the centre of each lies, 0 where there is none.
+
+        Segmentations may be finer than their volume, or turned. Structures thinner than a voxel of the volume can go.
+        """
+        turn = self.direction.T @ volume.direction
+        start = self.bone_point(volume.origin - self.origin)
+        steps = turn * volume.spacing  # columns: of one voxel of the volume, along the axes here [mm]
+        z, y, x = (np.arange(n) for n in volume.shape)
+        sizes = self.shape[::-1]
+        found = np.zeros(volume.shape, self.labels.dtype)
+        for k in z:  # plane by plane: no large arrays of places
+            inside = np.ones((len(y), len(x)), bool)
+            places = []
+            for axis in range(3):
+                along = start[axis] + steps[axis, 0] * x + (steps[axis, 1] * y)[:, None] + steps[axis, 2] * k
+                place = np.ceil(along / self.spacing[axis] - 0.5 - 1e-9).astype(np.int64)
+                inside &= (place >= 0) & (place < sizes[axis])
+                places.append(np.clip(place, 0, sizes[axis] - 1))
+            found[k] = np.where(inside, self.labels[places[2], places[1], places[0]], 0)
+        note = f"labels are the nearest of {self.path} on the voxels of {volume.path}"
+        return replace(
+            self, labels=found, spacing=volume.spacing, origin=volume.origin, direction=volume.direction,
+            notes=(*self.notes, note),
+        )  # fmt: skip
+
     def __repr__(self) -> str:
         sizes = " x ".join(str(n) for n in self.shape[::-1])
         apart = " x ".join(f"{s:g}" for s in self.spacing)

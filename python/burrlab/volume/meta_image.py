@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import math
+import zlib
+from pathlib import Path
+from typing import BinaryIO
+
 import numpy as np
 
 from burrlab.volume.geometry import Array
 from burrlab.volume.header import MILLIMETRES, Header, three_sizes
 
 _END = "ElementDataFile"  # the last field: then come the values
+_BYTES = {"MET_CHAR": 1, "MET_UCHAR": 1, "MET_SHORT": 2, "MET_USHORT": 2, "MET_INT": 4, "MET_UINT": 4,
+          "MET_LONG_LONG": 8, "MET_ULONG_LONG": 8, "MET_FLOAT": 4, "MET_DOUBLE": 8}  # fmt: skip
 
 
 def read_meta_header(name: str) -> Header:
     """Place of the voxels; ValueError with one sentence where the header cannot be read."""
-    fields = _fields(name)
+    fields, _ = _fields(name)
     sizes = [int(n) for n in _numbers(fields, ("DimSize",), name)]
     if len(sizes) < 3:
         raise ValueError(
@@ -43,7 +50,42 @@ def read_meta_header(name: str) -> Header:
     return Header(shape, spacing, scale * origin[:3], direction, tuple(notes))
 
 
-def _fields(name: str) -> dict[str, str]:
+def check_meta_values(name: str) -> None:
+    """ValueError where the values are cut short or damaged: for that SimpleITK names another cause, and prints."""
+    fields, start = _fields(name)
+    size, file_name = _BYTES.get(fields.get("ElementType", "")), fields[_END]
+    if size is None or file_name.startswith("LIST") or "%" in file_name or "HeaderSize" in fields:
+        return
+    if fields.get("BinaryData", "True").lower() != "true":
+        return
+    local = file_name.upper() == "LOCAL"
+    path = Path(name) if local else Path(name).parent / file_name
+    if not path.is_file():
+        raise ValueError(f"{name}: the file of its values, {file_name}, is not there")
+    with path.open("rb") as file:
+        file.seek(start if local else 0)
+        packed = fields.get("CompressedData", "False").lower() == "true"
+        have = _unpacked(file, name) if packed else path.stat().st_size - file.tell()
+    wanted = size * math.prod(int(n) for n in fields["DimSize"].split())
+    if have < wanted:
+        raise ValueError(f"{name}: the file is cut short: {have} bytes of values, of {wanted}")
+
+
+def _unpacked(file: BinaryIO, name: str) -> int:
+    """Bytes of a zlib or gzip stream, its checksum looked at."""
+    stream, have = zlib.decompressobj(32 + zlib.MAX_WBITS), 0
+    try:
+        while chunk := file.read(1 << 22):
+            have += len(stream.decompress(chunk))
+    except zlib.error as error:
+        raise ValueError(f"{name}: the compressed data is cut short or damaged ({error})") from error
+    if not stream.eof:
+        raise ValueError(f"{name}: the compressed data is cut short or damaged (it has no end)")
+    return have
+
+
+def _fields(name: str) -> tuple[dict[str, str], int]:
+    """Of the header, and the place in the file where that ends."""
     fields: dict[str, str] = {}
     with open(name, "rb") as file:
         while raw := file.readline(1 << 16):
@@ -52,7 +94,7 @@ def _fields(name: str) -> dict[str, str]:
                 break
             fields[key.strip()] = value.strip()
             if key.strip() == _END:
-                return fields
+                return fields, file.tell()
     raise ValueError(f"{name}: cannot be read as a volume: no MetaImage header")
 
 

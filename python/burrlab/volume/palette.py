@@ -83,13 +83,13 @@ class Palette:
         codes = _code(image[..., :3].astype(np.uint32))
         codes[image[..., 3] == 0] = 0
         places = self._places.take(codes)
-        found = self._labels.take(places)
+        found: NDArray[Any] = self._labels.take(places)
         strange = places == self._strange_place
         if strange.any():
             found[strange] = self._of_strange(image, codes, strange, path)
         return found
 
-    def notes(self) -> list[str]:
+    def notes(self, name: str) -> list[str]:
         """What was done with colours that are in no table; ValueError with count and example where they are refused."""
         if not self._strange:
             return []
@@ -97,8 +97,8 @@ class Palette:
         many = f"{pixels} pixel{'s' if pixels > 1 else ''} of {kinds} colour{'s' if kinds > 1 else ''} that are in no table"
         if self.unknown == "refuse":
             raise ValueError(
-                f"{many}: {self._example}; blends of structures that overlap, or of scaling? "
-                "unknown='nearest' takes the nearest colour, unknown=LABEL that label"
+                f"{name}: {many}: {self._example}; blends of structures that overlap, or of scaling? "
+                "unknown='nearest' (--unknown nearest) takes the nearest colour, unknown=LABEL that label"
             )
         taken = "the nearest colour" if self.unknown == "nearest" else f"label {self.unknown}"
         return [f"{many} were taken as {taken}: {self._example}"]

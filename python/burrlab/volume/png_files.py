@@ -80,7 +80,8 @@ def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> 
     if not found:
         named = "" if prefix is None else f" that begin with {prefix!r}"
         raise ValueError(f"{text}: there are no PNG slices{named}")
-    paths = _in_order(text, found, whole=Path(text).is_dir())
+    first = 0 if prefix is not None else 1  # a description counts from 0
+    paths = _in_order(text, found, latest=first if Path(text).is_dir() else None)
     return _alike(paths)
 
 
@@ -100,8 +101,8 @@ def pixels(path: Path) -> NDArray[Any]:
         raise ValueError(f"{path}: the PNG file is damaged or cut short ({error})") from None
 
 
-def _in_order(place: str, found: list[Path], *, whole: bool) -> list[Path]:
-    """By the number at the end of the name: slice10 comes after slice9."""
+def _in_order(place: str, found: list[Path], *, latest: int | None) -> list[Path]:
+    """By the number at the end of the name: slice10 comes after slice9; `latest` is the last number at which a stack may begin."""
     numbered: dict[int, Path] = {}
     prefixes: dict[str, Path] = {}
     for path in sorted(found):
@@ -122,12 +123,14 @@ def _in_order(place: str, found: list[Path], *, whole: bool) -> list[Path]:
     missing = sorted(set(range(order[0], order[-1] + 1)) - set(order)) if order[-1] - order[0] < 10**6 else []
     if missing or order[-1] - order[0] >= 10**6:
         told = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
+        which = f"{len(missing)} are missing ({told})" if missing else "many are missing (numbers far apart)"
+        if len(missing) == 1:
+            which = f"slice {missing[0]} is missing"
+        raise ValueError(f"{place}: of the slices {order[0]} to {order[-1]}, {which}")
+    if latest is not None and order[0] > latest:
+        before = "slice 0 is missing" if order[0] == 1 else f"slices 0 to {order[0] - 1} are missing"
         raise ValueError(
-            f"{place}: {len(missing) or 'many'} of the slices {order[0]} to {order[-1]} are missing ({told or 'numbers far apart'})"
-        )
-    if whole and order[0] > 1:
-        raise ValueError(
-            f"{place}: slices 0 to {order[0] - 1} are missing, the first is {numbered[order[0]].name}; a part of a stack is named "
+            f"{place}: {before}, the first is {numbered[order[0]].name}; a part of a stack is named "
             "by a pattern"
         )
     return [numbered[number] for number in order]

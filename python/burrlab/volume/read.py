@@ -15,7 +15,7 @@ from burrlab.volume.dicom import dicom_files, is_dicom, read_dicom
 from burrlab.volume.geometry import checked_direction
 from burrlab.volume.header import Header, settled_spacing
 from burrlab.volume.label_volume import LabelVolume
-from burrlab.volume.meta_image import read_meta_header
+from burrlab.volume.meta_image import check_meta_values, read_meta_header
 from burrlab.volume.nifti import read_nifti
 from burrlab.volume.nrrd import check_nrrd_checksum, read_nrrd_header, segment_layers
 from burrlab.volume.segments import merged, segments_of
@@ -133,7 +133,8 @@ def _read(
     name = os.fspath(path)
     if Path(name).is_dir():
         _check_simpleitk()
-        return name, *read_dicom(dicom_files(name), name, series)
+        files, others = dicom_files(name)
+        return name, *read_dicom(files, name, series, others)
     _check_there(name)
     if is_dicom(name):
         _check_simpleitk()
@@ -172,6 +173,8 @@ def _values(name: str, shape: tuple[int, ...]) -> NDArray[Any]:
 
     if name.lower().endswith(".nrrd"):
         check_nrrd_checksum(name)
+    elif name.lower().endswith((".mha", ".mhd")):
+        check_meta_values(name)
     try:
         image = sitk.ReadImage(name)
     except RuntimeError as error:

@@ -121,6 +121,10 @@ class VolumeRecipe:
             self._read["volume"] = volume if self.crop is None else volume.crop(*self.crop)
         return self._read["volume"]
 
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed or done on reading the volume; errors as `volume`."""
+        return self.volume().notes
+
     def bone(self) -> VoxelBone:
         """The bone; errors as `volume` and `Volume.to_bone`."""
         return self.volume().to_bone(self.mapping, spacing=self.voxel)

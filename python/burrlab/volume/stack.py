@@ -90,7 +90,10 @@ def read_stack(
                 raise ValueError(
                     f"{name}: images: count must be {count}, the slices in {described.folder}, got {described.count}"
                 )
-            notes.append(f"count in {name} is {described.count}, of which {count} slices are there")
+            notes.append(
+                f"count in {name} is {described.count}, and {count} slices are there: they share its dimensions, so slices that are "
+                "missing at the end would make the others thicker"
+            )
     grid: dict[str, Any] = {
         "spacing": apart, "origin": np.zeros(3), "direction": np.eye(3), "path": name,
     }  # fmt: skip
@@ -103,7 +106,7 @@ def read_stack(
     for k, file in enumerate(slices.paths):
         plane = colours.labels(pixels(file), file)
         labels[k] = plane.T if transpose else plane
-    notes.extend(colours.notes())
+    notes.extend(colours.notes(name))
     return LabelVolume(labels, names=colours.names, colours=colours.colours, notes=tuple(notes), **grid)
 
 

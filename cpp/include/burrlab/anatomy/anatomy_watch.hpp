@@ -85,7 +85,7 @@ class AnatomyWatch {
   const WatchDose& dose(std::size_t burr, std::size_t structure) const { return of(burr, structure).dose; }
   std::int64_t removed(std::size_t structure) const {
     return begun_[structure] - levels_[structure];
-  }                                             ///< [levels]
+  }  ///< [levels]
   std::uint64_t gaps() const { return gaps_; }  ///< times that ticks were passed over
   std::uint64_t ticks_passed_over() const { return ticks_passed_over_; }
 

@@ -27,13 +27,24 @@ struct EffectsFrame {
   FrameCounts counts;
 };
 
+/// What a frame was made of, so that the trace of its session makes it again.
+struct FrameRecord {
+  double seconds = 0.0;
+  std::uint64_t tick = 0;  ///< of the bone that it saw
+  FrameDecision decision;
+};
+
 class EffectsCompanion {
  public:
   static constexpr double least_rate = 1.0, most_rate = 200.0;  ///< [Hz]
 
-  /// Follows a session's bone from where it is now. `rate` [Hz].
+  static constexpr int priority = 40;        ///< of real-time threads; the loop's is 80
+  static constexpr double most_share = 0.5;  ///< of the time that frames with such a priority may take
+
+  /// Follows a session's bone from where it is now. `rate` [Hz]. `realtime`: asks for a priority before
+  /// ordinary threads, and below the loop's, if there is a budget and it is at most `most_share` of a period.
   EffectsCompanion(std::shared_ptr<HapticLoop> loop, std::shared_ptr<Follower> follower,
-                   const EffectsSetup& setup, double rate);
+                   const EffectsSetup& setup, double rate, bool realtime);
   ~EffectsCompanion();
   EffectsCompanion(const EffectsCompanion&) = delete;
   EffectsCompanion& operator=(const EffectsCompanion&) = delete;
@@ -43,15 +54,18 @@ class EffectsCompanion {
   void stop();
   /// Until it is stopped, or a last frame after the session's end was made.
   bool running() const;
-  bool wait(double seconds);  ///< until it ends; whether it has
-  std::string error() const;  ///< that ended it; empty if none did
+  bool wait(double seconds);                        ///< until it ends; whether it has
+  std::string error() const;                        ///< that ended it; empty if none did
+  std::vector<std::string> realtime_notes() const;  ///< what the system granted; empty before the start
 
   // They hold from the next frame on.
   void set_nozzle(const std::optional<Nozzle>& nozzle);
   void set_sucker(const std::optional<Sucker>& sucker);
   void set_camera(const std::optional<Camera>& camera);
 
-  EffectsFrame newest() const;  ///< a copy
+  EffectsFrame newest() const;                              ///< a copy
+  std::vector<FrameRecord> frames() const;                  ///< of all frames, in order
+  std::uint64_t first_tick() const { return first_tick_; }  ///< of the bone that it began with
   const Histogram& wall_time() const { return effects_->wall_time(); }
   const Histogram& cpu_time() const { return effects_->cpu_time(); }
   double quantum() const { return effects_->quantum(); }  ///< [mm^3]
@@ -59,13 +73,15 @@ class EffectsCompanion {
 
  private:
   void run();
-  void frame(double seconds);
+  void frame(int periods);
 
   std::shared_ptr<HapticLoop> loop_;
   std::shared_ptr<Follower> follower_;
   double rate_;
+  bool realtime_;
   std::shared_ptr<BoneView> view_;
   std::unique_ptr<Effects> effects_;
+  std::uint64_t first_tick_ = 0;
   EffectsFrame next_;      // being made
   std::mutex life_mutex_;  // of the thread; the thread itself never takes it
   std::thread thread_;
@@ -78,7 +94,9 @@ class EffectsCompanion {
   std::optional<Sucker> sucker_;
   std::optional<Camera> camera_;
   EffectsFrame newest_;
+  std::vector<FrameRecord> frames_;
   std::string error_;
+  std::vector<std::string> notes_;
 };
 
 }  // namespace burrlab

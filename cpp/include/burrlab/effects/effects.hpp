@@ -48,11 +48,12 @@ class Effects {
   /// began on the steady clock [ns], where work came before it; 0: now.
   FrameDecision step(double seconds, const BrickLevels& changes, const std::vector<BurrAt>& burrs,
                      const FrameDecision* decision = nullptr, std::int64_t started = 0);
-  /// Notes what a frame took in all.
-  void count_frame(double wall_microseconds, double cpu_microseconds);
+  /// Notes what the last frame took in all, and how many it stood for besides itself.
+  void count_frame(double wall_microseconds, double cpu_microseconds, int skipped = 0);
 
   const Parcels& parcels() const { return parcels_; }
   std::vector<ParcelView> view() const;
+  void view(std::vector<ParcelView>& out) const;  ///< the same, in memory that is there
   std::array<SubstanceBalance, substances> balance() const;
   double quantum() const { return field_.quantum(); }  ///< [mm^3]
   double hidden(const Camera& camera, const BurrAt& burr) const {
@@ -91,6 +92,7 @@ class Effects {
   std::int64_t refilled_ = 0;
   double room_ = 0.0;  // that the sucker has left in this frame [quanta]
   std::optional<FrameBudget> budget_;
+  double moves_ = 0.0, moving_time_ = 0.0;  // single movements of the last frame, and what they took [ns]
   FrameCounts counts_;
   std::vector<FrameDecision> decisions_;
   Histogram wall_time_, cpu_time_;

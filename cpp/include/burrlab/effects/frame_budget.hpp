@@ -19,6 +19,7 @@ struct FrameCounts {
   std::int64_t coarse = 0;   ///< frames planned with fewer sub-steps than the parameters ask for
   std::int64_t cut = 0;      ///< frames whose last sub-steps became one
   std::int64_t crowded = 0;  ///< frames that merged parcels to save time
+  std::int64_t skipped = 0;  ///< frames that one that came late stood for besides itself
   std::int64_t merged = 0;   ///< parcels that went into others, at the limit or to save time
   std::int64_t least_sub_steps = 0, most_sub_steps = 0, sub_steps = 0;  ///< the last: of all frames
   std::int64_t most_parcels = 0;                                        ///< at the end of a frame

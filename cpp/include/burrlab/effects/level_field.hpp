@@ -2,6 +2,7 @@
 // since.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <memory>
@@ -42,10 +43,22 @@ class LevelField {
   double least_spacing() const { return spacing_.minCoeff(); }
 
   /// Level of a voxel; 0 beyond the volume.
-  int level(std::int64_t z, std::int64_t y, std::int64_t x) const;
+  int level(std::int64_t z, std::int64_t y, std::int64_t x) const {
+    if (z < 0 || y < 0 || x < 0 || z >= shape_[0] || y >= shape_[1] || x >= shape_[2]) return 0;
+    const auto brick = static_cast<std::size_t>(((z >> 3) * bricks_[1] + (y >> 3)) * bricks_[2] + (x >> 3));
+    return levels_.tile(brick)[(z & 7) << 6 | (y & 7) << 3 | (x & 7)];
+  }
   bool solid(const Index3& voxel) const { return level(voxel[0], voxel[1], voxel[2]) >= solid_level_; }
   bool solid(const Vec3& place) const { return solid(voxel_of(place)); }
-  Index3 voxel_of(const Vec3& place) const;
+  Index3 voxel_of(const Vec3& place) const {
+    Index3 voxel;
+    for (int axis = 0; axis < 3; ++axis) {
+      // A place far away must not overflow: one voxel beyond the volume is as empty.
+      const double at = (place[axis] - low_[axis]) * per_mm_[axis];
+      voxel[2 - axis] = at < 0.0 ? -1 : std::int64_t(std::min(at, double(shape_[2 - axis])));
+    }
+    return voxel;
+  }
   Vec3 center(const Index3& voxel) const;  ///< [mm]
   Vec3 center(std::size_t brick, int voxel) const;
   /// One number a voxel of the volume, for `support`.

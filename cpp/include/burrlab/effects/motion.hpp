@@ -26,7 +26,8 @@ class Motion {
   /// Moves a parcel that lies in no solid voxel, and leaves it in none. Linear drag is solved exactly, so
   /// that in free air the size of the interval does not matter where the air is at rest.
   void advance(Parcels& parcels, std::size_t i, const Interval& interval) const;
-  /// Whether a parcel that rests goes on doing so.
+  /// Whether a parcel that rests goes on doing so: its voxel is there, and the air of the sucker pulls less
+  /// than friction holds.
   bool rests(const Parcels& parcels, std::size_t i) const;
 
  private:

@@ -49,7 +49,7 @@ class Sources {
               const std::vector<BurrAt>& burrs, EffectDraws& draws, std::vector<Emission>& out);
   /// Blood of all wounds in `seconds`.
   void bleed(double seconds, EffectDraws& draws, std::vector<Emission>& out);
-  /// Water of a nozzle in `seconds`; `before` is where its burr was at the last frame.
+  /// Water of a nozzle in `seconds`, none while its burr is not there; `before`: the burrs at the last frame.
   void irrigate(const Nozzle& nozzle, double seconds, const std::vector<BurrAt>& burrs,
                 const std::vector<BurrAt>& before, EffectDraws& draws, std::vector<Emission>& out);
 

@@ -1,0 +1,164 @@
+"""What the labels of a file are: burrlab tissues."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from burrlab._core import Tissue, Tissues
+from burrlab.anatomy.known_tissues import KNOWN, UNLABELLED, known_tissue
+from burrlab.anatomy.labelled_recipe import labels_of
+from burrlab.anatomy.tissue_csv import read_tissues, write_tissues
+from burrlab.anatomy.tissue_table import MOST, label_counts
+from burrlab.cli import Options, _deliver
+from burrlab.cli_trace import AddCommand
+from burrlab.cli_volume import add_stack_options, spacing
+from burrlab.materials import materials
+from burrlab.volume.label_volume import LabelVolume
+
+_GREY = (128, 128, 128)
+
+
+def add_tissues_command(command: AddCommand) -> None:
+    """Adds `tissues` to the parser of `burrlab`."""
+    tissues = command("tissues", _tissues, "The labels of a segmentation, with voxels, and what they are.")
+    tissues.add_argument(
+        "file", metavar="FILE", nargs="?",
+        help="labels (NRRD, NIfTI, MetaImage, coloured PNG slices or their YAML file), or a table (.csv); without it, the structures "
+        "that are known by name",
+    )  # fmt: skip
+    tissues.add_argument("--tissues", metavar="FILE.csv", help="a table to look the labels up in")
+    tissues.add_argument(
+        "--template", metavar="FILE.csv", help="write a table of the file's labels, to be completed"
+    )
+    tissues.add_argument(
+        "--spacing", type=spacing, metavar="X,Y,Z", help="of the voxels, where the file has none [mm]"
+    )
+    add_stack_options(tissues)
+    tissues.add_argument("--json", metavar="FILE", help="write the result as JSON; - for standard output")
+
+
+def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[dict[str, Any]]:
+    """Of each label of a volume: voxels, volume [mm^3], name in the file, and the tissue that it is.
+
+    Parameters
+    ----------
+    labels : LabelVolume
+    tissues : Tissues, optional
+        A table; without it the names of the file say what the labels are. `tissue` is None where neither does.
+    """
+    own = {} if tissues is None else {tissue.label: tissue.name for tissue in tissues}
+    voxel = float(labels.spacing.prod())
+    rows = []
+    for label, count in label_counts(labels.labels, labels.path).items():
+        name = labels.names.get(label, "")
+        if tissues is None:
+            known = known_tissue(name or (UNLABELLED if label == 0 else ""))
+            found = None if known is None else known.name
+        else:
+            found = own.get(label, UNLABELLED if label == 0 else None)
+        rows.append(
+            {"label": label, "voxels": count, "volume_mm3": count * voxel, "name": name, "tissue": found}
+        )
+    return rows
+
+
+def template(labels: LabelVolume) -> Tissues:
+    """A table of the labels of a volume with what the default table knows of their names; c_e and alpha the bone's.
+
+    ValueError where there are more labels than a bone has tissues.
+    """
+    counts = label_counts(labels.labels, labels.path)
+    if len(counts) > MOST:
+        raise ValueError(
+            f"{labels.path}: a bone has at most {MOST} tissues, and there are {len(counts)} labels"
+        )
+    bone = materials["bone"]
+    rows: list[Tissue] = []
+    for label in counts:
+        name = labels.names.get(label, UNLABELLED if label == 0 else f"structure {label}").strip()
+        known = known_tissue(name)
+        if any(row.name == name for row in rows):
+            name = f"{name} {label}"
+        rows.append(
+            Tissue(
+                name, label=label, c_e=bone.c_e, alpha=bone.alpha,
+                colour=labels.colours.get(label, _GREY if known is None else known.colour),
+                critical=known is not None and known.critical, bleeds=known is not None and known.bleeds,
+                assumed=known is None or known.name != "bone",
+            )
+        )  # fmt: skip
+    return Tissues(rows, bone)
+
+
+def _tissues(options: Options) -> int:
+    if options.file is None:
+        for name in ("tissues", "template", "spacing", "unit"):
+            if getattr(options, name) is not None:
+                raise ValueError(f"--{name} goes with a file of labels")
+        found: list[dict[str, Any]] = [
+            {"name": t.name, "synonyms": list(t.synonyms), "colour": _hex(t.colour), "critical": t.critical, "bleeds": t.bleeds}
+            for t in KNOWN
+        ]  # fmt: skip
+        _deliver(options, {"tissues": found}, _text(found))
+        return 0
+    if options.file.lower().endswith(".csv"):
+        found = [_plain(tissue) for tissue in read_tissues(options.file)]
+        _deliver(options, {"file": options.file, "tissues": found}, _text(found))
+        return 0
+    table = None if options.tissues is None else read_tissues(options.tissues)
+    labels = labels_of(
+        options.file, spacing=options.spacing, unknown=options.unknown, palette=table,
+        unit=None if options.unit is None else options.unit[0],
+    )  # fmt: skip
+    found = labels_table(labels, table)
+    lines = [_text(found)]
+    strange = [row for row in found if row["tissue"] is None]
+    if strange:
+        lines.append(
+            f"{len(strange)} of {len(found)} labels are no known tissue: they need a table (--template, --tissues)"
+        )
+    lines += [f"! {note}" for note in labels.notes]
+    if options.template is not None:
+        if os.path.exists(options.template):
+            raise FileExistsError(f"--template: {options.template} is there already")
+        write_tissues(options.template, template(labels))
+        lines.append(f"written {options.template}")
+    result = {"file": options.file, "labels": found, "notes": list(labels.notes)}
+    _deliver(options, result, "\n".join(lines))
+    return 0
+
+
+def _plain(tissue: Tissue) -> dict[str, Any]:
+    return {
+        "label": tissue.label, "name": tissue.name, "colour": _hex(tissue.colour), "c_e_N_per_mm2": tissue.c_e,
+        "alpha_per_ms": tissue.alpha, "critical": tissue.critical, "bleeds": tissue.bleeds, "assumed": tissue.assumed,
+    }  # fmt: skip
+
+
+def _hex(colour: tuple[int, int, int]) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*colour)
+
+
+def _text(rows: list[dict[str, Any]]) -> str:
+    """Rows under the names of their columns."""
+    texts = [list(rows[0])] + [[_cell(value) for value in row.values()] for row in rows]
+    widths = [max(len(line[i]) for line in texts) for i in range(len(texts[0]))]
+    numeric = [not isinstance(value, (str, bool, list, type(None))) for value in rows[0].values()]
+    return "\n".join(
+        "  ".join(
+            cell.rjust(width) if right else cell.ljust(width)
+            for cell, width, right in zip(line, widths, numeric, strict=True)
+        ).rstrip()
+        for line in texts
+    )
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if value is None:
+        return "?"
+    if isinstance(value, list):
+        return ", ".join(value)
+    return f"{value:.5g}" if isinstance(value, float) else str(value)

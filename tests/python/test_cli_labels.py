@@ -1,0 +1,206 @@
+"""Labels, tissues and kept bones from the command line."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from label_scenes import MAP, SPACING, volume, write_files
+
+from burrlab import Burr, VoxelBone, load_bone, load_trace, replay
+from burrlab.cli import main
+from burrlab.session.network import follow
+from burrlab.volume import (
+    DrilledRecipe,
+    load_drilled,
+)
+
+pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+pytest.importorskip("yaml", reason="extra `medical` is not installed")
+
+VOLUME = volume()
+ENTRY = ",".join(
+    f"{x:.3f}"
+    for x in VOLUME.patient_point(
+        np.array(VOLUME.bone_point(VOLUME.origin)) + np.array(SPACING) * (16, 16, 27)
+    )
+)
+AXIS = ",".join(f"{x:g}" for x in VOLUME.patient_point((0, 0, -1.0)))
+HAND = ["session", "--device", "hand", "--radius", "1", "--duration", "0.2", "--seed", "3", "--no-realtime"]
+THERE = ["--entry", ENTRY, "--axis", AXIS]
+GREY = ["--volume", "ct.nrrd", "--map", "0:1000"]
+
+
+@pytest.fixture
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    write_files(tmp_path)
+    return tmp_path
+
+
+def test_a_session_and_the_next_day(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first = [*HAND, *GREY, "--labels", "labels.nii.gz", "--tissues", "t.csv", *THERE]
+    assert main([*first, "--save", "kept.nrrd", "--record", "one.h5", "--json", "one.json"]) == 0
+    said = capsys.readouterr().err
+    assert "bone saved as kept.nrrd" in said
+    kept = load_drilled("kept.nrrd")
+    assert (kept.tick, kept.mapping) == (200, MAP)
+    assert kept.bone.removed_of("facial nerve") > 0
+    assert replay(load_trace("one.h5")).equal
+    source = json.loads(Path("one.json").read_text())["provenance"]["source"]
+    assert source["kind"] == "labelled volume"
+    second = [*HAND, "--bone", "kept.nrrd", *THERE, "--record", "two.h5", "--json", "two.json"]
+    assert main([*second, "--save", "kept.nrrd"]) == 0
+    assert "kept.nrrd has been burred for 200 ticks before" in capsys.readouterr().err
+    later = load_drilled("kept.nrrd")
+    assert later.tick == 400
+    assert later.bone.removed > kept.bone.removed
+    np.testing.assert_array_equal(later.bone.pristine, kept.bone.pristine)
+    trace = load_trace("two.h5")
+    assert (trace.first_tick, trace.bone().digest()) == (200, kept.bone.digest())
+    assert replay(trace).equal
+    assert json.loads(Path("two.json").read_text())["provenance"]["source"]["digest"] == kept.bone.digest()
+    assert len(list(files.glob("kept.nrrd*"))) == 2
+
+
+def test_the_bone_is_kept_when_the_view_fails(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*words: object) -> None:
+        time.sleep(0.2)
+        raise ValueError("the window is gone")
+
+    monkeypatch.setattr("burrlab.cli_session.show_live", fails)
+    assert main([*HAND, "--radius", "3", "--voxel", "0.4", "--duration", "60", "--save", "block.h5"]) == 2
+    assert 0 < load_bone("block.h5")[1] < 60_000
+
+
+def test_a_block_and_slices_are_kept(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*HAND, "--radius", "3", "--voxel", "0.4", "--save", "block.h5"]) == 0
+    assert load_bone("block.h5")[1] == 200
+    on = ["--bone", "block.h5", "--entry", "0,0,1", "--axis", "0,0,-1", "--radius", "3"]
+    assert main([*HAND, *on, "--save", "block.h5"]) == 0
+    assert load_bone("block.h5")[1] == 400
+    down = ["--entry", "4,4,8", "--axis", "0,0,-1"]
+    assert main([*HAND, "--labels", "v.yaml", *down, "--save", "kept"]) == 0
+    assert main([*HAND, "--bone", "kept", *down, "--save", "later"]) == 0
+    assert (load_drilled("later").tick, len(list(Path("later").glob("*.png")))) == (400, 28)
+    assert main([*HAND, "--labels", "a.seg.nrrd", "--radius", "2", "--voxel", "0.2", "--entry", "8,10,18",
+                 "--axis", "0,0,-1", "--save", "finer.seg.nrrd"]) == 0  # fmt: skip
+    assert load_drilled("finer.seg.nrrd").bone.spacing == (0.2, 0.2, 0.2)
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--tissues", "t.csv"], "--tissues goes with --labels"),
+        (["--unit", "1"], "--unit goes with --labels"),
+        (["--fill", "bone:1"], "--fill goes with --labels"),
+        (["--unknown", "nearest"], "--unknown goes with --labels"),
+        (["--onto"], "--onto goes with --labels"),
+        (["--labels", "a.seg.nrrd", "--onto"], "--onto goes with --volume"),
+        (["--bone", "ct.nrrd", "--onto", *THERE], "--onto goes without --bone, which has its own"),
+        (["--labels", "a.seg.nrrd", "--map", "0:1"], "--map goes with --volume"),
+        (["--labels", "a.seg.nrrd", "--series", "1"], "--series goes with --volume"),
+        (["--labels", "a.seg.nrrd"], "--device hand with --labels needs --entry"),
+        (["--labels", "labels.nii.gz", *THERE], "labels.nii.gz: the labels 1 (19008 voxels), 4 (6336 voxels) have no names in the file"),
+        (["--labels", "none.nrrd", *THERE], "none.nrrd: no such file"),
+        (["--labels", "slices", *THERE], "slices: PNG slices do not say how large they are"),
+        (["--labels", "slices", "--unit", "1", "--spacing", "0.2", *THERE], "unit goes with a YAML file: spacing is in mm"),
+        ([*GREY, "--labels", "a.seg.nrrd", *THERE], "a.seg.nrrd must have the same geometry: spacing (0.25, 0.25, 0.25) against (0.2, 0.3"),
+        ([*GREY, "--labels", "labels.nii.gz", "--tissues", "t.csv", "--fill", "spleen:1", *THERE], "fill must be of tissues of the table (bone, facial nerve, unlabelled), got 'spleen'"),
+        ([*GREY, "--labels", "labels.nii.gz", "--tissues", "small.csv", *THERE], "labels that are not in the table: 4 (6336 voxels); the table has 1 bone"),
+        (["--fill", "bone:2", "--labels", "x"], "must be TISSUE:OCCUPANCY, 0 to 1, got 'bone:2'"),
+        (["--fill", "bone", "--labels", "x"], "must be TISSUE:OCCUPANCY, 0 to 1, got 'bone'"),
+        (["--unknown", "any", "--labels", "x"], "must be nearest or a label, got 'any'"),
+        (["--bone", "ct.nrrd", *THERE], "must lie beside it, and there is none: was the volume moved"),
+        (["--bone", "none.nrrd", *THERE], "none.nrrd: no such file or folder"),
+        (["--bone", "ct.nrrd", "--volume", "ct.nrrd", *THERE], "--volume goes without --bone, which has its own"),
+        (["--bone", "ct.nrrd", "--fill", "bone:1", *THERE], "--fill goes without --bone, which has its own"),
+        (["--bone", "ct.nrrd"], "--device hand with --bone needs --entry"),
+        (["--axis", "0,0,1"], "--axis goes with --volume, --labels or --bone"),
+        (["--save", "x.nrrd"], "--save: a block has no volume: the file must end in .h5, got x.nrrd"),
+        (["--save", "slices"], "--save: a block has no volume"),
+        ([*GREY, *THERE, "--save", "x.txt"], "--save: path must end in .nrrd, .nii, .nii.gz or .mha, got x.txt"),
+        ([*GREY, *THERE, "--save", "ct.nrrd"], "--save: path must be another file than the original"),
+        ([*GREY, *THERE, "--save", "labels.nii.gz"], "--save: path must be a new file or one of save_drilled, labels.nii.gz is neither"),
+        (["--labels", "v.yaml", "--entry", "4,4,8", "--axis", "0,0,-1", "--save", "slices"], "--save: path must be a new folder, slices is there"),
+        ([*GREY, *THERE, "--save", "ct.h5"], "path must be a new file or a burrlab bone, ct.h5 is neither"),
+    ],
+)  # fmt: skip
+def test_wrong_input(files: Path, words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("small.csv").write_text("label,name\n1,bone\n")
+    Path("ct.h5").write_text("a text")
+    before = {path: path.stat().st_mtime_ns for path in files.rglob("*")}
+    assert main_status([*HAND, *words]) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+    assert {path: path.stat().st_mtime_ns for path in files.rglob("*")} == before
+
+
+def main_status(words: list[str]) -> int:
+    """Of argparse too."""
+    try:
+        return main(words)
+    except SystemExit as ended:
+        return int(ended.code or 0)
+
+
+def test_a_descent_into_labels(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = [
+        "descend",
+        "--force",
+        "0.3",
+        "--ideal",
+        "--radius",
+        "1",
+        "--max-duration",
+        "0.3",
+        "--seed",
+        "1",
+        *THERE,
+    ]
+    both = [*GREY, "--labels", "labels.nii.gz", "--tissues", "t.csv"]
+    assert main([*words, *both, "--json", "-"]) == 0
+    made = json.loads(capsys.readouterr().out)["provenance"]["volume"]
+    assert made["recipe"]["kind"] == "labelled volume"
+    onto = ["--labels", "a.seg.nrrd", "--onto"]  # elsewhere: no label meets the volume
+    assert main([*words, *GREY, *onto, "--json", "-"]) == 0
+    assert "labels are the nearest of" in capsys.readouterr().err
+    assert main(["descend", "--force", "1", "--labels", "a.seg.nrrd"]) == 2
+    assert "--labels needs --entry" in capsys.readouterr().err
+
+
+def test_a_kept_bone_of_another_material(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    first = [*HAND, "--material", "pvc", *GREY, "--labels", "labels.nii.gz", "--tissues", "t.csv", *THERE]
+    assert main([*first, "--save", "kept.nrrd"]) == 0
+    capsys.readouterr()
+    assert main([*HAND, "--bone", "kept.nrrd", *THERE]) == 0  # its own, not the default
+    assert main([*HAND, "--material", "pettigrew", "--bone", "kept.nrrd", *THERE]) == 2
+    assert "material must be that of the bone's tissues" in capsys.readouterr().err
+
+
+def test_a_published_session_on_a_kept_bone_is_followed(files: Path) -> None:
+    import burrlab
+
+    bone = VoxelBone.block((8, 8, 4), 0.25)
+    burrlab.save_bone("b.h5", bone, 50)
+    kept = DrilledRecipe("b.h5")
+    device = burrlab.HandDevice((4, 4, 6))
+    session = burrlab.Session(
+        kept.bone(), (Burr(1.0), burrlab.materials["bone"]), device, seed=1, tick=kept.tick, duration=1.5,
+        publish=0, source=kept.plain(),
+    )  # fmt: skip
+    assert session.port is not None
+    with session:
+        replica = follow("127.0.0.1", session.port)
+        assert session.wait(20)
+        replica.wait(5)
+    found, tick = session.snapshot()
+    assert replica.snapshot()[1] == tick == 1550
+    assert replica.digest() == found.digest()
+    assert found.removed > 0
+    replica.stop()

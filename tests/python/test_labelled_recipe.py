@@ -1,0 +1,86 @@
+"""How a bone with tissues is made of files, kept as JSON, and made again elsewhere."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from label_scenes import MAP, SPACING, TABLE, labels, volume, write_files
+
+from burrlab import Burr
+from burrlab.anatomy import LabelledRecipe, anatomy_bone, default_tissues
+from burrlab.session.network import make_bone
+from burrlab.volume import VolumeRecipe, read_labels, read_volume
+
+pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+pytest.importorskip("yaml", reason="extra `medical` is not installed")
+
+VOLUME = volume()
+
+
+@pytest.fixture
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    write_files(tmp_path)
+    return tmp_path
+
+
+def test_a_recipe_comes_back_and_makes_the_same_bone(files: Path) -> None:
+    low = VOLUME.patient_point((-1, -1, -1.0))
+    grey = VolumeRecipe("ct.nrrd", MAP)
+    box = (tuple(VOLUME.origin + low), tuple(VOLUME.origin + VOLUME.patient_point((5, 5, 6.0))))
+    of_grey = LabelledRecipe("labels.nii.gz", TABLE, grey, {"facial nerve": 0.5})
+    cropped = LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP, crop=box))
+    finer = LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP, voxel=0.2))
+    alone = LabelledRecipe("a.seg.nrrd", TABLE, voxel=(0.2, 0.2, 0.2))
+    colours = default_tissues({1: "bone", 10: "facial nerve"})
+    slices = LabelledRecipe("slices", colours, spacing=SPACING, unknown="nearest")
+    described = LabelledRecipe("v.yaml", colours, unit=500.0)
+    for recipe in (of_grey, cropped, finer, alone, slices, described):
+        plain = json.loads(json.dumps(recipe.plain()))
+        assert LabelledRecipe.of(plain) == recipe
+        assert make_bone(plain).digest() == recipe.bone().digest()
+        assert recipe.bone().removed == 0
+        like = recipe.like()
+        assert like.shape == recipe.bone().shape
+        np.testing.assert_allclose(like.bone_point(like.origin), recipe.bone().origin, atol=1e-9)
+    whole = anatomy_bone(read_volume("ct.nrrd"), read_labels("labels.nii.gz"), TABLE, mapping=MAP)
+    np.testing.assert_array_equal(
+        of_grey.bone().density, np.maximum(whole.density, np.where(labels() == 4, 128, 0))
+    )
+    part = cropped.bone()
+    assert np.prod(part.shape) < np.prod(whole.shape)
+    start = np.rint((np.array(part.origin) - whole.origin) / SPACING).astype(int)
+    cut = tuple(slice(a, a + n) for a, n in zip(start[::-1], part.shape, strict=True))
+    np.testing.assert_array_equal(part.density, whole.density[cut])
+    np.testing.assert_array_equal(part.tissue_numbers, whole.tissue_numbers[cut])
+    assert described.bone().spacing == (0.125, 0.125, 0.125)
+    np.testing.assert_array_equal(slices.bone().tissue_numbers > 0, labels() != 1)
+
+
+def test_wrong_recipes(files: Path) -> None:
+    with pytest.raises(ValueError, match="crop and voxel must be those of the grey volume"):
+        LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP), voxel=(0.1, 0.1, 0.1))
+    with pytest.raises(
+        ValueError, match=r"radius of the burr must be at least 4 voxels of 0\.4 mm, got 1 mm"
+    ):
+        LabelledRecipe("a.seg.nrrd", TABLE).check_burr(Burr(1))
+    with pytest.raises(ValueError, match=r"radius of the burr must be at least 4 voxels of 0\.25 mm"):
+        LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP)).check_burr(Burr(0.9))
+    for plain in ({"labels": "x"}, {"labels": "x", "tissues": "{}"}, {"labels": 3, "tissues": "[]"}):
+        with pytest.raises(ValueError, match="recipe must be that of block_recipe"):
+            make_bone({"kind": "labelled volume", **plain})
+
+
+def test_a_recipe_of_files_that_lie_elsewhere(files: Path) -> None:
+    recipe = LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP))
+    plain, digest = recipe.plain(), recipe.bone().digest()
+    (files / "there").mkdir()
+    (files / "ct.nrrd").rename(files / "there" / "other.nrrd")
+    assert make_bone(plain, volume="there/other.nrrd").digest() == digest
+    (files / "labels.nii.gz").rename(files / "there" / "labels.nii.gz")
+    assert make_bone(plain, volume="there/other.nrrd").digest() == digest
+    with pytest.raises(FileNotFoundError, match=r"labels\.nii\.gz: no such file"):
+        make_bone(plain)

@@ -1,0 +1,270 @@
+"""The page's state without a browser: what is wished is done, and what is said is so."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import io
+
+import numpy as np
+import pytest
+from anatomy_scenes import nerve_bone, straight, tool
+from page_scenes import make_page
+from PIL import Image
+
+import burrlab
+from burrlab.anatomy import Watch
+from burrlab.view import TracePlayer, page_chart
+from burrlab.view.page_source import page_source
+
+
+@pytest.fixture(scope="module")
+def trace(tmp_path_factory):
+    """4 s into a nerve, with a watch."""
+    file, bone = tmp_path_factory.mktemp("page") / "session.h5", nerve_bone()
+    device = straight([(-3, 0, 1.5), (-3, 0, -0.6), (3, 0, -0.6), (0, 0, -1.2)], [0, 1, 3, 4])
+    with burrlab.Session(
+        bone,
+        tool(),
+        device,
+        seed=1,
+        duration=4.0,
+        wall_clock=False,
+        record=file,
+        watch=Watch(bone, approach=0.5),
+    ) as session:
+        session.wait()
+    return burrlab.load_trace(file)
+
+
+@pytest.fixture
+def page(trace):
+    return make_page(page_source(trace))
+
+
+def turn(page, now, *, shown=True):
+    """One look at what is wished, at a time of the clock."""
+    page._turn(now)
+    if shown:
+        page.shown()
+
+
+def rows(page):
+    return {row["name"]: row["value"] for row in page.state.numbers}
+
+
+@pytest.mark.parametrize("moment", [0.0, 1.234, 3.9995, 2.0, 0.5])
+def test_says_what_the_player_has(page, trace, moment):
+    page.state.tell("wanted_s", moment)
+    turn(page, 1.0)
+    player = TracePlayer(trace)
+    player.seek(moment)
+    assert page.source.bone.digest() == player.bone.digest()
+    assert page.state.time_s == pytest.approx(player.time)
+    said = rows(page)
+    assert said["bone removed"] == f"{player.bone.removed:.2f}"
+    assert said["force"] == page.state["values"][0][0] == f"{np.linalg.norm(player.force):.2f}"
+    assert said["penetration"] == page.state["values"][1][0] == f"{player.depth[0]:.3f}"
+    assert said["centre"] == ", ".join(f"{value:.2f}" for value in player.burrs.centers[0])
+    assert (page.scene.centers == player.burrs.centers).all()
+    removed = {row["name"]: row["removed"] for row in page.state.tissues}
+    assert removed["nerve"] == f"{player.bone.removed_of('nerve'):.2f}"
+    assert [row["hurt"] for row in page.state.tissues if row["name"] == "nerve"] == [
+        player.bone.removed_of("nerve") > 0
+    ]
+
+
+def test_only_the_newest_wish_is_done(page):
+    before = len(page.scene.updated)
+    for moment in np.linspace(0.1, 3.0, 30):
+        page.state.tell("wanted_s", moment)
+    turn(page, 1.0)
+    assert len(page.scene.updated) == before + 1
+    assert page.state.time_s == pytest.approx(3.0)
+
+
+def test_waits_for_the_browser_then_no_longer(page):
+    page.state.tell("wanted_s", 1.0)
+    turn(page, 10.0, shown=False)
+    number = page.state.picture_number
+    page.state.tell("wanted_s", 2.0)
+    turn(page, 11.9, shown=False)
+    assert page.state.picture_number == number
+    turn(page, 12.1, shown=False)
+    assert page.state.picture_number == number + 1
+    page.shown()
+    page.state.tell("wanted_s", 1.5)
+    turn(page, 12.2)
+    assert page.state.picture_number == number + 2
+
+
+def test_a_picture_at_rest_is_smooth_once(page):
+    assert page.scene.smooth
+    page.draw()
+    turn(page, 1.0)
+    assert not page.scene.smooth
+    turn(page, 1.2)
+    assert not page.scene.smooth
+    turn(page, 1.4)
+    assert page.scene.smooth
+    number = page.state.picture_number
+    turn(page, 9.0)
+    assert page.state.picture_number == number
+    kind, data = page.state.picture.split(",")
+    assert kind == "data:image/jpeg;base64"
+    assert Image.open(io.BytesIO(base64.b64decode(data))).size == (8, 8)
+
+
+def test_plays_at_its_speed_to_the_end_and_again(page, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("burrlab.view.page.time.monotonic", lambda: now[0])
+    page.state.tell("speed", 2.0)
+    page.state.tell("playing", True)
+    for _ in range(5):
+        now[0] += 0.1
+        turn(page, now[0])
+    assert page.state.time_s == pytest.approx(1.0, abs=2e-3)
+    assert page.state.wanted_s == pytest.approx(1.0)
+    now[0] += 5.0
+    turn(page, now[0])
+    assert page.state.time_s == page.source.span[1]
+    assert not page.state.playing
+    page.state.tell("playing", True)
+    now[0] += 0.1
+    turn(page, now[0])
+    assert page.state.time_s == pytest.approx(0.2, abs=2e-3)
+
+
+def test_steps_and_seeks_stay_in_the_trace(page):
+    for wish, moment in (
+        (lambda: page.seek(0.5), 2.0), (lambda: page.step(1), 2.001), (lambda: page.step(-2), 1.999),
+        (lambda: page.seek(7), 4.0), (lambda: page.step(1), 4.0), (lambda: page.go(-1), 0.0), (lambda: page.step(-1), 0.0),
+    ):  # fmt: skip
+        wish()
+        turn(page, 1.0)
+        assert page.state.wanted_s == pytest.approx(moment)
+        assert page.state.time_s == pytest.approx(moment)
+
+
+def test_the_mouse_moves_the_camera(page):
+    camera = page.scene.plotter.camera
+    page.drag(0.1, 0.0, False)
+    page.drag(0.1, -0.1, False)
+    turn(page, 1.0)
+    assert camera.turned == pytest.approx([-40.0, 20.0])
+    page.wheel(2)
+    turn(page, 2.0)
+    assert camera.nearer == pytest.approx(1.15**2)
+    page.drag(1.0, 0.0, True)  # by the picture's height
+    turn(page, 3.0)
+    height = 2 * 50.0 * np.tan(np.deg2rad(15.0))
+    assert camera.focal_point == pytest.approx((-height, 0, 0))
+    assert camera.position == pytest.approx((-height, 0, 50))
+
+
+def test_a_window_of_another_size(page):
+    page.shown(800, 500)
+    assert tuple(page.scene.plotter.window_size) == (800, 500)
+    page.shown(99999, 3)
+    assert tuple(page.scene.plotter.window_size) == (2560, 64)
+    turn(page, 1.0)
+    assert page.scene.smooth is False
+
+
+def test_views_and_slices(page, trace):
+    page.state.tell("wanted_s", 2.0)
+    turn(page, 1.0)
+    center = page.source.burrs.centers[0]
+    page.look("burr")
+    assert page.scene.looked[-1].focus == pytest.approx(tuple(center))
+    page.look("-z")
+    look = page.scene.looked[-1]
+    assert np.subtract(look.focus, look.position)[2] < 0
+    page.look("surgeon")
+    assert page.scene.looked[-1] == page.scene.looked[0]
+    page.state.tell("slices", True)
+    assert page.scene.cuts[-1] == pytest.approx(center)
+    page.state.tell("slices", False)
+    assert page.scene.cuts[-1] is None
+
+
+def test_an_error_is_said_and_the_page_goes_on(page):
+    def fail(seconds):
+        raise OSError("the disk is gone")
+
+    go, page.source.go = page.source.go, fail
+    page.state.update(playing=True)
+
+    async def some_turns():
+        work = asyncio.create_task(page.run())
+        page.state.tell("wanted_s", 1.0)
+        await asyncio.sleep(0.1)
+        assert page.state.problem == "OSError: the disk is gone"
+        assert not page.state.playing
+        page.source.go = go
+        await asyncio.sleep(0.2)
+        work.cancel()
+
+    asyncio.run(some_turns())
+    assert page.state.time_s == pytest.approx(1.0)
+
+
+def test_events_of_the_trace(page, trace):
+    said = [row["text"] for row in page.state.events]
+    assert said[:4] == [
+        "approach to nerve, 0.50 mm",
+        "touch of nerve",
+        "injury of nerve",
+        "away from nerve, 1.00 mm",
+    ]
+    for row, event in zip(page.state.events, trace.events, strict=True):
+        assert row["time_s"] == pytest.approx(trace.time()[event["tick"]])
+        assert row["x"] == pytest.approx(1000 * row["time_s"] / 4.0, abs=0.1)
+
+
+def test_distances_once_their_fields_are_made(page, trace):
+    assert page.state.distances == []
+    page.source.open()
+    page.source._distances.close()
+    turn(page, 1.0)
+    page.go(trace.time()[trace.events[0]["tick"]])  # an approach
+    turn(page, 2.0)
+    nerve = next(row for row in page.state.distances if row["name"] == "nerve")
+    assert float(nerve["value"]) == pytest.approx(0.5, abs=0.01)
+    assert nerve["near"]
+    page.source.close()
+    assert page.source.prepared == 1.0
+
+
+def test_curves_keep_their_peaks():
+    time = np.arange(1, 60001) / 1000
+    values = np.sin(time) ** 2
+    values[33333] = 7.0
+    points = np.array(
+        [pair.split(",") for pair in page_chart.polyline(time, values, (0, 60), 10.0).split()], float
+    )
+    assert len(points) == 1000
+    assert (np.diff(points[:, 0]) >= 0).all()
+    peak = points[points[:, 1].argmin()]
+    assert peak == pytest.approx((1000 * 33.334 / 60, 30.0), abs=2)
+    few = page_chart.polyline(time[:3], values[:3], (0, 0.004), 1.0).split()
+    assert [pair.split(",")[0] for pair in few] == ["250.0", "500.0", "750.0"]
+    assert page_chart.polyline(time[:0], values[:0], (0, 1), 1.0) == ""
+
+
+@pytest.mark.parametrize(
+    ("largest", "end"), [(0, 1), (0.9, 1), (1, 1), (1.1, 2), (4.2, 5), (7, 10), (0.03, 0.05)]
+)
+def test_axis_ends(largest, end):
+    assert page_chart.top(np.array([0.0, largest])) == pytest.approx(end)
+
+
+def test_a_bone_that_rests():
+    page = make_page(page_source(nerve_bone()))
+    turn(page, 1.0)
+    assert page.state.source_state == "600 mm³ of bone"
+    assert rows(page) == {"bone removed": "0.00"}
+    assert page.state.charts == page.state.events == []
+    page.look("burr")  # none is there
+    page.state.tell("slices", True)
+    assert page.scene.cuts[-1] == pytest.approx((0, 0, -3))

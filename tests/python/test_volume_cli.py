@@ -1,0 +1,185 @@
+"""Volumes from the command line: resampled, cropped, refused; and a real CT."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import burrlab
+from burrlab.cli import main
+from burrlab.session.network import make_bone
+from burrlab.volume import OccupancyMap
+
+pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+from volume_scenes import ASKEW, slab
+
+BONE = burrlab.materials["bone"]
+
+
+@pytest.fixture
+def hand(shared_data):
+    """A real CT, which is on some machines only."""
+    path = shared_data / "volumes" / "hand_ct.nrrd"
+    if not path.is_file():
+        pytest.skip(f"no {path}")
+    return path
+
+
+def test_a_clinical_volume_resampled_from_the_command_line(tmp_path, capsys):
+    path = tmp_path / "ct.nrrd"
+    volume, way = slab(path)
+    ask = [
+        "descend",
+        "--volume",
+        str(path),
+        "--map",
+        "-1000:1000",
+        "--force",
+        "0.3",
+        "--radius",
+        "1",
+        "--ideal",
+        "--seed",
+        "1",
+    ]
+    assert main([*ask, *way]) == 2
+    said = capsys.readouterr().err
+    assert (
+        "radius of the burr must be at least 4 voxels of 0.4 mm, got 1 mm; --voxel 0.13 (voxel=0.13) makes finer ones"
+        in said
+    )
+    low, high = volume.patient_point((5, 5, 0)), volume.patient_point((15, 15, 12))
+    crop = ":".join(",".join(map(repr, (volume.origin + corner).tolist())) for corner in (low, high))
+    assert main([*ask, *way, "--voxel", "0.13", "--crop", crop, "--json", "-"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["status"] == "ok"
+    made = result["provenance"]["volume"]
+    assert made["voxel_mm"] == [0.13] * 3
+    assert made["recipe"]["map"] == [-1000, 1000]
+    assert make_bone(made["recipe"]).spacing == (0.13,) * 3
+    fine, way = slab(tmp_path / "fine.nrrd", 0.1)
+    direct = burrlab.descend(
+        burrlab.Burr(1.0), BONE, 0.3, specimen=fine.specimen(-1000, 1000, entry=fine.origin + ASKEW @ (10, 10, 11.5),
+        axis=-ASKEW[:, 2]), seed=1, ideal=True,
+    )  # fmt: skip
+    # The interpolated rim is 0.4 mm wide, so the burr meets less bone at first: not equal, but no other regime.
+    assert result["penetration_velocity_mm_s"] == pytest.approx(direct.penetration_velocity, rel=0.3)
+
+
+def test_what_is_assumed_is_said(tmp_path, capsys):
+    """A file that does not say how it lies in the patient."""
+    path = tmp_path / "ct.nrrd"
+    values = np.full((12, 20, 20), 200, "u1")
+    path.write_bytes(
+        b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 20 20 12\nspacings: 0.5 0.5 0.5\nencoding: raw\n\n"
+        + values.tobytes()
+    )
+    ask = [
+        "--volume",
+        str(path),
+        "--map",
+        "0:100",
+        "--entry",
+        "4.75,4.75,7",
+        "--axis",
+        "0,0,-1",
+        "--seed",
+        "1",
+    ]
+    for command in (
+        ["descend", "--force", "1", "--ideal"],
+        ["session", "--device", "hand", "--duration", "0.05", "--no-realtime"],
+    ):
+        assert main([*command, *ask, "--radius", "2.5"]) == 0
+        said = capsys.readouterr().err
+        assert "burrlab: the NRRD header" in said
+        assert "L, P, S" in said
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--spacing", "1"], "--spacing goes with --volume"),
+        (["--crop", "1,1,1:2,2,2"], "--crop goes with --volume"),
+        (["--series", "1"], "--series goes with --volume"),
+        (["--crop", "1,1,1"], "--crop: must be X,Y,Z:X,Y,Z, got '1,1,1'"),
+        (["--crop", "1,1,nan:1,1,1"], "--crop: must be X,Y,Z:X,Y,Z of finite numbers"),
+        (["--spacing", "1,1"], "--spacing: must be positive X,Y,Z, got '1,1'"),
+        (["--spacing", "0"], "--spacing: must be positive X,Y,Z, got '0'"),
+        (["--map", "0:0,1"], "--map: must be LO:HI or GREY:OCCUPANCY,GREY:OCCUPANCY,..., got '0:0,1'"),
+    ],
+)
+@pytest.mark.parametrize("command", [["descend", "--force", "1"], ["session", "--device", "hand"]])
+def test_wrong_options(capsys, command, words, message):
+    try:
+        code = main([*command, *words])
+    except SystemExit as error:
+        code = error.code
+    assert code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_session_in_a_resampled_volume(tmp_path, capsys):
+    _, way = slab(tmp_path / "ct.nrrd")
+    ask = [
+        "session",
+        "--device",
+        "hand",
+        "--duration",
+        "0.3",
+        "--seed",
+        "1",
+        "--radius",
+        "2.5",
+        "--no-realtime",
+    ]
+    ask += [
+        "--volume",
+        str(tmp_path / "ct.nrrd"),
+        "--map",
+        "-1000:0,0:0.5,1000:1",
+        *way,
+        "--record",
+        str(tmp_path / "s.h5"),
+    ]
+    assert main([*ask, "--voxel", "0.3"]) == 0
+    capsys.readouterr()
+    trace = burrlab.load_trace(tmp_path / "s.h5")
+    assert trace.bone().spacing == (0.3,) * 3
+    recipe = json.loads(trace.source)
+    assert recipe["map"] == [[-1000, 0], [0, 0.5], [1000, 1]]
+    assert make_bone(recipe).digest() == trace.bone().digest()
+
+
+def test_a_real_ct_resampled_from_the_command_line(hand, capsys):
+    ask = [
+        "descend",
+        "--volume",
+        str(hand),
+        "--map",
+        "90:180",
+        "--force",
+        "0.3",
+        "--entry",
+        "65,50,103",
+        "--axis",
+        "0,1,0",
+    ]
+    ask += ["--ideal", "--seed", "1", "--crop", "58,45,96:72,80,110", "--json", "-"]
+    assert main([*ask, "--radius", "1.5"]) == 2
+    assert "--voxel 0.2 (voxel=0.2) makes finer ones" in capsys.readouterr().err
+    assert main([*ask, "--radius", "1.5", "--voxel", "0.2"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["provenance"]["spacing_mm"] == [0.2] * 3
+    assert not any(text.startswith("coarse") for text in result["warnings"])
+
+
+def test_a_real_ct_keeps_its_mass(hand):
+    part = burrlab.read_volume(hand).crop((40, 40, 80), (90, 90, 120))
+    mapping = OccupancyMap.two_point(90, 180)
+    mass = part.to_bone(mapping).mass
+    assert mass > 100
+    for voxel, off in ((0.25, 1e-4), (0.2, 1e-3), (1.0, 1e-3)):
+        assert part.to_bone(mapping, spacing=voxel).mass == pytest.approx(mass, rel=off)

@@ -1,0 +1,154 @@
+"""NRRD and MetaImage headers: what is asked for, what is assumed, what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import burrlab
+
+pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+from volume_scenes import a_volume, raw
+
+NRRD = "NRRD0004\ntype: int16\nendian: little\nencoding: raw\n"
+
+META = "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\n"
+
+
+def test_names_and_colours_of_a_segmentation(tmp_path):
+    head = (
+        "dimension: 3\nsizes: 5 4 3\nspace: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (0,0,0)\n"
+        "Segment0_LabelValue:=7\nSegment0_Name:=facial nerve\nSegment0_Color:=1 0.8 0\nSegment1_LabelValue:=2\n"
+    )
+    labels = burrlab.read_labels(raw(tmp_path / "l.seg.nrrd", NRRD + head))
+    assert labels.names == {7: "facial nerve"}
+    assert labels.colours == {7: (255, 204, 0)}
+
+
+def test_nrrd_without_spacing_is_asked_for(tmp_path):
+    path = raw(tmp_path / "v.nrrd", NRRD + "dimension: 3\nsizes: 5 4 3\nspacings: 0.5 nan 0.5\n")
+    with pytest.raises(ValueError, match=r"v\.nrrd: the file does not say the voxel spacing along y"):
+        burrlab.read_volume(path)
+    path = raw(tmp_path / "v.nrrd", NRRD + "dimension: 3\nsizes: 5 4 3\n")
+    with pytest.raises(ValueError, match="does not say the voxel spacing along x, y, z"):
+        burrlab.read_volume(path)
+    volume = burrlab.read_volume(path, spacing=0.3)
+    np.testing.assert_array_equal(volume.spacing, 0.3)
+    assert len(volume.notes) == 2  # neither orientation nor origin
+
+
+def test_nrrd_spacings_in_metres(tmp_path):
+    path = raw(
+        tmp_path / "v.nrrd",
+        NRRD + 'dimension: 3\nsizes: 5 4 3\nspacings: 5e-4 5e-4 1e-3\nunits: "m" "m" "m"\n',
+    )
+    np.testing.assert_allclose(burrlab.read_volume(path).spacing, (0.5, 0.5, 1.0))
+    path = raw(
+        tmp_path / "v.nrrd", NRRD + 'dimension: 3\nsizes: 5 4 3\nspacings: 1 1 1\nunits: "m" "mm" "ell"\n'
+    )
+    with pytest.raises(ValueError, match="units of space in the NRRD header must be one of"):
+        burrlab.read_volume(path)
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        "dimension: 4\nsizes: 5 4 3 1\nspace directions: (1,0,0) (0,1,0) (0,0,2) none\nkinds: domain domain domain list\n",
+        "dimension: 4\nsizes: 1 5 4 3\nspace directions: none (1,0,0) (0,1,0) (0,0,2)\nkinds: vector domain domain domain\n",
+        "dimension: 4\nsizes: 5 4 3 1\nspacings: 1 1 2 7\n",
+    ],
+)
+def test_a_fourth_axis_of_one_is_no_axis(tmp_path, head):
+    if "directions" in head:
+        head = "space: left-posterior-superior\n" + head
+    volume = burrlab.read_volume(raw(tmp_path / "v.nrrd", NRRD + head))
+    np.testing.assert_array_equal(volume.values, a_volume().values)
+    np.testing.assert_array_equal(volume.spacing, (1, 1, 2))
+
+
+@pytest.mark.parametrize(
+    ("head", "message"),
+    [
+        ("dimension: 4\nsizes: 5 4 1 3\nkinds: domain domain domain vector\n", "one value a voxel, got sizes 5 x 4 x 1 x 3"),
+        ("dimension: 2\nsizes: 5 12\n", "three dimensions"),
+        ("dimension: 3\n", "the NRRD header has no sizes"),
+        ("dimension: 3\nsizes: 5 4 3 1\n", "contradicts its dimension 3"),
+        ("dimension: 3\nsizes: 5 4 3\nspace: LPS\nspace directions: (1,0) (0,1) (1,1)\n", "three vectors of three"),
+        ("dimension: 3\nsizes: 5 4 3\nspace: LPS\nspace directions: (1,0,0) (0.5,1,0) (0,0,1)\n", "not orthonormal"),
+        ("dimension: 3\nsizes: 5 4 3\nspace: LPS\nspace directions: (a,0,0) (0,1,0) (0,0,1)\n", "is no vector"),
+        ("dimension: 3\nsizes: 5 4 3\nspacings: 1 1\n", "spacings of the NRRD header are '1 1'"),
+        ("dimension: 3\nsizes: 5 4 3\nspacings: 1 1 1\nspace origin: (1,2)\n", "space origin of the NRRD header must be"),
+    ],
+)  # fmt: skip
+def test_wrong_nrrd(tmp_path, head, message):
+    with pytest.raises(ValueError, match=message):
+        burrlab.read_volume(raw(tmp_path / "v.nrrd", NRRD + head))
+
+
+def test_nrrd_space_that_is_not_anatomical_is_noted(tmp_path):
+    head = "dimension: 3\nsizes: 5 4 3\nspace: scanner-xyz\nspace directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (1,2,3)\n"
+    assert burrlab.read_volume(raw(tmp_path / "v.nrrd", NRRD + head)).notes == (
+        "space 'scanner-xyz' of the NRRD header is no anatomical one: its axes are taken as L, P, S",
+    )
+
+
+@pytest.mark.parametrize(
+    ("head", "message"),
+    [
+        ("DimSize = 5 4 3\n", "does not say the voxel spacing along x, y, z"),
+        ("DimSize = 5 4 3\nElementSpacing = 1 1 0\n", "does not say the voxel spacing along z"),
+        (
+            "DimSize = 5 4 3\nElementSpacing = 1 1 1\nTransformMatrix = 1 0 0 0.5 1 0 0 0 1\n",
+            "not orthonormal",
+        ),
+        (
+            "DimSize = 5 4 3\nElementSpacing = 1 1 1\nTransformMatrix = 1 0 0 1\n",
+            "must hold 9 numbers, got 4",
+        ),
+        (
+            "DimSize = 5 4 3\nElementSpacing = 1 1 1\nElementNumberOfChannels = 3\n",
+            "one value a voxel, got 3",
+        ),
+        ("DimSize = 5 4 3\nElementSpacing = a b c\n", "ElementSpacing of the MetaImage header is 'a b c'"),
+        ("DimSize = 60\nElementSpacing = 1 1 1\n", "three dimensions"),
+        ("DimSize = 5 4 3\nElementSpacing = 1 1 1\nDistanceUnits = ell\n", "DistanceUnits must be one of"),
+        ("ElementSpacing = 1 1 1\n", "the MetaImage header has no DimSize"),
+    ],
+)
+def test_wrong_meta_image(tmp_path, head, message):
+    with pytest.raises(ValueError, match=message):
+        burrlab.read_volume(raw(tmp_path / "v.mha", META + head))
+
+
+def test_meta_image_without_spacing_takes_the_given_or_the_size_of_elements(tmp_path):
+    path = raw(tmp_path / "v.mha", META + "DimSize = 5 4 3\n")
+    np.testing.assert_array_equal(burrlab.read_volume(path, spacing=(1, 2, 3)).spacing, (1, 2, 3))
+    path = raw(tmp_path / "v.mha", META + "DimSize = 5 4 3\nElementSize = 1 1 4\n")
+    np.testing.assert_array_equal(burrlab.read_volume(path).spacing, (1, 1, 4))
+
+
+def test_meta_image_with_its_values_in_another_file(tmp_path):
+    volume = a_volume()
+    head = (
+        "ObjectType = Image\nNDims = 3\nBinaryData = True\nElementSpacing = 0.1 0.25 0.7\nDimSize = 5 4 3\n"
+        "ElementType = MET_SHORT\nElementDataFile = v.raw\n"
+    )
+    (tmp_path / "v.mhd").write_text(head)
+    with pytest.raises(ValueError, match=r"v\.mhd: the file of its values, v\.raw, is not there"):
+        burrlab.read_volume(tmp_path / "v.mhd")
+    (tmp_path / "v.raw").write_bytes(volume.values.tobytes())
+    np.testing.assert_array_equal(burrlab.read_volume(tmp_path / "v.mhd").values, volume.values)
+    (tmp_path / "v.raw").write_bytes(volume.values.tobytes()[:-2])
+    with pytest.raises(ValueError, match=r"v\.mhd: the file is cut short: 118 bytes of values, of 120"):
+        burrlab.read_volume(tmp_path / "v.mhd")
+
+
+@pytest.mark.parametrize("cut", [1, 8, 30])
+def test_a_damaged_meta_image(tmp_path, cut):
+    path = tmp_path / "v.mha"
+    burrlab.write_volume(path, a_volume())
+    content = bytearray(path.read_bytes())
+    content[-cut] ^= 0x55
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"v\.mha: the compressed data is cut short or damaged"):
+        burrlab.read_volume(path)

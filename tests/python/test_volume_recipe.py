@@ -1,0 +1,97 @@
+"""How a bone is made of a volume, through JSON, results and their files."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import burrlab
+from burrlab.fitting.voxel_descent import VoxelSettings
+from burrlab.session.network import make_bone, volume_recipe
+from burrlab.volume import OccupancyMap, VolumeRecipe
+
+pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+from volume_scenes import ASKEW, slab
+
+BONE = burrlab.materials["bone"]
+
+
+def test_recipe_through_json(tmp_path):
+    volume, _ = slab(tmp_path / "ct.nrrd")
+    crop = (volume.origin.tolist(), (volume.origin + ASKEW @ (9, 9, 9)).tolist())
+    table = OccupancyMap.table([-1000, 1000], [0.1, 0.9])
+    recipe = volume_recipe(tmp_path / "ct.nrrd", table, crop=crop, voxel=(0.2, 0.2, 0.3), spacing=0.4)
+    again = VolumeRecipe.of(json.loads(json.dumps(recipe)))
+    assert again.plain() == recipe
+    bone = make_bone(json.loads(json.dumps(recipe)))
+    direct = burrlab.read_volume(tmp_path / "ct.nrrd").crop(*crop).to_bone(table, spacing=(0.2, 0.2, 0.3))
+    assert bone.digest() == direct.digest() == again.bone().digest()
+    assert again.at(tmp_path / "ct.nrrd") == again
+    with pytest.raises(ValueError, match="voxel must be a positive number or three"):
+        volume_recipe("v.nrrd", 0, 1, voxel=0)
+    with pytest.raises(ValueError, match="crop must be three finite numbers"):
+        volume_recipe("v.nrrd", 0, 1, crop=((1, 2), (3, 4, 5)))
+    with pytest.raises(TypeError, match="map must be an OccupancyMap or two grey values"):
+        volume_recipe("v.nrrd", 0)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"map": []},
+        {"map": [[0, 1]]},
+        {"map": "ab"},
+        {"voxel_mm": [1, 2]},
+        {"crop_mm": [[1, 2, 3]]},
+        {"path": 3},
+        {"map": [1, 0]},
+    ],
+)
+def test_recipe_that_cannot_be_read(change):
+    with pytest.raises(ValueError, match="recipe must be that of block_recipe or volume_recipe, got"):
+        make_bone({"kind": "volume", "path": "v.nrrd", "map": [0, 1], **change})
+
+
+def test_a_stack_of_slices_as_a_recipe(tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    folder = tmp_path / "slices"
+    folder.mkdir()
+    for k in range(4):
+        image.fromarray(np.full((5, 6), 60 * k, np.uint8)).save(folder / f"slice{k}.png")
+    bone = VolumeRecipe(folder, OccupancyMap.two_point(0, 255), spacing=(0.5, 0.5, 1)).bone()
+    np.testing.assert_array_equal(bone.density[:, 0, 0], [0, 60, 120, 180])
+    assert bone.spacing == (0.5, 0.5, 1.0)
+    for k in range(4):
+        image.fromarray(np.full((5, 6, 3), (0, 9, 60 * k), np.uint8)).save(folder / f"slice{k}.png")
+    with pytest.raises(ValueError, match=r"colour|labels"):
+        VolumeRecipe(folder, OccupancyMap.two_point(0, 255), spacing=0.5).bone()
+
+
+def test_results_keep_how_the_bone_was_made(tmp_path):
+    """Map, voxels and crop, from descent to curve and fit, through their files."""
+    volume, _ = slab(tmp_path / "ct.nrrd")
+    crop = (volume.origin.tolist(), (volume.origin + ASKEW @ (19, 19, 11)).tolist())
+    recipe = VolumeRecipe(
+        tmp_path / "ct.nrrd", OccupancyMap.table([-1000, 1000], [0.1, 0.9]), crop=crop, voxel=0.3
+    )
+    specimen = recipe.specimen(entry=volume.origin + ASKEW @ (10, 10, 11.5), axis=-ASKEW[:, 2])
+    burr = burrlab.Burr(2.4)
+    run = burrlab.descend(burr, BONE, 1.0, specimen=specimen, seed=1, ideal=True)
+    curve = burrlab.force_sweep(burr, BONE, [0.5, 1.0], specimen=specimen, seed=1)
+    curve.to_csv(tmp_path / "curve.csv")
+    settings = VoxelSettings(0.3, 1.0, False, specimen, 1).described()
+    for kept in (
+        run.provenance,
+        curve.provenance,
+        burrlab.VelocityCurve.from_csv(tmp_path / "curve.csv").provenance,
+        settings,
+    ):
+        made = json.loads(json.dumps(kept["volume"]))
+        assert made["map"] == recipe.mapping.text
+        assert made["volume_spacing_mm"] == pytest.approx([0.4] * 3)
+        assert made["voxel_mm"] == [0.3] * 3
+        assert any(note.startswith("cropped to voxels") for note in made["notes"])
+        assert VolumeRecipe.of(made["recipe"]) == recipe
+        assert make_bone(made["recipe"]).digest() == specimen.bone.digest()

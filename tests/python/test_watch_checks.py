@@ -1,0 +1,93 @@
+"""What a watch refuses, and what a trace without one does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from anatomy_scenes import BONE, nerve_bone, straight, tool
+
+import burrlab
+from burrlab.anatomy import Watch, anatomy_report
+from burrlab.session.network import follow
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [({"structures": ["vein"]}, "tissue must be one of bone, nerve, sinus, unused, got 'vein'"),
+     ({"structures": ["unused"]}, "structure must have voxels, 'unused' has none"),
+     ({"structures": ["nerve", "nerve"]}, "structures must differ, got nerve, nerve"),
+     ({"structures": []}, "structures must be at least one, got none"),
+     ({"approach": 1.0, "touch": 1.5}, "approach of 'nerve' must be finite and at least touch, got 1"),
+     ({"approach": float("nan")}, "approach of 'nerve' must be finite"),
+     ({"approach": 15.0}, "approach of 'nerve' with hysteresis and radius must be at most 15 mm"),
+     ({"touch": -0.1}, "touch of 'nerve' must be zero or positive"),
+     ({"injury": -1.0}, "injury of 'nerve' must be zero or positive"),
+     ({"hysteresis": 0.0}, "hysteresis of 'nerve' must be positive"),
+     ({"approach": {"bone": 1.0}}, "approach must be of watched structures, got one of 'bone'")],
+)  # fmt: skip
+def test_a_watch_is_checked(options, sentence) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        Watch(nerve_bone(), **options)
+
+
+def test_a_watch_needs_a_critical_structure_of_the_sessions_bone() -> None:
+    with pytest.raises(ValueError, match="bone must have tissues, got one of a single material"):
+        Watch(burrlab.VoxelBone.block((2, 2, 2), 0.2))
+    bone = nerve_bone()
+    only = burrlab.Tissues([burrlab.Tissue("bone", label=0, c_e=2.0, alpha=0.1)], BONE)
+    bone.set_tissues(only, np.zeros(bone.shape, np.uint8))
+    with pytest.raises(ValueError, match="structures must be named: no tissue of the bone is critical"):
+        Watch(bone)
+    with pytest.raises(ValueError, match="bone must be the one that the watch was made of, or a copy of it"):
+        burrlab.Session(
+            nerve_bone(), tool(), straight([(0, 0, 3), (0, 0, 2)], [0, 1]), watch=Watch(nerve_bone())
+        )
+    watch = Watch(nerve_bone(), approach={"nerve": 1.0}, structures="nerve")
+    assert watch.limits[0].approach == 1.0
+    assert watch.structures == ("nerve",)
+    with pytest.raises(ValueError, match="structure must be one of nerve, got 'sinus'"):
+        watch.distance((0, 0, 0), "sinus")
+    with pytest.raises(ValueError, match="radius of a burr that is watched must be at most 6 mm, got 7"):
+        watch.core([7.0])
+
+
+def test_a_trace_without_a_watch_takes_no_events(tmp_path) -> None:
+    from session_scenes import writer
+
+    made = writer(tmp_path / "x.h5")
+    with pytest.raises(ValueError, match="events must be of a trace with a watch"):
+        made.add_events(np.zeros(0))
+    with pytest.raises(ValueError, match="what was watched must be of a trace with a watch"):
+        made.set_watched(None)
+    made.stop()
+
+
+def test_a_session_goes_on_from_a_file_with_its_tissues(tmp_path) -> None:
+    """A bone with tissues, saved in the middle of its life: session, trace, replay and replica begin there."""
+    first = burrlab.Session(
+        nerve_bone(), tool(), straight([(0, 0, 1.5), (0, 0, -0.3)], [0, 0.3]), seed=3, duration=0.3, wall_clock=False
+    )  # fmt: skip
+    with first:
+        first.wait()
+    burrlab.save_bone(tmp_path / "bone.h5", *first.snapshot())
+    bone, tick = burrlab.load_bone(tmp_path / "bone.h5")
+    assert bone.removed_of("nerve") > 0
+    gone = bone.removed_of("nerve")
+    session = burrlab.Session(
+        bone, tool(), straight([(0, 0, -0.2), (0, 0, -0.8)], [0, 0.3]), seed=3, tick=tick, duration=0.3,
+        wall_clock=False, publish=0, watch=Watch(bone), record=tmp_path / "on.h5",
+    )  # fmt: skip
+    copy, _ = burrlab.load_bone(tmp_path / "bone.h5")
+    replica = follow("127.0.0.1", session.port, bone=copy)
+    with session:
+        session.wait()
+        assert replica.wait(20.0)
+    replica.stop()
+    after, _ = replica.snapshot()
+    assert replica.digest() == session.digests[-1][1] == after.digest()
+    np.testing.assert_array_equal(after.tissue_numbers, bone.tissue_numbers)
+    report, trace = session.anatomy(), burrlab.load_trace(tmp_path / "on.h5")
+    assert trace.first_tick == tick > 0
+    assert report.removed["nerve"] == pytest.approx(after.removed_of("nerve") - gone, abs=1e-9)
+    assert anatomy_report(trace).equals(report)
+    assert burrlab.replay(trace).equal

@@ -1,0 +1,210 @@
+"""What a page can show beside a trace, and what it refuses; without a browser or a renderer."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import sys
+import threading
+
+import numpy as np
+import pytest
+from anatomy_scenes import nerve_bone, straight, tool
+from page_scenes import make_page
+from replica_scenes import soon
+
+import burrlab
+from burrlab.anatomy import Watch
+from burrlab.cli import main
+from burrlab.effects import Companion, Effects
+from burrlab.effects.offline import effects_of
+from burrlab.session.network import block_recipe, follow, make_bone
+from burrlab.view.page_parcels import ParcelHistory
+from burrlab.view.page_source import page_source
+from burrlab.view.web import serve
+
+PATH = [(-3, 0, 1.5), (-3, 0, -0.6), (3, 0, -0.6), (0, 0, -1.2)], [0, 1, 3, 4]
+BLOCK = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
+
+
+@pytest.fixture(scope="module")
+def trace(tmp_path_factory):
+    file = tmp_path_factory.mktemp("web") / "session.h5"
+    with burrlab.Session(
+        nerve_bone(), tool(), straight(*PATH), seed=1, duration=4.0, wall_clock=False, record=file
+    ) as session:
+        session.wait()
+    return burrlab.load_trace(file)
+
+
+def live(bone, **options):
+    return burrlab.Session(bone, tool(), straight(*PATH), seed=1, duration=4.0, wall_clock=False, **options)
+
+
+def test_beside_a_session_to_its_end():
+    bone = nerve_bone()
+    with live(bone, watch=Watch(bone, approach=0.5)) as session:
+        page = make_page(page_source(session))
+        while session.running:
+            page._turn(0.0)
+            page.shown()
+        page._turn(0.0)
+        final, ticks = session.snapshot()
+        assert page.source.bone.digest() == final.digest()
+        assert page.source.bone.removed == final.removed > 0
+        assert page.state.time_s == pytest.approx(ticks / 1000)
+        assert page.state.source_state == session.reason
+        said = [(event.kind, event.structure) for event in session.anatomy().events]
+        assert [tuple(row["text"].split(",")[0].split(" ")[::2]) for row in page.state.events] == said
+        for row, event in zip(page.state.events, session.anatomy().events, strict=True):
+            assert row["time_s"] == pytest.approx(event.tick / 1000, abs=2e-3)
+        assert page.state.charts[0]["lines"][0]
+        assert page.state.numbers[0]["value"] == page.state["values"][0][0]
+
+
+def test_before_the_first_tick():
+    session = live(nerve_bone())
+    page = make_page(page_source(session))
+    page._turn(0.0)
+    said = {row["name"]: row["value"] for row in page.state.numbers}
+    assert (said["centre"], said["force"], said["bone removed"]) == ("not known", "0.00", "0.00")
+    assert page.state.source_state == "not started"
+
+
+def test_beside_a_replica():
+    with burrlab.Session(
+        make_bone(BLOCK), tool(), straight(*PATH), seed=1, duration=1.5, publish=0, source=BLOCK
+    ) as session:
+        replica = follow("127.0.0.1", session.port)
+        try:
+            page = make_page(page_source(replica))
+            assert (page.state.title, page.state.source_state) == ("replica", "following")
+
+            def ended():
+                page._turn(0.0)
+                page.shown()
+                return replica.wait(0.0)
+
+            assert soon(ended, 30.0)
+            page._turn(0.0)
+            assert page.source.bone.digest() == replica.digest() == session.snapshot()[0].digest()
+            assert page.source.bone.removed > 0
+            assert page.state.source_state not in ("following", "")
+        finally:
+            replica.stop()
+
+
+def test_parcels_of_a_companion():
+    bone = nerve_bone()
+    with live(bone) as session, Companion(session, seed=1) as companion:
+        session.wait()
+        assert companion.wait(30)
+        page = make_page(page_source(session, companion))
+        assert page.state.has_effects
+        page._turn(0.0)
+        assert len(page.scene.parcels) == len(companion.parcels) > 0
+        page.state.tell("effects", False)
+        assert page.scene.parcels is None
+
+
+def test_parcels_of_a_trace(trace):
+    past = ParcelHistory(trace, Effects(trace.bone(), seed=1))
+    assert past.at(2.0) is None
+    assert past.make()
+    assert past.made == 1.0
+    assert past.at(0.0) is None
+    other, player = Effects(trace.bone(), seed=1), burrlab.view.TracePlayer(trace)
+    some = 0
+    for time in effects_of(player, other):
+        frame, parcels = past.at(time), other.parcels
+        assert len(frame) == len(parcels)
+        some = max(some, len(parcels))
+        np.testing.assert_allclose(frame["position"], parcels["position"], atol=0.02, rtol=0)
+        np.testing.assert_allclose(frame["radius"], parcels["radius"], rtol=1e-3)
+        share = 255 * parcels["dust"] / np.maximum(parcels["dust"] + parcels["blood"] + parcels["water"], 1)
+        np.testing.assert_allclose(frame["dust"], share, atol=0.51, rtol=0)
+    assert some > 50
+    small = ParcelHistory(trace, Effects(trace.bone(), seed=1), memory=past.bytes / 3e6)
+    assert small.make()
+    assert small.bytes <= past.bytes / 3
+    late = small.at(trace.duration)
+    assert any(
+        len(past.at(t)) == len(late) and (past.at(t) == late).all() for t in np.arange(2.0, 4.01, 0.05)
+    )
+
+
+def test_parcels_stop_when_asked(trace):
+    past, cancel = ParcelHistory(trace, Effects(trace.bone(), seed=1)), threading.Event()
+    cancel.set()
+    assert not past.make(cancel)
+    assert past.made < 0.1
+
+
+def test_refused_sources(trace):
+    with pytest.raises(
+        TypeError, match="source must be a Trace, TracePlayer, Session, Replica or VoxelBone, got 'a'"
+    ):
+        serve("a")
+    with pytest.raises(TypeError, match="effects of a trace must be Effects, got 1"):
+        serve(trace, effects=1)
+    with pytest.raises(TypeError, match="effects of a session must be a Companion, got 1"):
+        serve(live(nerve_bone()), effects=1)
+    with pytest.raises(TypeError, match="effects go with a trace or a session, got 1 with a bone"):
+        serve(nerve_bone(), effects=1)
+
+
+def test_refused_ports():
+    for port in (-1, 65536):
+        with pytest.raises(ValueError, match=f"port must be from 0 to 65535, got {port}"):
+            serve(nerve_bone(), port=port)
+    pytest.importorskip("trame", reason="needs the extra viz3d")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(OSError, match=f"cannot listen on 127.0.0.1:{port}: Address already in use"):
+            serve(nerve_bone(), port=port)
+    with pytest.raises(OSError, match=r"cannot listen on 192\.0\.2\.1:0: "):  # an address for documents
+        serve(nerve_bone(), host="192.0.2.1")
+
+
+def test_refused_in_an_event_loop():
+    async def inside():
+        serve(nerve_bone())
+
+    with pytest.raises(RuntimeError, match="serve blocks until the page ends, and an event loop runs here"):
+        asyncio.run(inside())
+
+
+@pytest.mark.parametrize("name", ["pyvista", "trame"])
+def test_a_missing_extra(monkeypatch, name):
+    pytest.importorskip("trame", reason="needs the extra viz3d")
+    for module in list(sys.modules):
+        if module.split(".")[0] == name:
+            monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, name, None)
+    what = {"pyvista": "the view needs pyvista", "trame": "the page needs trame"}[name]
+    with pytest.raises(ImportError, match=rf"{what}: pip install 'burrlab\[viz3d\]'"):
+        serve(nerve_bone())
+
+
+def test_refused_on_the_command_line(capsys, tmp_path):
+    device = ["--device", "hand", "--duration", "1"]
+    for arguments, sentence in (
+        (["view", "x.h5", "--effects"], "--effects goes with --web"),
+        (["view", "x.h5", "--port", "1"], "--port goes with --web"),
+        (["view", "--bone", "x.h5", "--web"], "--web goes with a trace"),
+        (["session", "--web", "--view", *device], "argument --view: not allowed with argument --web"),
+        (["session", "--web", "65536", *device], "must be a port, 0 to 65535, got '65536'"),
+    ):
+        try:
+            code = main(arguments)
+        except SystemExit as end:
+            code = end.code
+        assert code == 2
+        assert sentence in capsys.readouterr().err
+    pytest.importorskip("trame", reason="needs the extra viz3d")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        file = tmp_path / "none.h5"
+        assert main(["session", "--web", str(port), "--record", str(file), *device]) != 0
+        assert not file.exists()
+        assert f"cannot listen on 127.0.0.1:{port}: Address already in use" in capsys.readouterr().err

@@ -1,0 +1,317 @@
+"""The page in a real headless Chromium, served as a user does; with and without WebGL."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from anatomy_scenes import nerve_bone, straight, tool
+from chromium import Chromium, chromium_path
+
+import burrlab
+from burrlab.anatomy import Watch
+from burrlab.view import TracePlayer
+
+pytestmark = pytest.mark.slow
+
+_RENDERS = "from burrlab import VoxelBone\nfrom burrlab.view import Scene\nscene = Scene(VoxelBone.block((2, 2, 2), 0.2), [], off_screen=True, size=(64, 64))\nassert scene.picture().std() > 0"
+_IMAGE = "document.querySelector('.burrlab-view img')"
+_WEBGL = ("--enable-unsafe-swiftshader",)
+_NO_WEBGL = ("--disable-gpu", "--disable-3d-apis")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def needs():
+    for name in ("pyvista", "trame"):
+        pytest.importorskip(name, reason="needs the extra viz3d")
+    if chromium_path() is None:
+        pytest.skip("needs a browser: apt-get install chromium")
+    tried = subprocess.run([sys.executable, "-c", _RENDERS], capture_output=True, text=True, timeout=120)
+    if tried.returncode:
+        pytest.skip(f"needs libegl1 or libosmesa6 to draw without a screen: {tried.stderr.strip()[-200:]}")
+
+
+@pytest.fixture(scope="module")
+def trace(tmp_path_factory):
+    """4 s into a nerve, with a watch."""
+    file, bone = tmp_path_factory.mktemp("web") / "session.h5", nerve_bone()
+    device = straight([(-3, 0, 1.5), (-3, 0, -0.6), (3, 0, -0.6), (0, 0, -1.2)], [0, 1, 3, 4])
+    with burrlab.Session(
+        bone,
+        tool(),
+        device,
+        seed=1,
+        duration=4.0,
+        wall_clock=False,
+        record=file,
+        watch=Watch(bone, approach=0.5),
+    ) as session:
+        session.wait()
+    return file
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    return Path(os.environ.get("BURRLAB_PICTURES", tmp_path_factory.mktemp("pictures")))
+
+
+class Served:
+    """`burrlab ... --web` beside the test; its address."""
+
+    def __init__(self, *arguments):
+        self.process = subprocess.Popen(
+            [sys.executable, "-W", "error", "-m", "burrlab", *map(str, arguments), "--web"],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        )  # fmt: skip
+        self.said = []
+        for line in self.process.stdout:
+            self.said.append(line)
+            if found := re.search(r"http://127\.0\.0\.1:\d+/", line):
+                self.address = found[0]
+                return
+        raise AssertionError("".join(self.said))
+
+    def end(self, number=signal.SIGINT):
+        """(exit code, what it says after a signal)."""
+        self.process.send_signal(number)
+        rest, _ = self.process.communicate(timeout=60)
+        return self.process.returncode, rest
+
+    def kill(self):
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.communicate()
+
+
+@pytest.fixture
+def served(trace):
+    one = Served("view", trace)
+    yield one
+    one.kill()
+
+
+def settled(page):
+    """Number of the picture once none has come for a while."""
+    last, since = None, time.monotonic()
+    while time.monotonic() - since < 1.0:
+        now = page.value(f"{_IMAGE}.dataset.number")
+        if now != last:
+            last, since = now, time.monotonic()
+        time.sleep(0.05)
+    return int(last)
+
+
+def opened(page, address):
+    page.load(address)
+    page.wait(f"{_IMAGE}?.naturalWidth > 0")
+    settled(page)
+
+
+def bone_part(page, picture):
+    x, y, width, height = map(round, page.box(".burrlab-view"))
+    return picture[y : y + height, x : x + width]
+
+
+def middle(page):
+    x, y, width, height = page.box(".burrlab-view")
+    return x + width / 2, y + height / 2
+
+
+def to_time(page, part):
+    """Clicks at a part of the time line; what the clock says then [s]."""
+    x, y, width, height = page.box(".v-slider__container")
+    before = page.value("document.querySelector('.burrlab-clock').innerText")
+    page.click(x + part * width, y + height / 2)
+    page.wait(f"document.querySelector('.burrlab-clock').innerText !== {before!r}")
+    settled(page)
+    return clock(page)
+
+
+def press(page, words):
+    """The button that says them."""
+    page.value(f"[...document.querySelectorAll('.v-btn')].find(b => b.innerText === {words!r}).click()")
+
+
+def clock(page):
+    return float(page.value("document.querySelector('.burrlab-clock').innerText").split("/")[0])
+
+
+def numbers(page):
+    rows = page.value(
+        "[...document.querySelectorAll('.burrlab-side tr')].map(row => [...row.cells].map(cell => cell.innerText))"
+    )
+    return {row[0].strip(): row[1] for row in reversed(rows)}  # of a structure, how near it is
+
+
+def nothing_amiss(page, address):
+    assert [entry for entry in page.console if entry[0] in ("error", "warning", "assert")] == []
+    assert page.errors == []
+    assert page.failed == []
+    elsewhere = {
+        urlsplit(url).netloc for url in page.asked if not url.startswith(("data:", "about:", "blob:"))
+    }
+    assert elsewhere == {urlsplit(address).netloc}
+
+
+@pytest.mark.parametrize("flags", [_WEBGL, _NO_WEBGL], ids=["WebGL", "no WebGL"])
+def test_load_orbit_scrub_and_play(served, trace, pictures, tmp_path, flags):
+    name = "no_webgl" if flags == _NO_WEBGL else "webgl"
+    with Chromium(tmp_path / "profile", *flags) as page:
+        opened(page, served.address)
+        has_webgl = page.value("!!document.createElement('canvas').getContext('webgl')")
+        assert has_webgl == (flags == _WEBGL)
+        first = page.screenshot(pictures / f"{name}_load.png")
+        assert bone_part(page, first).std() > 10
+
+        x, y = middle(page)
+        page.drag((x, y), (x + 150, y - 60))
+        settled(page)
+        turned = page.screenshot(pictures / f"{name}_orbit.png")
+        assert np.abs(bone_part(page, turned) - bone_part(page, first)).mean() > 3
+
+        press(page, "SURGEON")
+        settled(page)
+        player = TracePlayer(burrlab.load_trace(trace))
+        seen = [page.screenshot(pictures / f"{name}_surgeon.png")]
+        for part in (0.3, 0.9, 0.6):
+            at = to_time(page, part)
+            assert at == pytest.approx(part * 4.0, abs=0.05)
+            player.seek(at)
+            said = numbers(page)
+            assert said["bone removed"] == f"{player.bone.removed:.2f}"
+            assert said["force"] == f"{np.linalg.norm(player.force[0]):.2f}"
+            assert said["penetration"] == f"{player.depth[0]:.3f}"
+            assert said["centre"] == ", ".join(f"{value:.2f}" for value in player.burrs.centers[0])
+            seen.append(page.screenshot(pictures / f"{name}_scrub_{part:g}.png"))
+            assert np.abs(bone_part(page, seen[-1]) - bone_part(page, seen[-2])).mean() > 0.3
+        to_time(page, 0.9)
+        again = page.screenshot(pictures / f"{name}_again.png")
+        assert np.abs(bone_part(page, again) - bone_part(page, seen[2])).mean() < 0.5
+
+        to_time(page, 0.1)
+        page.value("document.querySelector('[aria-label=play]').click()")
+        page.wait("document.querySelector('[aria-label=pause]')")
+        page.wait("document.querySelector('[aria-label=play]')", 120)  # at the end it stops
+        settled(page)
+        assert clock(page) == pytest.approx(player.duration, abs=1e-3)
+        page.screenshot(pictures / f"{name}_played.png")
+        nothing_amiss(page, served.address)
+    assert served.end() == (0, "")
+
+
+def test_events_slices_wheel_and_presets(served, trace, pictures, tmp_path):
+    with Chromium(tmp_path / "profile", *_NO_WEBGL) as page:
+        opened(page, served.address)
+        events = burrlab.load_trace(trace).events
+        assert len(events) >= 3
+        shown = page.value("[...document.querySelectorAll('.burrlab-event')].map(row => row.innerText)")
+        assert len(shown) == len(events)
+        assert "approach to nerve, 0.50 mm" in shown[0]
+        page.wait(
+            "document.querySelector('.burrlab-side').innerText.includes(\"burr's surface to structure\")"
+        )
+        page.value("document.querySelector('.burrlab-event').click()")
+        settled(page)
+        assert clock(page) == pytest.approx(float(re.match(r"[\d.]+", shown[0])[0]), abs=0.02)
+        assert float(numbers(page)["nerve"]) == pytest.approx(0.5, abs=0.02)
+
+        last = bone_part(page, page.screenshot(pictures / "event.png"))
+        x, y = middle(page)
+        actions = {
+            "wheel": lambda: page.mouse("Wheel", x, y, buttons=0, deltaX=0, deltaY=-240),
+            "preset": lambda: press(page, "BURR"),
+            "slices": lambda: page.value("document.querySelector('.v-switch input').click()"),
+        }  # fmt: skip
+        for name, action in actions.items():
+            action()
+            settled(page)
+            now = bone_part(page, page.screenshot(pictures / f"{name}.png"))
+            assert np.abs(now - last).mean() > 2, name
+            last = now
+        nothing_amiss(page, served.address)
+
+
+def test_two_browsers_and_one_that_goes(served, tmp_path):
+    with Chromium(tmp_path / "one", *_NO_WEBGL) as one:
+        opened(one, served.address)
+        with Chromium(tmp_path / "two", *_NO_WEBGL) as two:
+            opened(two, served.address)
+            at = to_time(two, 0.5)
+            assert clock(one) == at  # the same page: whoever reaches it works it
+        assert to_time(one, 0.8) > at
+        nothing_amiss(one, served.address)
+
+
+def test_a_page_of_another_origin_is_refused(served):
+    origin = {"Origin": "http://elsewhere.example"}
+    with pytest.raises(urllib.error.HTTPError, match="403"):
+        urllib.request.urlopen(urllib.request.Request(served.address, headers=origin))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it_in_order(trace, tmp_path, number):
+    served = Served("view", trace)
+    with Chromium(tmp_path / "profile", *_NO_WEBGL) as page:
+        opened(page, served.address)
+        assert served.end(number) == (0, "")
+    assert shutil.which("ps") is None or not children(served.process.pid)
+
+
+def test_beside_a_session_and_a_replica(tmp_path, pictures):
+    """Live in two pages; Ctrl-C ends each with its page, and the trace is whole."""
+    file = tmp_path / "session.h5"
+    session = Served("session", "--device", "hand", "--record", file, "--publish", 0)
+    replica = None
+    try:
+        port = re.search(r"published on 127\.0\.0\.1, port (\d+)", "".join(session.said))[1]
+        replica = Served("replica", f"127.0.0.1:{port}")
+        with Chromium(tmp_path / "profile", *_NO_WEBGL) as page:
+            for name, one in (("session", session), ("replica", replica)):
+                page.asked.clear()
+                page.load(one.address)
+                page.wait(f"{_IMAGE}?.naturalWidth > 0")
+                number = int(page.value(f"{_IMAGE}.dataset.number"))
+                page.wait(f"{_IMAGE}.dataset.number > {number + 3}")
+                page.wait("document.querySelectorAll('.burrlab-chart polyline').length === 2")
+                page.wait("!document.querySelector('.burrlab-side').innerText.includes('not known')")
+                assert bone_part(page, page.screenshot(pictures / f"live_{name}.png")).std() > 10
+                nothing_amiss(page, one.address)
+        assert replica.end()[0] == 130
+        code, rest = session.end()
+        assert code == 130, rest
+        assert not children(session.process.pid) + children(replica.process.pid)
+        recorded = burrlab.load_trace(file)
+        assert len(recorded) > 500
+        assert recorded.complete
+    finally:
+        session.kill()
+        if replica is not None:
+            replica.kill()
+
+
+def children(process):
+    listed = subprocess.run(["ps", "-o", "pid=", "--ppid", str(process)], capture_output=True, text=True)
+    return listed.stdout.split()
+
+
+def test_a_taken_port_is_one_sentence(served, trace):
+    port = urlsplit(served.address).port
+    done = subprocess.run(
+        [sys.executable, "-m", "burrlab", "view", trace, "--web", "--port", str(port)],
+        capture_output=True, text=True, timeout=60,
+    )  # fmt: skip
+    assert done.returncode != 0
+    assert done.stdout == ""
+    assert done.stderr.strip().endswith(f"cannot listen on 127.0.0.1:{port}: Address already in use")
+    assert len(done.stderr.strip().splitlines()) == 1

@@ -8,6 +8,7 @@ import pytest
 import burrlab
 from burrlab.view import Viewpoint, surgeon_view
 from burrlab.view.camera import eyes
+from burrlab.view.scene_chart import round_value
 from burrlab.view.scene_labels import scale_length
 
 
@@ -68,6 +69,13 @@ def test_eyes_agree_at_the_focus_and_part_behind_it(block):
 @pytest.mark.parametrize(("most", "length"), [(7.3, 5.0), (5.0, 5.0), (0.05, 0.1), (1e4, 100.0)])
 def test_the_scale_is_of_a_round_length(most, length):
     assert scale_length(most) == length
+
+
+@pytest.mark.parametrize(
+    ("most", "mark"), [(1.0, 1.0), (1.99, 1.0), (0.3, 0.2), (0.5, 0.5), (73.0, 50.0), (0.1, 0.1)]
+)
+def test_a_curve_has_a_mark_at_a_round_value(most, mark):
+    assert round_value(most) == pytest.approx(mark)
 
 
 def test_refused(block):

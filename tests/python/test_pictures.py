@@ -12,6 +12,7 @@ from burrlab.view import depth_map, plot_depth_map, plot_slices
 from burrlab.view.pictures import removed_thickness
 from burrlab.view.slice_image import REMOVED, slice_image
 
+AXES = ("x", "-x", "y", "-y", "z", "-z")
 SPACING, ORIGIN = (0.1, 0.2, 0.4), (-1.0, 2.0, 5.0)
 
 
@@ -125,9 +126,17 @@ def test_the_map_says_what_it_shows(crater):
     bar = axes.figure.axes[1]
     assert bar.get_ylabel() == "depth along z [mm]"
     whole = plot_depth_map(crater, axis="x", thickness=True, crop=False, contours=0)
-    assert whole.get_xlim() == pytest.approx((-3.0, 3.0))
+    assert whole.get_xlim() == pytest.approx((3.0, -3.0))  # along x, z upwards: y to the left
     assert whole.figure.axes[1].get_ylabel() == "bone removed along x [mm]"
-    assert plot_depth_map(crater, axis="z").xaxis_inverted()  # from below: left is left
+    mirrored = {axis for axis in AXES if plot_depth_map(crater, axis=axis).xaxis_inverted()}
+    # by the definition: to the right is across the line of sight and upwards
+    expected = set()
+    for axis in AXES:
+        sight = np.eye(3)["xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1)
+        up, right = (1, 0) if axis[-1] == "z" else (2, 1 if axis[-1] == "x" else 0)
+        if np.cross(sight, np.eye(3)[up])[right] < 0:
+            expected.add(axis)
+    assert mirrored == expected
 
 
 def test_an_untouched_bone_has_an_empty_map():

@@ -5,23 +5,24 @@
 namespace burrlab {
 namespace {
 
-constexpr double share = 0.5;     // of the budget that a frame is planned for
-constexpr double forget = 0.2;    // weight of the newest frame
+constexpr double share = 0.5;   // of the budget that sub-steps are planned for
+constexpr double most = 0.7;    // of the budget that a single one may be expected to take; else parcels merge
+constexpr double forget = 0.2;  // weight of the newest frame
 constexpr double enough = 256.0;  // movements or parcels below which a cost says nothing
 
 }  // namespace
 
 FrameDecision FrameBudget::plan(std::size_t moving, std::size_t parcels, int sub_steps,
-                                std::int64_t most) const {
+                                std::int64_t limit) const {
   FrameDecision plan;
-  plan.merge_to = most;
+  plan.merge_to = limit;
   const double planned = share * nanoseconds_, fixed = of_parcel_ * double(parcels);
   const double each = of_move_ * double(moving);
   plan.sub_steps = sub_steps;
   while (plan.sub_steps > 1 && fixed + each * plan.sub_steps > planned) --plan.sub_steps;
-  if (fixed + each > planned) {
+  if (fixed + each > most * nanoseconds_) {
     const double part = planned / (fixed + each);
-    plan.merge_to = std::min(most, std::max(std::int64_t(part * double(parcels)), least_parcels));
+    plan.merge_to = std::min(limit, std::max(std::int64_t(part * double(parcels)), least_parcels));
   }
   plan.done = plan.sub_steps;
   return plan;

@@ -58,4 +58,14 @@ class SceneChart:
             y = np.asarray(values, float)[kept]
             line.update(t[kept], y)
             chart.x_range = (float(t[kept][0]), float(max(t[-1], t[kept][0] + 1e-3)))
-            chart.y_range = (0.0, 1.15 * max(least, float(np.nanmax(y, initial=0.0))))
+            most = max(least, float(np.nanmax(y, initial=0.0)))
+            chart.y_range = (0.0, 1.15 * most)
+            mark = round_value(most)  # VTK would leave only the zero in a low chart
+            chart.y_axis.tick_locations = [0.0, mark]
+            chart.y_axis.tick_labels = ["0", f"{mark:g}"]
+
+
+def round_value(most: float) -> float:
+    """The largest of 1, 2 and 5 times a power of ten that is not above a positive value."""
+    power = 10.0 ** np.floor(np.log10(most))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= most * (1 + 1e-12)))

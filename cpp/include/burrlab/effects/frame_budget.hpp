@@ -32,8 +32,9 @@ class FrameBudget {
   explicit FrameBudget(double seconds) : nanoseconds_(1e9 * seconds) {}
 
   double nanoseconds() const { return nanoseconds_; }
-  /// The finest frame that is expected to take half of the budget.
-  FrameDecision plan(std::size_t moving, std::size_t parcels, int sub_steps, std::int64_t most) const;
+  /// The finest frame that is expected to take half of the budget; parcels merge, down to that half, only
+  /// where a single sub-step is expected to take 70 %.
+  FrameDecision plan(std::size_t moving, std::size_t parcels, int sub_steps, std::int64_t limit) const;
   /// Whether after so long [ns] what is left should be made in one.
   bool late(double elapsed) const { return elapsed > 0.6 * nanoseconds_; }
   /// What a frame took: [ns] for so many single movements, and for all else of so many parcels.

@@ -191,7 +191,7 @@ def test_refused_on_the_command_line(capsys, tmp_path):
     for arguments, sentence in (
         (["view", "x.h5", "--effects"], "--effects goes with --web"),
         (["view", "x.h5", "--port", "1"], "--port goes with --web"),
-        (["view", "--bone", "x.h5", "--web"], "--web goes with a trace"),
+        (["view", "--bone", "x.h5", "--web", "--effects"], "--effects goes with a trace"),
         (["session", "--web", "--view", *device], "argument --view: not allowed with argument --web"),
         (["session", "--web", "65536", *device], "must be a port, 0 to 65535, got '65536'"),
     ):

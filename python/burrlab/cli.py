@@ -141,6 +141,7 @@ def _save(axes: Axes, path: str) -> None:
 
 def _check_outputs(options: Options) -> None:
     """ValueError before any work if a result could not be written."""
+    taken: dict[Path, str] = {}
     for name in ("json", "plot", "out", "region", "profile", "record", "save", "template", "tsv"):
         path = getattr(options, name, None)
         if path is None or path == "-":
@@ -154,6 +155,8 @@ def _check_outputs(options: Options) -> None:
             )
         ):
             raise ValueError(f"--{name}: {path} cannot be written")
+        if (other := taken.setdefault(Path(path).resolve(), name)) != name:
+            raise ValueError(f"--{name} must be another file than --{other}, got {path}")
         if name in ("plot", "region", "profile"):
             from matplotlib.figure import Figure
 

@@ -135,6 +135,7 @@ def test_grey_and_coloured_slices_of_one_spacing(files: Path) -> None:
         (["--bone", "ct.nrrd"], "--device hand with --bone needs --entry"),
         (["--axis", "0,0,1"], "--axis goes with --volume, --labels or --bone"),
         (["--save", "x.nrrd"], "--save: a block has no volume: the file must end in .h5, got x.nrrd"),
+        (["--save", "x.h5", "--record", "x.h5"], "--save must be another file than --record, got x.h5"),
         (["--save", "slices"], "--save: a block has no volume"),
         ([*GREY, *THERE, "--save", "x.txt"], "--save: path must end in .nrrd, .nii, .nii.gz or .mha, got x.txt"),
         ([*GREY, *THERE, "--save", "ct.nrrd"], "--save: path must be another file than the original"),

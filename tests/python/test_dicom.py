@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
 import pytest
 
@@ -181,6 +183,17 @@ def test_pixel_data_shorter_than_the_header_says(folder):
         burrlab.read_volume(folder)
 
 
+@pytest.mark.parametrize(("lost", "match"), [(0, ""), (8, r"slice004\.dcm: the pixel data is cut short")])
+def test_big_endian_slices(folder, lost, match):
+    path = folder / "slice004.dcm"
+    part = pydicom.dcmread(path)
+    part.PixelData = VALUES[4].astype(">i2").tobytes()[: VALUES[4].size * 2 - lost]
+    part.file_meta.TransferSyntaxUID = pydicom.uid.ExplicitVRBigEndian
+    pydicom.dcmwrite(path, part, implicit_vr=False, little_endian=False)
+    with pytest.raises(ValueError, match=match) if lost else contextlib.nullcontext():
+        np.testing.assert_array_equal(burrlab.read_volume(folder).values, VALUES)
+
+
 def test_without_pixel_spacing(tmp_path):
     write_series(tmp_path / "ct", VALUES, PixelSpacing=None)
     with pytest.raises(ValueError, match="does not say the voxel spacing along x, y; it must be given"):
@@ -190,6 +203,12 @@ def test_without_pixel_spacing(tmp_path):
     )
     with pytest.raises(ValueError, match=r"spacing must be that of the file, \(nan, nan, 0\.75\) mm"):
         burrlab.read_volume(tmp_path / "ct", spacing=0.4)
+
+
+def test_a_pixel_spacing_that_is_not_positive_is_none(tmp_path):
+    write_series(tmp_path / "ct", VALUES, PixelSpacing=["-1", "1"])
+    with pytest.raises(ValueError, match="does not say the voxel spacing along y; it must be given"):
+        burrlab.read_volume(tmp_path / "ct")
 
 
 def test_one_slice_has_no_spacing_along_z(folder):

@@ -461,6 +461,24 @@ def test_descriptions_in_other_styles_name_the_new_slices(tmp_path: Path, text: 
     np.testing.assert_allclose(found.spacing, volume.spacing)
 
 
+def test_another_volume_under_the_name_of_a_half_drilled_one_is_not_replaced(tmp_path: Path) -> None:
+    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+    volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
+    bone = drilled(volume)
+    save_drilled(tmp_path / "b.nrrd", bone, volume, mapping=MAP)
+    save_drilled(tmp_path / "b.nrrd", bone, volume, mapping=MAP)  # its own it replaces
+    other = nrrd(tmp_path / "b.nrrd", greys() + np.int16(1)).read_bytes()
+    with pytest.raises(
+        FileExistsError, match=r"path must be a new file or one of save_drilled, .*b\.nrrd is neither"
+    ):
+        save_drilled(tmp_path / "b.nrrd", bone, volume, mapping=MAP)
+    assert (tmp_path / "b.nrrd").read_bytes() == other
+    (state,) = tmp_path.glob("b.nrrd.*.bone.h5")
+    state.rename(tmp_path / state.name.replace("b.nrrd", "a.nrrd"))
+    with pytest.raises(ValueError, match="path must be another file than the original"):
+        save_drilled(tmp_path / "a.nrrd", bone, volume, mapping=MAP)
+
+
 def test_bad_saves_are_refused(tmp_path: Path) -> None:
     pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))

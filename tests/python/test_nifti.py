@@ -72,6 +72,18 @@ def test_nifti_without_orientation_is_noted_and_without_spacing_asked_for(tmp_pa
         burrlab.read_volume(path, spacing=(0.4, 0.5, 3))
 
 
+@pytest.mark.parametrize("offset", [0.0, 347.0, -5.0, float("nan")])
+def test_values_do_not_begin_in_the_header(tmp_path, offset):
+    nifti(tmp_path / "v.nii", a_volume().values, affine=np.diag([1.0, 1, 1, 1]))
+    content = bytearray((tmp_path / "v.nii").read_bytes())
+    struct.pack_into("<f", content, 108, offset)
+    (tmp_path / "v.nii").write_bytes(content)
+    with pytest.raises(
+        ValueError, match="values must begin behind the NIfTI header of 348 bytes, got vox_offset"
+    ):
+        burrlab.read_volume(tmp_path / "v.nii")
+
+
 def test_nifti_headers_that_contradict_themselves(tmp_path):
     path, values = tmp_path / "v.nii", a_volume().values
     nifti(path, values, affine=np.diag([0.5, 0.5, 2.0, 1.0]), pixdim=[1, 0.5, 0.5, 1, 1, 1, 1, 1])

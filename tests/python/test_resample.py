@@ -152,6 +152,13 @@ def test_crop():
         ValueError, match=r"holds no voxel of v, which lies between \(10, 20, 30\) and \(12\.5, 22, 33\) mm"
     ):
         volume.crop((0, 0, 0), (5, 5, 5))
+    with pytest.raises(ValueError, match="holds no voxel of v"):
+        volume.crop((1e300, 0, 0), (2e300, 99, 99))
+    assert volume.crop((-1e300, -1e300, -1e300), (1e300, 1e300, 1e300)).shape == volume.shape
+    with pytest.raises(
+        ValueError, match=r"spacing must be coarser or the volume cropped: .* makes inf voxels"
+    ):
+        volume.resample(1e-320)
     with pytest.raises(
         ValueError,
         match=r"must be a box of voxels \(z, y, x\) in \(4, 5, 6\), got \(0, 0, 0\) to \(4, 5, 7\)",
@@ -207,7 +214,7 @@ def test_geometry_that_differs(change, message):
         ({"spacing": (1, 1, 0)}, "spacing must be a positive number or three"),
         ({"origin": (1, 1)}, "origin must be three finite numbers"),
         ({"direction": np.eye(3) * 2}, "not orthonormal"),
-        ({"direction": np.eye(2)}, "matrix of 3 x 3 finite numbers"),
+        ({"direction": np.eye(2)}, "direction matrix must be of 3 x 3 finite numbers"),
     ],
 )
 def test_wrong_volumes(change, message):

@@ -165,6 +165,9 @@ def test_labels(tmp_path):
     assert burrlab.read_labels(tmp_path / "float.nii").labels.dtype == np.int32
     nifti(tmp_path / "float.nii", labels.labels + np.float32(0.5) * (labels.labels == 3), affine=np.eye(4))
     with pytest.raises(
-        ValueError, match=r"labels must be whole numbers, got 3\.5 at \(z, y, x\) = \(0, 0, 3\)"
+        ValueError, match=r"labels must be whole numbers below 2\^31, got 3\.5 at \(z, y, x\) = \(0, 0, 3\)"
     ):
         burrlab.read_labels(tmp_path / "float.nii")
+    nifti(tmp_path / "large.nii", labels.labels.astype(np.float64) * 2.0**30, affine=np.eye(4))
+    with pytest.raises(ValueError, match=r"below 2\^31, got 2147483648 at \(z, y, x\) = \(0, 0, 2\)"):
+        burrlab.read_labels(tmp_path / "large.nii")

@@ -76,6 +76,8 @@ def test_a_fourth_axis_of_one_is_no_axis(tmp_path, head):
         ("dimension: 3\nsizes: 5 4 3\nspace: LPS\nspace directions: (1,0) (0,1) (1,1)\n", "three vectors of three"),
         ("dimension: 3\nsizes: 5 4 3\nspace: LPS\nspace directions: (1,0,0) (0.5,1,0) (0,0,1)\n", "not orthonormal"),
         ("dimension: 3\nsizes: 5 4 3\nspace: LPS\nspace directions: (a,0,0) (0,1,0) (0,0,1)\n", "is no vector"),
+        ("dimension: 3\nsizes: 5 4 3\nspace: LPS\nspace directions: (1,0) (0,1,0) (0,0,1)\n", "three vectors of three"),
+        ("dimension: 3\nsizes: 5 4 3\nspace: LPS\nspace directions: (nan,0,0) (0,1,0) (0,0,1)\n", r"v\.nrrd: the direction matrix must be of 3 x 3 finite"),
         ("dimension: 3\nsizes: 5 4 3\nspacings: 1 1\n", "spacings of the NRRD header are '1 1'"),
         ("dimension: 3\nsizes: 5 4 3\nspacings: 1 1 1\nspace origin: (1,2)\n", "space origin of the NRRD header must be"),
     ],
@@ -113,6 +115,19 @@ def test_nrrd_space_that_is_not_anatomical_is_noted(tmp_path):
         ("DimSize = 60\nElementSpacing = 1 1 1\n", "three dimensions"),
         ("DimSize = 5 4 3\nElementSpacing = 1 1 1\nDistanceUnits = ell\n", "DistanceUnits must be one of"),
         ("ElementSpacing = 1 1 1\n", "the MetaImage header has no DimSize"),
+        (
+            "DimSize = inf 4 3\nElementSpacing = 1 1 1\n",
+            r"v\.mha: DimSize must hold whole numbers, got inf 4 3",
+        ),
+        (
+            "DimSize = nan 4 3\nElementSpacing = 1 1 1\n",
+            r"v\.mha: DimSize must hold whole numbers, got nan 4 3",
+        ),
+        (
+            "DimSize = 5.5 4 3\nElementSpacing = 1 1 1\n",
+            r"v\.mha: DimSize must hold whole numbers, got 5\.5 4 3",
+        ),
+        ("DimSize = 5 4 3\nElementSpacing = 1 1\n", r"v\.mha: ElementSpacing must hold 3 numbers, got 2"),
     ],
 )
 def test_wrong_meta_image(tmp_path, head, message):

@@ -20,7 +20,7 @@ from burrlab.volume.header import Header
 
 #: How far the distances of slices may differ from one another, a part of the distance (headers round).
 EVEN = 1e-2
-_PIXEL_DATA = b"\xe0\x7f\x10\x00"  # its tag, little endian
+_BIG_ENDIAN = b"1.2.840.10008.1.2.2\0"  # transfer syntax Explicit VR Big Endian
 #: How far the slices may shift sideways from the first to the last, a part of a pixel: more is a gantry tilt.
 STRAIGHT = 0.1
 
@@ -157,7 +157,7 @@ def _header_of(name: str) -> _Slice:
             f"{name}: a volume needs three dimensions and one value a voxel, got a {text('0028|0004')} image of "
             f"{reader.GetNumberOfComponents()} values"
         )
-    down, across = numbers("0028|0030", 2)  # between rows, between columns
+    down, across = (s if s > 0 else np.nan for s in numbers("0028|0030", 2))  # between rows, between columns
     position, turn = numbers("0020|0032", 3), numbers("0020|0037", 6)
     if np.any(np.isnan(position)) or np.any(np.isnan(turn)):
         raise ValueError(f"{name}: the DICOM header does not say the slice's position and orientation")
@@ -239,13 +239,15 @@ def _check_straight(slices: list[_Slice], direction: Array, where: str) -> None:
 def _check_whole(part: _Slice) -> None:
     """ValueError where the pixel data is shorter than rows and columns ask for: GDCM would fill the rest up."""
     content, wanted = Path(part.name).read_bytes(), part.size[0] * part.size[1] * part.bits // 8
-    found, place = [], content.find(_PIXEL_DATA)
+    big = _BIG_ENDIAN in content[:1024]
+    tag = b"\x7f\xe0\x00\x10" if big else b"\xe0\x7f\x10\x00"
+    found, place = [], content.find(tag)
     while place >= 0:
         at = place + (
             8 if content[place + 4 : place + 6] in (b"OW", b"OB") else 4
         )  # with and without its type
-        found.append(int.from_bytes(content[at : at + 4], "little"))  # all ones: compressed
-        place = content.find(_PIXEL_DATA, place + 4)
+        found.append(int.from_bytes(content[at : at + 4], "big" if big else "little"))  # all ones: compressed
+        place = content.find(tag, place + 4)
     if found and max(found) < wanted:
         raise ValueError(f"{part.name}: the pixel data is cut short: {max(found)} bytes of {wanted}")
 

@@ -13,7 +13,15 @@ import numpy as np
 
 from burrlab._core import VoxelBone
 from burrlab.session.snapshot import check_tick, load_bone, save_bone
-from burrlab.volume.drilled_pair import IN_FOLDER, KIND, own_sidecar, replace_whole, sidecar, sidecars
+from burrlab.volume.drilled_pair import (
+    IN_FOLDER,
+    KIND,
+    is_drilled,
+    own_sidecar,
+    replace_whole,
+    sidecar,
+    sidecars,
+)
 from burrlab.volume.drilled_stack import check_whole_stack, stack_slices, write_stack
 from burrlab.volume.drilled_values import changed_file, changes, check_header, file_ending, grey_of_levels
 from burrlab.volume.label_volume import LabelVolume
@@ -165,7 +173,7 @@ def check_drilled(
     """The errors of `save_drilled` that can be told before there is a bone; the slices of a stack that is saved as one."""
     if not target.resolve().parent.is_dir():
         raise FileNotFoundError(f"folder must exist, got {target.resolve().parent}")
-    if Path(like.path).exists() and target.exists() and target.samefile(like.path) and not sidecars(target):
+    if Path(like.path).exists() and target.exists() and target.samefile(like.path) and not is_drilled(target):
         raise ValueError(f"path must be another file than the original {like.path}")
     if isinstance(like, LabelVolume):
         if mapping is not None:
@@ -177,7 +185,7 @@ def check_drilled(
     slices = None if target.name.lower().endswith(ENDINGS) else stack_slices(like)
     if slices is None:
         file_ending(target)
-        if target.exists() and not sidecars(target):
+        if target.exists() and not is_drilled(target):
             raise FileExistsError(f"path must be a new file or one of save_drilled, {target} is neither")
         check_header(target, like)
         return None

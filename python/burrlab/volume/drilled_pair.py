@@ -67,6 +67,17 @@ def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
     return beside, told
 
 
+def is_drilled(target: Path) -> bool:
+    """Whether a file or folder is a half-drilled volume as it was saved, and not another one under its name."""
+    if not sidecars(target):
+        return False
+    try:
+        own_sidecar(target)
+    except (ValueError, OSError):
+        return False
+    return True
+
+
 def replace_whole(target: Path, content: bytes) -> None:
     """Writes a file that appears, or replaces an older one, when it is whole and on disk."""
     part = target.with_name(f".{target.name}.part")

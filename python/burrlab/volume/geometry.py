@@ -39,7 +39,9 @@ def checked_direction(direction: ArrayLike, what: str = "direction") -> Array:
     """The nearest orthonormal matrix, left-handed ones too; ValueError where that is further than `ORTHONORMAL`."""
     found = np.array(direction, dtype=float)
     if found.shape != (3, 3) or not np.all(np.isfinite(found)):
-        raise ValueError(f"{what} must be a matrix of 3 x 3 finite numbers, got {direction!r}")
+        raise ValueError(
+            f"{what}: the direction matrix must be of 3 x 3 finite numbers, got {np.asarray(direction).tolist()}"
+        )
     off = float(np.abs(found.T @ found - np.eye(3)).max())
     if off > ORTHONORMAL:
         raise ValueError(
@@ -94,8 +96,8 @@ class OnGrid:
         corners = np.array([checked_point(low, "low"), checked_point(high, "high")])
         every = np.array([[corners[(i >> k) & 1, k] for k in range(3)] for i in range(8)])
         places = ((every - self.origin) @ self.direction) / self.spacing
-        first = np.maximum(np.ceil(places.min(axis=0) - 1e-6), 0).astype(int)
-        last = np.minimum(np.floor(places.max(axis=0) + 1e-6) + 1, self.shape[::-1]).astype(int)
+        first = np.clip(np.ceil(places.min(axis=0) - 1e-6), 0, self.shape[::-1]).astype(int)
+        last = np.clip(np.floor(places.max(axis=0) + 1e-6) + 1, 0, self.shape[::-1]).astype(int)
         if np.any(first >= last):
             raise ValueError(
                 f"box from {_point(corners[0])} to {_point(corners[1])} mm holds no voxel of {self.path}, "

@@ -138,10 +138,11 @@ def whole_labels(labels: NDArray[Any], path: str) -> NDArray[Any]:
         return labels
     check_finite(labels, path)
     found = np.rint(labels)
-    if not np.array_equal(found, labels) or np.abs(found).max() >= 2**31:
-        first = tuple(int(i) for i in np.unravel_index(int(np.argmax(found != labels)), labels.shape))
+    wrong = (found != labels) | (np.abs(found) >= 2**31)
+    if wrong.any():
+        first = tuple(int(i) for i in np.unravel_index(int(np.argmax(wrong)), labels.shape))
         raise ValueError(
-            f"{path}: labels must be whole numbers, got {labels[first]:g} at (z, y, x) = {first}"
+            f"{path}: labels must be whole numbers below 2^31, got {labels[first]:.10g} at (z, y, x) = {first}"
         )
     return np.asarray(found.astype(np.int32))
 

@@ -20,7 +20,7 @@ _BYTES = {"MET_CHAR": 1, "MET_UCHAR": 1, "MET_SHORT": 2, "MET_USHORT": 2, "MET_I
 def read_meta_header(name: str) -> Header:
     """Place of the voxels; ValueError with one sentence where the header cannot be read."""
     fields, _ = _fields(name)
-    sizes = [int(n) for n in _numbers(fields, ("DimSize",), name)]
+    sizes = _sizes(fields, name)
     if len(sizes) < 3:
         raise ValueError(
             f"{name}: a volume needs three dimensions and one value a voxel, got {len(sizes)} dimensions"
@@ -36,6 +36,8 @@ def read_meta_header(name: str) -> Header:
         raise ValueError(f"{name}: DistanceUnits must be one of {', '.join(MILLIMETRES)}, got {unit}")
     notes = []
     spacing = scale * np.abs(_numbers(fields, ("ElementSpacing", "ElementSize"), name, [np.nan] * n))[:3]
+    if len(spacing) != 3:
+        raise ValueError(f"{name}: ElementSpacing must hold {n} numbers, got {len(spacing)}")
     matrix = _numbers(fields, ("TransformMatrix", "Rotation", "Orientation"), name, [])
     if len(matrix) == 0:
         notes.append("the MetaImage header says no orientation: voxel axes are taken as L, P, S")
@@ -66,7 +68,7 @@ def check_meta_values(name: str) -> None:
         file.seek(start if local else 0)
         packed = fields.get("CompressedData", "False").lower() == "true"
         have = _unpacked(file, name) if packed else path.stat().st_size - file.tell()
-    wanted = size * math.prod(int(n) for n in fields["DimSize"].split())
+    wanted = size * math.prod(_sizes(fields, name))
     if have < wanted:
         raise ValueError(f"{name}: the file is cut short: {have} bytes of values, of {wanted}")
 
@@ -96,6 +98,13 @@ def _fields(name: str) -> tuple[dict[str, str], int]:
             if key.strip() == _END:
                 return fields, file.tell()
     raise ValueError(f"{name}: cannot be read as a volume: no MetaImage header")
+
+
+def _sizes(fields: dict[str, str], name: str) -> list[int]:
+    found = _numbers(fields, ("DimSize",), name)
+    if not np.all(np.isfinite(found) & (found == np.rint(found))):
+        raise ValueError(f"{name}: DimSize must hold whole numbers, got {fields['DimSize']}")
+    return [int(n) for n in found]
 
 
 def _numbers(

@@ -96,10 +96,18 @@ def header_fields(content: bytes, name: str) -> Fields:
     for order in "<>":
         (size,) = struct.unpack(order + "i", content[:4])
         if size == 348 and content[344:347] in (b"n+1", b"ni1"):
-            return _version_1(content, order)
+            return _checked_offset(_version_1(content, order), size, name)
         if size == 540 and content[4:7] in (b"n+2", b"ni2") and len(content) >= 540:
-            return _version_2(content, order)
+            return _checked_offset(_version_2(content, order), size, name)
     raise ValueError(f"{name}: cannot be read as a volume: no NIfTI header")
+
+
+def _checked_offset(fields: Fields, size: int, name: str) -> Fields:
+    if fields.offset < (0 if fields.apart else size):
+        raise ValueError(
+            f"{name}: the values must begin behind the NIfTI header of {size} bytes, got vox_offset {fields.offset}"
+        )
+    return fields
 
 
 def stored_kind(fields: Fields) -> str | None:

@@ -55,9 +55,9 @@ def read_nrrd_header(name: str, *, layers: bool = False) -> Header:
     names, colours = _segments(keys)
     notes: list[str] = []
     if vectors:
-        table = np.array([vectors[i] for i in spatial], dtype=float).T
-        if table.shape != (3, 3):
+        if any(len(vectors[i]) != 3 for i in spatial):
             raise ValueError(f"{name}: space directions of the NRRD header must be three vectors of three")
+        table = np.array([vectors[i] for i in spatial], dtype=float).T
         table = _to_lps(fields, name, notes)[:, None] * _unit(fields.get("space units"), name, notes) * table
         spacing, direction = unit_columns(table)
         origin = _origin(fields, name, notes)

@@ -16,9 +16,11 @@ _WHOLE = 1e-3  # of a voxel: by how much a field of view may miss a whole number
 
 def resampled_shape(shape: tuple[int, int, int], old: Array, new: Array) -> tuple[int, int, int]:
     """Voxels (z, y, x) of spacing `new` (x, y, z) that cover the field of view; ValueError above the most."""
-    sides = np.array(shape, dtype=float) * old[::-1] / new[::-1]
-    counts = np.maximum(np.ceil(sides - _WHOLE), 1.0)
-    if not (voxels := float(np.prod(counts))) <= MOST_VOXELS:
+    with np.errstate(over="ignore"):
+        sides = np.array(shape, dtype=float) * old[::-1] / new[::-1]
+        counts = np.maximum(np.ceil(sides - _WHOLE), 1.0)
+        voxels = float(np.prod(counts))
+    if not voxels <= MOST_VOXELS:
         raise ValueError(
             f"spacing must be coarser or the volume cropped: {new.min():g} mm makes {voxels:.3g} voxels, and "
             f"{MOST_VOXELS:.3g} are the most"

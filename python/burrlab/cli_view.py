@@ -62,7 +62,7 @@ def add_view_command(command: AddCommand) -> None:
         "--effects",
         action="store_true",
         default=None,
-        help="dust, blood and water of a trace in the page, at assumed rates",
+        help="dust, blood and, from a nozzle beside the burr, water of a trace, at assumed rates",
     )
     view.add_argument("--voxel", type=_positive, help="of a volume's bone [mm], default its own")
     add_volume_options(view)
@@ -178,12 +178,13 @@ def _show_trace(options: Options) -> int:
     from burrlab.view.player import TracePlayer
 
     trace = load_trace(options.file)
-    if options.web:
-        bone, effects = trace.bone(), None
-        if options.effects:
-            from burrlab.effects import Effects
+    effects = None
+    if options.effects:
+        from burrlab.effects import Effects, Nozzle
 
-            effects = Effects(bone, seed=trace.seed)
+        effects = Effects(trace.bone(), seed=trace.seed, nozzle=Nozzle())
+    if options.web:
+        bone = trace.bone()
         return _serve(options, trace, bone, effects)
     player = TracePlayer(trace)
     at = player.duration if options.at is None else options.at
@@ -192,7 +193,7 @@ def _show_trace(options: Options) -> int:
         from burrlab.view.trace_view import TraceView
         from burrlab.view.video import write_video
 
-        view = TraceView(player, slices=bool(options.slices), **_scene_options(options))
+        view = TraceView(player, effects=effects, slices=bool(options.slices), **_scene_options(options))
         _look(options, view.scene)
         if options.video is not None:
             fps = options.fps or 20.0

@@ -95,8 +95,9 @@ def _check(options: Options) -> None:
         for name in _OF_VOLUME:
             if getattr(options, name) is not None:
                 raise ValueError(f"--{name} goes with --volume or --labels")
-        if options.fill or options.unknown != "refuse":
-            raise ValueError(f"--{'fill' if options.fill else 'unknown'} goes with --labels")
+        if options.fill or options.onto or options.unknown != "refuse":
+            name = "fill" if options.fill else "onto" if options.onto else "unknown"
+            raise ValueError(f"--{name} goes with --labels")
     _check_shown(options)
     for name in ("png", "pictures", "video"):
         path = getattr(options, name)

@@ -113,6 +113,7 @@ def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
         ("--map goes with --volume or --labels", trace, "--map", "0:1"),
         ("--voxel goes with --volume or --labels", "--bone", trace, "--voxel", 1),
         ("--unknown goes with --labels", trace, "--unknown", "nearest"),
+        ("--onto goes with --labels", trace, "--onto"),
         ("--volume needs --map", "--volume", volume),
         ("--port goes with --web", trace, "--port", 8080),
         ("--png goes without --web", trace, "--web", "--png", png),

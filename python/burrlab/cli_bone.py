@@ -112,6 +112,9 @@ def _recipe(options: argparse.Namespace, material: Material) -> Recipe | Drilled
 
 def _check_place(options: argparse.Namespace) -> None:
     if "hand" not in options.device:
+        for name in ("entry", "axis"):
+            if getattr(options, name) is not None:
+                raise ValueError(f"--{name} goes with --device hand: other devices say where the burr is")
         return
     for name in ("entry", "axis"):
         if getattr(options, name) is None:

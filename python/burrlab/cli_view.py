@@ -62,7 +62,7 @@ def add_view_command(command: AddCommand) -> None:
         "--effects",
         action="store_true",
         default=None,
-        help="dust, blood and water of a trace in the page, at assumed rates",
+        help="dust, blood and, from a nozzle beside the burr, water of a trace, at assumed rates",
     )
     view.add_argument("--voxel", type=_positive, help="of a volume's bone [mm], default its own")
     add_volume_options(view)
@@ -95,8 +95,9 @@ def _check(options: Options) -> None:
         for name in _OF_VOLUME:
             if getattr(options, name) is not None:
                 raise ValueError(f"--{name} goes with --volume or --labels")
-        if options.fill or options.unknown != "refuse":
-            raise ValueError(f"--{'fill' if options.fill else 'unknown'} goes with --labels")
+        if options.fill or options.onto or options.unknown != "refuse":
+            name = "fill" if options.fill else "onto" if options.onto else "unknown"
+            raise ValueError(f"--{name} goes with --labels")
     _check_shown(options)
     for name in ("png", "pictures", "video"):
         path = getattr(options, name)
@@ -178,12 +179,13 @@ def _show_trace(options: Options) -> int:
     from burrlab.view.player import TracePlayer
 
     trace = load_trace(options.file)
-    if options.web:
-        bone, effects = trace.bone(), None
-        if options.effects:
-            from burrlab.effects import Effects
+    effects = None
+    if options.effects:
+        from burrlab.effects import Effects, Nozzle
 
-            effects = Effects(bone, seed=trace.seed)
+        effects = Effects(trace.bone(), seed=trace.seed, nozzle=Nozzle())
+    if options.web:
+        bone = trace.bone()
         return _serve(options, trace, bone, effects)
     player = TracePlayer(trace)
     at = player.duration if options.at is None else options.at
@@ -192,7 +194,7 @@ def _show_trace(options: Options) -> int:
         from burrlab.view.trace_view import TraceView
         from burrlab.view.video import write_video
 
-        view = TraceView(player, slices=bool(options.slices), **_scene_options(options))
+        view = TraceView(player, effects=effects, slices=bool(options.slices), **_scene_options(options))
         _look(options, view.scene)
         if options.video is not None:
             fps = options.fps or 20.0

@@ -63,6 +63,10 @@ def test_script_and_two_burrs(tmp_path, capsys):
             ["--device", "hand", "--volume", "x.nrrd", "--map", "0:1"],
             "--device hand with --volume needs --entry",
         ),
+        (
+            ["--device", "scripted:w.csv", "--volume", "x.nrrd", "--map", "0:1", "--entry", "0,0,0"],
+            "--entry goes with --device hand: other devices say where the burr is",
+        ),
         (["--device", "hand", "--radius", "0.3"], "radius must be at least 4 voxels"),
         (["--device", "hand", "--record", "/nowhere/t.h5"], "--record: /nowhere/t.h5 cannot be written"),
         (["--device", "hand", "--voxel", "0.001"], "--voxel makes a block of 9e+12 voxels"),

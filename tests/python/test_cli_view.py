@@ -15,7 +15,9 @@ from view_scenes import frames_in, read, write_trace
 
 import burrlab
 from burrlab.cli import main
+from burrlab.effects import effects_of
 from burrlab.session.snapshot import save_bone
+from burrlab.view import TracePlayer
 
 SMALL = ("--size", "320x240")
 
@@ -87,6 +89,19 @@ def test_pictures_of_a_trace_go_through_the_entry(trace, tmp_path, capsys):
     assert (seen[0] != seen[1]).any()
 
 
+def test_effects_have_dust_and_water(trace, capsys, monkeypatch):
+    import burrlab.view.web as web
+
+    served = {}
+    monkeypatch.setattr(web, "check_page", lambda **_: None)
+    monkeypatch.setattr(web, "serve", lambda source, **options: served.update(options))
+    assert call(capsys, trace, "--web", "--effects")[0] == 0
+    list(effects_of(TracePlayer(burrlab.load_trace(trace)), served["effects"]))
+    balance = served["effects"].balance()
+    assert balance["dust"].made > 0
+    assert balance["water"].made > 0
+
+
 def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
     png = tmp_path / "a.png"
     for said, *arguments in (
@@ -98,6 +113,7 @@ def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
         ("--map goes with --volume or --labels", trace, "--map", "0:1"),
         ("--voxel goes with --volume or --labels", "--bone", trace, "--voxel", 1),
         ("--unknown goes with --labels", trace, "--unknown", "nearest"),
+        ("--onto goes with --labels", trace, "--onto"),
         ("--volume needs --map", "--volume", volume),
         ("--port goes with --web", trace, "--port", 8080),
         ("--png goes without --web", trace, "--web", "--png", png),
@@ -157,6 +173,9 @@ def test_picture_film_and_stereo_of_a_trace(trace, tmp_path, capsys):
     assert call(capsys, trace, "--png", png, "--at", 0.2, *SMALL)[0] == 0
     assert call(capsys, trace, "--png", stereo, "--stereo", "--slices", *SMALL)[0] == 0
     assert read(png).shape == (240, 320, 3)
+    wet = tmp_path / "wet.png"
+    assert call(capsys, trace, "--png", wet, "--at", 0.2, "--effects", *SMALL)[0] == 0
+    assert (np.abs(read(wet).astype(int) - read(png)).max(axis=2) > 8).sum() > 20
     assert read(stereo).shape == (240, 640, 3)
     code, out, _ = call(capsys, trace, "--video", film, "--fps", 10, "--speed", 0.5, "--json", "-", *SMALL)
     assert code == 0

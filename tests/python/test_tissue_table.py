@@ -13,6 +13,7 @@ from burrlab.anatomy import (
     default_tissues,
     label_counts,
     labelled_bone,
+    phantom_tissues,
     read_tissues,
     write_tissues,
 )
@@ -65,6 +66,14 @@ def test_only_bone_is_not_assumed_and_all_have_its_values() -> None:
     assert table[9].colour == (244, 214, 49)
     own = Material("own", c_e=3.0, alpha=0.2, shape="linear")
     assert {(t.c_e, t.alpha) for t in default_tissues(["bone", "dura"], material=own)} == {(3.0, 0.2)}
+
+
+def test_the_phantom_and_the_default_table_agree() -> None:
+    phantom = phantom_tissues()
+    table = default_tissues([tissue.name for tissue in phantom])
+    assert [(t.name, t.critical, t.bleeds) for t in table] == [
+        (t.name, t.critical, t.bleeds) for t in phantom
+    ]
 
 
 def test_two_sides_keep_their_names() -> None:

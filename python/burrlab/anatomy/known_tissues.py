@@ -73,7 +73,7 @@ KNOWN = (
     KnownTissue("sinus and dura", (), (110, 184, 209), bleeds=True),
     KnownTissue("sigmoid sinus", ("sinus", "transverse sinus"), (70, 90, 200), bleeds=True),
     KnownTissue("jugular bulb", ("jugular", "jugular vein", "internal jugular vein"), (50, 60, 160), bleeds=True),
-    KnownTissue("dura", ("dura mater",), (120, 200, 220)),
+    KnownTissue("dura", ("dura mater",), (120, 200, 220), bleeds=True),
     KnownTissue("brain", ("temporal lobe", "cerebellum"), (245, 190, 190), bleeds=True),
     KnownTissue("vestibular aqueduct", (), (91, 98, 123)),
     KnownTissue(

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from burrlab.effects import Effects
 from burrlab.session.trace import Trace
 from burrlab.view.camera import Viewpoint, surgeon_view
+from burrlab.view.page_parcels import ParcelHistory
 from burrlab.view.player import TracePlayer
 from burrlab.view.scene import Scene
 
@@ -22,6 +24,9 @@ class TraceView:
     Parameters
     ----------
     trace : Trace or TracePlayer
+    effects : Effects, optional
+        Of the trace's initial bone, without a frame yet: dust, blood and water, made here from the trace's beginning to
+        its end.
     slices : bool
         Show slices through the first burr's centre.
     **options
@@ -38,8 +43,18 @@ class TraceView:
         If `trace` is neither.
     """
 
-    def __init__(self, trace: Trace | TracePlayer, *, slices: bool = False, **options: Any) -> None:
+    def __init__(
+        self,
+        trace: Trace | TracePlayer,
+        *,
+        effects: Effects | None = None,
+        slices: bool = False,
+        **options: Any,
+    ) -> None:
         self.player = trace if isinstance(trace, TracePlayer) else TracePlayer(trace)
+        self._parcels = None if effects is None else ParcelHistory(self.player.trace, effects)
+        if self._parcels is not None:
+            self._parcels.make()
         self.slices = slices
         self.scene = Scene(self.player.bone, self.player.burrs.radii.tolist(), **options)
         self.scene.look(trace_viewpoint(self.player))
@@ -58,6 +73,8 @@ class TraceView:
         rows = slice(first, done, max((done - first) // _CURVE_POINTS, 1))
         if history.force.shape[1]:
             scene.set_curves(history.time[rows], history.force[rows, 0], history.depth[rows, 0])
+        if self._parcels is not None:
+            scene.set_parcels(self._parcels.at(player.time))
         return blocks
 
     def frames(

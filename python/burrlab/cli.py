@@ -397,6 +397,12 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _sentence(error: Exception) -> str:
+    if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
+        return f"{error.filename}: {error.strerror}"  # without the number of the error
+    return " ".join(str(error).split())
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; 0 done (a run without a number too), 1 different or failed, 2 wrong input, 130 interrupted."""
     options = _parser().parse_args(_join_vectors(sys.argv[1:] if arguments is None else arguments))
@@ -404,8 +410,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _check_outputs(options)
         return int(options.run(options))
     except (ValueError, OSError, ImportError) as error:
-        message = " ".join(str(error).split())
-        print(f"burrlab {options.command}: {message}", file=sys.stderr)
+        print(f"burrlab {options.command}: {_sentence(error)}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(f"burrlab {options.command}: interrupted", file=sys.stderr)

@@ -40,6 +40,11 @@ def add_trace_commands(command: AddCommand) -> None:
     metrics.add_argument(
         "--target", metavar="VOLUME", help="labels on the bone's grid, not 0 where bone was to be removed"
     )
+    metrics.add_argument(
+        "--onto",
+        action="store_true",
+        help="a target on other voxels than the bone: bring the nearest on its own",
+    )
     add_watch_options(metrics)
     _output_options(metrics)
 
@@ -73,13 +78,17 @@ def _metrics(options: Options) -> int:
     from burrlab.session.metrics import HYSTERESIS, THRESHOLD, session_metrics
     from burrlab.session.trace import load_trace
 
+    if options.onto and options.target is None:
+        raise ValueError("--onto goes with --target")
     trace, target = load_trace(options.file), None
     if options.target is not None:
         from burrlab.anatomy.target import compare_with_target
         from burrlab.volume import read_labels
 
         target = read_labels(options.target)
-        compare_with_target(trace.bone(), target)  # what is wrong with it is said before the work
+        compare_with_target(
+            trace.bone(), target, onto=options.onto
+        )  # what is wrong with it is said before the work
     metrics = session_metrics(
         trace, burr=options.burr, threshold=options.threshold or THRESHOLD,
         hysteresis=options.hysteresis or HYSTERESIS,
@@ -95,7 +104,7 @@ def _metrics(options: Options) -> int:
         metrics = replace(metrics, anatomy=anatomy)
     result, text = metrics.to_dict(), repr(metrics)
     if target is not None:
-        removed = _against(trace, target)
+        removed = _against(trace, target, options.onto)
         result["target"] = {"file": options.target, **removed.to_dict()}
         text += f"\n\nagainst {options.target}\n{removed.table()}"
     if options.plot is not None:
@@ -104,7 +113,7 @@ def _metrics(options: Options) -> int:
     return 0
 
 
-def _against(trace: Trace, target: LabelVolume) -> TargetComparison:
+def _against(trace: Trace, target: LabelVolume, onto: bool) -> TargetComparison:
     from burrlab.anatomy.target import compare_with_target
     from burrlab.session.replay import replay
 
@@ -112,7 +121,7 @@ def _against(trace: Trace, target: LabelVolume) -> TargetComparison:
         again = replay(trace, progress=progress)
     if again.difference is not None:
         raise ValueError(f"--target: the trace replays otherwise than recorded: {again.difference}")
-    return compare_with_target(again.bone, target)
+    return compare_with_target(again.bone, target, onto=onto)
 
 
 @contextmanager

@@ -37,7 +37,10 @@ def add_volume_options(parser: argparse.ArgumentParser) -> None:
         help="grey values of empty and solid; or a table GREY:OCCUPANCY,GREY:OCCUPANCY,..., 0 to 1",
     )  # fmt: skip
     volume.add_argument(
-        "--entry", type=vector, metavar="X,Y,Z", help="where the axis begins, volume's own coordinates [mm]"
+        "--entry",
+        type=vector,
+        metavar="X,Y,Z",
+        help="where the axis begins, volume's own coordinates, LPS [mm]",
     )
     volume.add_argument(
         "--axis", type=vector, metavar="X,Y,Z", help="direction of the descent (a block too; default 0,0,-1)"

@@ -213,7 +213,7 @@ def test_command_line(session, tmp_path, capsys):
 
     code, _, err = call(capsys, "replay", tmp_path / "none.h5")
     assert code == 2
-    assert "No such file" in err
+    assert err == f"burrlab replay: {tmp_path / 'none.h5'}: No such file or directory\n"
     (tmp_path / "text.h5").write_text("text")
     code, _, err = call(capsys, "replay", tmp_path / "text.h5")
     assert code == 2

@@ -109,6 +109,27 @@ def test_bad_targets_are_refused():
             compare_with_target(bone, replace(labels, **changed))
 
 
+def test_a_target_on_other_voxels_is_brought_onto_the_bone():
+    """Halves of the bone's voxels, a part of them, in a turned volume: the region is the same."""
+    bone, region, _ = carved()
+    expected = compare_with_target(bone, region).to_dict()
+    turn = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
+    labels = replace(labels_on(bone, region), origin=turn @ np.array(bone.origin), direction=turn)
+    finer = labels.resample(labels.spacing / 2)
+    z, y, x = np.nonzero(finer.labels)
+    part = finer.crop_voxels(
+        (int(z.min()), int(y.min()), int(x.min())), (int(z.max()) + 1, int(y.max()) + 1, int(x.max()) + 1)
+    )
+    for target in (finer, part):
+        with pytest.raises(
+            ValueError, match=r"target must have the bone's shape .*; onto=True \(--onto\) brings it"
+        ):
+            compare_with_target(bone, target)
+        assert compare_with_target(bone, target, onto=True).to_dict() == expected
+    with pytest.raises(ValueError, match="target must be a LabelVolume to be brought onto the bone's voxels"):
+        compare_with_target(bone, region, onto=True)
+
+
 def test_command_line(tmp_path, capsys):
     """A trace of a bone and a target in a file, which a second program could have drawn."""
     pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
@@ -128,6 +149,15 @@ def test_command_line(tmp_path, capsys):
     assert {key: found[key] for key in expected} == expected
     assert main(["metrics", str(record), "--target", str(tmp_path / "target.nrrd")]) == 0
     assert "% of the target's" in capsys.readouterr().out
+    finer = labels_on(bone, region).resample(np.array(bone.spacing) / 2)
+    write_volume(tmp_path / "finer.nrrd", finer)
+    assert (
+        main(["metrics", str(record), "--target", str(tmp_path / "finer.nrrd"), "--onto", "--json", "-"]) == 0
+    )
+    found = json.loads(capsys.readouterr().out)["target"]
+    assert {key: found[key] for key in expected} == expected
+    assert main(["metrics", str(record), "--onto"]) == 2
+    assert "--onto goes with --target" in capsys.readouterr().err
     write_volume(wrong, replace(labels_on(bone, region), origin=np.zeros(3)))
     assert main(["metrics", str(record), "--target", str(wrong)]) == 2
     assert "target must lie on the bone's grid" in capsys.readouterr().err

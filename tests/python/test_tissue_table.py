@@ -90,7 +90,8 @@ def test_a_label_volume_gives_names_and_colours() -> None:
         (0, "unlabelled", (128, 128, 128)), (5, "bone", (1, 2, 3)), (7, "dura", (120, 200, 220)),
     ]  # fmt: skip
     with pytest.raises(
-        ValueError, match=r"does not know label 5 \('spleen', 12 voxels\); it knows air, .*read_tissues"
+        ValueError,
+        match=r"does not know label 5 \('spleen', 12 voxels\); it knows air, .*read_tissues, `burrlab tissues FILE --template table.csv`\)",
     ):
         default_tissues(label_volume(labels, {5: "spleen"}))
     with pytest.raises(ValueError, match=r"seg.nrrd: the labels 5 \(12 voxels\) have no names in the file"):
@@ -217,7 +218,7 @@ def test_a_structure_can_be_filled() -> None:
     table = default_tissues({1: "bone", 2: "facial nerve"})
     bare = labelled_bone(grey_volume(grey), label_volume(labels), table, mapping=GREY)
     assert (
-        "facial nerve: 0 % of its voxels are half full or more; what is empty cannot be injured (fill=)"
+        "facial nerve: 0 % of its voxels are half full or more; what is empty cannot be injured (fill=, --fill)"
         in bare.notes
     )
     made = labelled_bone(

@@ -91,6 +91,12 @@ def test_specimen_errors(tmp_path):
     above = volume.origin + (6.0, 6.0, 8.0)
     with pytest.raises(ValueError, match="meets no occupancy of 128"):
         volume.specimen(60, 160, entry=above, axis=(0, 0, 1))
+    with pytest.raises(
+        ValueError, match=r"; the volume lies from .* to .* mm, x to the left, y to the back \(LPS\)$"
+    ):
+        volume.specimen(60, 160, entry=above, axis=(0, 0, 1))
+    with pytest.raises(ValueError, match=r"\(LPS\); .* lies in it: RAS, as 3D Slicer shows"):
+        volume.specimen(60, 160, entry=(volume.origin + 6.0) * (-1, -1, 1), axis=(0, 0, -1))
     with pytest.raises(ValueError, match="lies inside bone"):
         volume.specimen(60, 160, entry=volume.origin + (6.0, 6.0, 1.0), axis=(0, 0, -1))
     with pytest.raises(ValueError, match="LO below HI"):

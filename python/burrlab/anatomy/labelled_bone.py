@@ -231,6 +231,6 @@ def _said_of_tissues(levels: NDArray[np.uint8], numbers: NDArray[np.uint8], tiss
         if tissue.critical and voxels[number] and 2 * held[number] < voxels[number]:
             part = 100.0 * held[number] / voxels[number]
             notes.append(
-                f"{tissue.name}: {part:.0f} % of its voxels are half full or more; what is empty cannot be injured (fill=)"
+                f"{tissue.name}: {part:.0f} % of its voxels are half full or more; what is empty cannot be injured (fill=, --fill)"
             )
     return notes

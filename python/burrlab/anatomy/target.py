@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,7 +120,9 @@ class TargetComparison:
         return tidy(axes)
 
 
-def compare_with_target(bone: VoxelBone, target: NDArray[Any] | LabelVolume) -> TargetComparison:
+def compare_with_target(
+    bone: VoxelBone, target: NDArray[Any] | LabelVolume, *, onto: bool = False
+) -> TargetComparison:
     """Overlap, missed and excess volume of what was removed from a bone.
 
     With q the level of a voxel now and p its pristine one, in units of 255 levels: overlap = sum of p - q over the
@@ -132,6 +134,9 @@ def compare_with_target(bone: VoxelBone, target: NDArray[Any] | LabelVolume) -> 
         As it is now; its pristine levels tell what it was.
     target : ndarray of bool, shape (z, y, x), or LabelVolume
         The region that was to be removed; of a label volume all voxels that are not 0, on the bone's own grid.
+    onto : bool
+        Bring a label volume on the voxels of the bone first, as `LabelVolume.on`: a plan drawn in a CT of which the bone is made
+        with finer voxels, or one that covers a part of it. Its axes must be those of the volume that the bone is of.
 
     Returns
     -------
@@ -154,7 +159,7 @@ def compare_with_target(bone: VoxelBone, target: NDArray[Any] | LabelVolume) -> 
     >>> comparison.percent, float(comparison.missed[0]), round(comparison.dice, 3)
     (50.0, 2.0, 0.667)
     """
-    region = _region(bone, target)
+    region = _region(bone, target, onto)
     names = [tissue.name for tissue in bone.tissues] if bone.tissues is not None else ["bone"]
     numbers = bone.tissue_numbers
     sums = np.zeros((3, len(names)), dtype=np.int64)
@@ -184,16 +189,33 @@ def _by_tissue(numbers: NDArray[np.uint8], levels: NDArray[np.int64], count: int
     return np.bincount(numbers, weights=levels, minlength=count).astype(np.int64)
 
 
-def _region(bone: VoxelBone, target: NDArray[Any] | LabelVolume) -> NDArray[np.bool_]:
+def _region(bone: VoxelBone, target: NDArray[Any] | LabelVolume, onto: bool) -> NDArray[np.bool_]:
     labels = getattr(target, "labels", None)
+    if onto:
+        if labels is None:
+            raise ValueError(
+                "target must be a LabelVolume to be brought onto the bone's voxels, got an array"
+            )
+        target = _brought_onto(bone, cast("LabelVolume", target))
+        labels = target.labels
     region = np.asarray(target if labels is None else labels != 0)
     if region.dtype != np.bool_:
         raise ValueError(f"target must be an array of bool, got {region.dtype}")
     if region.shape != bone.shape:
-        raise ValueError(f"target must have the bone's shape {bone.shape}, got {region.shape}")
+        hint = "" if labels is None else "; onto=True (--onto) brings it on the bone's voxels"
+        raise ValueError(f"target must have the bone's shape {bone.shape}, got {region.shape}{hint}")
     if labels is not None:
         _check_grid(bone, target)
     return region
+
+
+def _brought_onto(bone: VoxelBone, target: LabelVolume) -> LabelVolume:
+    # The bone's voxels in the target's own coordinates, one zero seen from all of them.
+    grid = replace(
+        target, labels=np.broadcast_to(np.uint8(0), bone.shape), spacing=np.array(bone.spacing),
+        origin=target.patient_point(np.array(bone.origin)), path="the bone",
+    )  # fmt: skip
+    return target.on(grid)
 
 
 def _check_grid(bone: VoxelBone, target: Any) -> None:
@@ -205,5 +227,5 @@ def _check_grid(bone: VoxelBone, target: Any) -> None:
     ):
         raise ValueError(
             f"target must lie on the bone's grid, spacing {bone.spacing} and origin {bone.origin} mm, got "
-            f"{tuple(spacing.tolist())} and {tuple(origin.tolist())}"
+            f"{tuple(spacing.tolist())} and {tuple(origin.tolist())}; onto=True (--onto) brings it there"
         )

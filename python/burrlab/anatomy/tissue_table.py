@@ -60,7 +60,7 @@ def default_tissues(
         known = ", ".join(tissue.name for tissue in KNOWN)
         raise ValueError(
             f"the default table does not know {told}; it knows {known}, and their usual synonyms: "
-            "give a table of your own (read_tissues)"
+            "give a table of your own (read_tissues, `burrlab tissues FILE --template table.csv`)"
         )
     rows = []
     taken: set[str] = set()

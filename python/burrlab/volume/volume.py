@@ -229,12 +229,27 @@ def specimen_in(
     surface = surface_along(bone, start, direction)
     if surface is None:
         raise ValueError(
-            f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in {of or grid.path}"
+            f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in {of or grid.path}; "
+            + _place(grid, checked_point(entry, "entry"))
         )
     if np.array_equal(surface, start):
         raise ValueError(f"entry: {tuple(map(float, entry))} lies inside bone; begin outside it")
     where = f"{grid.path}, {how}, entry {tuple(map(float, entry))}, axis {tuple(map(float, axis))}"
     return Specimen(bone, surface, direction, where, made)
+
+
+def _place(grid: OnGrid, entry: NDArray[Any]) -> str:
+    """Where a volume lies, for one who gave a point elsewhere."""
+    low, high = grid.corners().min(axis=0), grid.corners().max(axis=0)
+    said = f"the volume lies from {_point(low)} to {_point(high)} mm, x to the left, y to the back (LPS)"
+    mirrored = entry * (-1, -1, 1)
+    if np.all((low <= mirrored) & (mirrored <= high)) and not np.all((low <= entry) & (entry <= high)):
+        said += f"; {_point(mirrored)} lies in it: RAS, as 3D Slicer shows, has x and y of the other sign"
+    return said
+
+
+def _point(point: NDArray[Any]) -> str:
+    return "(" + ", ".join(f"{x:g}" for x in np.round(point, 2) + 0.0) + ")"
 
 
 def check_finite(values: NDArray[Any], path: str) -> None:

@@ -1,4 +1,9 @@
+#ifndef _WIN32
+#include <unistd.h>
+#endif
+
 #include <cstring>
+#include <memory>
 
 #include "bindings.hpp"
 #include "burrlab/check.hpp"
@@ -81,16 +86,34 @@ Decision step(Effects& effects, double seconds, const Numbers& bricks, const Lev
   return {decision.merge_to, decision.sub_steps, decision.done};
 }
 
+int this_process() {
+#ifdef _WIN32
+  return 0;
+#else
+  return static_cast<int>(getpid());
+#endif
+}
+
+/// A fork has a companion without its thread, whom nobody can wait for: it is left alone.
+struct EndWhereMade {
+  int process = this_process();
+  void operator()(EffectsCompanion* companion) const {
+    if (process == this_process()) delete companion;
+  }
+};
+using OwnCompanion = std::unique_ptr<EffectsCompanion, EndWhereMade>;
+
 void bind_companion(py::module_& m) {
-  py::class_<EffectsCompanion>(m, "EffectsCompanion", "Effects in a thread beside a session; see Companion.")
+  py::class_<EffectsCompanion, OwnCompanion>(m, "EffectsCompanion",
+                                             "Effects in a thread beside a session; see Companion.")
       .def(py::init([](std::shared_ptr<HapticLoop> loop, std::shared_ptr<Follower> follower,
                        const EffectParameters& parameters, std::uint64_t seed, const Vec3& down,
                        const Vec3& spin, std::optional<double> budget, double rate, bool realtime) {
              if (!loop || !follower) throw std::invalid_argument("loop and follower must be a session's");
              const py::gil_scoped_release release;
-             return std::make_unique<EffectsCompanion>(std::move(loop), std::move(follower),
-                                                       to_setup(parameters, seed, down, spin, budget), rate,
-                                                       realtime);
+             return OwnCompanion(new EffectsCompanion(std::move(loop), std::move(follower),
+                                                      to_setup(parameters, seed, down, spin, budget), rate,
+                                                      realtime));
            }),
            py::arg("loop"), py::arg("follower"), py::kw_only(), py::arg("parameters"), py::arg("seed"),
            py::arg("down"), py::arg("spin"), py::arg("budget"), py::arg("rate"), py::arg("realtime"))

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 import math
+import os
+import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -116,6 +120,44 @@ def test_it_outlives_the_names_of_session_and_companion() -> None:
     del made
     assert companion.wait(60)
     Companion(session(0.1), seed=1).start()  # ends with its last reference
+
+
+def test_it_ends_with_a_session_that_was_never_started() -> None:
+    made = session(1.0)
+    companion = Companion(made, seed=1, rate=100).start()
+    assert not companion.wait(0.1)
+    made.stop()
+    assert companion.wait(20)
+    assert companion.error == ""
+    assert Companion(made, seed=1, rate=100).start().wait(20)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+@pytest.mark.parametrize("end", ["companion.stop()", "del companion", "pass"])
+def test_a_fork_does_not_wait_for_its_thread(end: str) -> None:
+    program = (
+        "import os, sys\n"
+        "from effects_scenes import session\n"
+        "from burrlab.effects import Companion\n"
+        "made = session(60.0, wall_clock=True, realtime=False)\n"
+        "companion = Companion(made, seed=1, rate=50).start()\n"
+        "assert not companion.wait(0.2)\n"
+        "child = os.fork()\n"
+        "if child == 0:\n"
+        f"    {end}\n"
+        "    sys.exit(7)\n"
+        "print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), companion.running)\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program], cwd=Path(__file__).parent, stdout=subprocess.PIPE, text=True,
+        start_new_session=True,
+    ) as parent:  # fmt: skip
+        try:
+            said, _ = parent.communicate(timeout=30)
+        except subprocess.TimeoutExpired:
+            os.killpg(parent.pid, signal.SIGKILL)
+            raise
+    assert said == "7 True\n"
 
 
 @pytest.mark.parametrize(

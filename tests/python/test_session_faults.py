@@ -26,6 +26,24 @@ def lost_soon(**options):
     return session(box, wall_clock=True, realtime=False, **options)
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_fork_ends_no_session_of_its_parent():
+    program = (
+        "import os, sys\n"
+        "from test_session_faults import lost_soon\n"
+        "with lost_soon() as run:\n"
+        "    child = os.fork()\n"
+        "    if child == 0:\n"
+        "        sys.exit(7)\n"
+        "    ended = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])\n"
+        "    print(ended, run.wait(20), run.reason)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=os.path.dirname(__file__), capture_output=True, text=True, timeout=60
+    )  # fmt: skip
+    assert done.stdout.startswith("7 True device 0 was lost"), done.stdout + done.stderr
+
+
 class TestCallback:
     """`on_message` runs in the session's threads."""
 
@@ -38,6 +56,16 @@ class TestCallback:
         assert run.failed
         assert "on_message failed: RuntimeError('no terminal')" in run.messages
         assert burrlab.replay(burrlab.load_trace(tmp_path / "a.h5")).equal
+
+    @pytest.mark.parametrize("kind", [SystemExit, KeyboardInterrupt])
+    def test_that_wants_to_exit_ends_nothing(self, tmp_path, kind):
+        def leave(text):
+            raise kind("enough")
+
+        with lost_soon(on_message=leave, record=tmp_path / "a.h5") as run:
+            assert run.wait(20)
+        assert f"on_message failed: {kind('enough')!r}" in run.messages
+        assert burrlab.load_trace(tmp_path / "a.h5").ended == run.reason
 
     def test_may_stop_the_session(self, tmp_path):
         with lost_soon(on_message=lambda text: run.stop("seen"), record=tmp_path / "a.h5") as run:

@@ -119,7 +119,8 @@ void EffectsCompanion::run() {
     }
     int periods = 1;
     for (deadline += period; deadline < std::chrono::steady_clock::now(); deadline += period) ++periods;
-    last = loop_->started() && !loop_->running() && follower_->status().behind == 0;
+    const bool over = loop_->started() ? !loop_->running() : follower_->stopped();
+    last = over && follower_->status().behind == 0;
     try {
       frame(periods);
     } catch (const std::exception& failure) {

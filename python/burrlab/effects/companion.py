@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -80,6 +81,7 @@ class Companion:
         self.seed = to_seed(seed)
         self.rate = float(rate)
         self.budget = budget
+        self._process = os.getpid()
         self._core = EffectsCompanion(
             session.loop, session.follower, parameters=self.parameters, seed=self.seed, down=np.asarray(down, float),
             spin=np.asarray(spin, float), budget=budget, rate=self.rate,
@@ -95,8 +97,9 @@ class Companion:
         return self
 
     def stop(self) -> None:
-        """Ends it after the frame that it is in. Further calls do nothing."""
-        self._core.stop()
+        """Ends it after the frame that it is in. Further calls do nothing, nor does one in a fork."""
+        if self._process == os.getpid():
+            self._core.stop()
 
     def wait(self, seconds: float | None = None) -> bool:
         """Until it has ended, at most so long [s]; whether it has. Can be interrupted."""

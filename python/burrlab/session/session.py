@@ -230,8 +230,10 @@ class Session:
     def stop(self, reason: str = "stopped") -> None:
         """Ends the session, and waits until all ticks are followed, recorded and published. Further calls do nothing.
 
-        Called by `on_message` it does not wait.
+        Called by `on_message` it does not wait. In a fork it does nothing: the session is the parent's.
         """
+        if self._process != os.getpid():  # a fork has no threads to wait for
+            return
         self._loop.stop(reason)
         if getattr(self._saying, "now", False):  # maybe in the thread that would be waited for
             return
@@ -320,7 +322,9 @@ class Session:
         self._saying.now = True
         try:
             self._on_message(text)
-        except Exception as error:  # it must not end what it is told of
+        except BaseException as error:  # it must not end what it is told of, not even by sys.exit
+            if not isinstance(error, Exception) and threading.current_thread() is threading.main_thread():
+                raise  # Ctrl-C
             self.messages.append(f"on_message failed: {error!r}")
         finally:
             self._saying.now = False
@@ -352,9 +356,9 @@ class Session:
             if self._publisher is not None:
                 last.callback(self._publisher.stop)
             self._loop.stop()  # it has ended, and now lets go of its devices
+            self._follower.stop()  # where nothing was started it tells those who look at it
             if self._loop.started:
                 reason = self._loop.reason
-                self._follower.stop()
                 self._hand_digests()
                 self._tell_of_anatomy(last=True)
             if self._loop.failed:
@@ -406,8 +410,7 @@ def _stop_at_exit(session: Session) -> None:
 
 def _stop_all() -> None:
     for session in list(_to_stop):
-        if session._process == os.getpid():  # a fork has no threads to wait for
-            session.stop("the program ended")
+        session.stop("the program ended")
 
 
 def _whole(name: str, value: int, end: int, end_text: str) -> int:

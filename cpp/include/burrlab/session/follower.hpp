@@ -72,7 +72,8 @@ class Follower {
 
   void add(std::shared_ptr<TickListener> listener);  ///< before `start`; throws after it
   void start();
-  void stop();  ///< executes what is left in the ring first
+  void stop();                                       ///< executes what is left in the ring first
+  bool stopped() const { return stopping_.load(); }  ///< or about to
 
   FollowerStatus status() const;
   std::vector<DigestAt> digests(std::size_t from = 0) const;  ///< all but the first `from`

@@ -187,3 +187,13 @@ def test_missing_libraries_are_one_sentence(trace, tmp_path):
     assert done.returncode == 2
     assert done.stderr.startswith("burrlab view: drawing without a screen needs the Debian packages libegl1")
     assert done.stderr.count("\n") == 1
+
+
+def test_depth_is_mapped_along_the_axis_that_shows_the_opening():
+    from burrlab.cli_view import _widest_opening
+
+    for start, axis in (((10, 10, 8.5), "-z"), ((-0.5, 10, 4), "x"), ((10, 20.5, 4), "-y")):
+        bone = burrlab.VoxelBone.block((20, 20, 8), 0.5)
+        burrlab.BurrContact(bone, burrlab.Burr(2.5), burrlab.materials["bone"], 1).run([start] * 100, 1.0)
+        assert bone.removed > 0
+        assert _widest_opening(bone) == axis

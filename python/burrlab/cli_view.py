@@ -256,7 +256,9 @@ def _write_pictures(
     if bone.removed > 0:
         depth, file = new_figure(), Path(path)
         plot_depth_map(bone, axis=_widest_opening(bone), ax=depth.subplots())
-        depth.savefig(file.with_stem(f"{file.stem}-depth"), dpi=200)
+        depth.savefig(
+            file.with_stem(f"{file.stem}-depth"), dpi=200, bbox_inches="tight"
+        )  # a cavity may be narrow
         result["written"].append(str(file.with_stem(f"{file.stem}-depth")))
 
 

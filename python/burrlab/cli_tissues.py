@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from typing import Any
 
 from burrlab._core import Tissue, Tissues
@@ -17,6 +18,7 @@ from burrlab.materials import materials
 from burrlab.volume.label_volume import LabelVolume
 
 _GREY = (128, 128, 128)
+_LAST = 26  # characters of the synonyms: a line holds 80
 
 
 def add_tissues_command(command: AddCommand) -> None:
@@ -97,7 +99,7 @@ def _tissues(options: Options) -> int:
             if getattr(options, name) is not None:
                 raise ValueError(f"--{name} goes with a file of labels")
         found: list[dict[str, Any]] = [
-            {"name": t.name, "synonyms": list(t.synonyms), "colour": _hex(t.colour), "critical": t.critical, "bleeds": t.bleeds}
+            {"name": t.name, "colour": _hex(t.colour), "critical": t.critical, "bleeds": t.bleeds, "synonyms": list(t.synonyms)}
             for t in KNOWN
         ]  # fmt: skip
         _deliver(options, {"tissues": found}, _text(found))
@@ -143,6 +145,8 @@ def _hex(colour: tuple[int, int, int]) -> str:
 def _text(rows: list[dict[str, Any]]) -> str:
     """Rows under the names of their columns."""
     texts = [list(rows[0])] + [[_cell(value) for value in row.values()] for row in rows]
+    if isinstance(list(rows[0].values())[-1], list):  # a long last column goes on below itself
+        texts = [line for text in texts for line in _wrapped(text)]
     widths = [max(len(line[i]) for line in texts) for i in range(len(texts[0]))]
     numeric = [not isinstance(value, (str, bool, list, type(None))) for value in rows[0].values()]
     return "\n".join(
@@ -152,6 +156,11 @@ def _text(rows: list[dict[str, Any]]) -> str:
         ).rstrip()
         for line in texts
     )
+
+
+def _wrapped(cells: list[str]) -> list[list[str]]:
+    first, *rest = textwrap.wrap(cells[-1], _LAST) or [""]
+    return [[*cells[:-1], first], *([""] * (len(cells) - 1) + [part] for part in rest)]
 
 
 def _cell(value: Any) -> str:

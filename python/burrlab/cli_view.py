@@ -282,9 +282,22 @@ def _write_pictures(
     result["written"].append(str(path))
     if bone.removed > 0:
         depth, file = new_figure(), Path(path)
-        plot_depth_map(bone, ax=depth.subplots())
-        depth.savefig(file.with_stem(f"{file.stem}-depth"), dpi=200)
+        plot_depth_map(bone, axis=_widest_opening(bone), ax=depth.subplots())
+        depth.savefig(
+            file.with_stem(f"{file.stem}-depth"), dpi=200, bbox_inches="tight"
+        )  # a cavity may be narrow
         result["written"].append(str(file.with_stem(f"{file.stem}-depth")))
+
+
+def _widest_opening(bone: Any) -> str:
+    """The direction of looking, of six, in which most of the surface is seen to have gone; the first where several do."""
+    from burrlab.view.pictures import depth_map
+
+    area = dict(zip("xyz", (bone.spacing[k - 2] * bone.spacing[k - 1] for k in range(3)), strict=True))
+    return max(
+        ("-z", "z", "x", "-x", "y", "-y"),
+        key=lambda axis: np.count_nonzero(depth_map(bone, axis=axis) > 0) * area[axis[-1]],
+    )
 
 
 def _done(options: Options, result: dict[str, Any]) -> int:

@@ -84,3 +84,10 @@ def test_colours_in_no_table_are_told(files: Path, capsys: pytest.CaptureFixture
     )
     assert main(["tissues", "v.yaml", "--unknown", "10", "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["labels"][2]["voxels"] == 6339
+
+
+def test_known_structures_fit_a_terminal(capsys):
+    assert main(["tissues"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert any("vestibulocochlear" in line for line in lines)

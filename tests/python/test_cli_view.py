@@ -232,3 +232,25 @@ def test_missing_libraries_are_one_sentence(trace, tmp_path):
     assert done.returncode == 2
     assert done.stderr.startswith("burrlab view: drawing without a screen needs the Debian packages libegl1")
     assert done.stderr.count("\n") == 1
+
+
+def test_depth_is_mapped_along_the_axis_that_shows_the_opening():
+    from burrlab.cli_view import _widest_opening
+
+    for start, axis in (((10, 10, 8.5), "-z"), ((-0.5, 10, 4), "x"), ((10, 20.5, 4), "-y")):
+        bone = burrlab.VoxelBone.block((20, 20, 8), 0.5)
+        burrlab.BurrContact(bone, burrlab.Burr(2.5), burrlab.materials["bone"], 1).run([start] * 100, 1.0)
+        assert bone.removed > 0
+        assert _widest_opening(bone) == axis
+
+
+def test_a_narrow_depth_map_leaves_no_empty_half(tmp_path):
+    from burrlab.cli_view import _write_pictures
+
+    bone = burrlab.VoxelBone.block((20, 20, 8), 0.5)
+    contact = burrlab.BurrContact(bone, burrlab.Burr(2.5), burrlab.materials["bone"], 1)
+    contact.run([(10, y, 8.5) for y in np.linspace(3, 17, 400)], 1.0)
+    _write_pictures(str(tmp_path / "a.png"), bone, (10, 10, 7), [], [], {"written": []})
+    picture = read(tmp_path / "a-depth.png")
+    inked = np.flatnonzero((picture[..., :3] < 250).any(axis=(0, 2)))
+    assert inked[0] < 0.1 * picture.shape[1]

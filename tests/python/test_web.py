@@ -189,7 +189,6 @@ def test_a_missing_extra(monkeypatch, name):
 def test_refused_on_the_command_line(capsys, tmp_path):
     device = ["--device", "hand", "--duration", "1"]
     for arguments, sentence in (
-        (["view", "x.h5", "--effects"], "--effects goes with --web"),
         (["view", "x.h5", "--port", "1"], "--port goes with --web"),
         (["view", "--bone", "x.h5", "--web", "--effects"], "--effects goes with a trace"),
         (["session", "--web", "--view", *device], "argument --view: not allowed with argument --web"),

@@ -27,7 +27,7 @@ from burrlab.cli import (
 from burrlab.cli_bone import Start, add_bone_options, chosen_start
 from burrlab.cli_live import add_live_options, check_live, show_live
 from burrlab.cli_volume import add_label_options, add_volume_options
-from burrlab.cli_watch import add_watch_options, chosen_watch
+from burrlab.cli_watch import add_watch_options, chosen_watch, watch_asked_for
 from burrlab.session.device_text import parse_address, parse_device
 from burrlab.session.network import follow
 from burrlab.session.replica_report import replica_events, replica_report
@@ -116,13 +116,16 @@ def _session(options: Options) -> int:
     host = options.host or "127.0.0.1"
     burr = Burr(options.radius)
     start = chosen_start(options, burr, _material(options))
+    watch = chosen_watch(options, start.bone)
+    if watch is None and start.bone.tissues is not None and not watch_asked_for(options):
+        _say("no tissue is critical, so nothing is watched; --watch TISSUE names a structure")
     devices = [_device(text, options, burr, start.place, i) for i, text in enumerate(options.device)]
     session = burrlab.Session(
         start.bone, [(burr, start.material)] * len(devices), devices, seed=options.seed, rate=options.rate, tick=start.tick,
         duration=options.duration, force_limit=options.force_limit, slew_limit=options.slew_limit,
         coupling=options.coupling, record=options.record, publish=options.publish, host=host,
         header_version=options.header_version, source=start.source, realtime=not options.no_realtime,
-        watch=chosen_watch(options, start.bone), on_message=_say,
+        watch=watch, on_message=_say,
     )  # fmt: skip
     interrupted = False
     if session.port is not None:

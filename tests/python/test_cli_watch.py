@@ -10,6 +10,7 @@ import pytest
 from anatomy_scenes import nerve_bone, straight, table, tool
 
 import burrlab
+from burrlab import Tissue, Tissues
 from burrlab.anatomy import AnatomyReport, Watch, write_tissues
 from burrlab.cli import main
 from burrlab.cli_watch import add_watch_options, chosen_watch
@@ -50,6 +51,9 @@ def test_a_session_watches_and_metrics_tell(folder, capsys) -> None:
     )
     told = capsys.readouterr()
     assert "burr beside" in told.out
+    table = told.out[told.out.index("burr beside") : told.out.index("events:")]
+    assert "time [s] within" in table
+    assert max(map(len, table.splitlines())) <= 80  # it fits a terminal
     assert "burrlab: burr 0: touches nerve at tick" in told.err
     anatomy = json.loads(said.read_text())["anatomy"]
     assert anatomy["removed_mm3"]["nerve"] > 0.1
@@ -67,6 +71,18 @@ def test_a_session_watches_and_metrics_tell(folder, capsys) -> None:
     assert other["events"][0]["tick"] < anatomy["events"][0]["tick"]
     assert main(["metrics", str(path), "--watch", "none"]) == 2
     assert "--watch must name structures of the trace's bone, got none" in capsys.readouterr().err
+
+
+def test_a_bone_without_critical_tissues_says_that_nothing_is_watched(folder, capsys) -> None:
+    rows = [Tissue(t.name, label=t.label, c_e=t.c_e, alpha=t.alpha) for t in table()]
+    write_tissues(folder / "plain.csv", Tissues(rows, table().material))
+    assert command(folder, "--tissues", str(folder / "plain.csv")) == 0
+    assert (
+        "no tissue is critical, so nothing is watched; --watch TISSUE names a structure"
+        in capsys.readouterr().err
+    )
+    assert command(folder, "--tissues", str(folder / "plain.csv"), "--watch", "none") == 0
+    assert "nothing is watched" not in capsys.readouterr().err
 
 
 def test_a_session_without_a_watch_counts_its_tissues(folder, capsys) -> None:

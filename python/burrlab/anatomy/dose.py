@@ -92,26 +92,26 @@ class Dose:
 
 
 def dose_table(doses: Sequence[Dose]) -> str:
-    """A line a burr and structure, as text."""
+    """Two lines a burr and structure, as text: what came near with what force, and for how long."""
     width = max([len(d.structure) for d in doses] + [9]) + 2
     shown = WITHIN[1:]
-    columns = "".join(f"{f'{edge:g} mm':>9}" for edge in shown)
-    forces = "".join(f"{f'{edge:g} mm':>14}" for edge in NEAR)
     lines = [
-        f"{'burr beside':<{width + 5}}{'closest':>9}{'touching':>9}{'removed':>9}{'time within [s]':>{9 * len(shown)}}"
-        f"{'mean/peak force within [N]':>{14 * len(NEAR)}}",
-        f"{'':<{width + 5}}{'[mm]':>9}{'[s]':>9}{'[mm^3]':>9}{columns}{forces}",
+        f"{'burr beside':<{width + 5}}{'closest':>9}{'touching':>9}{'removed':>9}"
+        f"{'mean/peak force [N] within':>{13 * len(NEAR)}}",
+        f"{'':<{width + 5}}{'[mm]':>9}{'[s]':>9}{'[mm^3]':>9}"
+        + "".join(f"{f'{edge:g} mm':>13}" for edge in NEAR),
     ]
     for d in doses:
         closest = f"{d.closest:9.3f}" if math.isfinite(d.closest) else f"{'far':>9}"
-        times = "".join(f"{d.time_within[edge]:9.2f}" for edge in shown)
         force = "".join(
-            f"{'-' if math.isnan(d.mean_force[edge]) else f'{d.mean_force[edge]:.2f}/{d.peak_force[edge]:.2f}':>14}"
+            f"{'-' if math.isnan(d.mean_force[edge]) else f'{d.mean_force[edge]:.2f}/{d.peak_force[edge]:.2f}':>13}"
             for edge in NEAR
         )
-        lines.append(
-            f"{d.burr:<5}{d.structure:<{width}}{closest}{d.touching:9.2f}{d.removed:9.3g}{times}{force}"
-        )
+        lines.append(f"{d.burr:<5}{d.structure:<{width}}{closest}{d.touching:9.2f}{d.removed:9.3g}{force}")
+    lines.append(f"{'time [s] within':<{width + 5}}" + "".join(f"{f'{edge:g} mm':>9}" for edge in shown))
+    for d in doses:
+        times = "".join(f"{d.time_within[edge]:9.2f}" for edge in shown)
+        lines.append(f"{d.burr:<5}{d.structure:<{width}}{times}")
     return "\n".join(lines)
 
 

@@ -66,7 +66,7 @@ class AnatomyEvent:
         return plain
 
     def __str__(self) -> str:
-        removed = f"{self.removed:.2g} mm^3 removed in all"
+        removed = f"{self.removed:.2g} mm^3 removed in this session"
         if self.burr is None:
             return (
                 f"{self.structure} injured up to tick {self.tick}, in ticks that were not followed, {removed}"

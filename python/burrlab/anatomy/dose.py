@@ -97,14 +97,14 @@ def dose_table(doses: Sequence[Dose]) -> str:
     shown = WITHIN[1:]
     lines = [
         f"{'burr beside':<{width + 5}}{'closest':>9}{'touching':>9}{'removed':>9}"
-        f"{'mean/peak force [N] within':>{13 * len(NEAR)}}",
+        f"{'mean/peak force [N] within':>{14 * len(NEAR)}}",
         f"{'':<{width + 5}}{'[mm]':>9}{'[s]':>9}{'[mm^3]':>9}"
-        + "".join(f"{f'{edge:g} mm':>13}" for edge in NEAR),
+        + "".join(f"{f'{edge:g} mm':>14}" for edge in NEAR),
     ]
     for d in doses:
         closest = f"{d.closest:9.3f}" if math.isfinite(d.closest) else f"{'far':>9}"
         force = "".join(
-            f"{'-' if math.isnan(d.mean_force[edge]) else f'{d.mean_force[edge]:.2f}/{d.peak_force[edge]:.2f}':>13}"
+            f"{'-' if math.isnan(d.mean_force[edge]) else f'{d.mean_force[edge]:.2f}/{d.peak_force[edge]:.2f}':>14}"
             for edge in NEAR
         )
         lines.append(f"{d.burr:<5}{d.structure:<{width}}{closest}{d.touching:9.2f}{d.removed:9.3g}{force}")

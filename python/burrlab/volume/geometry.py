@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
@@ -54,7 +55,7 @@ def checked_direction(direction: ArrayLike, what: str = "direction") -> Array:
     return found
 
 
-class OnGrid:
+class OnGrid(ABC):
     """What grey and label volumes share: a grid of voxels, placed in the volume's own coordinates."""
 
     spacing: Array
@@ -63,9 +64,9 @@ class OnGrid:
     path: str
 
     @property
+    @abstractmethod
     def shape(self) -> tuple[int, int, int]:
         """Voxels along (z, y, x)."""
-        raise NotImplementedError
 
     @property
     def extent(self) -> Array:

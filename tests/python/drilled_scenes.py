@@ -1,0 +1,116 @@
+"""Half-drilled volumes: files with headers of many kinds, and a bone drilled in them."""
+
+from __future__ import annotations
+
+import gzip
+import struct
+import zlib
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from burrlab import Burr, VoxelBone, erode, materials
+from burrlab.anatomy import default_tissues
+from burrlab.volume import LabelVolume, OccupancyMap, Volume
+
+MAP = OccupancyMap.two_point(200, 1200)
+SHAPE = (14, 16, 18)
+
+
+def greys(kind: str = "i2") -> np.ndarray:
+    """Bone of random grey values, some above what counts as solid, under a layer of air."""
+    values = np.random.default_rng(5).integers(150, 1500, SHAPE)
+    values[10:] = -1000 if kind[0] != "u" else 0
+    return values.astype(kind)
+
+
+def drilled(volume: Volume) -> VoxelBone:
+    bone = volume.to_bone(MAP)
+    labels = LabelVolume(
+        (np.arange(volume.values.size) % 3).reshape(volume.shape),
+        volume.spacing,
+        volume.origin,
+        volume.direction,
+        "l",
+    )
+    bone.set_tissues(default_tissues(["air", "bone", "facial nerve"]), labels.labels.astype(np.uint8))
+    spacing = np.array(bone.spacing)
+    center = np.array(bone.origin) + spacing * (9, 8, 10)
+    for tick in range(40):
+        erode(bone, Burr(5 * spacing.max()), center, materials["bone"], dt=1.0, seed=1, tick=tick)
+    assert bone.removed > 0
+    assert np.count_nonzero((bone.density > 0) & (bone.density < bone.pristine)) > 0
+    return bone
+
+
+def nrrd(path: Path, values: np.ndarray, encoding: str = "raw", endian: str = "little") -> Path:
+    kinds = {"i2": "short", "u2": "uint16", "f4": "float", "i4": "int"}
+    data = values.astype(values.dtype.newbyteorder("<" if endian == "little" else ">")).tobytes()
+    head = (
+        f"NRRD0005\n# a comment that stays\ntype: {kinds[values.dtype.str[1:]]}\ndimension: 3\nspace: right-anterior-superior\n"
+        f"sizes: {' '.join(str(n) for n in values.shape[::-1])}\nspace directions: (0.3,0,0) (0,0.4,0) (0,0,0.5)\n"
+        f"kinds: domain domain domain\nendian: {endian}\nencoding: {encoding}\nspace origin: (1.5,-2.25,3)\n"
+        "Patient:=phantom 7\nDICOM_note:=kept, with := inside\n\n"
+    )
+    path.write_bytes(head.encode() + (gzip.compress(data) if encoding == "gzip" else data))
+    return path
+
+
+def nifti(path: Path, values: np.ndarray, slope: float = 0.0, inter: float = 0.0) -> Path:
+    """NIfTI-1 by its definition, with an extension, a description and codes that are not usual."""
+    code = {"i2": 4, "u2": 512, "f4": 16, "u1": 2, "i4": 8}[values.dtype.str[1:]]
+    head = bytearray(352)
+    struct.pack_into("<i", head, 0, 348)
+    struct.pack_into("<8h", head, 40, 3, *values.shape[::-1], 1, 1, 1, 1)
+    struct.pack_into("<2h", head, 70, code, 8 * values.dtype.itemsize)
+    struct.pack_into("<8f", head, 76, 1.0, 0.3, 0.4, 0.5, 0, 0, 0, 0)
+    struct.pack_into("<3f", head, 108, 352.0 + 16, slope, inter)
+    head[123] = 2
+    head[148:170] = b"described as it pleases"[:22]
+    struct.pack_into("<2h", head, 252, 3, 4)
+    struct.pack_into("<3f", head, 268, 1.5, -2.25, 3.0)
+    struct.pack_into("<12f", head, 280, 0.3, 0, 0, 1.5, 0, 0.4, 0, -2.25, 0, 0, 0.5, 3.0)
+    head[344:348] = b"n+1\0"
+    head[348:352] = b"\1\0\0\0"
+    content = (
+        bytes(head)
+        + struct.pack("<2i", 16, 6)
+        + b"comment\0"
+        + values.astype(values.dtype.newbyteorder("<")).tobytes()
+    )
+    path.write_bytes(gzip.compress(content) if path.suffix == ".gz" else content)
+    return path
+
+
+def meta(path: Path, values: np.ndarray, compressed: bool) -> Path:
+    data = values.tobytes()
+    data = zlib.compress(data) if compressed else data
+    size = f"CompressedDataSize = {len(data)}\n" if compressed else ""
+    head = (
+        f"ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = {compressed}\n{size}"
+        "TransformMatrix = 1 0 0 0 1 0 0 0 1\nOffset = 1.5 -2.25 3\nCenterOfRotation = 0 0 0\nAnatomicalOrientation = RAI\n"
+        "ElementSpacing = 0.3 0.4 0.5\nDimSize = 18 16 14\nElementType = MET_SHORT\nElementDataFile = LOCAL\n"
+    )
+    path.write_bytes(head.encode() + data)
+    return path
+
+
+MAKERS = {
+    "raw.nrrd": lambda path: nrrd(path, greys()),
+    "big.nrrd": lambda path: nrrd(path, greys(), endian="big"),
+    "packed.nrrd": lambda path: nrrd(path, greys("i4"), encoding="gzip"),
+    "float.nrrd": lambda path: nrrd(path, greys("f4")),
+    "plain.nii": lambda path: nifti(path, greys()),
+    "packed.nii.gz": lambda path: nifti(path, greys("f4")),
+    "plain.mha": lambda path: meta(path, greys(), False),
+    "packed.mha": lambda path: meta(path, greys(), True),
+}
+
+
+def stack(folder: Path, planes: np.ndarray, mode: str | None = None) -> Path:
+    folder.mkdir()
+    for k, plane in enumerate(planes):
+        image = Image.fromarray(plane)
+        (image.convert(mode) if mode else image).save(folder / f"plane00{k}.png")
+    return folder

@@ -1,0 +1,127 @@
+"""Half-drilled stacks of PNG slices, grey and coloured."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drilled_scenes import MAP, SHAPE, drilled, greys, stack
+from label_scenes import anatomy_bone
+from PIL import Image
+
+from burrlab.anatomy import default_tissues
+from burrlab.anatomy.known_tissues import VOLUMETRIC_DRILLING
+from burrlab.volume import LabelVolume, OccupancyMap, Volume, load_drilled, read_stack, save_drilled
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("kind", ["u1", "u2", "rgba"])
+def test_grey_stacks(tmp_path: Path, kind: str, turned: bool) -> None:
+    values = np.random.default_rng(6).integers(0, 250, SHAPE).astype("u2" if kind == "u2" else "u1")
+    if kind == "rgba":
+        planes = np.repeat(values[..., None], 4, axis=-1)
+        planes[..., 3] = 255
+    else:
+        planes = values
+    mapping = OccupancyMap.two_point(20, 200)
+    volume = read_stack(stack(tmp_path / "a", planes), spacing=(0.3, 0.4, 0.5), transpose=turned)
+    assert isinstance(volume, Volume)
+    bone = volume.to_bone(mapping)
+    density = bone.density.copy()
+    density[3:6, 4:8, 5:9] //= 3
+    bone.restore(density)
+    save_drilled(tmp_path / "b", bone, volume, mapping=mapping, tick=3)
+    again = read_stack(tmp_path / "b", spacing=(0.3, 0.4, 0.5), transpose=turned)
+    assert isinstance(again, Volume)
+    assert again.values.dtype == volume.values.dtype
+    whole = bone.density == bone.pristine
+    np.testing.assert_array_equal(again.values[whole], volume.values[whole])
+    assert np.abs(mapping.levels(again.values).astype(int) - bone.density)[~whole].max() <= 1
+    assert load_drilled(tmp_path / "b").bone.digest() == bone.digest()
+    with (
+        Image.open(tmp_path / "b" / "plane000.png") as new,
+        Image.open(tmp_path / "a" / "plane000.png") as old,
+    ):
+        assert new.mode == old.mode
+    with pytest.raises(FileExistsError, match="path must be a new folder"):
+        save_drilled(tmp_path / "b", bone, volume, mapping=mapping)
+    (tmp_path / "b" / "plane003.png").write_bytes((tmp_path / "b" / "plane004.png").read_bytes())
+    with pytest.raises(ValueError, match=r"bone.h5 belongs to another content of it"):
+        load_drilled(tmp_path / "b")
+    with pytest.raises(ValueError, match="a stack must be whole to be saved as one"):
+        save_drilled(tmp_path / "c", volume.crop_voxels((0, 0, 0), (5, 5, 5)).to_bone(mapping),
+                     volume.crop_voxels((0, 0, 0), (5, 5, 5)), mapping=mapping)  # fmt: skip
+
+
+@pytest.mark.parametrize("mode", ["RGBA", "RGB"])
+def test_coloured_stacks_and_their_description(tmp_path: Path, mode: str) -> None:
+    pytest.importorskip("yaml", reason="extra `medical` is not installed")
+    colours = np.array(
+        [(0, 0, 0, 0), (*VOLUMETRIC_DRILLING["Bone"], 255), (*VOLUMETRIC_DRILLING["Facial_Nerve"], 255)],
+        np.uint8,
+    )
+    kinds = np.random.default_rng(7).integers(0, 3, SHAPE)
+    stack(tmp_path / "slices", colours[kinds], mode)
+    (tmp_path / "v.yaml").write_text(
+        "VOLUME v:\n  dimensions: {x: 0.018, y: 0.016, z: 0.014}\n  images:\n    path: slices/\n    prefix: plane00\n"
+        "    format: png\n    count: 14\n  shaders:\n    path: ./shaders/\n"
+    )
+    labels = read_stack(tmp_path / "v.yaml")
+    assert isinstance(labels, LabelVolume)
+    bone = anatomy_bone(None, labels, default_tissues(labels))
+    density = bone.density.copy()
+    density[2:8, 3:9, 4:10] //= 4
+    density[9] = density[9] * 0.75
+    bone.restore(density)
+    save_drilled(tmp_path / "out", bone, labels, tick=9)
+    again = read_stack(tmp_path / "out" / "v.yaml")
+    assert isinstance(again, LabelVolume)
+    expected = labels.labels.copy()
+    expected[2:8, 3:9, 4:10] = 0
+    np.testing.assert_array_equal(again.labels, expected)
+    np.testing.assert_array_equal(again.spacing, labels.spacing)
+    assert "path: ./shaders/" in (tmp_path / "out" / "v.yaml").read_text()
+    loaded = load_drilled(tmp_path / "out")
+    assert (loaded.bone.digest(), loaded.tick, loaded.mapping) == (bone.digest(), 9, None)
+    with pytest.raises(ValueError, match=r"mapping must be given for grey values only, and .* holds labels"):
+        save_drilled(tmp_path / "x", bone, labels, mapping=MAP)
+
+
+def test_slices_in_capitals_belong_to_their_state_too(tmp_path: Path) -> None:
+    (tmp_path / "old").mkdir()
+    for k, plane in enumerate(greys("u2")):
+        Image.fromarray(plane).save(tmp_path / "old" / f"P{k + 1:03d}.PNG")
+    volume = read_stack(tmp_path / "old", spacing=(0.3, 0.4, 0.5))
+    assert isinstance(volume, Volume)
+    save_drilled(tmp_path / "new", drilled(volume), volume, mapping=MAP)
+    load_drilled(tmp_path / "new")
+    (tmp_path / "new" / "P005.PNG").write_bytes((tmp_path / "old" / "P006.PNG").read_bytes())
+    with pytest.raises(ValueError, match="belongs to another content of it: one of them was changed"):
+        load_drilled(tmp_path / "new")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "VOLUME v: {dimensions: {x: 0.0054, y: 0.0064, z: 0.007}, images: {path: PLACE, prefix: p}}\n",
+        "VOLUME v:\n  dimensions: {x: 0.0054, y: 0.0064, z: 0.007}\n  images: {path: PLACE, prefix: p}\n",
+        'VOLUME v:\n  dimensions: {x: 0.0054, y: 0.0064, z: 0.007}\n  "images":\n    path: PLACE\n    prefix: p\n',
+        'VOLUME v:\n  dimensions: {x: 0.0054, y: 0.0064, z: 0.007}\n  images:\n    "path": PLACE\n    prefix: p\n',
+    ],
+)
+def test_descriptions_in_other_styles_name_the_new_slices(tmp_path: Path, text: str) -> None:
+    pytest.importorskip("yaml", reason="extra `medical` is not installed")
+    (tmp_path / "old").mkdir()
+    for k, plane in enumerate(greys("u2")):
+        Image.fromarray(plane).save(tmp_path / "old" / f"p{k:03d}.png")
+    (tmp_path / "v.yaml").write_text(text.replace("PLACE", os.fspath(tmp_path / "old")))
+    volume = read_stack(tmp_path / "v.yaml")
+    assert isinstance(volume, Volume)
+    bone = drilled(volume)
+    save_drilled(tmp_path / "new", bone, volume, mapping=MAP)
+    found = read_stack(tmp_path / "new" / "v.yaml")
+    assert isinstance(found, Volume)
+    assert np.count_nonzero(found.values != volume.values) > 0
+    np.testing.assert_allclose(found.spacing, volume.spacing)

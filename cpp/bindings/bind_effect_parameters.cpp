@@ -133,7 +133,8 @@ burr : int or None
 Raises
 ------
 ValueError
-    If a value is not finite, the direction is zero, or rate, speed or burr are negative.
+    If a value is not finite, the direction is zero, rate, speed or burr are negative, or rate [mm^3/s] or speed
+    [mm/s] above 1e6.
 )")
       .def(py::init(&make_nozzle), py::arg("position") = nozzle.position,
            py::arg("direction") = nozzle.direction, py::kw_only(), py::arg("rate") = nozzle.rate,

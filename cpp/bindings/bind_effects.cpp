@@ -104,19 +104,28 @@ struct EndWhereMade {
 using OwnCompanion = std::unique_ptr<EffectsCompanion, EndWhereMade>;
 
 void bind_companion(py::module_& m) {
-  py::class_<EffectsCompanion, OwnCompanion>(m, "EffectsCompanion",
-                                             "Effects in a thread beside a session; see Companion.")
-      .def(py::init([](std::shared_ptr<HapticLoop> loop, std::shared_ptr<Follower> follower,
+  py::class_<EffectsCompanion, OwnCompanion>(
+      m, "EffectsCompanion", "Effects in a thread beside a session or replica; see Companion.")
+      .def(py::init([](const std::shared_ptr<HapticLoop>& loop, const std::shared_ptr<Follower>& follower,
                        const EffectParameters& parameters, std::uint64_t seed, const Vec3& down,
                        const Vec3& spin, std::optional<double> budget, double rate, bool realtime) {
              if (!loop || !follower) throw std::invalid_argument("loop and follower must be a session's");
              const py::gil_scoped_release release;
-             return OwnCompanion(new EffectsCompanion(std::move(loop), std::move(follower),
-                                                      to_setup(parameters, seed, down, spin, budget), rate,
-                                                      realtime));
+             return OwnCompanion(new EffectsCompanion(
+                 feed_of(loop, follower), to_setup(parameters, seed, down, spin, budget), rate, realtime));
            }),
            py::arg("loop"), py::arg("follower"), py::kw_only(), py::arg("parameters"), py::arg("seed"),
            py::arg("down"), py::arg("spin"), py::arg("budget"), py::arg("rate"), py::arg("realtime"))
+      .def(py::init([](const std::shared_ptr<Replica>& replica, const EffectParameters& parameters,
+                       std::uint64_t seed, const Vec3& down, const Vec3& spin, std::optional<double> budget,
+                       double rate, bool realtime) {
+             if (!replica) throw std::invalid_argument("replica must be a Replica, got None");
+             const py::gil_scoped_release release;
+             return OwnCompanion(new EffectsCompanion(
+                 feed_of(replica), to_setup(parameters, seed, down, spin, budget), rate, realtime));
+           }),
+           py::arg("replica"), py::kw_only(), py::arg("parameters"), py::arg("seed"), py::arg("down"),
+           py::arg("spin"), py::arg("budget"), py::arg("rate"), py::arg("realtime"))
       .def("start", &EffectsCompanion::start, py::call_guard<py::gil_scoped_release>())
       .def("stop", &EffectsCompanion::stop, py::call_guard<py::gil_scoped_release>())
       .def("wait", &EffectsCompanion::wait, py::arg("seconds"), py::call_guard<py::gil_scoped_release>())

@@ -7,7 +7,7 @@
 namespace py = pybind11;
 using namespace burrlab;
 
-py::dict to_dict(const BoneView::Update& update, const VoxelBone& bone) {
+py::dict to_dict(const BoneUpdate& update, const VoxelBone& bone) {
   const auto n = static_cast<py::ssize_t>(update.bricks.size());
   py::array_t<std::int64_t> bricks({n, py::ssize_t{3}});
   for (py::ssize_t i = 0; i < n; ++i) {
@@ -129,7 +129,7 @@ rebuild_after : float
           "take",
           [](Follower& f, BoneView& view) {
             if (!view.is_of(f)) throw std::invalid_argument("view must be one of this follower");
-            BoneView::Update update;
+            BoneUpdate update;
             {
               const py::gil_scoped_release release;
               update = view.take();

@@ -256,7 +256,7 @@ ValueError
       .def(
           "take",
           [](Replica& replica) {
-            BoneView::Update update;
+            BoneUpdate update;
             {
               const py::gil_scoped_release release;
               update = replica.take_changed();

@@ -1,87 +1,22 @@
-#include <algorithm>
 #include <cmath>
-#include <optional>
-#include <sstream>
-#include <type_traits>
-#include <utility>
 #include <variant>
 
-#include "bindings.hpp"
+#include "bone_bindings.hpp"
 #include "burrlab/check.hpp"
-#include "burrlab/voxel_bone.hpp"
 
 namespace py = pybind11;
 using burrlab::Index3;
-using burrlab::TissueMap;
-using burrlab::Tissues;
 using burrlab::Vec3;
 using burrlab::VoxelBone;
 
 namespace {
 
-using Levels = std::vector<std::uint8_t>;
-using Range = std::optional<std::pair<double, double>>;
 using Spacing = std::variant<double, Vec3>;
 
 Vec3 to_vector(const Spacing& spacing) {
   if (const auto* one = std::get_if<double>(&spacing)) return Vec3::Constant(*one);
   return std::get<Vec3>(spacing);
 }
-
-std::string dtype_name(const py::array& values) { return std::string(py::str(values.dtype())); }
-
-// Values lo..hi of any real type to levels 0..255, to nearest.
-template <class T>
-Levels scale(const py::array& values, double lo, double hi) {
-  const auto dense = py::array_t<T, py::array::c_style>::ensure(values);
-  const T* in = dense.data();
-  if constexpr (std::is_same_v<T, std::uint8_t>) {
-    if (lo == 0.0 && hi == 255.0) return Levels(in, in + dense.size());
-  }
-  constexpr bool single = std::is_same_v<T, float>;  // its values were rounded; so are its limits
-  const double low = single ? static_cast<float>(lo) : lo, high = single ? static_cast<float>(hi) : hi;
-  Levels out(static_cast<std::size_t>(dense.size()));
-  for (std::size_t i = 0; i < out.size(); ++i) {
-    const double value = static_cast<double>(in[i]);
-    if (!std::isfinite(value)) burrlab::refuse("every density", "finite", value);
-    if (value < low || value > high) {
-      std::ostringstream rule;
-      rule << "within the range " << lo << " to " << hi;
-      burrlab::refuse("every density", rule.str(), value);
-    }
-    out[i] = static_cast<std::uint8_t>(std::rint(std::clamp((value - lo) / (hi - lo), 0.0, 1.0) * 255.0));
-  }
-  return out;
-}
-
-Levels to_levels(const py::array& values, Range range) {
-  if (values.ndim() != 3) burrlab::refuse("dimensions of density", "3 (z, y, x)", double(values.ndim()));
-  const bool is_levels = py::isinstance<py::array_t<std::uint8_t>>(values);
-  if (values.dtype().kind() == 'b') range = range.value_or(std::make_pair(0.0, 1.0));
-  if (is_levels) range = range.value_or(std::make_pair(0.0, 255.0));
-  if (!range) {
-    throw std::invalid_argument("range must be given for densities of type " + dtype_name(values) +
-                                ": the values of empty and of solid bone");
-  }
-  const auto [lo, hi] = *range;
-  if (!(std::isfinite(lo) && std::isfinite(hi) && lo < hi)) {
-    throw std::invalid_argument("range must be two finite values, empty below solid, got (" +
-                                std::string(py::str(py::float_(lo))) + ", " +
-                                std::string(py::str(py::float_(hi))) + ")");
-  }
-  if (values.dtype().kind() == 'b') return scale<bool>(values, lo, hi);
-  if (is_levels) return scale<std::uint8_t>(values, lo, hi);
-  if (py::isinstance<py::array_t<std::int8_t>>(values)) return scale<std::int8_t>(values, lo, hi);
-  if (py::isinstance<py::array_t<std::int16_t>>(values)) return scale<std::int16_t>(values, lo, hi);
-  if (py::isinstance<py::array_t<std::uint16_t>>(values)) return scale<std::uint16_t>(values, lo, hi);
-  if (py::isinstance<py::array_t<float>>(values)) return scale<float>(values, lo, hi);
-  const char kind = values.dtype().kind();
-  if (kind == 'i' || kind == 'u' || kind == 'f')
-    return scale<double>(values.attr("astype")("float64"), lo, hi);
-  throw std::invalid_argument("density must be an array of integers or floats, got " + dtype_name(values));
-}
-
-Index3 shape_of(const py::array& values) { return {values.shape(0), values.shape(1), values.shape(2)}; }
 
 // A dense copy of a box of levels, (z, y, x).
 py::array_t<std::uint8_t> levels_of(const VoxelBone& bone, const Index3& start, const Index3& shape,
@@ -114,46 +49,10 @@ std::shared_ptr<VoxelBone> block(const Vec3& size, const Spacing& spacing, const
   return std::make_shared<VoxelBone>(shape, static_cast<std::uint8_t>(level), s, origin);
 }
 
-/// Numbers (z, y, x) into a table, as a map of the bone's shape.
-std::shared_ptr<const TissueMap> to_map(const VoxelBone& bone, const Tissues& tissues,
-                                        const py::array& numbers) {
-  if (!py::isinstance<py::array_t<std::uint8_t>>(numbers) || numbers.ndim() != 3 ||
-      shape_of(numbers) != bone.shape())
-    throw std::invalid_argument("numbers of tissues must be uint8 and have the shape of the bone");
-  const auto dense = py::array_t<std::uint8_t, py::array::c_style>::ensure(numbers);
-  return std::make_shared<const TissueMap>(bone.shape(), dense.data(), tissues);
-}
-
-py::object numbers_of(const VoxelBone& bone) {
-  if (!bone.tissues()) return py::none();
-  const Index3& shape = bone.shape();
-  py::array_t<std::uint8_t> out({shape[0], shape[1], shape[2]});
-  bone.tissues()->read({0, 0, 0}, shape, out.mutable_data());
-  out.attr("flags").attr("writeable") = false;
-  return out;
-}
-
-/// A sum over one tissue, by its name or number.
-template <double (VoxelBone::*sum)(std::size_t) const>
-double of_tissue(const VoxelBone& bone, const std::variant<std::size_t, std::string>& tissue) {
-  if (!bone.tissues()) throw std::invalid_argument("bone must have tissues, got one of a single material");
-  const Tissues& table = bone.tissues()->table();
-  std::size_t number = table.size();
-  if (const auto* given = std::get_if<std::size_t>(&tissue))
-    number = *given;
-  else
-    for (std::size_t i = table.size(); i-- > 0;)
-      if (table[i].name == std::get<std::string>(tissue)) number = i;
-  if (number >= table.size())
-    throw std::invalid_argument("tissue must be a name or number of the bone's table");
-  return (bone.*sum)(number);
-}
-
 }  // namespace
 
 void bind_voxel_bone(py::module_& m) {
-  py::class_<VoxelBone, std::shared_ptr<VoxelBone>>(
-      m, "VoxelBone", R"(Bone as occupancy levels on a regular grid: 0 empty, 255 solid.
+  VoxelBoneClass bone(m, "VoxelBone", R"(Bone as occupancy levels on a regular grid: 0 empty, 255 solid.
 
 Two levels a voxel are kept: `density`, now, and `pristine`, as loaded or written. Outside the volume there is
 nothing. Inside, levels lie in bricks of 8^3 voxels with exact sums of their mass and first moment; pristine levels
@@ -183,8 +82,8 @@ Examples
 >>> bone = burrlab.VoxelBone(np.ones((4, 5, 6), dtype=np.float32), spacing=0.1, range=(0, 1))
 >>> bone.shape, round(bone.mass, 6)
 ((4, 5, 6), 0.12)
-)")
-      .def(py::init(
+)");
+  bone.def(py::init(
                [](const py::array& density, const Spacing& spacing, const Vec3& origin, const Range& range) {
                  const Levels levels = to_levels(density, range);
                  return std::make_shared<VoxelBone>(shape_of(density), levels, to_vector(spacing), origin);
@@ -211,15 +110,6 @@ Raises
 ValueError
     If a side or spacing is not positive or the level out of range.
 )")
-      .def(
-          "copy", [](const VoxelBone& bone) { return std::make_shared<VoxelBone>(bone); },
-          py::call_guard<py::gil_scoped_release>(),
-          "An independent bone with the same present and pristine levels.")
-      .def("__copy__", [](const VoxelBone& bone) { return std::make_shared<VoxelBone>(bone); })
-      .def(
-          "__deepcopy__",
-          [](const VoxelBone& bone, const py::dict&) { return std::make_shared<VoxelBone>(bone); },
-          py::arg("memo"))
       .def_property_readonly(
           "shape",
           [](const VoxelBone& b) { return py::make_tuple(b.shape()[0], b.shape()[1], b.shape()[2]); },
@@ -303,65 +193,16 @@ Raises
 ValueError
     If its shape is another than the bone's, or a level is above the pristine one.
 )")
-      .def(
-          "set_tissues",
-          [](VoxelBone& bone, const Tissues& tissues, const py::array& numbers) {
-            bone.set_tissues(to_map(bone, tissues, numbers));
-          },
-          py::arg("tissues"), py::arg("numbers"), R"(Says of every voxel which tissue its pristine content is.
-
-Parameters
-----------
-tissues : Tissues
-numbers : ndarray, shape (nz, ny, nx), uint8
-    Numbers into the table. Copied; copies of the bone share them.
-
-Raises
-------
-ValueError
-    If the numbers have another type or shape, or one is not in the table.
-)")
-      .def_property_readonly(
-          "tissues",
-          [](const VoxelBone& bone) -> std::shared_ptr<Tissues> {
-            return bone.tissues() ? std::make_shared<Tissues>(bone.tissues()->table()) : nullptr;
-          },
-          "Table of its tissues; None where it is of a single material.")
-      .def_property_readonly(
-          "tissue_numbers", &numbers_of,
-          "Number of every voxel's tissue, (z, y, x) uint8: a read-only copy; None without tissues.")
-      .def("mass_of", &of_tissue<&VoxelBone::mass_of>, py::arg("tissue"),
-           "What is left of a tissue, by name or number [mm^3]. ValueError if there is none of it.")
-      .def("removed_of", &of_tissue<&VoxelBone::removed_of>, py::arg("tissue"),
-           "What was removed of a tissue, by name or number [mm^3]. ValueError if there is none of it.")
       .def("reset", &VoxelBone::reset, "Puts back all that was eroded.")
       .def("digest", &VoxelBone::digest, py::call_guard<py::gil_scoped_release>(),
            "128 bits as 32 hexadecimal digits over geometry, present and pristine levels: a sum over 8^3 "
            "bricks of a hash of brick index and content.")
-      .def("__repr__",
-           [](const VoxelBone& b) {
-             return std::string(
-                 py::str("VoxelBone(shape=({}, {}, {}), spacing=({:g}, {:g}, {:g}) mm, mass={:.6g} mm^3)")
-                     .format(b.shape()[0], b.shape()[1], b.shape()[2], b.spacing()[0], b.spacing()[1],
-                             b.spacing()[2], b.mass()));
-           })
-      .def(py::pickle(
-          [](const py::object& self) {
-            return py::make_tuple(self.attr("pristine"), self.attr("density"), self.attr("spacing"),
-                                  self.attr("origin"), self.attr("tissues"), self.attr("tissue_numbers"));
-          },
-          [](const py::tuple& t) {
-            const auto pristine = t[0].cast<py::array_t<std::uint8_t, py::array::c_style>>();
-            const auto density = t[1].cast<py::array_t<std::uint8_t, py::array::c_style>>();
-            if (density.ndim() != 3 || pristine.ndim() != 3 || shape_of(density) != shape_of(pristine))
-              throw std::invalid_argument(
-                  "density and pristine of a pickled bone must have one shape (z, y, x)");
-            auto bone = std::make_shared<VoxelBone>(
-                shape_of(pristine), Levels(pristine.data(), pristine.data() + pristine.size()),
-                t[2].cast<Vec3>(), t[3].cast<Vec3>());
-            bone->restore(density.data());
-            if (t.size() > 4 && !t[4].is_none())
-              bone->set_tissues(to_map(*bone, t[4].cast<Tissues>(), t[5].cast<py::array>()));
-            return bone;
-          }));
+      .def("__repr__", [](const VoxelBone& b) {
+        return std::string(
+            py::str("VoxelBone(shape=({}, {}, {}), spacing=({:g}, {:g}, {:g}) mm, mass={:.6g} mm^3)")
+                .format(b.shape()[0], b.shape()[1], b.shape()[2], b.spacing()[0], b.spacing()[1],
+                        b.spacing()[2], b.mass()));
+      });
+  bind_voxel_bone_copies(bone);
+  bind_voxel_bone_tissues(bone);
 }

@@ -20,7 +20,7 @@ inline burrlab::Shape to_shape(const ShapeArgument& shape) {
 }
 
 /// tick, newest, bricks and density of what a consumer has not seen yet.
-pybind11::dict to_dict(const burrlab::BoneView::Update& update, const burrlab::VoxelBone& bone);
+pybind11::dict to_dict(const burrlab::BoneUpdate& update, const burrlab::VoxelBone& bone);
 
 /// What a watch has seen; events but for the first `known`.
 pybind11::dict to_dict(const burrlab::AnatomyWatch& watch, std::size_t known);
@@ -58,6 +58,7 @@ void bind_tissues(pybind11::module_& m);
 void bind_voxel_bone(pybind11::module_& m);
 void bind_bricks(pybind11::module_& m);
 void bind_force(pybind11::module_& m);
+void bind_contact(pybind11::module_& m);
 void bind_burr_contact(pybind11::module_& m);
 void bind_force_controller(pybind11::module_& m);
 void bind_mean_field(pybind11::module_& m);

@@ -34,6 +34,7 @@ PYBIND11_MODULE(_core, m) {
   bind_voxel_bone(m);
   bind_bricks(m);
   bind_force(m);
+  bind_contact(m);
   bind_burr_contact(m);
   bind_force_controller(m);
   bind_mean_field(m);

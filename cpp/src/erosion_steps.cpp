@@ -30,7 +30,11 @@ ErosionSteps::ErosionSteps(const VoxelBone& bone, const Material& material, doub
   check_material(bone, material);
   if (!bone.tissues()) return;
   const Tissues& table = bone.tissues()->table();
-  for (std::size_t i = 0; i < table.size(); ++i) set(i, i + 1, table[i].alpha * dt);
+  for (std::size_t i = 0; i < table.size(); ++i) {
+    const double a = table[i].alpha * dt;
+    if (!(a <= largest)) refuse("alpha dt of '" + table[i].name + "'", "at most 1000", a);
+    set(i, i + 1, a);
+  }
 }
 
 void ErosionSteps::set(std::size_t first, std::size_t end, double a) {

@@ -5,6 +5,7 @@
 
 #include "burrlab/check.hpp"
 #include "burrlab/voxel_bone.hpp"
+#include "kernel/shared_rows.hpp"
 
 namespace burrlab {
 
@@ -64,18 +65,18 @@ void VoxelBone::write_brick(std::size_t brick, const std::uint8_t* density, cons
   count_tissues(brick, 1);
 }
 
+// Only the tile is read: all else follows from it and from what is known here.
 void VoxelBone::copy_brick(std::size_t brick, const VoxelBone& from) {
+  alignas(64) std::uint8_t levels[brick_voxels];
+  load_shared_tile(levels, from.tile(brick));
+  if (std::memcmp(levels, tile(brick), brick_voxels) == 0) return;
   const bool mixed = tissues_ && tissues_->tile(brick);
   if (mixed) tissues_->add(brick, tile(brick), -1, tissue_sums_.present);
   if (tissues_ && !mixed) tissue_sums_.present[tissues_->number(brick)] -= sums_[brick].mass;
   level_sum_ -= sums_[brick].mass;
-  std::memcpy(density_.tile(brick), from.tile(brick), brick_voxels);
-  if (from.state_[brick] & saved) {
-    if (pristine_.empty()) pristine_ = Tiles(sums_.size());
-    std::memcpy(pristine_.tile(brick), from.pristine_.tile(brick), brick_voxels);
-  }
-  state_[brick] = from.state_[brick] | changed;
-  sums_[brick] = from.sums_[brick];
+  std::memcpy(open(brick), levels, brick_voxels);
+  state_[brick] |= eroded | changed;
+  sums_[brick] = sum_brick(tile(brick));
   level_sum_ += sums_[brick].mass;
   if (mixed) tissues_->add(brick, tile(brick), 1, tissue_sums_.present);
   if (tissues_ && !mixed) tissue_sums_.present[tissues_->number(brick)] += sums_[brick].mass;

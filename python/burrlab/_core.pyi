@@ -947,10 +947,24 @@ class Effects(metaclass=_Pybind11Type):
     def decisions(self) -> list[tuple[int, int, int]]: ...
 
 class EffectsCompanion(metaclass=_Pybind11Type):
+    @overload
     def __init__(
         self,
         loop: HapticLoop,
         follower: Follower,
+        *,
+        parameters: EffectParameters,
+        seed: int,
+        down: ArrayLike,
+        spin: ArrayLike,
+        budget: float | None,
+        rate: float,
+        realtime: bool,
+    ) -> None: ...
+    @overload
+    def __init__(
+        self,
+        replica: Replica,
         *,
         parameters: EffectParameters,
         seed: int,

@@ -80,8 +80,8 @@ def descend(
     TypeError
         If burr or material is something else.
     ValueError
-        If the force is not positive or above the rig's range, dt, stop or max_duration not positive, the seed
-        out of range, the burr below 4 voxels, or `material` missing.
+        If the force is not positive or above the rig's range, dt, stop or max_duration not positive, max_duration of too many
+        ticks, the seed out of range, the burr below 4 voxels, or `material` missing.
 
     Notes
     -----
@@ -104,6 +104,9 @@ def descend(
     for name, value in {"force": force, "dt": dt, "stop": stop, "max_duration": max_duration}.items():
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be positive and finite, got {value}")
+    period = dt if rig is None or ideal else rig.period
+    if not max_duration * 1e3 / period < 2**63:
+        raise ValueError(f"max_duration must be below 2^63 ticks of {period:g} ms, got {max_duration:g} s")
     if seed is None:
         seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
     if not 0 <= seed < 2**64:

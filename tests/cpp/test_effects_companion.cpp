@@ -28,7 +28,7 @@ struct Beside {
     follower = std::make_shared<Follower>(loop, FollowerSettings{100, 10.0, 1.0});
     EffectsSetup setup;
     setup.budget = 0.005;
-    companion = std::make_unique<EffectsCompanion>(loop, follower, setup, rate, true);
+    companion = std::make_unique<EffectsCompanion>(feed_of(loop, follower), setup, rate, true);
   }
   void start() {
     companion->start();
@@ -108,7 +108,7 @@ void goes_with_its_owner() {
 void refusals() {
   const Beside beside(10);
   for (const double rate : {0.0, 201.0, std::nan("")})
-    CHECK_THROWS(EffectsCompanion(beside.loop, beside.follower, {}, rate, false),
+    CHECK_THROWS(EffectsCompanion(feed_of(beside.loop, beside.follower), {}, rate, false),
                  "rate must be from 1 to 200 Hz");
 }
 

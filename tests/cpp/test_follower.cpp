@@ -3,6 +3,7 @@
 
 #include <cmath>
 
+#include "burrlab/cpu_path.hpp"
 #include "loop_scenes.hpp"
 
 using namespace burrlab;
@@ -39,6 +40,64 @@ void follower() {
   const auto update = view->take();
   CHECK(update.tick == 3000 && !update.bricks.empty() && update.newest.index == 2999);
   CHECK(view->take().bricks.empty());
+}
+
+/// Levels and tissues that differ from voxel to voxel: what a tick stores of a brick, and a copy meets.
+std::shared_ptr<VoxelBone> varied_bone(const Material& material) {
+  const Index3 shape{16, 64, 64};
+  VoxelBone::Levels levels(16 * 64 * 64), numbers(levels.size());
+  for (std::size_t i = 0; i < levels.size(); ++i) {
+    levels[i] = std::uint8_t(255 - i * i % 191);
+    numbers[i] = std::uint8_t(i / 3 % 2);
+  }
+  const auto bone =
+      std::make_shared<VoxelBone>(shape, levels, Vec3::Constant(0.1), Vec3(-3.15, -3.15, -1.55));
+  const Tissues table(
+      {{"soft", 1, 1.0, 0.1, {}, false, false, false}, {"hard", 2, 4.0, 0.05, {}, false, false, false}},
+      material);
+  bone->set_tissues(std::make_shared<TissueMap>(shape, numbers.data(), table));
+  return bone;
+}
+
+/// Rebuilt over and over while ticks store into the bricks that it copies, on every path of the tick. Under a
+/// thread sanitizer this is the test that none of it is a data race.
+void rebuilt_all_the_while() {
+  const std::string path = cpu_path();
+  std::uint64_t rebuilds = 0;
+  for (const std::string& name : cpu_paths()) {
+    use_cpu_path(name);
+    const Material material("bone", 2.145, 0.087, Shape::parabolic(), "");
+    const auto bone = varied_bone(material);
+    SessionSetup setup;
+    setup.tools.push_back({Burr(1.0), material});
+    setup.period = 0.25;
+    const auto device = std::make_shared<TestDevice>();
+    device->what = [](int n, DeviceReading& r) {
+      r.position = Vec3(1.5 * std::sin(0.02 * n), std::cos(0.013 * n), 0.9 - 1e-4 * n);
+    };
+    LoopSettings settings;
+    settings.ticks = 1500;
+    settings.stall_limit = 5000.0;
+    const auto loop = std::make_shared<HapticLoop>(std::make_shared<TickExecutor>(bone, setup),
+                                                   std::vector<std::shared_ptr<Device>>{device}, settings);
+    Follower follower(loop, {100, 10.0, 1.0});
+    follower.start();
+    loop->start();
+    while (loop->running()) {
+      follower.ask_rebuild();
+      std::this_thread::yield();
+    }
+    follower.stop();
+    CHECK(follower.status().differing == 0);
+    rebuilds += follower.status().rebuilds;  // fewer where ticks follow upon each other
+    CHECK(follower.status().tick == loop->executor()->tick());
+    CHECK(follower.digest() == bone->digest());
+    CHECK(bone->removed() > 0.1 && follower.bone().removed() == bone->removed());
+    CHECK(follower.bone().tissue_levels(0) == bone->tissue_levels(0));
+    CHECK(follower.bone().tissue_levels(1) == bone->tissue_levels(1));
+  }
+  CHECK(rebuilds >= 20);
+  use_cpu_path(path);
 }
 
 /// A rebuilt follower's newest record is that of its last tick.
@@ -95,6 +154,7 @@ void stability_with_tissues() {
 int main() {
   stability_with_tissues();
   follower();
+  rebuilt_all_the_while();
   newest_after_rebuild();
   return check::report();
 }

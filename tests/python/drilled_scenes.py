@@ -96,10 +96,21 @@ def meta(path: Path, values: np.ndarray, compressed: bool) -> Path:
     return path
 
 
+def with_axis(path: Path) -> Path:
+    """A first axis of 1, which is none."""
+    content = path.read_bytes()
+    for old, new in ((b"dimension: 3", b"dimension: 4"), (b"sizes: ", b"sizes: 1 "),
+                     (b"directions: ", b"directions: none "), (b"kinds: ", b"kinds: vector ")):  # fmt: skip
+        content = content.replace(old, new, 1)
+    path.write_bytes(content)
+    return path
+
+
 MAKERS = {
     "raw.nrrd": lambda path: nrrd(path, greys()),
     "big.nrrd": lambda path: nrrd(path, greys(), endian="big"),
     "packed.nrrd": lambda path: nrrd(path, greys("i4"), encoding="gzip"),
+    "axis.nrrd": lambda path: with_axis(nrrd(path, greys())),
     "float.nrrd": lambda path: nrrd(path, greys("f4")),
     "plain.nii": lambda path: nifti(path, greys()),
     "packed.nii.gz": lambda path: nifti(path, greys("f4")),

@@ -80,15 +80,11 @@ class Scene:
             position=(0.0, 0.0, 50.0), focal_point=(0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0), view_angle=30.0,
             turned=[0.0, 0.0], nearer=1.0,
         )  # fmt: skip
-        nothing = SimpleNamespace(SetMultiSamples=lambda n: None)
         self.smooth = None
         renderer = SimpleNamespace(
             UseFXAAOn=lambda: setattr(self, "smooth", True), UseFXAAOff=lambda: setattr(self, "smooth", False)
         )
-        self.plotter = SimpleNamespace(
-            camera=camera, render_window=nothing, renderer=renderer, window_size=[1024, 768]
-        )
-        self.actors = SimpleNamespace(property=SimpleNamespace(BackfaceCullingOn=lambda: None))
+        self.plotter = SimpleNamespace(camera=camera, renderer=renderer, window_size=[1024, 768])
         self.updated, self.pictures, self.looked, self.cuts, self.parcels = [], 0, [], [], None
 
     def look(self, viewpoint):
@@ -102,6 +98,12 @@ class Scene:
 
     def set_parcels(self, parcels):
         self.parcels = parcels
+
+    def draw_fast(self):
+        pass
+
+    def set_stereo(self, on):
+        self.stereo = on
 
     def set_slices(self, point):
         self.cuts.append(point)

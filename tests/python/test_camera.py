@@ -48,6 +48,15 @@ def test_the_entry_is_in_the_middle_and_its_width_fills_the_view(block):
     assert view.position[2] > 7
 
 
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, -1, 0), (0.6, 0.3, 0.4)])
+def test_head_is_up_unless_one_looks_along_it(block, axis):
+    view = surgeon_view(block, axis=axis)
+    focus = np.array(view.focus)
+    x, y = on_screen(view, focus + (0, 0, 1))
+    assert x == pytest.approx(0, abs=1e-12)
+    assert y > 0
+
+
 def test_eyes_agree_at_the_focus_and_part_behind_it(block):
     view = surgeon_view(block, (5, 6, 7), width=12.0)
     (left, left_shift), (right, right_shift) = eyes(view, 62.0, 4 / 3)

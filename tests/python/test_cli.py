@@ -126,7 +126,7 @@ def test_wrong_csv_exits_2_with_one_line(capsys, tmp_path, content, message):
         (["descend", "--force", "1", "--dt", "-1"], "--dt: must be positive"),
         (["descend", "--force", "25"], "force must be within the rig's range"),
         (["descend", "--force", "1", "--shape", "round"], "--shape"),
-        (["descend", "--force", "1", "--volume", "none.nrrd"], "--volume needs --map"),
+        (["descend", "--force", "1", "--volume", "none.nrrd"], "--volume needs --map and --entry and --axis"),
         (["descend", "--force", "1", "--map", "1:2"], "--map goes with --volume"),
         (["descend", "--force", "1", "--map", "2:1"], "LO below HI"),
         (["descend", "--force", "1", "--axis", "1,2"], "--axis: must be X,Y,Z"),
@@ -149,7 +149,7 @@ def test_wrong_options_exit_2_with_one_line(capsys, tmp_path, monkeypatch, argum
 
 def test_installed_command_runs():
     run = subprocess.run(
-        [sys.executable, "-m", "burrlab.cli", "version"],
+        [sys.executable, "-m", "burrlab", "version"],
         capture_output=True,
         text=True,
         check=True,

@@ -10,7 +10,7 @@ import threading
 import matplotlib.pyplot
 import pytest
 
-from burrlab import cli_experiment
+from burrlab.cli import experiment as cli_experiment
 from burrlab.cli import main
 from burrlab.psychophysics import Protocol, read_folder
 from burrlab.psychophysics.experiment.experimenter import Experimenter
@@ -85,7 +85,7 @@ def test_new_writes_once_and_prints_the_power(tmp_path, monkeypatch, capsys):
 
 def test_simulated_subjects_from_run_to_analysis(config, capsys, monkeypatch):
     shown = []
-    monkeypatch.setattr(cli_experiment, "_show", shown.append)
+    monkeypatch.setattr(cli_experiment, "show_line", shown.append)
     assert main(["experiment", "run", "test.toml", "--simulated", "--all", "--fast", "--weber", "0.2"]) == 0
     out, _ = said(capsys)
     assert out == "".join(f"simulated subject 0{n}: 6 trials answered\n" for n in (1, 2, 3))

@@ -72,7 +72,7 @@ def test_the_bone_is_kept_when_the_view_fails(files: Path, monkeypatch: pytest.M
         time.sleep(0.2)
         raise ValueError("the window is gone")
 
-    monkeypatch.setattr("burrlab.cli_session.show_live", fails)
+    monkeypatch.setattr("burrlab.cli.session.show_live", fails)
     assert main([*HAND, "--radius", "3", "--voxel", "0.4", "--duration", "60", "--save", "block.h5"]) == 2
     assert 0 < load_bone("block.h5")[1] < 60_000
 
@@ -127,12 +127,13 @@ def test_grey_and_coloured_slices_of_one_spacing(files: Path) -> None:
         ([*GREY, "--labels", "labels.nii.gz", "--tissues", "small.csv", *THERE], "labels that are not in the table: 4 (6336 voxels); the table has 1 bone"),
         (["--fill", "bone:2", "--labels", "x"], "must be TISSUE:OCCUPANCY, 0 to 1, got 'bone:2'"),
         (["--fill", "bone", "--labels", "x"], "must be TISSUE:OCCUPANCY, 0 to 1, got 'bone'"),
+        (["--unit", "1,2,3", "--labels", "x"], "--unit: must be a number, got '1,2,3'"),
         (["--unknown", "any", "--labels", "x"], "must be nearest or a label, got 'any'"),
         (["--bone", "ct.nrrd", *THERE], "must lie beside it, and there is none: was the volume moved"),
         (["--bone", "none.nrrd", *THERE], "none.nrrd: no such file or folder"),
         (["--bone", "ct.nrrd", "--volume", "ct.nrrd", *THERE], "--volume goes without --bone, which has its own"),
         (["--bone", "ct.nrrd", "--fill", "bone:1", *THERE], "--fill goes without --bone, which has its own"),
-        (["--bone", "ct.nrrd"], "--device hand with --bone needs --entry"),
+        (["--bone", "ct.nrrd"], "--device hand with --bone needs --entry and --axis"),
         (["--axis", "0,0,1"], "--axis goes with --volume, --labels or --bone"),
         (["--save", "x.nrrd"], "--save: a block has no volume: the file must end in .h5, got x.nrrd"),
         (["--save", "x.h5", "--record", "x.h5"], "--save must be another file than --record, got x.h5"),
@@ -181,9 +182,10 @@ def test_a_descent_into_labels(files: Path, capsys: pytest.CaptureFixture[str]) 
     assert main([*words, *both, "--json", "-"]) == 0
     made = json.loads(capsys.readouterr().out)["provenance"]["volume"]
     assert made["recipe"]["kind"] == "labelled volume"
-    onto = ["--labels", "a.seg.nrrd", "--onto"]  # elsewhere: no label meets the volume
-    assert main([*words, *GREY, *onto, "--json", "-"]) == 0
+    assert main([*words, *both, "--onto", "--json", "-"]) == 0
     assert "labels are the nearest of" in capsys.readouterr().err
+    assert main([*words, *GREY, "--labels", "a.seg.nrrd", "--onto"]) == 2
+    assert "labels must overlap the volume: those of" in capsys.readouterr().err
     assert main(["descend", "--force", "1", "--labels", "a.seg.nrrd"]) == 2
     assert "--labels needs --entry" in capsys.readouterr().err
 

@@ -58,7 +58,11 @@ def test_script_and_two_burrs(tmp_path, capsys):
         (["--device", "igtl:nowhere"], "--device igtl: must be HOST:PORT, got 'nowhere'"),
         (["--device", "scripted:none.csv"], "none.csv"),
         (["--device", "hand", "--map", "0:1"], "--map goes with --volume"),
-        (["--device", "hand", "--volume", "x.nrrd"], "--volume needs --map"),
+        (
+            ["--device", "hand", "--volume", "x.nrrd"],
+            "--device hand with --volume needs --map and --entry and --axis",
+        ),
+        (["--device", "scripted:w.csv", "--volume", "x.nrrd"], "--volume needs --map"),
         (
             ["--device", "hand", "--volume", "x.nrrd", "--map", "0:1"],
             "--device hand with --volume needs --entry",
@@ -182,7 +186,7 @@ def test_volume_that_is_elsewhere(monkeypatch, capsys):
     def missing(*_, **__):
         raise FileNotFoundError("ct.nrrd: no such file")
 
-    monkeypatch.setattr("burrlab.cli_session.follow", missing)
+    monkeypatch.setattr("burrlab.cli.session.follow", missing)
     assert main(["replica", "localhost:1"]) == 2
     assert (
         capsys.readouterr().err

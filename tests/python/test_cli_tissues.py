@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from label_scenes import labels as label_numbers
 from label_scenes import write_files
+from test_segments import FIELDS, seg_nrrd
 
 from burrlab.anatomy import read_tissues
 from burrlab.cli import main
@@ -40,8 +42,14 @@ def test_what_the_labels_of_a_file_are(files: Path, capsys: pytest.CaptureFixtur
     text = said("labels.nii.gz")
     assert "2 of 3 labels are no known tissue: they need a table (--template, --tissues)" in text
     assert "facial nerve" in said("labels.nii.gz", "--tissues", "t.csv")
-    assert "written new.csv" in said("labels.nii.gz", "--template", "new.csv")
+    assert "written new.csv: name what its labels are, then --tissues new.csv" in said(
+        "labels.nii.gz", "--template", "new.csv"
+    )
     assert [t.name for t in read_tissues("new.csv")] == ["unlabelled", "structure 1", "structure 4"]
+    named = Path("new.csv").read_text().replace("structure 4", "facial nerve").replace("structure 1", "bone")
+    Path("new.csv").write_text(named)
+    _, bone, nerve = read_tissues("new.csv")  # what stayed empty follows from the names
+    assert (bone.assumed, nerve.assumed, nerve.critical, nerve.colour) == (False, True, True, (244, 214, 49))
     assert "--template: new.csv is there already" in said("labels.nii.gz", "--template", "new.csv", status=2)
     said("a.seg.nrrd", "--template", "seg.csv")
     table = read_tissues("seg.csv")
@@ -49,11 +57,18 @@ def test_what_the_labels_of_a_file_are(files: Path, capsys: pytest.CaptureFixtur
         (0, "unlabelled", False, True), (1, "Bone", False, False), (4, "Facial_Nerve", True, True),
     ]  # fmt: skip
     assert table[2].colour == (51, 102, 153)
+    twice = {**FIELDS, "Segment0_Name": "Facial_Nerve"}
+    seg_nrrd(files / "twice.seg.nrrd", label_numbers(), twice)
+    said("twice.seg.nrrd", "--template", "twice.csv")
+    assert [t.critical for t in read_tissues("twice.csv")] == [False, True, True]
     assert "Facial_Nerve" in said("seg.csv")
     assert "ct.nrrd: labels must be zero or positive, got -1000: is this a grey volume?" in said(
         "ct.nrrd", status=2
     )
-    assert "--template goes with a file of labels" in said("--template", "x.csv", status=2)
+    for option in ("unknown", "unit", "spacing", "tissues", "template"):
+        word = "nearest" if option == "unknown" else "1"
+        for table in ([], ["t.csv"]):
+            assert f"--{option} goes with a file of labels" in said(*table, f"--{option}", word, status=2)
     many = LabelVolume(np.arange(125).reshape(5, 5, 5), 0.2, (0, 0, 0), np.eye(3), "m")
     write_volume("many.nrrd", many)
     assert "many.nrrd: a bone has at most 64 tissues, and there are 125 labels" in said(

@@ -122,7 +122,7 @@ def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
         ("--slices goes without --web", trace, "--web", "--slices"),
         ("--fps goes with --video", trace, "--png", png, "--fps", 5),
         ("--speed goes with --video", trace, "--pictures", png, "--speed", 2),
-        ("--stereo goes with --png or --video", trace, "--stereo"),
+        ("--stereo does not go with --pictures alone", trace, "--pictures", png, "--stereo"),
         ("--at goes with a window, --png or --pictures: a film shows the whole trace", trace, "--video", "a.gif", "--at", 0),
         ("--width does not go with --pictures alone", trace, "--pictures", png, "--width", 5),
         ("--size does not go with --pictures alone", trace, "--pictures", png, "--size", "320x240"),
@@ -143,7 +143,12 @@ def test_bad_values_and_files(trace, tmp_path, capsys):
     assert "must be WIDTHxHEIGHT of at least 16 pixels, got '8x8'" in err
     code, _, err = call(capsys, trace, "--pictures", tmp_path / "a.png", "--at", 99)
     assert (code, err.count("\n")) == (2, 1)
-    assert "seconds must be from 0 to 0." in err
+    assert "--at must be from 0 to 0." in err
+    (tmp_path / "ct.nrrd").write_text("NRRD0004\n")
+    for other in (tmp_path, tmp_path / "ct.nrrd"):
+        code, _, err = call(capsys, other, "--pictures", tmp_path / "a.png")
+        assert (code, err.count("\n")) == (2, 1)
+        assert "; --volume shows a volume, --bone a bone that was kept" in err
     broken = tmp_path / "broken.h5"
     broken.write_bytes(trace.read_bytes()[:1000])
     for arguments in ((broken,), ("--bone", broken), (tmp_path / "none.h5",)):
@@ -235,7 +240,7 @@ def test_missing_libraries_are_one_sentence(trace, tmp_path):
 
 
 def test_depth_is_mapped_along_the_axis_that_shows_the_opening():
-    from burrlab.cli_view import _widest_opening
+    from burrlab.cli.view import _widest_opening
 
     for start, axis in (((10, 10, 8.5), "-z"), ((-0.5, 10, 4), "x"), ((10, 20.5, 4), "-y")):
         bone = burrlab.VoxelBone.block((20, 20, 8), 0.5)
@@ -245,7 +250,7 @@ def test_depth_is_mapped_along_the_axis_that_shows_the_opening():
 
 
 def test_a_narrow_depth_map_leaves_no_empty_half(tmp_path):
-    from burrlab.cli_view import _write_pictures
+    from burrlab.cli.view import _write_pictures
 
     bone = burrlab.VoxelBone.block((20, 20, 8), 0.5)
     contact = burrlab.BurrContact(bone, burrlab.Burr(2.5), burrlab.materials["bone"], 1)

@@ -13,7 +13,7 @@ import burrlab
 from burrlab import Tissue, Tissues
 from burrlab.anatomy import AnatomyReport, Watch, write_tissues
 from burrlab.cli import main
-from burrlab.cli_watch import add_watch_options, chosen_watch
+from burrlab.cli.watch import add_watch_options, chosen_watch
 from burrlab.session.network import follow
 from burrlab.session.replica_report import replica_events, replica_report
 

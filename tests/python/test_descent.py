@@ -219,6 +219,7 @@ def test_coarse_and_faint_are_said(bone):
         ({"dt": -1.0}, "dt must be positive and finite, got -1"),
         ({"stop": 0.0}, "stop must be positive and finite, got 0"),
         ({"max_duration": 0.0}, "max_duration must be positive"),
+        ({"max_duration": 1e306}, "max_duration must be below 2\\^63 ticks of 1 ms, got 1e\\+306 s"),
         ({"seed": -1}, "seed must be in 0..2\\^64 - 1, got -1"),
         ({"voxel": 1.0}, "radius must be at least 4 voxels, got 3; a spacing of 0.4 mm or finer would do"),
         ({"voxel": -0.1}, "voxel must be positive and finite"),

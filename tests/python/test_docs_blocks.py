@@ -54,5 +54,5 @@ def test_blocks_run(page, tmp_path):
 
 def burrlab(folder, *words):
     subprocess.run(
-        [sys.executable, "-m", "burrlab.cli", "experiment", *words], cwd=folder, check=True, timeout=300
+        [sys.executable, "-m", "burrlab", "experiment", *words], cwd=folder, check=True, timeout=300
     )

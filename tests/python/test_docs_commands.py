@@ -8,7 +8,7 @@ import shlex
 import pytest
 from conftest import ROOT
 
-from burrlab.cli import _join_vectors, _parser
+from burrlab.cli.parser import command_parser, join_vectors
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 
@@ -24,7 +24,7 @@ def commands(text: str) -> list[str]:
 def test_commands_parse(page, capsys):
     for line in commands(page.read_text(encoding="utf-8")):
         try:
-            _parser().parse_args(_join_vectors(shlex.split(line)[1:]))
+            command_parser().parse_args(join_vectors(shlex.split(line)[1:]))
         except SystemExit as stop:
             if stop.code:
                 pytest.fail(f"{line}\n{capsys.readouterr().err}")

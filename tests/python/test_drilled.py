@@ -12,7 +12,13 @@ import pytest
 from drilled_scenes import MAKERS, MAP, SHAPE, drilled, greys, nifti, nrrd, stack
 
 from burrlab import Burr, erode, materials, read_volume, save_bone
-from burrlab.volume import OccupancyMap, Volume, load_drilled, read_stack, save_drilled
+from burrlab.volume import (
+    OccupancyMap,
+    Volume,
+    load_drilled,
+    read_stack,
+    save_drilled,
+)
 from burrlab.volume.drilled_values import grey_of_levels
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from drilled_scenes import MAP, SHAPE, greys, meta, nifti, nrrd
 
-from burrlab import read_volume
+from burrlab import read_labels, read_volume
 from burrlab.volume import OccupancyMap, Volume, save_drilled
-from burrlab.volume.drilled import check_drilled
+from burrlab.volume.drilled_checks import check_drilled
 
 
 def test_bad_saves_are_refused(tmp_path: Path) -> None:
@@ -30,6 +30,7 @@ def test_bad_saves_are_refused(tmp_path: Path) -> None:
     refused(ValueError, "path must be another file than the original", "a.nrrd")
     refused(ValueError, r"path must end in .nrrd, .nii, .nii.gz or .mha, got .*b.txt", "b.txt")
     refused(FileNotFoundError, "folder must exist", "none/b.nrrd")
+    refused(ValueError, "name of at most 225 bytes, .*, got 226", "x" * 221 + ".nrrd")
     (tmp_path / "mine.nrrd").write_text("something else")
     refused(
         FileExistsError,
@@ -49,6 +50,45 @@ def test_bad_saves_are_refused(tmp_path: Path) -> None:
     )  # fmt: skip
     assert (tmp_path / "a.nrrd").read_bytes() == before
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.nrrd", "mine.nrrd"]
+
+
+def test_an_empty_that_a_scaled_file_cannot_store(tmp_path: Path) -> None:
+    """Its values are real numbers once they are read: the type that they have then holds any."""
+    stored = ((greys("i4") + 1024) // 2).clip(0).astype("u2")
+    volume = read_volume(nifti(tmp_path / "a.nii", stored, slope=2.0, inter=-100.0))
+    below = OccupancyMap.two_point(-300, 1200)
+    match = r"empty that .*a\.nii can hold, .*: it holds uint16, -100 to 130970, got -300"
+    for call in (
+        lambda: check_drilled(tmp_path / "b.nii", volume, below),
+        lambda: save_drilled(tmp_path / "b.nii", volume.to_bone(below), volume, mapping=below),
+    ):
+        with pytest.raises(ValueError, match=match):
+            call()
+    assert [path.name for path in tmp_path.iterdir()] == ["a.nii"]
+    assert check_drilled(tmp_path / "b.mha", volume, below) is None  # has no slope
+    labels = read_labels(nifti(tmp_path / "l.nii", np.ones(SHAPE, "u1"), slope=1.0, inter=5.0))
+    with pytest.raises(
+        ValueError, match=r"labels must have a 0 that .*l\.nii can hold, .* uint8, 5 to 260, got 0"
+    ):
+        check_drilled(tmp_path / "b.nii", labels)
+    volume = read_volume(nifti(tmp_path / "c.nii", greys("f4")))
+    far = OccupancyMap.two_point(-1e300, 1200)
+    with pytest.raises(ValueError, match="it holds float32, got -1e"):
+        check_drilled(tmp_path / "b.nii", volume, far)
+
+
+@pytest.mark.parametrize("slope", [1.0, -1.0])
+def test_what_was_removed_is_empty_after_rounding(tmp_path: Path, slope: float) -> None:
+    """A steep map about half a grey value: rounded to the nearest, nothing left would be half full."""
+    values = np.full(SHAPE, 30, "i2")
+    volume = read_volume(nifti(tmp_path / "a.nii", (values * slope).astype("i2"), slope=slope))
+    steep = OccupancyMap.two_point(10.6, 11.2)
+    bone = volume.to_bone(steep)
+    density = bone.density.copy()
+    density[3:5] = 0
+    bone.restore(density)
+    save_drilled(tmp_path / "b.nii", bone, volume, mapping=steep)
+    np.testing.assert_array_equal(steep.levels(read_volume(tmp_path / "b.nii").values), density)
 
 
 @pytest.mark.parametrize(

@@ -38,10 +38,10 @@ def recipe(kind: str, folder: Path) -> tuple[LabelledRecipe | VolumeRecipe, str]
         return LabelledRecipe(str(seg_nrrd(folder / "a.seg.nrrd", labels(), FIELDS)), TABLE), "kept.seg.nrrd"
     if kind == "labels.nii.gz":
         return LabelledRecipe(str(label_file(folder / "a.nii.gz", volume())), TABLE), "kept.nii.gz"
-    if kind == "DICOM":
+    if kind.startswith("DICOM"):
         write_series(folder / "series", greys(), step=0.25, spacing=(0.25, 0.25))
         grey = read_volume(folder / "series")
-        name = "kept.nrrd"
+        name = "kept.nrrd" if kind == "DICOM as NRRD" else "kept"
         source = folder / "series"
     else:
         source, name, grey = folder / f"ct{kind}", f"kept{kind}", volume()
@@ -67,7 +67,7 @@ def drill(bone: VoxelBone, tick: int, ticks: int) -> tuple[VoxelBone, int]:
     return session.snapshot()
 
 
-KINDS = (".nrrd", ".nii", ".nii.gz", ".mha", "DICOM", "coloured slices", "segmentation", "labels.nii.gz")
+KINDS = (".nrrd", ".nii", ".nii.gz", ".mha", "DICOM", "DICOM as NRRD", "coloured slices", "segmentation", "labels.nii.gz")  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -105,7 +105,7 @@ def test_kept_seen_and_gone_on_with(kind: str, tmp_path: Path) -> None:
     assert later.digest() == drill(made.bone(), 0, 900)[0].digest()  # as if there had been no night
     if path.is_dir():
         with pytest.raises(FileExistsError, match="path must be a new folder"):
-            save_drilled(path, later, kept.volume(), tick=tick)
+            save_drilled(path, later, kept.volume(), mapping=kept.mapping, tick=tick)
         path = tmp_path / "second"
     save_drilled(path, later, kept.volume(), mapping=kept.mapping, tick=tick)
     again = load_drilled(path)
@@ -119,6 +119,8 @@ def test_kept_seen_and_gone_on_with(kind: str, tmp_path: Path) -> None:
 
 def independent(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     """Values (z, y, x), and the matrix from voxel (x, y, z) to LPS, by readers that are not ours."""
+    if any(path.glob("*.dcm")):
+        return dicom(path)
     if path.is_dir():
         planes = []
         for file in sorted(path.glob("*.png")):
@@ -153,6 +155,19 @@ def independent(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     matrix[:3, :3] = axes.T * np.array([float(n) for n in fields["ElementSpacing"].split()])
     matrix[:3, 3] = [float(n) for n in fields["Offset"].split()]
     return np.frombuffer(data, "<i2").reshape(shape), matrix
+
+
+def dicom(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """By pydicom."""
+    pydicom = pytest.importorskip("pydicom", reason="pydicom, an independent reader, is not installed")
+    slices = sorted(map(pydicom.dcmread, path.glob("*.dcm")), key=lambda s: float(s.ImagePositionPatient[2]))
+    places = np.array([[float(p) for p in s.ImagePositionPatient] for s in slices])
+    down, across = (float(s) for s in slices[0].PixelSpacing)
+    matrix = np.eye(4)
+    turn = np.reshape([float(v) for v in slices[0].ImageOrientationPatient], (2, 3)).T
+    matrix[:3, :3] = np.column_stack([turn * (across, down), places[1] - places[0]])
+    matrix[:3, 3] = places[0]
+    return np.stack([s.pixel_array * s.RescaleSlope + s.RescaleIntercept for s in slices]), matrix
 
 
 def test_a_segmentation_keeps_names_and_layers_become_labels(tmp_path: Path) -> None:

@@ -11,11 +11,14 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
-from effects_scenes import levels_removed, session
+from effects_scenes import bone_with_tissues, levels_removed, session
 
 import burrlab
+from burrlab import _core
 from burrlab.effects import Camera, Companion, EffectParameters, Effects, Nozzle, Sucker, effects_of
+from burrlab.session.network import follow
 from burrlab.view import TracePlayer
 
 WATER = Nozzle((2, 0, 3), (-0.5, 0, -0.9), rate=100)
@@ -54,6 +57,37 @@ def test_what_was_gone_before_made_no_dust() -> None:
     assert companion.balance()["dust"].made == 0
 
 
+def test_on_a_replica_beside_another_consumer() -> None:
+    """What it removes is dust of its own tissues, though somebody else takes what changed as well."""
+    made = session(1.5, wall_clock=True, realtime=False, publish=0)
+    replica = follow("127.0.0.1", made.port, bone=bone_with_tissues())
+    with Companion(replica, seed=1, nozzle=WATER, rate=50) as companion, made:
+        seen = []
+        while not replica.wait(0.05):
+            seen.append(replica.take()["bricks"])
+        assert companion.wait(60)
+        assert companion.error == ""
+        bone, ticks = replica.snapshot()
+        newest = companion.newest()
+    replica.stop()
+    assert bone.digest() == made.snapshot()[0].digest()
+    assert newest["tick"] == ticks > 100
+    assert newest["balance"]["dust"].made == levels_removed(bone) == sum(newest["removed"]) > 0
+    assert newest["removed"] == [
+        round(bone.removed_of(i) / companion.quantum) for i in range(len(newest["removed"]))
+    ]
+    assert newest["balance"]["blood"].made > 0 < newest["balance"]["water"].made
+    assert exact(companion)
+    taken = {tuple(brick) for bricks in [*seen, replica.take()["bricks"]] for brick in bricks}
+    start = bone_with_tissues().density
+    assert taken == {tuple(place) for place in np.unique(np.argwhere(bone.density != start) // 8, axis=0)}
+
+
+def test_a_replica_that_follows_nobody_is_refused() -> None:
+    with pytest.raises(ValueError, match="replica must be started first"):
+        Companion(_core.Replica("127.0.0.1", 1), seed=1)
+
+
 def test_rebuilds_lose_nothing() -> None:
     made = session(2.0, wall_clock=True, realtime=False)
     with Companion(made, seed=1) as companion, made:
@@ -67,16 +101,17 @@ def test_rebuilds_lose_nothing() -> None:
     assert exact(companion)
 
 
-def test_its_frames_come_again_from_the_trace(tmp_path: Path) -> None:
-    """Also those of a budget that no machine meets, beginning in the middle."""
+@pytest.mark.parametrize("tick", [0, 70_000])
+def test_its_frames_come_again_from_the_trace(tmp_path: Path, tick: int) -> None:
+    """Also those of a budget that no machine meets, beginning in the middle, and of a bone with ticks behind it."""
     sucker = Sucker((0, 2, 1))
-    with session(1.0, wall_clock=True, realtime=False, record=tmp_path / "trace.h5") as made:
+    with session(1.0, wall_clock=True, realtime=False, tick=tick, record=tmp_path / "trace.h5") as made:
         made.wait(0.2)
         with Companion(made, seed=5, rate=100, budget=1e-5, nozzle=WATER, sucker=sucker) as companion:
             assert companion.wait(60)
     assert companion.report().over_budget > 0
     player = TracePlayer(burrlab.load_trace(tmp_path / "trace.h5"))
-    assert companion.first_tick > 0
+    assert companion.first_tick > tick
     player.seek_tick(companion.first_tick)
     again = Effects(player.bone, seed=5, nozzle=WATER, sucker=sucker)
     for _ in effects_of(player, again, frames=companion.frames):
@@ -84,8 +119,9 @@ def test_its_frames_come_again_from_the_trace(tmp_path: Path) -> None:
     assert len(again.parcels) > 0
     assert (again.parcels == companion.parcels).all()
     assert again.balance() == companion.balance()
-    with pytest.raises(ValueError, match=f"frames must be from 0 to {player.ticks}, got 3 to 1001"):
-        effects_of(player, again, frames=[(0.05, 3, (99, 1, 1)), (0.05, 1001, (99, 1, 1))])
+    first, last = tick + 3, tick + player.ticks + 1
+    with pytest.raises(ValueError, match=f"frames must be from {tick} to {last - 1}, got {first} to {last}"):
+        effects_of(player, again, frames=[(0.05, first, (99, 1, 1)), (0.05, last, (99, 1, 1))])
 
 
 def test_stopped_in_the_middle_and_changed_while_it_runs() -> None:
@@ -130,6 +166,18 @@ def test_it_ends_with_a_session_that_was_never_started() -> None:
     assert companion.wait(20)
     assert companion.error == ""
     assert Companion(made, seed=1, rate=100).start().wait(20)
+
+
+@pytest.mark.parametrize("recorded", [False, True])
+def test_it_ends_with_a_session_that_nobody_can_start_any_more(tmp_path: Path, recorded: bool) -> None:
+    options = {"record": tmp_path / "trace.h5"} if recorded else {}
+    made = session(1.0, **options)
+    companion = Companion(made, seed=1, rate=100).start()
+    assert not companion.wait(0.1)
+    del made  # at once, without the garbage collector
+    assert companion.wait(20)
+    assert companion.error == ""
+    assert companion.balance()["dust"].made == 0
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")

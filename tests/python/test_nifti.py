@@ -39,6 +39,10 @@ def test_nifti_slope_and_intercept(tmp_path):
     volume = burrlab.read_volume(tmp_path / "v.nii")
     np.testing.assert_array_equal(volume.values, 0.5 * values - 1024)
     np.testing.assert_array_equal(volume.values, nibabel.load(tmp_path / "v.nii").get_fdata().T)
+    struct.pack_into("<2f", content, 112, 3e38, 0.0)
+    (tmp_path / "v.nii").write_bytes(content)
+    with pytest.raises(ValueError, match="values that are not finite"):  # and no warning before it
+        burrlab.read_volume(tmp_path / "v.nii")
 
 
 def test_nifti_2_and_pairs_and_big_endian(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import io
+import time
 
 import numpy as np
 import pytest
@@ -173,6 +174,18 @@ def test_views_and_slices(page, trace):
     assert page.scene.cuts[-1] is None
 
 
+def test_stereo_on_request(page):
+    assert not page.scene.stereo
+    turn(page, 1.0)
+    page.state.tell("stereo", True)
+    assert page.scene.stereo
+    number = page.state.picture_number
+    turn(page, 2.0)
+    assert page.state.picture_number == number + 1
+    page.state.tell("stereo", False)
+    assert not page.scene.stereo
+
+
 def test_an_error_is_said_and_the_page_goes_on(page):
     def fail(seconds):
         raise OSError("the disk is gone")
@@ -180,18 +193,52 @@ def test_an_error_is_said_and_the_page_goes_on(page):
     go, page.source.go = page.source.go, fail
     page.state.update(playing=True)
 
+    async def until(reached):
+        end = time.monotonic() + 20.0
+        while not reached():
+            assert time.monotonic() < end
+            await asyncio.sleep(0.01)
+
     async def some_turns():
+        begin = time.monotonic()
         work = asyncio.create_task(page.run())
         page.state.tell("wanted_s", 1.0)
-        await asyncio.sleep(0.1)
+        await until(lambda: page.state.problem)
+        played = time.monotonic() - begin  # at most, before it failed
         assert page.state.problem == "OSError: the disk is gone"
         assert not page.state.playing
         page.source.go = go
-        await asyncio.sleep(0.2)
+        await until(lambda: page.state.time_s > 0)
         work.cancel()
+        return played
 
-    asyncio.run(some_turns())
-    assert page.state.time_s == pytest.approx(1.0)
+    played = asyncio.run(some_turns())
+    assert 1.0 <= page.state.time_s <= 1.0 + played + 1e-4
+
+
+def test_what_could_not_be_drawn_is_drawn_by_the_next_turn(page):
+    """Of a scene that fails twice, and then no more, nothing is missing."""
+    update, seen, failures = page.scene.update, [], iter([True, True])
+
+    def fails_at_first(bone, bricks):
+        if next(failures, False):
+            raise MemoryError
+        seen.append(bricks)
+        return update(bone, bricks)
+
+    before = page.source.bone.density
+    page.scene.update = fails_at_first
+    for moment in (2.0, 3.0):
+        page.state.tell("wanted_s", moment)
+        with pytest.raises(MemoryError):
+            turn(page, moment)
+    turn(page, 4.0)
+    assert page.state.time_s == pytest.approx(3.0)
+    changed = np.unique(np.argwhere(page.source.bone.density != before) // 8, axis=0)
+    assert {tuple(brick) for brick in changed} <= {tuple(brick) for brick in seen[0]}
+    page.state.tell("wanted_s", 3.0005)
+    turn(page, 5.0)
+    assert len(seen) == 1  # and it is drawn once
 
 
 def test_events_of_the_trace(page, trace):

@@ -45,7 +45,7 @@ def test_every_moment_is_that_of_the_session(scene, prepared, memory):
         assert player.done == 0
     rng = np.random.default_rng(1)
     for moment in [*MOMENTS, *reversed(MOMENTS), *rng.choice(MOMENTS, 30)]:
-        player.seek_tick(int(moment))
+        player.seek_tick(FIRST + int(moment))
         assert player.done == moment
         assert player.tick == FIRST + moment
         assert player.bone.digest() == scene[1][moment]
@@ -60,7 +60,7 @@ def test_changed_bricks_are_those_that_differ(scene):
     seen = np.ones(player.bone.shape, bool)
     rng = np.random.default_rng(2)
     for moment in rng.integers(0, TICKS + 1, 40):
-        bricks = player.seek_tick(int(moment))
+        bricks = player.seek_tick(FIRST + int(moment))
         assert (np.diff(bricks.astype(int)) > 0).all()
         now = player.bone.density
         seen[:] = False
@@ -69,7 +69,7 @@ def test_changed_bricks_are_those_that_differ(scene):
             seen[8 * z : 8 * z + 8, 8 * y : 8 * y + 8, 8 * x : 8 * x + 8] = True
         assert (now == view)[~seen].all()
         view = now
-    assert len(player.seek_tick(player.done)) == 0
+    assert len(player.seek_tick(player.tick)) == 0
 
 
 def test_seconds_count_whole_ticks(scene):
@@ -90,7 +90,7 @@ def test_burrs_force_and_depth_are_the_recorded_ones(scene):
     assert not player.burrs.on.any()
     assert not player.force.any()
     assert (player.burrs.centers == rows["center_mm"][0]).all()
-    player.seek_tick(2000)
+    player.seek_tick(FIRST + 2000)
     assert (player.burrs.centers == rows["center_mm"][1999]).all()
     assert (player.burrs.radii == [burr.radius for burr, _ in scene[0].tools]).all()
     assert (player.force == rows["force_N"][1999]).all()
@@ -109,7 +109,7 @@ def test_prepares_beside_seeks(scene):
     rng = np.random.default_rng(3)
     while thread.is_alive():
         moment = int(rng.choice(MOMENTS))
-        player.seek_tick(moment)
+        player.seek_tick(FIRST + moment)
         assert player.bone.digest() == scene[1][moment]
     thread.join()
     assert done[-1] == 1.0
@@ -120,7 +120,7 @@ def test_preparing_ends_when_asked(scene):
     player, cancel = play(scene, every=0.1), threading.Event()
     assert not player.prepare(lambda part: cancel.set() if part > 0.2 else None, cancel=cancel)
     assert 0.1 < player.prepared < 0.5
-    player.seek_tick(1500)
+    player.seek_tick(FIRST + 1500)
     assert player.bone.digest() == scene[1][1500]
 
 
@@ -134,8 +134,9 @@ def test_refusals(scene):
     for seconds in (-0.1, 3.1, float("nan")):
         with pytest.raises(ValueError, match=r"seconds must be from 0 to 3\.06"):
             player.seek(seconds)
-    with pytest.raises(ValueError, match="done must be from 0 to 3000, got 3001"):
-        player.seek_tick(3001)
+    for tick in (FIRST - 1, FIRST + 3001):
+        with pytest.raises(ValueError, match=f"tick must be from {FIRST} to {FIRST + 3000}, got {tick}"):
+            player.seek_tick(tick)
 
 
 def test_bricks_are_restored_under_their_pristine_levels():

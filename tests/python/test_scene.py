@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rendering_probe import need_drawing
 from replica_scenes import Leader
+from scene_pictures import SIZE, differing, small_scene  # noqa: F401
 from session_scenes import small_bone, tools
 from view_scenes import parcels, read, write_trace
 
@@ -19,20 +20,6 @@ from burrlab.view import LiveView, Scene, TraceView, surface_blocks, surgeon_vie
 from burrlab.view.parcel_actor import parcel_colours
 
 pytestmark = pytest.mark.slow
-SIZE = (320, 240)
-
-
-@pytest.fixture
-def scene():
-    need_drawing()
-    made = Scene(small_bone(), [1.0], off_screen=True, size=SIZE, chart=False)
-    made.look(surgeon_view(made.bone, (0, 0, 0), width=8.0, tilt=0.0))
-    yield made
-    made.close()
-
-
-def differing(one, other):
-    return np.abs(one.astype(int) - other.astype(int)).max(axis=2) > 8
 
 
 def test_a_burr_is_drawn_where_it_is_and_as_large(scene):
@@ -48,6 +35,27 @@ def test_a_burr_is_drawn_where_it_is_and_as_large(scene):
     assert np.ptp(columns) * pixel == pytest.approx(2.0 * nearer, rel=0.08)
     scene.move_burrs([[np.nan] * 3])
     assert not differing(scene.picture(), before).any()
+
+
+def test_a_burr_inside_the_bone_is_outlined_where_that_is_asked_for(scene):
+    """Its rim, a circle of its radius about its centre, and nothing within."""
+    hidden = [[0.5, 0.0, -1.2]]
+    before = scene.picture()
+    scene.move_burrs(hidden, [True])
+    assert not differing(scene.picture(), before).any()
+    outlined = Scene(scene.bone, [1.0], off_screen=True, size=SIZE, chart=False, outline=True)
+    outlined.look(scene.viewpoint)
+    assert not differing(outlined.picture(), before).any()  # no place is known yet
+    outlined.move_burrs(hidden, [True])
+    rows, columns = np.nonzero(differing(outlined.picture(), before))
+    distance = outlined.viewpoint.distance
+    pixel = 8.0 / 240 * (distance + 1.2) / distance
+    x, y = (columns - 159.5) * pixel, (119.5 - rows) * pixel
+    np.testing.assert_allclose(np.hypot(x - 0.5, y), 1.0, atol=0.12)
+    assert len(np.unique(np.arctan2(y, x - 0.5).round(1))) > 40  # all around
+    outlined.move_burrs([[np.nan] * 3])
+    assert not differing(outlined.picture(), before).any()
+    outlined.close()
 
 
 def test_an_update_draws_what_a_new_scene_draws(scene):
@@ -107,18 +115,6 @@ def test_a_chart_appears_with_its_values():
     scene.close()
 
 
-def test_eyes_differ_but_not_at_the_focus(scene):
-    scene.move_burrs([[0.0, 0.0, 3.0]])
-    pair = scene.stereo_picture()
-    assert pair.shape == (240, 640, 3)
-    left, right = pair[:, :320], pair[:, 320:]
-    assert differing(left, right).any()
-    np.testing.assert_array_equal(scene.stereo_picture(swap=True), np.concatenate([right, left], axis=1))
-    one, other = np.split(scene.stereo_picture(0.0), 2, axis=1)
-    np.testing.assert_array_equal(one, other)
-    np.testing.assert_array_equal(scene.picture(), one)  # the camera is back in the middle
-
-
 def test_files_are_pictures(scene, tmp_path):
     scene.screenshot(tmp_path / "a.png")
     scene.stereo_pair(tmp_path / "b.png")
@@ -159,7 +155,7 @@ def test_a_view_of_a_trace_holds_its_bone(tmp_path):
     assert fresh.keys() == view.scene.surface.blocks.keys()
     for block, made in view.scene.surface.blocks.items():
         np.testing.assert_array_equal(made.points, fresh[block].points)
-    assert view.scene.burrs[0].GetPosition() == pytest.approx(trace.ticks["burr"]["center_mm"][-1, 0])
+    assert view.scene._burrs.balls[0].GetPosition() == pytest.approx(trace.ticks["burr"]["center_mm"][-1, 0])
     frames = list(view.frames(fps=5.0, start=0.0, stop=0.4, stereo=True))
     assert len(frames) == 3
     assert frames[0].shape == (240, 640, 3)
@@ -189,7 +185,7 @@ def check_live(view, bone, tick):
 def test_a_live_view_ends_with_the_bone_of_the_session():
     need_drawing()
     device = burrlab.HandDevice(start=(0.0, 0.0, 2.2), strokes_after=0.0)
-    session = burrlab.Session(small_bone(), tools(1)[0], device, seed=1, duration=2.0)
+    session = burrlab.Session(small_bone(), tools(1)[0], device, seed=1, duration=4.0)
     view = LiveView(session, off_screen=True, size=SIZE, slices=True)
     with session:
         frames = list(view.frames(60.0, fps=10.0))
@@ -197,7 +193,7 @@ def test_a_live_view_ends_with_the_bone_of_the_session():
     assert len(frames) > 2
     assert differing(frames[0], frames[-1]).any()
     check_live(view, *session.snapshot())
-    assert view.scene.burrs[0].GetVisibility()
+    assert view.scene._burrs.balls[0].GetVisibility()
     with pytest.raises(ValueError, match=r"seconds and fps must be positive, got 0 and 20\.0"):
         next(view.frames(0))
     with pytest.raises(ValueError, match="rate must be positive and finite, got 0"):

@@ -44,6 +44,15 @@ class TestVirtualClock:
         assert (cut.digest(), tick) == run.digests[-1][::-1]
         assert cut.removed > 0.1
 
+    def test_a_coarse_burr_is_told(self):
+        """README: below 7.5 voxels of radius the result says so."""
+        for spacing, told in ((0.5, ["coarse: the radius of burr 0 is 6 voxels, below 7.5"]), (0.4, [])):
+            bone = burrlab.VoxelBone.block((16, 16, 4), spacing)
+            device = burrlab.ScriptedDevice([0, 0.01], [(8, 8, 9)] * 2)
+            with burrlab.Session(bone, TOOL, device, seed=1, wall_clock=False) as run:
+                assert run.wait(20)
+            assert [text for text in run.report().messages if "coarse" in text] == told
+
     def test_goes_on_from_a_saved_bone(self, tmp_path):
         """Two halves with the tick index kept give the bone of one run."""
         time_, position = np.arange(0, 2.001, 0.5), np.array([[x, 0, 2.7] for x in (0, 3, 0, -3, 0)])

@@ -104,6 +104,17 @@ def test_bad_targets_are_refused():
     with pytest.raises(ValueError, match="target must hold bone, got a region with none in it"):
         compare_with_target(bone, np.zeros(SHAPE, bool))
     labels = labels_on(bone, region)
+    scan = replace(labels, labels=labels.labels.astype(np.int16) - 1000, path="ct.nrrd")
+    for onto in (False, True):
+        with pytest.raises(
+            ValueError, match=r"ct\.nrrd: labels must be zero or positive, got -1000: is this a grey volume\?"
+        ):
+            compare_with_target(bone, scan, onto=onto)
+    greys = replace(labels, labels=np.arange(labels.labels.size).reshape(labels.shape) % 200, path="ct.nrrd")
+    with pytest.raises(
+        ValueError, match=r"ct\.nrrd: .* at most 64 tissues, and there are 200 .*: is this a grey volume"
+    ):
+        compare_with_target(bone, greys)
     for changed in ({"origin": labels.origin + [0.0, 0.1, 0.0]}, {"spacing": labels.spacing * 1.01}):
         with pytest.raises(ValueError, match="target must lie on the bone's grid"):
             compare_with_target(bone, replace(labels, **changed))
@@ -148,7 +159,9 @@ def test_command_line(tmp_path, capsys):
     assert expected["overlap_mm3"] > 0
     assert {key: found[key] for key in expected} == expected
     assert main(["metrics", str(record), "--target", str(tmp_path / "target.nrrd")]) == 0
-    assert "% of the target's" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "% of the target's" in said
+    assert "before this session" not in said
     finer = labels_on(bone, region).resample(np.array(bone.spacing) / 2)
     write_volume(tmp_path / "finer.nrrd", finer)
     assert (
@@ -161,3 +174,25 @@ def test_command_line(tmp_path, capsys):
     write_volume(wrong, replace(labels_on(bone, region), origin=np.zeros(3)))
     assert main(["metrics", str(record), "--target", str(wrong)]) == 2
     assert "target must lie on the bone's grid" in capsys.readouterr().err
+
+
+def test_a_session_that_went_on_says_what_was_removed_before(tmp_path, capsys):
+    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+    bone, target, record = nerve_bone(), tmp_path / "target.nrrd", tmp_path / "session.h5"
+    write_volume(target, labels_on(bone, np.ones(bone.shape, bool)))
+    tick = 0
+    for _ in range(2):
+        device = straight([[0, 0, 1.2], [0, 0, 0.2], [1, 0, 0.2]], [0, 0.2, 0.5])
+        before = bone.removed
+        with burrlab.Session(
+            bone, tool(), device, seed=1, tick=tick, wall_clock=False, record=record
+        ) as session:
+            session.wait()
+            bone, tick = session.snapshot()
+        assert main(["metrics", str(record), "--target", str(target), "--json", "-"]) == 0
+        found = json.loads(capsys.readouterr().out)["target"]
+        assert found["removed_before_mm3"] == before
+        assert found["removed_mm3"] == pytest.approx(bone.removed, rel=1e-12)
+        record = tmp_path / "next.h5"
+    assert main(["metrics", str(tmp_path / "next.h5"), "--target", str(target)]) == 0
+    assert f"{before:.2f} mm^3 of that were removed before this session" in capsys.readouterr().out

@@ -21,14 +21,14 @@ ASK = (
     + """
 import sys, time
 import burrlab
-from burrlab.cli_session import _ended_by_signals
+from burrlab.cli.output import ended_by_signals
 from burrlab.psychophysics.designs.same_different import SameDifferent
 from burrlab.psychophysics.experiment.terminal import TerminalSeat
 from burrlab.psychophysics.trial import Stimulus
 bone, pvc = (Stimulus(name, burrlab.materials[name]) for name in ("bone", "pvc"))
 design = SameDifferent(bone, pvc)
 trial = design.order(seed=1, subject="01").next()
-with TerminalSeat() as seat, _ended_by_signals():
+with TerminalSeat() as seat, ended_by_signals():
     seat.progress("Trial 1 of 12")
     exec(sys.argv[1])
 """

@@ -68,12 +68,13 @@ def test_only_bone_is_not_assumed_and_all_have_its_values() -> None:
     assert {(t.c_e, t.alpha) for t in default_tissues(["bone", "dura"], material=own)} == {(3.0, 0.2)}
 
 
-def test_the_phantom_and_the_default_table_agree() -> None:
-    phantom = phantom_tissues()
-    table = default_tissues([tissue.name for tissue in phantom])
-    assert [(t.name, t.critical, t.bleeds) for t in table] == [
-        (t.name, t.critical, t.bleeds) for t in phantom
-    ]
+def test_cortex_and_mastoid_are_bone_wherever_they_are_named(tmp_path: Path) -> None:
+    names = ["air", "Cortical_Bone", "mastoid bone", "dura"]
+    (tmp_path / "t.csv").write_text("label,name\n" + "".join(f"{i},{name}\n" for i, name in enumerate(names)))
+    for table in (default_tissues(names), read_tissues(tmp_path / "t.csv")):
+        assert [t.assumed for t in table] == [True, False, False, True]
+    assert {t.name for t in phantom_tissues() if not t.assumed} == {"cortex", "mastoid"}
+    assert len({t.colour for t in phantom_tissues()}) == 8
 
 
 def test_two_sides_keep_their_names() -> None:

@@ -295,7 +295,7 @@ def test_rates_and_radii_beyond_what_sums_hold() -> None:
     burrlab.BurrContact(bone, burrlab.Burr(1.99), material, seed=1)
     with pytest.raises(ValueError, match="radius over the voxel must be small enough for c_e of the tissues"):
         burrlab.BurrContact(bone, burrlab.Burr(2.05), material, seed=1)
-    with pytest.raises(ValueError, match="alpha dt must be at most 1000, got 20000"):
+    with pytest.raises(ValueError, match="alpha dt of 'enamel' must be at most 1000, got 20000"):
         burrlab.BurrContact(bone, burrlab.Burr(1.0), material, seed=1).step((0, 0, 0), 2e5)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import subprocess
 import sys
@@ -316,6 +317,9 @@ def test_frames_and_columns(file):
         trace.array("force_N")[0] = 0.0
     assert trace.time()[-1] == pytest.approx(trace.duration)
     assert trace.duration == records["k"].sum() / 1000.0
+    assert trace.duration is trace.duration, "summed over all ticks at each look"
+    assert trace.initial_digest is trace.initial_digest, "hashed at each look"
+    assert dataclasses.replace(trace, ticks=trace.ticks[:10]).duration < trace.duration
     assert "R = 1.5 mm in pettigrew" in repr(trace)
     assert "<table>" in trace._repr_html_()
 

@@ -97,6 +97,11 @@ def test_specimen_errors(tmp_path):
         volume.specimen(60, 160, entry=above, axis=(0, 0, 1))
     with pytest.raises(ValueError, match=r"\(LPS\); .* lies in it: RAS, as 3D Slicer shows"):
         volume.specimen(60, 160, entry=(volume.origin + 6.0) * (-1, -1, 1), axis=(0, 0, -1))
+    assert volume.specimen(60, 160, entry=above + (0, 0, 10), axis=(0, 0, -1)).surface[2] < above[2]
+    with pytest.raises(
+        ValueError, match=r"entry: .* lies \d+ mm outside .*v.nrrd, more than it is wide; the volume lies"
+    ):
+        volume.specimen(60, 160, entry=above + (0, 0, 100), axis=(0, 0, -1))
     with pytest.raises(ValueError, match="lies inside bone"):
         volume.specimen(60, 160, entry=volume.origin + (6.0, 6.0, 1.0), axis=(0, 0, -1))
     with pytest.raises(ValueError, match="LO below HI"):

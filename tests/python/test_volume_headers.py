@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import burrlab
+from burrlab.volume import write_dicom
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 from volume_scenes import a_volume, raw
@@ -56,6 +60,8 @@ def test_nrrd_spacings_in_metres(tmp_path):
         "dimension: 4\nsizes: 5 4 3 1\nspace directions: (1,0,0) (0,1,0) (0,0,2) none\nkinds: domain domain domain list\n",
         "dimension: 4\nsizes: 1 5 4 3\nspace directions: none (1,0,0) (0,1,0) (0,0,2)\nkinds: vector domain domain domain\n",
         "dimension: 4\nsizes: 5 4 3 1\nspacings: 1 1 2 7\n",
+        "dimension: 4\nsizes: 5 4 3 1\nspace directions: (1,0,0) (0,1,0) (0,0,2) none\nkinds: space space space time\n",
+        "dimension: 4\nsizes: 1 5 4 3\nspace directions: none (1,0,0) (0,1,0) (0,0,2)\n",
     ],
 )
 def test_a_fourth_axis_of_one_is_no_axis(tmp_path, head):
@@ -72,6 +78,7 @@ def test_a_fourth_axis_of_one_is_no_axis(tmp_path, head):
         ("dimension: 4\nsizes: 5 4 1 3\nkinds: domain domain domain vector\n", "one value a voxel, got sizes 5 x 4 x 1 x 3"),
         ("dimension: 2\nsizes: 5 12\n", "three dimensions"),
         ("dimension: 3\n", "the NRRD header has no sizes"),
+        ("dimension: 3\nsizes: 5 4 3\nspacings: 1 -1 1\n", r"v.nrrd: spacings of the NRRD header must be positive, got 1 -1 1"),
         ("dimension: 3\nsizes: 5 4 3 1\n", "contradicts its dimension 3"),
         ("dimension: 3\nsizes: 5 4 3\nspace: LPS\nspace directions: (1,0) (0,1) (1,1)\n", "three vectors of three"),
         ("dimension: 3\nsizes: 5 4 3\nspace: LPS\nspace directions: (1,0,0) (0.5,1,0) (0,0,1)\n", "not orthonormal"),
@@ -98,6 +105,14 @@ def test_nrrd_space_that_is_not_anatomical_is_noted(tmp_path):
     ("head", "message"),
     [
         ("DimSize = 5 4 3\n", "does not say the voxel spacing along x, y, z"),
+        (
+            "DimSize = 5 4 3\nElementSpacing = -1 1 1\n",
+            "v.mha: ElementSpacing of the MetaImage header must be positive, got -1 1 1",
+        ),
+        (
+            "DimSize = 5 4 3\nElementSpacing = 1 1 1\nOffset = nan 0 0\n",
+            "v.mha: origin must be three finite numbers",
+        ),
         ("DimSize = 5 4 3\nElementSpacing = 1 1 0\n", "does not say the voxel spacing along z"),
         (
             "DimSize = 5 4 3\nElementSpacing = 1 1 1\nTransformMatrix = 1 0 0 0.5 1 0 0 0 1\n",
@@ -167,3 +182,43 @@ def test_a_damaged_meta_image(tmp_path, cut):
     path.write_bytes(content)
     with pytest.raises(ValueError, match=r"v\.mha: the compressed data is cut short or damaged"):
         burrlab.read_volume(path)
+
+
+@pytest.mark.parametrize("told", ["9", "9x", "999999"])
+def test_a_wrong_size_of_packed_values(tmp_path, told):
+    """SimpleITK unpacks as much as that, and leaves the rest of the voxels as memory has them."""
+    path = tmp_path / "v.mha"
+    burrlab.write_volume(path, a_volume())
+    head, _, tail = path.read_bytes().partition(b"CompressedDataSize = ")
+    own, _, rest = tail.partition(b"\n")
+    path.write_bytes(head + b"CompressedDataSize = " + told.encode() + b"\n" + rest)
+    with pytest.raises(
+        ValueError, match=rf"CompressedDataSize of the MetaImage header must be {int(own)}, got {told}$"
+    ):
+        burrlab.read_volume(path)
+    path.write_bytes(head + rest)
+    with pytest.raises(ValueError, match=rf"must be {int(own)}, got none"):
+        burrlab.read_volume(path)
+    before, _, packed = rest.partition(b"LOCAL\n")
+    (tmp_path / "v.mhd").write_bytes(head + before + b"v.zraw\n")
+    (tmp_path / "v.zraw").write_bytes(packed)
+    np.testing.assert_array_equal(burrlab.read_volume(tmp_path / "v.mhd").values, a_volume().values)
+
+
+def test_a_path_that_is_not_utf_8(tmp_path):
+    """SimpleITK ends the process for one."""
+    folder = os.fsdecode(os.fsencode(tmp_path / "ct") + b"\xe9")
+    os.mkdir(folder)
+    head = NRRD + "dimension: 3\nsizes: 5 4 3\nspacings: 1 1 1\n"
+    path = raw(Path(folder) / "v.nrrd", head)
+    (Path(folder) / "v.dcm").write_bytes(bytes(128) + b"DICM")
+    volume = a_volume()
+    for call in (
+        lambda: burrlab.read_volume(path),
+        lambda: burrlab.read_volume(folder),
+        lambda: burrlab.write_volume(Path(folder) / "w.nrrd", volume),
+        lambda: write_dicom(Path(folder) / "w", volume),
+    ):
+        with pytest.raises(ValueError, match=r"path must be UTF-8, got '.*ct.udce9"):
+            call()
+    assert sorted(os.listdir(folder)) == ["v.dcm", "v.nrrd"]

@@ -10,8 +10,7 @@ import pytest
 import burrlab
 from burrlab.fitting.voxel_descent import VoxelSettings
 from burrlab.session.network import make_bone, volume_recipe
-from burrlab.volume import OccupancyMap, VolumeRecipe, write_dicom
-from burrlab.volume.drilled import check_drilled
+from burrlab.volume import OccupancyMap, VolumeRecipe, load_drilled, save_drilled, write_dicom
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 from volume_scenes import ASKEW, slab
@@ -78,8 +77,9 @@ def test_a_picture_among_dicom_slices_makes_no_stack_of_them(tmp_path):
     image.fromarray(np.zeros((4, 5), np.uint8)).save(tmp_path / "ct" / "preview.png")
     found = VolumeRecipe(tmp_path / "ct", OccupancyMap.two_point(0, 1)).volume()
     np.testing.assert_array_equal(found.values, values)
-    with pytest.raises(ValueError, match=r"path must end in \.nrrd"):
-        check_drilled(tmp_path / "kept", found, OccupancyMap.two_point(0, 1))
+    save_drilled(tmp_path / "kept", found.to_bone(0, 1), found, mapping=OccupancyMap.two_point(0, 1))
+    assert burrlab.read_volume(tmp_path / "kept").shape == (3, 4, 5)
+    assert load_drilled(tmp_path / "kept").bone.digest() == found.to_bone(0, 1).digest()
 
 
 def test_results_keep_how_the_bone_was_made(tmp_path):

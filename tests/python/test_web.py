@@ -48,6 +48,7 @@ def test_beside_a_session_to_its_end():
         while session.running:
             page._turn(0.0)
             page.shown()
+        session.wait()  # the follower may be behind
         page._turn(0.0)
         final, ticks = session.snapshot()
         assert page.source.bone.digest() == final.digest()

@@ -26,6 +26,7 @@ pytestmark = pytest.mark.slow
 
 _RENDERS = "from burrlab import VoxelBone\nfrom burrlab.view import Scene\nscene = Scene(VoxelBone.block((2, 2, 2), 0.2), [], off_screen=True, size=(64, 64))\nassert scene.picture().std() > 0"
 _IMAGE = "document.querySelector('.burrlab-view img')"
+_SWITCHES = "[...document.querySelectorAll('.v-switch input')].map(input => input.checked)"
 _WEBGL = ("--enable-unsafe-swiftshader",)
 _NO_WEBGL = ("--disable-gpu", "--disable-3d-apis")
 
@@ -254,13 +255,13 @@ def test_a_signal_ends_it_in_order(trace, tmp_path, number):
 
 
 def test_beside_a_session_and_a_replica(tmp_path, pictures):
-    """Live in two pages; Ctrl-C ends each with its page, and the trace is whole."""
+    """Live in two pages with effects, one of them for both eyes; Ctrl-C ends each with its page, and the trace is whole."""
     file = tmp_path / "session.h5"
-    session = Served("session", "--device", "hand", "--record", file, "--publish", 0)
+    session = Served("session", "--device", "hand", "--effects", "--record", file, "--publish", 0)
     replica = None
     try:
         port = re.search(r"published on 127\.0\.0\.1, port (\d+)", "".join(session.said))[1]
-        replica = Served("replica", f"127.0.0.1:{port}")
+        replica = Served("replica", f"127.0.0.1:{port}", "--effects", "--stereo")
         with Chromium(tmp_path / "profile", *_NO_WEBGL) as page:
             for name, one in (("session", session), ("replica", replica)):
                 page.asked.clear()
@@ -270,11 +271,18 @@ def test_beside_a_session_and_a_replica(tmp_path, pictures):
                 page.wait(f"{_IMAGE}.dataset.number > {number + 3}")
                 page.wait("document.querySelectorAll('.burrlab-chart polyline').length === 2")
                 page.wait("!document.querySelector('.burrlab-side').innerText.includes('not known')")
-                assert bone_part(page, page.screenshot(pictures / f"live_{name}.png")).std() > 10
+                assert page.value(_SWITCHES) == [False, name == "replica", True]  # slices, stereo, effects
+                seen = bone_part(page, page.screenshot(pictures / f"live_{name}.png"))
+                assert seen.std() > 10
+                assert (halves_differ(seen) < 40) == (name == "replica")
                 nothing_amiss(page, one.address)
-        assert replica.end()[0] == 130
-        code, rest = session.end()
-        assert code == 130, rest
+        for one in (replica, session):
+            code, rest = one.end()
+            assert code == 130, rest
+            assert "effects at assumed rates, seed " in rest
+            assert re.search(
+                r"^dust: made [0-9.]+, present [0-9.]+, sucked 0\.000, drained [0-9.]+ mm\^3$", rest, re.M
+            )
         assert not children(session.process.pid) + children(replica.process.pid)
         recorded = burrlab.load_trace(file)
         assert len(recorded) > 500
@@ -283,6 +291,12 @@ def test_beside_a_session_and_a_replica(tmp_path, pictures):
         session.kill()
         if replica is not None:
             replica.kill()
+
+
+def halves_differ(picture):
+    """By how much the left half is not the right one, in the mean."""
+    half = picture.shape[1] // 2
+    return np.abs(picture[:, :half].astype(int) - picture[:, -half:]).mean()
 
 
 def children(process):

@@ -78,7 +78,8 @@ class VoxelBone {
   void read_brick(std::size_t brick, std::uint8_t* density, std::uint8_t* pristine) const;
   /// Sets both; throws if a level of q is above that of p, or p is not zero beyond the volume.
   void write_brick(std::size_t brick, const std::uint8_t* density, const std::uint8_t* pristine);
-  /// Takes over a brick of a bone whose pristine levels are the same.
+  /// Takes over the present levels of a brick of a bone whose pristine levels are the same, also while a tick
+  /// in another thread takes from them; whether it did, TickExecutor::version says.
   void copy_brick(std::size_t brick, const VoxelBone& from);
 
   /// Bytes of all that is kept beside the levels: sums, states and occupancy.

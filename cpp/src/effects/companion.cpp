@@ -22,13 +22,11 @@ std::vector<BurrAt> burrs_of(const TickRecord& record) {
 
 }  // namespace
 
-EffectsCompanion::EffectsCompanion(std::shared_ptr<HapticLoop> loop, std::shared_ptr<Follower> follower,
-                                   const EffectsSetup& setup, double rate, bool realtime)
-    : loop_(std::move(loop)), follower_(std::move(follower)), rate_(rate), realtime_(realtime) {
+EffectsCompanion::EffectsCompanion(EffectsFeed feed, const EffectsSetup& setup, double rate, bool realtime)
+    : feed_(std::move(feed)), rate_(rate), realtime_(realtime) {
   if (!(rate >= least_rate && rate <= most_rate)) refuse("rate", "from 1 to 200 Hz", rate);
-  // The view first: what changes between the two is then in both, and makes dust once.
-  view_ = follower_->view();
-  effects_ = std::make_unique<Effects>(*follower_->snapshot(first_tick_), setup);
+  // After the feed was made: what changes between the two is then in both, and makes dust once.
+  effects_ = std::make_unique<Effects>(*feed_.snapshot(first_tick_), setup);
   newest_.tick = first_tick_;
   newest_.hidden = next_.hidden = std::numeric_limits<double>::quiet_NaN();
 }
@@ -119,9 +117,8 @@ void EffectsCompanion::run() {
     }
     int periods = 1;
     for (deadline += period; deadline < std::chrono::steady_clock::now(); deadline += period) ++periods;
-    const bool over = loop_->started() ? !loop_->running() : follower_->stopped();
-    last = over && follower_->status().behind == 0;
     try {
+      last = feed_.over();
       frame(periods);
     } catch (const std::exception& failure) {
       error = failure.what();
@@ -148,7 +145,7 @@ void EffectsCompanion::frame(int periods) {
     effects_->set_sucker(sucker_);
     camera = camera_;
   }
-  const BoneView::Update update = view_->take();
+  const BoneUpdate update = feed_.take();
   const std::vector<BurrAt> burrs = update.any ? burrs_of(update.newest) : std::vector<BurrAt>{};
   const double seconds = std::min(periods, most_frames_at_once) / rate_;
   const FrameDecision decision = effects_->step(

@@ -12,6 +12,8 @@ namespace {
 
 constexpr double longest_frame = 10.0;  // [s]
 constexpr double merged_share = 0.95;   // of the limit that a merge at the limit leaves
+constexpr double farthest = 1e9;  // of a burr, and of the bone in voxels: beyond, half a voxel may be nothing
+constexpr std::int32_t most_sub_steps = 64;
 
 EffectsSetup checked(EffectsSetup setup) {
   setup.parameters.check();
@@ -25,11 +27,27 @@ EffectsSetup checked(EffectsSetup setup) {
   return setup;
 }
 
+// Counts of quanta are whole numbers of 64 bits, and ways out of the bone are made of half voxels.
+const VoxelBone& checked(const VoxelBone& bone) {
+  const double quantum = bone.voxel_volume() / 255.0;
+  if (!(quantum >= 1e-9 && quantum <= 1e3))
+    refuse("volume of a voxel / 255", "from 1e-9 to 1000 mm^3", quantum);
+  const double away = bone.origin().cwiseAbs().maxCoeff() / bone.spacing().minCoeff();
+  if (away > farthest) refuse("distance of the bone's origin from 0", "at most 1e9 voxels", away);
+  return bone;
+}
+
+// Where a device sends it; that far outside any place does as well.
+BurrAt within_reach(BurrAt burr) {
+  burr.center = burr.center.cwiseMax(-farthest).cwiseMin(farthest);
+  return burr;
+}
+
 }  // namespace
 
 Effects::Effects(const VoxelBone& bone, const EffectsSetup& setup)
     : setup_(checked(setup)),
-      field_(bone, int(setup_.parameters.solid_level)),
+      field_(checked(bone), int(setup_.parameters.solid_level)),
       motion_(field_, setup_.parameters, setup_.down, sucker_),
       sources_(setup_.parameters, setup_.down, setup_.spin, field_.quantum()),
       cells_(std::make_unique<CellTable>()) {
@@ -48,18 +66,23 @@ void Effects::set_sucker(const std::optional<Sucker>& sucker) {
   sucker_ = sucker;
 }
 
-FrameDecision Effects::step(double seconds, const BrickLevels& changes, const std::vector<BurrAt>& burrs,
-                            const FrameDecision* given, std::int64_t started) {
+FrameDecision Effects::step(double seconds, const BrickLevels& changes,
+                            const std::vector<BurrAt>& given_burrs, const FrameDecision* given,
+                            std::int64_t started) {
   if (!(seconds > 0.0 && seconds <= longest_frame)) refuse("dt_s", "above 0 and at most 10 s", seconds);
   for (std::size_t i = 0; i < changes.count; ++i)
     if (changes.bricks[i] >= field_.brick_count())
       refuse("every brick", "below " + std::to_string(field_.brick_count()), changes.bricks[i]);
-  for (const BurrAt& burr : burrs) {
+  std::vector<BurrAt> burrs;
+  for (const BurrAt& burr : given_burrs) {
     require_positive("radius of a burr", burr.radius);
     for (int axis = 0; axis < 3; ++axis) require_finite("center of a burr", burr.center[axis]);
+    burrs.push_back(within_reach(burr));
   }
   if (given && (given->sub_steps < 1 || given->done < 1 || given->done > given->sub_steps))
     refuse("done of a decision", "from 1 to its sub_steps", given->done);
+  if (given && given->sub_steps > most_sub_steps)
+    refuse("sub_steps of a decision", "at most 64", given->sub_steps);
   if (given && given->merge_to < 16) refuse("merge_to of a decision", "at least 16", double(given->merge_to));
   if (started == 0) started = steady_now();
   const EffectParameters& parameters = setup_.parameters;
@@ -190,47 +213,6 @@ void Effects::emit(double seconds) {
     const Vec3 begin = parcels_.position[i];
     motion_.advance(parcels_, i, motion_.interval(emission.part * seconds));
     settle(i, begin);
-  }
-}
-
-void Effects::wet() {
-  const double saturation = setup_.parameters.paste_saturation;
-  const auto has_room = [&](std::size_t i) {
-    return double(parcels_.mass[i][dust]) < saturation * double(parcels_.liquid(i));
-  };
-  cells_->reset(setup_.parameters.wetting_distance, parcels_.size());
-  bool any = false;
-  for (std::size_t i = 0; i < parcels_.size(); ++i) {
-    if (!has_room(i)) continue;
-    std::uint32_t& known = cells_->at(parcels_.position[i], 0);
-    if (known == CellTable::none) known = std::uint32_t(i);
-    any = true;
-  }
-  if (!any) return;
-  for (std::size_t i = 0; i < parcels_.size(); ++i) {
-    if (parcels_.mass[i][dust] == 0 || !parcels_.dry(i)) continue;
-    const std::uint32_t wetting = cells_->at(parcels_.position[i], 0);
-    if (wetting != CellTable::none && has_room(wetting)) parcels_.merge(wetting, i);
-  }
-}
-
-// Parcels of a kind in one cell become one; cells grow until it is enough. Dry and wet stay apart, which
-// leaves at most 16: eight cells meet at the origin.
-void Effects::merge_to(std::int64_t most) {
-  for (double edge = setup_.parameters.merge_distance; std::int64_t(parcels_.size()) > most; edge *= 2.0) {
-    cells_->reset(edge, parcels_.size());
-    auto left = std::int64_t(parcels_.size());
-    for (std::size_t i = 0; i < parcels_.size() && left > most; ++i) {
-      std::uint32_t& known = cells_->at(parcels_.position[i], parcels_.dry(i) ? 1 : 0);
-      if (known == CellTable::none) {
-        known = std::uint32_t(i);
-        continue;
-      }
-      parcels_.merge(known, i);
-      --left;
-      ++counts_.merged;
-    }
-    parcels_.compact();
   }
 }
 

@@ -14,7 +14,7 @@ void require_finite_vector(const char* name, const Vec3& v) {
 
 void require_direction(const char* name, const Vec3& v) {
   require_finite_vector(name, v);
-  if (!(v.norm() > 0.0)) refuse(std::string("length of ") + name, "positive", v.norm());
+  require_positive(std::string("length of ") + name, v.norm());
 }
 
 }  // namespace
@@ -23,7 +23,9 @@ void Nozzle::check() const {
   require_finite_vector("position of the nozzle", position);
   require_direction("direction of the nozzle", direction);
   require_not_negative("rate of the nozzle", rate);
+  if (rate > 1e6) refuse("rate of the nozzle", "at most 1e6 mm^3/s", rate);
   require_not_negative("speed of the nozzle", speed);
+  if (speed > 1e6) refuse("speed of the nozzle", "at most 1e6 mm/s", speed);
 }
 
 void Sucker::check() const {

@@ -4,6 +4,7 @@
 #include <immintrin.h>
 
 #include "kernel.hpp"
+#include "shared_rows_x86.hpp"
 
 namespace burrlab::kernel {
 namespace {
@@ -75,8 +76,9 @@ inline Integer load_row(const std::uint8_t* row) {
 /// Takes 0..255 levels from each voxel of a row.
 inline void take_from_row(std::uint8_t* row, Integer loss) {
   const __m128i words = _mm_packs_epi32(_mm256_castsi256_si128(loss.v), _mm256_extracti128_si256(loss.v, 1));
-  auto* to = reinterpret_cast<__m128i*>(row);
-  _mm_storel_epi64(to, _mm_sub_epi8(_mm_loadl_epi64(to), _mm_packus_epi16(words, words)));
+  const __m128i levels = _mm_loadl_epi64(reinterpret_cast<const __m128i*>(row));
+  const __m128i left = _mm_sub_epi8(levels, _mm_packus_epi16(words, words));
+  store_low_row(row, left);
 }
 /// One bit a row of a slab that holds anything.
 inline unsigned rows_that_hold(const std::uint8_t* slab) {

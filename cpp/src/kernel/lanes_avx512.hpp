@@ -4,6 +4,7 @@
 #include <immintrin.h>
 
 #include "kernel.hpp"
+#include "shared_rows_x86.hpp"
 
 namespace burrlab::kernel {
 namespace {
@@ -84,8 +85,8 @@ inline Integer load_row(const std::uint8_t* row) { return {_mm512_cvtepu8_epi32(
 /// Takes 0..255 levels from each voxel of both rows.
 inline void take_from_row(std::uint8_t* row, Integer loss) {
   const __m128i left = _mm_sub_epi8(load_bytes(row), _mm512_cvtepi32_epi8(loss.v));
-  _mm_storel_epi64(reinterpret_cast<__m128i*>(row), left);
-  _mm_storeh_pd(reinterpret_cast<double*>(row + 64), _mm_castsi128_pd(left));
+  store_low_row(row, left);
+  store_high_row(row + 64, left);
 }
 /// One bit a row of a slab that holds anything.
 inline unsigned rows_that_hold(const std::uint8_t* slab) {

@@ -4,6 +4,7 @@
 #include <math.h>
 
 #include "kernel.hpp"
+#include "shared_rows.hpp"
 
 namespace burrlab::kernel {
 namespace {
@@ -126,7 +127,11 @@ inline Integer load_row(const std::uint8_t* row) {
 }
 /// Takes 0..255 levels from each voxel of a row.
 inline void take_from_row(std::uint8_t* row, const Integer& loss) {
-  for (int i = 0; i < 8; ++i) row[i] = static_cast<std::uint8_t>(row[i] - loss.v[i]);
+  std::uint8_t left[8];
+  for (int i = 0; i < 8; ++i) left[i] = static_cast<std::uint8_t>(row[i] - loss.v[i]);
+  std::uint64_t levels;
+  memcpy(&levels, left, sizeof levels);
+  store_row(row, levels);
 }
 /// One bit a row of a slab that holds anything.
 inline unsigned rows_that_hold(const std::uint8_t* slab) {

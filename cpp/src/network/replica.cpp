@@ -69,7 +69,8 @@ void Replica::start(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup,
   followed->executor().set_watch(std::move(watch));
   const std::lock_guard<std::mutex> lock(mutex_);
   initial_ = std::make_unique<VoxelBone>(*bone);
-  changed_.assign(bone->brick_count(), 0);
+  unseen_ = std::make_shared<UnseenBricks>(bone->brick_count());
+  consumers_.push_back(unseen_);
   bone_ = std::move(followed);
   status_.tick = hello_.first_tick;
   thread_ = std::thread([this] { run(); });

@@ -1,4 +1,5 @@
 // What a leader's messages do to a replica's bone. All of it under the replica's mutex.
+#include <algorithm>
 #include <cstring>
 
 #include "big_endian.hpp"
@@ -166,21 +167,42 @@ void Replica::take_end(const replica_protocol::End& last) {
   end(last.reason, last.failed != 0);
 }
 
-BoneView::Update Replica::take_changed() {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  for (const std::uint32_t brick : followed().take_changed()) changed_[brick] = 1;
-  BoneView::Update update;
+void Replica::mark_changed() {
+  const std::vector<std::uint32_t> changed = followed().take_changed();
+  for (const auto& consumer : consumers_)
+    if (const auto unseen = consumer.lock()) unseen->mark(changed);
+}
+
+BoneUpdate Replica::update_of(UnseenBricks& unseen) {
+  mark_changed();
+  BoneUpdate update;
   update.tick = bone_->tick();
   update.newest = newest_;
   update.any = any_;
-  for (std::size_t brick = 0; brick < changed_.size(); ++brick) {
-    if (!changed_[brick]) continue;
-    changed_[brick] = 0;
-    update.bricks.push_back(std::uint32_t(brick));
-    const std::uint8_t* tile = bone_->bone().tile(brick);
-    update.density.insert(update.density.end(), tile, tile + brick_voxels);
-  }
+  unseen.take(bone_->bone(), update);
   return update;
+}
+
+BoneUpdate Replica::take_changed() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  followed();
+  return update_of(*unseen_);
+}
+
+BoneUpdate Replica::take_changed(UnseenBricks& unseen) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return update_of(unseen);
+}
+
+std::shared_ptr<UnseenBricks> Replica::unseen() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  mark_changed();
+  consumers_.erase(
+      std::remove_if(consumers_.begin(), consumers_.end(), [](const auto& c) { return c.expired(); }),
+      consumers_.end());
+  auto unseen = std::make_shared<UnseenBricks>(bone_->bone().brick_count());
+  consumers_.push_back(unseen);
+  return unseen;
 }
 
 void Replica::flip(const Index3& voxel) {

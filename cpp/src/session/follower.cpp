@@ -88,7 +88,7 @@ bool Follower::turn() {
       views_.empty() ? std::vector<std::uint32_t>{} : bone_.take_changed();
   for (const auto& weak : views_)
     if (const auto view = weak.lock())
-      for (const std::uint32_t brick : changed) view->changed_[brick] = 1;
+      view->unseen_.mark(changed);
   for (const auto& listener : listeners_) listener->on_bone(bone_);
   return done > 0;
 }
@@ -228,28 +228,21 @@ std::string Follower::digest() const {
 
 std::shared_ptr<BoneView> Follower::view() {
   const std::lock_guard<std::mutex> lock(mutex_);
-  auto view = std::make_shared<BoneView>(*this);
-  view->changed_.assign(bone_.bone().brick_count(), 0);
-  for (const std::uint32_t brick : bone_.differing()) view->changed_[brick] = 1;
+  auto view = std::make_shared<BoneView>(*this, bone_.bone().brick_count());
+  view->unseen_.mark(bone_.differing());
   views_.erase(std::remove_if(views_.begin(), views_.end(), [](const auto& v) { return v.expired(); }),
                views_.end());
   views_.push_back(view);
   return view;
 }
 
-BoneView::Update BoneView::take() {
+BoneUpdate BoneView::take() {
   const std::lock_guard<std::mutex> lock(follower_->mutex_);
-  Update update;
+  BoneUpdate update;
   update.tick = follower_->bone_.tick();
   update.newest = follower_->newest_;
   update.any = follower_->any_;
-  const VoxelBone& bone = follower_->bone_.bone();
-  for (std::size_t brick = 0; brick < changed_.size(); ++brick) {
-    if (!changed_[brick]) continue;
-    changed_[brick] = 0;
-    update.bricks.push_back(std::uint32_t(brick));
-    update.density.insert(update.density.end(), bone.tile(brick), bone.tile(brick) + brick_voxels);
-  }
+  unseen_.take(follower_->bone_.bone(), update);
   return update;
 }
 

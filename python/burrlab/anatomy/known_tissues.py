@@ -23,6 +23,8 @@ class KnownTissue:
     colour : (red, green, blue)
     critical, bleeds : bool
         See `Tissue`.
+    bone : bool
+        Bone, for which there is a published pair of c_e and alpha; which of its kinds the density tells.
     """
 
     name: str
@@ -30,6 +32,7 @@ class KnownTissue:
     colour: Colour
     critical: bool = True
     bleeds: bool = False
+    bone: bool = False
 
 
 # Colours of structures with a name of volumetric_drilling are those of its PNG stacks; the others are ours, as
@@ -37,13 +40,14 @@ class KnownTissue:
 KNOWN = (
     KnownTissue("air", ("void", "empty", "lumen"), (0, 0, 0), critical=False),
     KnownTissue(UNLABELLED, ("background", "clear label", "other"), (128, 128, 128), critical=False),
-    KnownTissue("bone", ("temporal bone", "skull"), (255, 249, 219), critical=False),
-    KnownTissue("cortex", ("cortical bone", "compact bone"), (240, 230, 200), critical=False),
+    KnownTissue("bone", ("temporal bone", "skull"), (255, 249, 219), critical=False, bone=True),
+    KnownTissue("cortex", ("cortical bone", "compact bone"), (240, 230, 200), critical=False, bone=True),
     KnownTissue(
         "mastoid",
         ("mastoid bone", "trabecular bone", "cancellous bone", "spongy bone"),
         (235, 205, 165),
         critical=False,
+        bone=True,
     ),
     KnownTissue("soft tissue", ("skin", "muscle", "mucosa"), (225, 150, 130), critical=False, bleeds=True),
     KnownTissue("malleus", (), (233, 0, 255)),

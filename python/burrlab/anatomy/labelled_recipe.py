@@ -15,7 +15,7 @@ from burrlab.anatomy.labelled_bone import LabelledBone, labelled_bone, placed_on
 from burrlab.session.snapshot import tissues_from_json, tissues_to_json
 from burrlab.specimen import Specimen, Vector
 from burrlab.volume import LabelVolume, OccupancyMap, Volume, read_labels
-from burrlab.volume.recipe import VolumeRecipe, check_radius, is_stack
+from burrlab.volume.recipe import VolumeRecipe, absolute, check_radius, is_stack
 from burrlab.volume.stack import read_stack
 from burrlab.volume.volume import specimen_in
 
@@ -65,7 +65,7 @@ class LabelledRecipe:
     _made: dict[str, LabelledBone] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "labels", os.path.abspath(self.labels))
+        object.__setattr__(self, "labels", absolute(self.labels))
         if self.grey is not None and (self.crop is not None or self.voxel is not None):
             raise ValueError("crop and voxel must be those of the grey volume")
         if self.onto and self.grey is None:

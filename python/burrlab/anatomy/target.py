@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone
+from burrlab.anatomy.tissue_table import check_count, label_counts
 from burrlab.dataset import html_table
 from burrlab.figures import axes_or_new, tidy
 
@@ -145,7 +146,7 @@ def compare_with_target(
     Raises
     ------
     ValueError
-        If the target has not the bone's shape or grid, is not of bool, or there is no bone in it.
+        If the target has not the bone's shape or grid, is not of bool, has labels below 0 or more than 64 of them, or there is no bone in it.
 
     Examples
     --------
@@ -193,6 +194,9 @@ def _by_tissue(numbers: NDArray[np.uint8], levels: NDArray[np.int64], count: int
 
 def _region(bone: VoxelBone, target: NDArray[Any] | LabelVolume, onto: bool) -> NDArray[np.bool_]:
     labels = getattr(target, "labels", None)
+    if labels is not None:
+        path = cast("LabelVolume", target).path
+        check_count(label_counts(labels, path), f"{path}: ")
     if onto:
         if labels is None:
             raise ValueError(

@@ -8,7 +8,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from burrlab import csv_text
 from burrlab._core import Material, Tissue, Tissues
@@ -17,6 +17,7 @@ from burrlab.materials import materials
 from burrlab.session.snapshot import tissues_from_json, tissues_to_json
 
 COLUMNS = ("label", "name", "colour", "c_e_N_per_mm2", "alpha_per_ms", "critical", "bleeds", "assumed")
+GREY = (128, 128, 128)  # of a structure without a colour
 _NEEDED = ("label", "name")
 _WORDS = {"yes": True, "no": False, "true": True, "false": False, "1": True, "0": False}
 
@@ -97,8 +98,11 @@ def write_tissues(path: str | os.PathLike[str], tissues: Tissues) -> None:
         stream.write(text)
 
 
-def tissues_text(tissues: Tissues) -> str:
-    """The table as `write_tissues` writes it; ValueError where a name has a line break or space around it."""
+def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
+    """The table as `write_tissues` writes it; ValueError where a name has a line break or space around it.
+
+    Of `unnamed` labels, colours that are grey and all that follows from a name stay empty, as their names are still to be given.
+    """
     for tissue in tissues:
         if len(tissue.name.splitlines()) != 1 or tissue.name != tissue.name.strip():
             raise ValueError(
@@ -115,7 +119,10 @@ def tissues_text(tissues: Tissues) -> str:
             for own, bone in ((t.c_e, tissues.material.c_e), (t.alpha, tissues.material.alpha))
         ]
         flags = ["yes" if flag else "no" for flag in (t.critical, t.bleeds, t.assumed)]
-        writer.writerow([t.label, t.name, "#{:02x}{:02x}{:02x}".format(*t.colour), *values, *flags])
+        colour = "#{:02x}{:02x}{:02x}".format(*t.colour)
+        if t.label in unnamed:
+            colour, flags = ("" if t.colour == GREY else colour), ["", "", ""]
+        writer.writerow([t.label, t.name, colour, *values, *flags])
     return stream.getvalue()
 
 
@@ -178,7 +185,7 @@ def _tissue(where: str, row: dict[str, str], material: Material) -> Tissue:
     known = known_tissue(name)
     c_e = _number(where, "c_e_N_per_mm2", row, "from 1/4096 to 1000", 1 / 4096, 1000.0)
     alpha = _number(where, "alpha_per_ms", row, "zero or positive", 0.0, math.inf)
-    is_bone = known is not None and known.name == "bone" and c_e is None and alpha is None
+    is_bone = known is not None and known.bone and c_e is None and alpha is None
     lacking = (c_e is None or alpha is None) and not is_bone
     assumed = _flag(where, "assumed", row, lacking)
     if lacking and not assumed:
@@ -186,7 +193,7 @@ def _tissue(where: str, row: dict[str, str], material: Material) -> Tissue:
     return Tissue(
         name, label=int(label), c_e=material.c_e if c_e is None else c_e,
         alpha=material.alpha if alpha is None else alpha,
-        colour=_colour(where, row.get("colour", ""), known.colour if known else (128, 128, 128)),
+        colour=_colour(where, row.get("colour", ""), known.colour if known else GREY),
         critical=_flag(where, "critical", row, known is not None and known.critical),
         bleeds=_flag(where, "bleeds", row, known is not None and known.bleeds), assumed=assumed,
     )  # fmt: skip

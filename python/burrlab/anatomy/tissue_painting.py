@@ -5,40 +5,24 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import Material, Tissue, Tissues
+from burrlab._core import Material, Tissues
 from burrlab.anatomy.air_cells import Honeycomb
 from burrlab.anatomy.fields import Fields
 from burrlab.anatomy.implicit import Grid, Singles, distance_to, ellipsoid, share
 from burrlab.anatomy.structures import DURA, Structures
+from burrlab.anatomy.tissue_table import default_tissues
 from burrlab.materials import materials
 
 #: Occupancy of nerve, sinus, dura and labyrinth: softer than bone, and yet seen at level 128 (ours, assumed).
 SOFT = 0.6
 
-_ROWS: tuple[tuple[str, tuple[int, int, int], bool, bool], ...] = (
-    ("air", (20, 20, 30), False, False),
-    ("cortex", (235, 225, 200), False, False),
-    ("mastoid", (220, 200, 165), False, False),
-    ("facial nerve", (250, 220, 50), True, False),
-    ("sigmoid sinus", (60, 80, 190), True, True),
-    ("dura", (200, 120, 130), True, True),
-    ("labyrinth", (60, 180, 200), True, False),
-    ("ossicles", (250, 250, 245), True, False),
-)
+_NAMES = ("air", "cortex", "mastoid", "facial nerve", "sigmoid sinus", "dura", "labyrinth", "ossicles")
 _AIR, _CORTEX, _MASTOID, _NERVE, _SINUS, _DURA, _LABYRINTH, _OSSICLES = range(8)
 
 
 def phantom_tissues(material: Material = materials["bone"]) -> Tissues:
-    """The tissues of a phantom; all have the values of `material`, and all but its bone are assumed."""
-    bony = {"cortex", "mastoid"}
-    rows = [
-        Tissue(
-            name, label=number, c_e=material.c_e, alpha=material.alpha, colour=colour, critical=critical,
-            bleeds=bleeds, assumed=name not in bony,
-        )
-        for number, (name, colour, critical, bleeds) in enumerate(_ROWS)
-    ]  # fmt: skip
-    return Tissues(rows, material)
+    """The tissues of a phantom, as `default_tissues` has them: the values of `material`, assumed for all but bone."""
+    return default_tissues(_NAMES, material=material)
 
 
 def paint(

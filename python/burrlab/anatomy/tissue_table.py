@@ -53,7 +53,7 @@ def default_tissues(
     [('air', False, True), ('bone', False, False), ('facial nerve', True, True)]
     """
     names, counts, colours = _named(labels)
-    _check_count(names)
+    check_count(names)
     unknown = [label for label, name in names.items() if known_tissue(name) is None]
     if unknown:
         told = ", ".join(_told(label, names, counts) for label in unknown)
@@ -72,7 +72,7 @@ def default_tissues(
         rows.append(
             Tissue(name, label=label, c_e=material.c_e, alpha=material.alpha,
                    colour=colours.get(label, tissue.colour), critical=tissue.critical, bleeds=tissue.bleeds,
-                   assumed=tissue.name != "bone")
+                   assumed=not tissue.bone)
         )  # fmt: skip
     return Tissues(rows, material)
 
@@ -129,7 +129,7 @@ def _named(
     if isinstance(labels, Sequence):
         return {label: str(name) for label, name in enumerate(labels)}, None, {}
     counts = label_counts(labels.labels, labels.path)
-    _check_count(counts, f"{labels.path}: ")
+    check_count(counts, f"{labels.path}: ")
     names = {label: labels.names.get(label, UNLABELLED if label == 0 else "") for label in counts}
     nameless = [label for label, name in names.items() if not name]
     if nameless:
@@ -144,7 +144,8 @@ def _named(
     return names, counts, {label: colour for label, colour in labels.colours.items() if label != 0}
 
 
-def _check_count(labels: Mapping[int, object], said: str = "") -> None:
+def check_count(labels: Mapping[int, object], said: str = "") -> None:
+    """ValueError for more labels than a bone has tissues: grey values, or instances."""
     if len(labels) > MOST:
         first = ", ".join(str(label) for label in sorted(labels)[:5])
         raise ValueError(

@@ -1,14 +1,24 @@
-"""The secondary effects beside a running session."""
+"""The secondary effects beside a running session, or on a replica of one."""
 
 from __future__ import annotations
 
 import os
+import weakref
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from burrlab._core import Camera, EffectParameters, EffectsCompanion, Nozzle, Sucker
+from burrlab._core import (
+    Camera,
+    EffectParameters,
+    EffectsCompanion,
+    Follower,
+    HapticLoop,
+    Nozzle,
+    Replica,
+    Sucker,
+)
 from burrlab.effects.effects import FrameRecord, to_seed
 from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance, to_report
 
@@ -19,12 +29,13 @@ DEFAULT_BUDGET = 0.020  # [s]
 
 
 class Companion:
-    """Runs effects in a thread of their own, fed by the session's follower; the loop is not touched.
+    """Runs effects in a thread of their own, fed by the session's follower or a replica; the loop is not touched.
 
     Parameters
     ----------
-    session : Session
-        Started or not. Bone that is gone by now made no dust, so a companion that is to see all of it is made first.
+    session : Session or Replica
+        A session started or not, a replica started. Bone that is gone by now made no dust, so a companion that is to see
+        all of it is made first.
     rate : float
         Frames a second, 1 to 200 [Hz], on the wall clock.
     budget : float, optional
@@ -40,11 +51,12 @@ class Companion:
     Raises
     ------
     ValueError
-        If the rate or the budget is out of range, or it is started twice.
+        If the rate or the budget is out of range, the replica was not started, or it is started twice.
 
     Notes
     -----
-    It ends by itself one frame after the session has ended, so that all that was removed has become dust. A session
+    It ends by itself one frame after the session has ended, so that all that was removed has become dust, or when a
+    session that was never started is gone. A session
     on a virtual clock is followed on the wall clock all the same.
 
     Examples
@@ -64,7 +76,7 @@ class Companion:
 
     def __init__(
         self,
-        session: Session,
+        session: Session | Replica,
         *,
         rate: float = 20.0,
         budget: float | None = DEFAULT_BUDGET,
@@ -82,11 +94,15 @@ class Companion:
         self.rate = float(rate)
         self.budget = budget
         self._process = os.getpid()
-        self._core = EffectsCompanion(
-            session.loop, session.follower, parameters=self.parameters, seed=self.seed, down=np.asarray(down, float),
-            spin=np.asarray(spin, float), budget=budget, rate=self.rate,
-            realtime=bool(realtime),
-        )  # fmt: skip
+        setup: dict[str, Any] = {
+            "parameters": self.parameters, "seed": self.seed, "down": np.asarray(down, float),
+            "spin": np.asarray(spin, float), "budget": budget, "rate": self.rate, "realtime": bool(realtime),
+        }  # fmt: skip
+        if isinstance(session, Replica):
+            self._core = EffectsCompanion(session, **setup)
+        else:
+            self._core = EffectsCompanion(session.loop, session.follower, **setup)
+            weakref.finalize(session, _nobody_starts, session.loop, session.follower).atexit = False
         self.set_camera(camera)
         self.set_nozzle(nozzle)
         self.set_sucker(sucker)
@@ -185,3 +201,9 @@ class Companion:
     def __repr__(self) -> str:
         state = "running" if self.running else "not running"
         return f"Companion({state}, {self.report().frames} frames)"
+
+
+def _nobody_starts(loop: HapticLoop, follower: Follower) -> None:
+    """Of a session that is gone: what waits for its start is told that there will be none."""
+    if not loop.started:
+        follower.stop()

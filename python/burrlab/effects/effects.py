@@ -45,7 +45,8 @@ class Effects:
     Raises
     ------
     ValueError
-        If a direction is zero, the budget is not positive, or the seed is out of range.
+        If a direction is zero, the budget is not positive, the seed is out of range, or voxels are too small, too large
+        or too far from 0 to be counted.
 
     Examples
     --------

@@ -79,7 +79,7 @@ def _at_rate(player: TracePlayer, effects: Effects, rate: float) -> Iterator[flo
 
 def _again(player: TracePlayer, effects: Effects, frames: Sequence[FrameRecord]) -> Iterator[float]:
     for seconds, tick, decision in frames:
-        _step(player, effects, player.seek_tick(tick - player.trace.first_tick), seconds, decision)
+        _step(player, effects, player.seek_tick(tick), seconds, decision)
         yield player.time
 
 

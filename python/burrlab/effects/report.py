@@ -39,6 +39,10 @@ class SubstanceBalance:
         """The same in mm^3."""
         return {name: getattr(self, name) * self.quantum for name in ("made", "present", "sucked", "drained")}
 
+    def __str__(self) -> str:
+        told = ", ".join(f"{name} {volume:.3f}" for name, volume in self.volumes().items())
+        return f"{told} mm^3{'' if self.exact else ', NOT BALANCED'}"
+
 
 @dataclass(frozen=True, repr=False)
 class EffectsReport:
@@ -93,17 +97,17 @@ class EffectsReport:
         if not self.frames:
             return "no frame yet"
         lines = [
-            f"{self.frames} frames of at most {self.parcels_most} parcels; p50 {self.wall_ms['p50']:.2f} ms, "
-            f"p99 {self.wall_ms['p99']:.2f} ms, at most {self.wall_ms['max']:.2f} ms "
+            f"{self.frames} frames of at most {self.parcels_most} parcels",
+            f"a frame took: p50 {self.wall_ms['p50']:.2f} ms, p99 {self.wall_ms['p99']:.2f} ms, at most {self.wall_ms['max']:.2f} ms "
             f"(CPU time p99 {self.cpu_ms['p99']:.2f} ms)",
             f"sub-steps {self.sub_steps_least} to {self.sub_steps_most}, {self.sub_steps_mean:.2f} in the mean",
             f"{self.merged} parcels merged, {self.skipped} frames left out",
         ]
         if self.budget is not None:
-            lines.append(
-                f"budget {1e3 * self.budget:g} ms: {self.over_budget} frames over it; given up: {self.coarse} frames with fewer "
-                f"sub-steps, {self.cut} cut, {self.crowded} with parcels merged for it"
-            )
+            lines += [
+                f"budget {1e3 * self.budget:g} ms: {self.over_budget} frames over it",
+                f"given up: {self.coarse} frames with fewer sub-steps, {self.cut} cut, {self.crowded} with parcels merged",
+            ]
         return "\n".join(lines)
 
 

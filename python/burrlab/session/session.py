@@ -28,6 +28,7 @@ Tool = tuple[Burr, Material]
 
 _EXACT = 2**53  # ticks are told to replicas as float64
 _LEAST_RATE = 20.0  # a stall is told from a period by it [Hz]
+_COARSE = 7.5  # voxels of a radius, as the tick has them
 _LOOK = 0.05  # [s] between two looks of the housekeeping thread
 _PATIENCE = 2.0  # with devices that have given no position [s]
 
@@ -150,6 +151,7 @@ class Session:
         recipe = _plain(source)
         period = 1e3 / rate
         start = bone.copy()
+        self._largest_spacing = max(start.spacing)
         self._executor = TickExecutor(start, self.tools, self.seed, period=period, scheme=scheme, tick=tick)
         ticks = 0 if duration is None else max(1, round(duration * rate))
         self._loop = HapticLoop(
@@ -186,7 +188,7 @@ class Session:
                     record, RecordReader(self._loop), start, self.tools, seed=self.seed, period=period,
                     scheme=scheme, first_tick=tick, devices=[device.name for device in self.devices],
                     source=json.dumps(recipe), note=self.provenance, watch=watching.get("watch"), duration=room, digest_every=ticks_a_digest * period / 1e3,
-                    on_end=self._say,
+                    on_end=_weakly(self._say),
                 )  # fmt: skip
             except BaseException:
                 if self._publisher is not None:
@@ -198,7 +200,7 @@ class Session:
         self._saying = threading.local()
         self._process = os.getpid()
         self._done = threading.Event()
-        self._housekeeper = threading.Thread(target=self._keep_house, name="burrlab session", daemon=True)
+        self._housekeeper: threading.Thread | None = None  # it holds the session, so not before the start
 
     def start(self) -> Session:
         """Starts all threads; once. ValueError the second time, or if a device serves another session."""
@@ -210,10 +212,14 @@ class Session:
             self._follower.start()
             if self._writer is not None:
                 self._writer.start()
+            self._housekeeper = threading.Thread(target=self._keep_house, name="burrlab session", daemon=True)
             self._housekeeper.start()
             for note in self._loop.realtime_notes:
                 if "not granted" in note or "not available" in note:
                     self._say(note)
+            for i, (burr, _) in enumerate(self.tools):
+                if (voxels := burr.radius / self._largest_spacing) < _COARSE:
+                    self._say(f"coarse: the radius of burr {i} is {voxels:.3g} voxels, below {_COARSE}")
         except BaseException as error:  # Ctrl-C as well: without it nobody would stop the loop
             self.stop(f"stopped by {type(error).__name__}")
             raise
@@ -237,7 +243,7 @@ class Session:
         self._loop.stop(reason)
         if getattr(self._saying, "now", False):  # maybe in the thread that would be waited for
             return
-        if self._housekeeper.ident is not None:
+        if self._housekeeper is not None and self._housekeeper.ident is not None:
             self._housekeeper.join()
         else:
             self._finish(reason)
@@ -411,6 +417,18 @@ def _stop_at_exit(session: Session) -> None:
 def _stop_all() -> None:
     for session in list(_to_stop):
         session.stop("the program ended")
+
+
+def _weakly(method: Callable[[str], None]) -> Callable[[str], None]:
+    """Calls it while its object lives, so that whoever keeps this does not keep the object."""
+    weak = weakref.WeakMethod(method)
+
+    def call(text: str) -> None:
+        method = weak()
+        if method is not None:
+            method(text)
+
+    return call
 
 
 def _whole(name: str, value: int, end: int, end_text: str) -> int:

@@ -14,6 +14,7 @@ import numpy as np
 
 from burrlab import __version__
 from burrlab._core import Material, Tissue, Tissues, VoxelBone
+from burrlab.session.new_hdf5 import new_hdf5
 
 if TYPE_CHECKING:
     import h5py
@@ -64,8 +65,6 @@ def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, s
             file.attrs["format_version"] = 1 if bone.tissues is None else FORMAT_VERSION
             file.attrs["burrlab"] = __version__
             write_bone(file, bone, tick, source=source)
-        with part.open("rb") as written:
-            os.fsync(written.fileno())
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
@@ -118,18 +117,6 @@ def check_bone_file(path: str | os.PathLike[str]) -> None:
         open_hdf5(path, FORMAT, FORMAT_VERSION).close()
     except (ValueError, OSError):
         raise FileExistsError(f"path must be a new file or a {FORMAT}, {path} is neither") from None
-
-
-def new_hdf5(path: str | os.PathLike[str], **options: Any) -> h5py.File:
-    """A new file, or an older one emptied; OSError with one sentence where its folder does not let it."""
-    import h5py
-
-    folder = Path(path).parent
-    if not folder.is_dir():
-        raise FileNotFoundError(f"folder must exist, got {folder}")
-    if not os.access(folder, os.W_OK):
-        raise PermissionError(f"folder must be writable, got {folder}")
-    return h5py.File(path, "w", **options)
 
 
 def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File:

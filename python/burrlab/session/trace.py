@@ -6,6 +6,7 @@ import html
 import json
 import os
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -92,12 +93,12 @@ class Trace:
         """Number of burrs."""
         return len(self.tools)
 
-    @property
+    @cached_property  # a sum over all ticks, asked for in loops
     def duration(self) -> float:
         """What the ticks stand for, the sum of their k periods [s]."""
         return float(self.ticks["k"].sum()) * self.period / 1000.0
 
-    @property
+    @cached_property
     def initial_digest(self) -> str:
         """Digest of the bone before the first tick, present and pristine levels."""
         return self._bone.digest()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +13,8 @@ from numpy.typing import NDArray
 
 from burrlab._core import Burr, Material, VoxelBone, most_watch_events
 from burrlab.provenance import provenance
-from burrlab.session.snapshot import new_hdf5, write_bone
+from burrlab.session.new_hdf5 import new_hdf5
+from burrlab.session.snapshot import write_bone
 from burrlab.session.watch_rows import EVENT_DTYPE, GROUP, WatchPlaces, create_watch
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def make_compact(path: Path, part: Path) -> None:
     """Writes the rows there are to `part`, compressed, with all else of the file, and lets it take the file's place."""
     import h5py
 
-    with h5py.File(path, "r") as raw, h5py.File(part, "w") as file:
+    with h5py.File(path, "r") as raw, new_hdf5(part) as file:
         for name, value in raw.attrs.items():
             file.attrs[name] = value
         for name in ("volume", "tools", "note", "recorded", "digests_recorded", "ended", "complete"):
@@ -181,8 +181,6 @@ def make_compact(path: Path, part: Path) -> None:
                 if name != "events":
                     watch.copy(name, kept)
             _copy_table(watch["events"], kept, int(watch["events_recorded"][()]))
-    with part.open("rb") as written:
-        os.fsync(written.fileno())
     part.replace(path)
 
 

@@ -139,8 +139,10 @@ class TraceWriter:
         except BaseException as error:
             with contextlib.suppress(OSError):
                 self._part.unlink(missing_ok=True)
-            if isinstance(error, RuntimeError):  # as HDF5 says that a disk or a limit is too small
+            if isinstance(error, (RuntimeError, ValueError)):  # as HDF5 says that a limit is too small
                 raise OSError(f"{self.path} could not be made: {error}") from None
+            if isinstance(error, OSError) and error.filename == os.fspath(self._part):
+                raise type(error)(error.errno, error.strerror, os.fspath(self.path)) from None
             raise
         self._reader: Reader | None = reader
         self._burrs, self._first, self._on_end = len(tools), first_tick, on_end

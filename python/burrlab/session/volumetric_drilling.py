@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import TickExecutor, VoxelBone
+from burrlab.session.new_hdf5 import new_hdf5
 from burrlab.session.replay import inputs
-from burrlab.session.snapshot import new_hdf5
 from burrlab.session.trace import Trace, check_trace
 
 if TYPE_CHECKING:

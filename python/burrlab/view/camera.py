@@ -45,9 +45,10 @@ def surgeon_view(
     entry : (x, y, z), optional
         What is looked at [mm]; default: the middle of the volume's face where the axis enters.
     axis : (x, y, z), optional
-        Direction of the approach, into the bone; default: downwards, (0, 0, -1).
+        Direction of the approach, into the bone; default: downwards, (0, 0, -1). Up in the view is z, or y where the approach
+        is along z.
     width : float, optional
-        That the view holds at the entry [mm]; default: the whole volume.
+        That the view holds at the entry from top to bottom, and from side to side where it is square [mm]; default: the whole volume.
     tilt : float
         Between approach and line of sight [degree].
 
@@ -73,7 +74,7 @@ def surgeon_view(
         width = 2.15 * float(np.linalg.norm(half))
     if not (np.isfinite(width) and width > 0 and np.isfinite(tilt)):
         raise ValueError(f"width must be positive and tilt finite, got {width} and {tilt}")
-    side = np.eye(3)[1] if abs(into[1]) < 0.9 else np.eye(3)[2]
+    side = np.eye(3)[2] if abs(into[2]) < 0.9 else np.eye(3)[1]
     up = _unit("up", side - into * (side @ into))
     lean = np.deg2rad(tilt)
     sight = np.cos(lean) * into + np.sin(lean) * up

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from burrlab._core import Follower, Replica, VoxelBone, restore_bricks
 from burrlab.session.session import Session
 from burrlab.view.scene import Scene
+from burrlab.view.scene_window import SceneWindow
 from burrlab.view.surface import brick_numbers
 
 _KEPT = 400  # points of the curves
@@ -136,17 +137,14 @@ class LiveView:
         """
         if not (np.isfinite(rate) and rate > 0):
             raise ValueError(f"rate must be positive and finite, got {rate}")
-        plotter = self.scene.plotter
-        plotter.show(interactive_update=True, auto_close=False)
-        next_at = time.monotonic()
-        while plotter.render_window is not None and not plotter._closed:
-            ended = self._source.wait(max(next_at - time.monotonic(), 0.0))
-            next_at = max(next_at + 1 / rate, time.monotonic())
-            self.step()
-            self.scene.render()
-            plotter.update()
-            if ended:
-                return
+        next_at, ended = time.monotonic(), False
+        with SceneWindow(self.scene) as window:
+            while not ended:
+                ended = self._source.wait(max(next_at - time.monotonic(), 0.0))
+                next_at = max(next_at + 1 / rate, time.monotonic())
+                self.step()
+                if not window.turn(draw=True):
+                    return
 
     def close(self) -> None:
         """Frees window and memory; the session goes on."""

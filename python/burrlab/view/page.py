@@ -13,20 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab.view import page_mouse, page_words
-from burrlab.view.camera import Viewpoint, surgeon_view
+from burrlab.view.camera import Viewpoint
+from burrlab.view.page_camera import PRESETS, PageCameras
 from burrlab.view.page_source import PageSource
 from burrlab.view.scene import Scene
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
-_AXES = {
-    "+x": (1, 0, 0),
-    "-x": (-1, 0, 0),
-    "+y": (0, 1, 0),
-    "-y": (0, -1, 0),
-    "-z": (0, 0, -1),
-    "+z": (0, 0, 1),
-}
-PRESETS = ("surgeon", "burr", *_AXES)
 _PERIOD = 0.04  # between two looks at what is wished [s]
 _PATIENCE = 2.0  # a browser that has not shown a picture by then is not waited for [s]
 _REST = 0.3  # after which a picture at rest is drawn once more, smoother [s]
@@ -46,21 +38,22 @@ class Page:
         Of the source's bone, off screen.
     surgeon : Viewpoint, optional
         The first preset; default: along the forces of a trace, else from above.
+    stereo : bool
+        Begin with both eyes side by side.
     """
 
     def __init__(
-        self, server: Any, source: PageSource, scene: Scene, *, surgeon: Viewpoint | None = None
+        self,
+        server: Any,
+        source: PageSource,
+        scene: Scene,
+        *,
+        surgeon: Viewpoint | None = None,
+        stereo: bool = False,
     ) -> None:
         self.server, self.source, self.scene = server, source, scene
-        approach = source.approach()
-        self._into = np.array([0.0, 0.0, -1.0]) if approach is None else approach[1]
-        if surgeon is None:
-            entry = None if approach is None else approach[0]
-            size = np.linalg.norm(np.multiply(source.bone.shape[::-1], source.bone.spacing))
-            width = None if approach is None else 0.75 * float(size)
-            surgeon = surgeon_view(source.bone, entry, self._into, width=width)
-        self._surgeon = surgeon
-        scene.look(surgeon)
+        self.cameras = PageCameras(source, surgeon)
+        scene.look(self.cameras.surgeon)
         self.state = server.state
         self._wanted, self._sent, self._clock = 0.0, -1.0, 0.0
         self._draw, self._on_way = True, -_PATIENCE  # since when a picture is on its way
@@ -73,12 +66,13 @@ class Page:
         self.state.update({
             "title": source.title, "kind": source.kind, "source_state": source.state, "wanted_s": 0.0, "time_s": 0.0,
             "first_s": first, "last_s": last, "step_s": max((last - first) / 4000.0, 1e-3), "playing": False, "speed": 1.0,
-            "speeds": list(SPEEDS), "presets": list(PRESETS), "slices": False, "effects": True, "has_effects": source.has_effects,
+            "speeds": list(SPEEDS), "presets": list(PRESETS), "slices": False, "stereo": bool(stereo), "effects": True, "has_effects": source.has_effects,
             "prepared": 0, "problem": "", "numbers": [], "tissues": [], "distances": [], "events": [], "charts": [],
             "values": [], "picture": "", "picture_number": 0,
         })  # fmt: skip
         self.state.change("wanted_s")(self._wish)
         self.state.change("slices")(self._show_slices)
+        self.state.change("stereo")(self._show_stereo)
         self.state.change("effects")(self._show_effects)
         self.state.change("playing")(self._play)
         self.state.change("speed")(self._play)
@@ -89,15 +83,14 @@ class Page:
             ("draw", self.draw),
         ):
             server.trigger(name)(call)
-        # a software renderer takes three times as long with multi-sampling, and half as long again for backs
-        scene.plotter.render_window.SetMultiSamples(0)
-        scene.actors.property.BackfaceCullingOn()
+        scene.draw_fast()
+        self._show_stereo(self.state.stereo)
         self._advance(0.0)
         self._picture(smooth=True)
 
     def look(self, preset: str) -> None:
         """Camera as named: surgeon, burr, or along an axis."""
-        self.scene.look(self._viewpoint(preset))
+        self.scene.look(self.cameras.viewpoint(preset))
         self._draw = True
 
     def step(self, ticks: int) -> None:
@@ -189,10 +182,11 @@ class Page:
     def _advance(self, seconds: float) -> None:
         """Bone, burrs and words to a moment."""
         source, scene = self.source, self.scene
-        bricks = np.unique(np.concatenate([*self._changed, source.go(seconds)]))
-        self._changed = []
-        if len(bricks):
+        self._changed.append(source.go(seconds))
+        self._changed = [np.unique(np.concatenate(self._changed))]
+        if len(bricks := self._changed[0]):
             scene.update(source.bone, np.stack(np.unravel_index(bricks, self._counts), axis=1))
+        self._changed = []  # not before: what failed is drawn by the next turn
         burrs = source.burrs
         scene.move_burrs(burrs.centers, burrs.on.tolist())
         scene.set_parcels(source.parcels if self.state.effects else None)
@@ -243,24 +237,13 @@ class Page:
             self.scene.set_slices(None)
         self._draw = True
 
+    def _show_stereo(self, stereo: bool, **_: Any) -> None:
+        self.scene.set_stereo(bool(stereo))
+        self._draw = True
+
     def _show_effects(self, effects: bool, **_: Any) -> None:
         self.scene.set_parcels(self.source.parcels if effects else None)
         self._draw = True
 
     def _cut(self) -> None:
-        centers = self.source.burrs.centers
-        known = len(centers) > 0 and bool(np.isfinite(centers[0]).all())
-        self.scene.set_slices(centers[0] if known else self._middle())
-
-    def _middle(self) -> Any:
-        bone = self.source.bone
-        return np.array(bone.origin) + np.array(bone.spacing) * (np.array(bone.shape[::-1]) - 1) / 2
-
-    def _viewpoint(self, preset: str) -> Viewpoint:
-        bone, burrs = self.source.bone, self.source.burrs
-        if preset == "burr" and len(burrs.radii) and np.isfinite(burrs.centers[0]).all():
-            width = 8.0 * float(burrs.radii[0])
-            return surgeon_view(bone, burrs.centers[0], self._into, width=width, tilt=40.0)
-        if preset in _AXES:
-            return surgeon_view(bone, axis=_AXES[preset], tilt=0.0)
-        return self._surgeon
+        self.scene.set_slices(self.cameras.burr_or_middle())

@@ -19,6 +19,7 @@ html, body { overflow: hidden !important; }
 .burrlab-side > h2:first-child { margin-top: 0; }
 .burrlab-side table { width: 100%; border-collapse: collapse; font-size: 0.9rem; }
 .burrlab-side td { padding: 2px 0; vertical-align: baseline; }
+.burrlab-preset { min-width: 0 !important; padding-inline: 8px !important; }
 .burrlab-number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 .burrlab-unit { width: 3em; padding-left: 6px !important; color: #9fb0bd; }
 .burrlab-mark { display: inline-block; width: 11px; height: 11px; border-radius: 3px; margin-right: 8px; }
@@ -84,14 +85,15 @@ def _head(page: Page, html: Any, v3: Any) -> None:
         html.Div("{{ source_state }}", classes="text-body-2 ml-4", style="color: #9fb0bd;")
         v3.VSpacer()
         for preset in page.state.presets:
-            v3.VBtn(preset, click=(page.look, f"['{preset}']"))
-        v3.VSwitch(
-            v_model=("slices",), label="slices", hide_details=True, density="compact", color="#6cb6ff",
-            classes="mx-4", style="flex: 0 0 auto;",
-        )  # fmt: skip
+            v3.VBtn(preset, click=(page.look, f"['{preset}']"), classes="burrlab-preset")
+        for name in ("slices", "stereo"):
+            v3.VSwitch(
+                v_model=(name,), label=name, hide_details=True, density="compact", color="#6cb6ff",
+                classes="ml-4", style="flex: 0 0 auto;",
+            )  # fmt: skip
         v3.VSwitch(
             v_if="has_effects", v_model=("effects",), label="dust, blood, water", hide_details=True, density="compact",
-            color="#6cb6ff", classes="mr-4", style="flex: 0 0 auto;",
+            color="#6cb6ff", classes="mx-4", style="flex: 0 0 auto;",
         )  # fmt: skip
         v3.VProgressLinear(v_if="prepared < 100", model_value=("prepared",), absolute=True, location="bottom")
     v3.VAlert("{{ problem }}", v_if="problem", type="error", density="compact", tile=True)

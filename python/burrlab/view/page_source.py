@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from burrlab._core import Replica, VoxelBone
 from burrlab.session.session import Session
 from burrlab.session.trace import Trace
+from burrlab.view.approach import Approach, trace_approach
 from burrlab.view.page_anatomy import PageEvent, StructureDistances, trace_events
 from burrlab.view.page_live import LiveSource
 from burrlab.view.page_parcels import ParcelHistory
@@ -20,7 +21,6 @@ from burrlab.view.player import Burrs, History, TracePlayer
 if TYPE_CHECKING:
     from burrlab.effects import Effects
 
-_MEETING = 250.0  # when a burr has just met bone, and its force is along the normal [ms]
 #: What a page can show.
 Shown: TypeAlias = Trace | TracePlayer | Session | Replica | VoxelBone
 
@@ -73,8 +73,8 @@ class PageSource(Protocol):
         """A word or sentence on the source itself."""
         ...
 
-    def approach(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Middle of where bone was met [mm], and the direction into it; None if that is not known."""
+    def approach(self) -> Approach | None:
+        """Into the bone; None if that is not known."""
         ...
 
     def go(self, seconds: float) -> NDArray[np.uint32]:
@@ -122,14 +122,8 @@ class ReplaySource:
     def parcels(self) -> NDArray[np.void] | None:
         return None if self._past is None else self._past.at(self.time)
 
-    def approach(self) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        burr = self.player.trace.ticks["burr"][:, 0]
-        met = burr[burr["touching"] > 0]
-        first = met["force_N"][: round(_MEETING / self.player.trace.period)].sum(axis=0)
-        if not np.linalg.norm(first) > 0:
-            return None
-        centers = met["center_mm"]
-        return 0.5 * (centers.min(axis=0) + centers.max(axis=0)), -first / np.linalg.norm(first)
+    def approach(self) -> Approach | None:
+        return trace_approach(self.player)
 
     def go(self, seconds: float) -> NDArray[np.uint32]:
         return self.player.seek(min(max(seconds, 0.0), self.player.duration))

@@ -86,7 +86,6 @@ class TracePlayer:
         times = trace.time()
         burr = trace.ticks["burr"]
         self.history = History(times, np.linalg.norm(burr["force_N"], axis=2), burr["penetration_mm"])
-        self._duration = float(trace.duration)  # a sum over all ticks
         self._every = max(1, round(every * 1000.0 / trace.period))
         self._kept = BrickHistory(trace._bone, int(memory * 1e6))  # which never changes: no copy
         self._walk = _Walk(trace, self._kept, self._every)
@@ -99,7 +98,7 @@ class TracePlayer:
     @property
     def duration(self) -> float:
         """Of the trace [s]."""
-        return self._duration
+        return self.trace.duration
 
     @property
     def ticks(self) -> int:
@@ -182,11 +181,13 @@ class TracePlayer:
         half = 0.5e-3 * self.trace.period  # sums of periods are not exact
         return self._walk.go(int(np.searchsorted(self.history.time, seconds + min(half, 1e-6), side="right")))
 
-    def seek_tick(self, done: int) -> NDArray[np.uint32]:
-        """Goes to where so many ticks of the trace are executed. As `seek`; ValueError if there are not so many."""
-        if not 0 <= done <= self.ticks:
-            raise ValueError(f"done must be from 0 to {self.ticks}, got {done!r}")
-        return self._walk.go(done)
+    def seek_tick(self, tick: int) -> NDArray[np.uint32]:
+        """Goes to before the tick of this index, as `tick`, `Trace.digests` and `Companion.first_tick` count. As `seek`;
+        ValueError if the trace does not reach it."""
+        first = self.trace.first_tick
+        if not first <= tick <= first + self.ticks:
+            raise ValueError(f"tick must be from {first} to {first + self.ticks}, got {tick!r}")
+        return self._walk.go(tick - first)
 
     def prepare(
         self, progress: Callable[[float], object] | None = None, *, cancel: threading.Event | None = None

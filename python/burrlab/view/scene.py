@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,15 +12,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
 from burrlab.view.block_actors import BlockActors
-from burrlab.view.camera import Viewpoint, eyes, surgeon_view
+from burrlab.view.burr_actors import BurrActors
+from burrlab.view.camera import Viewpoint, surgeon_view
 from burrlab.view.parcel_actor import ParcelActor
 from burrlab.view.rendering import check_screen, prepare_off_screen, pyvista
 from burrlab.view.scene_chart import SceneChart
 from burrlab.view.scene_labels import Legend, ScaleBar
 from burrlab.view.scene_slices import SlicePanels
+from burrlab.view.scene_stereo import StereoEyes
+from burrlab.view.scene_window import SceneWindow
 from burrlab.view.surface import Surface, tissue_palette
 
-BURR_ON, BURR_OFF = (0.78, 0.80, 0.84), (0.50, 0.52, 0.56)
 _GROUND, _SKY = (0.055, 0.065, 0.085), (0.20, 0.23, 0.28)
 
 
@@ -41,6 +44,10 @@ class Scene:
         Name the tissues.
     chart : bool
         Curves of force and depth over time.
+    stereo : bool
+        Both eyes side by side in the window, as `set_stereo` does.
+    outline : bool
+        Draw each burr's rim as a dashed line through the bone before it. Nobody sees that who drills.
 
     Attributes
     ----------
@@ -67,6 +74,8 @@ class Scene:
         level: int = 128,
         legend: bool = True,
         chart: bool = True,
+        stereo: bool = False,
+        outline: bool = False,
     ) -> None:
         for radius in radii:
             if not (np.isfinite(radius) and radius > 0):
@@ -80,28 +89,23 @@ class Scene:
             check_screen()
         self.bone, self.radii = bone, tuple(float(radius) for radius in radii)
         self.surface = Surface(bone, level=level)
-        self.plotter: Any = module.Plotter(off_screen=off_screen, window_size=list(size), lighting="none")
+        self.plotter: Any = module.Plotter(
+            off_screen=off_screen, window_size=list(size), lighting="none", title="burrlab"
+        )
         self.plotter.set_background(_GROUND, top=_SKY)
         self.actors = BlockActors(self.plotter.renderer, tissue_palette(bone))
         self.actors.replace(self.surface, self.surface.blocks)
-        self.burrs = [self._add_burr(module, radius) for radius in self.radii]
+        self._burrs = BurrActors(self.plotter, module, self.radii, outline=outline)
         self.parcels = ParcelActor(self.plotter.renderer)
         self.panels: SlicePanels | None = None
         self.chart = SceneChart(self.plotter, module) if chart else None
         self.scale = ScaleBar(self.plotter.renderer)
         self.legend = Legend(self.plotter.renderer, bone, self.surface) if legend else None
         self._add_lights(module)
-        self._centers = np.full((len(self.radii), 3), np.nan)
+        self._eyes: StereoEyes | None = None
         self.look(surgeon_view(bone))
-
-    def _add_burr(self, module: Any, radius: float) -> Any:
-        sphere = module.Sphere(radius=radius, theta_resolution=48, phi_resolution=48)
-        actor = self.plotter.add_mesh(
-            sphere, color=BURR_OFF, smooth_shading=True, ambient=0.15, diffuse=0.7, specular=0.9,
-            specular_power=40, render=False, reset_camera=False,
-        )  # fmt: skip
-        actor.SetVisibility(False)  # until its place is known
-        return actor
+        if stereo:
+            self.set_stereo(True)
 
     def _add_lights(self, module: Any) -> None:
         # over the left shoulder, a fill from the right, and a weak one from the eye
@@ -162,13 +166,7 @@ class Scene:
         places = np.asarray(centers, float)
         if places.shape != (len(self.radii), 3):
             raise ValueError(f"centers must have the shape ({len(self.radii)}, 3), got {places.shape}")
-        self._centers = places
-        for i, (actor, place) in enumerate(zip(self.burrs, places, strict=True)):
-            known = bool(np.isfinite(place).all())
-            actor.SetVisibility(known)
-            if known:
-                actor.SetPosition(*place)
-            actor.prop.color = BURR_ON if on is None or on[i] else BURR_OFF
+        self._burrs.place(places, on)
         if self.panels is not None:
             self.panels.move_burrs(places, self.radii)
 
@@ -198,7 +196,7 @@ class Scene:
         if self.panels is None:
             self.panels = SlicePanels(self.plotter)
         self.panels.cut(self.bone, point)
-        self.panels.move_burrs(self._centers, self.radii)
+        self.panels.move_burrs(self._burrs.centers, self.radii)
 
     def set_curves(self, time: ArrayLike, force: ArrayLike, depth: ArrayLike) -> None:
         """Force [N] and penetration depth [mm] over time [s], in a chart."""
@@ -208,10 +206,30 @@ class Scene:
     def render(self) -> None:
         """Draws once."""
         self.plotter.renderer.ResetCameraClippingRange()
+        self._burrs.fit()
         self.scale.fit(self.plotter)
         if self.legend is not None:
             self.legend.fit()
+        if self._eyes is not None:
+            self._eyes.follow()
         self.plotter.render_window.Render()
+
+    @property
+    def stereo(self) -> bool:
+        """Whether both eyes are drawn side by side."""
+        return self._eyes is not None and self._eyes.on
+
+    def set_stereo(self, on: bool, separation: float = 62.0, *, swap: bool = False) -> None:
+        """Draws both eyes, each in its half of the view, without legend and curves; parameters as of `stereo_picture`."""
+        if on:
+            self._stereo_eyes().set(separation, swap=swap)
+        if self._eyes is not None:
+            self._eyes.on = on
+
+    def _stereo_eyes(self) -> StereoEyes:
+        if self._eyes is None:
+            self._eyes = StereoEyes(self.plotter)
+        return self._eyes
 
     def picture(self) -> NDArray[np.uint8]:
         """What is seen now, (height, width, 3)."""
@@ -230,7 +248,7 @@ class Scene:
         _write_png(path, self.picture())
 
     def stereo_picture(self, separation: float = 62.0, *, swap: bool = False) -> NDArray[np.uint8]:
-        """Left and right eye's pictures side by side, (height, 2 width, 3).
+        """Left and right eye's pictures side by side, (height, 2 width, 3), without legend and curves.
 
         The eyes look in parallel, with shifted frustums, so that nothing is skewed and what lies at the focus
         has no parallax.
@@ -247,21 +265,9 @@ class Scene:
         ValueError
             If the separation is negative or not finite.
         """
-        if not (np.isfinite(separation) and separation >= 0):
-            raise ValueError(f"separation must be zero or positive and finite, got {separation}")
-        middle, camera = self.viewpoint, self.plotter.camera
-        width, height = self.plotter.window_size
-        aspect = (self.panels.main_share if self.panels is not None else 1.0) * width / height
-        pair = []
-        try:
-            for view, shift in eyes(middle, separation, aspect):
-                self.look(view)
-                camera.SetWindowCenter(shift, 0.0)
-                pair.append(self.picture())
-        finally:
-            camera.SetWindowCenter(0.0, 0.0)
-            self.look(middle)
-        return np.concatenate(pair[::-1] if swap else pair, axis=1)
+        eyes = self._stereo_eyes()
+        pair = [self.picture() for _ in eyes.one_by_one(separation, swap=swap)]
+        return np.concatenate(pair, axis=1)
 
     def stereo_pair(
         self, path: str | os.PathLike[str], separation: float = 62.0, *, swap: bool = False
@@ -278,9 +284,15 @@ class Scene:
         _write_png(path, self.stereo_picture(separation, swap=swap))
 
     def show(self) -> None:
-        """Opens the window, to orbit in with the mouse, until it is closed."""
-        self.render()
-        self.plotter.show(auto_close=False)
+        """Opens the window, to orbit in with the mouse, until it is closed, by its frame, q or Ctrl-C: KeyboardInterrupt."""
+        with SceneWindow(self) as window:
+            while window.turn():
+                time.sleep(1 / 60)
+
+    def draw_fast(self) -> None:
+        """Without multi-sampling and the backs of the surface: of a software renderer's time, a quarter is left."""
+        self.plotter.render_window.SetMultiSamples(0)
+        self.actors.property.BackfaceCullingOn()
 
     def close(self) -> None:
         """Frees window and memory."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from burrlab.effects import Effects
 from burrlab.session.trace import Trace
-from burrlab.view.camera import Viewpoint, surgeon_view
+from burrlab.view.approach import approach_view, trace_approach
 from burrlab.view.page_parcels import ParcelHistory
 from burrlab.view.player import TracePlayer
 from burrlab.view.scene import Scene
@@ -30,7 +30,7 @@ class TraceView:
     slices : bool
         Show slices through the first burr's centre.
     **options
-        Of the `Scene`.
+        Of the `Scene`, but that burrs are outlined.
 
     Attributes
     ----------
@@ -56,8 +56,9 @@ class TraceView:
         if self._parcels is not None:
             self._parcels.make()
         self.slices = slices
-        self.scene = Scene(self.player.bone, self.player.burrs.radii.tolist(), **options)
-        self.scene.look(trace_viewpoint(self.player))
+        radii = self.player.burrs.radii.tolist()
+        self.scene = Scene(self.player.bone, radii, **{"outline": True, **options})
+        self.scene.look(approach_view(self.player.bone, trace_approach(self.player)))
         self.go(self.player.time)
 
     def go(self, seconds: float) -> int:
@@ -119,23 +120,3 @@ class TraceView:
     def close(self) -> None:
         """Frees window and memory."""
         self.scene.close()
-
-
-def trace_viewpoint(player: TracePlayer) -> Viewpoint:
-    """As a surgeon looks at what this trace cuts: along the mean force, at the middle of where bone was touched."""
-    burr = player.trace.ticks["burr"]
-    touched = burr["touching"] > 0
-    if not touched.any():
-        return surgeon_view(player.bone)
-    centers, forces = burr["center_mm"][touched], burr["force_N"][touched]
-    radius = float(player.burrs.radii.max())
-    push = -forces.sum(axis=0)
-    if np.linalg.norm(push) < 1e-6 * max(np.linalg.norm(forces, axis=1).sum(), 1e-12):
-        push = np.array([0.0, 0.0, -1.0])
-    low, high = centers.min(axis=0), centers.max(axis=0)
-    return surgeon_view(
-        player.bone,
-        entry=(low + high) / 2,
-        axis=push,
-        width=1.6 * float(np.linalg.norm(high - low)) + 7 * radius,
-    )

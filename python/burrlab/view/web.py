@@ -30,6 +30,7 @@ def serve(
     size: tuple[int, int] = (1024, 768),
     level: int = 128,
     viewpoint: Viewpoint | None = None,
+    stereo: bool = False,
     on_ready: Callable[[str], object] | None = None,
 ) -> None:
     """Serves a page until Ctrl-C or SIGTERM.
@@ -57,6 +58,8 @@ def serve(
         Occupancy level at the bone's surface, 1 to 255.
     viewpoint : Viewpoint, optional
         The first camera; default: of a trace, along the forces that the burr met, else from above.
+    stereo : bool
+        Begin with both eyes side by side; the page has a switch for it.
     on_ready : callable, optional
         Called with the page's address; default: it is printed.
 
@@ -77,7 +80,7 @@ def serve(
     if not 0 <= port <= 65535:
         raise ValueError(f"port must be from 0 to 65535, got {port!r}")
     check_page(host=host, port=port)
-    asyncio.run(_serve(shown, host, port, open_browser, size, level, viewpoint, on_ready or _tell))
+    asyncio.run(_serve(shown, host, port, open_browser, size, level, viewpoint, stereo, on_ready or _tell))
 
 
 def check_page(*, host: str = "127.0.0.1", port: int = 0) -> None:
@@ -94,16 +97,18 @@ def warning(address: str) -> str:
 
 async def _serve(
     source: PageSource, host: str, port: int, open_browser: bool, size: tuple[int, int], level: int,
-    viewpoint: Viewpoint | None, on_ready: Callable[[str], object],
+    viewpoint: Viewpoint | None, stereo: bool, on_ready: Callable[[str], object],
 ) -> None:  # fmt: skip
     from burrlab.view.page import Page
     from burrlab.view.page_layout import build_layout
     from burrlab.view.scene import Scene
 
-    scene = Scene(source.bone, source.radii, off_screen=True, size=size, level=level, chart=False)
+    scene = Scene(
+        source.bone, source.radii, off_screen=True, size=size, level=level, chart=False, outline=source.kind == "replay"
+    )  # fmt: skip
     try:
         server = _server()
-        page = Page(server, source, scene, surgeon=viewpoint)
+        page = Page(server, source, scene, surgeon=viewpoint, stereo=stereo)
         build_layout(page)
         end = asyncio.Event()
         ready = server.ready
@@ -163,6 +168,7 @@ def _ended_by_signals(end: asyncio.Event) -> Iterator[None]:
     loop, before = asyncio.get_running_loop(), {}
     for number in (signal.SIGINT, signal.SIGTERM):
         handler = signal.getsignal(number)
+        # Windows' event loops take no handlers, and no system's do outside the main thread: Ctrl-C stays as it is there.
         with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
             loop.add_signal_handler(number, end.set)
             before[number] = handler

@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab.volume.geometry import Array, checked_direction
-from burrlab.volume.header import Header
+from burrlab.volume.header import Header, plain_name
 
 #: How far the distances of slices may differ from one another, a part of the distance (headers round).
 EVEN = 1e-2
 _BIG_ENDIAN = b"1.2.840.10008.1.2.2\0"  # transfer syntax Explicit VR Big Endian
+#: Name of the exact state of a half-drilled volume in a folder of slices.
+IN_FOLDER = "bone.h5"
 #: How far the slices may shift sideways from the first to the last, a part of a pixel: more is a gantry tilt.
 STRAIGHT = 0.1
 
@@ -68,7 +70,8 @@ def read_dicom(
     for k, plane in enumerate(planes):
         values[k] = plane
     notes = _notes(slices, others)
-    return Header(values.shape, spacing, slices[0].position, direction, notes), values
+    files = tuple(s.name for s in slices)
+    return Header(values.shape, spacing, slices[0].position, direction, notes, files=files), values
 
 
 def _notes(slices: list[_Slice], others: Sequence[str]) -> tuple[str, ...]:
@@ -102,7 +105,7 @@ def dicom_files(folder: str | os.PathLike[str]) -> tuple[list[str], list[str]]:
         with path.open("rb") as file:
             if file.read(132)[128:] == b"DICM" or path.suffix.lower() in (".dcm", ".dicom"):
                 found.append(str(path))
-            elif not path.name.startswith("."):
+            elif not path.name.startswith(".") and path.name != IN_FOLDER:
                 others.append(path.name)
     if not found:
         raise ValueError(f"{os.fspath(folder)}: the folder holds no DICOM files")
@@ -128,7 +131,7 @@ def _header_of(name: str) -> _Slice:
 
     reader = sitk.ImageFileReader()
     reader.SetImageIO("GDCMImageIO")
-    reader.SetFileName(name)
+    reader.SetFileName(plain_name(name))
     try:
         reader.ReadImageInformation()
     except RuntimeError:
@@ -257,7 +260,7 @@ def _values(part: _Slice, shape: tuple[int, int]) -> NDArray[Any]:
 
     _check_whole(part)
     try:
-        image = sitk.ReadImage(part.name, imageIO="GDCMImageIO")
+        image = sitk.ReadImage(plain_name(part.name), imageIO="GDCMImageIO")
     except RuntimeError:
         raise ValueError(f"{part.name}: the pixel data of the slice cannot be read whole") from None
     return np.asarray(sitk.GetArrayFromImage(image)).reshape(shape)

@@ -7,29 +7,27 @@ import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from burrlab._core import VoxelBone
 from burrlab.session.snapshot import check_tick, load_bone, save_bone
+from burrlab.volume.dicom import IN_FOLDER
+from burrlab.volume.drilled_checks import check_drilled, check_original, check_place, is_series
+from burrlab.volume.drilled_dicom import write_series
 from burrlab.volume.drilled_pair import (
-    IN_FOLDER,
     KIND,
-    is_drilled,
+    followed,
     own_sidecar,
     replace_whole,
     sidecar,
     sidecars,
 )
-from burrlab.volume.drilled_stack import check_whole_stack, stack_slices, write_stack
-from burrlab.volume.drilled_values import changed_file, changes, check_header, file_ending, grey_of_levels
+from burrlab.volume.drilled_stack import write_stack
+from burrlab.volume.drilled_values import changed_file, changes
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.occupancy_map import OccupancyMap
-from burrlab.volume.png_files import Slices
 from burrlab.volume.read import read_labels, read_volume
+from burrlab.volume.recipe import is_stack
 from burrlab.volume.stack import ROWS_ALONG_X, read_stack
-from burrlab.volume.stored import ENDINGS
 from burrlab.volume.volume import Volume
 
 
@@ -60,7 +58,7 @@ class DrilledVolume:
 
     def volume(self) -> Volume | LabelVolume:
         """The half-drilled volume as other programs see it, on the voxels of the bone: `like` of the next `save_drilled`."""
-        if Path(self.path).is_dir():
+        if is_stack(self.path):
             return read_stack(
                 self.path, spacing=self.bone.spacing, palette=None if self.mapping else self.bone.tissues, unknown="nearest",
                 transpose=self._transpose,
@@ -83,7 +81,7 @@ def save_drilled(
     ----------
     path : path-like
         With the ending of the original, for its header to be kept: .nrrd (.seg.nrrd), .nii, .nii.gz, .mha. For a stack of PNG
-        slices, a new folder. For DICOM, which is not written, the ending of another format.
+        slices or a DICOM series, a new folder.
     bone : VoxelBone
         On the voxels of `like`.
     like : Volume or LabelVolume
@@ -97,31 +95,33 @@ def save_drilled(
     ------
     ValueError
         If bone and volume are on different voxels, the map is missing, given for labels, cannot be turned round or has a grey
-        value of empty that the volume's type does not hold, the path is the original's, its ending is none of these, the header
+        value of empty that the file cannot store, the path is the original's, its ending is none of these, its name is too long, the header
         cannot be kept (values as text, or in another place than right behind it), the tick out of range, or `like` is itself
         half-drilled and has less than the bone.
     FileExistsError
         If there is something else under that name.
     FileNotFoundError
-        If its folder, or the original stack, is not there.
+        If its folder, or the original stack or series, is not there.
     OSError
         If the files cannot be written.
 
     Notes
     -----
-    Voxels of which nothing was removed keep their value to the bit. The others get the grey value that the map gives for what
-    is left of them, and never a higher one than they had; nothing left is the grey value of empty. Of labels alone, a voxel of
+    Voxels of which nothing was removed keep their value to the bit, but for a resampled DICOM series: its slices hold whole numbers.
+    The others get the grey value that the map gives for what is left of them, and never a higher one than they had; nothing left is the grey value of empty. Of labels alone, a voxel of
     which less than half is left gets label 0. The header is that of the original file, byte by byte, where `like` is that file's
-    whole volume; a cropped or resampled one, and a segmentation in several layers, gets a new header.
+    whole volume; a cropped or resampled one, and a segmentation in several layers, gets a new header. Slices of a DICOM series are
+    derived images of a new series, of the same study: UIDs, image type and derivation are theirs, all else is that of the slice that
+    they were made of.
 
     Beside `NAME` lies `NAME.<digest>.bone.h5` (in a stack's folder, `bone.h5`), a bone as `save_bone` writes it. It is written
     first, and bears the digest of the volume it belongs to: whoever is killed in between leaves the old pair or the new one.
     """
-    target = Path(path)
+    target = followed(Path(path))
     check_tick(tick)
     slices = check_drilled(target, like, mapping)
-    _check_place(bone, like)
-    _check_original(bone, like)
+    check_place(bone, like)
+    check_original(bone, like)
     changed = changes(bone, like, mapping)
     told = {
         "kind": KIND,
@@ -133,8 +133,14 @@ def save_drilled(
     def beside(where: Path, digest: str) -> None:
         save_bone(where, bone, tick, source=json.dumps({**told, "sha256": digest}))
 
+    def in_folder(folder: Path, digest: str) -> None:
+        beside(folder / IN_FOLDER, digest)
+
     if slices is not None:
-        write_stack(target, slices, like, changed, lambda folder, digest: beside(folder / IN_FOLDER, digest))
+        write_stack(target, slices, like, changed, in_folder)
+        return
+    if is_series(target, like):
+        write_series(target, like, changed, in_folder)
         return
     content = changed_file(target, like, changed)
     digest = hashlib.sha256(content).hexdigest()
@@ -165,75 +171,3 @@ def load_drilled(path: str | os.PathLike[str]) -> DrilledVolume:
     return DrilledVolume(
         bone, tick, mapping, str(told.get("source", "")), os.fspath(path), bool(told.get("transpose"))
     )
-
-
-def check_drilled(
-    target: Path, like: Volume | LabelVolume, mapping: OccupancyMap | None = None
-) -> Slices | None:
-    """The errors of `save_drilled` that can be told before there is a bone; the slices of a stack that is saved as one."""
-    if not target.resolve().parent.is_dir():
-        raise FileNotFoundError(f"folder must exist, got {target.resolve().parent}")
-    if Path(like.path).exists() and target.exists() and target.samefile(like.path) and not is_drilled(target):
-        raise ValueError(f"path must be another file than the original {like.path}")
-    if isinstance(like, LabelVolume):
-        if mapping is not None:
-            raise ValueError(f"mapping must be given for grey values only, and {like.path} holds labels")
-    elif mapping is None:
-        raise ValueError(f"mapping must be given: that with which the bone was made of {like.path}")
-    else:
-        _check_empty(grey_of_levels(mapping)[0], like)
-    slices = None if target.name.lower().endswith(ENDINGS) else stack_slices(like)
-    if slices is None:
-        file_ending(target)
-        if target.exists() and not is_drilled(target):
-            raise FileExistsError(f"path must be a new file or one of save_drilled, {target} is neither")
-        check_header(target, like)
-        return None
-    check_whole_stack(slices, like)
-    if target.exists():
-        raise FileExistsError(f"path must be a new folder, {target} is there")
-    return slices
-
-
-def _check_empty(grey: float, like: Volume) -> None:
-    """ValueError where whole numbers of the volume's type do not go down to the grey value of empty."""
-    kind = like.values.dtype
-    if kind.kind in "iu" and grey < np.iinfo(kind).min:
-        raise ValueError(
-            f"map must have a grey value of empty that {like.path} can hold, for what was removed to have one: it holds {kind}, "
-            f"got {grey:g}"
-        )
-
-
-def _check_place(bone: VoxelBone, like: Volume | LabelVolume) -> None:
-    where = like.bone_point(like.origin)
-    small = 1e-2 * like.spacing
-    if (
-        bone.shape != like.shape
-        or np.any(np.abs(np.array(bone.spacing) - like.spacing) > 1e-3 * like.spacing)
-        or np.any(np.abs(np.array(bone.origin) - where) > small)
-    ):
-        raise ValueError(
-            f"bone must be on the voxels of {like.path}: it has shape {bone.shape}, spacing {_three(bone.spacing)} and origin "
-            f"{_three(bone.origin)} mm, and the volume {like.shape}, {_three(like.spacing)} and {_three(where)} mm"
-        )
-
-
-def _check_original(bone: VoxelBone, like: Volume | LabelVolume) -> None:
-    """A half-drilled volume will do for the original while nothing grew on it since."""
-    source = Path(like.path)
-    if not source.exists() or not sidecars(source):
-        return
-    try:
-        beside, _ = own_sidecar(source)
-    except ValueError:
-        return
-    before, _ = load_bone(beside)
-    if before.shape == bone.shape and (more := int(np.count_nonzero(bone.density > before.density))):
-        raise ValueError(
-            f"like must be the original: {like.path} is half-drilled, and {more} voxels of it have less than the bone"
-        )
-
-
-def _three(values: Any) -> str:
-    return "(" + ", ".join(f"{float(v):.6g}" for v in values) + ")"

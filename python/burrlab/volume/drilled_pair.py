@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from burrlab.session.snapshot import FORMAT, FORMAT_VERSION, open_hdf5
+from burrlab.volume.dicom import IN_FOLDER, dicom_files, holds_dicom
 
 KIND = "burrlab drilled volume"
-#: Name of the exact state in a folder of slices.
-IN_FOLDER = "bone.h5"
+_LONGEST = 255 - len(".0123456789abcdef.bone.h5.part")
 
 
 def content_digest(target: Path) -> str:
@@ -20,7 +20,11 @@ def content_digest(target: Path) -> str:
     if target.is_file():
         return hashlib.sha256(target.read_bytes()).hexdigest()
     digest = hashlib.sha256()
-    for path in sorted(part for part in target.iterdir() if part.suffix.lower() == ".png"):
+    if holds_dicom(target):
+        slices = [Path(name) for name in dicom_files(target)[0]]
+    else:
+        slices = sorted(part for part in target.iterdir() if part.suffix.lower() == ".png")
+    for path in slices:
         digest.update(path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
     return digest.hexdigest()
 
@@ -32,12 +36,29 @@ def sidecar(target: Path, digest: str) -> Path:
     return target.with_name(f"{target.name}.{digest[:16]}.bone.h5")
 
 
+def check_name(target: Path) -> None:
+    """ValueError where a file's name leaves no room for that of the exact state beside it."""
+    if (size := len(os.fsencode(target.name))) > _LONGEST:
+        raise ValueError(
+            f"path must have a name of at most {_LONGEST} bytes, for the exact state to be named after it, got {size}"
+        )
+
+
+def followed(target: Path) -> Path:
+    """Where a link leads: its file is replaced, and not the link."""
+    return target.resolve() if target.is_symlink() else target
+
+
 def sidecars(target: Path) -> list[Path]:
-    """Those that are there, of whatever content of the volume."""
+    """Those that are there, of whatever content of the volume; of a link, beside it and where it leads."""
     if target.is_dir():
         return [target / IN_FOLDER] if (target / IN_FOLDER).is_file() else []
+    return [beside for place in dict.fromkeys((target, followed(target))) for beside in _named(place)]
+
+
+def _named(target: Path) -> list[Path]:
     head, tail = f"{target.name}.", ".bone.h5"
-    folder = target.resolve().parent
+    folder = target.parent.resolve()
     if not folder.is_dir():
         return []
     return sorted(
@@ -53,6 +74,8 @@ def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
     """The exact state that belongs to what a volume holds now, and what it says of itself; errors as `load_drilled`."""
     digest = content_digest(target)
     beside = sidecar(target, digest)
+    if not beside.is_file() and (there := sidecar(followed(target), digest)).is_file():
+        beside = there
     if not beside.is_file():
         others = ", ".join(other.name for other in sidecars(target))
         found = (

@@ -16,7 +16,7 @@ from burrlab.specimen import Specimen, Vector
 from burrlab.volume.drilled import DrilledVolume, load_drilled
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.occupancy_map import OccupancyMap
-from burrlab.volume.recipe import check_radius
+from burrlab.volume.recipe import absolute, check_radius
 from burrlab.volume.volume import Volume, specimen_in
 
 
@@ -44,7 +44,7 @@ class DrilledRecipe:
     _read: dict[str, DrilledVolume] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "path", os.path.abspath(self.path))
+        object.__setattr__(self, "path", absolute(self.path))
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> DrilledRecipe:

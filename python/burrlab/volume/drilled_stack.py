@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from burrlab.files import new_folder
 from burrlab.volume.adf import read_description
 from burrlab.volume.drilled_pair import content_digest
-from burrlab.volume.drilled_values import Changes
+from burrlab.volume.drilled_values import Changes, changed_values
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.png_files import Slices, find_slices, pixels
 from burrlab.volume.recipe import is_stack
@@ -63,31 +63,21 @@ def write_stack(
         Of the original.
     like : Volume or LabelVolume
         Read of them.
-    changed : (ndarray, ndarray)
-        Which voxels change, and their grey values; of coloured slices they become transparent (black, without transparency).
+    changed : Changes
+        Of coloured slices they become transparent (black, without transparency).
     beside : callable
         Called with the folder before it appears and the digest of its slices.
     """
-    where, values = changed
-    new: NDArray[Any] | None = None
-    if isinstance(like, Volume):
-        new = like.values.copy()
-        new[where] = np.rint(values)
-    part = target.with_name(f".{target.name}.part")
-    shutil.rmtree(part, ignore_errors=True)
-    part.mkdir()
-    try:
+    new = changed_values(like, changed) if isinstance(like, Volume) else None
+    with new_folder(target) as part:
         for k, path in enumerate(slices.paths):
-            here, plane = where[k], None if new is None else new[k]
+            here, plane = changed.where[k], None if new is None else new[k]
             if ROWS_ALONG_X in like.notes:
                 here, plane = here.T, None if plane is None else plane.T
             _write_slice(path, part / path.name, slices, here, plane)
         if Path(like.path).is_file():
             _write_description(Path(like.path), part)
         beside(part, content_digest(part))
-        os.rename(part, target)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
 
 
 def _write_slice(

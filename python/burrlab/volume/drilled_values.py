@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone
+from burrlab.volume.coding import Coding
 from burrlab.volume.geometry import same_geometry
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.nrrd import segment_layers
@@ -19,8 +20,13 @@ from burrlab.volume.stored import ENDINGS, can_keep_header, check_stored, read_s
 from burrlab.volume.volume import Volume
 from burrlab.volume.write import write_volume
 
-#: Which voxels get another value, and these values.
-Changes = tuple[NDArray[np.bool_], NDArray[np.float64]]
+
+class Changes(NamedTuple):
+    """Which voxels get another value, these values, and of grey ones that of empty."""
+
+    where: NDArray[np.bool_]
+    values: NDArray[np.float64]
+    empty: float | None = None
 
 
 def grey_of_levels(mapping: OccupancyMap) -> NDArray[np.float64]:
@@ -50,10 +56,10 @@ def changes(bone: VoxelBone, like: Volume | LabelVolume, mapping: OccupancyMap |
     lost = density < pristine
     if isinstance(like, LabelVolume):
         lost[lost] = 2 * density[lost].astype(np.int64) < pristine[lost]
-        return lost, np.zeros(np.count_nonzero(lost))
+        return Changes(lost, np.zeros(np.count_nonzero(lost)))
     assert mapping is not None
-    was = like.values[lost].astype(np.float64)
-    return lost, np.minimum(grey_of_levels(mapping)[density[lost]], was)
+    was, greys = like.values[lost].astype(np.float64), grey_of_levels(mapping)
+    return Changes(lost, np.minimum(greys[density[lost]], was), float(greys[0]))
 
 
 def file_ending(target: Path) -> str:
@@ -64,38 +70,43 @@ def file_ending(target: Path) -> str:
     return ending
 
 
-def check_header(target: Path, like: Volume | LabelVolume) -> None:
-    """ValueError where the header of the original should be kept under other values, and cannot be."""
+def check_header(target: Path, like: Volume | LabelVolume, mapping: OccupancyMap | None) -> None:
+    """ValueError where the header of the original should be kept under other values, and cannot be, or does not hold empty."""
     if _keeps_ending(target, like):
         try:
-            check_stored(like.path)
+            coding = check_stored(like.path)
+            coding.check(None if mapping is None else float(grey_of_levels(mapping)[0]), like.path)
         except ValueError:
-            if _is_whole(like):
+            if is_whole(like):
                 raise
 
 
 def changed_file(target: Path, like: Volume | LabelVolume, changed: Changes) -> bytes:
     """The bytes of the volume's file with other values, under the header of the original where that can be kept."""
-    where, values = changed
     ending = file_ending(target)
-    if _keeps_ending(target, like) and _is_whole(like):
+    if _keeps_ending(target, like) and is_whole(like):
         stored = read_stored(like.path)
         new = stored.values.copy()
-        new[where] = stored.stored(values)
+        new[changed.where] = stored.coding.stored(changed.values, like.path, changed.empty)
         return stored.content(new)
     part = target.with_name(f".{target.name}.values{ending}")
     try:
-        write_volume(part, _changed(like, where, values))
+        write_volume(part, with_changes(like, changed))
         return part.read_bytes()
     finally:
         part.unlink(missing_ok=True)
 
 
-def _changed(
-    like: Volume | LabelVolume, where: NDArray[np.bool_], values: NDArray[np.float64]
-) -> Volume | LabelVolume:
+def changed_values(like: Volume | LabelVolume, changed: Changes) -> NDArray[Any]:
+    """The voxels' values, of their type, after the changes."""
     new = _voxels(like).copy()
-    new[where] = values if new.dtype.kind == "f" else np.rint(values)
+    new[changed.where] = Coding(new.dtype).stored(changed.values, like.path, changed.empty)
+    return new
+
+
+def with_changes(like: Volume | LabelVolume, changed: Changes) -> Volume | LabelVolume:
+    """The volume with these values."""
+    new = changed_values(like, changed)
     return replace(like, labels=new) if isinstance(like, LabelVolume) else replace(like, values=new)
 
 
@@ -103,13 +114,13 @@ def _keeps_ending(target: Path, like: Volume | LabelVolume) -> bool:
     return can_keep_header(like.path) and like.path.lower().endswith(file_ending(target))
 
 
-def _is_whole(like: Volume | LabelVolume) -> bool:
+def is_whole(like: Volume | LabelVolume) -> bool:
     """Whether the volume is what its file holds, in one layer, not cropped, resampled or changed."""
     if like.path.lower().endswith(".nrrd") and segment_layers(like.path)[0] > 1:
         return False
     read = read_volume if isinstance(like, Volume) else read_labels
     try:
-        whole = read(like.path, spacing=like.spacing)
+        whole = read(like.files or like.path, spacing=like.spacing)
     except ValueError:  # another spacing than the file's
         return False
     return same_geometry(whole, like) and np.array_equal(_voxels(whole), _voxels(like))

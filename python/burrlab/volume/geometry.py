@@ -102,7 +102,7 @@ class OnGrid(ABC):
         if np.any(first >= last):
             raise ValueError(
                 f"box from {_point(corners[0])} to {_point(corners[1])} mm holds no voxel of {self.path}, "
-                f"which lies between {_point(self.corners().min(axis=0))} and {_point(self.corners().max(axis=0))} mm"
+                f"which lies {box_text(self)}"
             )
         x, y, z = (int(n) for n in first)
         u, v, w = (int(n) for n in last)
@@ -113,6 +113,12 @@ class OnGrid(ABC):
         ends = np.array(self.shape[::-1]) - 1
         bits = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)])
         return np.asarray(self.origin + (bits * ends * self.spacing) @ self.direction.T)
+
+
+def box_text(grid: OnGrid) -> str:
+    """Between which corners the centres of a volume's voxels lie, in its own coordinates."""
+    corners = grid.corners()
+    return f"between {_point(corners.min(axis=0))} and {_point(corners.max(axis=0))} mm"
 
 
 def slices(shape: Sequence[int], start: Sequence[int], stop: Sequence[int]) -> tuple[slice, slice, slice]:

@@ -32,6 +32,8 @@ class Header:
         What is assumed where the file is silent.
     names, colours : dict
         Of labels.
+    files : tuple of str
+        Of a DICOM series, in the order of its slices.
     """
 
     shape: tuple[int, int, int]
@@ -41,6 +43,24 @@ class Header:
     notes: tuple[str, ...] = ()
     names: dict[int, str] = field(default_factory=dict)
     colours: dict[int, tuple[int, int, int]] = field(default_factory=dict)
+    files: tuple[str, ...] = ()
+
+
+def check_not_negative(numbers: Array, said: str) -> None:
+    """ValueError for a spacing below 0: some readers mirror the volume then, others drop the sign."""
+    if np.any(numbers < 0):
+        raise ValueError(
+            f"{said} must be positive, got {' '.join(f'{n:g}' for n in numbers)}: is the volume mirrored?"
+        )
+
+
+def plain_name(name: str) -> str:
+    """A name as SimpleITK takes it, which ends the process for others; ValueError where it is not UTF-8."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        raise ValueError(f"path must be UTF-8, got {name!r}") from None
+    return name
 
 
 def settled_spacing(header: Header, given: float | ArrayLike | None, name: str) -> Array:

@@ -10,7 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab.specimen import Vector
-from burrlab.volume.geometry import Array, OnGrid, checked_direction, checked_point, checked_spacing, slices
+from burrlab.volume.geometry import (
+    Array,
+    OnGrid,
+    box_text,
+    checked_direction,
+    checked_point,
+    checked_spacing,
+    slices,
+)
 from burrlab.volume.resample import resample_nearest
 from burrlab.volume.volume import check_finite
 
@@ -23,7 +31,7 @@ class LabelVolume(OnGrid):
     ----------
     labels : ndarray, shape (nz, ny, nx)
         Whole numbers; floats that are whole become integers. Kept as a read-only view.
-    spacing, origin, direction, path, notes
+    spacing, origin, direction, path, notes, files
         As for `Volume`.
     names : mapping of int to str
         Of labels, as far as the file gives them.
@@ -44,13 +52,14 @@ class LabelVolume(OnGrid):
     names: dict[int, str] = field(default_factory=dict)
     colours: dict[int, tuple[int, int, int]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         labels = whole_labels(np.asarray(self.labels), self.path).view()
         labels.flags.writeable = False
         object.__setattr__(self, "labels", labels)
         object.__setattr__(self, "spacing", checked_spacing(self.spacing))
-        object.__setattr__(self, "origin", checked_point(self.origin, "origin"))
+        object.__setattr__(self, "origin", checked_point(self.origin, f"{self.path}: origin"))
         object.__setattr__(self, "direction", checked_direction(self.direction, self.path))
         object.__setattr__(self, "names", {int(label): str(name) for label, name in self.names.items()})
         object.__setattr__(self, "colours", _colours(self.colours))
@@ -97,14 +106,20 @@ class LabelVolume(OnGrid):
     def on(self, volume: OnGrid) -> LabelVolume:
         """The labels on the voxels of a volume: of the voxel in which the centre of each lies, 0 where there is none.
 
-        Segmentations may be finer than their volume, or turned. Structures thinner than a voxel of the volume can go.
+        Segmentations may be finer than their volume, or turned. Structures thinner than a voxel of the volume can go. Where the
+        labels cover a part of the volume, the notes say how much.
+
+        Raises
+        ------
+        ValueError
+            If no voxel of the volume has its centre in the labels.
         """
         turn = self.direction.T @ volume.direction
         start = self.bone_point(volume.origin - self.origin)
         steps = turn * volume.spacing  # columns: of one voxel of the volume, along the axes here [mm]
         z, y, x = (np.arange(n) for n in volume.shape)
         sizes = self.shape[::-1]
-        found = np.zeros(volume.shape, self.labels.dtype)
+        found, covered = np.zeros(volume.shape, self.labels.dtype), 0
         for k in z:  # plane by plane: no large arrays of places
             inside = np.ones((len(y), len(x)), bool)
             places = []
@@ -114,10 +129,17 @@ class LabelVolume(OnGrid):
                 inside &= (place >= 0) & (place < sizes[axis])
                 places.append(np.clip(place, 0, sizes[axis] - 1))
             found[k] = np.where(inside, self.labels[places[2], places[1], places[0]], 0)
+            covered += int(np.count_nonzero(inside))
+        if not covered:
+            raise ValueError(
+                f"labels must overlap the volume: those of {self.path} lie {box_text(self)}, and {volume.path} {box_text(volume)}"
+            )
         note = f"labels are the nearest of {self.path} on the voxels of {volume.path}"
+        if covered < found.size:
+            note += f", of which they cover {_percent(covered / found.size)}"
         return replace(
             self, labels=found, spacing=volume.spacing, origin=volume.origin, direction=volume.direction,
-            notes=(*self.notes, note),
+            notes=(*self.notes, note), files=(),
         )  # fmt: skip
 
     def __repr__(self) -> str:
@@ -145,6 +167,11 @@ def whole_labels(labels: NDArray[Any], path: str) -> NDArray[Any]:
             f"{path}: labels must be whole numbers below 2^31, got {labels[first]:.10g} at (z, y, x) = {first}"
         )
     return np.asarray(found.astype(np.int32))
+
+
+def _percent(part: float) -> str:
+    """Never 0 or 100 where it is neither."""
+    return "less than 1 %" if part < 0.01 else f"{min(100 * part, 99.9):.3g} %"
 
 
 def _colours(colours: Mapping[int, Any]) -> dict[int, tuple[int, int, int]]:

@@ -10,7 +10,7 @@ from typing import BinaryIO
 import numpy as np
 
 from burrlab.volume.geometry import Array
-from burrlab.volume.header import MILLIMETRES, Header, three_sizes
+from burrlab.volume.header import MILLIMETRES, Header, check_not_negative, three_sizes
 
 _END = "ElementDataFile"  # the last field: then come the values
 _BYTES = {"MET_CHAR": 1, "MET_UCHAR": 1, "MET_SHORT": 2, "MET_USHORT": 2, "MET_INT": 4, "MET_UINT": 4,
@@ -35,7 +35,8 @@ def read_meta_header(name: str) -> Header:
     if scale is None:
         raise ValueError(f"{name}: DistanceUnits must be one of {', '.join(MILLIMETRES)}, got {unit}")
     notes = []
-    spacing = scale * np.abs(_numbers(fields, ("ElementSpacing", "ElementSize"), name, [np.nan] * n))[:3]
+    spacing = scale * _numbers(fields, ("ElementSpacing", "ElementSize"), name, [np.nan] * n)[:3]
+    check_not_negative(spacing, f"{name}: ElementSpacing of the MetaImage header")
     if len(spacing) != 3:
         raise ValueError(f"{name}: ElementSpacing must hold {n} numbers, got {len(spacing)}")
     matrix = _numbers(fields, ("TransformMatrix", "Rotation", "Orientation"), name, [])
@@ -67,23 +68,28 @@ def check_meta_values(name: str) -> None:
     with path.open("rb") as file:
         file.seek(start if local else 0)
         packed = fields.get("CompressedData", "False").lower() == "true"
-        have = _unpacked(file, name) if packed else path.stat().st_size - file.tell()
+        left = path.stat().st_size - file.tell()
+        have, used = _unpacked(file, name) if packed else (left, left)
+    told = fields.get("CompressedDataSize", "none")  # of a file of their own, its size serves
+    if packed and (local or told != "none") and not (told.isdecimal() and used <= int(told) <= left):
+        raise ValueError(f"{name}: CompressedDataSize of the MetaImage header must be {used}, got {told}")
     wanted = size * math.prod(_sizes(fields, name))
     if have < wanted:
         raise ValueError(f"{name}: the file is cut short: {have} bytes of values, of {wanted}")
 
 
-def _unpacked(file: BinaryIO, name: str) -> int:
-    """Bytes of a zlib or gzip stream, its checksum looked at."""
-    stream, have = zlib.decompressobj(32 + zlib.MAX_WBITS), 0
+def _unpacked(file: BinaryIO, name: str) -> tuple[int, int]:
+    """Bytes that a zlib or gzip stream makes, its checksum looked at, and its own."""
+    stream, have, used = zlib.decompressobj(32 + zlib.MAX_WBITS), 0, 0
     try:
-        while chunk := file.read(1 << 22):
+        while not stream.eof and (chunk := file.read(1 << 22)):
             have += len(stream.decompress(chunk))
+            used += len(chunk) - len(stream.unused_data)
     except zlib.error as error:
         raise ValueError(f"{name}: the compressed data is cut short or damaged ({error})") from error
     if not stream.eof:
         raise ValueError(f"{name}: the compressed data is cut short or damaged (it has no end)")
-    return have
+    return have, used
 
 
 def _fields(name: str) -> tuple[dict[str, str], int]:

@@ -149,8 +149,10 @@ def _scaled(stored: NDArray[Any], fields: Fields) -> NDArray[Any]:
     native = stored.astype(stored.dtype.newbyteorder("="))
     if not (math.isfinite(slope) and math.isfinite(inter)) or slope == 0 or (slope, inter) == (1.0, 0.0):
         return native
-    values = native * np.float64(slope) + np.float64(inter)
-    return values.astype(np.float32) if native.dtype.itemsize <= 2 or native.dtype == np.float32 else values
+    with np.errstate(over="ignore"):  # what is infinite is refused with its place
+        values = native * np.float64(slope) + np.float64(inter)
+        single = native.dtype.itemsize <= 2 or native.dtype == np.float32
+        return values.astype(np.float32) if single else values
 
 
 def _header(fields: Fields, shape: tuple[int, int, int], name: str) -> Header:

@@ -9,7 +9,7 @@ import zlib
 import numpy as np
 
 from burrlab.volume.geometry import Array
-from burrlab.volume.header import MILLIMETRES, Header, three_sizes, unit_columns
+from burrlab.volume.header import MILLIMETRES, Header, check_not_negative, three_sizes, unit_columns
 
 _TO_LPS = {
     "left-posterior-superior": (1.0, 1.0), "lps": (1.0, 1.0),
@@ -173,12 +173,13 @@ def _spacings(fields: dict[str, str], spatial: list[int], name: str, notes: list
     if text is None:
         return np.full(3, np.nan)
     try:
-        every = [abs(float(number)) for number in text.split()]
+        every = [float(number) for number in text.split()]
         found = np.array([every[i] for i in spatial])
     except (ValueError, IndexError):
         raise ValueError(
             f"{name}: cannot be read as a volume: spacings of the NRRD header are '{text}'"
         ) from None
+    check_not_negative(found, f"{name}: spacings of the NRRD header")
     units = re.findall(r'"([^"]*)"', fields.get("units", ""))
     wanted = " ".join(f'"{units[i]}"' for i in spatial) if len(units) > max(spatial) else None
     return np.asarray(_unit(wanted, name, notes) * np.where(found > 0, found, np.nan))

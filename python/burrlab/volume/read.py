@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab.volume.dicom import dicom_files, is_dicom, read_dicom
 from burrlab.volume.geometry import checked_direction
-from burrlab.volume.header import Header, settled_spacing
+from burrlab.volume.header import Header, plain_name, settled_spacing
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.meta_image import check_meta_values, read_meta_header
 from burrlab.volume.nifti import read_nifti
 from burrlab.volume.nrrd import check_nrrd_checksum, read_nrrd_header, segment_layers
 from burrlab.volume.segments import merged, segments_of
+from burrlab.volume.stored import read_stored
 from burrlab.volume.volume import Volume
 
 #: A file, a folder of DICOM slices, or the slices.
@@ -65,8 +66,8 @@ def read_volume(
     """
     name, header, values = _read(path, spacing, series)
     return Volume(
-        values, settled_spacing(header, spacing, name), header.origin, header.direction, name, header.notes
-    )
+        values, settled_spacing(header, spacing, name), header.origin, header.direction, name, header.notes, header.files
+    )  # fmt: skip
 
 
 def read_labels(
@@ -94,7 +95,7 @@ def read_labels(
     name, header, values = _read(path, spacing, series)
     return LabelVolume(
         values, settled_spacing(header, spacing, name), header.origin, header.direction, name, header.names,
-        header.colours, header.notes,
+        header.colours, header.notes, header.files,
     )  # fmt: skip
 
 
@@ -156,6 +157,15 @@ def _read(
     return name, header, _values(name, header.shape)
 
 
+def _own(name: str, shape: tuple[int, ...]) -> NDArray[Any] | None:
+    """Of a NRRD file with an axis of 1 that SimpleITK takes for one of space; None where it is damaged or else unusual."""
+    try:
+        values = read_stored(name).values
+    except ValueError:
+        return None
+    return values.astype(values.dtype.newbyteorder("=")) if values.shape == shape else None
+
+
 def _check_there(name: str) -> None:
     if not Path(name).is_file():
         raise FileNotFoundError(f"{name}: no such file")
@@ -176,8 +186,10 @@ def _values(name: str, shape: tuple[int, ...]) -> NDArray[Any]:
     elif name.lower().endswith((".mha", ".mhd")):
         check_meta_values(name)
     try:
-        image = sitk.ReadImage(name)
+        image = sitk.ReadImage(plain_name(name))
     except RuntimeError as error:
+        if "number of domain axes" in str(error) and (found := _own(name, shape)) is not None:
+            return found
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         detail = lines[-1] if lines else "unknown error"
         raise ValueError(f"{name}: cannot be read as a volume: {detail}") from error

@@ -62,7 +62,7 @@ class VolumeRecipe:
     _read: dict[str, Volume] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "path", os.path.abspath(self.path))
+        object.__setattr__(self, "path", absolute(self.path))
         object.__setattr__(self, "spacing", _spacing(self.spacing, "spacing"))
         object.__setattr__(self, "voxel", _spacing(self.voxel, "voxel"))
         if self.crop is not None:
@@ -166,6 +166,11 @@ def _grey(path: str, spacing: tuple[float, float, float] | None, series: str | N
     if not isinstance(found, Volume):
         raise ValueError(f"{path}: the slices are coloured labels, and a map is of grey values")
     return found
+
+
+def absolute(path: str | os.PathLike[str]) -> str:
+    """The path from the root; ".." after a link goes where the system takes it."""
+    return os.path.realpath(path) if ".." in Path(path).parts else os.path.abspath(path)
 
 
 def is_stack(path: str) -> bool:

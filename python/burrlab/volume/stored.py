@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab.volume import nifti
+from burrlab.volume.coding import Coding
 from burrlab.volume.header import three_sizes
+from burrlab.volume.nrrd import read_nrrd_header
 
 ENDINGS = (".nrrd", ".nii", ".nii.gz", ".mha")
 
@@ -46,28 +48,18 @@ class Stored:
     ----------
     values : ndarray, shape (nz, ny, nx)
         As they are stored, of the type and byte order of the file.
-    slope, inter : float
-        A grey value is slope * stored + inter.
+    coding : Coding
+        What grey values they are.
     """
 
     values: NDArray[Any]
-    slope: float
-    inter: float
+    coding: Coding
     _pack: Callable[[bytes], bytes]
 
     def content(self, values: NDArray[Any]) -> bytes:
         """The whole file with other values of the same type; header, encoding and what follows the values stay."""
         assert values.shape == self.values.shape
         return self._pack(np.ascontiguousarray(values, self.values.dtype).tobytes())
-
-    def stored(self, greys: NDArray[np.float64]) -> NDArray[Any]:
-        """Grey values as the file stores them: rounded and kept in range where it holds whole numbers."""
-        found = (greys - self.inter) / self.slope
-        kind = self.values.dtype
-        if kind.kind == "f":
-            return found.astype(kind)
-        limits = np.iinfo(kind)
-        return np.clip(np.rint(found), limits.min, limits.max).astype(kind)
 
 
 def can_keep_header(path: str | os.PathLike[str]) -> bool:
@@ -93,8 +85,8 @@ def read_stored(path: str | os.PathLike[str]) -> Stored:
     return _nifti(name, content)
 
 
-def check_stored(path: str | os.PathLike[str]) -> None:
-    """The errors of `read_stored` that the header alone tells."""
+def check_stored(path: str | os.PathLike[str]) -> Coding:
+    """How the values are stored; the errors of `read_stored` that the header alone tells."""
     name = os.fspath(path)
     with open(name, "rb") as file:
         if name.lower().endswith((".nrrd", ".mha")):
@@ -103,23 +95,24 @@ def check_stored(path: str | os.PathLike[str]) -> None:
                 lines.append(line)
                 if line.startswith(b"ElementDataFile") if meta else not line.strip():
                     break
-            (_meta_layout if meta else _nrrd_layout)(name, b"".join(lines))
-            return
+            _, _, kind, _ = (_meta_layout if meta else _nrrd_layout)(name, b"".join(lines))
+            return Coding(np.dtype(kind))
         packed = file.read(2) == b"\x1f\x8b"
     with gzip.open(name) if packed else open(name, "rb") as file:
-        _nifti_layout(name, file.read(540))
+        return _nifti_layout(name, file.read(540))[1]
 
 
 def _nrrd(name: str, content: bytes) -> Stored:
     end, encoding, kind, shape = _nrrd_layout(name, content)
     head, data = content[:end], content[end:]
+    coding = Coding(np.dtype(kind))
     if encoding == "raw":
-        return _assembled(name, data, kind, shape, lambda values, rest: head + values + rest)
+        return _assembled(name, data, coding, shape, lambda values, rest: head + values + rest)
     unpacked = _unpacked(name, lambda: gzip.decompress(data))
     return _assembled(
         name,
         unpacked,
-        kind,
+        coding,
         shape,
         lambda values, rest: head + gzip.compress(values + rest, 1, mtime=0),
     )
@@ -149,47 +142,48 @@ def _nrrd_layout(name: str, content: bytes) -> tuple[int, str, str, tuple[int, i
             f"{name}: type of the NRRD file must be one of whole or real numbers, got {fields.get('type')!r}"
         )
     order = ">" if fields.get("endian", "little").lower() == "big" else "<"
-    shape = three_sizes([int(n) for n in fields["sizes"].split()], name)
+    shape = read_nrrd_header(name).shape  # axes of 1 that are none may come first
     return end.end(), encoding, order + kind, shape
 
 
 def _nifti(name: str, content: bytes) -> Stored:
     packed = content[:2] == b"\x1f\x8b"
     whole = _unpacked(name, lambda: gzip.decompress(content)) if packed else content
-    fields, kind, shape = _nifti_layout(name, whole)
-    slope, inter = fields.slope, fields.inter
-    if not (math.isfinite(slope) and math.isfinite(inter)) or slope == 0:
-        slope, inter = 1.0, 0.0
+    fields, coding, shape = _nifti_layout(name, whole)
     head, data = whole[: fields.offset], whole[fields.offset :]
 
     def pack(values: bytes, rest: bytes) -> bytes:
         return gzip.compress(head + values + rest, 1, mtime=0) if packed else head + values + rest
 
-    return _assembled(name, data, kind, shape, pack, slope, inter)
+    return _assembled(name, data, coding, shape, pack)
 
 
-def _nifti_layout(name: str, content: bytes) -> tuple[nifti.Fields, str, tuple[int, int, int]]:
-    """The header, type with byte order, and shape of the values."""
+def _nifti_layout(name: str, content: bytes) -> tuple[nifti.Fields, Coding, tuple[int, int, int]]:
+    """The header, and coding and shape of the values."""
     fields = nifti.header_fields(content, name)
     if fields.apart or (kind := nifti.stored_kind(fields)) is None:
         raise ValueError(
             f"{name}: the values must follow the NIfTI header in the same file, one number a voxel"
         )
-    return fields, fields.order + kind, three_sizes(list(fields.dim[1 : fields.dim[0] + 1]), name)
+    slope, inter = fields.slope, fields.inter
+    if not (math.isfinite(slope) and math.isfinite(inter)) or slope == 0:
+        slope, inter = 1.0, 0.0
+    shape = three_sizes(list(fields.dim[1 : fields.dim[0] + 1]), name)
+    return fields, Coding(np.dtype(fields.order + kind), slope, inter), shape
 
 
 def _meta(name: str, content: bytes) -> Stored:
     end, packed, kind, shape = _meta_layout(name, content)
-    head, data = content[:end], content[end:]
+    head, data, coding = content[:end], content[end:], Coding(np.dtype(kind))
     if not packed:
-        return _assembled(name, data, kind, shape, lambda values, rest: head + values + rest)
+        return _assembled(name, data, coding, shape, lambda values, rest: head + values + rest)
 
     def pack(values: bytes, rest: bytes) -> bytes:
         packed = zlib.compress(values + rest, 1)
         size = rb"\g<1>" + str(len(packed)).encode()  # the one field that says something of the packed values
         return re.sub(rb"^(CompressedDataSize[ \t]*=[ \t]*)\d+", size, head, flags=re.MULTILINE) + packed
 
-    return _assembled(name, _unpacked(name, lambda: zlib.decompress(data)), kind, shape, pack)
+    return _assembled(name, _unpacked(name, lambda: zlib.decompress(data)), coding, shape, pack)
 
 
 def _meta_layout(name: str, content: bytes) -> tuple[int, bool, str, tuple[int, int, int]]:
@@ -218,15 +212,18 @@ def _meta_layout(name: str, content: bytes) -> tuple[int, bool, str, tuple[int, 
 
 
 def _assembled(
-    name: str, data: bytes, kind: str, shape: tuple[int, int, int], pack: Callable[[bytes, bytes], bytes],
-    slope: float = 1.0, inter: float = 0.0,
-) -> Stored:  # fmt: skip
-    size = math.prod(shape) * np.dtype(kind).itemsize
+    name: str,
+    data: bytes,
+    coding: Coding,
+    shape: tuple[int, int, int],
+    pack: Callable[[bytes, bytes], bytes],
+) -> Stored:
+    size = math.prod(shape) * coding.kind.itemsize
     if len(data) < size:
         raise ValueError(f"{name}: the file is cut short: {len(data)} bytes of values of {size}")
     rest = data[size:]
-    values = np.frombuffer(data, kind, math.prod(shape)).reshape(shape)
-    return Stored(values, slope, inter, lambda new: pack(new, rest))
+    values = np.frombuffer(data, coding.kind, math.prod(shape)).reshape(shape)
+    return Stored(values, coding, lambda new: pack(new, rest))
 
 
 def _unpacked(name: str, unpack: Callable[[], bytes]) -> bytes:

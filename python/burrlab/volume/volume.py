@@ -34,6 +34,8 @@ class Volume(OnGrid):
         Where it comes from.
     notes : tuple of str
         What was assumed or done on the way, in sentences.
+    files : tuple of str
+        Of a DICOM series, in the order of the slices that were read.
 
     Raises
     ------
@@ -47,6 +49,7 @@ class Volume(OnGrid):
     direction: Array
     path: str
     notes: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         values = np.asarray(self.values).view()
@@ -58,7 +61,7 @@ class Volume(OnGrid):
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "spacing", checked_spacing(self.spacing))
-        object.__setattr__(self, "origin", checked_point(self.origin, "origin"))
+        object.__setattr__(self, "origin", checked_point(self.origin, f"{self.path}: origin"))
         object.__setattr__(self, "direction", checked_direction(self.direction, self.path))
 
     @property
@@ -186,7 +189,7 @@ class Volume(OnGrid):
         Raises
         ------
         ValueError
-            If the axis meets no bone, the entry lies inside bone, or else as `to_bone`.
+            If the axis meets no bone, the entry lies inside bone or farther away than the volume is wide, or else as `to_bone`.
         TypeError
             If the map is none.
         """
@@ -225,12 +228,21 @@ def specimen_in(
 ) -> Specimen:
     """A bone on the voxel axes of a volume, with an axis in the volume's own coordinates; errors as `Volume.specimen`."""
     direction = np.asarray(grid.direction.T @ unit_vector(axis))
-    start = grid.bone_point(checked_point(entry, "entry"))
+    at = checked_point(entry, "entry")
+    start = grid.bone_point(at)
+    low, high = grid.corners().min(axis=0), grid.corners().max(axis=0)
+    beyond = float(np.linalg.norm(np.maximum(0, np.maximum(low - at, at - high))))
+    # What begins so far away was hardly meant, though its axis may meet bone.
+    if beyond > np.linalg.norm(high - low):
+        raise ValueError(
+            f"entry: {tuple(map(float, entry))} lies {beyond:.0f} mm outside {grid.path}, more than it is wide; "
+            + _place(grid, at)
+        )
     surface = surface_along(bone, start, direction)
     if surface is None:
         raise ValueError(
             f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in {of or grid.path}; "
-            + _place(grid, checked_point(entry, "entry"))
+            + _place(grid, at)
         )
     if np.array_equal(surface, start):
         raise ValueError(f"entry: {tuple(map(float, entry))} lies inside bone; begin outside it")

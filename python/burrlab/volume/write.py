@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from burrlab.files import check_folder
+from burrlab.volume.header import plain_name
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.volume import Volume
 
@@ -50,8 +52,8 @@ def write_volume(
         import SimpleITK as sitk
     except ImportError as error:
         raise ImportError("writing volumes needs SimpleITK: pip install 'burrlab[medical]'") from error
-    if not target.resolve().parent.is_dir():
-        raise FileNotFoundError(f"folder must exist, got {target.parent}")
+    plain_name(str(target))
+    check_folder(target)
     values = volume.values if isinstance(volume, Volume) else volume.labels
     part = target.with_name(f".{target.name}.part{ending}")
     try:
@@ -64,8 +66,6 @@ def write_volume(
             os.fsync(written.fileno())
         part.replace(target)
     except (RuntimeError, TypeError, KeyError) as error:
-        if isinstance(error, RuntimeError) and not os.access(target.resolve().parent, os.W_OK):
-            raise PermissionError(f"folder must be writable, got {target.parent}") from None
         raise ValueError(
             f"{os.fspath(path)}: values of {values.dtype} cannot be written as {ending}"
         ) from error

@@ -7,15 +7,17 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
 import uuid
 from pathlib import Path
 
 import numpy as np
 
+from burrlab.files import check_folder, new_folder
+from burrlab.volume.header import plain_name
 from burrlab.volume.volume import Volume
 
-_KINDS = ("uint8", "int16", "uint16")
+#: Types that are written.
+KINDS = ("uint8", "int16", "uint16")
 _CT_IMAGE = "1.2.840.10008.5.1.4.1.1.2"
 
 
@@ -48,21 +50,33 @@ def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:
     geometry comes back to 1e-11 mm.
     """
     target = Path(folder)
-    if volume.values.dtype.name not in _KINDS:
+    check_slices(volume)
+    if target.exists():
+        raise FileExistsError(f"folder must be new, {target} is there")
+    check_folder(target)
+    plain_name(str(target))
+    with new_folder(target) as part:
+        write_slices(part, volume)
+
+
+def check_slices(volume: Volume) -> None:
+    """ValueError where a volume cannot be written as DICOM; ImportError without SimpleITK."""
+    if volume.values.dtype.name not in KINDS:
         raise ValueError(
-            f"values must be one of {', '.join(_KINDS)} to be written as DICOM, got {volume.values.dtype}"
+            f"values must be one of {', '.join(KINDS)} to be written as DICOM, got {volume.values.dtype}"
         )
     if np.linalg.det(volume.direction) < 0:
         raise ValueError("direction must be right-handed to be written as DICOM, got a left-handed one")
-    if target.exists():
-        raise FileExistsError(f"folder must be new, {target} is there")
-    parent = target.resolve().parent
-    if not parent.is_dir():
-        raise FileNotFoundError(f"folder must exist, got {parent}")
     try:
-        import SimpleITK as sitk
+        import SimpleITK  # noqa: F401
     except ImportError as error:
         raise ImportError("writing volumes needs SimpleITK: pip install 'burrlab[medical]'") from error
+
+
+def write_slices(folder: Path, volume: Volume) -> None:
+    """Writes the slices into a folder that is there; OSError where they cannot be written."""
+    import SimpleITK as sitk
+
     content = hashlib.sha256(np.ascontiguousarray(volume.values).tobytes())
     for place in (volume.spacing, volume.origin, volume.direction):
         content.update(place.tobytes())
@@ -71,13 +85,10 @@ def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:
         "0008|0016": _CT_IMAGE,
         "0008|0060": "CT",
         "0018|0050": f"{volume.spacing[2]:.10g}",
-        "0020|000d": _uid(content.digest() + b"study"),
-        "0020|000e": _uid(content.digest() + b"series"),
-        "0020|0052": _uid(content.digest() + b"frame"),
+        "0020|000d": uid_of(content.digest() + b"study"),
+        "0020|000e": uid_of(content.digest() + b"series"),
+        "0020|0052": uid_of(content.digest() + b"frame"),
     }
-    part = parent / f".{target.name}.part"
-    shutil.rmtree(part, ignore_errors=True)
-    part.mkdir()
     writer = sitk.ImageFileWriter()
     writer.SetImageIO("GDCMImageIO")
     writer.KeepOriginalImageUIDOn()
@@ -87,17 +98,20 @@ def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:
             image.SetSpacing(volume.spacing.tolist())
             image.SetOrigin((volume.origin + volume.patient_point((0, 0, k * volume.spacing[2]))).tolist())
             image.SetDirection(volume.direction.ravel().tolist())
-            own = {"0008|0018": _uid(content.digest() + b"%d" % k), "0020|0013": str(k + 1)}
+            own = {"0008|0018": uid_of(content.digest() + b"%d" % k), "0020|0013": str(k + 1)}
             for tag, value in {**shared, **own}.items():
                 image.SetMetaData(tag, value)
-            writer.SetFileName(str(part / f"slice{k + 1:04d}.dcm"))
+            writer.SetFileName(str(folder / slice_name(k)))
             writer.Execute(image)
-        part.rename(target)
     except RuntimeError as error:
-        raise OSError(f"{target}: the slices cannot be written") from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
+        raise OSError(f"{folder}: the slices cannot be written") from error
 
 
-def _uid(content: bytes) -> str:
+def slice_name(k: int) -> str:
+    """Name of the file of a slice."""
+    return f"slice{k + 1:04d}.dcm"
+
+
+def uid_of(content: bytes) -> str:
+    """A UID that the same content always gets."""
     return f"2.25.{uuid.UUID(bytes=hashlib.sha256(content).digest()[:16]).int}"

@@ -1,5 +1,5 @@
-// Effects beside a running session, in a thread of their own: the loop is not touched, the follower is asked
-// once a frame.
+// Effects beside a running session or a replica, in a thread of their own: the loop is not touched, what
+// follows it is asked once a frame.
 #pragma once
 
 #include <condition_variable>
@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "burrlab/effects/effects.hpp"
-#include "burrlab/session/follower.hpp"
+#include "burrlab/effects/effects_feed.hpp"
 
 namespace burrlab {
 
@@ -41,10 +41,9 @@ class EffectsCompanion {
   static constexpr int priority = 40;        ///< of real-time threads; the loop's is 80
   static constexpr double most_share = 0.5;  ///< of the time that frames with such a priority may take
 
-  /// Follows a session's bone from where it is now. `rate` [Hz]. `realtime`: asks for a priority before
+  /// Follows a bone from where it is now. `rate` [Hz]. `realtime`: asks for a priority before
   /// ordinary threads, and below the loop's, if there is a budget and it is at most `most_share` of a period.
-  EffectsCompanion(std::shared_ptr<HapticLoop> loop, std::shared_ptr<Follower> follower,
-                   const EffectsSetup& setup, double rate, bool realtime);
+  EffectsCompanion(EffectsFeed feed, const EffectsSetup& setup, double rate, bool realtime);
   ~EffectsCompanion();
   EffectsCompanion(const EffectsCompanion&) = delete;
   EffectsCompanion& operator=(const EffectsCompanion&) = delete;
@@ -75,11 +74,9 @@ class EffectsCompanion {
   void run();
   void frame(int periods);
 
-  std::shared_ptr<HapticLoop> loop_;
-  std::shared_ptr<Follower> follower_;
+  EffectsFeed feed_;
   double rate_;
   bool realtime_;
-  std::shared_ptr<BoneView> view_;
   std::unique_ptr<Effects> effects_;
   std::uint64_t first_tick_ = 0;
   EffectsFrame next_;      // being made

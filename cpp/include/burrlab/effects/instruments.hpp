@@ -13,7 +13,7 @@ struct Nozzle {
   double speed = 800.0;                    ///< of the jet [mm/s]
   int burr = 0;                            ///< number of the burr that it moves with
 
-  /// Throws unless all is finite, the direction not zero, the rate and the speed not negative.
+  /// Throws unless all is finite, the direction not zero, the rate and the speed from 0 to 1e6.
   void check() const;
 };
 

@@ -72,7 +72,10 @@ class Replica {
   std::string digest() const;
   std::shared_ptr<VoxelBone> snapshot(std::uint64_t& tick) const;
   /// What changed since the last call; the first gives all that is not as in the initial volume.
-  BoneView::Update take_changed();
+  BoneUpdate take_changed();
+  /// For a consumer of its own: what changed since it last asked, from now on. Throws before `start`.
+  std::shared_ptr<UnseenBricks> unseen();
+  BoneUpdate take_changed(UnseenBricks& unseen);
   /// Calls with the bone between two ticks; none is executed meanwhile.
   void visit(const std::function<void(FollowedBone&)>& function);
   const VoxelBone& bone() const;  ///< for what never changes of it, as its shape
@@ -85,6 +88,8 @@ class Replica {
   void run();
   void follow();
   bool say_word();
+  void mark_changed();
+  BoneUpdate update_of(UnseenBricks& unseen);
   void take(const openigtlink::Message& message);
   void take_hello(const replica_protocol::Hello& hello);
   void take_tick(const replica_protocol::TickMessage& tick);
@@ -119,7 +124,8 @@ class Replica {
   Divergence divergence_;  // found, bricks not known yet
   TickRecord newest_;
   bool any_ = false;
-  std::vector<std::uint8_t> changed_;  // bricks, for `take_changed`
+  std::shared_ptr<UnseenBricks> unseen_;  // of `take_changed` without an argument
+  std::vector<std::weak_ptr<UnseenBricks>> consumers_;
   ReplicaStatus status_;
 
   std::mutex life_mutex_;  // of the thread; the thread itself never takes it

@@ -13,6 +13,7 @@
 #include "burrlab/session/contact_stiffness.hpp"
 #include "burrlab/session/followed_bone.hpp"
 #include "burrlab/session/haptic_loop.hpp"
+#include "burrlab/session/unseen_bricks.hpp"
 
 namespace burrlab {
 
@@ -123,21 +124,14 @@ class Follower {
 /// What one consumer has not seen yet.
 class BoneView {
  public:
-  struct Update {
-    std::uint64_t tick = 0;  ///< ticks executed
-    TickRecord newest;
-    bool any = false;                   ///< there was a tick
-    std::vector<std::uint32_t> bricks;  ///< that changed since the last update
-    std::vector<std::uint8_t> density;  ///< 512 levels each, (z, y, x)
-  };
-  explicit BoneView(Follower& follower) : follower_(&follower) {}
-  Update take();
+  BoneView(Follower& follower, std::size_t bricks) : follower_(&follower), unseen_(bricks) {}
+  BoneUpdate take();
   bool is_of(const Follower& follower) const { return &follower == follower_; }
 
  private:
   friend class Follower;
   Follower* follower_;
-  std::vector<std::uint8_t> changed_;
+  UnseenBricks unseen_;
 };
 
 }  // namespace burrlab

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from burrlab.cli import Options, _deliver, _output_options, _positive, _save
-from burrlab.cli_watch import add_watch_options, chosen_watch, watch_asked_for
+from burrlab.cli.options import AddCommand, Options, add_output_options, positive, whole
+from burrlab.cli.output import deliver, save_figure
+from burrlab.cli.watch import add_watch_options, chosen_watch, watch_asked_for
 
 if TYPE_CHECKING:
     from burrlab.anatomy.target import TargetComparison
     from burrlab.session.trace import Trace
     from burrlab.volume import LabelVolume
-
-#: Adds a command: its name, what runs it, its help.
-AddCommand = Callable[[str, Callable[[Options], int], str], argparse.ArgumentParser]
 
 
 def add_trace_commands(command: AddCommand) -> None:
@@ -28,15 +25,15 @@ def add_trace_commands(command: AddCommand) -> None:
     )
     replay.add_argument("file", metavar="FILE", help="a trace")
     replay.add_argument(
-        "--until", type=_tick, metavar="TICK", help="tick before which to stop, default the end"
+        "--until", type=whole, metavar="TICK", help="tick before which to stop, default the end"
     )
-    _output_options(replay, plot=False)
+    add_output_options(replay, plot=False)
 
     metrics = command("metrics", _metrics, "How the burr was handled: time, motion, force, bone removed.")
     metrics.add_argument("file", metavar="FILE", help="a trace")
-    metrics.add_argument("--burr", type=_tick, default=0, metavar="INDEX", help="default 0")
-    metrics.add_argument("--threshold", type=_positive, metavar="N", help="of the force [N], default 2")
-    metrics.add_argument("--hysteresis", type=_positive, metavar="MM", help="least stroke [mm], default 1")
+    metrics.add_argument("--burr", type=whole, default=0, metavar="INDEX", help="default 0")
+    metrics.add_argument("--threshold", type=positive, metavar="N", help="of the force [N], default 2")
+    metrics.add_argument("--hysteresis", type=positive, metavar="MM", help="least stroke [mm], default 1")
     metrics.add_argument(
         "--target", metavar="VOLUME", help="labels on the bone's grid, not 0 where bone was to be removed"
     )
@@ -46,13 +43,7 @@ def add_trace_commands(command: AddCommand) -> None:
         help="a target on other voxels than the bone: bring the nearest on its own",
     )
     add_watch_options(metrics)
-    _output_options(metrics)
-
-
-def _tick(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0, got '{text}'")
-    return int(text)
+    add_output_options(metrics)
 
 
 def _replay(options: Options) -> int:
@@ -69,7 +60,7 @@ def _replay(options: Options) -> int:
         "file": str(options.file), **again.to_dict(), "ended": trace.ended, "complete": trace.complete,
         "recorded_with": {name: trace.provenance[name] for name in ("burrlab", "cpu_path", "machine")},
     }  # fmt: skip
-    _deliver(options, result, f"{said}\n{ended}")
+    deliver(options, result, f"{said}\n{ended}")
     return 0 if again.equal else 1
 
 
@@ -105,11 +96,14 @@ def _metrics(options: Options) -> int:
     result, text = metrics.to_dict(), repr(metrics)
     if target is not None:
         removed = _against(trace, target, options.onto)
-        result["target"] = {"file": options.target, **removed.to_dict()}
+        before = trace.bone().removed
+        result["target"] = {"file": options.target, **removed.to_dict(), "removed_before_mm3": before}
         text += f"\n\nagainst {options.target}\n{removed.table()}"
+        if before > 0:
+            text += f"\n{before:.2f} mm^3 of that were removed before this session"
     if options.plot is not None:
-        _save(metrics.plot()[0], options.plot)
-    _deliver(options, result, text)
+        save_figure(metrics.plot()[0], options.plot)
+    deliver(options, result, text)
     return 0
 
 

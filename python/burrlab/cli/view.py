@@ -9,17 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from burrlab.cli import Options, _deliver, _number, _positive
-from burrlab.cli_session import _port
-from burrlab.cli_trace import AddCommand
-from burrlab.cli_volume import Recipe, add_label_options, add_volume_options, chosen_recipe
+from burrlab.cli.options import AddCommand, Options, number, port, positive, refuse_options
+from burrlab.cli.output import deliver, sentence
+from burrlab.cli.volume import OF_LABELS, Recipe, add_label_options, add_volume_options, chosen_recipe
 from burrlab.materials import materials
 from burrlab.volume.drilled_recipe import DrilledRecipe
 
 _OF_TRACE = ("at", "video", "effects")
 _OF_FILM = ("fps", "speed")
-_OF_SCENE = ("width", "axis", "size", "slices", "effects")  # --pictures has none
-_OF_VOLUME = ("map", "spacing", "series", "crop", "voxel", "tissues", "unit")
+_OF_SCENE = ("width", "axis", "size", "slices", "effects", "stereo")  # --pictures has none
+_OF_VOLUME = ("map", "spacing", "series", "crop", "voxel")
 
 
 def add_view_command(command: AddCommand) -> None:
@@ -35,7 +34,7 @@ def add_view_command(command: AddCommand) -> None:
         metavar="FILE",
         help="a bone that was kept (.h5, or a volume with its state) instead of a trace",
     )
-    view.add_argument("--at", type=_number, metavar="S", help="time of the trace [s], default its end")
+    view.add_argument("--at", type=number, metavar="S", help="time of the trace [s], default its end")
     view.add_argument("--png", metavar="FILE", help="write a picture; no window opens")
     view.add_argument(
         "--pictures",
@@ -45,9 +44,9 @@ def add_view_command(command: AddCommand) -> None:
     view.add_argument(
         "--video", metavar="FILE", help="write a film of the trace, .mp4 or .gif; no window opens"
     )
-    view.add_argument("--fps", type=_positive, help="of the film [1/s], default 20")
-    view.add_argument("--speed", type=_positive, help="of the trace in the film, default 1")
-    view.add_argument("--stereo", action="store_true", help="both eyes side by side, in a picture or a film")
+    view.add_argument("--fps", type=positive, help="of the film [1/s], default 20")
+    view.add_argument("--speed", type=positive, help="of the trace in the film, default 1")
+    view.add_argument("--stereo", action="store_true", default=None, help="both eyes side by side")
     view.add_argument(
         "--slices",
         action="store_true",
@@ -55,16 +54,16 @@ def add_view_command(command: AddCommand) -> None:
         help="slices through the burr, the entry or the middle",
     )
     view.add_argument("--size", type=_size, metavar="WxH", help="[pixel], default 1024x768")
-    view.add_argument("--width", type=_positive, metavar="MM", help="that the view holds at the entry [mm]")
+    view.add_argument("--width", type=positive, metavar="MM", help="that the view holds, top to bottom [mm]")
     view.add_argument("--web", action="store_true", help="serve a page for a browser instead of a window")
-    view.add_argument("--port", type=_port, help="of the page, default any free one")
+    view.add_argument("--port", type=port, help="of the page, default any free one")
     view.add_argument(
         "--effects",
         action="store_true",
         default=None,
         help="dust, blood and, from a nozzle beside the burr, water of a trace, at assumed rates",
     )
-    view.add_argument("--voxel", type=_positive, help="of a volume's bone [mm], default its own")
+    view.add_argument("--voxel", type=positive, help="of a volume's bone [mm], default its own")
     add_volume_options(view)
     add_label_options(view)
     view.add_argument("--json", metavar="FILE", help="write the result as JSON; - for standard output")
@@ -88,16 +87,10 @@ def _check(options: Options) -> None:
     if (options.file is not None) + (options.bone is not None) + of_volume != 1:
         raise ValueError("view needs one of TRACE, --bone FILE, and --volume or --labels FILE")
     if options.file is None:
-        for name in _OF_TRACE:
-            if getattr(options, name) is not None:
-                raise ValueError(f"--{name} goes with a trace")
+        refuse_options(options, _OF_TRACE, "goes with a trace")
     if not of_volume:
-        for name in _OF_VOLUME:
-            if getattr(options, name) is not None:
-                raise ValueError(f"--{name} goes with --volume or --labels")
-        if options.fill or options.onto or options.unknown != "refuse":
-            name = "fill" if options.fill else "onto" if options.onto else "unknown"
-            raise ValueError(f"--{name} goes with --labels")
+        refuse_options(options, _OF_VOLUME, "goes with --volume or --labels")
+        refuse_options(options, OF_LABELS, "goes with --labels")
     _check_shown(options)
     for name in ("png", "pictures", "video"):
         path = getattr(options, name)
@@ -115,62 +108,63 @@ def _check(options: Options) -> None:
 def _check_shown(options: Options) -> None:
     """ValueError for an option that what is asked for would not look at."""
     if options.web:
-        for name in ("png", "pictures", "video", "at", "slices"):
-            if getattr(options, name) is not None:
-                raise ValueError(f"--{name} goes without --web")
-    elif options.port is not None:
-        raise ValueError("--port goes with --web")
-    if options.axis is not None and options.entry is None:
-        raise ValueError("--axis goes with --entry")
-    for name in _OF_FILM:
-        if getattr(options, name) is not None and options.video is None:
-            raise ValueError(f"--{name} goes with --video")
-    if options.stereo and options.png is None and options.video is None:
-        raise ValueError("--stereo goes with --png or --video")
+        refuse_options(options, ("png", "pictures", "video", "at", "slices"), "goes without --web")
+    else:
+        refuse_options(options, ("port",), "goes with --web")
+    if options.entry is None:
+        refuse_options(options, ("axis",), "goes with --entry")
+    if options.video is None:
+        refuse_options(options, _OF_FILM, "goes with --video")
     if options.at is not None and options.video is not None and not (options.png or options.pictures):
         raise ValueError("--at goes with a window, --png or --pictures: a film shows the whole trace")
     if not _needs_scene(options):
-        for name in _OF_SCENE:
-            if getattr(options, name) is not None:
-                raise ValueError(f"--{name} does not go with --pictures alone")
+        refuse_options(options, _OF_SCENE, "does not go with --pictures alone")
 
 
-def _scene_size(options: Options) -> tuple[int, int]:
-    return options.size or (1024, 768)
+def _scene_size(options: Options, *, both_eyes: bool = False) -> tuple[int, int]:
+    from burrlab.view.scene_stereo import SIZE
+
+    return options.size or (SIZE if both_eyes else (1024, 768))
 
 
 def _scene_options(options: Options) -> dict[str, Any]:
-    return {
-        "size": _scene_size(options),
-        "off_screen": options.png is not None or options.video is not None,
-    }
+    window = options.png is None and options.video is None
+    stereo = window and bool(options.stereo)  # files have two whole pictures
+    return {"size": _scene_size(options, both_eyes=stereo), "off_screen": not window, "stereo": stereo}
 
 
 def _needs_scene(options: Options) -> bool:
     return options.png is not None or options.video is not None or options.pictures is None
 
 
-def _viewpoint(options: Options, bone: Any) -> Any:
+def _viewpoint(options: Options, bone: Any, player: Any = None) -> Any:
     """As asked for in the bone frame; None if not."""
-    if options.entry is None and options.width is None:
+    if options.entry is not None:
+        from burrlab.view.camera import surgeon_view
+
+        return surgeon_view(bone, options.entry, options.axis, width=options.width)
+    if options.width is None:
         return None
-    from burrlab.view.camera import surgeon_view
+    from burrlab.view.approach import approach_view, trace_approach
 
-    return surgeon_view(bone, options.entry, options.axis, width=options.width)
+    return approach_view(bone, None if player is None else trace_approach(player), width=options.width)
 
 
-def _look(options: Options, scene: Any) -> None:
-    viewpoint = _viewpoint(options, scene.bone)
+def _look(options: Options, scene: Any, player: Any = None) -> None:
+    viewpoint = _viewpoint(options, scene.bone, player)
     if viewpoint is not None:
         scene.look(viewpoint)
 
 
-def _serve(options: Options, source: Any, bone: Any, effects: Any = None) -> int:
+def _serve(options: Options, source: Any, bone: Any, player: Any = None, effects: Any = None) -> int:
     from burrlab.view.web import check_page, serve
 
     check_page(port=options.port or 0)
-    viewpoint = _viewpoint(options, bone)
-    serve(source, port=options.port or 0, size=_scene_size(options), effects=effects, viewpoint=viewpoint)
+    viewpoint = _viewpoint(options, bone, player)
+    serve(
+        source, port=options.port or 0, size=_scene_size(options), effects=effects, viewpoint=viewpoint,
+        stereo=bool(options.stereo),
+    )  # fmt: skip
     return 0
 
 
@@ -178,27 +172,33 @@ def _show_trace(options: Options) -> int:
     from burrlab.session.trace import load_trace
     from burrlab.view.player import TracePlayer
 
-    trace = load_trace(options.file)
+    try:
+        trace = load_trace(options.file)
+    except (ValueError, IsADirectoryError) as error:
+        if isinstance(error, ValueError) and "is not a burrlab trace" not in str(error):
+            raise
+        raise ValueError(f"{sentence(error)}; --volume shows a volume, --bone a bone that was kept") from None
     effects = None
     if options.effects:
         from burrlab.effects import Effects, Nozzle
 
         effects = Effects(trace.bone(), seed=trace.seed, nozzle=Nozzle())
-    if options.web:
-        bone = trace.bone()
-        return _serve(options, trace, bone, effects)
     player = TracePlayer(trace)
+    if options.web:
+        return _serve(options, player, player.bone, player, effects)
     at = player.duration if options.at is None else options.at
+    if not 0 <= at <= player.duration:
+        raise ValueError(f"--at must be from 0 to {player.duration:g} s, got {at:g}")
     result: dict[str, Any] = {"file": str(options.file), "at_s": at, "written": []}
     if _needs_scene(options):
         from burrlab.view.trace_view import TraceView
         from burrlab.view.video import write_video
 
         view = TraceView(player, effects=effects, slices=bool(options.slices), **_scene_options(options))
-        _look(options, view.scene)
+        _look(options, view.scene, player)
         if options.video is not None:
             fps = options.fps or 20.0
-            frames = view.frames(fps=fps, speed=options.speed or 1.0, stereo=options.stereo)
+            frames = view.frames(fps=fps, speed=options.speed or 1.0, stereo=bool(options.stereo))
             result["frames"] = write_video(options.video, frames, fps=fps)
             result["written"].append(str(options.video))
         if options.video is None or options.png is not None or options.pictures is not None:
@@ -301,5 +301,5 @@ def _widest_opening(bone: Any) -> str:
 
 
 def _done(options: Options, result: dict[str, Any]) -> int:
-    _deliver(options, result, "".join(f"written {path}\n" for path in result["written"]).rstrip() or "closed")
+    deliver(options, result, "".join(f"written {path}\n" for path in result["written"]).rstrip() or "closed")
     return 0

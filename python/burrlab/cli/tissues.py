@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import os
 import textwrap
+from pathlib import Path
 from typing import Any
 
 from burrlab._core import Tissue, Tissues
 from burrlab.anatomy.known_tissues import KNOWN, UNLABELLED, known_tissue
 from burrlab.anatomy.labelled_recipe import labels_of
-from burrlab.anatomy.tissue_csv import read_tissues, write_tissues
+from burrlab.anatomy.tissue_csv import GREY, read_tissues, tissues_text
 from burrlab.anatomy.tissue_table import MOST, label_counts
-from burrlab.cli import Options, _deliver
-from burrlab.cli_trace import AddCommand
-from burrlab.cli_volume import add_stack_options, spacing
+from burrlab.cli.options import AddCommand, Options, refuse_options
+from burrlab.cli.output import deliver
+from burrlab.cli.volume import add_stack_options, spacing, unknown_colours
 from burrlab.materials import materials
 from burrlab.volume.label_volume import LabelVolume
 
-_GREY = (128, 128, 128)
 _LAST = 26  # characters of the synonyms: a line holds 80
 
 
@@ -85,7 +85,7 @@ def template(labels: LabelVolume) -> Tissues:
         rows.append(
             Tissue(
                 name, label=label, c_e=bone.c_e, alpha=bone.alpha,
-                colour=labels.colours.get(label, _GREY if known is None else known.colour),
+                colour=labels.colours.get(label, GREY if known is None else known.colour),
                 critical=known is not None and known.critical, bleeds=known is not None and known.bleeds,
                 assumed=known is None or known.name != "bone",
             )
@@ -94,24 +94,24 @@ def template(labels: LabelVolume) -> Tissues:
 
 
 def _tissues(options: Options) -> int:
+    if options.file is None or options.file.lower().endswith(".csv"):
+        names = ("tissues", "template", "spacing", "unit", "unknown")
+        refuse_options(options, names, "goes with a file of labels")
     if options.file is None:
-        for name in ("tissues", "template", "spacing", "unit"):
-            if getattr(options, name) is not None:
-                raise ValueError(f"--{name} goes with a file of labels")
         found: list[dict[str, Any]] = [
             {"name": t.name, "colour": _hex(t.colour), "critical": t.critical, "bleeds": t.bleeds, "synonyms": list(t.synonyms)}
             for t in KNOWN
         ]  # fmt: skip
-        _deliver(options, {"tissues": found}, _text(found))
+        deliver(options, {"tissues": found}, _text(found))
         return 0
     if options.file.lower().endswith(".csv"):
         found = [_plain(tissue) for tissue in read_tissues(options.file)]
-        _deliver(options, {"file": options.file, "tissues": found}, _text(found))
+        deliver(options, {"file": options.file, "tissues": found}, _text(found))
         return 0
     table = None if options.tissues is None else read_tissues(options.tissues)
     labels = labels_of(
-        options.file, spacing=options.spacing, unknown=options.unknown, palette=table,
-        unit=None if options.unit is None else options.unit[0],
+        options.file, spacing=options.spacing, unknown=unknown_colours(options), palette=table,
+        unit=options.unit,
     )  # fmt: skip
     found = labels_table(labels, table)
     lines = [_text(found)]
@@ -124,10 +124,17 @@ def _tissues(options: Options) -> int:
     if options.template is not None:
         if os.path.exists(options.template):
             raise FileExistsError(f"--template: {options.template} is there already")
-        write_tissues(options.template, template(labels))
-        lines.append(f"written {options.template}")
+        rows = template(labels)
+        unnamed = [
+            t.label for t in rows if t.label != 0 and known_tissue(labels.names.get(t.label, "")) is None
+        ]
+        Path(options.template).write_text(tissues_text(rows, unnamed), encoding="utf-8", newline="")
+        lines.append(
+            f"written {options.template}"
+            + (f": name what its labels are, then --tissues {options.template}" if unnamed else "")
+        )
     result = {"file": options.file, "labels": found, "notes": list(labels.notes)}
-    _deliver(options, result, "\n".join(lines))
+    deliver(options, result, "\n".join(lines))
     return 0
 
 

@@ -4,37 +4,36 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import signal
-import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import burrlab
 from burrlab._core import Burr, Device, Replica
-from burrlab.cli import (
+from burrlab.cli.bone import Start, add_bone_options, chosen_start, rescued
+from burrlab.cli.live import add_live_options, check_live, end_effects, show_live, start_effects
+from burrlab.cli.options import (
+    AddCommand,
     Options,
-    _deliver,
-    _material,
-    _material_options,
-    _output_options,
-    _positive,
-    _save,
-    _seed,
-)  # fmt: skip
-from burrlab.cli_bone import Start, add_bone_options, chosen_start
-from burrlab.cli_live import add_live_options, check_live, show_live
-from burrlab.cli_volume import add_label_options, add_volume_options
-from burrlab.cli_watch import add_watch_options, chosen_watch, watch_asked_for
+    add_material_options,
+    add_output_options,
+    chosen_material,
+    port,
+    positive,
+    seed,
+)
+from burrlab.cli.output import deliver, ended_by_signals, save_figure, say, show_line
+from burrlab.cli.volume import add_label_options, add_volume_options
+from burrlab.cli.watch import add_watch_options, chosen_watch, watch_asked_for
 from burrlab.session.device_text import parse_address, parse_device
 from burrlab.session.network import follow
 from burrlab.session.replica_report import replica_events, replica_report
 from burrlab.session.snapshot import check_bone_file
 
-#: Adds a command: its name, what runs it, its help.
-AddCommand = Callable[[str, Callable[[Options], int], str], argparse.ArgumentParser]
+if TYPE_CHECKING:
+    from burrlab.effects import Companion
 
 
 def add_session_commands(command: AddCommand) -> None:
@@ -46,13 +45,13 @@ def add_session_commands(command: AddCommand) -> None:
         "stream; given twice, two burrs",
     )  # fmt: skip
     session.add_argument(
-        "--lost-after", type=_positive, default=100.0, metavar="MS",
+        "--lost-after", type=positive, default=100.0, metavar="MS",
         help="age at which a position over the network counts as lost, and the session stops [ms], default 100; a peer that sends "
         "only what changes (3D Slicer) needs more",
     )  # fmt: skip
     session.add_argument("--record", metavar="FILE", help="write the complete trace (HDF5), a new file")
     session.add_argument(
-        "--publish", type=_port, metavar="PORT",
+        "--publish", type=port, metavar="PORT",
         help="publish poses, forces and ticks over OpenIGTLink on this port (0: any free one); there is no authentication: "
         "whoever reaches the port can read the session",
     )  # fmt: skip
@@ -60,46 +59,36 @@ def add_session_commands(command: AddCommand) -> None:
     session.add_argument(
         "--header-version", type=int, choices=[1, 2], default=1, help="of the OpenIGTLink messages, default 1"
     )
-    session.add_argument("--duration", type=_positive, metavar="S", help="[s], default until Ctrl-C")
-    add_live_options(session, _port)
-    session.add_argument("--rate", type=_positive, default=1000.0, help="of the loop [Hz], default 1000")
-    _material_options(session)
-    session.add_argument("--push", type=_positive, default=1.0, help="of a simulated hand [N], default 1")
+    session.add_argument("--duration", type=positive, metavar="S", help="[s], default until Ctrl-C")
+    add_live_options(session)
+    session.add_argument("--rate", type=positive, default=1000.0, help="of the loop [Hz], default 1000")
+    add_material_options(session)
+    session.add_argument("--push", type=positive, default=1.0, help="of a simulated hand [N], default 1")
     session.add_argument(
-        "--voxel", type=_positive, help="of the block of 30 x 30 x 10 mm [mm], default 0.1, or a volume's own"
+        "--voxel", type=positive, help="of the block of 30 x 30 x 10 mm [mm], default 0.1, or a volume's own"
     )
     add_volume_options(session)
     add_label_options(session)
     add_bone_options(session)
     add_watch_options(session)
-    session.add_argument("--seed", type=_seed, help="default: drawn and recorded")
+    session.add_argument("--seed", type=seed, help="default: drawn and recorded")
+    session.add_argument("--force-limit", type=positive, default=8.0, help="of the force sent [N], default 8")
+    session.add_argument("--slew-limit", type=positive, default=1.0, help="of its change [N/ms], default 1")
     session.add_argument(
-        "--force-limit", type=_positive, default=8.0, help="of the force sent [N], default 8"
-    )
-    session.add_argument("--slew-limit", type=_positive, default=1.0, help="of its change [N/ms], default 1")
-    session.add_argument(
-        "--coupling", type=_positive, help="spring between device and burr [N/mm], default none"
+        "--coupling", type=positive, help="spring between device and burr [N/mm], default none"
     )
     session.add_argument(
         "--no-realtime", action="store_true", help="do not ask for real-time priority and locked memory"
     )
-    _output_options(session)
+    add_output_options(session)
 
     replica = command("replica", _replica, "Hold a bit-identical copy of a published session's bone.")
     replica.add_argument("address", type=_address, metavar="HOST:PORT", help="of a session with --publish")
     replica.add_argument("--volume", metavar="FILE", help="the leader's volume, where it lies elsewhere here")
-    replica.add_argument(
-        "--duration", type=_positive, metavar="S", help="[s], default until the session ends"
-    )
-    add_live_options(replica, _port)
+    replica.add_argument("--duration", type=positive, metavar="S", help="[s], default until the session ends")
+    add_live_options(replica)
     replica.add_argument("--save", metavar="FILE", help="write the bone at the end (HDF5)")
-    _output_options(replica, plot=False)
-
-
-def _port(text: str) -> int:
-    if not text.isdecimal() or int(text) > 65535:
-        raise argparse.ArgumentTypeError(f"must be a port, 0 to 65535, got '{text}'")
-    return int(text)
+    add_output_options(replica, plot=False)
 
 
 def _address(text: str) -> tuple[str, int]:
@@ -115,43 +104,51 @@ def _session(options: Options) -> int:
         raise ValueError("--host goes with --publish")
     host = options.host or "127.0.0.1"
     burr = Burr(options.radius)
-    start = chosen_start(options, burr, _material(options))
+    start = chosen_start(options, burr, chosen_material(options))
     watch = chosen_watch(options, start.bone)
     if watch is None and start.bone.tissues is not None and not watch_asked_for(options):
-        _say("no tissue is critical, so nothing is watched; --watch TISSUE names a structure")
+        say("no tissue is critical, so nothing is watched; --watch TISSUE names a structure")
     devices = [_device(text, options, burr, start.place, i) for i, text in enumerate(options.device)]
     session = burrlab.Session(
         start.bone, [(burr, start.material)] * len(devices), devices, seed=options.seed, rate=options.rate, tick=start.tick,
         duration=options.duration, force_limit=options.force_limit, slew_limit=options.slew_limit,
         coupling=options.coupling, record=options.record, publish=options.publish, host=host,
         header_version=options.header_version, source=start.source, realtime=not options.no_realtime,
-        watch=watch, on_message=_say,
+        watch=watch, on_message=say,
     )  # fmt: skip
     interrupted = False
+    effects = start_effects(options, session)
     if session.port is not None:
-        _say(f"published on {host}, port {session.port}; there is no authentication")
-    with _kept(options, start, session), _ended_by_signals(), session:
-        try:
-            show_live(options, session, _say)
-            while not session.wait(1.0):
-                _show(_line(session))
-        except KeyboardInterrupt:
-            interrupted = True
-            session.stop("interrupted")
-    _show("")
+        say(f"published on {host}, port {session.port}; there is no authentication")
+    with _kept(options, start, session):
+        with ended_by_signals(), session:
+            try:
+                show_live(options, session, say, effects)
+                while not session.wait(1.0):
+                    show_line(_line(session))
+            except KeyboardInterrupt:
+                interrupted = True
+                session.stop("interrupted")
+        show_line("")
+        return _told(options, session, effects, interrupted)
+
+
+def _told(options: Options, session: burrlab.Session, effects: Companion | None, interrupted: bool) -> int:
     report = session.report()
-    if options.plot is not None:
-        _save(report.plot()[0], options.plot)
-    _deliver(
+    effects_text, effects_plain = end_effects(effects)
+    deliver(
         options,
         {
             "seed": session.seed,
             "interrupted": interrupted,
             **report.to_dict(),
+            **effects_plain,
             "provenance": session.provenance,
         },
-        f"{report}\nseed {session.seed}",
+        f"{report}\nseed {session.seed}{effects_text}",
     )
+    if options.plot is not None:
+        save_figure(report.plot()[0], options.plot)
     if interrupted:
         return 130
     return 1 if session.failed else 0
@@ -164,9 +161,8 @@ def _kept(options: Options, start: Start, session: burrlab.Session) -> Iterator[
         yield
     finally:
         if options.save is not None:
-            _show("")
             start.save(options.save, *session.snapshot())
-            _say(f"bone saved as {options.save}")
+            say(f"bone saved as {options.save}")
 
 
 def _device(text: str, options: Options, burr: Burr, place: Mapping[str, Any], number: int) -> Device:
@@ -203,38 +199,67 @@ def _replica(options: Options) -> int:
     if options.save is not None:
         check_bone_file(options.save)
     host, port = options.address
+    show_line(f"making the bone of the session at {host}, port {port}, and what it watches")
     try:
         replica = follow(host, port, volume=options.volume)
     except FileNotFoundError as error:
         raise ValueError(f"{error}; --volume says where the leader's volume lies here") from None
-    _say(f"following {host}, port {port}")
-    interrupted, left = False, float("inf") if options.duration is None else options.duration
-    told = 0
+    finally:
+        show_line("")
+    say(f"following {host}, port {port}")
+    interrupted, told = False, 0
+    effects = start_effects(options, replica)
     try:
-        with _ended_by_signals():
-            show_live(options, replica, _say)
-            while left > 0 and not replica.wait(min(1.0, left)):
-                left -= 1.0
+        with ended_by_signals(), _stopped_after(replica, options.duration):
+            show_live(options, replica, say, effects)
+            while not replica.wait(1.0):
                 told = _tell_events(replica, told)
                 status = replica.status
-                _show(f"tick {status['tick']}, {'connected' if status['connected'] else 'not connected'}")
+                show_line(f"tick {status['tick']}, {'connected' if status['connected'] else 'not connected'}")
     except KeyboardInterrupt:
         interrupted = True
     replica.stop()
+    effects_text, effects_plain = end_effects(effects)
     _tell_events(replica, told)
-    _show("")
+    show_line("")
     anatomy = replica_report(replica)
-    if options.save is not None:
-        burrlab.save_bone(options.save, *replica.snapshot())
     status = {"interrupted": interrupted, "digest": replica.digest(), **replica.status}
     said = [f"{name}: {value}" for name, value in status.items()]
     if anatomy is not None:
         said.append(str(anatomy))
         status["anatomy"] = anatomy.to_dict()
-    _deliver(options, status, "\n".join(said))
+    with _copy_kept(options, replica):
+        deliver(options, {**status, **effects_plain}, "\n".join(said) + effects_text)
     if interrupted:
         return 130
     return 1 if status["divergences"] or status["failed"] else 0
+
+
+@contextlib.contextmanager
+def _stopped_after(replica: Replica, seconds: float | None) -> Iterator[None]:
+    """Also while a window or a page is shown, which then stands still."""
+    if seconds is None:
+        yield
+        return
+    timer = threading.Timer(min(seconds, threading.TIMEOUT_MAX), replica.stop)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+@contextlib.contextmanager
+def _copy_kept(options: Options, replica: Replica) -> Iterator[None]:
+    """Keeps the bone once all is said, and if that ended on an error too."""
+    try:
+        yield
+    finally:
+        if options.save is not None:
+            bone, tick = replica.snapshot()
+            with rescued(options.save, bone, tick):
+                burrlab.save_bone(options.save, bone, tick)
 
 
 def _tell_events(replica: Replica, known: int) -> int:
@@ -242,30 +267,5 @@ def _tell_events(replica: Replica, known: int) -> int:
     events = replica_events(replica, known)
     for event in events:
         if event.kind != "away":
-            _say(str(event))
+            say(str(event))
     return known + len(events)
-
-
-@contextlib.contextmanager
-def _ended_by_signals() -> Iterator[None]:
-    """SIGTERM and a closed terminal end what runs as Ctrl-C does: the force zero, the trace whole."""
-    names = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    if threading.current_thread() is not threading.main_thread():
-        names = []  # only the main thread may
-    before = {name: signal.signal(name, signal.default_int_handler) for name in names}
-    try:
-        yield
-    finally:
-        for name, handler in before.items():
-            signal.signal(name, handler)
-
-
-def _say(text: str) -> None:
-    _show("")
-    print(f"burrlab: {text}", file=sys.stderr, flush=True)
-
-
-def _show(line: str) -> None:
-    """A line that the next one replaces, on a terminal."""
-    if sys.stderr.isatty():
-        print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)

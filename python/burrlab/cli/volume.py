@@ -6,11 +6,13 @@ import argparse
 import math
 import sys
 from pathlib import Path
+from typing import Any
 
 from burrlab._core import Burr, Material
 from burrlab.anatomy.labelled_recipe import LabelledRecipe, labels_of
 from burrlab.anatomy.tissue_csv import read_tissues
 from burrlab.anatomy.tissue_table import default_tissues
+from burrlab.cli.options import positive, refuse_options, require_options
 from burrlab.specimen import Specimen
 from burrlab.volume.drilled_recipe import DrilledRecipe
 from burrlab.volume.occupancy_map import OccupancyMap
@@ -20,6 +22,10 @@ Recipe = VolumeRecipe | LabelledRecipe
 
 #: Options whose values may begin with a minus.
 SIGNED = ("--entry", "--axis", "--map", "--crop")
+#: Options that say where a descent begins.
+PLACE = ("entry", "axis")
+#: Options that labels alone look at.
+OF_LABELS = ("tissues", "unit", "fill", "onto", "unknown")
 
 Numbers = tuple[float, float, float]
 
@@ -92,11 +98,17 @@ def add_stack_options(parser: argparse.ArgumentParser | argparse._ArgumentGroup)
     parser.add_argument(
         "--unknown",
         type=label_or_word,
-        default="refuse",
         metavar="nearest|LABEL",
-        help="what colours in no table are",
+        help="what colours in no table are, default refused",
     )
-    parser.add_argument("--unit", type=spacing, help="of the dimensions in a YAML file [mm], default a metre")
+    parser.add_argument(
+        "--unit", type=positive, metavar="MM", help="of the dimensions in a YAML file [mm], default a metre"
+    )
+
+
+def unknown_colours(options: argparse.Namespace) -> str | int:
+    """What --unknown says; they are refused without it."""
+    return "refuse" if options.unknown is None else options.unknown
 
 
 def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | None = None) -> Recipe | None:
@@ -105,22 +117,18 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
     ValueError for options that do not fit, or a burr too small for the voxels.
     """
     if options.labels is None:
-        for name in ("tissues", "unit"):
-            if getattr(options, name) is not None:
-                raise ValueError(f"--{name} goes with --labels")
-        if options.fill or options.onto or options.unknown != "refuse":
-            name = "fill" if options.fill else "onto" if options.onto else "unknown"
-            raise ValueError(f"--{name} goes with --labels")
+        refuse_options(options, OF_LABELS, "goes with --labels")
         return _grey_recipe(options, burr)
     grey = None
     if options.volume is not None:
         grey = _grey_recipe(options, burr)
-    elif options.map is not None or options.series is not None:
-        raise ValueError(f"--{'map' if options.map is not None else 'series'} goes with --volume")
-    elif options.onto:
-        raise ValueError("--onto goes with --volume")
+    else:
+        refuse_options(options, ("map", "series", "onto"), "goes with --volume")
     own = options.spacing if grey is None or _sizeless(options.labels) else None
-    stack = {"unknown": options.unknown, "unit": None if options.unit is None else options.unit[0]}
+    stack: dict[str, Any] = {
+        "unknown": unknown_colours(options),
+        "unit": options.unit,
+    }
     if options.tissues is None:
         tissues = default_tissues(labels_of(options.labels, spacing=own, **stack), material=material)
     else:
@@ -141,9 +149,7 @@ def _sizeless(labels: str) -> bool:
 
 def _grey_recipe(options: argparse.Namespace, burr: Burr | None) -> VolumeRecipe | None:
     if options.volume is None:
-        for name in ("map", "entry", "spacing", "series", "crop"):
-            if getattr(options, name) is not None:
-                raise ValueError(f"--{name} goes with --volume")
+        refuse_options(options, ("map", "entry", "spacing", "series", "crop"), "goes with --volume")
         return None
     if options.map is None:
         raise ValueError("--volume needs --map")
@@ -159,9 +165,7 @@ def chosen_specimen(options: argparse.Namespace, burr: Burr, material: Material)
     """Of a volume or labels, with --entry and --axis; None without them."""
     given = "volume" if options.volume is not None else "labels"
     if getattr(options, given) is not None:
-        for name in ("map", "entry", "axis") if given == "volume" else ("entry", "axis"):
-            if getattr(options, name) is None:
-                raise ValueError(f"--{given} needs --{name}")
+        require_options(options, (("map",) if given == "volume" else ()) + PLACE, f"--{given}")
     recipe = chosen_recipe(options, material, burr)
     if recipe is None:
         return None

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
-from collections.abc import Mapping
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,12 +15,14 @@ from typing import Any
 import numpy as np
 
 from burrlab._core import Burr, Material, VoxelBone
-from burrlab.cli_volume import Recipe, chosen_recipe, say_notes
+from burrlab.cli.options import refuse_options, require_options
+from burrlab.cli.volume import OF_LABELS, PLACE, Recipe, chosen_recipe, say_notes
 from burrlab.materials import materials
 from burrlab.session.network import block_recipe, make_bone
 from burrlab.session.snapshot import check_bone_file, save_bone
 from burrlab.specimen import MOST_VOXELS
-from burrlab.volume.drilled import check_drilled, save_drilled
+from burrlab.volume.drilled import save_drilled
+from burrlab.volume.drilled_checks import check_drilled
 from burrlab.volume.drilled_recipe import DrilledRecipe
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.occupancy_map import OccupancyMap
@@ -25,7 +30,7 @@ from burrlab.volume.volume import Volume
 
 _BLOCK = (30.0, 30.0, 10.0)  # of the block that a session burrs unless a volume is given, top at z = 0 [mm]
 _GAP = 0.5  # between the burr of a simulated hand and the bone at the start [mm]
-_OTHERS = ("volume", "labels", "map", "spacing", "series", "crop", "voxel", "tissues", "unit")
+_OTHERS = ("volume", "labels", "map", "spacing", "series", "crop", "voxel", *OF_LABELS)
 
 
 def add_bone_options(parser: argparse.ArgumentParser) -> None:
@@ -34,7 +39,7 @@ def add_bone_options(parser: argparse.ArgumentParser) -> None:
     kept.add_argument(
         "--save", metavar="FILE",
         help="keep the bone at the end: in the volume's format and with its header (.nrrd, .nii, .nii.gz, .mha; a new folder for PNG "
-        "slices), with the exact state beside it; or .h5, the exact state alone",
+        "slices or DICOM), with the exact state beside it; or .h5, the exact state alone",
     )  # fmt: skip
     kept.add_argument("--bone", metavar="FILE", help="go on with a bone that --save has kept")
 
@@ -68,11 +73,38 @@ class Start:
     mapping: OccupancyMap | None = None
 
     def save(self, path: str, bone: VoxelBone, tick: int) -> None:
-        """Keeps the bone at the end of the session."""
-        if self.like is None:
-            save_bone(path, bone, tick)
-        else:
-            save_drilled(path, bone, self.like, mapping=self.mapping, tick=tick)
+        """Keeps the bone at the end of the session; errors as `rescued`."""
+        with rescued(path, bone, tick):
+            if self.like is None:
+                save_bone(path, bone, tick)
+            else:
+                save_drilled(path, bone, self.like, mapping=self.mapping, tick=tick)
+
+
+@contextlib.contextmanager
+def rescued(path: str, bone: VoxelBone, tick: int) -> Iterator[None]:
+    """Where a bone cannot be kept as asked, as on a full disk, keeps its exact state elsewhere; the OSError says where."""
+    try:
+        yield
+    except (OSError, ValueError) as error:
+        for place in _other_places(path):
+            try:
+                save_bone(place, bone, tick)
+            except OSError:
+                continue
+            why = error.strerror if isinstance(error, OSError) and error.strerror else error
+            raise OSError(f"{path}: {why}; the bone's exact state is kept as {place}") from error
+        raise
+
+
+def _other_places(path: str) -> Iterator[str]:
+    """Files that are not there yet: beside the one that was asked for, and where the system keeps what is temporary."""
+    if not os.path.exists(beside := f"{path}.h5"):
+        yield beside
+    with contextlib.suppress(OSError):
+        folder = tempfile.mkdtemp(prefix="burrlab-")
+        yield os.path.join(folder, "bone.h5")
+        os.rmdir(folder)  # asked for another one: this has not taken it
 
 
 def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) -> Start:
@@ -100,26 +132,19 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
 
 def _recipe(options: argparse.Namespace, material: Material) -> Recipe | DrilledRecipe | None:
     if options.bone is None:
+        if options.volume is not None and options.map is None and "hand" in options.device:
+            require_options(options, ("map", *PLACE), "--device hand with --volume")
         return chosen_recipe(options, material)
-    for name in _OTHERS:
-        if getattr(options, name) is not None:
-            raise ValueError(f"--{name} goes without --bone, which has its own")
-    if options.fill or options.onto or options.unknown != "refuse":
-        name = "fill" if options.fill else "onto" if options.onto else "unknown"
-        raise ValueError(f"--{name} goes without --bone, which has its own")
+    refuse_options(options, _OTHERS, "goes without --bone, which has its own")
     return DrilledRecipe(options.bone)
 
 
 def _check_place(options: argparse.Namespace) -> None:
     if "hand" not in options.device:
-        for name in ("entry", "axis"):
-            if getattr(options, name) is not None:
-                raise ValueError(f"--{name} goes with --device hand: other devices say where the burr is")
+        refuse_options(options, PLACE, "goes with --device hand: other devices say where the burr is")
         return
-    for name in ("entry", "axis"):
-        if getattr(options, name) is None:
-            given = next(kind for kind in ("bone", "volume", "labels") if getattr(options, kind) is not None)
-            raise ValueError(f"--device hand with --{given} needs --{name}")
+    given = next(kind for kind in ("bone", "volume", "labels") if getattr(options, kind) is not None)
+    require_options(options, PLACE, f"--device hand with --{given}")
 
 
 def _block(voxel: float) -> dict[str, Any]:

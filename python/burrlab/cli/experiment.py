@@ -12,8 +12,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from burrlab.cli import Options, _deliver, _positive, _save
-from burrlab.cli_session import AddCommand, _ended_by_signals, _say, _show
+from burrlab.cli.options import AddCommand, Options, positive, refuse_options
+from burrlab.cli.output import deliver, ended_by_signals, save_figure, say, show_line
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,7 +68,7 @@ def _running_options(parser: argparse.ArgumentParser) -> None:
     simulated.add_argument("--all", action="store_true", help="all subjects of the protocol")
     simulated.add_argument(
         "--weber",
-        type=_positive,
+        type=positive,
         metavar="W",
         help="sd of the noise of a cue's logarithm an interval, default 0.45",
     )
@@ -99,9 +99,9 @@ def _power(options: Options) -> int:
     protocol = _protocol(options)
     subjects = len(protocol.subjects)
     for name, design in protocol.tasks.items():
-        _show(f"task {name}: simulating")
+        show_line(f"task {name}: simulating")
         power = design.power(subjects)
-        _show("")
+        show_line("")
         print(f"task {name}\n{power}\n", flush=True)
     return 0
 
@@ -135,16 +135,16 @@ def _analyse(options: Options) -> int:
         _check_apart(name, getattr(options, name), options.config)
     analysis = analyse(
         options.config, incomplete=options.incomplete,
-        progress=lambda task, subject: _show(f"task {task}, subject {subject}"),
+        progress=lambda task, subject: show_line(f"task {task}, subject {subject}"),
     )  # fmt: skip
     if options.tsv is not None:
         analysis.to_tsv(options.tsv)
     drawn = 0 if figures is None else _draw(analysis, figures)
-    _show("")
+    show_line("")
     report = analysis.report(width=shutil.get_terminal_size().columns if sys.stdout.isatty() else None)
     if figures is not None:
         report += f"\n\n{drawn} figures are in {figures}: task-NAME_FIGURE.png"
-    _deliver(options, analysis.to_dict(), report)
+    deliver(options, analysis.to_dict(), report)
     return 0
 
 
@@ -172,9 +172,9 @@ def _draw(analysis: Analysis, folder: Path) -> int:
     drawn = 0
     for task in analysis.tasks:
         for name, draw in _figures(task).items():
-            _show(f"figure {name} of task {task.name}")
+            show_line(f"figure {name} of task {task.name}")
             axes = draw()
-            _save(axes, str(folder / f"task-{task.name}_{name}.png"))
+            save_figure(axes, str(folder / f"task-{task.name}_{name}.png"))
             plt.close(axes.get_figure(root=True))
             drawn += 1
     return drawn
@@ -207,9 +207,8 @@ def _sittings(options: Options) -> list[Sitting]:
 
     protocol = _protocol(options)
     _check_apart("experimenter", options.experimenter, options.config)
-    for name in ("all", "weber", "decision", "fast"):
-        if getattr(options, name) and not options.simulated:
-            raise ValueError(f"--{name} goes with --simulated")
+    if not options.simulated:
+        refuse_options(options, ("all", "weber", "decision", "fast"), "goes with --simulated")
     if (options.subject is None) != options.all:
         raise ValueError("--subject LABEL or --simulated --all must say who takes part")
     if options.simulated and options.device is not None:
@@ -231,20 +230,20 @@ def _sit(options: Options, sittings: Sequence[Sitting]) -> int:
     at = sittings[0]
     try:
         with ExitStack() as stack:
-            stack.enter_context(_ended_by_signals())
+            stack.enter_context(ended_by_signals())
             if not options.simulated:
                 return _sit_down(stack, at)
             for at in sittings:
-                _show(f"simulated subject {at.subject}")
+                show_line(f"simulated subject {at.subject}")
                 given = at.run(lambda task, sitting=at: _simulated_seat(options, sitting, task))  # type: ignore[misc]
-                _show("")
+                show_line("")
                 print(f"simulated subject {at.subject}: {given} trials answered")
     except DeviceLost as error:
-        _say(f"{error}; {_command('resume', options, at)} goes on")
+        say(f"{error}; {_command('resume', options, at)} goes on")
         return 1
     except KeyboardInterrupt:
         with contextlib.suppress(OSError):  # the terminal may be what was lost
-            _say(f"interrupted; every answer is kept, {_command('resume', options, at)} goes on")
+            say(f"interrupted; every answer is kept, {_command('resume', options, at)} goes on")
         return 130
     return 0
 
@@ -285,7 +284,7 @@ def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:
     return SimulatedSeat(
         _simulated_subject(options, design.mode), design, burr=protocol.burr, bone=protocol.bone,
         seed=protocol.seed, name=f"{sitting.subject} {task}",
-        on_progress=lambda text: _show(f"simulated subject {sitting.subject}, task {task}: {text.lower()}"),
+        on_progress=lambda text: show_line(f"simulated subject {sitting.subject}, task {task}: {text.lower()}"),
     )  # fmt: skip
 
 

@@ -1,0 +1,107 @@
+"""What a command writes: results, figures, a line on a terminal; and how its work is ended."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from burrlab.cli.options import Options
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def save_figure(axes: Axes, path: str) -> None:
+    """Writes the figure of some axes."""
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    with _named(path):
+        figure.savefig(path, dpi=200)
+
+
+@contextlib.contextmanager
+def _named(path: str) -> Iterator[None]:
+    """Errors of writing, as on a full disk, do not say of which file they are."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None and error.strerror is not None:
+            raise OSError(error.errno, error.strerror, path) from None
+        raise
+
+
+def check_outputs(options: Options) -> None:
+    """ValueError before any work if a result could not be written."""
+    taken: dict[Path, str] = {}
+    for name in ("json", "plot", "out", "region", "profile", "record", "save", "template", "tsv"):
+        path = getattr(options, name, None)
+        if path is None or path == "-":
+            continue
+        folder = Path(path).resolve().parent
+        if (
+            not folder.is_dir()
+            or not os.access(folder, os.W_OK)
+            or (
+                Path(path).is_dir() and name != "save"  # slices are saved as a folder
+            )
+        ):
+            raise ValueError(f"--{name}: {path} cannot be written")
+        if (other := taken.setdefault(Path(path).resolve(), name)) != name:
+            raise ValueError(f"--{name} must be another file than --{other}, got {path}")
+        if name in ("plot", "region", "profile"):
+            from matplotlib.figure import Figure
+
+            kinds = Figure().canvas.get_supported_filetypes()
+            if Path(path).suffix[1:].lower() not in kinds:
+                raise ValueError(f"--{name}: {path} must end in one of {', '.join(sorted(kinds))}")
+
+
+def deliver(options: Options, result: dict[str, Any], text: str) -> None:
+    """A result as JSON, where that is asked for, and as text, which is there where the file cannot be written."""
+    if options.json == "-":
+        print(json.dumps(result, allow_nan=False))
+        return
+    print(text)
+    if options.json is not None:
+        with _named(options.json):
+            Path(options.json).write_text(json.dumps(result, allow_nan=False, indent=1) + "\n")
+
+
+def sentence(error: Exception) -> str:
+    """What an error says, in one line."""
+    if isinstance(error, OSError) and error.strerror is not None:  # without the number of the error
+        return error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
+    return " ".join(str(error).split())
+
+
+def say(text: str) -> None:
+    """A message to standard error."""
+    show_line("")
+    print(f"burrlab: {text}", file=sys.stderr, flush=True)
+
+
+def show_line(line: str) -> None:
+    """A line that the next one replaces, on a terminal."""
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def ended_by_signals() -> Iterator[None]:
+    """SIGTERM and a closed terminal end what runs as Ctrl-C does: the force zero, the trace whole."""
+    names = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    if threading.current_thread() is not threading.main_thread():
+        names = []  # only the main thread may
+    before = {name: signal.signal(name, signal.default_int_handler) for name in names}
+    try:
+        yield
+    finally:
+        for name, handler in before.items():
+            signal.signal(name, handler)

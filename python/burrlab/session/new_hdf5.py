@@ -1,0 +1,66 @@
+"""HDF5 files that are made anew: where a disk is full, an OSError and no more."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from burrlab.files import check_folder
+
+if TYPE_CHECKING:
+    import h5py
+
+
+@contextlib.contextmanager
+def new_hdf5(path: str | os.PathLike[str], **options: Any) -> Iterator[h5py.File]:
+    """A new file, or an older one emptied, on disk at the end; OSError where it cannot be written.
+
+    Notes
+    -----
+    libhdf5 writes much of a file when it is closed, and where that fails, leaves its memory in disorder: processes crash at
+    once or at their end. So it is told of no error, and the first is raised when it has done.
+    """
+    import h5py
+
+    check_folder(Path(path))
+    with _Disk(path) as disk:
+        try:
+            with h5py.File(disk, "w", **options) as file:
+                yield file
+        except (OSError, RuntimeError):
+            if disk.failure is None:
+                raise
+        if disk.failure is not None:
+            raise OSError(disk.failure.errno, disk.failure.strerror, os.fspath(path)) from None
+        os.fsync(disk.fileno())
+
+
+class _Disk(io.FileIO):
+    """A new file that cannot fail to be written; `failure` is the first error that it was not told."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        super().__init__(path, "w+")
+        self.failure: OSError | None = None
+
+    def write(self, content: Any, /) -> int:
+        left = memoryview(content).cast("B")
+        size, begin = len(left), self.tell()
+        try:
+            while self.failure is None and len(left):
+                left = left[super().write(left) :]
+        except OSError as error:
+            self.failure = error
+        if self.failure is not None:
+            self.seek(begin + size)
+        return size
+
+    def truncate(self, size: int | None = None, /) -> int:
+        try:
+            return super().truncate(size)
+        except OSError as error:
+            self.failure = self.failure or error
+            return self.tell() if size is None else size

@@ -1,0 +1,117 @@
+"""What session and replica show beside themselves: options, refusals and what is said at the end."""
+
+import json
+
+import pytest
+from replica_scenes import soon
+
+import burrlab
+from burrlab.cli import live as cli_live
+from burrlab.cli import main
+from burrlab.effects import Companion
+from burrlab.session.network import block_recipe, make_bone
+from burrlab.view import rendering, web
+
+FAST = ["--device", "hand", "--voxel", "0.4", "--radius", "3", "--seed", "5"]
+BLOCK = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
+
+
+@pytest.fixture
+def shown(monkeypatch):
+    """In place of a page: notes what it would show, until the session has ended."""
+    served = {}
+
+    def serve(source, **options):
+        served.update(options, source=source)
+        served.get("meanwhile", lambda: None)()
+        source.wait(60.0)
+
+    monkeypatch.setattr(rendering, "pyvista", lambda: None)
+    monkeypatch.setattr(web, "check_page", lambda **_: None)
+    monkeypatch.setattr(web, "serve", serve)
+    return served
+
+
+def leader(seconds):
+    """A published block that a hand cuts."""
+    tool = burrlab.Burr(2.0), burrlab.materials["bone"]
+    hand = burrlab.HandDevice((0.0, 0.0, 2.2), strokes_after=0.0)
+    return burrlab.Session(
+        make_bone(BLOCK), tool, hand, seed=11, duration=seconds, publish=0, source=BLOCK, realtime=False
+    )
+
+
+@pytest.mark.parametrize("option", ["effects", "stereo"])
+@pytest.mark.parametrize("command", [["session", *FAST, "--duration", "1"], ["replica", "127.0.0.1:1"]])
+def test_what_needs_a_place_to_be_seen(command, option, capsys):
+    assert main([*command, f"--{option}"]) == 2
+    assert capsys.readouterr().err == f"burrlab {command[0]}: --{option} goes with --view or --web\n"
+
+
+def test_effects_of_a_session_are_reported(shown, tmp_path, capsys):
+    file = tmp_path / "said.json"
+    arguments = ["session", *FAST, "--duration", "1.5", "--no-realtime", "--web", "--effects", "--stereo"]
+    assert main([*arguments, "--json", str(file)]) == 0
+    said, plain = capsys.readouterr().out, json.loads(file.read_text())
+    session, companion, told = shown["source"], shown["effects"], plain["effects"]
+    assert shown["stereo"]
+    assert not companion.running
+    assert companion.seed == told["seed"] == 5
+    assert told["frames"] == companion.report().frames > 5
+    assert told["budget"] == 0.02
+    assert told["balance_mm3"]["dust"]["made"] == pytest.approx(session.snapshot()[0].removed) != 0
+    assert told["balance_mm3"]["water"]["made"] > 0
+    assert all(account["exact"] for account in told["balance_mm3"].values())
+    assert f"effects at assumed rates, seed 5: {told['frames']} frames of at most" in said
+    assert "budget 20 ms: " in said
+    assert max(len(line) for line in str(companion.report()).splitlines()) <= 80  # of a terminal
+    assert f"dust: made {told['balance_mm3']['dust']['made']:.3f}, present " in said
+
+
+def test_without_effects_nothing_is_said_of_them(shown, tmp_path, capsys):
+    file = tmp_path / "said.json"
+    assert main(["session", *FAST, "--duration", "0.3", "--web", "--json", str(file)]) == 0
+    assert shown["effects"] is None
+    assert not shown["stereo"]
+    assert "effects" not in json.loads(file.read_text())
+    assert "dust" not in capsys.readouterr().out
+
+
+def test_effects_of_a_replica_are_reported(shown, tmp_path, capsys):
+    file = tmp_path / "said.json"
+    with leader(60.0) as session:
+        assert soon(lambda: session.snapshot()[0].removed > 0)
+
+        def meanwhile():
+            assert soon(lambda: shown["effects"].balance()["dust"].made > 0)
+            session.stop()
+
+        shown["meanwhile"] = meanwhile
+        arguments = ["replica", f"127.0.0.1:{session.port}", "--web", "--effects", "--json", str(file)]
+        assert main(arguments) == 0
+    plain = json.loads(file.read_text())
+    assert plain["digest"] == session.snapshot()[0].digest()
+    assert plain["effects"]["seed"] == 11
+    assert plain["effects"]["balance_mm3"]["dust"]["exact"]
+    assert 0 < plain["effects"]["balance_mm3"]["dust"]["made"] <= session.snapshot()[0].removed * (1 + 1e-12)
+    assert "effects at assumed rates, seed 11: " in capsys.readouterr().out
+
+
+def test_a_duration_ends_a_replica_that_is_shown(shown, capsys):
+    with leader(60.0) as session:
+        where = ["replica", f"127.0.0.1:{session.port}", "--web", "--effects"]
+        assert main([*where, "--duration", "1.5"]) == 0
+    assert shown["source"].wait(0.0)
+    assert not shown["effects"].running
+    assert "interrupted: False" in capsys.readouterr().out
+
+
+def test_effects_that_ended_early_are_said(monkeypatch):
+    assert cli_live.end_effects(None) == ("", {})
+    with leader(0.3) as session:
+        companion = Companion(session, seed=1).start()
+        session.wait()
+    monkeypatch.setattr(Companion, "error", "no memory")
+    text, plain = cli_live.end_effects(companion)
+    assert "\neffects ended early: no memory\n" in text
+    assert plain["effects"]["error"] == "no memory"

@@ -1,0 +1,81 @@
+"""Files of HDF5 on a disk that is full, or fills up: an error, and a process that goes on and ends as always."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import burrlab
+from burrlab.session.new_hdf5 import new_hdf5
+
+resource = pytest.importorskip("resource", reason="limits of a process are POSIX")
+#: A file may get no longer than the limit: for a process the same as a disk that has no more room.
+LIMITED = """
+import resource, sys
+from pathlib import Path
+import burrlab
+from burrlab.session.trace_file import make_compact
+def limit(size):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+trace, part, sizes = Path(sys.argv[1]), Path(sys.argv[2]), map(int, sys.argv[3:])
+bone = burrlab.VoxelBone.block((30, 30, 10), 0.2)
+for size in sizes:
+    limit(size)
+    try:
+        make_compact(trace, part)
+    except OSError as error:
+        print("compact", error.strerror, error.filename)
+    try:
+        burrlab.Session(
+            bone, (burrlab.Burr(2.0), burrlab.materials["bone"]), burrlab.HandDevice((15, 15, 12)), seed=1,
+            duration=1.0, record=part.with_name("new.h5"), wall_clock=False,
+        )
+    except OSError as error:
+        print("new", error.strerror, error.filename)
+limit(resource.RLIM_INFINITY)
+burrlab.save_bone(part.with_name("bone.h5"), bone)
+"""
+
+
+def test_a_full_disk_leaves_the_process_whole(tmp_path: Path) -> None:
+    trace, part, bone = tmp_path / "trace.h5", tmp_path / "part", burrlab.VoxelBone.block((8, 8, 4), 0.2)
+    hand = burrlab.HandDevice((4.0, 4.0, 6.0))
+    tool = burrlab.Burr(2.0), burrlab.materials["bone"]
+    with burrlab.Session(bone, tool, hand, seed=1, duration=2.0, record=trace, wall_clock=False) as session:
+        session.wait()
+    sizes = [str(size) for size in (0, 4096, 8192, 16384, 24576, 32768)]
+    run = subprocess.run(
+        [sys.executable, "-c", LIMITED, str(trace), str(part), *sizes], capture_output=True, text=True, check=False,
+        env={"PYTHONPATH": ":".join(sys.path)},
+    )  # fmt: skip
+    assert (run.returncode, run.stderr) == (0, "")
+    lines = [
+        f"{what} File too large {file}" for what, file in (("compact", part), ("new", tmp_path / "new.h5"))
+    ]
+    assert run.stdout.splitlines() == lines * len(sizes)
+    assert burrlab.load_bone(tmp_path / "bone.h5")[0].shape == (50, 150, 150)
+    assert burrlab.load_trace(trace).complete
+
+
+def test_what_else_goes_wrong_is_told(tmp_path: Path) -> None:
+    with pytest.raises(KeyError, match="mine"), new_hdf5(tmp_path / "a.h5"):
+        raise KeyError("mine")
+    with pytest.raises(OSError, match="other"), new_hdf5(tmp_path / "a.h5"):
+        raise OSError("other")
+    with pytest.raises(FileNotFoundError, match="folder must exist"), new_hdf5(tmp_path / "none" / "a.h5"):
+        pass
+
+
+def test_an_older_file_is_emptied(tmp_path: Path) -> None:
+    file = tmp_path / "a.h5"
+    for count in (100_000, 10):
+        with new_hdf5(file) as made:
+            made["values"] = np.arange(count)
+    assert file.stat().st_size < 10_000
+    with h5py.File(file) as made:
+        assert made["values"].size == 10

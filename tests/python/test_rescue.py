@@ -1,0 +1,100 @@
+"""A bone that cannot be kept as asked at the end of a session: its exact state is kept elsewhere."""
+
+from __future__ import annotations
+
+import errno
+import tempfile
+from pathlib import Path
+
+import pytest
+
+import burrlab
+from burrlab.cli import bone as cli_bone
+from burrlab.cli import main
+from burrlab.session.network import block_recipe, make_bone
+
+SESSION = ("session", "--device", "hand", "--duration", "0.2", "--voxel", "0.5", "--seed", "1")
+
+
+def full(after: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk with no room for the first files that are kept."""
+    kept, tried = burrlab.save_bone, []
+
+    def save(place: str, bone: burrlab.VoxelBone, tick: int) -> None:
+        tried.append(place)
+        if len(tried) <= after:
+            raise OSError(errno.ENOSPC, "No space left on device", place)
+        kept(place, bone, tick)
+
+    monkeypatch.setattr(cli_bone, "save_bone", save)
+
+
+@pytest.mark.parametrize("after", [1, 2])
+def test_kept_beside_or_among_temporary_files(
+    after: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    path = str(tmp_path / "bone.h5")
+    full(after, monkeypatch)
+    assert main([*SESSION, "--save", path]) == 2
+    told = capsys.readouterr()
+    assert "200 ticks" in told.out, "the report is told all the same"
+    sentence = f"burrlab session: {path}: No space left on device; the bone's exact state is kept as "
+    assert sentence in told.err
+    place = Path(told.err.split(sentence)[1].strip())
+    assert place == (tmp_path / "bone.h5.h5" if after == 1 else place.parent / "bone.h5")
+    assert burrlab.load_bone(place)[1] == 200
+    assert not Path(path).exists()
+
+
+def test_nowhere_to_keep_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
+    path = str(tmp_path / "bone.h5")
+    full(9, monkeypatch)
+    assert main([*SESSION, "--save", path]) == 2
+    assert capsys.readouterr().err.endswith(f"burrlab session: {path}: No space left on device\n")
+
+
+def test_nothing_is_left_where_it_could_not_be_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    full(9, monkeypatch)
+    assert main([*SESSION, "--save", str(tmp_path / "bone.h5")]) == 2
+    assert list(tmp_path.iterdir()) == []
+    assert "200 ticks" in capsys.readouterr().out
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a file that is always full is of Linux")
+@pytest.mark.parametrize("option", ["--json", "--plot"])
+def test_a_result_that_cannot_be_written(
+    option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The bone is kept and the report told all the same, and the sentence names the file."""
+    result, kept = tmp_path / "result.png", tmp_path / "bone.h5"
+    result.symlink_to("/dev/full")
+    assert main([*SESSION, option, str(result), "--save", str(kept)]) == 2
+    told = capsys.readouterr()
+    assert "200 ticks" in told.out
+    assert told.err.endswith(f"burrlab session: {result}: No space left on device\n")
+    assert burrlab.load_bone(kept)[1] == 200
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a file that is always full is of Linux")
+def test_a_replica_keeps_its_bone_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    block = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
+    tool = burrlab.Burr(2.0), burrlab.materials["bone"]
+    session = burrlab.Session(
+        make_bone(block), tool, burrlab.HandDevice((0.0, 0.0, 2.2)), seed=1, duration=60.0, publish=0, source=block,
+        realtime=False,
+    )  # fmt: skip
+    kept = tmp_path / "bone.h5"
+    with session:
+        where = ["replica", f"127.0.0.1:{session.port}", "--duration", "0.5"]
+        assert main([*where, "--json", "/dev/full", "--save", str(kept)]) == 2
+    told = capsys.readouterr()
+    assert "digest: " in told.out
+    assert told.err.endswith("burrlab replica: /dev/full: No space left on device\n")
+    assert burrlab.load_bone(kept)[0].shape == (20, 40, 40)

@@ -1,0 +1,69 @@
+"""Both eyes: as a pair of pictures, and side by side in one window."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from rendering_probe import need_drawing
+from scene_pictures import SIZE, differing, small_scene  # noqa: F401
+from session_scenes import small_bone
+from view_scenes import parcels
+
+import burrlab
+from burrlab.view import Scene
+
+pytestmark = pytest.mark.slow
+
+
+def test_eyes_differ_but_not_at_the_focus(scene):
+    scene.move_burrs([[0.0, 0.0, 3.0]])
+    pair = scene.stereo_picture()
+    assert pair.shape == (240, 640, 3)
+    left, right = pair[:, :320], pair[:, 320:]
+    assert differing(left, right).any()
+    np.testing.assert_array_equal(scene.stereo_picture(swap=True), np.concatenate([right, left], axis=1))
+    one, other = np.split(scene.stereo_picture(0.0), 2, axis=1)
+    np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(scene.picture(), one)  # the camera is back in the middle
+
+
+def test_both_eyes_in_one_window_are_those_of_the_pair(scene):
+    """Also with what was added, removed and moved meanwhile; curves are in neither, and all is back afterwards."""
+    scene.set_stereo(True)
+    scene.picture()
+    scene.move_burrs([[1.0, -0.5, 1.5]], [True])
+    scene.set_parcels(parcels(50))
+    before = scene.bone.density.copy()
+    contact = burrlab.BurrContact(scene.bone, burrlab.Burr(1.0), burrlab.materials["bone"], 1)
+    contact.run(np.tile([-1.0, 0.5, 0.3], (100, 1)), 1.0)
+    scene.update(scene.bone, np.unique(np.argwhere(scene.bone.density != before) // 8, axis=0))
+    pair = scene.picture()
+    assert pair.shape == (240, 320, 3)
+    assert scene.stereo
+    scene.plotter.window_size = (160, 240)
+    assert differing(scene.stereo_picture(), pair).mean() < 1e-3  # samples of an edge lie elsewhere
+    scene.plotter.window_size = SIZE
+    assert differing(scene.picture(), pair).mean() < 1e-3
+    scene.set_stereo(True, swap=True)
+    left, right = np.split(pair, 2, axis=1)
+    assert differing(scene.picture(), np.concatenate([right, left], axis=1)).mean() < 1e-3
+    scene.set_stereo(False)
+    assert not scene.stereo
+    one = scene.picture()
+    assert differing(one, pair).any()
+    scene.set_parcels(None)
+    assert differing(scene.picture(), one).any()
+
+
+def test_curves_and_legend_are_in_neither_eye():
+    need_drawing()
+    scene = Scene(small_bone(), [1.0], off_screen=True, size=SIZE)
+    time = np.linspace(0, 1, 20)
+    plain = scene.stereo_picture()
+    scene.set_curves(time, time**2, time)
+    np.testing.assert_array_equal(scene.stereo_picture(), plain)
+    scene.set_stereo(True)
+    shown = scene.picture()
+    scene.set_curves(time[:1], time[:1], time[:1])
+    np.testing.assert_array_equal(scene.picture(), shown)
+    scene.close()

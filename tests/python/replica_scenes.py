@@ -71,10 +71,10 @@ class Leader:
         self.follower.start()
         return self
 
-    def end(self, reason="done", **options):
+    def end(self, reason="done", linger=20.0):
         self.loop.stop()
         self.follower.stop()
-        self.publisher.finish(reason, **options)
+        self.publisher.finish(reason, linger=linger)
 
     def __exit__(self, *_):
         self.loop.stop()
@@ -236,9 +236,11 @@ class Slower:
 
 
 _REPLICA = """
-import json, sys
+import json, sys, time
 from burrlab.session.network import follow
 replica = follow("127.0.0.1", int(sys.argv[1]))
+while not replica.status["connected"]:
+    time.sleep(0.002)
 print("following", flush=True)
 ended = replica.wait(float(sys.argv[2]))
 replica.stop()
@@ -249,7 +251,7 @@ print(json.dumps({"waited": ended, "digest": replica.digest(), **replica.status}
 class ReplicaProcess:
     """A replica in a process of its own."""
 
-    def __init__(self, port, seconds=120.0, cpu_path=None):
+    def __init__(self, port, seconds=90.0, cpu_path=None):
         environment = dict(os.environ) if cpu_path is None else {**os.environ, "BURRLAB_CPU_PATH": cpu_path}
         self.process = subprocess.Popen(
             [sys.executable, "-c", _REPLICA, str(port), str(seconds)],
@@ -262,5 +264,7 @@ class ReplicaProcess:
         self.process.communicate()
 
     def result(self):
-        text, _ = self.process.communicate(timeout=60)
+        text, _ = self.process.communicate(
+            timeout=120
+        )  # later than the replica's own patience, which says what it waits for
         return json.loads(text)

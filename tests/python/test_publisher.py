@@ -31,6 +31,12 @@ def connect(leader, receive_buffer=None):
     return peer
 
 
+def replica_word(leader, holds, tick):
+    digest = leader.follower.digests[0][1]
+    word = struct.pack(">IIQQ32s", 1, holds, leader.publisher.session, tick, digest.encode())
+    return _core.encode_ndarray_uint8("burrlab_replica", word)
+
+
 def receive(peer, ticks, burrs=1):
     """Messages of so many ticks."""
     framer, messages = _core.MessageFramer(), []
@@ -107,9 +113,7 @@ def test_peer_that_takes_nothing_is_dropped():
 
 def test_replica_that_takes_nothing_is_cut_off():
     with Leader(most_behind=2000) as leader, connect(leader, receive_buffer=4096) as peer:
-        digest = leader.follower.digests[0][1]
-        word = struct.pack(">IIQQ32s", 1, 1, leader.publisher.session, 0, digest.encode())
-        peer.sendall(_core.encode_ndarray_uint8("burrlab_replica", word))
+        peer.sendall(replica_word(leader, 1, 0))
         assert soon(lambda: leader.publisher.status["replicas"] == 1)
         assert soon(lambda: leader.publisher.status["cut_off"] == 1)
         assert leader.publisher.status["by_ticks"] == 1
@@ -121,10 +125,8 @@ def test_replica_that_takes_nothing_is_cut_off():
 def test_replica_is_told_what_the_protocol_says():
     """Hello first, then ticks in their order, digests between them, the end last, each under its name."""
     with Leader() as leader, connect(leader) as peer:
-        digest = leader.follower.digests[0][1]
-        word = struct.pack(">IIQQ32s", 1, 1, leader.publisher.session, 0, digest.encode())
         leader.run_to(150)
-        peer.sendall(_core.encode_ndarray_uint8("burrlab_replica", word))
+        peer.sendall(replica_word(leader, 1, 0))
         names, next_tick, framer = [], 0, _core.MessageFramer()
         ending = threading.Thread(target=lambda: (leader.run_to(350), leader.end(linger=5.0)))
         ending.start()
@@ -150,6 +152,35 @@ def test_replica_is_told_what_the_protocol_says():
     assert names.count("burrlab_tick") == leader.tick >= 350
     assert set(names) <= {"burrlab_hello", "burrlab_tick", "burrlab_digest", "burrlab_idle", "burrlab_end"}
     assert names.count("burrlab_digest") >= 3
+
+
+def follow_to_the_end(peer, leader, tick):
+    """As a replica that holds the bone at this tick, until it has read the end."""
+    peer.sendall(replica_word(leader, 1, tick))
+    for data in messages_of(peer):
+        if name_of(data) == "burrlab_end":
+            return
+
+
+@pytest.mark.parametrize("says_so", [True, False])
+def test_replica_that_leaves_without_a_word_is_awaited(says_so):
+    """It may not have read the end, and is told again; one that says that it leaves is not waited for."""
+    with Leader() as leader:
+        with connect(leader) as peer:
+            ending = threading.Thread(target=lambda: (leader.run_to(100), leader.end()))
+            ending.start()
+            follow_to_the_end(peer, leader, 0)
+            if says_so:
+                peer.sendall(replica_word(leader, 3, leader.tick))
+        if says_so:
+            ending.join(2.5)  # it would be awaited for 3 s
+            assert not ending.is_alive()
+        else:
+            with connect(leader) as peer:
+                follow_to_the_end(peer, leader, leader.tick)
+        ending.join()
+        status = leader.publisher.status
+    assert (status["by_ticks"], status["ignored"]) == (1 if says_so else 2, 0)
 
 
 @pytest.mark.parametrize(

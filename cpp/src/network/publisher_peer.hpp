@@ -35,7 +35,7 @@ struct Publisher::Peer {
   std::shared_ptr<const State> state;  // to be sent at `state_place`
   std::uint64_t state_place = 0;
   std::size_t next_brick = 0;
-  bool told_end = false;
+  bool told_end = false, left = false;
 
   std::int64_t last_progress = steady_now(), last_queued = steady_now(),
                last_allowance = steady_now();  // [ns]

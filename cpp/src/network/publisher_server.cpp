@@ -18,7 +18,7 @@ constexpr std::uint64_t most_faults = 16;    // dropped messages until a connect
 constexpr int replica_send_buffer = 65536;   // of the system [bytes]
 constexpr std::int64_t second = 1000000000;
 constexpr std::int64_t idle_every = second / 5, stalled_after = 5 * second;
-constexpr std::int64_t grace = 3 * second, end_grace = second / 3;  // for a replica to come back
+constexpr std::int64_t grace = 3 * second;  // for a replica to come, after its hello, or to come back
 
 }  // namespace
 
@@ -51,11 +51,11 @@ void Publisher::run() {
   count_peers(peers);
 }
 
-/// A replica that was not told the end comes back; one that was may have missed a tick before it.
+/// A replica that did not say that it leaves comes back, told the end or not: it may have missed it.
 void Publisher::leave(std::unique_ptr<Peer>& peer, std::int64_t now) {
-  if (peer->replica) {
+  if (peer->replica && !peer->left) {
     const std::lock_guard<std::mutex> lock(mutex_);
-    missing_.push_back(now + (peer->told_end ? end_grace : grace));
+    missing_.push_back(now + grace);
   }
   peer.reset();
 }
@@ -116,8 +116,13 @@ bool Publisher::read(Peer& peer) {
 void Publisher::hear(Peer& peer, const Message& message) {
   const std::lock_guard<std::mutex> lock(mutex_);
   Word word;
-  if (peer.replica || peer.closing || replica_protocol::kind_of(message) != replica_protocol::Kind::word) {
+  if (peer.closing || replica_protocol::kind_of(message) != replica_protocol::Kind::word) {
     ++status_.ignored;
+  } else if (peer.replica) {
+    if (decode(message, word) && word.holds == Holds::all)
+      peer.left = true;
+    else
+      ++status_.ignored;
   } else if (decode(message, word)) {
     serve(peer, word);
   } else {
@@ -128,12 +133,15 @@ void Publisher::hear(Peer& peer, const Message& message) {
 
 void Publisher::serve(Peer& peer, const Word& word) {
   encode(peer.pending, settings_.header_version, hello_);
-  if (word.holds == Holds::nothing || word.session != session_ || word.digest != hello_.digest) {
+  if (word.holds == Holds::nothing || word.holds == Holds::all || word.session != session_ ||
+      word.digest != hello_.digest) {
     ++status_.hellos;
     peer.closing = true;
+    if (word.holds == Holds::nothing) missing_.push_back(steady_now() + grace);
     return;
   }
   peer.replica = true;
+  ++status_.replicas;  // before it is no longer missing: `finish` waits for either
   TcpServer::set_send_buffer(peer.socket, replica_send_buffer);
   if (!missing_.empty()) missing_.erase(missing_.begin());
   peer.holds = word.tick;

@@ -39,7 +39,7 @@ bool Replica::fetch_hello(double timeout) {
     bool alive = client_.connect(std::max(left(), 0.001)) && client_.send(word.data(), word.size());
     std::uint8_t bytes[16384];
     while (alive && !found && left() > 0.0) {
-      const std::size_t got = client_.receive(bytes, sizeof bytes, left());
+      const std::size_t got = client_.receive(bytes, sizeof bytes, std::max(left(), 0.0));
       alive = got > 0 && framer_.feed({bytes, got}, [&](const Message& message) {
         replica_protocol::Hello hello;
         if (found || !decode(message, hello)) return;
@@ -48,7 +48,7 @@ bool Replica::fetch_hello(double timeout) {
       });
     }
     client_.close();
-    if (!found && left() > 0.0 && !client_.pause(std::min(first_pause, left()))) break;
+    if (!found && left() > 0.0 && !client_.pause(std::clamp(left(), 0.0, first_pause))) break;
   } while (!found && left() > 0.0);
   framer_.restart();
   return found;
@@ -103,7 +103,7 @@ void Replica::run() {
   double pause = first_pause;
   for (;;) {
     progress_ = false;
-    if (client_.connect()) follow();
+    if (client_.connect() && !follow()) say_word(Holds::all);
     client_.close();
     framer_.restart();
     {
@@ -118,42 +118,47 @@ void Replica::run() {
   }
 }
 
-bool Replica::say_word() {
-  Word word{Holds::ticks, hello_.session, 0, hello_.digest};
+bool Replica::say_word(Holds holds) {
+  Word word{holds, hello_.session, 0, hello_.digest};
   {
     const std::lock_guard<std::mutex> lock(mutex_);
     word.tick = bone_->tick();
-    if (suspect_) word.holds = Holds::suspect;
+    if (holds == Holds::ticks && suspect_) word.holds = Holds::suspect;
   }
   Bytes bytes;
   encode(bytes, 1, word);
   return client_.send(bytes.data(), bytes.size());
 }
 
-void Replica::follow() {
+/// Whether it is to come back.
+bool Replica::follow() {
   stage_ = Stage::hello;
   broken_ = any_digest_ = false;
   first_ = true;
   numbers_.clear();
   levels_.clear();
-  if (!say_word()) return;
+  if (!say_word(Holds::ticks)) return true;
   std::vector<std::uint8_t> bytes(65536);
   const std::int64_t begin = steady_now();
   const openigtlink::MessageFramer::Receive receive = [this](const Message& message) { take(message); };
   while (!broken_) {
     const std::size_t got = client_.receive(bytes.data(), bytes.size(), silence);
     const std::lock_guard<std::mutex> lock(mutex_);
-    if (status_.ended || client_.stopped()) return;
-    if (got == 0) return fault("the connection ended, or nothing came for 1 s");
+    if (status_.ended || client_.stopped()) return false;
+    if (got == 0) {
+      fault("the connection ended, or nothing came for 1 s");
+      break;
+    }
     const std::uint64_t dropped = framer_.counters().all_dropped();
     const bool whole = framer_.feed({bytes.data(), got}, receive);
     status_.received = framer_.counters();
-    if (status_.ended) return;
+    if (status_.ended) return false;
     if (!broken_ && (!whole || framer_.counters().all_dropped() > dropped))
       fault(whole ? "a message had to be dropped" : "the framing was lost");
     if (!broken_ && stage_ == Stage::hello && 1e-9 * double(steady_now() - begin) > until_hello)
       fault("no hello came");
   }
+  return true;
 }
 
 void Replica::fault(const std::string& reason, std::uint64_t seen) {

@@ -78,7 +78,7 @@ bool decode(const Message& message, Word& word) {
   ByteReader reader(bytes);
   reader.number(theirs).number(holds).number(word.session).number(word.tick).text(digest_digits, word.digest);
   word.holds = Holds(holds);
-  return reader.ended() && theirs == version && holds <= std::uint32_t(Holds::suspect);
+  return reader.ended() && theirs == version && holds <= std::uint32_t(Holds::all);
 }
 
 void encode(Bytes& out, int header_version, const Hello& hello) {

@@ -110,7 +110,7 @@ class Publisher : public TickListener {
   std::shared_ptr<const State> state_;  // of the bone, taken for those that wait; at the end the last one
   std::vector<std::weak_ptr<const State>> states_;  // all that some peer still needs
   std::int64_t last_state_ = 0;                     // [ns]
-  std::vector<std::int64_t> missing_;  // replicas that may come back: until when they are awaited [ns]
+  std::vector<std::int64_t> missing_;  // replicas that may come (back): until when they are awaited [ns]
   replica_protocol::End end_;
   PublisherStatus status_;
 

@@ -86,8 +86,8 @@ class Replica {
   enum class Stage { hello, following };
 
   void run();
-  void follow();
-  bool say_word();
+  bool follow();
+  bool say_word(replica_protocol::Holds holds);
   void mark_changed();
   BoneUpdate update_of(UnseenBricks& unseen);
   void take(const openigtlink::Message& message);

@@ -24,10 +24,11 @@ Kind kind_of(const openigtlink::Message& message);
 enum class Holds : std::uint32_t {
   nothing = 0,  ///< not even the initial volume: the hello is all it wants
   ticks = 1,    ///< the bone after `tick` ticks
-  suspect = 2   ///< the same, but not equal to the leader's: the bricks as well
+  suspect = 2,  ///< the same, but not equal to the leader's: the bricks as well
+  all = 3       ///< the bone at the end, or as much as it wants: it leaves for good
 };
 
-/// The only thing a replica says, on connecting.
+/// The only thing a replica says, on connecting and before it leaves for good.
 struct Word {
   Holds holds = Holds::nothing;
   std::uint64_t session = 0;  ///< number of the session that it follows; 0: none yet

@@ -13,9 +13,13 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 import burrlab
 from burrlab.anatomy import Phantom, compare_with_target, mastoidectomy_path, temporal_bone
+
+PLAN = "#D55E00"
 
 
 def main(folder: Path) -> None:
@@ -64,10 +68,12 @@ def slices(phantom: Phantom, bone: burrlab.VoxelBone) -> Figure:
                 extent=extent,
                 origin="lower",
             )
-            ax.contour(
-                phantom.target[tuple(plane)], levels=[0.5], colors="#D55E00", linewidths=1, extent=extent
-            )
+            ax.contour(phantom.target[tuple(plane)], levels=[0.5], colors=PLAN, linewidths=1, extent=extent)
             ax.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", title=f"{name}, {when}")
+    present = np.unique(phantom.labels[bone.pristine > 0])
+    patches = [Patch(facecolor=colours[number], label=bone.tissues[number].name) for number in present]
+    plan = Line2D([], [], color=PLAN, label="planned cavity")
+    figure.legend(handles=[plan, *patches], loc="outside lower center", ncols=5, fontsize="small")
     return figure
 
 

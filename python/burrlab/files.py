@@ -18,17 +18,39 @@ def check_folder(target: Path) -> None:
         raise PermissionError(f"folder must be writable, got {folder}")
 
 
+def lock(file: int, taken: str, *, wait: bool = False) -> None:
+    """Takes the lock of an open file or folder; it ends when that is closed, and with the process, however that ends.
+
+    Raises
+    ------
+    BlockingIOError
+        If another has it, unless told to wait; `taken` says so.
+    """
+    import fcntl
+
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except BlockingIOError:
+        raise BlockingIOError(taken) from None
+
+
 @contextlib.contextmanager
 def new_folder(target: Path) -> Iterator[Path]:
     """A folder to be filled, which gets its name at the end, and is gone after an error; OSError where it cannot be made."""
     part = target.with_name(f".{target.name}.part")
-    shutil.rmtree(part, ignore_errors=True)
-    part.mkdir()
+    part.mkdir(exist_ok=True)
+    descriptor = os.open(part, os.O_RDONLY)
     try:
-        yield part
-        os.rename(part, target)
+        lock(descriptor, f"{target} is being written by another process")
+        try:
+            for left in part.iterdir():  # by a process that was killed
+                left.unlink()
+            yield part
+            os.rename(part, target)
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
     finally:
-        shutil.rmtree(part, ignore_errors=True)
+        os.close(descriptor)
 
 
 def write_synced(path: Path, content: bytes) -> None:

@@ -126,7 +126,10 @@ def test_leader_and_replica(tmp_path):
     assert first.startswith("burrlab: following 127.0.0.1, port ")
     time.sleep(0.5)
     early.send_signal(signal.SIGINT)
-    assert "interrupted: True" in early.communicate(timeout=60)[0]
+    told = early.communicate(timeout=60)[0].splitlines()
+    assert told[0].startswith("interrupted: tick ")
+    assert told[1].endswith(" 0 different; ticks with another result: 0")
+    assert told[2].startswith("connections: 1 made, 0 given up; ")
     assert early.returncode == 130
     refused, said = start("replica", address, "--save", path)
     assert "path must be a new file or a burrlab bone" in said

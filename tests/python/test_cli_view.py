@@ -128,9 +128,13 @@ def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
         ("--size does not go with --pictures alone", trace, "--pictures", png, "--size", "320x240"),
         ("--slices does not go with --pictures alone", trace, "--pictures", png, "--slices"),
         ("--png: a.jpg must end in .png", trace, "--png", "a.jpg"),
-        ("--video: a.avi must end in .mp4 or .gif", trace, "--video", "a.avi"),
+        ("a film must end in .mp4 or .gif, got a.avi", trace, "--video", "a.avi"),
         (f"--png: {tmp_path}/no/a.png cannot be written", trace, "--png", f"{tmp_path}/no/a.png"),
         (f"--pictures: {tmp_path} cannot be written", trace, "--pictures", tmp_path),
+        ("fps must be from 1 to 50 for .gif, got 60", trace, "--video", tmp_path / "a.gif", "--fps", 60),
+        ("fps must be from 1 to 240 for .mp4, got 1e+06", trace, "--video", tmp_path / "a.mp4", "--fps", 1e6),
+        ("--png must be another file than --pictures, got a.png", trace, "--pictures", "a.png", "--png", "a.png"),
+        ("entry lies 950 mm outside the bone, more than it is wide", trace, "--png", png, "--entry=0,0,950"),
     ):  # fmt: skip
         code, out, err = call(capsys, *arguments)
         assert (code, out, err) == (2, "", f"burrlab view: {said}\n")
@@ -141,6 +145,12 @@ def test_bad_values_and_files(trace, tmp_path, capsys):
     code, _, err = call(capsys, trace, "--size", "8x8")
     assert code == 2
     assert "must be WIDTHxHEIGHT of at least 16 pixels, got '8x8'" in err
+    code, _, err = call(capsys, trace, "--pictures", tmp_path / "a.xyz")
+    assert code == 2
+    assert err.startswith(f"burrlab view: --pictures: {tmp_path}/a.xyz must end in one of ")
+    code, _, err = call(capsys, trace, "--pict", tmp_path / "a.png")
+    assert code == 2
+    assert "unrecognized arguments: --pict" in err
     code, _, err = call(capsys, trace, "--pictures", tmp_path / "a.png", "--at", 99)
     assert (code, err.count("\n")) == (2, 1)
     assert "--at must be from 0 to 0." in err

@@ -11,6 +11,7 @@ import pytest
 from drilled_scenes import MAP, SHAPE, drilled, greys
 
 from burrlab import read_volume
+from burrlab.files import new_folder
 from burrlab.volume import DrilledRecipe, load_drilled, save_drilled
 from burrlab.volume.drilled_checks import check_drilled
 
@@ -207,3 +208,12 @@ def test_a_save_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.Mo
     save_drilled(tmp_path / "kept", bone, like, mapping=MAP)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ct", "kept"]
     assert not (tmp_path / "kept" / "old.dcm").exists()
+
+
+def test_two_that_save_to_one_folder_do_not_mix(tmp_path: Path) -> None:
+    like = read_volume(series(tmp_path / "ct"))
+    with new_folder(tmp_path / "kept") as part:
+        (part / "its.dcm").write_bytes(b"another's")
+        with pytest.raises(BlockingIOError, match="kept is being written by another process"):
+            save_drilled(tmp_path / "kept", drilled(like), like, mapping=MAP)
+    assert [path.name for path in (tmp_path / "kept").iterdir()] == ["its.dcm"]

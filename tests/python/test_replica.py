@@ -8,6 +8,7 @@ from replica_scenes import Cutter, Dropper, Leader, Mangler, Proxy, ReplicaProce
 
 from burrlab import _core
 from burrlab.session.network import follow, make_bone
+from burrlab.session.replica_report import status_text
 
 
 def lengths(short):
@@ -150,6 +151,10 @@ def test_corrupted_brick_is_named_and_repaired(burrs):
     assert (status["digests_different"], status["differing_ticks"], status["by_bricks"]) == (1, 0, 1)
     assert status["tick"] == leader.tick
     assert replica.digest() == leader.digest
+    told = status_text({**status, "digest": leader.digest}).splitlines()
+    assert told[0] == f"ended (done): tick {leader.tick}, digest {leader.digest}"
+    assert told[1].endswith("equal, 1 different; ticks with another result: 0")
+    assert told[-1] == f"  bone not the leader's at tick {found['tick']}: digest, 1 bricks replaced"
 
 
 def test_corruption_under_the_burr_is_found_by_its_force():

@@ -17,6 +17,9 @@ from burrlab.cli.options import Options
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+_FIGURES = ("plot", "region", "profile", "pictures")
+_FILES = ("json", *_FIGURES, "out", "record", "save", "template", "tsv", "png", "video")
+
 
 def save_figure(axes: Axes, path: str) -> None:
     """Writes the figure of some axes."""
@@ -40,7 +43,7 @@ def _named(path: str) -> Iterator[None]:
 def check_outputs(options: Options) -> None:
     """ValueError before any work if a result could not be written."""
     taken: dict[Path, str] = {}
-    for name in ("json", "plot", "out", "region", "profile", "record", "save", "template", "tsv"):
+    for name in _FILES:
         path = getattr(options, name, None)
         if path is None or path == "-":
             continue
@@ -55,7 +58,7 @@ def check_outputs(options: Options) -> None:
             raise ValueError(f"--{name}: {path} cannot be written")
         if (other := taken.setdefault(Path(path).resolve(), name)) != name:
             raise ValueError(f"--{name} must be another file than --{other}, got {path}")
-        if name in ("plot", "region", "profile"):
+        if name in _FIGURES:
             from matplotlib.figure import Figure
 
             kinds = Figure().canvas.get_supported_filetypes()

@@ -6,7 +6,7 @@ import argparse
 import re
 import sys
 from collections.abc import Callable, Sequence
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import burrlab
 from burrlab.cli.descent import add_descent_commands
@@ -22,6 +22,10 @@ from burrlab.cli.volume import SIGNED
 
 
 class _Parser(argparse.ArgumentParser):
+    def __init__(self, **options: Any) -> None:
+        """Whole names only: what a script abbreviates today may mean another option tomorrow."""
+        super().__init__(allow_abbrev=False, **options)
+
     def error(self, message: str) -> NoReturn:
         """One line that names the option, exit status 2."""
         self.exit(2, f"{self.prog}: {message}\n")

@@ -29,7 +29,7 @@ from burrlab.cli.volume import add_label_options, add_volume_options
 from burrlab.cli.watch import add_watch_options, chosen_watch, watch_asked_for
 from burrlab.session.device_text import parse_address, parse_device
 from burrlab.session.network import follow
-from burrlab.session.replica_report import replica_events, replica_report
+from burrlab.session.replica_report import replica_events, replica_report, status_text
 from burrlab.session.snapshot import check_bone_file
 
 if TYPE_CHECKING:
@@ -224,7 +224,7 @@ def _replica(options: Options) -> int:
     show_line("")
     anatomy = replica_report(replica)
     status = {"interrupted": interrupted, "digest": replica.digest(), **replica.status}
-    said = [f"{name}: {value}" for name, value in status.items()]
+    said = [status_text(status, interrupted=interrupted)]
     if anatomy is not None:
         said.append(str(anatomy))
         status["anatomy"] = anatomy.to_dict()

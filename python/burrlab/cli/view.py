@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from burrlab.volume.drilled_recipe import DrilledRecipe
 _OF_TRACE = ("at", "video", "effects")
 _OF_FILM = ("fps", "speed")
 _OF_SCENE = ("width", "axis", "size", "slices", "effects", "stereo")  # --pictures has none
+_FPS = 20.0  # of a film [1/s]
 _OF_VOLUME = ("map", "spacing", "series", "crop", "voxel")
 
 
@@ -44,7 +44,7 @@ def add_view_command(command: AddCommand) -> None:
     view.add_argument(
         "--video", metavar="FILE", help="write a film of the trace, .mp4 or .gif; no window opens"
     )
-    view.add_argument("--fps", type=positive, help="of the film [1/s], default 20")
+    view.add_argument("--fps", type=positive, help=f"of the film [1/s], default {_FPS:g}")
     view.add_argument("--speed", type=positive, help="of the trace in the film, default 1")
     view.add_argument("--stereo", action="store_true", default=None, help="both eyes side by side")
     view.add_argument(
@@ -92,15 +92,10 @@ def _check(options: Options) -> None:
         refuse_options(options, _OF_VOLUME, "goes with --volume or --labels")
         refuse_options(options, OF_LABELS, "goes with --labels")
     _check_shown(options)
-    for name in ("png", "pictures", "video"):
-        path = getattr(options, name)
-        if path is None:
-            continue
-        folder = Path(path).resolve().parent
-        if not folder.is_dir() or not os.access(folder, os.W_OK) or Path(path).is_dir():
-            raise ValueError(f"--{name}: {path} cannot be written")
-    if options.video is not None and Path(options.video).suffix.lower() not in (".mp4", ".gif"):
-        raise ValueError(f"--video: {options.video} must end in .mp4 or .gif")
+    if options.video is not None:
+        from burrlab.view.video import check_film
+
+        check_film(Path(options.video), options.fps or _FPS)
     if options.png is not None and Path(options.png).suffix.lower() != ".png":
         raise ValueError(f"--png: {options.png} must end in .png")
 
@@ -197,7 +192,7 @@ def _show_trace(options: Options) -> int:
         view = TraceView(player, effects=effects, slices=bool(options.slices), **_scene_options(options))
         _look(options, view.scene, player)
         if options.video is not None:
-            fps = options.fps or 20.0
+            fps = options.fps or _FPS
             frames = view.frames(fps=fps, speed=options.speed or 1.0, stereo=bool(options.stereo))
             result["frames"] = write_video(options.video, frames, fps=fps)
             result["written"].append(str(options.video))

@@ -1,9 +1,10 @@
-"""What a replica saw near critical structures."""
+"""What a replica did, and what it saw near critical structures."""
 
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +14,41 @@ from burrlab.session.watch_rows import EVENT_DTYPE, Watched
 if TYPE_CHECKING:
     from burrlab.anatomy.event import AnatomyEvent
     from burrlab.anatomy.report import AnatomyReport
+
+
+_TOLD = 5  # faults and divergences told, the last ones
+
+
+def status_text(status: Mapping[str, Any], *, interrupted: bool = False) -> str:
+    """What a replica did, for a reader: where it ended, what it compared, how it was connected.
+
+    Parameters
+    ----------
+    status : mapping
+        `Replica.status` with the bone's `digest`.
+    interrupted : bool
+        By its user.
+    """
+    how = "interrupted" if interrupted else "failed" if status["failed"] else "ended"
+    why = "" if interrupted else f" ({status['reason']})"
+    lines = [
+        f"{how}{why}: tick {status['tick']}, digest {status['digest']}",
+        f"the leader's digests: {status['digests_equal']} equal, {status['digests_different']} different; "
+        f"ticks with another result: {status['differing_ticks']}",
+        f"connections: {status['connections']} made, {status['faults']} given up; went on by missing ticks "
+        f"{status['by_ticks']}, by bricks {status['by_bricks']} times",
+    ]
+    if dropped := {reason: count for reason, count in status["dropped"].items() if count}:
+        lines.append(
+            f"messages dropped: {', '.join(f'{count} {reason}' for reason, count in dropped.items())}"
+        )
+    for tick, _, reason in status["last_faults"][-_TOLD:]:
+        lines.append(f"  connection given up at tick {tick}: {reason}")
+    for one in status["divergences"][-_TOLD:]:
+        lines.append(
+            f"  bone not the leader's at tick {one['tick']}: {one['what']}, {len(one['bricks'])} bricks replaced"
+        )
+    return "\n".join(lines)
 
 
 def replica_events(replica: Replica, known: int = 0) -> list[AnatomyEvent]:

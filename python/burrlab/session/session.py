@@ -382,8 +382,8 @@ class Session:
             return
         self._warned.add(burr)
         self._say(
-            f"burr {burr}: contact stiffness {at['stiffness_N_per_mm']:.2g} N/mm is {at['ratio']:.2g} of the limit that the device's "
-            f"damping sets; below {at['force_at_limit_N']:.2g} N in this hole the force may make a hand tremble"
+            f"burr {burr}: contact stiffness {at['stiffness_N_per_mm']:.2g} N/mm, {at['ratio']:.2g} of the device's limit; "
+            f"below {at['force_at_limit_N']:.2g} N here a hand may tremble"
         )
 
     def _hand_digests(self) -> None:

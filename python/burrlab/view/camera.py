@@ -55,7 +55,7 @@ def surgeon_view(
     Raises
     ------
     ValueError
-        If the axis is zero, or a value is not finite.
+        If the axis is zero, the entry farther away than the bone is wide, or a value is not finite.
     """
     into = _unit("axis", (0.0, 0.0, -1.0) if axis is None else axis)
     spacing, shape = np.array(bone.spacing), np.array(bone.shape[::-1])
@@ -70,6 +70,9 @@ def surgeon_view(
         focus = np.asarray(entry, float)
         if focus.shape != (3,) or not np.isfinite(focus).all():
             raise ValueError(f"entry must be three finite numbers (x, y, z) [mm], got {entry!r}")
+        beyond = float(np.linalg.norm(np.maximum(np.abs(focus - middle) - half, 0)))
+        if beyond > 2 * np.linalg.norm(half):
+            raise ValueError(f"entry lies {beyond:.0f} mm outside the bone, more than it is wide")
     if width is None:
         width = 2.15 * float(np.linalg.norm(half))
     if not (np.isfinite(width) and width > 0 and np.isfinite(tilt)):

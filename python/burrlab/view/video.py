@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+_MOST_FPS = {".mp4": 240, ".gif": 50}  # browsers show a GIF's frames for 20 ms or more
+
 
 def write_video(
     path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]], *, fps: float = 20.0
@@ -25,7 +27,7 @@ def write_video(
     frames : iterable of ndarray, shape (height, width, 3), uint8
         All of one size; taken one by one, so that a film need not fit into memory. GIF keeps them all.
     fps : float
-        Frames a second [1/s].
+        Frames a second [1/s], from 1 to 240, or to 50 for GIF, which counts in 0.01 s.
 
     Returns
     -------
@@ -35,17 +37,13 @@ def write_video(
     Raises
     ------
     ValueError
-        If the ending is another, fps is not positive, there is no frame, or they differ in size.
+        If the ending is another, fps is out of range, there is no frame, or they differ in size.
     OSError
         If there is no ffmpeg for an MP4, or it fails; no file is left then.
     """
     file = Path(path)
-    if not (np.isfinite(fps) and fps > 0):
-        raise ValueError(f"fps must be positive and finite, got {fps}")
-    kind = file.suffix.lower()
-    if kind not in (".mp4", ".gif"):
-        raise ValueError(f"a film must end in .mp4 or .gif, got {file.name}")
-    write = _write_mp4 if kind == ".mp4" else _write_gif
+    check_film(file, fps)
+    write = _write_mp4 if file.suffix.lower() == ".mp4" else _write_gif
     part = file.with_name(f"{file.stem}.part{file.suffix}")
     try:
         count = write(part, _of_one_size(frames), fps)
@@ -55,6 +53,15 @@ def write_video(
     finally:
         part.unlink(missing_ok=True)
     return count
+
+
+def check_film(file: Path, fps: float) -> None:
+    """ValueError for an ending or a number of frames a second that no film has."""
+    most = _MOST_FPS.get(file.suffix.lower())
+    if most is None:
+        raise ValueError(f"a film must end in .mp4 or .gif, got {file.name}")
+    if not 1 <= fps <= most:
+        raise ValueError(f"fps must be from 1 to {most} for {file.suffix.lower()}, got {fps:g}")
 
 
 def ffmpeg() -> str:
@@ -134,7 +141,5 @@ def _write_gif(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
 
     pictures = [Image.fromarray(frame).quantize(128) for frame in frames]
     if pictures:
-        pictures[0].save(
-            path, save_all=True, append_images=pictures[1:], duration=max(round(1000 / fps), 20), loop=0
-        )
+        pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=round(1000 / fps), loop=0)
     return len(pictures)

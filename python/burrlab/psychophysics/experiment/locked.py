@@ -7,21 +7,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from burrlab import files
+
 
 def lock(file: int, path: Path, *, wait: bool = False) -> None:
-    """Takes the lock of an open file; it ends when the file is closed, and with the process, however that ends.
-
-    Raises
-    ------
-    BlockingIOError
-        If another has it, unless told to wait.
-    """
-    import fcntl
-
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-    except BlockingIOError:
-        raise BlockingIOError(f"{path}: another process has this run open") from None
+    """The lock of a run's open file; BlockingIOError if another process has it, unless told to wait."""
+    files.lock(file, f"{path}: another process has this run open", wait=wait)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
 import os
 import shutil
@@ -28,6 +29,13 @@ def _no_figures_left() -> Iterator[None]:
     yield
     if "matplotlib.pyplot" in sys.modules:
         sys.modules["matplotlib.pyplot"].close("all")
+
+
+@pytest.fixture(autouse=True)
+def _patient_watchdog(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a busy machine a thread may wait for longer than the watchdog does. Its tests make their loops themselves."""
+    patient = functools.partial(_core.HapticLoop, stall_limit=5000.0)
+    monkeypatch.setattr("burrlab.session.session.HapticLoop", patient)
 
 
 @pytest.fixture

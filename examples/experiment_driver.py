@@ -40,7 +40,7 @@ class Hardware:
 
 @contextlib.contextmanager
 def driven(hardware: Hardware, box: burrlab.MailboxDevice, on: bool) -> Iterator[None]:
-    """The driver's loop, some 400 Hz, while this is entered. One that ends is noticed: the device is lost after 100 ms."""
+    """The driver's loop, some 400 Hz, while this is entered. One that ends is noticed: the device is lost."""
     over = threading.Event()
 
     def loop() -> None:
@@ -66,7 +66,8 @@ def main() -> int:
     parser.add_argument("subject")
     options = parser.parse_args()
     protocol = Protocol.read(options.config)
-    hardware, box = Hardware(protocol.burr.radius), burrlab.MailboxDevice(name="driver")
+    hardware = Hardware(protocol.burr.radius)
+    box = burrlab.MailboxDevice(name="driver", lost_after=protocol.lost_after)
     sitting = Sitting(protocol, options.subject, device=box)
     try:
         # By probing nothing is eroded whatever the switch says.

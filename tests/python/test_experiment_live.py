@@ -241,7 +241,7 @@ def test_refusals(tmp_path, line, sentence):
 
 
 def test_the_example_runs_an_experiment_on_its_driver(tmp_path):
-    subject = Subject(tmp_path, trials=4, interval=0.3)
+    subject = Subject(tmp_path, trials=4, interval=0.3, more="lost_after_ms = 5000")
     program = _ADOPT + f"import sys, runpy; runpy.run_path({str(EXAMPLE)!r}, run_name='__main__')"
     for stop, status in ((("interval", 4), 130), (None, 0)):
         arguments = (subject.config.name, SUBJECT)

@@ -50,6 +50,7 @@ def slices(phantom: Phantom, bone: burrlab.VoxelBone) -> Figure:
     """Three planes through the antrum, before and after, the planned cavity outlined."""
     figure = Figure(figsize=(9.6, 7.2), layout="constrained")
     rows = figure.subplots(2, 3)
+    seen: set[int] = set()
     at = np.rint((phantom.landmarks["antrum"] - bone.origin) / bone.spacing).astype(int)
     colours = np.array([tissue.colour for tissue in bone.tissues]) / 255
     ends = [
@@ -60,18 +61,18 @@ def slices(phantom: Phantom, bone: burrlab.VoxelBone) -> Figure:
         for ax, axis, name in zip(axes, (2, 1, 0), ("axial", "coronal", "sagittal"), strict=True):
             plane = [slice(None)] * 3
             plane[2 - axis] = at[axis]
-            shown = levels[tuple(plane)]
+            shown, labels = levels[tuple(plane)], phantom.labels[tuple(plane)]
+            seen |= set(labels[shown > 0].tolist())
             across, up = (i for i in range(3) if i != axis)
             extent = (*ends[across], *ends[up])
             ax.imshow(
-                colours[phantom.labels[tuple(plane)]] * (shown / 255)[..., None],
+                colours[labels] * (shown / 255)[..., None],
                 extent=extent,
                 origin="lower",
             )
             ax.contour(phantom.target[tuple(plane)], levels=[0.5], colors=PLAN, linewidths=1, extent=extent)
             ax.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", title=f"{name}, {when}")
-    present = np.unique(phantom.labels[bone.pristine > 0])
-    patches = [Patch(facecolor=colours[number], label=bone.tissues[number].name) for number in present]
+    patches = [Patch(facecolor=colours[number], label=bone.tissues[number].name) for number in sorted(seen)]
     plan = Line2D([], [], color=PLAN, label="planned cavity")
     figure.legend(handles=[plan, *patches], loc="outside lower center", ncols=5, fontsize="small")
     return figure

@@ -35,13 +35,14 @@ std::shared_ptr<VoxelBone> make_bone() {
   return bone;
 }
 
-std::vector<WatchedStructure> structures(const VoxelBone& bone, const WatchLimits& limits) {
+std::vector<WatchedStructure> structures(const VoxelBone& bone, const WatchLimits& limits,
+                                         std::int64_t along_x = 100) {
   std::vector<WatchedStructure> all;
   for (const std::size_t tissue : {1, 2}) {
     const StructureSearch search(bone, tissue);
-    const Index3 shape{100, 100, 100};
+    const Index3 shape{100, 100, along_x};
     // Estimates of nothing, wrong by as much as can be: every node is searched.
-    DistanceField field(search, shape, std::vector<float>(1000000, 0.0f), 0.4,
+    DistanceField field(search, shape, std::vector<float>(std::size_t(10000 * along_x), 0.0f), 0.4,
                         search.low() - Vec3::Constant(15.0), 1e3);
     all.push_back({std::make_shared<StructureDistance>(search, std::move(field)), limits});
   }
@@ -84,6 +85,12 @@ void executor_and_watch(const WatchLimits& limits, bool full) {
     CHECK(watch->events().size() == AnatomyWatch::most_events);
     CHECK(watch->events_lost() > 0);
   }
+  for (const WatchEvent& event : watch->events()) {
+    const Vec3 center(event.center[0], event.center[1], event.center[2]);
+    NearestVoxel none;
+    const auto burr = std::size_t(event.burr);
+    CHECK(event.distance == all[event.structure].distance->of_sphere(center, radii[burr], none));
+  }
   for (std::size_t s = 0; s < 2; ++s) {
     double closest = 1e9;
     std::uint64_t periods = 0;
@@ -92,13 +99,109 @@ void executor_and_watch(const WatchLimits& limits, bool full) {
       NearestVoxel none;
       closest = std::min(closest, all[s].distance->of_sphere(Vec3(c[0], c[1], c[2]), 1.0, none));
     }
-    const WatchDose& dose = watch->dose(0, s);
+    const WatchDose dose = watch->dose(0, s);
     for (const std::uint64_t n : dose.periods) periods += n;
     CHECK(dose.closest == closest);
     CHECK(periods == std::uint64_t(ticks));
     CHECK(watch->removed(s) == watch->dose(0, s).removed + watch->dose(1, s).removed);
   }
   CHECK(watch->removed(0) > 0);
+}
+
+/// A hand that trembles near the structures: what is counted is what the distance of every tick says.
+void every_tick_counts(VoxelBone& bone, const std::vector<WatchedStructure>& all, double step) {
+  const WatchLimits limits = all[0].limits;
+  const double radius = 1.0;
+  AnatomyWatch watch(all, {radius});
+  watch.begin(bone, 0);
+  std::vector<WatchDose> expected(all.size());
+  std::vector<std::vector<WatchEventKind>> told(all.size());
+  std::vector<bool> approached(all.size()), touched(all.size()), injured(all.size());
+  const std::vector<std::uint8_t> nothing(60);
+  std::int64_t row = 0;
+  std::mt19937 random(11);
+  std::normal_distribution<double> tremble(0.0, step);
+  Vec3 center(3.0, 3.0, 5.0);
+  const int ticks = 20000;
+  for (int tick = 0; tick < ticks; ++tick) {
+    for (int axis = 0; axis < 3; ++axis) center[axis] += tremble(random);
+    const double aim = 3.5 + 2.5 * std::cos(0.0025 * tick);  // into the bone and out of it
+    center += 0.005 * (Vec3(3.0, 3.0, aim) - center);
+    TickRecord record;
+    record.index = std::uint64_t(tick);
+    record.burrs = 1;
+    record.k = 1 + std::uint32_t(tick % 3 == 0);
+    record.burr[0].center = {center[0], center[1], center[2]};
+    record.burr[0].force = {0.0, 0.3 * (tick % 7), 0.4 * (tick % 5)};
+    record.burr[0].on = tick / 100 % 2;
+    const double y = record.burr[0].force[1], z = record.burr[0].force[2], force = std::sqrt(y * y + z * z);
+    const std::int64_t before = bone.tissue_levels(1);
+    if (tick % 50 == 25) {  // of the first structure, as by another burr
+      bone.write({29 - row / 60, row % 60, 0}, {1, 1, 60}, nothing.data());
+      ++row;
+    }
+    const bool loses = bone.tissue_levels(1) < before;
+    watch.after_step(bone, record, 0);
+    for (std::size_t s = 0; s < all.size(); ++s) {
+      NearestVoxel none;
+      WatchDose& dose = expected[s];
+      const double distance = dose.distance = all[s].distance->of_sphere(center, radius, none);
+      if (distance < dose.closest) {
+        dose.closest = distance;
+        dose.closest_tick = record.index;
+        dose.closest_center = record.burr[0].center;
+      }
+      std::size_t bin = 0;
+      while (bin < WatchDose::edges.size() && distance > WatchDose::edges[bin]) ++bin;
+      dose.periods[bin] += record.k;
+      if (record.burr[0].on) dose.turning[bin] += record.k;
+      if (distance <= limits.touch) dose.touching += record.k;
+      for (std::size_t i = 0; i < WatchDose::near.size(); ++i) {
+        if (distance > WatchDose::near[i]) continue;
+        dose.near_periods[i] += record.k;
+        dose.near_force[i] += force * record.k;
+        dose.near_peak[i] = std::max(dose.near_peak[i], force);
+      }
+      if (!approached[s] && distance <= limits.approach) {
+        approached[s] = true;
+        told[s].push_back(WatchEventKind::approach);
+      }
+      if (!touched[s] && distance <= limits.touch) {
+        touched[s] = true;
+        told[s].push_back(WatchEventKind::touch);
+      }
+      if (loses && s == 0 && !injured[s]) {
+        injured[s] = true;
+        told[s].push_back(WatchEventKind::injury);
+      }
+      if (distance > limits.touch + limits.hysteresis) touched[s] = injured[s] = false;
+      if (approached[s] && distance > limits.approach + limits.hysteresis) {
+        approached[s] = false;
+        told[s].push_back(WatchEventKind::away);
+      }
+      if (tick % 97 && tick != ticks - 1) continue;
+      dose.removed = watch.removed(s);
+      const WatchDose dosed = watch.dose(0, s);
+      CHECK(dosed.distance == dose.distance);
+      CHECK(dosed.closest == dose.closest && dosed.closest_tick == dose.closest_tick);
+      CHECK(dosed.closest_center == dose.closest_center);
+      CHECK(dosed.periods == dose.periods && dosed.turning == dose.turning);
+      CHECK(dosed.removed == dose.removed);
+      CHECK(dosed.touching == dose.touching && dosed.near_periods == dose.near_periods);
+      CHECK(dosed.near_peak == dose.near_peak);
+      for (std::size_t i = 0; i < WatchDose::near.size(); ++i)
+        CHECK(std::abs(dosed.near_force[i] - dose.near_force[i]) < 1e-9 * (1.0 + dose.near_force[i]));
+    }
+  }
+  std::vector<std::vector<WatchEventKind>> events(all.size());
+  for (const WatchEvent& event : watch.events()) {
+    events[event.structure].push_back(WatchEventKind(event.kind));
+    NearestVoxel none;
+    const Vec3 at(event.center[0], event.center[1], event.center[2]);
+    CHECK(event.distance == all[event.structure].distance->of_sphere(at, radius, none));
+  }
+  CHECK(events == told);
+  CHECK(told[0].size() > 10);
 }
 
 void refusals() {
@@ -125,6 +228,11 @@ void refusals() {
 int main() {
   executor_and_watch({2.0, 0.0, 0.0, 0.5}, false);
   executor_and_watch({1.0, 0.0, 0.0, 0.1}, true);
+  const auto bone = make_bone();
+  const auto all = structures(*bone, {0.8, 0.1, 0.0, 0.15});
+  for (const double step : {0.0003, 0.01, 0.2})
+    every_tick_counts(*std::make_unique<VoxelBone>(*bone), all, step);
+  every_tick_counts(*bone, structures(*bone, all[0].limits, 45), 0.2);  // fields that end beside the burr
   refusals();
   return check::report();
 }

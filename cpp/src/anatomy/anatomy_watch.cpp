@@ -70,18 +70,15 @@ void AnatomyWatch::after_step(const VoxelBone& bone, const TickRecord& record, s
     const WatchLimits& limits = structure.limits;
     Beside& beside = of(burr, s);
     WatchDose& dose = beside.dose;
-    const double distance = structure.distance->of_sphere(center, radii_[burr], beside.nearest);
     const std::int64_t levels = bone.tissue_levels(structure.distance->search().tissue());
     const std::int64_t lost = levels_[s] - levels;
     levels_[s] = levels;
-
-    dose.distance = distance;
     dose.removed += lost;
-    if (distance < dose.closest) {
-      dose.closest = distance;
-      dose.closest_tick = record.index;
-      dose.closest_center = at.center;
-    }
+    const bool injures = lost > 0 && !beside.injured && is_injury(bone, s);  // told with its distance
+    beside.center = center;
+    if (injures || !((center - beside.measured).squaredNorm() < beside.still * beside.still))
+      measure(burr, s, record);
+    const double distance = dose.distance;
     const std::size_t bin = bin_of(distance);
     dose.periods[bin] += record.k;
     if (at.on) dose.turning[bin] += record.k;
@@ -105,7 +102,7 @@ void AnatomyWatch::after_step(const VoxelBone& bone, const TickRecord& record, s
       beside.touched = true;
       tell_of(WatchEventKind::touch);
     }
-    if (lost > 0 && !beside.injured && is_injury(bone, s)) {
+    if (injures) {
       beside.injured = true;
       tell_of(WatchEventKind::injury);
     }
@@ -115,6 +112,44 @@ void AnatomyWatch::after_step(const VoxelBone& bone, const TickRecord& record, s
       tell_of(WatchEventKind::away);
     }
   }
+}
+
+/// Near a structure a search costs more than all the rest, and a burr moves by micrometres in a tick. Where
+/// the distance is exact it changes by no more than the burr moves: until it could cross what counts, or come
+/// closer than ever, it need not be searched anew.
+void AnatomyWatch::measure(std::size_t burr, std::size_t structure, const TickRecord& record) noexcept {
+  const StructureDistance& to = *structures_[structure].distance;
+  const WatchLimits& limits = structures_[structure].limits;
+  Beside& beside = of(burr, structure);
+  WatchDose& dose = beside.dose;
+  const double distance = to.of_sphere(beside.center, radii_[burr], beside.nearest);
+  dose.distance = distance;
+  beside.measured = beside.center;
+  if (distance < dose.closest) {
+    dose.closest = distance;
+    dose.closest_tick = record.index;
+    dose.closest_center = record.burr[burr].center;
+  }
+  double still = std::min(StructureDistance::exact_below - distance, to.field().depth(beside.center));
+  if (dose.closest > -radii_[burr]) still = std::min(still, distance - dose.closest);
+  const auto cross = [&](double limit) { still = std::min(still, std::abs(distance - limit)); };
+  for (const double edge : WatchDose::edges) cross(edge);
+  for (const double near : WatchDose::near) cross(near);
+  for (const double limit : {limits.touch, limits.approach}) {
+    cross(limit);
+    cross(limit + limits.hysteresis);
+  }
+  beside.still = std::max(0.0, still - 1e-9);  // more than sums are rounded by
+}
+
+/// With the distance where the burr is.
+WatchDose AnatomyWatch::dose(std::size_t burr, std::size_t structure) const {
+  const Beside& beside = of(burr, structure);
+  WatchDose dose = beside.dose;
+  NearestVoxel nearest = beside.nearest;
+  if (beside.center != beside.measured)
+    dose.distance = structures_[structure].distance->of_sphere(beside.center, radii_[burr], nearest);
+  return dose;
 }
 
 void AnatomyWatch::pass_over(const VoxelBone& bone, std::uint64_t tick) noexcept {

@@ -1,5 +1,7 @@
 #include "burrlab/anatomy/distance_field.hpp"
 
+#include <algorithm>
+
 #include "burrlab/check.hpp"
 
 namespace burrlab {
@@ -48,6 +50,15 @@ double DistanceField::at(const Vec3& point) const noexcept {
   };
   const double first = along_y(base);
   return first + part[0] * (along_y(base + slice) - first);
+}
+
+double DistanceField::depth(const Vec3& point) const noexcept {
+  double least = std::numeric_limits<double>::infinity();
+  for (int axis = 0; axis < 3; ++axis) {
+    const double from = point[axis] - origin_[axis];
+    least = std::min({least, from, spacing_ * double(shape_[2 - axis] - 1) - from});
+  }
+  return least;
 }
 
 }  // namespace burrlab

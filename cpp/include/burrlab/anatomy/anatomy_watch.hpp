@@ -82,7 +82,7 @@ class AnatomyWatch {
   double radius(std::size_t burr) const { return radii_[burr]; }  ///< [mm]
   const std::vector<WatchEvent>& events() const { return events_; }
   std::uint64_t events_lost() const { return events_lost_; }
-  const WatchDose& dose(std::size_t burr, std::size_t structure) const { return of(burr, structure).dose; }
+  WatchDose dose(std::size_t burr, std::size_t structure) const;
   std::int64_t removed(std::size_t structure) const {
     return begun_[structure] - levels_[structure];
   }  ///< [levels]
@@ -93,6 +93,9 @@ class AnatomyWatch {
   struct Beside {  // a burr beside a structure
     WatchDose dose;
     NearestVoxel nearest;
+    Vec3 measured = Vec3::Zero(),
+         center = Vec3::Zero();  // where `dose.distance` is of, and the burr now [mm]
+    double still = 0.0;  // within which of `measured` its distance counts as the same everywhere below [mm]
     bool approached = false, touched = false, injured = false;
   };
   Beside& of(std::size_t burr, std::size_t structure) {
@@ -101,6 +104,7 @@ class AnatomyWatch {
   const Beside& of(std::size_t burr, std::size_t structure) const {
     return beside_[burr * structures_.size() + structure];
   }
+  void measure(std::size_t burr, std::size_t structure, const TickRecord& record) noexcept;
   bool is_injury(const VoxelBone& bone, std::size_t structure) const;
   void tell(const WatchEvent& event) noexcept;
 

@@ -19,6 +19,8 @@ class DistanceField {
 
   /// Distance of a point [mm]; infinity beyond the grid.
   double at(const Vec3& point) const noexcept;
+  /// Of a point within the grid to its nearest face [mm]; below 0 beyond it.
+  double depth(const Vec3& point) const noexcept;
 
   // Bounds between exact nodes [mm], from the distance being 1-Lipschitz, and its second derivatives at most
   // one over it (docs/anatomy.md).

@@ -38,12 +38,22 @@ std::shared_ptr<VoxelBone> make_bone() {
 std::vector<WatchedStructure> structures(const VoxelBone& bone, const WatchLimits& limits,
                                          std::int64_t along_x = 100) {
   std::vector<WatchedStructure> all;
+  std::mt19937 random(9);
+  std::uniform_real_distribution<double> noise(-0.4, 0.4);
   for (const std::size_t tissue : {1, 2}) {
     const StructureSearch search(bone, tissue);
     const Index3 shape{100, 100, along_x};
-    // Estimates of nothing, wrong by as much as can be: every node is searched.
-    DistanceField field(search, shape, std::vector<float>(std::size_t(10000 * along_x), 0.0f), 0.4,
-                        search.low() - Vec3::Constant(15.0), 1e3);
+    const Vec3 origin = search.low() - Vec3::Constant(15.0);
+    // Estimates of nothing, wrong by as much as can be: every node is searched. But those of a box are known.
+    std::vector<float> estimates(std::size_t(10000 * along_x), 0.0f);
+    if (tissue == 2)
+      for (std::size_t node = 0; node < estimates.size(); ++node) {
+        const auto x = double(node % std::size_t(along_x)), row = double(node / std::size_t(along_x));
+        const Vec3 at = origin + 0.4 * Vec3(x, std::fmod(row, 100.0), std::floor(row / 100.0));
+        const Vec3 gap = (search.low() - at).cwiseMax(at - search.high()).cwiseMax(Vec3::Zero());
+        estimates[node] = float(std::max(0.0, gap.norm() + noise(random)));
+      }
+    DistanceField field(search, shape, std::move(estimates), 0.4, origin, tissue == 2 ? 0.4001 : 1e3);
     all.push_back({std::make_shared<StructureDistance>(search, std::move(field)), limits});
   }
   return all;
@@ -204,6 +214,28 @@ void every_tick_counts(VoxelBone& bone, const std::vector<WatchedStructure>& all
   CHECK(told[0].size() > 10);
 }
 
+/// What a distance is said to become is what it becomes.
+void what_a_distance_can_become(const std::vector<WatchedStructure>& all) {
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> anywhere(-8.0, 14.0), share(0.0, 1.0);
+  std::normal_distribution<double> direction;
+  int far = 0, near = 0;
+  for (int i = 0; i < 300000; ++i) {
+    const StructureDistance& to = *all[std::size_t(i % 2)].distance;
+    const double radius = i % 3 ? 1.0 : 0.3;
+    const Vec3 center(anywhere(random), anywhere(random), anywhere(random));
+    NearestVoxel none, other;
+    const SphereDistance distance = to.around(center, radius, none);
+    if (!(distance.within > 0.0)) continue;
+    (distance.rate > 1.0 ? far : near) += 1;
+    const Vec3 way = Vec3(direction(random), direction(random), direction(random)).normalized();
+    const double moved = distance.within * std::pow(share(random), 3.0);
+    const double change = to.of_sphere(center + moved * way, radius, other) - distance.value;
+    CHECK(std::abs(change) <= distance.rate * moved + 1e-9);
+  }
+  CHECK(near > 1000 && far > 10000);
+}
+
 void refusals() {
   const auto bone = make_bone(), other = make_bone();
   const WatchLimits limits;
@@ -230,6 +262,8 @@ int main() {
   executor_and_watch({1.0, 0.0, 0.0, 0.1}, true);
   const auto bone = make_bone();
   const auto all = structures(*bone, {0.8, 0.1, 0.0, 0.15});
+  what_a_distance_can_become(all);
+  what_a_distance_can_become(structures(*bone, all[0].limits, 45));
   for (const double step : {0.0003, 0.01, 0.2})
     every_tick_counts(*std::make_unique<VoxelBone>(*bone), all, step);
   every_tick_counts(*bone, structures(*bone, all[0].limits, 45), 0.2);  // fields that end beside the burr

@@ -114,32 +114,30 @@ void AnatomyWatch::after_step(const VoxelBone& bone, const TickRecord& record, s
   }
 }
 
-/// Near a structure a search costs more than all the rest, and a burr moves by micrometres in a tick. Where
-/// the distance is exact it changes by no more than the burr moves: until it could cross what counts, or come
-/// closer than ever, it need not be searched anew.
+/// Near a structure a search costs more than all the rest, and a burr moves by micrometres in a tick: until
+/// the distance could have crossed what counts, or come closer than ever, it need not be searched anew.
 void AnatomyWatch::measure(std::size_t burr, std::size_t structure, const TickRecord& record) noexcept {
-  const StructureDistance& to = *structures_[structure].distance;
-  const WatchLimits& limits = structures_[structure].limits;
+  const auto& [to, limits] = structures_[structure];
   Beside& beside = of(burr, structure);
   WatchDose& dose = beside.dose;
-  const double distance = to.of_sphere(beside.center, radii_[burr], beside.nearest);
-  dose.distance = distance;
+  const SphereDistance distance = to->around(beside.center, radii_[burr], beside.nearest);
+  dose.distance = distance.value;
   beside.measured = beside.center;
-  if (distance < dose.closest) {
-    dose.closest = distance;
+  if (distance.value < dose.closest) {
+    dose.closest = distance.value;
     dose.closest_tick = record.index;
     dose.closest_center = record.burr[burr].center;
   }
-  double still = std::min(StructureDistance::exact_below - distance, to.field().depth(beside.center));
-  if (dose.closest > -radii_[burr]) still = std::min(still, distance - dose.closest);
-  const auto cross = [&](double limit) { still = std::min(still, std::abs(distance - limit)); };
+  double change = distance.rate * distance.within;
+  if (dose.closest > -radii_[burr]) change = std::min(change, distance.value - dose.closest);
+  const auto cross = [&](double limit) { change = std::min(change, std::abs(distance.value - limit)); };
   for (const double edge : WatchDose::edges) cross(edge);
   for (const double near : WatchDose::near) cross(near);
   for (const double limit : {limits.touch, limits.approach}) {
     cross(limit);
     cross(limit + limits.hysteresis);
   }
-  beside.still = std::max(0.0, still - 1e-9);  // more than sums are rounded by
+  beside.still = std::max(0.0, change - 1e-9) / distance.rate;  // 1e-9: more than sums are rounded by
 }
 
 /// With the distance where the burr is.

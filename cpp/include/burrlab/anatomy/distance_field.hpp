@@ -27,6 +27,13 @@ class DistanceField {
   double too_near() const { return 0.8661 * spacing_; }  ///< it says at most that much less than is true
   double too_far() const { return 0.5 * spacing_; }      ///< where 1 mm or less is true, that much more
 
+  /// Below this no other than exact nodes are read [mm]: the others are 8 mm or more away, and the corners of
+  /// a cell 1.74 spacings at most from one another.
+  double exact_at_most() const { return exact_to - 2.0 * spacing_; }
+  /// Between exact nodes it changes by at most this times the way: by 1 along each axis, and nodes are
+  /// float32.
+  static constexpr double steepest = 1.7321;
+
   const Index3& shape() const { return shape_; }
   double spacing() const { return spacing_; }     ///< [mm]
   const Vec3& origin() const { return origin_; }  ///< [mm]

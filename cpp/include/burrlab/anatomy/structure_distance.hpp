@@ -1,10 +1,20 @@
 // Distance to a structure at the price of a field far from it, and exact near it.
 #pragma once
 
+#include <algorithm>
+
 #include "burrlab/anatomy/distance_field.hpp"
 #include "burrlab/anatomy/structure_search.hpp"
 
 namespace burrlab {
+
+/// The distance of a sphere's surface, and what it can become: while the centre moves by less than `within`,
+/// it changes by at most `rate` times as much.
+struct SphereDistance {
+  double value;   ///< at least -radius; infinity beyond the field [mm]
+  double rate;    ///< [1]
+  double within;  ///< not positive where nothing can be said [mm]
+};
 
 class StructureDistance {
  public:
@@ -13,18 +23,29 @@ class StructureDistance {
   StructureDistance(StructureSearch search, DistanceField field)
       : search_(std::move(search)), field_(std::move(field)) {}
 
-  /// Of the surface of a sphere of `radius` [mm] at `center`: at least -radius; infinity beyond the field. A
-  /// function of centre and radius alone.
+  /// Of the surface of a sphere of `radius` [mm] at `center`: a function of these two alone.
   double of_sphere(const Vec3& center, double radius, NearestVoxel& nearest) const noexcept {
     const double far = field_.at(center);
-    if (!(far - radius < exact_below + field_.too_far())) return far - radius;
+    if (is_far(far - radius)) return far - radius;
     return search_.distance(center, nearest, far + field_.too_near()) - radius;
+  }
+
+  /// The same, and what it can become.
+  SphereDistance around(const Vec3& center, double radius, NearestVoxel& nearest) const noexcept {
+    const double value = of_sphere(center, radius, nearest), depth = field_.depth(center);
+    if (value < exact_below) return {value, 1.0, std::min(exact_below - value, depth)};
+    const double far = field_.at(center), rate = DistanceField::steepest;
+    if (!is_far(far - radius)) return {value, 1.0, 0.0};  // exact here, though perhaps not beside it
+    const double near = far - radius - exact_below - field_.too_far(), beyond = field_.exact_at_most() - far;
+    return {value, rate, std::min({near / rate, beyond / rate, depth})};
   }
 
   const StructureSearch& search() const { return search_; }
   const DistanceField& field() const { return field_; }
 
  private:
+  bool is_far(double value) const { return !(value < exact_below + field_.too_far()); }  // by the field
+
   StructureSearch search_;
   DistanceField field_;
 };

@@ -51,3 +51,17 @@ def test_from_above_where_no_bone_was_touched(tmp_path):
     assert trace_approach(shown) is None
     assert approach_view(shown.bone, None) == surgeon_view(shown.bone)
     assert approach_view(shown.bone, None, width=3.0) == surgeon_view(shown.bone, width=3.0)
+
+
+def test_a_burr_larger_than_the_bone(tmp_path):
+    """Its centre lies farther from the bone than that is wide, where it touches."""
+    bone = burrlab.VoxelBone.block((1.2, 1.2, 0.6), 0.2)
+    device = burrlab.ScriptedDevice([0.0, 0.1], [(0.5, 0.5, 6.5), (0.5, 0.5, 6.4)])
+    tool, record = (burrlab.Burr(6.0), burrlab.materials["bone"]), tmp_path / "trace.h5"
+    with burrlab.Session(
+        bone, tool, device, seed=1, duration=0.1, wall_clock=False, record=record
+    ) as session:
+        session.wait()
+    shown = TracePlayer(burrlab.load_trace(record))
+    found = trace_approach(shown)
+    np.testing.assert_allclose(approach_view(shown.bone, found).focus, found.entry)

@@ -134,6 +134,8 @@ def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
         ("fps must be from 1 to 50 for .gif, got 60", trace, "--video", tmp_path / "a.gif", "--fps", 60),
         ("fps must be from 1 to 240 for .mp4, got 1e+06", trace, "--video", tmp_path / "a.mp4", "--fps", 1e6),
         ("--png must be another file than --pictures, got a.png", trace, "--pictures", "a.png", "--png", "a.png"),
+        ("--png must be another file than the depth map of --pictures, got a-depth.png",
+         trace, "--pictures", "./a.png", "--png", "a-depth.png"),
         ("entry lies 950 mm outside the bone, more than it is wide", trace, "--png", png, "--entry=0,0,950"),
     ):  # fmt: skip
         code, out, err = call(capsys, *arguments)
@@ -141,7 +143,12 @@ def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
     assert not png.exists()
 
 
-def test_bad_values_and_files(trace, tmp_path, capsys):
+def test_bad_values_and_files(trace, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, err = call(capsys, trace, "--pictures", "-")  # is no file, and standard output takes none
+    assert (code, out) == (2, "")
+    assert err.startswith("burrlab view: --pictures: - must end in one of ")
+    assert list(tmp_path.glob("*-*")) == []
     code, _, err = call(capsys, trace, "--size", "8x8")
     assert code == 2
     assert "must be WIDTHxHEIGHT of at least 16 pixels, got '8x8'" in err

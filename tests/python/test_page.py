@@ -9,11 +9,13 @@ import time
 
 import numpy as np
 import pytest
-from anatomy_scenes import nerve_bone
+from anatomy_scenes import nerve_bone, straight, tool
 from page_scenes import make_page, nerve_trace
 from PIL import Image
+from session_scenes import FakeReader
 
 import burrlab
+from burrlab.effects import Effects
 from burrlab.view import TracePlayer, page_chart
 from burrlab.view.page_source import page_source
 
@@ -172,6 +174,31 @@ def test_views_and_slices(page, trace):
     assert page.scene.cuts[-1] == pytest.approx(center)
     page.state.tell("slices", False)
     assert page.scene.cuts[-1] is None
+
+
+def test_a_burr_far_away_is_looked_at(tmp_path):
+    """As when a hand lifts it."""
+    device = straight([(0, 0, 1.5), (0, 0, 200.0)], [0, 0.5])
+    record = tmp_path / "trace.h5"
+    with burrlab.Session(
+        nerve_bone(), tool(), device, seed=1, duration=0.5, wall_clock=False, record=record
+    ) as session:
+        session.wait()
+    page = make_page(page_source(burrlab.load_trace(record)))
+    page.state.tell("wanted_s", 0.5)
+    turn(page, 1.0)
+    page.look("burr")
+    assert page.scene.looked[-1].focus == pytest.approx((0, 0, 200), abs=0.5)
+
+
+def test_a_trace_without_a_tick_has_all_its_parcels(tmp_path):
+    record = tmp_path / "trace.h5"
+    burrlab.TraceWriter(record, FakeReader(), nerve_bone(), [tool()], seed=1).stop()
+    trace = burrlab.load_trace(record)
+    page = make_page(page_source(trace, Effects(trace.bone(), seed=1)))
+    turn(page, 1.0)
+    assert page.source.prepared == 1.0
+    assert page.source.parcels is None
 
 
 def test_stereo_on_request(page):

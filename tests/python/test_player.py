@@ -11,6 +11,7 @@ from session_scenes import SEED, FakeReader, make_records, small_bone, tools
 import burrlab
 from burrlab import _core
 from burrlab.view import TracePlayer
+from burrlab.view.brick_history import BrickHistory
 
 TICKS, FIRST = 3000, 30
 MOMENTS = (0, 1, 249, 250, 251, 777, 1500, 2999, 3000)  # executed ticks
@@ -114,6 +115,50 @@ def test_prepares_beside_seeks(scene):
     thread.join()
     assert done[-1] == 1.0
     assert player.prepared == 1.0
+
+
+@pytest.mark.parametrize("states", [1.5, 2.5, 3.5, 4.5, 100])
+def test_given_up_states_take_no_change_with_them(states):
+    """Every tick changes two other bricks: what went with a state would be missed."""
+    bone = burrlab.VoxelBone.block((12.8, 1.6, 1.6), 0.2)
+    history = BrickHistory(bone.copy(), int(states * 2 * 512))
+    everything = np.arange(8, dtype=np.uint32)
+    known = {0: _core.read_bricks(bone, everything)}
+    rng = np.random.default_rng(1)
+    for tick in range(1, 40):
+        bricks = np.sort(rng.choice(8, 2, replace=False)).astype(np.uint32)
+        _core.restore_bricks(bone, bricks, np.full((2, 512), 255 - tick, np.uint8))
+        history.add(tick, bricks, bone)
+        assert history.last == tick  # to which the next changes refer
+        known[tick] = _core.read_bricks(bone, everything)
+        kept = sorted({history.at_or_before(at) for at in range(tick + 1)})
+        assert len(kept) == len(history)
+        for at in kept:
+            assert (history.levels(everything, at) == known[at]).all()
+            differ = np.flatnonzero((known[at] != known[tick]).any(axis=1))
+            assert np.isin(differ, history.changed_between(at, tick)).all()
+
+
+def test_a_burr_that_moves_on_while_states_are_given_up(tmp_path):
+    """Bricks that one state changed and the next ones did not."""
+    bone, moments = small_bone(), {0: small_bone().digest()}
+    records = np.zeros(600, _core.record_dtype)
+    contact = burrlab.BurrContact(bone, *tools()[0], SEED)
+    for i, record in enumerate(records):
+        at = (-5.0 + i / 60, 0.0, 1.8)
+        met = contact.step(at, 1.0)
+        record["index"], record["k"], record["burrs"], record["time"] = i, 1, 1, 0.001 * i
+        one = record["burr"][0]
+        one["center"], one["radius"], one["on"], one["touching"] = at, 2.0, True, met.touching
+        one["force"], one["penetration"] = met.force, met.penetration
+        one["removed"] = round(met.removed / 0.2**3 * 255)
+        moments[i + 1] = bone.digest()
+    writer = burrlab.TraceWriter(tmp_path / "along.h5", FakeReader(records), small_bone(), tools(), seed=SEED)
+    writer.stop()
+    player = TracePlayer(burrlab.load_trace(tmp_path / "along.h5"), every=0.02, memory=0.05)
+    for moment in (600, 0, 590, 310, 45, 600, 200, 0):
+        player.seek_tick(moment)
+        assert player.bone.digest() == moments[moment]
 
 
 def test_preparing_ends_when_asked(scene):

@@ -18,6 +18,7 @@ import burrlab
 from burrlab.session.network import follow
 from burrlab.view import LiveView, Scene, TraceView, surface_blocks, surgeon_view, write_video
 from burrlab.view.parcel_actor import parcel_colours
+from burrlab.view.surface import BONE
 
 pytestmark = pytest.mark.slow
 
@@ -99,6 +100,17 @@ def test_particles_slices_and_curves_are_seen(scene):
     assert differing(beside, plain)[:, 250:].mean() > 0.5
     scene.set_slices(None)
     assert not differing(scene.picture(), plain).any()
+
+
+@pytest.mark.parametrize("shape", [(30, 30, 1), (1, 30, 30), (30, 1, 30), (1, 1, 1)])
+def test_slices_of_one_row_are_seen(shape):
+    need_drawing()
+    bone = burrlab.VoxelBone(np.full(shape, 255, np.uint8), 0.2)
+    scene = Scene(bone, [], off_screen=True, size=(640, 480), chart=False)
+    scene.set_slices((0.0, 0.0, 0.0))
+    panels = scene.picture()[:, 475:].reshape(3, 160, -1, 3).astype(int)
+    assert ((np.abs(panels - BONE).max(axis=3) < 12).sum(axis=(1, 2)) > 50).all()
+    scene.close()
 
 
 def test_a_chart_appears_with_its_values():

@@ -45,7 +45,7 @@ def check_outputs(options: Options) -> None:
     taken: dict[Path, str] = {}
     for name in _FILES:
         path = getattr(options, name, None)
-        if path is None or path == "-":
+        if path is None or (path == "-" and name not in _FIGURES):  # standard output, which takes text
             continue
         folder = Path(path).resolve().parent
         if (

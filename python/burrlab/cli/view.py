@@ -98,6 +98,14 @@ def _check(options: Options) -> None:
         check_film(Path(options.video), options.fps or _FPS)
     if options.png is not None and Path(options.png).suffix.lower() != ".png":
         raise ValueError(f"--png: {options.png} must end in .png")
+    if options.pictures is not None:
+        depth = _depth_file(options.pictures)
+        for name in ("png", "json"):
+            path = getattr(options, name)
+            if path is not None and Path(path).resolve() == depth.resolve():
+                raise ValueError(
+                    f"--{name} must be another file than the depth map of --pictures, got {path}"
+                )
 
 
 def _check_shown(options: Options) -> None:
@@ -276,12 +284,16 @@ def _write_pictures(
     figure.savefig(path, dpi=200)
     result["written"].append(str(path))
     if bone.removed > 0:
-        depth, file = new_figure(), Path(path)
+        depth, file = new_figure(), _depth_file(path)
         plot_depth_map(bone, axis=_widest_opening(bone), ax=depth.subplots())
-        depth.savefig(
-            file.with_stem(f"{file.stem}-depth"), dpi=200, bbox_inches="tight"
-        )  # a cavity may be narrow
-        result["written"].append(str(file.with_stem(f"{file.stem}-depth")))
+        depth.savefig(file, dpi=200, bbox_inches="tight")  # a cavity may be narrow
+        result["written"].append(str(file))
+
+
+def _depth_file(pictures: str) -> Path:
+    """Where the depth map goes that is written beside the slices."""
+    file = Path(pictures)
+    return file.with_stem(f"{file.stem}-depth")
 
 
 def _widest_opening(bone: Any) -> str:

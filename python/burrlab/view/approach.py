@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone
-from burrlab.view.camera import Viewpoint, surgeon_view
+from burrlab.view.camera import Viewpoint, looking_at, surgeon_view
 from burrlab.view.player import TracePlayer
 
 _MEETING = (
@@ -45,4 +45,4 @@ def approach_view(bone: VoxelBone, approach: Approach | None, *, width: float | 
     """As a surgeon looks along it; without one, from above at the whole volume. `width`: that the view holds instead [mm]."""
     if approach is None:
         return surgeon_view(bone, width=width)
-    return surgeon_view(bone, approach.entry, approach.axis, width=approach.width if width is None else width)
+    return looking_at(approach.entry, approach.axis, approach.width if width is None else width)

@@ -107,7 +107,7 @@ class BrickHistory:
         ticks, bricks, levels = self._ticks, self._bricks, self._levels
         self._ticks, self._bricks, self._levels, self._bytes = ticks[:1], bricks[:1], levels[:1], 0
         self.thinned += 1
-        for i in range(2 - len(ticks) % 2, len(ticks), 2):
+        for i in range(1 + len(ticks) % 2, len(ticks), 2):
             if i == 1:
                 self._append(ticks[1], bricks[1], levels[1])
                 continue

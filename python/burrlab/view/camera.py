@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from burrlab._core import VoxelBone
 
 _ANGLE = 30.0  # of the view, top to bottom [degree]
+_TILT = 28.0  # between approach and line of sight [degree]
 _VIEWER = 500.0  # distance of a viewer for whom a separation of the eyes is given [mm]
 
 
@@ -35,7 +36,7 @@ def surgeon_view(
     axis: ArrayLike | None = None,
     *,
     width: float | None = None,
-    tilt: float = 28.0,
+    tilt: float = _TILT,
 ) -> Viewpoint:
     """As a surgeon looks: at the entry, along the axis of the approach, tilted so that depth is seen.
 
@@ -73,8 +74,12 @@ def surgeon_view(
         beyond = float(np.linalg.norm(np.maximum(np.abs(focus - middle) - half, 0)))
         if beyond > 2 * np.linalg.norm(half):
             raise ValueError(f"entry lies {beyond:.0f} mm outside the bone, more than it is wide")
-    if width is None:
-        width = 2.15 * float(np.linalg.norm(half))
+    return looking_at(focus, into, 2.15 * float(np.linalg.norm(half)) if width is None else width, tilt)
+
+
+def looking_at(focus: ArrayLike, axis: ArrayLike | None, width: float, tilt: float = _TILT) -> Viewpoint:
+    """As `surgeon_view` at a point of which nobody asks whether it is near a bone: a burr may be lifted far away."""
+    into = _unit("axis", (0.0, 0.0, -1.0) if axis is None else axis)
     if not (np.isfinite(width) and width > 0 and np.isfinite(tilt)):
         raise ValueError(f"width must be positive and tilt finite, got {width} and {tilt}")
     side = np.eye(3)[2] if abs(into[2]) < 0.9 else np.eye(3)[1]
@@ -82,7 +87,8 @@ def surgeon_view(
     lean = np.deg2rad(tilt)
     sight = np.cos(lean) * into + np.sin(lean) * up
     distance = width / (2 * np.tan(np.deg2rad(_ANGLE) / 2))
-    return Viewpoint(_tuple(focus - distance * sight), _tuple(focus), _tuple(up))
+    at = np.asarray(focus, float)
+    return Viewpoint(_tuple(at - distance * sight), _tuple(at), _tuple(up))
 
 
 def eyes(view: Viewpoint, separation: float, aspect: float) -> list[tuple[Viewpoint, float]]:

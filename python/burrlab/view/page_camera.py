@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from burrlab.view.approach import approach_view
-from burrlab.view.camera import Viewpoint, surgeon_view
+from burrlab.view.camera import Viewpoint, looking_at, surgeon_view
 from burrlab.view.page_source import PageSource
 
 _AXES = {
@@ -42,7 +42,7 @@ class PageCameras:
         bone, burrs = self.source.bone, self.source.burrs
         if preset == "burr" and len(burrs.radii) and np.isfinite(burrs.centers[0]).all():
             width = 8.0 * float(burrs.radii[0])
-            return surgeon_view(bone, burrs.centers[0], self._into, width=width, tilt=40.0)
+            return looking_at(burrs.centers[0], self._into, width, 40.0)
         if preset in _AXES:
             return surgeon_view(bone, axis=_AXES[preset], tilt=0.0)
         return self.surgeon

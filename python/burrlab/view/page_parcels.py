@@ -40,7 +40,8 @@ class ParcelHistory:
     @property
     def made(self) -> float:
         """Part of the trace, 0 to 1."""
-        return min(1.0, self._made / _RATE / self._duration)
+        frames = self._duration * _RATE
+        return min(1.0, self._made / frames) if frames else 1.0
 
     @property
     def bytes(self) -> int:

@@ -76,6 +76,7 @@ class _Panel:
         for actor in (self.picture, self.lines, self.circles, self.text):
             self.renderer.AddViewProp(actor)
         self.picture.InterpolateOff()
+        self.picture.GetMapper().BorderOn()  # whole voxels at the rim, and slices of one row
         self.text.GetTextProperty().SetColor(*_TEXT)
         self.text.GetTextProperty().SetFontSize(max(11, plotter.window_size[1] // 56))
         self.text.SetPosition(8, 6)

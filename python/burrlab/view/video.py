@@ -141,5 +141,8 @@ def _write_gif(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
 
     pictures = [Image.fromarray(frame).quantize(128) for frame in frames]
     if pictures:
-        pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=round(1000 / fps), loop=0)
+        # whole hundredths of a second, some one longer than others, so that the film lasts as long as it should
+        ends = 10 * np.rint(100 / fps * np.arange(len(pictures) + 1)).astype(int)
+        shown = np.diff(ends).tolist()  # [ms]
+        pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=shown, loop=0)
     return len(pictures)

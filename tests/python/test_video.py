@@ -1,0 +1,29 @@
+"""Films: how long they last."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from burrlab.view import write_video
+
+
+@pytest.mark.parametrize("fps", [1.0, 7.0, 24.0, 29.97, 35.0, 45.0, 50.0])
+def test_a_gif_lasts_as_long_as_its_frames(tmp_path, fps):
+    """Though each is shown for whole hundredths of a second; none for less than browsers do."""
+    frames = [np.full((16, 16, 3), 50 * (i % 4), np.uint8) for i in range(60)]
+    assert write_video(tmp_path / "a.gif", frames, fps=fps) == 60
+    shown = []
+    with Image.open(tmp_path / "a.gif") as film:
+        for i in range(film.n_frames):
+            film.seek(i)
+            shown.append(film.info["duration"])
+    assert sum(shown) == pytest.approx(60 * 1000 / fps, abs=5)
+    assert min(shown) >= 20
+    assert max(shown) - min(shown) <= 10
+
+
+def test_a_gif_of_one_picture(tmp_path):
+    frames = [np.zeros((16, 16, 3), np.uint8)]
+    assert write_video(tmp_path / "a.gif", frames, fps=35.0) == 1

@@ -11,7 +11,7 @@ from scenes import Scene, buried, slide
 from times import Times, quartiles
 
 COUNT = 16  # tissues
-WATCHED = 4  # of them, as many as the phantom's critical structures
+WATCHED = COUNT  # of them: all, more than any patient has
 CHUNK = 25  # ticks of one bone before the next one's turn
 
 

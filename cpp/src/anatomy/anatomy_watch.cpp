@@ -128,6 +128,8 @@ void AnatomyWatch::measure(std::size_t burr, std::size_t structure, const TickRe
     dose.closest_tick = record.index;
     dose.closest_center = record.burr[burr].center;
   }
+  beside.still = 0.0;
+  if (!(distance.within > 0.0)) return;
   double change = distance.rate * distance.within;
   if (dose.closest > -radii_[burr]) change = std::min(change, distance.value - dose.closest);
   const auto cross = [&](double limit) { change = std::min(change, std::abs(distance.value - limit)); };

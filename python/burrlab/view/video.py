@@ -144,5 +144,6 @@ def _write_gif(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
         # whole hundredths of a second, some one longer than others, so that the film lasts as long as it should
         ends = 10 * np.rint(100 / fps * np.arange(len(pictures) + 1)).astype(int)
         shown = np.diff(ends).tolist()  # [ms]
-        pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=shown, loop=0)
+        duration = shown if len(shown) > 1 else shown[0]
+        pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=duration, loop=0)
     return len(pictures)

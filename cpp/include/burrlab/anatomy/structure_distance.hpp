@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 
 #include "burrlab/anatomy/distance_field.hpp"
 #include "burrlab/anatomy/structure_search.hpp"
@@ -26,24 +27,29 @@ class StructureDistance {
   /// Of the surface of a sphere of `radius` [mm] at `center`: a function of these two alone.
   double of_sphere(const Vec3& center, double radius, NearestVoxel& nearest) const noexcept {
     const double far = field_.at(center);
-    if (is_far(far - radius)) return far - radius;
-    return search_.distance(center, nearest, far + field_.too_near()) - radius;
+    return is_far(far - radius) ? far - radius : exact(center, far, nearest) - radius;
   }
 
   /// The same, and what it can become.
   SphereDistance around(const Vec3& center, double radius, NearestVoxel& nearest) const noexcept {
-    const double value = of_sphere(center, radius, nearest), depth = field_.depth(center);
-    if (value < exact_below) return {value, 1.0, std::min(exact_below - value, depth)};
-    const double far = field_.at(center), rate = DistanceField::steepest;
-    if (!is_far(far - radius)) return {value, 1.0, 0.0};  // exact here, though perhaps not beside it
+    const double far = field_.at(center), depth = field_.depth(center);
+    if (std::isinf(far)) return {far, 1.0, -depth};
+    if (!is_far(far - radius)) {
+      const double value = exact(center, far, nearest) - radius;
+      return {value, 1.0, std::min(exact_below - value, depth)};  // beyond, the field may be asked
+    }
+    const double rate = DistanceField::steepest;
     const double near = far - radius - exact_below - field_.too_far(), beyond = field_.exact_at_most() - far;
-    return {value, rate, std::min({near / rate, beyond / rate, depth})};
+    return {far - radius, rate, std::min({near / rate, beyond / rate, depth})};
   }
 
   const StructureSearch& search() const { return search_; }
   const DistanceField& field() const { return field_; }
 
  private:
+  double exact(const Vec3& center, double far, NearestVoxel& nearest) const noexcept {
+    return search_.distance(center, nearest, far + field_.too_near());
+  }
   bool is_far(double value) const { return !(value < exact_below + field_.too_far()); }  // by the field
 
   StructureSearch search_;

@@ -139,7 +139,8 @@ def _write_mp4(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
 def _write_gif(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> int:
     from PIL import Image
 
-    pictures = [Image.fromarray(frame).quantize(128) for frame in frames]
+    # the median cut would spend its colours on the bone, and a nerve or its name in the legend would turn grey
+    pictures = [Image.fromarray(frame).quantize(256, Image.Quantize.MAXCOVERAGE) for frame in frames]
     if pictures:
         pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=round(1000 / fps), loop=0)
     return len(pictures)

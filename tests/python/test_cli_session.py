@@ -86,6 +86,14 @@ def test_wrong_input(arguments, message, capsys, tmp_path, monkeypatch):
     assert said.count("\n") == 1
 
 
+def test_a_trace_is_never_replaced_and_that_is_said_before_any_work(capsys, tmp_path):
+    path = tmp_path / "a.h5"
+    path.write_bytes(b"a trace")
+    assert main(["session", "--device", "hand", "--volume", "no such file", "--record", str(path)]) == 2
+    assert f"--record must be a new file, {path} exists" in capsys.readouterr().err
+    assert path.read_bytes() == b"a trace"
+
+
 def test_bad_options(capsys):
     for arguments, message in [
         (["session"], "the following arguments are required: --device"),

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
+from PIL import Image
 
 import burrlab
-from burrlab.view import depth_map, plot_depth_map, plot_slices
+from burrlab.view import depth_map, plot_depth_map, plot_slices, write_video
 from burrlab.view.pictures import removed_thickness
 from burrlab.view.slice_image import REMOVED, slice_image
 
@@ -79,7 +80,7 @@ def test_slices_have_units_outlines_and_a_legend(bone):
         assert circle.radius == pytest.approx(0.7)
         assert one.get_aspect() == 1.0
     figure = axes[0].figure
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["cortex", "nerve"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["cortex", "nerve", "burr"]
     mine = Figure()
     assert plot_slices(bone, (0, 0, 0), figure=mine)[0].figure is mine
     assert not mine.legends or [t.get_text() for t in mine.legends[0].get_texts()]
@@ -142,6 +143,20 @@ def test_the_map_says_what_it_shows(crater):
 def test_an_untouched_bone_has_an_empty_map():
     axes = plot_depth_map(burrlab.VoxelBone.block((2, 2, 2), 0.1))
     assert axes.get_title() == "0.0 mm$^3$ removed, 0.00 mm at most"
+
+
+def test_a_gif_keeps_the_colour_of_what_is_small(tmp_path):
+    shades = np.linspace(0, 255, 640).astype(np.uint8)
+    frame = np.tile((shades[:, None] * [1.0, 0.96, 0.85]).astype(np.uint8), (480, 1, 1))  # as shaded bone
+    colours = [(244, 214, 49), (70, 90, 200), (91, 123, 91), (200, 120, 255)]
+    for i, colour in enumerate(colours):
+        frame[10 : 10 + 18, 20 * i : 20 * i + 18] = colour  # as a swatch of the legend
+    assert write_video(tmp_path / "a.gif", [frame], fps=10) == 1
+    with Image.open(tmp_path / "a.gif") as film:
+        seen = np.asarray(film.convert("RGB")).astype(int)
+    for i, colour in enumerate(colours):
+        assert np.abs(seen[18, 20 * i + 9] - colour).max() < 12
+    assert np.abs(seen - frame).mean() < 4
 
 
 def test_refused(bone):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -12,6 +13,7 @@ from anatomy_scenes import NAMES, nerve_bone, straight, tool
 import burrlab
 from burrlab import _core
 from burrlab.anatomy import AnatomyReport, Watch, anatomy_report
+from burrlab.anatomy.dose import dose_figure
 from burrlab.session.network import follow
 from burrlab.session.replay import inputs
 from burrlab.session.trace_file import to_rows
@@ -126,6 +128,17 @@ def test_a_report_prints_tells_json_and_draws(recorded) -> None:
     axes = metrics.plot()
     assert [a.get_xlabel() for a in axes[-2:]] == ["distance of the burr's surface [mm]", "force [N]"]
     assert report.to_dict()["anatomy"]["closest_mm"]["nerve"] == session.anatomy().closest["nerve"]
+
+
+def test_the_words_of_a_figure_lie_beside_its_bars(recorded) -> None:
+    dose = replace(
+        recorded[0].anatomy().doses[0], mean_force={1.0: 1.9, 2.0: 0.9}, peak_force={1.0: 2.5, 2.0: 2.5}
+    )
+    axes = dose_figure([dose], {})[-1]
+    axes.get_figure(root=True).draw_without_rendering()
+    words = axes.get_legend().get_window_extent()
+    assert len(axes.patches) == 2
+    assert not any(bar.get_window_extent().overlaps(words) for bar in axes.patches)
 
 
 def test_two_burrs_are_told_apart(tmp_path) -> None:

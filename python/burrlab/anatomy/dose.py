@@ -142,5 +142,6 @@ def dose_figure(
     bottom.invert_yaxis()
     bottom.set(xlabel="force [N]", xlim=(0, None))
     if doses:
-        bottom.legend(fontsize=8, frameon=False)
+        # above the bars, since there may be bars all over
+        bottom.legend(fontsize=8, frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     return [tidy(axes) for axes in (top, bottom)]

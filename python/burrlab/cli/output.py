@@ -56,6 +56,8 @@ def check_outputs(options: Options) -> None:
             )
         ):
             raise ValueError(f"--{name}: {path} cannot be written")
+        if name == "record" and Path(path).exists():  # a trace is never replaced
+            raise ValueError(f"--record must be a new file, {path} exists")
         if (other := taken.setdefault(Path(path).resolve(), name)) != name:
             raise ValueError(f"--{name} must be another file than --{other}, got {path}")
         if name in _FIGURES:

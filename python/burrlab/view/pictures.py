@@ -6,7 +6,9 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike, NDArray
@@ -62,7 +64,9 @@ def plot_slices(
     )
     for axes, image in zip(made, images, strict=True):
         _draw_slice(axes, image, np.asarray(point, float), radii, places)
-    handles = _tissue_handles(bone, images)
+    handles: list[Artist] = list(_tissue_handles(bone, images))
+    if any(axes.patches for axes in made):
+        handles.append(Line2D([], [], color=_BURR, marker="o", fillstyle="none", linestyle="", label="burr"))
     if handles:
         figure.legend(
             handles=handles, loc="outside lower center", ncols=min(len(handles), 7), frameon=False, fontsize=8

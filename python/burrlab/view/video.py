@@ -139,7 +139,8 @@ def _write_mp4(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
 def _write_gif(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> int:
     from PIL import Image
 
-    pictures = [Image.fromarray(frame).quantize(128) for frame in frames]
+    # the median cut would spend its colours on the bone, and a nerve or its name in the legend would turn grey
+    pictures = [Image.fromarray(frame).quantize(256, Image.Quantize.MAXCOVERAGE) for frame in frames]
     if pictures:
         # whole hundredths of a second, some one longer than others, so that the film lasts as long as it should
         ends = 10 * np.rint(100 / fps * np.arange(len(pictures) + 1)).astype(int)

@@ -87,8 +87,7 @@ bool Follower::turn() {
   const std::vector<std::uint32_t> changed =
       views_.empty() ? std::vector<std::uint32_t>{} : bone_.take_changed();
   for (const auto& weak : views_)
-    if (const auto view = weak.lock())
-      view->unseen_.mark(changed);
+    if (const auto view = weak.lock()) view->unseen_.mark(changed);
   for (const auto& listener : listeners_) listener->on_bone(bone_);
   return done > 0;
 }

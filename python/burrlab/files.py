@@ -41,16 +41,27 @@ def new_folder(target: Path) -> Iterator[Path]:
     part.mkdir(exist_ok=True)
     descriptor = os.open(part, os.O_RDONLY)
     try:
-        lock(descriptor, f"{target} is being written by another process")
+        taken = f"{target} is being written by another process"
+        lock(descriptor, taken)
+        if not _is_at(descriptor, part):  # it got its name meanwhile
+            raise BlockingIOError(taken)
         try:
             for left in part.iterdir():  # by a process that was killed
                 left.unlink()
             yield part
             os.rename(part, target)
-        finally:
+        except BaseException:
             shutil.rmtree(part, ignore_errors=True)
+            raise
     finally:
         os.close(descriptor)
+
+
+def _is_at(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False
 
 
 def write_synced(path: Path, content: bytes) -> None:

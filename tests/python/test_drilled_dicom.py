@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,7 @@ import numpy as np
 import pytest
 from drilled_scenes import MAP, SHAPE, drilled, greys
 
-from burrlab import read_volume
-from burrlab.files import new_folder
+from burrlab import files, read_volume
 from burrlab.volume import DrilledRecipe, load_drilled, save_drilled
 from burrlab.volume.drilled_checks import check_drilled
 
@@ -212,8 +212,31 @@ def test_a_save_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_two_that_save_to_one_folder_do_not_mix(tmp_path: Path) -> None:
     like = read_volume(series(tmp_path / "ct"))
-    with new_folder(tmp_path / "kept") as part:
+    with files.new_folder(tmp_path / "kept") as part:
         (part / "its.dcm").write_bytes(b"another's")
         with pytest.raises(BlockingIOError, match="kept is being written by another process"):
             save_drilled(tmp_path / "kept", drilled(like), like, mapping=MAP)
     assert [path.name for path in (tmp_path / "kept").iterdir()] == ["its.dcm"]
+
+
+def test_a_folder_that_another_begins_is_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    part, rename, wait = tmp_path / ".kept.part", os.rename, files.lock
+
+    def renamed_and_begun(old: Path, new: Path) -> None:
+        rename(old, new)
+        part.mkdir()
+
+    def lock_later(descriptor: int, taken: str) -> None:
+        wait(descriptor, taken)
+        os.rename(part, tmp_path / "its")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.rename", renamed_and_begun)
+        with files.new_folder(tmp_path / "kept"):
+            pass
+    assert part.is_dir()
+    (part / "its.dcm").write_bytes(b"another's")
+    monkeypatch.setattr(files, "lock", lock_later)
+    with pytest.raises(BlockingIOError, match="is being written by"), files.new_folder(tmp_path / "kept"):
+        pass
+    assert [path.name for path in (tmp_path / "its").iterdir()] == ["its.dcm"]

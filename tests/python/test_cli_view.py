@@ -131,6 +131,7 @@ def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
         ("a film must end in .mp4 or .gif, got a.avi", trace, "--video", "a.avi"),
         (f"--png: {tmp_path}/no/a.png cannot be written", trace, "--png", f"{tmp_path}/no/a.png"),
         (f"--pictures: {tmp_path} cannot be written", trace, "--pictures", tmp_path),
+        (f"--json: {trace} is read, and would be lost", trace, "--png", png, "--json", trace),
         ("fps must be from 1 to 50 for .gif, got 60", trace, "--video", tmp_path / "a.gif", "--fps", 60),
         ("fps must be from 1 to 240 for .mp4, got 1e+06", trace, "--video", tmp_path / "a.mp4", "--fps", 1e6),
         ("--png must be another file than --pictures, got a.png", trace, "--pictures", "a.png", "--png", "a.png"),

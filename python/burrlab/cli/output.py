@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _FIGURES = ("plot", "region", "profile", "pictures")
-_FILES = ("json", *_FIGURES, "out", "record", "save", "template", "tsv", "png", "video")
+_KEPT = ("out", "save")  # may take the place of what was read: they look after it themselves
+_FILES = ("json", *_FIGURES, *_KEPT, "record", "template", "tsv", "png", "video")
 
 
 def save_figure(axes: Axes, path: str) -> None:
@@ -60,12 +61,21 @@ def check_outputs(options: Options) -> None:
             raise ValueError(f"--record must be a new file, {path} exists")
         if (other := taken.setdefault(Path(path).resolve(), name)) != name:
             raise ValueError(f"--{name} must be another file than --{other}, got {path}")
+        if name not in _KEPT and Path(path).resolve() in _read_files(options):
+            raise ValueError(f"--{name}: {path} is read, and would be lost")
         if name in _FIGURES:
             from matplotlib.figure import Figure
 
             kinds = Figure().canvas.get_supported_filetypes()
             if Path(path).suffix[1:].lower() not in kinds:
                 raise ValueError(f"--{name}: {path} must end in one of {', '.join(sorted(kinds))}")
+
+
+def _read_files(options: Options) -> set[Path]:
+    """What the other options name, if there is such a file."""
+    named = [value for name, value in vars(options).items() if name not in _FILES]
+    texts = [text for value in named for text in (value if isinstance(value, list) else [value])]
+    return {Path(text).resolve() for text in texts if isinstance(text, str) and os.path.isfile(text)}
 
 
 def deliver(options: Options, result: dict[str, Any], text: str) -> None:

@@ -50,29 +50,31 @@ def slices(phantom: Phantom, bone: burrlab.VoxelBone) -> Figure:
     """Three planes through the antrum, before and after, the planned cavity outlined."""
     figure = Figure(figsize=(9.6, 7.2), layout="constrained")
     rows = figure.subplots(2, 3)
-    seen: set[int] = set()
     at = np.rint((phantom.landmarks["antrum"] - bone.origin) / bone.spacing).astype(int)
     colours = np.array([tissue.colour for tissue in bone.tissues]) / 255
     ends = [
         (o - s / 2, o + s * (n - 0.5))
         for o, s, n in zip(bone.origin, bone.spacing, bone.shape[::-1], strict=True)
     ]
+    seen: set[int] = set()
     for axes, levels, when in zip(rows, (bone.pristine, bone.density), ("before", "after"), strict=True):
         for ax, axis, name in zip(axes, (2, 1, 0), ("axial", "coronal", "sagittal"), strict=True):
             plane = [slice(None)] * 3
             plane[2 - axis] = at[axis]
-            shown, labels = levels[tuple(plane)], phantom.labels[tuple(plane)]
-            seen |= set(labels[shown > 0].tolist())
+            shown = levels[tuple(plane)]
+            seen.update(phantom.labels[tuple(plane)][shown > 0].tolist())
             across, up = (i for i in range(3) if i != axis)
             extent = (*ends[across], *ends[up])
             ax.imshow(
-                colours[labels] * (shown / 255)[..., None],
+                # half full is drawn as full, so that soft tissue keeps the colour of its name
+                colours[phantom.labels[tuple(plane)]] * np.minimum(shown / 127.5, 1.0)[..., None],
                 extent=extent,
                 origin="lower",
             )
             ax.contour(phantom.target[tuple(plane)], levels=[0.5], colors=PLAN, linewidths=1, extent=extent)
             ax.set(xlabel=f"{'xyz'[across]} [mm]", ylabel=f"{'xyz'[up]} [mm]", title=f"{name}, {when}")
-    patches = [Patch(facecolor=colours[number], label=bone.tissues[number].name) for number in sorted(seen)]
+    present = sorted(seen)
+    patches = [Patch(facecolor=colours[number], label=bone.tissues[number].name) for number in present]
     plan = Line2D([], [], color=PLAN, label="planned cavity")
     figure.legend(handles=[plan, *patches], loc="outside lower center", ncols=5, fontsize="small")
     return figure

@@ -103,7 +103,7 @@ def test_a_duration_ends_a_replica_that_is_shown(shown, capsys):
         assert main([*where, "--duration", "1.5"]) == 0
     assert shown["source"].wait(0.0)
     assert not shown["effects"].running
-    assert "interrupted: False" in capsys.readouterr().out
+    assert "ended (stopped): tick " in capsys.readouterr().out
 
 
 def test_effects_that_ended_early_are_said(monkeypatch):

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _FIGURES = ("plot", "region", "profile", "pictures")
 _KEPT = ("out", "save")  # may take the place of what was read: they look after it themselves
-_FILES = ("json", *_FIGURES, *_KEPT, "record", "template", "tsv", "png", "video")
+_FILES = ("json", *_FIGURES, "out", "record", "save", "template", "tsv", "png", "video")
 
 
 def save_figure(axes: Axes, path: str) -> None:
@@ -73,7 +73,8 @@ def check_outputs(options: Options) -> None:
 
 def _read_files(options: Options) -> set[Path]:
     """What the other options name, if there is such a file."""
-    named = [value for name, value in vars(options).items() if name not in _FILES]
+    # an experiment looks after its own files
+    named = [value for name, value in vars(options).items() if name not in (*_FILES, "config")]
     texts = [text for value in named for text in (value if isinstance(value, list) else [value])]
     return {Path(text).resolve() for text in texts if isinstance(text, str) and os.path.isfile(text)}
 

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
@@ -263,6 +263,7 @@ def test_mirror_images_mirror_the_force(
 
 
 @QUICK
+@example(206, (0.0, 0.0, 0.125), [1, 0, 2], "layer")  # 0.2 % of the sum is left, 4e-5 of it another
 @given(seeds, offsets, st.permutations([0, 1, 2]), schemes)
 def test_permuted_axes_permute_the_force(
     seed: int, offset: tuple[float, float, float], order: list[int], scheme: str
@@ -271,6 +272,12 @@ def test_permuted_axes_permute_the_force(
     spacing, origin = np.array(bone.spacing)[order], np.array(bone.origin)[order]
     turned = burrlab.VoxelBone(bone.density.transpose([2 - order[2 - k] for k in range(3)]), spacing, origin)
     center = np.array(offset) * 3
-    force = burrlab.BurrContact(bone, SMALL, BONE, seed=1, scheme=scheme).probe(center).force
+    felt = burrlab.BurrContact(bone, SMALL, BONE, seed=1, scheme=scheme).probe(center)
     other = burrlab.BurrContact(turned, SMALL, BONE, seed=1, scheme=scheme).probe(center[order]).force
-    np.testing.assert_allclose(other, force[order], atol=1e-9 + 1e-5 * np.linalg.norm(force))
+    # Single precision rounds what is summed, and masses are counted in quanta. Deep within bone the sum cancels,
+    # and what is left has the whole sum's error.
+    quantum = float(np.prod(spacing)) / (255 * 256)
+    length = float(np.linalg.norm(felt.m1))
+    rounded = 2e-7 * felt.m0 * SMALL.radius / length + 3 * quantum / felt.m0 if length > 0 else 0.0
+    atol = 1e-9 + (1e-5 + rounded) * np.linalg.norm(felt.force)
+    np.testing.assert_allclose(other, felt.force[order], atol=atol)

@@ -18,7 +18,7 @@ machine:
 $(VENV)/tools: pyproject.toml | machine
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install -q --disable-pip-version-check --upgrade pip
-	$(BIN)/python -m pip install -q --disable-pip-version-check "scikit-build-core>=0.10" "pybind11>=3" "cmeel-eigen>=3.4" "cmake>=3.26" ninja
+	$(BIN)/python -m pip install -q --disable-pip-version-check "scikit-build-core>=0.10" "pybind11>=3" "cmeel-eigen>=3.4" "cmake>=3.26" ninja "setuptools>=70.1"
 	touch $@
 
 $(VENV)/installed: $(VENV)/tools $(SOURCES)

@@ -24,6 +24,7 @@ Numbers take_changed(VoxelBone& bone) {
   std::vector<std::uint32_t> bricks;
   {
     const py::gil_scoped_release release;
+    const VoxelBone::Changing changing(bone);
     bricks = bone.take_changed();
   }
   return Numbers(py::ssize_t(bricks.size()), bricks.data());
@@ -31,6 +32,7 @@ Numbers take_changed(VoxelBone& bone) {
 
 Levels read_bricks(const VoxelBone& bone, const Numbers& bricks) {
   check_numbers(bone, bricks);
+  const VoxelBone::Reading reading(bone);
   Levels out({bricks.size(), py::ssize_t{brick_voxels}});
   std::uint8_t* to = out.mutable_data();
   for (py::ssize_t i = 0; i < bricks.size(); ++i)
@@ -43,6 +45,7 @@ void restore_bricks(VoxelBone& bone, const Numbers& bricks, const Levels& densit
   check_numbers(bone, bricks);
   if (density.ndim() != 2 || density.shape(0) != bricks.size() || density.shape(1) != brick_voxels)
     throw std::invalid_argument("density must have shape (n, 512), a row a brick");
+  const VoxelBone::Changing changing(bone);
   std::uint8_t before[brick_voxels], pristine[brick_voxels];
   for (py::ssize_t i = 0; i < bricks.size(); ++i) {
     bone.read_brick(bricks.at(i), before, pristine);

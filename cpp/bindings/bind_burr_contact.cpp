@@ -1,3 +1,5 @@
+#include <optional>
+
 #include "contact_series.hpp"
 
 namespace py = pybind11;
@@ -28,9 +30,14 @@ ContactSeries run(BurrContact& contact,
   ContactSeries series;
   const py::gil_scoped_release release;
   series.contacts.reserve(centers.size());
+  std::optional<VoxelBone::Changing> changing;
   for (std::size_t i = 0; i < centers.size(); ++i) {
-    if (i % period == period - 1) check_interrupt();
-    series.contacts.push_back(contact.step(centers[i], dt, burr_on));
+    if (i % period == 0) {
+      changing.reset();  // whom the interrupt calls may use the bone
+      if (i > 0) check_interrupt();
+      changing.emplace(*contact.bone());
+    }
+    series.contacts.push_back(contact.step(centers[i], burr_on ? &contact.steps_of(dt) : nullptr));
   }
   return series;
 }
@@ -84,8 +91,14 @@ Examples
            }),
            py::arg("bone"), py::arg("burr"), py::arg("material"), py::arg("seed"), py::arg("index") = 0,
            py::kw_only(), py::arg("scheme") = "layer")
-      .def("probe", &BurrContact::probe, py::arg("center"), py::call_guard<py::gil_scoped_release>(),
-           "The contact at `center` (x, y, z) [mm] now: no erosion, no tick. ValueError if it is not finite.")
+      .def(
+          "probe",
+          [](const BurrContact& contact, const Vec3& center) {
+            const VoxelBone::Reading reading(*contact.bone());
+            return contact.probe(center);
+          },
+          py::arg("center"), py::call_guard<py::gil_scoped_release>(),
+          "The contact at `center` (x, y, z) [mm] now: no erosion, no tick. ValueError if it is not finite.")
       .def("step", py::overload_cast<const Vec3&, double, bool>(&BurrContact::step), py::arg("center"),
            py::arg("dt"), py::arg("burr_on") = true, py::call_guard<py::gil_scoped_release>(),
            R"(One tick: the force at `center`, then erosion.

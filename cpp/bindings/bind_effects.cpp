@@ -179,6 +179,7 @@ void bind_effects(py::module_& m) {
                        const Vec3& down, const Vec3& spin, std::optional<double> budget) {
              const EffectsSetup setup = to_setup(parameters, seed, down, spin, budget);
              const py::gil_scoped_release release;
+             const VoxelBone::Reading reading(bone);
              return std::make_unique<Effects>(bone, setup);
            }),
            py::arg("bone"), py::kw_only(), py::arg("parameters"), py::arg("seed"), py::arg("down"),

@@ -12,6 +12,7 @@ void bind_force(py::module_& m) {
       "moments",
       [](const VoxelBone& bone, const Burr& burr, const Vec3& center, const std::string& scheme) {
         const Tick tick(bone, burr.radius, parse_scheme(scheme), Shape::constant(), 0, 0);
+        const VoxelBone::Reading reading(bone);
         const Moments found = tick.moments(bone, center);
         return py::make_tuple(found.m0, found.m1);
       },
@@ -113,6 +114,7 @@ n = -m_1/max(|m_1|, 0.1 m_0 R), our decision: where the direction is undefined t
          std::uint64_t seed, std::uint64_t tick, std::uint32_t index, const std::string& scheme) {
         require_positive("dt", dt);
         const Tick sphere(bone, burr.radius, parse_scheme(scheme), material.shape, seed, index);
+        const VoxelBone::Changing changing(bone);
         TickSums sums;
         sphere.erode(bone, center, ErosionSteps(bone, material, dt), tick, &sums);
         return static_cast<double>(sums.lost) * (bone.voxel_volume() / 255.0);

@@ -32,6 +32,7 @@ std::shared_ptr<TickExecutor> make_executor(const std::shared_ptr<VoxelBone>& bo
 // Ticks in their order, checked before any is executed.
 py::array execute(TickExecutor& executor, const py::array& array) {
   std::vector<TickRecord> records = to_records(array);
+  const VoxelBone::Changing changing(*executor.bone());
   for (std::size_t i = 0; i < records.size(); ++i) {
     check_record(records[i], executor.burrs());
     if (records[i].index != executor.tick() + i)
@@ -100,8 +101,13 @@ ValueError
            "Called after each burr's step from now on; it begins with the bone as it is. ValueError unless "
            "it is "
            "of this bone and these burrs.")
-      .def("probe", &TickExecutor::probe, py::arg("burr"), py::arg("center"),
-           "The contact of a burr at a centre [mm] now, without erosion.")
+      .def(
+          "probe",
+          [](const TickExecutor& executor, std::size_t burr, const Vec3& center) {
+            const VoxelBone::Reading reading(*executor.bone());
+            return executor.probe(burr, center);
+          },
+          py::arg("burr"), py::arg("center"), "The contact of a burr at a centre [mm] now, without erosion.")
       .def_property_readonly("tick", &TickExecutor::tick, "Index of the next tick")
       .def_property_readonly("bone", &TickExecutor::bone)
       .def_property_readonly("burrs", &TickExecutor::burrs)

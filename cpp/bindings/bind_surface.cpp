@@ -34,6 +34,7 @@ py::list extract(const VoxelBone& bone, const Places& blocks, int level) {
   std::vector<SurfaceBlock> made(places.size());
   {
     const py::gil_scoped_release release;
+    const VoxelBone::Reading reading(bone);
     for (std::size_t i = 0; i < places.size(); ++i) made[i] = extract_surface(bone, places[i], level);
   }
   py::list out;

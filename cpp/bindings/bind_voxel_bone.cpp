@@ -25,6 +25,7 @@ py::array_t<std::uint8_t> levels_of(const VoxelBone& bone, const Index3& start, 
   py::array_t<std::uint8_t> out({shape[0], shape[1], shape[2]});
   std::uint8_t* to = out.mutable_data();
   const py::gil_scoped_release release;
+  const VoxelBone::Reading reading(bone);
   bone.read(start, shape, pristine, to);
   return out;
 }

@@ -5,16 +5,21 @@ using burrlab::Tissues;
 using burrlab::Vec3;
 using burrlab::VoxelBone;
 
+namespace {
+
+std::shared_ptr<VoxelBone> copy(const VoxelBone& bone) {
+  const VoxelBone::Reading reading(bone);
+  return std::make_shared<VoxelBone>(bone);
+}
+
+}  // namespace
+
 void bind_voxel_bone_copies(VoxelBoneClass& bone) {
-  bone.def(
-          "copy", [](const VoxelBone& bone) { return std::make_shared<VoxelBone>(bone); },
-          py::call_guard<py::gil_scoped_release>(),
-          "An independent bone with the same present and pristine levels.")
-      .def("__copy__", [](const VoxelBone& bone) { return std::make_shared<VoxelBone>(bone); })
+  bone.def("copy", &copy, py::call_guard<py::gil_scoped_release>(),
+           "An independent bone with the same present and pristine levels.")
+      .def("__copy__", &copy)
       .def(
-          "__deepcopy__",
-          [](const VoxelBone& bone, const py::dict&) { return std::make_shared<VoxelBone>(bone); },
-          py::arg("memo"))
+          "__deepcopy__", [](const VoxelBone& bone, const py::dict&) { return copy(bone); }, py::arg("memo"))
       .def(py::pickle(
           [](const py::object& self) {
             return py::make_tuple(self.attr("pristine"), self.attr("density"), self.attr("spacing"),

@@ -79,8 +79,8 @@ Contact BurrContact::probe(const Vec3& center) const {
 
 Contact BurrContact::step(const Vec3& center, double dt, bool burr_on) {
   require_positive("dt", dt);
-  if (!burr_on) return this->step(center, nullptr);
-  return step(center, &steps_of(dt));
+  const VoxelBone::Changing changing(*bone_);
+  return step(center, burr_on ? &steps_of(dt) : nullptr);
 }
 
 Contact BurrContact::step(const Vec3& center, const ErosionSteps* steps) {
@@ -94,6 +94,7 @@ Contact BurrContact::step(const Vec3& center, const ErosionSteps* steps) {
 
 double BurrContact::erode(const Vec3& center, double dt) {
   require_positive("dt", dt);
+  const VoxelBone::Changing changing(*bone_);
   TickSums sums;
   tick_.erode(*bone_, center, steps_of(dt), tick, &sums);
   ++tick;
@@ -116,6 +117,7 @@ HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis,
   double s = from, last_advance = finest;
   for (std::int64_t i = 0; i < ticks; ++i) {
     if (now_and_then && i % 256 == 255) now_and_then();
+    const VoxelBone::Changing changing(*bone_);
     // Bracket [low, high] of the position: the force is below the set-point at low, above it at high.
     double low = s, low_force = axial(low), high = 0.0, high_force = 0.0;
     double step = std::max(1.5 * last_advance, finest);
@@ -158,7 +160,7 @@ HeldDescent BurrContact::hold(double force, const Vec3& start, const Vec3& axis,
       descent.reached = true;
       return descent;
     }
-    const Contact contact = this->step(start + s * axis, dt, true);
+    const Contact contact = this->step(start + s * axis, &steps_of(dt));
     if (!descent.position.empty()) last_advance = std::max(s - descent.position.back(), 0.5 * last_advance);
     descent.position.push_back(s);
     descent.force.push_back(-contact.force.dot(axis));

@@ -113,6 +113,11 @@ VoxelBone& VoxelBone::operator=(VoxelBone other) {
   return *this;
 }
 
+void VoxelBone::refuse_use(int users) {
+  const std::string rule = "bone must be used by one thread alone while it is changed: another thread ";
+  throw std::invalid_argument(rule + (users < 0 ? "changes it" : "reads it"));
+}
+
 double VoxelBone::removed() const { return double(pristine_sum_ - level_sum_) * (voxel_volume() / 255.0); }
 
 std::size_t VoxelBone::hierarchy_bytes() const {
@@ -221,6 +226,7 @@ VoxelBone::Levels VoxelBone::read(const Index3& start, const Index3& shape, bool
 
 void VoxelBone::write(const Index3& start, const Index3& shape, const std::uint8_t* levels) {
   check_box(start, shape);
+  const Changing changing(*this);
   each_brick(start, shape, [&](const Index3& at, std::size_t brick) {
     std::uint8_t pristine[brick_voxels];
     copy_pristine(at, brick, pristine);
@@ -235,6 +241,7 @@ void VoxelBone::write(const Index3& start, const Index3& shape, const std::uint8
 }
 
 void VoxelBone::restore(const std::uint8_t* density) {
+  const Changing changing(*this);
   const Levels before = pristine();
   for (std::size_t i = 0; i < before.size(); ++i) {
     if (density[i] > before[i]) {
@@ -255,6 +262,7 @@ void VoxelBone::restore(const std::uint8_t* density) {
 }
 
 void VoxelBone::reset() {
+  const Changing changing(*this);
   each_brick({0, 0, 0}, shape_, [&](const Index3& at, std::size_t brick) {
     if (!(state_[brick] & eroded)) return;
     count_tissues(brick, -1);

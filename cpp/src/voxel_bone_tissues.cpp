@@ -9,6 +9,7 @@ namespace burrlab {
 void VoxelBone::set_tissues(std::shared_ptr<const TissueMap> map) {
   if (map && map->shape() != shape_)
     throw std::invalid_argument("numbers of tissues must have the shape of the bone");
+  const Changing changing(*this);
   tissues_ = std::move(map);
   tissue_sums_ = {};
   for (std::size_t brick = 0; brick < sums_.size(); ++brick) count_tissues(brick, 1);

@@ -64,5 +64,17 @@ int main() {
     for (const Vec3& force : forces) CHECK(force == probes() && force.norm() > 0.0);
     CHECK(shared->digest() == untouched);
   }
+
+  // One thread changes a bone, or any number read it.
+  const auto bone = std::make_shared<VoxelBone>(fresh);
+  BurrContact contact = contact_on(bone, 0);
+  {
+    const VoxelBone::Reading reading(*bone), other(*bone);
+    CHECK_THROWS(contact.step(Vec3(0.5, 2.0, 2.5), 1.0, true), "another thread reads it");
+    CHECK(bone->digest() == untouched && contact.tick == 0);
+  }
+  CHECK_THROWS(contact.step(Vec3(NAN, 0.0, 0.0), 1.0, true), "finite");
+  contact.step(Vec3(0.5, 2.0, 2.5), 1.0, true);
+  CHECK(contact.tick == 1 && bone->removed() > 0.0);
   return check::report();
 }

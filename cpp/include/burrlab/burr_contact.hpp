@@ -45,9 +45,11 @@ class BurrContact {
 
   /// The contact at `center` [mm] now: no erosion, no tick.
   Contact probe(const Vec3& center) const;
-  /// One tick of dt [ms] at `center` [mm].
+  /// One tick of dt [ms] at `center` [mm]. Throws, as `erode` and `hold` do, where another thread uses the
+  /// bone.
   Contact step(const Vec3& center, double dt, bool burr_on);
-  /// The same with constants made before, of this bone and material; none of them: the burr is off.
+  /// The same with constants made before, of this bone and material; none of them: the burr is off. The
+  /// caller holds a VoxelBone::Changing.
   Contact step(const Vec3& center, const ErosionSteps* steps);
   /// The second half of a tick whose force `probe` gave: its erosion. Returns the solid bone removed [mm^3].
   double erode(const Vec3& center, double dt);
@@ -57,6 +59,8 @@ class BurrContact {
   /// called every 256 ticks and may throw.
   HeldDescent hold(double force, const Vec3& start, const Vec3& axis, double from, double travel, double dt,
                    std::int64_t ticks, const std::function<void()>& now_and_then = {});
+
+  const ErosionSteps& steps_of(double dt);  ///< constants for dt [ms], kept until the next call
 
   const std::shared_ptr<VoxelBone>& bone() const { return bone_; }
   const Burr& burr() const { return burr_; }
@@ -70,7 +74,6 @@ class BurrContact {
  private:
   Contact felt(const Moments& moments, const TickSums& sums) const;
   void check_tissues() const;
-  const ErosionSteps& steps_of(double dt);
 
   std::shared_ptr<VoxelBone> bone_;
   Burr burr_;

@@ -1,6 +1,7 @@
 // Voxel bone: occupancy levels now and as loaded, on a regular grid, stored in bricks (docs/hierarchy.md).
 #pragma once
 
+#include <atomic>
 #include <memory>
 #include <string>
 #include <vector>
@@ -16,6 +17,35 @@ namespace burrlab {
 class VoxelBone {
  public:
   using Levels = std::vector<std::uint8_t>;
+
+  /// Held by a thread that uses a bone that others could use too: one changes it, or any number read it.
+  /// Throws where others are in the way; nobody waits. Ticks of a BurrContact, HapticLoop, `write`,
+  /// `restore`, `reset`, `set_tissues` and `digest` hold it themselves; whoever calls another member sees to
+  /// it.
+  class Use {
+   public:
+    ~Use() { changes_ ? count_.store(0, std::memory_order_release) : void(count_.fetch_sub(1)); }
+    Use(const Use&) = delete;
+    Use& operator=(const Use&) = delete;
+
+   protected:
+    Use(const VoxelBone& bone, bool changes) : count_(bone.users_.count), changes_(changes) {
+      int users = changes ? 0 : count_.load(std::memory_order_relaxed);
+      do {
+        if (users < 0 || (changes && users > 0)) refuse_use(users);
+      } while (!count_.compare_exchange_weak(users, changes ? -1 : users + 1, std::memory_order_acquire));
+    }
+
+   private:
+    std::atomic<int>& count_;
+    const bool changes_;
+  };
+  struct Changing : Use {
+    explicit Changing(const VoxelBone& bone) : Use(bone, true) {}
+  };
+  struct Reading : Use {
+    explicit Reading(const VoxelBone& bone) : Use(bone, false) {}
+  };
 
   /// shape (z, y, x); spacing (x, y, z) [mm]; origin: centre of voxel (0, 0, 0), (x, y, z) [mm].
   VoxelBone(const Index3& shape, const Levels& levels, const Vec3& spacing, const Vec3& origin);
@@ -116,7 +146,14 @@ class VoxelBone {
     changed = 16  // since `take_changed`
   };
 
+  struct Users {
+    std::atomic<int> count{0};  // -1: one changes the bone; else so many read it
+    Users() = default;
+    Users(const Users&) {}  // a copy has none
+  };
+
   VoxelBone(const Index3& shape, const Vec3& spacing, const Vec3& origin);
+  [[noreturn]] static void refuse_use(int users);
   Index3 extent(const Index3& at) const;  // voxels of a brick within the volume
   void copy_pristine(const Index3& at, std::size_t brick, std::uint8_t* tile) const;
   void settle(const Index3& at, std::size_t brick, const std::uint8_t* pristine);
@@ -137,6 +174,7 @@ class VoxelBone {
   struct {
     TissueMap::Sums present{}, pristine{};  // of levels, by tissue
   } tissue_sums_;
+  mutable Users users_;
 };
 
 template <class Visit>

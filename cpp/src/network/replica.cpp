@@ -68,6 +68,7 @@ void Replica::start(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup,
                                 ", got " + followed->initial_digest().text());
   followed->executor().set_watch(std::move(watch));
   const std::lock_guard<std::mutex> lock(mutex_);
+  changing_ = std::make_unique<VoxelBone::Changing>(*bone);
   initial_ = std::make_unique<VoxelBone>(*bone);
   unseen_ = std::make_shared<UnseenBricks>(bone->brick_count());
   consumers_.push_back(unseen_);
@@ -172,6 +173,7 @@ void Replica::fault(const std::string& reason, std::uint64_t seen) {
 
 void Replica::end(const std::string& reason, bool failed) {
   if (status_.ended) return;
+  changing_.reset();
   status_.ended = true;
   status_.failed = failed;
   status_.reason = reason;

@@ -55,7 +55,9 @@ void HapticLoop::wait_for(std::shared_ptr<const RecordReader> reader) {
 void HapticLoop::start() {
   const std::lock_guard<std::mutex> lock(life_mutex_);
   if (started()) throw std::invalid_argument("loop must be started once: it has been");
+  auto changing = std::make_unique<VoxelBone::Changing>(*executor_->bone());
   claim_devices();
+  changing_ = std::move(changing);
   running_.store(true, std::memory_order_release);
   started_.store(true, std::memory_order_release);
   try {
@@ -69,6 +71,7 @@ void HapticLoop::start() {
     end(std::string("the loop could not be started: ") + error.what(), true);
     if (!thread_.joinable()) {
       stop_devices();
+      changing_.reset();
       running_.store(false, std::memory_order_release);
     }
     join();

@@ -66,6 +66,7 @@ void HapticLoop::run() {
   }
   stop_devices();
   if (settings_.wall_clock && settings_.realtime.lock_memory) unlock_memory();
+  changing_.reset();
   running_.store(false, std::memory_order_release);
 }
 

@@ -57,6 +57,7 @@ void TickExecutor::set_tick(std::uint64_t tick) {
 }
 
 void TickExecutor::set_watch(std::shared_ptr<AnatomyWatch> watch) {
+  const VoxelBone::Changing changing(*bone_);
   if (watch) {
     bool fits = watch->burrs() == contacts_.size();
     for (std::size_t i = 0; fits && i < contacts_.size(); ++i)

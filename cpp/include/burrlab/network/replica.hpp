@@ -60,8 +60,8 @@ class Replica {
   bool fetch_hello(double timeout);
   const replica_protocol::Hello& hello() const { return hello_; }
 
-  /// Follows from now on, in a thread of its own. `bone` is changed in place. Throws unless the hello is
-  /// there and the bone has its digest.
+  /// Follows from now on, in a thread of its own. `bone` is changed in place, and the replica's until the
+  /// session ends. Throws unless the hello is there, the bone has its digest and no one else uses it.
   void start(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup,
              std::shared_ptr<AnatomyWatch> watch = nullptr);
   void stop(const std::string& reason = "stopped");
@@ -120,6 +120,7 @@ class Replica {
   mutable std::mutex mutex_;  // of all below
   std::unique_ptr<VoxelBone> initial_;
   std::unique_ptr<FollowedBone> bone_;
+  std::unique_ptr<VoxelBone::Changing> changing_;  // until the session has ended
   bool suspect_ = false;
   Divergence divergence_;  // found, bricks not known yet
   TickRecord newest_;

@@ -43,14 +43,16 @@ struct EnergyGiven {
 
 class HapticLoop {
  public:
-  /// One device a burr. Nothing else may touch the executor's bone from `start` on.
+  /// One device a burr. The executor's bone is the loop's from `start` to its end: others who use it are
+  /// refused.
   HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
              const LoopSettings& settings);
   ~HapticLoop();
   HapticLoop(const HapticLoop&) = delete;
   HapticLoop& operator=(const HapticLoop&) = delete;
 
-  /// Once; returns when the thread runs. Throws what a device throws, and where one serves another loop.
+  /// Once; returns when the thread runs. Throws what a device throws, and where one serves another loop or
+  /// the bone is in use.
   void start();
   /// Ends the session with this reason, unless it has ended, and waits for the thread.
   void stop(const std::string& reason = "stopped");
@@ -95,7 +97,8 @@ class HapticLoop {
   std::shared_ptr<TickExecutor> executor_;
   std::vector<std::shared_ptr<Device>> devices_;
   LoopSettings settings_;
-  std::int64_t period_;  // [ns]
+  std::unique_ptr<VoxelBone::Changing> changing_;  // while the loop runs
+  std::int64_t period_;                            // [ns]
   std::uint64_t first_tick_;
   std::shared_ptr<RecordRing> ring_;
   std::vector<std::weak_ptr<const RecordReader>> readers_;

@@ -33,7 +33,8 @@ class TickExecutor {
   TickExecutor(std::shared_ptr<VoxelBone> bone, const SessionSetup& setup, std::uint64_t tick = 0);
 
   /// Executes tick `record.index`, which must be `tick()`, with its k, centres and switches; writes what the
-  /// model gives. No allocation, lock or exception: the centres must be finite and k 1..8.
+  /// model gives. No allocation, lock or exception: the centres must be finite and k 1..8, and the caller
+  /// holds a VoxelBone::Changing where others could use the bone.
   void execute(TickRecord& record) noexcept;
 
   std::uint64_t tick() const { return tick_; }  ///< index of the next tick

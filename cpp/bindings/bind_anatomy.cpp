@@ -92,6 +92,7 @@ void bind_anatomy(py::module_& m) {
       "tissue_levels",
       [](const VoxelBone& bone) {
         std::vector<std::int64_t> levels;
+        const VoxelBone::Reading reading(bone);
         if (bone.tissues())
           for (std::size_t i = 0; i < bone.tissues()->table().size(); ++i)
             levels.push_back(bone.tissue_levels(i));

@@ -66,7 +66,8 @@ Raises
 ------
 ValueError
     If the radius is below 4 voxels, the scheme unknown, the material not that of the bone's tissues, or the burr
-    too large for their c_e (200 voxels of radius at 1000 N/mm^2).
+    too large for their c_e (200 voxels of radius at 1000 N/mm^2). Of every method: if another thread uses the bone;
+    any number may `probe` it (docs/session.md).
 
 Notes
 -----

@@ -94,7 +94,7 @@ void bind_haptic_loop(py::module_& m) {
 Parameters
 ----------
 executor : TickExecutor
-    Nothing else may touch its bone from `start` on.
+    Its bone is refused to others from `start` to the loop's end.
 devices : list of Device
     One a burr, in index order.
 wall_clock : bool
@@ -147,7 +147,7 @@ ValueError
            py::arg("force_limit") = defaults.force_limit, py::arg("slew_limit") = defaults.slew_limit,
            py::arg("coupling") = py::none())
       .def("start", &HapticLoop::start, py::call_guard<py::gil_scoped_release>(),
-           "Starts the thread; once. ValueError the second time.")
+           "Starts the thread; once. ValueError the second time, or if the bone or a device is in use.")
       .def("stop", &HapticLoop::stop, py::arg("reason") = "stopped", py::call_guard<py::gil_scoped_release>(),
            "Ends the session and waits for the thread.")
       .def("wait", &HapticLoop::wait, py::arg("seconds"), py::call_guard<py::gil_scoped_release>(),

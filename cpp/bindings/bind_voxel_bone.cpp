@@ -75,7 +75,8 @@ Raises
 ------
 ValueError
     If the rank is not 3, a side is 0, a value is not finite or out of range, the range is missing, or a
-    spacing is not positive.
+    spacing is not positive. Of every method that reads or changes levels: if another thread changes the bone, or, to
+    change it, reads it (docs/session.md).
 
 Examples
 --------

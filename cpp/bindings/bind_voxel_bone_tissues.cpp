@@ -32,6 +32,7 @@ double of_tissue(const VoxelBone& bone, const std::variant<std::size_t, std::str
       if (table[i].name == std::get<std::string>(tissue)) number = i;
   if (number >= table.size())
     throw std::invalid_argument("tissue must be a name or number of the bone's table");
+  const VoxelBone::Reading reading(bone);
   return (bone.*sum)(number);
 }
 

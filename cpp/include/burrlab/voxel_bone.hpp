@@ -152,6 +152,14 @@ class VoxelBone {
     Users(const Users&) {}  // a copy has none
   };
 
+  struct Sum : std::atomic<std::int64_t> {  // one thread changes it at a time, any may read it
+    Sum(std::int64_t value = 0) : atomic(value) {}
+    Sum(const Sum& other) : atomic(std::int64_t(other)) {}
+    Sum& operator=(const Sum& other) { return store(other, std::memory_order_relaxed), *this; }
+    void operator+=(std::int64_t more) { *this = *this + more; }
+    void operator-=(std::int64_t less) { *this = *this - less; }
+  };
+
   VoxelBone(const Index3& shape, const Vec3& spacing, const Vec3& origin);
   [[noreturn]] static void refuse_use(int users);
   Index3 extent(const Index3& at) const;  // voxels of a brick within the volume
@@ -169,7 +177,7 @@ class VoxelBone {
   Levels level_;  // pristine level of uniform bricks
   Levels state_;
   Occupancy occupancy_;
-  std::int64_t level_sum_ = 0, pristine_sum_ = 0;
+  Sum level_sum_, pristine_sum_;
   std::shared_ptr<const TissueMap> tissues_;
   struct {
     TissueMap::Sums present{}, pristine{};  // of levels, by tissue

@@ -31,12 +31,13 @@ TickExecutor::TickExecutor(std::shared_ptr<VoxelBone> bone, const SessionSetup& 
 }
 
 void TickExecutor::execute(TickRecord& record) noexcept {
-  version_.store(2 * tick_ + 1, std::memory_order_relaxed);
+  const std::uint64_t tick = this->tick();
+  version_.store(2 * tick + 1, std::memory_order_relaxed);
   std::atomic_thread_fence(std::memory_order_release);
   for (std::size_t i = 0; i < contacts_.size(); ++i) {
     BurrRecord& burr = record.burr[i];
     const Vec3 center(burr.center[0], burr.center[1], burr.center[2]);
-    contacts_[i].tick = tick_;
+    contacts_[i].tick = tick;
     const Contact contact = contacts_[i].step(center, burr.on ? &steps_[i][record.k - 1] : nullptr);
     burr.radius = setup_.tools[i].burr.radius;
     burr.material = std::uint32_t(i);
@@ -47,8 +48,8 @@ void TickExecutor::execute(TickRecord& record) noexcept {
     burr.removed = contact.lost;
     if (watch_) watch_->after_step(*bone_, record, i);
   }
-  ++tick_;
-  version_.store(2 * tick_, std::memory_order_release);
+  tick_.store(tick + 1, std::memory_order_relaxed);
+  version_.store(2 * tick + 2, std::memory_order_release);
 }
 
 void TickExecutor::set_tick(std::uint64_t tick) {

@@ -37,8 +37,8 @@ class TickExecutor {
   /// holds a VoxelBone::Changing where others could use the bone.
   void execute(TickRecord& record) noexcept;
 
-  std::uint64_t tick() const { return tick_; }  ///< index of the next tick
-  void set_tick(std::uint64_t tick);            ///< after the bone was put to another state
+  std::uint64_t tick() const { return tick_.load(std::memory_order_relaxed); }  ///< index of the next tick
+  void set_tick(std::uint64_t tick);  ///< after the bone was put to another state
   /// 2 ticks, plus 1 while one is executed: whoever reads it before and after copying the bone knows whether
   /// the copy is whole.
   std::uint64_t version() const { return version_.load(std::memory_order_acquire); }
@@ -59,8 +59,7 @@ class TickExecutor {
   std::vector<BurrContact> contacts_;
   std::vector<std::vector<ErosionSteps>> steps_;  // of dt = 1..8 periods, one a burr
   std::shared_ptr<AnatomyWatch> watch_;
-  std::uint64_t tick_;
-  std::atomic<std::uint64_t> version_;
+  std::atomic<std::uint64_t> tick_, version_;
 };
 
 /// A record that can be executed: k 1..8, as many burrs, finite centres. Throws a sentence otherwise.

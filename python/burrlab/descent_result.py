@@ -11,6 +11,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from burrlab._core import Burr, Material
+from burrlab.dataset import by_value
 from burrlab.regime import layer_thickness, static_immersion
 from burrlab.window import Array, penetration_velocity_between, samples_between, settled_immersion
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 FEWEST_TICKS = 10
 
 
+@by_value
 @dataclass(frozen=True)
 class Series:
     """The record of a descent, one row a sample."""

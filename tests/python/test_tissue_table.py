@@ -66,7 +66,8 @@ def test_only_bone_is_not_assumed_and_all_have_its_values() -> None:
     canals = ["internal auditory canal", "temporomandibular joint", "external auditory canal"]
     assert [t.name for t in table if not t.critical] == ["bone", *canals]
     assert default_tissues(["vestibulocochlear nerve"])[0].critical
-    given = Tissues([Tissue("EAC", label=1, c_e=2.0, alpha=0.1, critical=True)], BONE)  # of an earlier version
+    before = Tissue("EAC", label=1, c_e=2.0, alpha=0.1, critical=True)  # of an earlier version
+    given = Tissues([before], BONE)
     assert tissues_from_json(tissues_to_json(given))[0].critical
     assert [t.name for t in table if t.bleeds] == ["internal carotid artery", "sinus and dura"]
     assert table[9].colour == (244, 214, 49)

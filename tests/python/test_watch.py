@@ -139,13 +139,14 @@ def test_the_report_tells_what_is_more_than_a_graze(recorded) -> None:
     assert (time >= 0.1, volume >= 0.1) == (True, True)
     assert (deep.touched(), deep.injured()) == ({"nerve": time}, {"nerve": volume})
     assert (deep.touched(least=time + 0.001), deep.injured(least=volume + 0.001)) == ({}, {})
-    assert f"touched [s], from 0.1 on: nerve {time:.3g}\ninjured [mm^3], from 0.1 on: nerve {volume:.3g}" in str(deep)
+    said = f"touched [s], from 0.1 on: nerve {time:.3g}\ninjured [mm^3], from 0.1 on: nerve {volume:.3g}"
+    assert said in str(deep)
     told = deep.to_dict()
     assert (told["touched_s"], told["injured_from_mm3"]["nerve"]) == ({"nerve": time}, 0.1)
     assert "injury" in {event["kind"] for event in told["events"]}  # exact, as ever
     small = replace(deep, watched=replace(deep.watched, removed=deep.watched.removed // 1000))
     assert (small.injured(), "injured [mm^3], from 0.1 on: nothing" in str(small)) == ({}, True)
-    assert limited.injured() == {"nerve": limited.removed["nerve"]}  # more than the watch's own limit of 0.05 mm^3
+    assert limited.injured() == {"nerve": limited.removed["nerve"]}  # by the watch's own limit, 0.05 mm^3
     assert "injured [mm^3], from 0.05 on" in str(limited)
     with pytest.raises(ValueError, match="least must be finite and not negative, got -1"):
         deep.touched(least=-1)

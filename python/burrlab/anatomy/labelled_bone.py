@@ -107,7 +107,8 @@ def labelled_bone(
         apart = labels.spacing
         levels = _of_labels(numbers, tissues, empty) if source is None else source
         if source is None:
-            notes.append(f"occupancy from labels alone: empty where there is {', '.join(empty)} or label 0, else solid")
+            where = ", ".join(empty)
+            notes.append(f"occupancy from labels alone: empty where there is {where} or label 0, else solid")
     levels, filled = _filled(levels, numbers, tissues, fill or {})
     bone = VoxelBone(levels, spacing=apart, origin=origin)
     bone.set_tissues(tissues, numbers)

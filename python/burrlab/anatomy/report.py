@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -115,8 +115,8 @@ class AnatomyReport:
         ValueError
             If it is negative or not finite.
         """
-        times = self.watched.doses["touching"].sum(axis=0) * (self.period / 1000.0)
-        return _from(dict(zip(self.structures, times.tolist(), strict=True)), dict.fromkeys(self.structures, least))
+        times = (self.watched.doses["touching"].sum(axis=0) * (self.period / 1000.0)).tolist()
+        return _from(zip(self.structures, times, strict=True), dict.fromkeys(self.structures, least))
 
     def injured(self, *, least: float | None = None) -> dict[str, float]:
         """Volume removed from watched structures, by name, where it is at least so much [mm^3].
@@ -133,7 +133,7 @@ class AnatomyReport:
             If it is negative or not finite.
         """
         from_ = self._injury_volumes if least is None else dict.fromkeys(self.structures, least)
-        return _from({name: self.removed[name] for name in self.structures}, from_)
+        return _from(((name, self.removed[name]) for name in self.structures), from_)
 
     @property
     def _injury_volumes(self) -> dict[str, float]:
@@ -267,11 +267,11 @@ def anatomy_report(
     return AnatomyReport.of(watched, tissues, settings, trace.period, trace.voxel_volume)
 
 
-def _from(values: Mapping[str, float], least: Mapping[str, float]) -> dict[str, float]:
+def _from(values: Iterable[tuple[str, float]], least: Mapping[str, float]) -> dict[str, float]:
     for number in least.values():
         if not 0 <= number < math.inf:
             raise ValueError(f"least must be finite and not negative, got {number!r}")
-    return {name: value for name, value in values.items() if value > 0 and value >= least[name]}
+    return {name: value for name, value in values if value > 0 and value >= least[name]}
 
 
 def _told(values: Mapping[str, float]) -> str:

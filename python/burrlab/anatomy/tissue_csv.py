@@ -18,7 +18,7 @@ from burrlab.session.snapshot import tissues_from_json, tissues_to_json
 
 COLUMNS = ("label", "name", "colour", "c_e_N_per_mm2", "alpha_per_ms", "critical", "bleeds", "assumed")
 GREY = (128, 128, 128)  # of a structure without a colour
-_WAITS = " (name?)"  # after a name that a template has from the file, and that the default table does not know
+_WAITS = " (name?)"  # after a name of the file that the default table does not know
 _NEEDED = ("label", "name")
 _WORDS = {"yes": True, "no": False, "true": True, "false": False, "1": True, "0": False}
 
@@ -61,7 +61,8 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
     waiting: list[str] = []
     rows = list(_rows(name, columns, table, material, waiting))
     if waiting:
-        raise ValueError(f"{name}, {', '.join(waiting)}, column name: every row needs a name, that of its structure")
+        told = ", ".join(waiting)
+        raise ValueError(f"{name}, {told}, column name: every row needs a name, that of its structure")
     if not rows:
         raise ValueError(f"{name}: there is no row below the column names")
     try:
@@ -164,9 +165,9 @@ def _check_columns(where: str, columns: list[str]) -> None:
 
 
 def _rows(
-    file: str, columns: list[str], table: Iterator[tuple[int, list[str]]], material: Material, waiting: list[str]
+    file: str, columns: list[str], table: Iterator[tuple[int, list[str]]], material: Material, wait: list[str]
 ) -> Iterator[Tissue]:
-    """The rows that have a name; where the others are."""
+    """The rows that have a name; where the others are, in `wait`."""
     lines: dict[str, int] = {}
     for number, texts in table:
         where = f"{file}, line {number}"
@@ -175,9 +176,9 @@ def _rows(
                 f"{where}: {len(columns)} fields are due ({', '.join(columns)}), found {len(texts)}"
             )
         row = dict(zip(columns, texts, strict=True))
-        as_template = row["name"] == f"structure {row['label']}" and not (row.get("critical") or row.get("bleeds"))
-        if not row["name"] or row["name"].endswith(_WAITS) or as_template:
-            waiting.append(f"line {number}" + (f" ({row['name']!r})" if row["name"] else ""))
+        flags = row.get("critical") or row.get("bleeds")
+        if row["name"] in ("", "" if flags else f"structure {row['label']}") or row["name"].endswith(_WAITS):
+            wait.append(f"line {number}" + (f" ({row['name']!r})" if row["name"] else ""))
             continue
         for column in _NEEDED:
             key = f"{column} {row[column]}"

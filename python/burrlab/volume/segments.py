@@ -82,13 +82,14 @@ def segment_fields(
     described = sorted({*names, *colours} - {0})
     if not described:
         return {}
-    boxes = ndimage.find_objects(labels, max((n for n in described if n < 1 << 16), default=1))  # a box a number
+    boxes = ndimage.find_objects(labels, max((n for n in described if n < 1 << 16), default=1))
     fields = {
         "Segmentation_ContainedRepresentationNames": "Binary labelmap|",
         "Segmentation_SourceRepresentation": "Binary labelmap", "Segmentation_ReferenceImageExtentOffset": "0 0 0",
     }  # fmt: skip
     for i, label in enumerate(described):
-        box = boxes[label - 1] if label < 1 << 16 else next(iter(ndimage.find_objects((labels == label).view(np.uint8))), None)
+        far = ndimage.find_objects((labels == label).view(np.uint8)) if label >= 1 << 16 else []
+        box = next(iter(far or boxes[label - 1 : label]), None)
         ends = [(0, -1)] * 3 if box is None else [(along.start, along.stop - 1) for along in box[::-1]]
         fields |= {
             f"Segment{i}_ID": f"Segment_{label}", f"Segment{i}_LabelValue": str(label), f"Segment{i}_Layer": "0",

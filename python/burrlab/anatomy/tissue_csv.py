@@ -8,11 +8,13 @@ import json
 import math
 import os
 import re
+import textwrap
 from collections.abc import Collection, Iterator
 
 from burrlab import csv_text
 from burrlab._core import Material, Tissue, Tissues
 from burrlab.anatomy.known_tissues import known_tissue
+from burrlab.json_text import UNREADABLE
 from burrlab.materials import materials
 from burrlab.session.snapshot import tissues_from_json, tissues_to_json
 
@@ -141,8 +143,9 @@ def _material(name: str, text: str) -> Material:
             row += '"critical": false, "bleeds": false, "assumed": true}]'
             try:
                 return tissues_from_json(f'{{"material": {given}, "tissues": {row}}}').material
-            except (ValueError, KeyError, TypeError) as error:
-                raise ValueError(f"{name}: the material in the comments is none: {error}") from None
+            except UNREADABLE as error:
+                told = textwrap.shorten(str(error), 200)
+                raise ValueError(f"{name}: the material in the comments is none: {told}") from None
     return materials["bone"]
 
 

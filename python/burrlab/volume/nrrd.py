@@ -101,6 +101,7 @@ def _lines(name: str) -> tuple[dict[str, str], dict[str, str]]:
                 continue
             if ":=" in line:
                 key, _, value = line.partition(":=")
+                value = re.sub(r"\\([n\\])", lambda m: "\n" if m[1] == "n" else "\\", value)
                 keys[key.strip()] = value.strip()
             else:
                 field, _, value = line.partition(":")

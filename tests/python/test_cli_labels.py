@@ -96,8 +96,8 @@ def test_a_block_and_slices_are_kept(files: Path, capsys: pytest.CaptureFixture[
 def test_grey_and_coloured_slices_of_one_spacing(files: Path) -> None:
     (files / "greys").mkdir()
     for k, plane in enumerate(np.clip(greys(), 0, None).astype(np.uint16)):
-        Image.fromarray(plane).save(files / "greys" / f"g{k:03d}.png")
-    words = ["--volume", "greys", "--map", "0:1000", "--labels", "slices", "--spacing", "0.25"]
+        Image.fromarray(plane.T).save(files / "greys" / f"g{k:03d}.png")
+    words = ["--volume", "greys", "--map", "0:1000", "--labels", "slices", "--spacing", "0.25", "--transpose"]
     place = ["--entry", "4,4,7", "--axis", "0,0,-1"]
     assert main([*HAND, *words, *place, "--save", "kept"]) == 0
     assert {t.name for t in load_drilled("kept").bone.tissues} >= {"bone", "facial nerve"}

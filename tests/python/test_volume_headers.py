@@ -97,7 +97,7 @@ def test_wrong_nrrd(tmp_path, head, message):
 def test_nrrd_space_that_is_not_anatomical_is_noted(tmp_path):
     head = "dimension: 3\nsizes: 5 4 3\nspace: scanner-xyz\nspace directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (1,2,3)\n"
     assert burrlab.read_volume(raw(tmp_path / "v.nrrd", NRRD + head)).notes == (
-        "space 'scanner-xyz' of the NRRD header is no anatomical one: its axes are taken as L, P, S",
+        "space 'scanner-xyz' of the NRRD header is no anatomical one: LPS assumed",
     )
 
 

@@ -120,6 +120,7 @@ def _sweep(options: Options) -> int:
         "seed": curve.provenance["seed"],
         "version": burrlab.__version__,
         "warnings": curve.provenance["warnings"],
+        "notes": curve.provenance.get("volume", {}).get("notes", []),
         "status": list(curve.status or ()),
     }
     lost = (curve.status or ()).count("interrupted")

@@ -18,7 +18,7 @@ _OF_TRACE = ("at", "video", "effects")
 _OF_FILM = ("fps", "speed")
 _OF_SCENE = ("width", "axis", "size", "slices", "effects", "stereo")  # --pictures has none
 _FPS = 20.0  # of a film [1/s]
-_OF_VOLUME = ("map", "spacing", "series", "crop", "voxel")
+_OF_VOLUME = ("map", "spacing", "series", "crop", "voxel", "transpose")
 
 
 def add_view_command(command: AddCommand) -> None:

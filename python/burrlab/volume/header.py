@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from burrlab.volume.geometry import Array, checked_spacing
 
+#: In every note on an orientation that a file does not say, and in pictures of its bone.
+LPS_ASSUMED = "LPS assumed"
 #: Millimetres of the units that headers name.
 MILLIMETRES = {"mm": 1.0, "millimeter": 1.0, "millimetre": 1.0, "cm": 10.0, "m": 1e3, "meter": 1e3, "metre": 1e3,
                "um": 1e-3, "µm": 1e-3, "micron": 1e-3, "micrometer": 1e-3, "nm": 1e-6}  # fmt: skip
@@ -44,6 +49,19 @@ class Header:
     names: dict[int, str] = field(default_factory=dict)
     colours: dict[int, tuple[int, int, int]] = field(default_factory=dict)
     files: tuple[str, ...] = ()
+
+
+def assumed(notes: Iterable[str]) -> str:
+    """`LPS_ASSUMED` if one of the notes says it, else nothing: what a picture of the bone says."""
+    return LPS_ASSUMED if any(LPS_ASSUMED in note for note in notes) else ""
+
+
+def told_notes(source: Any) -> tuple[str, ...]:
+    """The notes in a bone's source as sessions and traces keep it, a mapping or its JSON; none in any other."""
+    try:
+        return tuple(map(str, (json.loads(source) if isinstance(source, str) else source)["notes"]))
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return ()
 
 
 def check_not_negative(numbers: Array, said: str) -> None:

@@ -10,8 +10,9 @@ import pytest
 from PIL import Image
 
 from burrlab import Tissue, Tissues, materials
+from burrlab.anatomy import LabelledRecipe, default_tissues
 from burrlab.anatomy.known_tissues import VOLUMETRIC_DRILLING
-from burrlab.volume import LabelVolume, Volume, read_stack
+from burrlab.volume import LabelVolume, OccupancyMap, Volume, VolumeRecipe, read_stack
 from burrlab.volume.stack import ROWS_ALONG_X
 
 SILENT = "PNG slices say no orientation: LPS assumed"
@@ -115,6 +116,39 @@ def test_palettes_of_names_and_of_tissues(tmp_path: Path) -> None:
     assert isinstance(table, LabelVolume)
     assert table.labels.dtype == np.uint16
     assert (table.labels[1, 1, 3], table.labels[0, 0, 0], table.labels[2, 0, 0]) == (7, 300, 0)
+
+
+@pytest.mark.parametrize(
+    "palette", [None, {"other": (1, 2, 3), "nerve": NERVE}, default_tissues({1: "bone", 2: "facial nerve"})]
+)
+def test_slices_in_the_simulators_colours_must_be_told_their_axes(tmp_path: Path, palette: Any) -> None:
+    folder = save(tmp_path / "s", coloured())
+    for place in (folder, folder / "plane*.png"):
+        with pytest.raises(ValueError, match=r"must be told their axes.*\(--transpose\).*\(--no-transpose\)"):
+            read_stack(place, spacing=0.1, palette=palette)
+        if isinstance(palette, Tissues):
+            with pytest.raises(ValueError, match="must be told their axes"):
+                LabelledRecipe(str(place), palette, spacing=(0.1, 0.1, 0.1))
+    own = save(tmp_path / "own", np.where(coloured() == NERVE[2], 7, coloured()))
+    found = read_stack(
+        own, spacing=0.1, palette={"nerve": (*NERVE[:2], 7), "bone": (255, 249, 220)}, unknown=2
+    )
+    assert found.shape == (3, 4, 5)  # as before: y down the rows
+
+
+def test_grey_slices_of_a_description_and_recipes_before_the_key(tmp_path: Path) -> None:
+    pytest.importorskip("yaml", reason="extra `medical` is not installed")
+    save(tmp_path / "slices", grey((3, 4, 5)))
+    recipe = VolumeRecipe(str(adf(tmp_path)), OccupancyMap.two_point(0, 255))
+    plain = recipe.plain()
+    assert plain["transpose"] is True
+    assert VolumeRecipe.of(plain) == recipe
+    np.testing.assert_array_equal(recipe.volume().values, grey((3, 4, 5)).swapaxes(1, 2))
+    del plain["transpose"]  # as earlier versions wrote it
+    np.testing.assert_array_equal(VolumeRecipe.of(plain).volume().values, grey((3, 4, 5)))
+    assert "transpose" not in VolumeRecipe("ct.nrrd", recipe.mapping).plain()
+    with pytest.raises(ValueError, match=r"transpose \(--transpose\) goes with PNG slices, got .*ct\.nrrd"):
+        VolumeRecipe("ct.nrrd", recipe.mapping, transpose=True).volume()
 
 
 def test_colours_in_no_table_are_refused_or_taken_as_asked(tmp_path: Path) -> None:

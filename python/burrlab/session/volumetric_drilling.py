@@ -121,7 +121,11 @@ def export_volumetric_drilling(
         _put(force, "wrench", wrench)
         size = group("burr_change")
         _put(size, "time_stamp", np.array([start]))
-        _put(size, "burr_size", np.array([int(2 * trace.tools[burr][0].radius)], dtype=np.int64 if layout == "new" else np.int32))
+        _put(
+            size,
+            "burr_size",
+            np.array([int(2 * trace.tools[burr][0].radius)], dtype=np.int64 if layout == "new" else np.int32),
+        )
         _write_voxels(group("voxels_removed"), trace, grid, stamps, progress)
 
 

@@ -15,7 +15,7 @@ from burrlab._core import Burr, VoxelBone
 from burrlab.session.snapshot import load_bone
 from burrlab.specimen import Specimen, Vector
 from burrlab.volume.drilled import DrilledVolume, load_drilled
-from burrlab.volume.header import LPS_ASSUMED
+from burrlab.volume.header import assumed
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.occupancy_map import OccupancyMap
 from burrlab.volume.recipe import absolute, check_radius, is_stack
@@ -92,7 +92,7 @@ class DrilledRecipe:
         before = f"{self.path} has been burred for {self.tick} ticks before"
         if _holds_bone(self.path):
             return (before,)
-        return (before, *(note for note in self.like().notes if LPS_ASSUMED in note))
+        return (before, *(note for note in self.like().notes if assumed([note])))
 
     def like(self) -> Volume | LabelVolume:
         """The volume on the voxels of the bone, for `save_drilled`, read once; ValueError of a bone without one."""

@@ -13,7 +13,6 @@ from burrlab.volume.header import (
     LPS_ASSUMED,
     MILLIMETRES,
     Header,
-    assumed,
     check_not_negative,
     three_sizes,
     unit_columns,
@@ -146,7 +145,7 @@ def _to_lps(fields: dict[str, str], name: str, notes: list[str]) -> Array:
     space = fields.get("space", "").lower().removesuffix("-time").rstrip("t")
     signs = _TO_LPS.get(space)
     if signs is None:
-        if not assumed(notes):
+        if not any(LPS_ASSUMED in note for note in notes):
             notes.append(f"space '{space}' of the NRRD header is no anatomical one: {LPS_ASSUMED}")
         signs = (1.0, 1.0)
     return np.array([*signs, 1.0])

@@ -99,7 +99,8 @@ def ear_side(labels: LabelVolume, tissues: Tissues | None = None) -> dict[str, s
     table = labels_table(labels, tissues)
     clouds = []
     for name in _EAR:
-        own = [row["label"] for row in table if _is(row["tissue"], name)]
+        known = {row["label"]: known_tissue(row["tissue"] or "") for row in table}
+        own = [label for label, tissue in known.items() if tissue is not None and tissue.name == name]
         if len(own) != 1:
             return None
         places = np.argwhere(labels.labels == own[0])[:, ::-1] * labels.spacing
@@ -113,21 +114,14 @@ def ear_side(labels: LabelVolume, tissues: Tissues | None = None) -> dict[str, s
     leaving = _farthest(nerve, np.linalg.norm(nerve - inner, axis=1))
     anterior = _unit(to_joint - (to_joint @ lateral) * lateral)
     across, to_exit = np.cross(lateral, anterior), _unit(leaving - middle)
-    parts = (
-        lateral @ outwards, lateral @ _unit(leaving - inner), anterior @ to_joint, abs(across @ to_exit)
-    )  # fmt: skip
-    if min(parts) < _SURE or widths[1] > 0.64 * widths[2]:  # a canal as wide as long has no long axis
+    sure = lateral @ outwards, lateral @ _unit(leaving - inner), anterior @ to_joint, abs(across @ to_exit)
+    if min(sure) < _SURE or widths[1] > 0.64 * widths[2]:  # a canal as wide as long has no long axis
         return {}
     turn = np.stack([lateral, anterior, across * np.sign(across @ to_exit)])
     nearest = max(itertools.permutations(range(3)), key=lambda p: float(np.abs(turn[range(3), p]).sum()))
     named = zip(("lateral", "anterior", "inferior"), turn, nearest, strict=True)
     found = {word: "-+"[int(way[axis] > 0)] + "xyz"[axis] for word, way, axis in named}
     return {**found, "side": "left" if across @ to_exit > 0 else "right"}
-
-
-def _is(tissue: str | None, name: str) -> bool:
-    known = None if tissue is None else known_tissue(tissue)
-    return known is not None and known.name == name
 
 
 def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -202,12 +202,8 @@ def _show_trace(options: Options) -> int:
     at = player.duration if options.at is None else options.at
     if not 0 <= at <= player.duration:
         raise ValueError(f"--at must be from 0 to {player.duration:g} s, got {at:g}")
-    result: dict[str, Any] = {
-        "file": str(options.file),
-        "at_s": at,
-        "written": [],
-        "notes": list(trace.notes),
-    }
+    notes = list(trace.notes)
+    result: dict[str, Any] = {"file": str(options.file), "at_s": at, "written": [], "notes": notes}
     if _needs_scene(options):
         from burrlab.view.trace_view import TraceView
         from burrlab.view.video import write_video
@@ -238,13 +234,12 @@ def _show_bone(options: Options) -> int:
     bone = recipe.bone()
     _into_bone_frame(options, recipe)
     say_notes(recipe)
-    note = assumed(recipe.notes())
+    notes, file = list(recipe.notes()), str(options.bone or options.volume or options.labels)
+    note = assumed(notes)
     if options.web:
         return _serve(options, bone, bone, note=note)
     point = _middle(bone) if options.entry is None else options.entry
-    result: dict[str, Any] = {
-        "file": str(options.bone or options.volume or options.labels), "written": [], "notes": list(recipe.notes()),
-    }  # fmt: skip
+    result: dict[str, Any] = {"file": file, "written": [], "notes": notes}
     if _needs_scene(options):
         from burrlab.view.scene import Scene
 

@@ -121,43 +121,36 @@ def export_volumetric_drilling(
         _put(force, "wrench", wrench)
         size = group("burr_change")
         _put(size, "time_stamp", np.array([start]))
-        _put(
-            size,
-            "burr_size",
-            np.array([int(2 * trace.tools[burr][0].radius)], dtype=np.int64 if layout == "new" else np.int32),
-        )
+        whole = np.int64 if layout == "new" else np.int32
+        _put(size, "burr_size", np.array([int(2 * trace.tools[burr][0].radius)], dtype=whole))
         _write_voxels(group("voxels_removed"), trace, grid, stamps, progress)
 
 
 @dataclass(frozen=True)
 class _Grid:
-    """The voxels of that simulator: those of the slices that a bone was made of, or the bone's own.
+    """The voxels of that simulator: those of the slices that a bone was made of, or the bone's own."""
 
-    `turned` says whether the slices were transposed, None of no slices; `sizes` (x, y, z) is of all, as they were read, and `first` the
-    place of the bone's first voxel among them.
-    """
-
-    turned: bool | None
-    sizes: NDArray[np.int64]
-    first: NDArray[np.int64]
+    turned: bool | None  # the slices were transposed; None of no slices
+    sizes: NDArray[np.int64]  # of all slices (x, y, z), as they were read
+    first: NDArray[np.int64]  # place of the bone's first voxel there
 
     @classmethod
     def of(cls, trace: Trace) -> _Grid:
         bone = trace.bone()
-        sizes, first, turned = np.array(bone.shape[::-1]), np.zeros(3, np.int64), None
+        sizes, first = np.array(bone.shape[::-1]), np.zeros(3, np.int64)
         try:
             told = json.loads(trace.source)
             told = told.get("grey", told)  # on whose voxels the bone is
             path = str(told.get("path") or told.get("labels") or "")
-        except (ValueError, AttributeError):
-            return cls(turned, sizes, first)
-        if "transpose" in told or (path and is_stack(path)):
-            turned = bool(told.get("transpose", False))
-            if "crop_mm" in told and "voxel_mm" not in told and (slices := stack_slices(path)) is not None:
-                first = np.rint(np.array(bone.origin) / bone.spacing).astype(np.int64)
-                across, down = slices.columns, slices.rows
-                sizes = np.array([down, across] if turned else [across, down], np.int64)
-                sizes = np.append(sizes, len(slices.paths))
+        except (ValueError, AttributeError, RecursionError):
+            return cls(None, sizes, first)
+        if "transpose" not in told and not (path and is_stack(path)):
+            return cls(None, sizes, first)
+        turned = bool(told.get("transpose", False))
+        if "crop_mm" in told and "voxel_mm" not in told and (slices := stack_slices(path)) is not None:
+            first = np.rint(np.array(bone.origin) / bone.spacing).astype(np.int64)
+            sides = (slices.rows, slices.columns) if turned else (slices.columns, slices.rows)
+            sizes = np.array([*sides, len(slices.paths)])
         return cls(turned, sizes, first)
 
     def indices(self, found: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -188,20 +181,14 @@ def _write_data(
     rows = np.arange(0, len(trace), max(1, round(_DATA_EVERY / trace.period)))
     _put(group, "time", stamps[rows])
     _put(group, "pose_mastoidectomy_drill", pose[rows])
-    _put(
-        group,
-        "pose_mastoidectomy_volume",
-        np.tile([*middle, *(_QUARTER if grid.turned else _NO_TURN)], (len(rows), 1)),
-    )
+    turn = _QUARTER if grid.turned else _NO_TURN
+    _put(group, "pose_mastoidectomy_volume", np.tile([*middle, *turn], (len(rows), 1)))
 
 
 def _write_voxels(
-    out: h5py.Group,
-    trace: Trace,
-    grid: _Grid,
-    stamps: NDArray[np.float64],
+    out: h5py.Group, trace: Trace, grid: _Grid, stamps: NDArray[np.float64],
     progress: Callable[[float], object] | None,
-) -> None:
+) -> None:  # fmt: skip
     bone = trace.bone()
     before, numbers = bone.density, bone.tissue_numbers
     table = np.array([tissue.colour for tissue in bone.tissues or ()], dtype=float)
@@ -228,9 +215,8 @@ def _write_voxels(
     _put(out, "voxel_time_stamp", np.array(times))
     _put(out, "voxel_removed", np.vstack(voxels) if voxels else np.zeros((0, 4)))
     _put(out, "voxel_color", np.vstack(colors) if colors else np.zeros((0, 5)))
-    out.create_dataset(
-        "README", data=_VOXEL_README.format(axes=_OWN_AXES if grid.turned is None else _STACK_AXES)
-    )
+    axes = _OWN_AXES if grid.turned is None else _STACK_AXES
+    out.create_dataset("README", data=_VOXEL_README.format(axes=axes))
 
 
 def _newly_gone(

@@ -134,16 +134,26 @@ def test_a_right_ear_stays_one(
     viewed = said("view", *burr[: 2 + len(options)], "--pictures", out)
     trace, pair = load_trace(tmp_path / "s.h5"), load_drilled(kept)
     seen = said("view", str(trace.path), "--pictures", out)
+    alone = said("view", "--bone", str(tmp_path / "alone.h5"), "--pictures", out)
     recipes = run["provenance"]["volume"]["recipe"], first["provenance"]["source"]
     for bone in (*map(make_bone, recipes), trace.bone(), pair.bone, load_bone(tmp_path / "alone.h5")[0]):
         stays(bone)
     assert ear_side(pair.volume(), pair.bone.tissues) == SIDE
 
     told = {"LPS assumed": kind in ("silent.nrrd", "yaml", "slices"), "mirror image": turn is LEFT_HANDED}
-    results = [run["provenance"]["volume"], swept, first, first["provenance"]["source"], again, viewed, seen]
-    assert len(drawn) >= 4  # descent, curve, slices of the bone and of the trace
+    results = [
+        run["provenance"]["volume"],
+        swept,
+        first,
+        first["provenance"]["source"],
+        again,
+        viewed,
+        seen,
+        alone,
+    ]
+    assert len(drawn) >= 5  # descent, curve, slices of the volume, of the trace and of the bone alone
     for words, there in told.items():
-        assert [sum(words in note for note in r["notes"]) for r in (found, *results)] == [there] * 8
+        assert [sum(words in note for note in r["notes"]) for r in (found, *results)] == [there] * 9
         assert [words in figure for figure in drawn] == [there] * len(drawn)
         assert (words in picture_note(trace)) == there
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import math
 import os
 import tempfile
@@ -76,7 +77,7 @@ class Start:
         """Keeps the bone at the end of the session; errors as `rescued`."""
         with rescued(path, bone, tick):
             if self.like is None:
-                save_bone(path, bone, tick)
+                save_bone(path, bone, tick, source=json.dumps(self.source))
             else:
                 save_drilled(path, bone, self.like, mapping=self.mapping, tick=tick)
 

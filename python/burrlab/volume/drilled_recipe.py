@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from burrlab._core import Burr, VoxelBone
-from burrlab.session.snapshot import load_bone
+from burrlab.session.snapshot import bone_source, load_bone
 from burrlab.specimen import Specimen, Vector
 from burrlab.volume.drilled import DrilledVolume, load_drilled
-from burrlab.volume.header import assumed
+from burrlab.volume.header import assumed, told_notes
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.occupancy_map import OccupancyMap
 from burrlab.volume.recipe import absolute, check_radius, is_stack
@@ -90,9 +90,8 @@ class DrilledRecipe:
     def notes(self) -> tuple[str, ...]:
         """On what was saved, and what its volume does not say."""
         before = f"{self.path} has been burred for {self.tick} ticks before"
-        if _holds_bone(self.path):
-            return (before,)
-        return (before, *(note for note in self.like().notes if assumed([note])))
+        notes = told_notes(bone_source(self.path)) if _holds_bone(self.path) else self.like().notes
+        return (before, *(note for note in notes if assumed([note])))
 
     def like(self) -> Volume | LabelVolume:
         """The volume on the voxels of the bone, for `save_drilled`, read once; ValueError of a bone without one."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from matplotlib.figure import Figure
 from scipy.signal import savgol_filter
 
+from burrlab.volume.header import assumed, told_notes
 from burrlab.window import samples_between
 
 if TYPE_CHECKING:
@@ -94,6 +95,7 @@ def plot_descent(run: Descent, figure: Figure | None = None) -> list[Axes]:
             )
         top.axvline(begin, color="0.75", linewidth=0.6)
     said = "".join(f"; {text.split(':')[0]}" for text in run.warnings)
+    said += f"; {note}" if (note := assumed(told_notes(run.provenance.get("volume")))) else ""
     kind = "force held exactly" if run.series.exact else "controller and rig"
     top.set_title(f"{name}, R = {run.burr.radius:g} mm, {kind}{said}", fontsize=10)
     return [tidy(axes) for axes in (top, middle, bottom)]

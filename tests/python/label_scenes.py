@@ -46,6 +46,7 @@ def label_file(path: Path, like: Volume) -> Path:
 
 
 def coloured(folder: Path) -> Path:
+    """Slices and their YAML file, the number of a row along x as the simulator's converter writes them."""
     colour = {
         0: (0, 0, 0, 0),
         1: (*VOLUMETRIC_DRILLING["Bone"], 255),
@@ -53,7 +54,7 @@ def coloured(folder: Path) -> Path:
     }
     folder.mkdir()
     for k, plane in enumerate(np.array([colour.get(i, (0, 0, 0, 0)) for i in range(5)], np.uint8)[labels()]):
-        Image.fromarray(plane).save(folder / f"plane00{k:03d}.png")
+        Image.fromarray(plane.swapaxes(0, 1)).save(folder / f"plane00{k:03d}.png")
     text = "VOLUME v:\n  dimensions: {x: 0.009, y: 0.008, z: 0.007}\n  images: {path: slices, prefix: plane00, format: png}\n"
     (folder.parent / "v.yaml").write_text(text)
     return folder.parent / "v.yaml"

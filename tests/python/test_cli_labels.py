@@ -96,8 +96,8 @@ def test_a_block_and_slices_are_kept(files: Path, capsys: pytest.CaptureFixture[
 def test_grey_and_coloured_slices_of_one_spacing(files: Path) -> None:
     (files / "greys").mkdir()
     for k, plane in enumerate(np.clip(greys(), 0, None).astype(np.uint16)):
-        Image.fromarray(plane).save(files / "greys" / f"g{k:03d}.png")
-    words = ["--volume", "greys", "--map", "0:1000", "--labels", "slices", "--spacing", "0.25"]
+        Image.fromarray(plane.T).save(files / "greys" / f"g{k:03d}.png")
+    words = ["--volume", "greys", "--map", "0:1000", "--labels", "slices", "--spacing", "0.25", "--transpose"]
     place = ["--entry", "4,4,7", "--axis", "0,0,-1"]
     assert main([*HAND, *words, *place, "--save", "kept"]) == 0
     assert {t.name for t in load_drilled("kept").bone.tissues} >= {"bone", "facial nerve"}
@@ -121,6 +121,11 @@ def test_grey_and_coloured_slices_of_one_spacing(files: Path) -> None:
         (["--labels", "a.seg.nrrd", "--unit", "1", *THERE], "unit (--unit) goes with labels in PNG slices, got a.seg.nrrd"),
         ([*GREY, "--labels", "labels.nii.gz", "--unknown", "nearest", *THERE], "unknown (--unknown) goes with labels in PNG slices"),
         (["--labels", "slices", *THERE], "slices: PNG slices do not say how large they are"),
+        (["--labels", "slices", "--spacing", "0.25", *THERE], "slices: slices in colours of volumetric_drilling must be told their axes"),
+        (["--labels", "slices", "--tissues", "t.csv", "--spacing", "0.25", *THERE], "slices: slices in colours of volumetric_drilling must be told"),
+        (["--labels", "a.seg.nrrd", "--no-transpose", *THERE], "--transpose and --no-transpose go with PNG slices"),
+        (["--transpose"], "--transpose and --no-transpose go with PNG slices"),
+        (["--bone", "ct.nrrd", "--no-transpose", *THERE], "--transpose goes without --bone, which has its own"),
         (["--labels", "slices", "--unit", "1", "--spacing", "0.2", *THERE], "unit goes with a YAML file: spacing is in mm"),
         ([*GREY, "--labels", "a.seg.nrrd", *THERE], "a.seg.nrrd must have the same geometry: spacing (0.25, 0.25, 0.25) against (0.2, 0.3"),
         ([*GREY, "--labels", "labels.nii.gz", "--tissues", "t.csv", "--fill", "spleen:1", *THERE], "fill must be of tissues of the table (bone, facial nerve, unlabelled), got 'spleen'"),

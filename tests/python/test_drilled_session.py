@@ -131,7 +131,7 @@ def independent(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
         for label, name in ((1, "Bone"), (10, "Facial_Nerve")):
             code[(colours == (*VOLUMETRIC_DRILLING[name], 255)).all(axis=-1)] = label
         assert ((code > 0) == (colours[..., 3] > 0)).all()
-        return code, None
+        return code.swapaxes(1, 2), None  # rows lie along x
     if ".nii" in path.name:
         nibabel = pytest.importorskip("nibabel", reason="nibabel, an independent reader, is not installed")
         image = nibabel.load(path)

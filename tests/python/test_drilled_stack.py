@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from drilled_scenes import MAP, SHAPE, drilled, greys, stack
@@ -85,6 +87,15 @@ def test_coloured_stacks_and_their_description(tmp_path: Path, mode: str) -> Non
     assert "path: ./shaders/" in (tmp_path / "out" / "v.yaml").read_text()
     loaded = load_drilled(tmp_path / "out")
     assert (loaded.bone.digest(), loaded.tick, loaded.mapping) == (bone.digest(), 9, None)
+    assert loaded.transpose is True
+    with h5py.File(
+        tmp_path / "out" / "bone.h5", "r+"
+    ) as file:  # a pair of an earlier version, without the key
+        told = json.loads(file.attrs["source"])
+        del told["transpose"]
+        file.attrs["source"] = json.dumps(told)
+    old = load_drilled(tmp_path / "out")
+    assert (old.bone.digest(), old.transpose) == (bone.digest(), False)
     with pytest.raises(ValueError, match=r"mapping must be given for grey values only, and .* holds labels"):
         save_drilled(tmp_path / "x", bone, labels, mapping=MAP)
 

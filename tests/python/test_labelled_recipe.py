@@ -36,7 +36,7 @@ def test_a_recipe_comes_back_and_makes_the_same_bone(files: Path) -> None:
     finer = LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP, voxel=0.2))
     alone = LabelledRecipe("a.seg.nrrd", TABLE, voxel=(0.2, 0.2, 0.2))
     colours = default_tissues({1: "bone", 10: "facial nerve"})
-    slices = LabelledRecipe("slices", colours, spacing=SPACING, unknown="nearest")
+    slices = LabelledRecipe("slices", colours, spacing=SPACING, unknown="nearest", transpose=True)
     described = LabelledRecipe("v.yaml", colours, unit=500.0)
     for recipe in (of_grey, cropped, finer, alone, slices, described):
         plain = json.loads(json.dumps(recipe.plain()))

@@ -64,7 +64,7 @@ def test_nifti_without_orientation_is_noted_and_without_spacing_asked_for(tmp_pa
     path = tmp_path / "v.nii"
     nifti(path, a_volume().values, pixdim=[1, 0.5, 0.5, 2, 1, 1, 1, 1], qform_code=0, sform_code=0)
     volume = burrlab.read_volume(path)
-    assert "no orientation" in volume.notes[0]
+    assert "no orientation (qform and sform code 0): LPS assumed" in volume.notes[0]
     np.testing.assert_array_equal(volume.spacing, (0.5, 0.5, 2))
     nifti(path, a_volume().values, pixdim=[1, 0.5, 0.5, 0, 1, 1, 1, 1], qform_code=0, sform_code=0)
     with pytest.raises(

@@ -20,11 +20,11 @@ def full(after: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """A disk with no room for the first files that are kept."""
     kept, tried = burrlab.save_bone, []
 
-    def save(place: str, bone: burrlab.VoxelBone, tick: int) -> None:
+    def save(place: str, bone: burrlab.VoxelBone, tick: int, **told: str) -> None:
         tried.append(place)
         if len(tried) <= after:
             raise OSError(errno.ENOSPC, "No space left on device", place)
-        kept(place, bone, tick)
+        kept(place, bone, tick, **told)
 
     monkeypatch.setattr(cli_bone, "save_bone", save)
 

@@ -10,9 +10,12 @@ import pytest
 from PIL import Image
 
 from burrlab import Tissue, Tissues, materials
+from burrlab.anatomy import LabelledRecipe, default_tissues
 from burrlab.anatomy.known_tissues import VOLUMETRIC_DRILLING
-from burrlab.volume import LabelVolume, Volume, read_stack
+from burrlab.volume import LabelVolume, OccupancyMap, Volume, VolumeRecipe, read_stack
+from burrlab.volume.stack import ROWS_ALONG_X
 
+SILENT = "PNG slices say no orientation: LPS assumed"
 BONE, NERVE = VOLUMETRIC_DRILLING["Bone"], VOLUMETRIC_DRILLING["Facial_Nerve"]
 
 
@@ -62,14 +65,14 @@ def test_grey_slices_in_the_order_of_their_numbers(tmp_path: Path, kind: type, n
 
 def test_axes_of_an_asymmetric_pattern(tmp_path: Path) -> None:
     folder = save(tmp_path / "s", coloured())
-    labels = read_stack(folder, spacing=0.1)
+    labels = read_stack(folder, spacing=0.1, transpose=False)
     assert isinstance(labels, LabelVolume)
     assert labels.labels.shape == (3, 4, 5)
     assert labels.labels[1, 1, 3] == 10  # (z, y, x): slice, row, column
     assert (labels.labels[0] == 1).all()
     assert np.count_nonzero(labels.labels[1:]) == 1
     assert (labels.names[10], labels.colours[10]) == ("Facial_Nerve", NERVE)
-    assert labels.notes == ()
+    assert labels.notes == (SILENT,)
     turned = read_stack(folder, spacing=0.1, transpose=True)
     assert isinstance(turned, LabelVolume)
     np.testing.assert_array_equal(turned.labels, labels.labels.transpose(0, 2, 1))
@@ -79,14 +82,14 @@ def test_modes_of_colour_give_the_same_labels(tmp_path: Path) -> None:
     planes = coloured()
     planes[..., :3][planes[..., 3] == 0] = 0  # black, which is nothing too
     planes[..., 3] = 255
-    expected = read_stack(save(tmp_path / "rgba", planes), spacing=0.1)
+    expected = read_stack(save(tmp_path / "rgba", planes), spacing=0.1, transpose=False)
     assert isinstance(expected, LabelVolume)
     for mode in ("RGB", "P"):
         folder = save(tmp_path / mode, planes[..., :3], mode=None if mode == "RGB" else "P")
         if mode == "P":
             for k, plane in enumerate(planes):
                 Image.fromarray(plane[..., :3]).quantize(8).save(folder / f"plane00{k}.png")
-        found = read_stack(folder, spacing=0.1)
+        found = read_stack(folder, spacing=0.1, transpose=False)
         assert isinstance(found, LabelVolume)
         np.testing.assert_array_equal(found.labels, expected.labels)
 
@@ -102,17 +105,50 @@ def test_grey_written_as_colours_is_grey(tmp_path: Path) -> None:
 
 def test_palettes_of_names_and_of_tissues(tmp_path: Path) -> None:
     folder = save(tmp_path / "s", coloured())
-    named = read_stack(folder, spacing=0.1, palette={"nerve": NERVE, "bone": BONE})
+    named = read_stack(folder, spacing=0.1, palette={"nerve": NERVE, "bone": BONE}, transpose=False)
     assert isinstance(named, LabelVolume)
     assert (named.labels[1, 1, 3], named.labels[0, 0, 0], named.names) == (1, 2, {1: "nerve", 2: "bone"})
     rows = [
         Tissue(n, label=label, c_e=1, alpha=0, colour=c)
         for n, label, c in (("bone", 300, BONE), ("nerve", 7, NERVE))
     ]
-    table = read_stack(folder, spacing=0.1, palette=Tissues(rows, materials["bone"]))
+    table = read_stack(folder, spacing=0.1, palette=Tissues(rows, materials["bone"]), transpose=False)
     assert isinstance(table, LabelVolume)
     assert table.labels.dtype == np.uint16
     assert (table.labels[1, 1, 3], table.labels[0, 0, 0], table.labels[2, 0, 0]) == (7, 300, 0)
+
+
+@pytest.mark.parametrize(
+    "palette", [None, {"other": (1, 2, 3), "nerve": NERVE}, default_tissues({1: "bone", 2: "facial nerve"})]
+)
+def test_slices_in_the_simulators_colours_must_be_told_their_axes(tmp_path: Path, palette: Any) -> None:
+    folder = save(tmp_path / "s", coloured())
+    for place in (folder, folder / "plane*.png"):
+        with pytest.raises(ValueError, match=r"must be told their axes.*\(--transpose\).*\(--no-transpose\)"):
+            read_stack(place, spacing=0.1, palette=palette)
+        if isinstance(palette, Tissues):
+            with pytest.raises(ValueError, match="must be told their axes"):
+                LabelledRecipe(str(place), palette, spacing=(0.1, 0.1, 0.1))
+    own = save(tmp_path / "own", np.where(coloured() == NERVE[2], 7, coloured()))
+    found = read_stack(
+        own, spacing=0.1, palette={"nerve": (*NERVE[:2], 7), "bone": (255, 249, 220)}, unknown=2
+    )
+    assert found.shape == (3, 4, 5)  # as before: y down the rows
+
+
+def test_grey_slices_of_a_description_and_recipes_before_the_key(tmp_path: Path) -> None:
+    pytest.importorskip("yaml", reason="extra `medical` is not installed")
+    save(tmp_path / "slices", grey((3, 4, 5)))
+    recipe = VolumeRecipe(str(adf(tmp_path)), OccupancyMap.two_point(0, 255))
+    plain = recipe.plain()
+    assert plain["transpose"] is True
+    assert VolumeRecipe.of(plain) == recipe
+    np.testing.assert_array_equal(recipe.volume().values, grey((3, 4, 5)).swapaxes(1, 2))
+    del plain["transpose"]  # as earlier versions wrote it
+    np.testing.assert_array_equal(VolumeRecipe.of(plain).volume().values, grey((3, 4, 5)))
+    assert "transpose" not in VolumeRecipe("ct.nrrd", recipe.mapping).plain()
+    with pytest.raises(ValueError, match=r"transpose \(--transpose\) goes with PNG slices, got .*ct\.nrrd"):
+        VolumeRecipe("ct.nrrd", recipe.mapping, transpose=True).volume()
 
 
 def test_colours_in_no_table_are_refused_or_taken_as_asked(tmp_path: Path) -> None:
@@ -124,19 +160,20 @@ def test_colours_in_no_table_are_refused_or_taken_as_asked(tmp_path: Path) -> No
         ValueError,
         match=r"4 pixels of 2 colours that are in no table: \(253, 247, 217\) in plane001.png, row 2, column 0.*'nearest'",
     ):
-        read_stack(folder, spacing=0.1)
-    nearest = read_stack(folder, spacing=0.1, unknown="nearest")
+        read_stack(folder, spacing=0.1, transpose=False)
+    nearest = read_stack(folder, spacing=0.1, unknown="nearest", transpose=False)
     assert isinstance(nearest, LabelVolume)
     assert nearest.labels[1, 2, :4].tolist() == [1, 1, 1, 0]
     assert nearest.labels[2, 0, 4] == 4  # the stapes is (63, 0, 255)
     assert nearest.notes == (
+        SILENT,
         "4 pixels of 2 colours that are in no table were taken as the nearest colour: (253, 247, 217) in plane001.png, "
         "row 2, column 0",
     )
-    given = read_stack(folder, spacing=0.1, unknown=2)
+    given = read_stack(folder, spacing=0.1, unknown=2, transpose=False)
     assert isinstance(given, LabelVolume)
     assert given.labels[1, 2, 0] == given.labels[2, 0, 4] == 2
-    assert "taken as label 2" in given.notes[0]
+    assert "taken as label 2" in given.notes[-1]
 
 
 def test_a_description_gives_size_and_slices(tmp_path: Path) -> None:
@@ -144,18 +181,19 @@ def test_a_description_gives_size_and_slices(tmp_path: Path) -> None:
     save(tmp_path / "slices", coloured())
     (tmp_path / "slices" / "notes.txt").write_text("other files do not matter")
     save(tmp_path / "slices", grey((2, 3, 3)), "preview{}.png")
-    labels = read_stack(adf(tmp_path))
+    labels = read_stack(adf(tmp_path), transpose=False)
     np.testing.assert_allclose(labels.spacing, (10, 10, 10))  # 50, 40, 30 mm over 5 columns, 4 rows, 3 slices
-    [note] = labels.notes
+    assert labels.notes[0] == SILENT
+    [note] = labels.notes[1:]
     assert note.startswith(
         f"count in {tmp_path / 'volume.yaml'} is 512, and 3 slices are there: they share its dimensions"
     )
-    assert read_stack(adf(tmp_path, count=3)).notes == ()
-    half = read_stack(adf(tmp_path, extra="  scale: 0.5\n"))
+    assert read_stack(adf(tmp_path, count=3)).notes == (SILENT, ROWS_ALONG_X)
+    half = read_stack(adf(tmp_path, extra="  scale: 0.5\n"), transpose=False)
     np.testing.assert_allclose(half.spacing, (5, 5, 5))
     old = read_stack(adf(tmp_path, dimensions="{x: 1.0, y: 1.0, z: 1.0}"), unit=49.664)
-    np.testing.assert_allclose(old.spacing * (5, 4, 3), 49.664)
-    turned = read_stack(adf(tmp_path), transpose=True)
+    np.testing.assert_allclose(old.spacing * (4, 5, 3), 49.664)
+    turned = read_stack(adf(tmp_path))  # rows along x, as the simulator's converter writes them
     np.testing.assert_allclose(turned.spacing, (12.5, 8, 10))
 
 

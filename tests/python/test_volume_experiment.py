@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import burrlab
 from burrlab.cli import main
@@ -118,6 +119,22 @@ def test_another_volume_is_another_protocol(tmp_path, volume):
     assert Protocol.read(other).digest != before
 
 
+def test_slices_in_a_protocol(tmp_path):
+    """A block of slices, and the digest of one that says nothing of transpose, which earlier versions wrote so."""
+    (tmp_path / "ct").mkdir()
+    for k in range(24):
+        Image.fromarray(np.full((40, 44), 200 if k < 16 else 0, np.uint8)).save(tmp_path / "ct" / f"s{k}.png")
+    text = PROTOCOL.replace('"ct.nrrd"', '"ct"\nspacing_mm = [0.5, 0.5, 0.5]').replace("0:1000", "0:100")
+    text = text.replace("{axis}\n", "[0, 0, -1]\n{more}").replace("{entry}", "[9, 9, 11]")
+    for more, told in (("", None), ("transpose = false\n", None), ("transpose = true\n", True)):
+        (tmp_path / "experiment.toml").write_text(text.format(more=more))
+        bone = Protocol.read(tmp_path / "experiment.toml").bone
+        assert bone.plain()["volume"].get("transpose") is told
+        assert bone.recipe()["volume"]["transpose"] is bool(told)
+        assert bone.recipe()["notes"][0] == "PNG slices say no orientation: LPS assumed"
+        assert "notes" not in bone.plain()
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -125,6 +142,11 @@ def test_another_volume_is_another_protocol(tmp_path, volume):
         ('map = "0:1000"\n', "", r", \[bone\]: map is missing: volume needs it"),
         ('"0:1000"', '"5"', r", \[bone\]: must be LO:HI or GREY:OCCUPANCY"),
         ("ct.nrrd", "none.nrrd", r", \[bone\]: .*none\.nrrd: no such file"),
+        (
+            'map = "0:1000"\n',
+            'map = "0:1000"\ntranspose = 1\n',
+            r", \[bone\]: transpose must be true or false, got 1",
+        ),
         ('map = "0:1000"\n', 'map = "0:1000"\ncrop_mm = 3\n', r", \[bone\]: crop_mm must be two corners"),
         (
             'map = "0:1000"\n',

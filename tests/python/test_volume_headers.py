@@ -94,11 +94,25 @@ def test_wrong_nrrd(tmp_path, head, message):
         burrlab.read_volume(raw(tmp_path / "v.nrrd", NRRD + head))
 
 
-def test_nrrd_space_that_is_not_anatomical_is_noted(tmp_path):
-    head = "dimension: 3\nsizes: 5 4 3\nspace: scanner-xyz\nspace directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (1,2,3)\n"
-    assert burrlab.read_volume(raw(tmp_path / "v.nrrd", NRRD + head)).notes == (
-        "space 'scanner-xyz' of the NRRD header is no anatomical one: its axes are taken as L, P, S",
-    )
+_SIZES = "DimSize = 5 4 3\nElementSpacing = 1 1 1\nElementType = MET_SHORT\n"
+_DIRECTIONS = "dimension: 3\nsizes: 5 4 3\nspace directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (1,2,3)\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "head", "notes"),
+    [
+        ("v.nrrd", NRRD + "dimension: 3\nsizes: 5 4 3\nspacings: 1 1 1\n", ["the NRRD header says no orientation"]),
+        ("v.nrrd", NRRD + "space dimension: 3\n" + _DIRECTIONS, ["space '' of the NRRD header is no anatomical one"]),
+        ("v.nrrd", NRRD + "space: scanner-xyz\n" + _DIRECTIONS, ["space 'scanner-xyz' of the NRRD header is no anatomical one"]),
+        ("v.nrrd", NRRD + "space: RAS\n" + _DIRECTIONS, []),
+        ("v.mha", META + _SIZES, ["the MetaImage header says no orientation"]),
+        ("v.mha", META + _SIZES + "AnatomicalOrientation = RAI\n", []),
+        ("v.mha", META + _SIZES + "TransformMatrix = 1 0 0 0 1 0 0 0 1\n", []),
+    ],
+)  # fmt: skip
+def test_an_orientation_that_is_not_said_is_noted_once(tmp_path, name, head, notes):
+    found = burrlab.read_volume(raw(tmp_path / name, head)).notes
+    assert [note.split(": LPS assumed")[0] for note in found if "LPS assumed" in note] == notes
 
 
 @pytest.mark.parametrize(

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
+from label_scenes import coloured
+from PIL import Image
 from session_scenes import SEED, FakeReader, make_records, small_bone, tools
 
 import burrlab
+from burrlab.anatomy import LabelledRecipe, default_tissues
+from burrlab.cli import main
+from burrlab.session.volumetric_drilling import _NEW
 
 TICKS = 2005
+NEW = "physics_data/intermittent_data/voxels_removed/"
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +31,7 @@ def made(tmp_path_factory):
     ).stop()
     trace = burrlab.load_trace(folder / "session.h5")
     done = []
-    burrlab.export_volumetric_drilling(trace, folder / "export.hdf5", progress=done.append)
+    burrlab.export_volumetric_drilling(trace, folder / "export.hdf5", layout="old", progress=done.append)
     assert done[-1] == 1.0
     with h5py.File(folder / "export.hdf5") as file:
         yield file, trace, records, bone
@@ -90,7 +99,7 @@ def test_the_voxels_are_those_that_lost_half_of_their_bone(made):
 def test_a_session_that_removed_nothing(tmp_path):
     file = tmp_path / "session.h5"
     burrlab.TraceWriter(file, FakeReader(), small_bone(), tools(), seed=1).stop()
-    burrlab.export_volumetric_drilling(burrlab.load_trace(file), tmp_path / "export.hdf5")
+    burrlab.export_volumetric_drilling(burrlab.load_trace(file), tmp_path / "export.hdf5", layout="old")
     with h5py.File(tmp_path / "export.hdf5") as made:
         assert made["voxels_removed/voxel_removed"].shape == (0, 4)
         assert made["high_frequency_poses/mastoidectomy_drill/pose"].shape == (0, 7)
@@ -100,6 +109,8 @@ def test_wrong_burr_and_folder(made, tmp_path):
     trace = made[1]
     with pytest.raises(ValueError, match="burr must be an index below 2, got 2"):
         burrlab.export_volumetric_drilling(trace, tmp_path / "export.hdf5", burr=2)
+    with pytest.raises(ValueError, match="layout must be 'new' or 'old', got 'newest'"):
+        burrlab.export_volumetric_drilling(trace, tmp_path / "export.hdf5", layout="newest")
     with pytest.raises(FileNotFoundError, match="folder must exist, got"):
         burrlab.export_volumetric_drilling(trace, tmp_path / "none" / "export.hdf5")
     with pytest.raises(TypeError, match="trace must be a Trace, as load_trace gives it"):
@@ -111,3 +122,75 @@ def test_the_trace_itself_is_not_overwritten(made):
     with pytest.raises(ValueError, match="path must be another file than the trace"):
         burrlab.export_volumetric_drilling(trace, trace.path)
     assert len(burrlab.load_trace(trace.path)) == TICKS
+
+
+def test_the_layout_of_today_holds_the_same(made, tmp_path, capsys):
+    old, trace, *_ = made
+    out = str(tmp_path / "new.hdf5")
+    assert main(["export", str(trace.path), "--out", out]) == 0
+    assert capsys.readouterr().out == f"written {out}\n"
+    found, wanted = {}, {}
+    with h5py.File(out) as file:
+        assert set(file) == {"metadata_v3", "vision_data", "physics_data"}
+        assert list(file["vision_data/intermittent_data"]) == []
+        file.visititems(lambda name, item: found.update({name: item[()]} if hasattr(item, "dtype") else {}))
+    old.visititems(lambda name, item: wanted.update({name: item[()]} if hasattr(item, "dtype") else {}))
+    assert len(found) == len(wanted) == 15
+    for name, values in wanted.items():
+        group, _, last = name.rpartition("/")
+        np.testing.assert_array_equal(found[f"{_NEW[group]}/{last}"], values)
+    assert found["physics_data/intermittent_data/burr_change/burr_size"].dtype == np.int64
+    assert main(["export", str(trace.path), "--out", out]) == 2
+    assert "--out must be a new file" in capsys.readouterr().err
+    assert main(["export", str(trace.path), "--out", f"{out}.old", "--old"]) == 0
+    with h5py.File(f"{out}.old") as file:
+        assert set(file) == set(old)
+
+
+@pytest.mark.parametrize(
+    "how", ["as its converter writes them", "rows along y", "a box of them", "before the key"]
+)
+def test_indices_and_colours_are_those_of_the_slices(tmp_path: Path, how: str) -> None:
+    pytest.importorskip("yaml", reason="extra `medical` is not installed")
+    turned = how in ("as its converter writes them", "a box of them")
+    box = ((0.9, 0.9, 0.4), (8.1, 7.1, 6.9)) if how == "a box of them" else None
+    table = default_tissues({0: "air", 1: "bone", 10: "facial nerve"})
+    recipe = LabelledRecipe(str(coloured(tmp_path / "slices")), table, crop=box, transpose=turned)
+    source, bone = recipe.plain(), recipe.bone()
+    assert source["transpose"] is turned
+    if how == "before the key":
+        del source["transpose"]
+        assert LabelledRecipe.of(source).bone().digest() == bone.digest()
+    at = np.arange(600) / 1e3
+    path = np.array([2.7, 2.6, 6.2]) + np.outer(at, (4.0, 8.0, -4.0))
+    burr, device = burrlab.Burr(1.7), burrlab.ScriptedDevice(at, path)
+    with burrlab.Session(
+        bone, (burr, burrlab.materials["bone"]), device, seed=1, duration=0.5, wall_clock=False,
+        record=tmp_path / "s.h5", source=source,
+    ) as session:  # fmt: skip
+        session.wait()
+    trace = burrlab.load_trace(tmp_path / "s.h5")
+    assert json.loads(trace.source) == source
+    burrlab.export_volumetric_drilling(trace, tmp_path / "out.hdf5")
+    with h5py.File(tmp_path / "out.hdf5") as file:
+        removed, colors = (file[NEW + name][()].astype(int) for name in ("voxel_removed", "voxel_color"))
+        stamps = file[NEW + "voxel_time_stamp"][()]
+        pose = file["vision_data/continuous_data/pose_mastoidectomy_volume"][0]
+    gone = 2 * session.snapshot()[0].density.astype(int) < bone.density
+    assert len(removed) == np.count_nonzero(gone) > 500
+    planes = (gone.swapaxes(1, 2) if turned else gone)[:, ::-1]  # slice, row from the lowest, column
+    if box is None:
+        assert set(map(tuple, removed[:, :0:-1])) == set(map(tuple, np.argwhere(planes)))
+    # As that simulator loads them: the lowest row first (its library's reader of PNG files).
+    stack = np.stack(
+        [np.asarray(Image.open(name))[::-1] for name in sorted((tmp_path / "slices").glob("*.png"))]
+    )
+    x, y, z = removed[:, 1:].T
+    np.testing.assert_array_equal(stack[z, y, x], colors[:, 1:])
+    assert len(np.unique(colors[:, 1:], axis=0)) == 2  # bone and nerve
+    assert pose[3:].tolist() == pytest.approx([0, 0, 0.5**0.5, 0.5**0.5] if turned else [0, 0, 0, 1])
+    if turned:  # where the volume's pose puts the voxels, there the drill is
+        there = 0.25 * (removed[:, 1:] - (np.array(stack.shape[2::-1]) - 1) / 2)
+        there = 1000 * pose[:3] + there @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]  # that quarter turn
+        drill = path[np.rint((stamps[removed[:, 0]] - trace.provenance["started_unix_s"]) * 1e3).astype(int)]
+        assert np.linalg.norm(there - drill, axis=1).max() < 2.2

@@ -17,7 +17,7 @@ from burrlab.session.snapshot import tissues_from_json, tissues_to_json
 from burrlab.specimen import Specimen, Vector
 from burrlab.volume import LabelVolume, OccupancyMap, Volume, read_labels
 from burrlab.volume.recipe import VolumeRecipe, absolute, check_radius, is_stack
-from burrlab.volume.stack import read_stack
+from burrlab.volume.stack import read_stack, rows_along_x
 from burrlab.volume.volume import specimen_in
 
 _EMPTY_BEFORE = ("air",)  # where a recipe does not say it
@@ -49,11 +49,13 @@ class LabelledRecipe:
         Bring the labels on the voxels of the grey volume: see `LabelVolume.on`.
     empty : tuple of str
         See `labelled_bone`. A recipe of an earlier version, which does not say it, has air alone.
+    transpose : bool, optional
+        Of labels in slices; see `read_stack`. What it becomes is settled here, so that it stands in results.
 
     Raises
     ------
     ValueError
-        If a crop or a spacing of the bone is given beside a grey volume, or `onto` without one.
+        If `transpose` must be told, as of `read_stack`, a crop or a spacing of the bone is given beside a grey volume, or `onto` without one.
     """
 
     labels: str
@@ -67,10 +69,13 @@ class LabelledRecipe:
     voxel: tuple[float, float, float] | None = None
     onto: bool = False
     empty: tuple[str, ...] = EMPTY
+    transpose: bool | None = None
     _made: dict[str, LabelledBone] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", absolute(self.labels))
+        colours = [tissue.colour for tissue in self.tissues] if is_stack(self.labels) else []
+        object.__setattr__(self, "transpose", rows_along_x(self.labels, self.transpose, colours))
         if self.grey is not None and (self.crop is not None or self.voxel is not None):
             raise ValueError("crop and voxel must be those of the grey volume")
         if self.onto and self.grey is None:
@@ -78,7 +83,10 @@ class LabelledRecipe:
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> LabelledRecipe:
-        """Of what `plain` gave, through JSON too; KeyError, TypeError or ValueError where it is not that."""
+        """Of what `plain` gave, through JSON too; KeyError, TypeError or ValueError where it is not that.
+
+        Slices without a word on `transpose`, as versions before it wrote, are not transposed.
+        """
         fill = {str(name): float(part) for name, part in dict(plain.get("fill", {})).items()}
         unknown = plain.get("unknown", "refuse")
         unit, crop = plain.get("unit_mm"), plain.get("crop_mm")
@@ -88,6 +96,7 @@ class LabelledRecipe:
             unknown if isinstance(unknown, int) else str(unknown), None if unit is None else float(unit),
             None if crop is None else (_numbers(crop[0]), _numbers(crop[1])), _three(plain.get("voxel_mm")),
             bool(plain.get("onto", False)), empty=tuple(map(str, plain.get("empty", _EMPTY_BEFORE))),
+            transpose=bool(plain.get("transpose", False)),
         )  # fmt: skip
 
     def plain(self) -> dict[str, Any]:
@@ -102,6 +111,7 @@ class LabelledRecipe:
             "voxel_mm": None if self.voxel is None else list(self.voxel),
             "onto": self.onto or None,
             "empty": None if self.empty == _EMPTY_BEFORE else list(self.empty),
+            "transpose": self.transpose if self.transpose or is_stack(self.labels) else None,
         }
         return {
             "kind": "labelled volume",
@@ -181,8 +191,9 @@ class LabelledRecipe:
 
     def _labels(self) -> LabelVolume:
         labels = labels_of(
-            self.labels, spacing=self.spacing, unknown=self.unknown, unit=self.unit, palette=self.tissues
-        )
+            self.labels, spacing=self.spacing, unknown=self.unknown, unit=self.unit, palette=self.tissues,
+            transpose=self.transpose,
+        )  # fmt: skip
         return labels if self.crop is None else labels.crop(*self.crop)
 
 
@@ -193,14 +204,17 @@ def labels_of(
     unknown: str | int = "refuse",
     unit: float | None = None,
     palette: Tissues | None = None,
+    transpose: bool | None = None,
 ) -> LabelVolume:
     """Labels of a file or of a stack of coloured slices, by the colours of a table; errors as of `read_labels` and `read_stack`."""
     if not is_stack(os.fspath(path)):
-        if unknown != "refuse" or unit is not None:
-            name = "unit" if unknown == "refuse" else "unknown"
+        if unknown != "refuse" or unit is not None or transpose:
+            name = "unknown" if unknown != "refuse" else "transpose" if transpose else "unit"
             raise ValueError(f"{name} (--{name}) goes with labels in PNG slices, got {os.fspath(path)}")
         return read_labels(path, spacing=spacing)
-    found = read_stack(path, spacing=spacing, palette=palette, unknown=unknown, unit=unit)
+    found = read_stack(
+        path, spacing=spacing, palette=palette, unknown=unknown, unit=unit, transpose=transpose
+    )
     if not isinstance(found, LabelVolume):
         raise ValueError(f"{os.fspath(path)}: the slices are grey, and labels are coloured ones")
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import math
 import os
 import tempfile
@@ -30,7 +31,7 @@ from burrlab.volume.volume import Volume
 
 _BLOCK = (30.0, 30.0, 10.0)  # of the block that a session burrs unless a volume is given, top at z = 0 [mm]
 _GAP = 0.5  # between the burr of a simulated hand and the bone at the start [mm]
-_OTHERS = ("volume", "labels", "map", "spacing", "series", "crop", "voxel", *OF_LABELS)
+_OTHERS = ("volume", "labels", "map", "spacing", "series", "crop", "voxel", "transpose", *OF_LABELS)
 
 
 def add_bone_options(parser: argparse.ArgumentParser) -> None:
@@ -76,7 +77,7 @@ class Start:
         """Keeps the bone at the end of the session; errors as `rescued`."""
         with rescued(path, bone, tick):
             if self.like is None:
-                save_bone(path, bone, tick)
+                save_bone(path, bone, tick, source=json.dumps(self.source))
             else:
                 save_drilled(path, bone, self.like, mapping=self.mapping, tick=tick)
 
@@ -122,12 +123,13 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
     like, mapping = _kept_as(options.save, recipe)
     bone, place = _placed(options, recipe, burr)
     say_notes(recipe)
+    source = {**recipe.plain(), "notes": list(recipe.notes())}
     tick = 0
     if isinstance(recipe, DrilledRecipe):
         tick = recipe.tick
         if bone.tissues is not None and material == materials["bone"]:  # the default: the bone knows its own
             material = bone.tissues.material
-    return Start(bone, tick, material, recipe.plain(), place, like, mapping)
+    return Start(bone, tick, material, source, place, like, mapping)
 
 
 def _recipe(options: argparse.Namespace, material: Material) -> Recipe | DrilledRecipe | None:

@@ -21,6 +21,7 @@ from burrlab.cli.options import (
 )
 from burrlab.cli.output import deliver, save_figure
 from burrlab.cli.volume import add_label_options, add_volume_options, chosen_specimen
+from burrlab.volume.header import assumed, told_notes
 
 
 def add_descent_commands(command: AddCommand) -> None:
@@ -110,8 +111,11 @@ def _sweep(options: Options) -> int:
         stop=options.stop, max_duration=options.max_duration, store=options.store, progress=sys.stderr.isatty(),
     )  # fmt: skip
     curve.to_csv(options.out)
+    notes = told_notes(curve.provenance.get("volume"))
     if options.plot is not None:
-        save_figure(curve.plot(), options.plot)
+        axes = curve.plot()
+        axes.set_title(assumed(notes), fontsize=8)
+        save_figure(axes, options.plot)
     ok = int(curve.ok.sum())
     result = {
         "file": str(options.out),
@@ -120,6 +124,7 @@ def _sweep(options: Options) -> int:
         "seed": curve.provenance["seed"],
         "version": burrlab.__version__,
         "warnings": curve.provenance["warnings"],
+        "notes": list(notes),
         "status": list(curve.status or ()),
     }
     lost = (curve.status or ()).count("interrupted")

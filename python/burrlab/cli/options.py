@@ -105,7 +105,8 @@ def refuse_options(options: Options, names: Sequence[str], why: str) -> None:
     """ValueError for the first of these that was given: --NAME why."""
     for name in names:
         value = getattr(options, name)
-        if value is not None and value is not False and value != []:
+        # --no-transpose is given as much as --transpose; a flag without a "no" is False where it is not
+        if value is not None and (value is not False or name == "transpose") and value != []:
             raise ValueError(f"--{name} {why}")
 
 

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import textwrap
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from burrlab._core import Tissue, Tissues
 from burrlab.anatomy.known_tissues import KNOWN, UNLABELLED, known_tissue
@@ -14,10 +18,14 @@ from burrlab.anatomy.tissue_csv import GREY, read_tissues, tissues_text
 from burrlab.anatomy.tissue_table import MOST, label_counts
 from burrlab.cli.options import AddCommand, Options, refuse_options
 from burrlab.cli.output import deliver
-from burrlab.cli.volume import add_stack_options, spacing, unknown_colours
+from burrlab.cli.volume import add_stack_options, spacing, transposed, unknown_colours
 from burrlab.materials import materials
 from burrlab.volume.label_volume import LabelVolume
 
+#: What says of which side an ear is.
+_EAR = ("external auditory canal", "temporomandibular joint", "facial nerve")
+#: Of directions: what points less than this part of its length to a side is not said to point there (ours).
+_SURE = 0.3
 _LAST = 26  # characters of the synonyms: a line holds 80
 
 
@@ -65,6 +73,66 @@ def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[di
     return rows
 
 
+def ear_side(labels: LabelVolume, tissues: Tissues | None = None) -> dict[str, str] | None:
+    """How ear canal, jaw joint and the facial nerve's exit lie, and of which side such an ear is.
+
+    Parameters
+    ----------
+    labels : LabelVolume
+    tissues : Tissues, optional
+        As of `labels_table`.
+
+    Returns
+    -------
+    dict or None
+        `lateral`, `anterior` and `inferior`, the axes that are nearest ("-x"), and `side`, "right" or "left"; empty where the three
+        lie so that no side can be told. None where one of them is missing, or there twice.
+
+    Notes
+    -----
+    Lateral is the canal's long axis, away from the nerve, which passes its inner end. Anterior leads from the canal's
+    middle to the joint's, across lateral. The nerve's exit is the tenth of its voxels that is farthest from its innermost tenth,
+    and inferior is the side of the plane of lateral and anterior, through the canal's middle, on which it lies. So nothing depends on
+    the names of axes: in the coordinates of the file, right-handed as LPS and RAS are, (lateral x anterior) . inferior is -1 in
+    a right ear and +1 in a left one. A mirrored file shows the other ear.
+    """
+    table = labels_table(labels, tissues)
+    clouds = []
+    for name in _EAR:
+        known = {row["label"]: known_tissue(row["tissue"] or "") for row in table}
+        own = [label for label, tissue in known.items() if tissue is not None and tissue.name == name]
+        if len(own) != 1:
+            return None
+        places = np.argwhere(labels.labels == own[0])[:, ::-1] * labels.spacing
+        clouds.append(places @ labels.direction.T)
+    canal, joint, nerve = clouds
+    middle = canal.mean(axis=0)
+    outwards, to_joint = _unit(middle - nerve.mean(axis=0)), _unit(joint.mean(axis=0) - middle)
+    widths, axes = np.linalg.eigh((canal - middle).T @ (canal - middle))
+    lateral = axes[:, 2] * np.sign(axes[:, 2] @ outwards)
+    inner = _farthest(nerve, -(nerve @ lateral))
+    leaving = _farthest(nerve, np.linalg.norm(nerve - inner, axis=1))
+    anterior = _unit(to_joint - (to_joint @ lateral) * lateral)
+    across, to_exit = np.cross(lateral, anterior), _unit(leaving - middle)
+    sure = lateral @ outwards, lateral @ _unit(leaving - inner), anterior @ to_joint, abs(across @ to_exit)
+    if min(sure) < _SURE or widths[1] > 0.64 * widths[2]:  # a canal as wide as long has no long axis
+        return {}
+    turn = np.stack([lateral, anterior, across * np.sign(across @ to_exit)])
+    nearest = max(itertools.permutations(range(3)), key=lambda p: float(np.abs(turn[range(3), p]).sum()))
+    named = zip(("lateral", "anterior", "inferior"), turn, nearest, strict=True)
+    found = {word: "-+"[int(way[axis] > 0)] + "xyz"[axis] for word, way, axis in named}
+    return {**found, "side": "left" if across @ to_exit > 0 else "right"}
+
+
+def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-300))
+
+
+def _farthest(points: NDArray[np.float64], far: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Middle of the tenth of points that is farthest."""
+    return np.asarray(points[far >= np.quantile(far, 0.9)].mean(axis=0))
+
+
 def template(labels: LabelVolume) -> Tissues:
     """A table of the labels of a volume with what the default table knows of their names; c_e and alpha the bone's.
 
@@ -95,7 +163,7 @@ def template(labels: LabelVolume) -> Tissues:
 
 def _tissues(options: Options) -> int:
     if options.file is None or options.file.lower().endswith(".csv"):
-        names = ("tissues", "template", "spacing", "unit", "unknown")
+        names = ("tissues", "template", "spacing", "unit", "unknown", "transpose")
         refuse_options(options, names, "goes with a file of labels")
     if options.file is None:
         found: list[dict[str, Any]] = [
@@ -111,7 +179,7 @@ def _tissues(options: Options) -> int:
     table = None if options.tissues is None else read_tissues(options.tissues)
     labels = labels_of(
         options.file, spacing=options.spacing, unknown=unknown_colours(options), palette=table,
-        unit=options.unit,
+        unit=options.unit, transpose=transposed(options, options.file),
     )  # fmt: skip
     found = labels_table(labels, table)
     lines = [_text(found)]
@@ -120,6 +188,14 @@ def _tissues(options: Options) -> int:
         lines.append(
             f"{len(strange)} of {len(found)} labels are no known tissue: they need a table (--template, --tissues)"
         )
+    ear = ear_side(labels, table)
+    if ear:
+        lines.append(
+            f"lateral is {ear['lateral']}, anterior {ear['anterior']}, inferior {ear['inferior']}: "
+            f"a {ear['side']} ear, if the axes are LPS"
+        )
+    elif ear is not None:
+        lines.append("canal, joint and nerve lie so that they do not tell a right ear from a left one")
     lines += [f"! {note}" for note in labels.notes]
     if options.template is not None:
         if os.path.exists(options.template):
@@ -133,7 +209,7 @@ def _tissues(options: Options) -> int:
             f"written {options.template}"
             + (f": name what its labels are, then --tissues {options.template}" if unnamed else "")
         )
-    result = {"file": options.file, "labels": found, "notes": list(labels.notes)}
+    result = {"file": options.file, "labels": found, "ear": ear or None, "notes": list(labels.notes)}
     deliver(options, result, "\n".join(lines))
     return 0
 

@@ -1,7 +1,8 @@
-"""What is done with a trace: burrlab replay | metrics."""
+"""What is done with a trace: burrlab replay | metrics | export."""
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -44,6 +45,15 @@ def add_trace_commands(command: AddCommand) -> None:
     )
     add_watch_options(metrics)
     add_output_options(metrics)
+
+    export = command(
+        "export", _export, "Write a trace as the simulator volumetric_drilling records a session."
+    )
+    export.add_argument("file", metavar="FILE", help="a trace")
+    export.add_argument("--out", required=True, metavar="FILE.hdf5", help="a new file")
+    export.add_argument("--burr", type=whole, default=0, metavar="INDEX", help="that is the drill, default 0")
+    export.add_argument("--old", action="store_true", help="in the layout of its recordings before 2025")
+    add_output_options(export, plot=False)
 
 
 def _replay(options: Options) -> int:
@@ -116,6 +126,21 @@ def _against(trace: Trace, target: LabelVolume, onto: bool) -> TargetComparison:
     if again.difference is not None:
         raise ValueError(f"--target: the trace replays otherwise than recorded: {again.difference}")
     return compare_with_target(again.bone, target, onto=onto)
+
+
+def _export(options: Options) -> int:
+    from burrlab.session.trace import load_trace
+    from burrlab.session.volumetric_drilling import export_volumetric_drilling
+
+    if os.path.exists(options.out):
+        raise ValueError(f"--out must be a new file, {options.out} exists")
+    with _bar() as progress:
+        export_volumetric_drilling(
+            load_trace(options.file), options.out, burr=options.burr, layout="old" if options.old else "new",
+            progress=progress,
+        )  # fmt: skip
+    deliver(options, {"file": options.file, "written": options.out}, f"written {options.out}")
+    return 0
 
 
 @contextmanager

@@ -10,15 +10,23 @@ import numpy as np
 
 from burrlab.cli.options import AddCommand, Options, number, port, positive, refuse_options
 from burrlab.cli.output import deliver, sentence
-from burrlab.cli.volume import OF_LABELS, Recipe, add_label_options, add_volume_options, chosen_recipe
+from burrlab.cli.volume import (
+    OF_LABELS,
+    Recipe,
+    add_label_options,
+    add_volume_options,
+    chosen_recipe,
+    say_notes,
+)
 from burrlab.materials import materials
 from burrlab.volume.drilled_recipe import DrilledRecipe
+from burrlab.volume.header import assumed, told_notes
 
 _OF_TRACE = ("at", "video", "effects")
 _OF_FILM = ("fps", "speed")
 _OF_SCENE = ("width", "axis", "size", "slices", "effects", "stereo")  # --pictures has none
 _FPS = 20.0  # of a film [1/s]
-_OF_VOLUME = ("map", "spacing", "series", "crop", "voxel")
+_OF_VOLUME = ("map", "spacing", "series", "crop", "voxel", "transpose")
 
 
 def add_view_command(command: AddCommand) -> None:
@@ -159,14 +167,16 @@ def _look(options: Options, scene: Any, player: Any = None) -> None:
         scene.look(viewpoint)
 
 
-def _serve(options: Options, source: Any, bone: Any, player: Any = None, effects: Any = None) -> int:
+def _serve(
+    options: Options, source: Any, bone: Any, player: Any = None, effects: Any = None, note: str = ""
+) -> int:
     from burrlab.view.web import check_page, serve
 
     check_page(port=options.port or 0)
     viewpoint = _viewpoint(options, bone, player)
     serve(
         source, port=options.port or 0, size=_scene_size(options), effects=effects, viewpoint=viewpoint,
-        stereo=bool(options.stereo),
+        stereo=bool(options.stereo), note=note,
     )  # fmt: skip
     return 0
 
@@ -192,7 +202,8 @@ def _show_trace(options: Options) -> int:
     at = player.duration if options.at is None else options.at
     if not 0 <= at <= player.duration:
         raise ValueError(f"--at must be from 0 to {player.duration:g} s, got {at:g}")
-    result: dict[str, Any] = {"file": str(options.file), "at_s": at, "written": []}
+    notes = list(trace.notes)
+    result: dict[str, Any] = {"file": str(options.file), "at_s": at, "written": [], "notes": notes}
     if _needs_scene(options):
         from burrlab.view.trace_view import TraceView
         from burrlab.view.video import write_video
@@ -222,14 +233,17 @@ def _show_bone(options: Options) -> int:
     recipe = _recipe(options)
     bone = recipe.bone()
     _into_bone_frame(options, recipe)
+    say_notes(recipe)
+    notes, file = list(recipe.notes()), str(options.bone or options.volume or options.labels)
+    note = assumed(notes)
     if options.web:
-        return _serve(options, bone, bone)
+        return _serve(options, bone, bone, note=note)
     point = _middle(bone) if options.entry is None else options.entry
-    result: dict[str, Any] = {"file": str(options.bone or options.volume or options.labels), "written": []}
+    result: dict[str, Any] = {"file": file, "written": [], "notes": notes}
     if _needs_scene(options):
         from burrlab.view.scene import Scene
 
-        scene = Scene(bone, [], **_scene_options(options))
+        scene = Scene(bone, [], note=note, **_scene_options(options))
         _look(options, scene)
         if options.slices:
             scene.set_slices(point)
@@ -279,13 +293,13 @@ def _write_pictures(
     from burrlab.figures import new_figure
     from burrlab.view.pictures import plot_depth_map, plot_slices
 
-    figure = Figure(figsize=(9.6, 3.9), layout="constrained")
-    plot_slices(bone, point, radii=radii, centers=centers, figure=figure)
+    figure, note = Figure(figsize=(9.6, 3.9), layout="constrained"), assumed(told_notes(result))
+    plot_slices(bone, point, radii=radii, centers=centers, note=note, figure=figure)
     figure.savefig(path, dpi=200)
     result["written"].append(str(path))
     if bone.removed > 0:
         depth, file = new_figure(), _depth_file(path)
-        plot_depth_map(bone, axis=_widest_opening(bone), ax=depth.subplots())
+        plot_depth_map(bone, axis=_widest_opening(bone), note=note, ax=depth.subplots())
         depth.savefig(file, dpi=200, bbox_inches="tight")  # a cavity may be narrow
         result["written"].append(str(file))
 

@@ -102,6 +102,10 @@ def add_stack_options(parser: argparse.ArgumentParser | argparse._ArgumentGroup)
         help="what colours in no table are, default refused",
     )
     parser.add_argument(
+        "--transpose", action=argparse.BooleanOptionalAction,
+        help="the number of a pixel's row in PNG slices, grey ones too, counts along x, and not along y; default yes with a YAML file",
+    )  # fmt: skip
+    parser.add_argument(
         "--unit", type=positive, metavar="MM", help="of the dimensions in a YAML file [mm], default a metre"
     )
 
@@ -111,11 +115,20 @@ def unknown_colours(options: argparse.Namespace) -> str | int:
     return "refuse" if options.unknown is None else options.unknown
 
 
+def transposed(options: argparse.Namespace, *paths: str | None) -> bool | None:
+    """What --transpose says; ValueError where none of the files is a stack."""
+    if not any(path is not None and is_stack(path) for path in paths):
+        refuse_options(options, ("transpose",), "and --no-transpose go with PNG slices")
+    asked: bool | None = options.transpose
+    return asked
+
+
 def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | None = None) -> Recipe | None:
     """Of the options; None without --volume and --labels.
 
     ValueError for options that do not fit, or a burr too small for the voxels.
     """
+    transpose = transposed(options, options.volume, options.labels)
     if options.labels is None:
         refuse_options(options, OF_LABELS, "goes with --labels")
         return _grey_recipe(options, burr)
@@ -128,6 +141,7 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
     stack: dict[str, Any] = {
         "unknown": unknown_colours(options),
         "unit": options.unit,
+        "transpose": transpose if is_stack(options.labels) else None,
     }
     if options.tissues is None:
         tissues = default_tissues(labels_of(options.labels, spacing=own, **stack), material=material)
@@ -154,8 +168,9 @@ def _grey_recipe(options: argparse.Namespace, burr: Burr | None) -> VolumeRecipe
     if options.map is None:
         raise ValueError("--volume needs --map")
     recipe = VolumeRecipe(
-        options.volume, options.map, options.spacing, options.series, options.crop, options.voxel
-    )
+        options.volume, options.map, options.spacing, options.series, options.crop, options.voxel,
+        options.transpose if is_stack(options.volume) else None,
+    )  # fmt: skip
     if burr is not None:
         recipe.check_burr(burr)
     return recipe

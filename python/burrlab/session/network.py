@@ -59,6 +59,7 @@ def volume_recipe(
     series: str | None = None,
     crop: tuple[Sequence[float], Sequence[float]] | None = None,
     voxel: float | Sequence[float] | None = None,
+    transpose: bool | None = None,
 ) -> Recipe:
     """The recipe of `read_volume(path).to_bone(mapping, solid)`, cropped and resampled as asked.
 
@@ -68,7 +69,7 @@ def volume_recipe(
         Made absolute, for replicas run elsewhere.
     mapping, solid
         As for `Volume.to_bone`.
-    spacing, series, crop, voxel
+    spacing, series, crop, voxel, transpose
         As for `burrlab.volume.VolumeRecipe`.
 
     Raises
@@ -78,7 +79,7 @@ def volume_recipe(
     TypeError
         If the map is none.
     """
-    chosen: Any = (spacing, series, crop, voxel)
+    chosen: Any = (spacing, series, crop, voxel, transpose)
     return VolumeRecipe(os.fspath(path), occupancy_map(mapping, solid), *chosen).plain()
 
 

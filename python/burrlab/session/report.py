@@ -54,7 +54,7 @@ class SessionReport:
     network, recording : dict
         What the publisher and the recording say; empty without them.
     notes, messages : tuple of str
-        What the system granted; what was said during the session.
+        What the system granted and what was assumed of the bone's file; what was said during the session.
     anatomy : AnatomyReport or None
         Volume removed of each tissue, and what was watched; None without tissues.
     """
@@ -85,6 +85,7 @@ class SessionReport:
         writer: TraceWriter | None,
         messages: Sequence[str],
         anatomy: AnatomyReport | None = None,
+        notes: Sequence[str] = (),
     ) -> SessionReport:
         """The report of these parts, now."""
         counts, burrs = loop.counts, range(loop.executor.burrs)
@@ -106,7 +107,7 @@ class SessionReport:
             energy=[loop.energy(burr) for burr in burrs],
             network={} if publisher is None else publisher.status,
             recording=recording,
-            notes=tuple(loop.realtime_notes),
+            notes=(*loop.realtime_notes, *notes),
             messages=tuple(messages),
             anatomy=anatomy,
         )

@@ -18,6 +18,7 @@ from burrlab.provenance import provenance
 from burrlab.session.report import SessionReport
 from burrlab.session.session_anatomy import SessionAnatomy
 from burrlab.session.trace_writer import DEFAULT_DURATION, TraceWriter
+from burrlab.volume.header import told_notes
 
 if TYPE_CHECKING:
     from burrlab._core import Publisher
@@ -300,8 +301,9 @@ class Session:
     def report(self) -> SessionReport:
         """What there is to say of the session now."""
         return SessionReport.of(
-            self._loop, self._follower, self._publisher, self._writer, self.messages, self._anatomy.report()
-        )
+            self._loop, self._follower, self._publisher, self._writer, self.messages, self._anatomy.report(),
+            told_notes(self.provenance["source"]),
+        )  # fmt: skip
 
     def anatomy(self) -> AnatomyReport:
         """What the burrs did near watched structures so far, and which tissues they removed.

@@ -90,6 +90,12 @@ def load_bone(path: str | os.PathLike[str]) -> tuple[VoxelBone, int]:
         return read_bone(file)
 
 
+def bone_source(path: str | os.PathLike[str]) -> str:
+    """Where the volume of a bone comes from, as `save_bone` was told; errors as `load_bone`."""
+    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file, told_as_damage(path):
+        return str(file.attrs.get("source", ""))
+
+
 @contextlib.contextmanager
 def told_as_damage(path: str | os.PathLike[str]) -> Iterator[None]:
     """Whatever the content of a broken file leads to, a ValueError that names the file."""

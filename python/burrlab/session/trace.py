@@ -18,6 +18,7 @@ from burrlab.dataset import frame
 from burrlab.session.snapshot import open_hdf5, read_bone, told_as_damage
 from burrlab.session.trace_file import BURR_COLUMNS, FORMAT, FORMAT_VERSION, TICK_COLUMNS, row_dtype
 from burrlab.session.watch_rows import Watched, read_watch
+from burrlab.volume.header import told_notes
 
 if TYPE_CHECKING:
     import h5py
@@ -87,6 +88,11 @@ class Trace:
     def __len__(self) -> int:
         """Number of ticks."""
         return len(self.ticks)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed on the way to its bone, as `source` says."""
+        return told_notes(self.source)
 
     @property
     def burrs(self) -> int:

@@ -16,6 +16,7 @@ from burrlab.session.session import Session
 from burrlab.view.scene import Scene
 from burrlab.view.scene_window import SceneWindow
 from burrlab.view.surface import brick_numbers
+from burrlab.volume.header import assumed, told_notes
 
 _KEPT = 400  # points of the curves
 
@@ -68,7 +69,7 @@ class LiveView:
         self._source, self.effects, self.slices = source, effects, slices
         bone, self.tick = source.snapshot()  # after the view was made: nothing is missed
         self.bone: VoxelBone = bone
-        self.scene = Scene(bone, _radii(source), **options)
+        self.scene = Scene(bone, _radii(source), **{"note": picture_note(source), **options})
         self._curve: deque[tuple[float, float, float]] = deque(maxlen=_KEPT)
 
     def step(self) -> int:
@@ -149,6 +150,15 @@ class LiveView:
     def close(self) -> None:
         """Frees window and memory; the session goes on."""
         self.scene.close()
+
+
+def picture_note(source: Any) -> str:
+    """What a picture says of the bone of a trace, its player, a session or a replica; nothing of a bone alone."""
+    if isinstance(source, Session):
+        return assumed(told_notes(source.provenance["source"]))
+    if isinstance(source, Replica):
+        return assumed(told_notes(json.loads(source.hello).get("source")))
+    return assumed(getattr(getattr(source, "trace", source), "notes", ()))
 
 
 def _radii(source: Session | Replica) -> list[float]:

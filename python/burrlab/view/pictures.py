@@ -30,6 +30,7 @@ def plot_slices(
     *,
     radii: Sequence[float] = (),
     centers: ArrayLike = (),
+    note: str = "",
     figure: Figure | None = None,
 ) -> list[Axes]:
     """Slices through a point along the three planes of the voxels, with the tissues' colours.
@@ -43,6 +44,8 @@ def plot_slices(
         Of burrs, drawn as the circles that they cut out of each plane [mm].
     centers : array_like, shape (burrs, 3), optional
         Their centres [mm]; default: the first at `point`.
+    note : str
+        A few words on the bone, above the slices.
     figure : Figure, optional
 
     Returns
@@ -59,6 +62,8 @@ def plot_slices(
     images = [slice_image(bone, point, plane) for plane in PLANES]
     if figure is None:
         figure = Figure(figsize=(9.6, 3.9), layout="constrained")
+    if note:
+        figure.suptitle(note, fontsize=8)
     made: list[Axes] = list(
         figure.subplots(1, 3, width_ratios=[image.extent[1] - image.extent[0] for image in images])
     )
@@ -229,6 +234,7 @@ def plot_depth_map(
     ax: Axes | None = None,
     contours: int = 6,
     crop: bool = True,
+    note: str = "",
 ) -> Axes:
     """The crater as a map, with contours: `depth_map`, or `removed_thickness`.
 
@@ -244,6 +250,8 @@ def plot_depth_map(
         About so many lines of equal depth, at round values; 0: none.
     crop : bool
         Show only where something was removed, with a margin; else all.
+    note : str
+        A few words on the bone, in the title.
 
     Returns
     -------
@@ -290,5 +298,6 @@ def plot_depth_map(
         axes.invert_xaxis()
     axes.set_xlabel(f"{_NAMES[right]} [mm]")
     axes.set_ylabel(f"{_NAMES[up]} [mm]")
-    axes.set_title(f"{bone.removed:.1f} mm$^3$ removed, {deepest:.2f} mm at most", fontsize=10)
+    said = f"\n{note}" if note else ""
+    axes.set_title(f"{bone.removed:.1f} mm$^3$ removed, {deepest:.2f} mm at most{said}", fontsize=10)
     return axes

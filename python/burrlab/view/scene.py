@@ -48,6 +48,8 @@ class Scene:
         Both eyes side by side in the window, as `set_stereo` does.
     outline : bool
         Draw each burr's rim as a dashed line through the bone before it. Nobody sees that who drills.
+    note : str
+        A few words on the bone, above the scale bar.
 
     Attributes
     ----------
@@ -76,6 +78,7 @@ class Scene:
         chart: bool = True,
         stereo: bool = False,
         outline: bool = False,
+        note: str = "",
     ) -> None:
         for radius in radii:
             if not (np.isfinite(radius) and radius > 0):
@@ -99,7 +102,7 @@ class Scene:
         self.parcels = ParcelActor(self.plotter.renderer)
         self.panels: SlicePanels | None = None
         self.chart = SceneChart(self.plotter, module) if chart else None
-        self.scale = ScaleBar(self.plotter.renderer)
+        self.scale = ScaleBar(self.plotter.renderer, note)
         self.legend = Legend(self.plotter.renderer, bone, self.surface) if legend else None
         self._add_lights(module)
         self._eyes: StereoEyes | None = None
@@ -228,7 +231,7 @@ class Scene:
 
     def _stereo_eyes(self) -> StereoEyes:
         if self._eyes is None:
-            self._eyes = StereoEyes(self.plotter)
+            self._eyes = StereoEyes(self.plotter, self.scale.note)
         return self._eyes
 
     def picture(self) -> NDArray[np.uint8]:

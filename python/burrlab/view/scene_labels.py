@@ -106,14 +106,14 @@ class Ground:
 
 
 class ScaleBar:
-    """A bar of a round length, true at the distance of what the camera looks at."""
+    """A bar of a round length, true at the distance of what the camera looks at; above it a note on the bone, if there is one."""
 
-    def __init__(self, renderer: Any) -> None:
+    def __init__(self, renderer: Any, note: str = "") -> None:
         from vtkmodules.vtkCommonCore import vtkPoints
         from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
         from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D, vtkTextActor
 
-        self.renderer, self.ground = renderer, Ground(renderer)
+        self.renderer, self.ground, self.note = renderer, Ground(renderer), note
         self.points, lines, self.mesh = vtkPoints(), vtkCellArray(), vtkPolyData()
         self.points.SetNumberOfPoints(6)
         for a, b in ((0, 1), (2, 3), (4, 5)):
@@ -148,11 +148,13 @@ class ScaleBar:
             self.points.SetPoint(i, *place, 0.0)
         self.points.Modified()
         self.mesh.Modified()
-        self.text.SetInput(f"{length:g} mm")
+        self.text.SetInput(f"{self.note}\n{length:g} mm".lstrip())
         size = font_size(height)
         self.text.GetTextProperty().SetFontSize(size)
         self.text.SetPosition((left + right) / 2, low + 1.2 * tick)
-        self.ground.place(left - size, low - 2.4 * tick, right + size, low + 2.4 * tick + 1.3 * size)
+        self.ground.place(
+            left - size, low - 2.4 * tick, right + size, low + 2.4 * tick + (2.6 if self.note else 1.3) * size
+        )
 
 
 def scale_length(most: float) -> float:

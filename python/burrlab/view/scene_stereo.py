@@ -23,9 +23,11 @@ class StereoEyes:
     Parameters
     ----------
     plotter : pyvista.Plotter
+    note : str
+        As of `Scene`.
     """
 
-    def __init__(self, plotter: Any) -> None:
+    def __init__(self, plotter: Any, note: str = "") -> None:
         from vtkmodules.vtkRenderingCore import vtkRenderer
 
         self.plotter = plotter
@@ -43,7 +45,7 @@ class StereoEyes:
             for light in main.GetLights():
                 renderer.AddLight(light)
             plotter.render_window.AddRenderer(renderer)
-        self.scales = [ScaleBar(renderer) for renderer in self.renderers]
+        self.scales = [ScaleBar(renderer, note) for renderer in self.renderers]
         self.on = False
 
     def set(self, separation: float, *, swap: bool = False) -> None:

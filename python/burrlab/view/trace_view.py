@@ -14,6 +14,7 @@ from burrlab.view.approach import approach_view, trace_approach
 from burrlab.view.page_parcels import ParcelHistory
 from burrlab.view.player import TracePlayer
 from burrlab.view.scene import Scene
+from burrlab.volume.header import assumed
 
 _CURVE_POINTS = 600
 
@@ -57,7 +58,9 @@ class TraceView:
             self._parcels.make()
         self.slices = slices
         radii = self.player.burrs.radii.tolist()
-        self.scene = Scene(self.player.bone, radii, **{"outline": True, **options})
+        self.scene = Scene(
+            self.player.bone, radii, **{"outline": True, "note": assumed(self.player.trace.notes), **options}
+        )
         self.scene.look(approach_view(self.player.bone, trace_approach(self.player)))
         self.go(self.player.time)
 

@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from burrlab.view.camera import Viewpoint
+from burrlab.view.live import picture_note
 from burrlab.view.page_source import PageSource, Shown, page_source
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ def serve(
     level: int = 128,
     viewpoint: Viewpoint | None = None,
     stereo: bool = False,
+    note: str = "",
     on_ready: Callable[[str], object] | None = None,
 ) -> None:
     """Serves a page until Ctrl-C or SIGTERM.
@@ -60,6 +62,8 @@ def serve(
         The first camera; default: of a trace, along the forces that the burr met, else from above.
     stereo : bool
         Begin with both eyes side by side; the page has a switch for it.
+    note : str
+        A few words on the bone, above the scale bar; default: of a trace, a session or a replica, what its notes assume.
     on_ready : callable, optional
         Called with the page's address; default: it is printed.
 
@@ -80,7 +84,10 @@ def serve(
     if not 0 <= port <= 65535:
         raise ValueError(f"port must be from 0 to 65535, got {port!r}")
     check_page(host=host, port=port)
-    asyncio.run(_serve(shown, host, port, open_browser, size, level, viewpoint, stereo, on_ready or _tell))
+    note = note or picture_note(source)
+    asyncio.run(
+        _serve(shown, host, port, open_browser, size, level, viewpoint, stereo, note, on_ready or _tell)
+    )
 
 
 def check_page(*, host: str = "127.0.0.1", port: int = 0) -> None:
@@ -97,14 +104,14 @@ def warning(address: str) -> str:
 
 async def _serve(
     source: PageSource, host: str, port: int, open_browser: bool, size: tuple[int, int], level: int,
-    viewpoint: Viewpoint | None, stereo: bool, on_ready: Callable[[str], object],
+    viewpoint: Viewpoint | None, stereo: bool, note: str, on_ready: Callable[[str], object],
 ) -> None:  # fmt: skip
     from burrlab.view.page import Page
     from burrlab.view.page_layout import build_layout
     from burrlab.view.scene import Scene
 
     scene = Scene(
-        source.bone, source.radii, off_screen=True, size=size, level=level, chart=False, outline=source.kind == "replay"
+        source.bone, source.radii, off_screen=True, size=size, level=level, chart=False, outline=source.kind == "replay", note=note
     )  # fmt: skip
     try:
         server = _server()

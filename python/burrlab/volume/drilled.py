@@ -47,6 +47,8 @@ class DrilledVolume:
         The volume that the bone was made of.
     path : str
         Of the half-drilled volume itself.
+    transpose : bool
+        Of slices; see `read_stack`.
     """
 
     bone: VoxelBone
@@ -54,14 +56,14 @@ class DrilledVolume:
     mapping: OccupancyMap | None
     source: str
     path: str
-    _transpose: bool = False
+    transpose: bool = False
 
     def volume(self) -> Volume | LabelVolume:
         """The half-drilled volume as other programs see it, on the voxels of the bone: `like` of the next `save_drilled`."""
         if is_stack(self.path):
             return read_stack(
                 self.path, spacing=self.bone.spacing, palette=None if self.mapping else self.bone.tissues, unknown="nearest",
-                transpose=self._transpose,
+                transpose=self.transpose,
             )  # fmt: skip
         read = read_labels if self.mapping is None else read_volume
         return read(self.path, spacing=self.bone.spacing)

@@ -45,7 +45,7 @@ def check_drilled(
         _check_new_folder(target)
         check_series(like, empty)
         return None
-    slices = None if target.name.lower().endswith(ENDINGS) else stack_slices(like)
+    slices = None if target.name.lower().endswith(ENDINGS) else stack_slices(like.path)
     if slices is None:
         file_ending(target)
         check_name(target)

@@ -5,18 +5,20 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from burrlab._core import Burr, VoxelBone
-from burrlab.session.snapshot import load_bone
+from burrlab.session.snapshot import bone_source, load_bone
 from burrlab.specimen import Specimen, Vector
 from burrlab.volume.drilled import DrilledVolume, load_drilled
+from burrlab.volume.header import assumed, told_notes
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.occupancy_map import OccupancyMap
-from burrlab.volume.recipe import absolute, check_radius
+from burrlab.volume.recipe import absolute, check_radius, is_stack
 from burrlab.volume.volume import Volume, specimen_in
 
 
@@ -53,7 +55,8 @@ class DrilledRecipe:
 
     def plain(self) -> dict[str, Any]:
         """Ready for JSON; with the digest, since a file that is drilled on holds another bone the next day."""
-        return {"kind": "drilled volume", "path": self.path, "digest": self.drilled().bone.digest()}
+        told = {"transpose": self.drilled().transpose} if is_stack(self.path) else {}
+        return {"kind": "drilled volume", "path": self.path, "digest": self.drilled().bone.digest(), **told}
 
     def at(self, path: str | os.PathLike[str]) -> DrilledRecipe:
         """The same of a file that lies elsewhere."""
@@ -85,19 +88,25 @@ class DrilledRecipe:
         return self.drilled().bone.copy()
 
     def notes(self) -> tuple[str, ...]:
-        """On what was saved."""
-        return (f"{self.path} has been burred for {self.tick} ticks before",)
+        """On what was saved, and what its volume does not say."""
+        before = f"{self.path} has been burred for {self.tick} ticks before"
+        notes = told_notes(bone_source(self.path)) if _holds_bone(self.path) else self.like().notes
+        return (before, *(note for note in notes if assumed([note])))
 
     def like(self) -> Volume | LabelVolume:
-        """The volume on the voxels of the bone, for `save_drilled`; ValueError of a bone without one."""
+        """The volume on the voxels of the bone, for `save_drilled`, read once; ValueError of a bone without one."""
         if _holds_bone(self.path):
             raise ValueError(f"{self.path} is a bone alone, without a volume: save it as .h5 again")
+        return self._volume
+
+    @cached_property
+    def _volume(self) -> Volume | LabelVolume:
         return self.drilled().volume()
 
     def specimen(self, *, entry: Vector, axis: Vector) -> Specimen:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
         bone = self.bone()
-        made = {"path": self.path, "recipe": self.plain()}
+        made = {"path": self.path, "recipe": self.plain(), "notes": list(self.notes())}
         if _holds_bone(self.path):
             place = np.array(bone.spacing), np.array(bone.origin), np.eye(3)
             return specimen_in(

@@ -25,9 +25,8 @@ if TYPE_CHECKING:
     from PIL import Image
 
 
-def stack_slices(like: Volume | LabelVolume) -> Slices | None:
+def stack_slices(path: str) -> Slices | None:
     """The slices that a volume was read of; None where it was not one of PNG slices."""
-    path = like.path
     if Path(path).suffix.lower() in (".yaml", ".yml") and Path(path).is_file():
         described = read_description(path, unit=1.0)
         return find_slices(described.folder, prefix=described.prefix)

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from burrlab.volume.geometry import Array, checked_spacing
 
+#: In every note on an orientation that a file does not say, and in pictures of its bone.
+LPS_ASSUMED = "LPS assumed"
+#: In the note on voxel axes that are left-handed, and in pictures, which are drawn along them.
+MIRRORED = "mirror image"
 #: Millimetres of the units that headers name.
 MILLIMETRES = {"mm": 1.0, "millimeter": 1.0, "millimetre": 1.0, "cm": 10.0, "m": 1e3, "meter": 1e3, "metre": 1e3,
                "um": 1e-3, "µm": 1e-3, "micron": 1e-3, "micrometer": 1e-3, "nm": 1e-6}  # fmt: skip
@@ -44,6 +51,27 @@ class Header:
     names: dict[int, str] = field(default_factory=dict)
     colours: dict[int, tuple[int, int, int]] = field(default_factory=dict)
     files: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        with np.errstate(all="ignore"):  # what is not finite is refused later, with a sentence
+            mirrored = np.linalg.det(self.direction) < 0
+        if mirrored:
+            said = f"voxel axes are left-handed: the bone frame, in which pictures are drawn, is a {MIRRORED}"
+            object.__setattr__(self, "notes", (*self.notes, said))
+
+
+def assumed(notes: Iterable[str]) -> str:
+    """What a picture of the bone says of its axes: `LPS_ASSUMED` and `MIRRORED`, where one of the notes does."""
+    said = "\n".join(notes)
+    return ", ".join(words for words in (LPS_ASSUMED, MIRRORED) if words in said)
+
+
+def told_notes(source: Any) -> tuple[str, ...]:
+    """The notes in a bone's source as sessions and traces keep it, a mapping or its JSON; none in any other."""
+    try:
+        return tuple(map(str, (json.loads(source) if isinstance(source, str) else source)["notes"]))
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return ()
 
 
 def check_not_negative(numbers: Array, said: str) -> None:

@@ -10,7 +10,7 @@ from typing import BinaryIO
 import numpy as np
 
 from burrlab.volume.geometry import Array
-from burrlab.volume.header import MILLIMETRES, Header, check_not_negative, three_sizes
+from burrlab.volume.header import LPS_ASSUMED, MILLIMETRES, Header, check_not_negative, three_sizes
 
 _END = "ElementDataFile"  # the last field: then come the values
 _BYTES = {"MET_CHAR": 1, "MET_UCHAR": 1, "MET_SHORT": 2, "MET_USHORT": 2, "MET_INT": 4, "MET_UINT": 4,
@@ -41,7 +41,8 @@ def read_meta_header(name: str) -> Header:
         raise ValueError(f"{name}: ElementSpacing must hold {n} numbers, got {len(spacing)}")
     matrix = _numbers(fields, ("TransformMatrix", "Rotation", "Orientation"), name, [])
     if len(matrix) == 0:
-        notes.append("the MetaImage header says no orientation: voxel axes are taken as L, P, S")
+        if fields.get("AnatomicalOrientation") != "RAI":  # in the words of MetaImage, from there: LPS
+            notes.append(f"the MetaImage header says no orientation: {LPS_ASSUMED}, voxel axes along L, P, S")
         matrix = np.eye(n).ravel()
     if len(matrix) != n * n:
         raise ValueError(f"{name}: TransformMatrix must hold {n * n} numbers, got {len(matrix)}")

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab.volume.geometry import Array
-from burrlab.volume.header import Header, three_sizes, unit_columns
+from burrlab.volume.header import LPS_ASSUMED, Header, three_sizes, unit_columns
 
 _KINDS = {
     2: "u1",
@@ -184,7 +184,7 @@ def _header(fields: Fields, shape: tuple[int, int, int], name: str) -> Header:
         direction, origin = q, scale * np.array(fields.qoffset, dtype=float)
     else:
         notes.append(
-            "the NIfTI header says no orientation (qform and sform code 0): voxel axes are taken as L, P, S, from (0, 0, 0)"
+            f"the NIfTI header says no orientation (qform and sform code 0): {LPS_ASSUMED}, voxel axes along L, P, S, from (0, 0, 0)"
         )
         return Header(shape, spacing, np.zeros(3), np.eye(3), tuple(notes))
     if not np.all(np.isfinite(origin)):

@@ -9,7 +9,14 @@ import zlib
 import numpy as np
 
 from burrlab.volume.geometry import Array
-from burrlab.volume.header import MILLIMETRES, Header, check_not_negative, three_sizes, unit_columns
+from burrlab.volume.header import (
+    LPS_ASSUMED,
+    MILLIMETRES,
+    Header,
+    check_not_negative,
+    three_sizes,
+    unit_columns,
+)
 
 _TO_LPS = {
     "left-posterior-superior": (1.0, 1.0), "lps": (1.0, 1.0),
@@ -63,7 +70,7 @@ def read_nrrd_header(name: str, *, layers: bool = False) -> Header:
         origin = _origin(fields, name, notes)
         return Header(shape, spacing, origin, direction, tuple(notes), names, colours)
     spacing = _spacings(fields, spatial, name, notes)
-    notes.append("the NRRD header says no orientation: voxel axes are taken as L, P, S")
+    notes.append(f"the NRRD header says no orientation: {LPS_ASSUMED}, voxel axes along L, P, S")
     return Header(shape, spacing, _origin(fields, name, notes), np.eye(3), tuple(notes), names, colours)
 
 
@@ -139,9 +146,8 @@ def _to_lps(fields: dict[str, str], name: str, notes: list[str]) -> Array:
     space = fields.get("space", "").lower().removesuffix("-time").rstrip("t")
     signs = _TO_LPS.get(space)
     if signs is None:
-        text = f"space '{space}' of the NRRD header is no anatomical one: its axes are taken as L, P, S"
-        if text not in notes:
-            notes.append(text)
+        if not any(LPS_ASSUMED in note for note in notes):
+            notes.append(f"space '{space}' of the NRRD header is no anatomical one: {LPS_ASSUMED}")
         signs = (1.0, 1.0)
     return np.array([*signs, 1.0])
 

@@ -17,7 +17,7 @@ from burrlab.volume.dicom import holds_dicom
 from burrlab.volume.geometry import Array, checked_point, checked_spacing
 from burrlab.volume.occupancy_map import OccupancyMap
 from burrlab.volume.read import read_volume
-from burrlab.volume.stack import read_stack
+from burrlab.volume.stack import read_stack, rows_along_x
 from burrlab.volume.volume import Volume
 
 _LEAST_VOXELS, _ENOUGH_VOXELS = 4.0, 7.5  # of a burr's radius, as the tick has them
@@ -40,6 +40,8 @@ class VolumeRecipe:
         Two opposite corners (x, y, z) in the volume's own coordinates [mm]; see `Volume.crop`.
     voxel : float or (x, y, z), optional
         Spacing of the bone [mm]; default the volume's own. See `Volume.to_bone`.
+    transpose : bool, optional
+        Of slices; see `read_stack`. What it becomes is settled here, so that it stands in results.
 
     Raises
     ------
@@ -59,19 +61,24 @@ class VolumeRecipe:
     series: str | None = None
     crop: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
     voxel: tuple[float, float, float] | None = None
+    transpose: bool | None = None
     _read: dict[str, Volume] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", absolute(self.path))
         object.__setattr__(self, "spacing", _spacing(self.spacing, "spacing"))
         object.__setattr__(self, "voxel", _spacing(self.voxel, "voxel"))
+        object.__setattr__(self, "transpose", rows_along_x(self.path, self.transpose))
         if self.crop is not None:
             low, high = self.crop
             object.__setattr__(self, "crop", (_point(low), _point(high)))
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> VolumeRecipe:
-        """Of what `plain` gave, through JSON too; KeyError, TypeError or ValueError where it is not that."""
+        """Of what `plain` gave, through JSON too; KeyError, TypeError or ValueError where it is not that.
+
+        Slices without a word on `transpose`, as versions before it wrote, are not transposed.
+        """
         points, series, crop = list(plain["map"]), plain.get("series"), plain.get("crop_mm")
         if points and not isinstance(points[0], Sequence):
             mapping = OccupancyMap.two_point(*map(float, points))
@@ -82,7 +89,7 @@ class VolumeRecipe:
             crop = (low, high)
         return cls(
             os.fspath(plain["path"]), mapping, plain.get("spacing_mm"), None if series is None else str(series), crop,
-            plain.get("voxel_mm"),
+            plain.get("voxel_mm"), bool(plain.get("transpose", False)),
         )  # fmt: skip
 
     def plain(self) -> dict[str, Any]:
@@ -95,6 +102,7 @@ class VolumeRecipe:
             "series": self.series,
             "crop_mm": None if self.crop is None else [list(corner) for corner in self.crop],
             "voxel_mm": None if self.voxel is None else list(self.voxel),
+            "transpose": self.transpose if self.transpose or is_stack(self.path) else None,
         }
         return {
             "kind": "volume",
@@ -118,7 +126,7 @@ class VolumeRecipe:
             As `read_volume`, `read_stack` and `Volume.crop`; or if a stack holds labels.
         """
         if "volume" not in self._read:
-            volume = _grey(self.path, self.spacing, self.series)
+            volume = _grey(self.path, self.spacing, self.series, bool(self.transpose))
             self._read["volume"] = volume if self.crop is None else volume.crop(*self.crop)
         return self._read["volume"]
 
@@ -159,10 +167,14 @@ def enough(burr: Burr) -> str:
     return f"{np.floor(burr.radius / _ENOUGH_VOXELS * 10**digits + 1e-9) / 10**digits:g}"
 
 
-def _grey(path: str, spacing: tuple[float, float, float] | None, series: str | None) -> Volume:
+def _grey(
+    path: str, spacing: tuple[float, float, float] | None, series: str | None, transpose: bool
+) -> Volume:
     if not is_stack(path):
+        if transpose:
+            raise ValueError(f"transpose (--transpose) goes with PNG slices, got {path}")
         return read_volume(path, spacing=spacing, series=series)
-    found = read_stack(path, spacing=spacing)
+    found = read_stack(path, spacing=spacing, transpose=transpose)
     if not isinstance(found, Volume):
         raise ValueError(f"{path}: the slices are coloured labels, and a map is of grey values")
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from burrlab._core import Tissues
 from burrlab.volume.adf import StackDescription, read_description
 from burrlab.volume.geometry import checked_spacing
+from burrlab.volume.header import LPS_ASSUMED
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.palette import Colours, Palette
 from burrlab.volume.png_files import Slices, find_slices, pixels
@@ -20,6 +21,7 @@ from burrlab.volume.volume import Volume
 
 #: Note of a volume that was read with `transpose`.
 ROWS_ALONG_X = "rows of the slices lie along x"
+_DESCRIPTIONS = (".yaml", ".yml")
 
 
 def read_stack(
@@ -29,7 +31,7 @@ def read_stack(
     palette: Tissues | Mapping[str, Colours] | None = None,
     unknown: str | int = "refuse",
     unit: float | None = None,
-    transpose: bool = False,
+    transpose: bool | None = None,
 ) -> Volume | LabelVolume:
     """Reads PNG slices: grey ones as a volume, coloured ones as labels.
 
@@ -47,16 +49,18 @@ def read_stack(
         example, the label of the nearest colour, or this label. The notes of the result say how many.
     unit : float, optional
         Of the dimensions in a YAML file [mm]; default a metre.
-    transpose : bool
-        True where the rows of the slices lie along x and their columns along y, as the simulator's converter from NRRD
-        writes them.
+    transpose : bool, optional
+        True where the number of a pixel's row counts along x and that of its column along y, as the simulator's converter
+        from NRRD writes them. A wrong one mirrors the ear. Default: True of a YAML file, False of slices alone; those must be told
+        where their palette has a colour of the simulator's.
 
     Returns
     -------
     Volume or LabelVolume
         Grey where the slices are grey, or are RGB(A), opaque and without a colour throughout and no palette is given; else
-        labels. Voxel axes: x along the columns of a slice to the right, y along its rows downwards, z with the number. The
-        centre of the first slice's first pixel is the origin, the direction that of the voxel axes.
+        labels. Voxel axes: x along the columns of a slice to the right, y along its rows downwards, z with the number; x and y
+        change places with `transpose`. The centre of the first slice's first pixel is the origin, the direction that of the
+        voxel axes: slices say no orientation, and the notes say so.
 
     Raises
     ------
@@ -66,7 +70,7 @@ def read_stack(
         Without PyYAML (extra `medical`), for a YAML file.
     ValueError
         If slices are missing, damaged, or of different sizes or kinds, a colour is in no table, the spacing is unknown or said
-        twice, or no head has the sides that the YAML file says.
+        twice, no head has the sides that the YAML file says, or `transpose` must be told.
 
     Notes
     -----
@@ -78,8 +82,9 @@ def read_stack(
         find_slices(path) if described is None else find_slices(described.folder, prefix=described.prefix)
     )
     count = len(slices.paths)
-    shape = (count, slices.columns, slices.rows) if transpose else (count, slices.rows, slices.columns)
-    notes = [ROWS_ALONG_X] if transpose else []
+    turned = rows_along_x(name, transpose)
+    shape = (count, slices.columns, slices.rows) if turned else (count, slices.rows, slices.columns)
+    notes = [f"PNG slices say no orientation: {LPS_ASSUMED}", *([ROWS_ALONG_X] if turned else [])]
     if described is None:
         assert spacing is not None
         apart = checked_spacing(spacing)
@@ -100,19 +105,37 @@ def read_stack(
     if slices.kind == "grey" or (palette is None and _without_colour(slices)):
         if palette is not None:
             raise ValueError(f"{slices.paths[0]}: a palette is for coloured slices, and these are grey")
-        return Volume(_grey(slices, transpose), notes=tuple(notes), **grid)
+        return Volume(_grey(slices, turned), notes=tuple(notes), **grid)
     colours = Palette.of(palette, unknown)
+    rows_along_x(name, transpose, colours.colours.values())
     labels = np.empty(shape, colours.dtype)
     for k, file in enumerate(slices.paths):
         plane = colours.labels(pixels(file), file)
-        labels[k] = plane.T if transpose else plane
+        labels[k] = plane.T if turned else plane
     notes.extend(colours.notes(name))
     return LabelVolume(labels, names=colours.names, colours=colours.colours, notes=tuple(notes), **grid)
 
 
+def rows_along_x(name: str, transpose: bool | None, colours: Iterable[Colours] = ()) -> bool:
+    """Whether slices are read transposed: as told, else by their kind.
+
+    ValueError where they must be told: the colours of volumetric_drilling in slices without its YAML file.
+    """
+    described = Path(name).suffix.lower() in _DESCRIPTIONS
+    if transpose is None and not described:
+        from burrlab.anatomy.known_tissues import VOLUMETRIC_DRILLING  # anatomy builds on volumes
+
+        if not set(VOLUMETRIC_DRILLING.values()).isdisjoint(colours):
+            raise ValueError(
+                f"{name}: slices in colours of volumetric_drilling must be told their axes, a wrong guess mirrors the ear: "
+                "transpose=True (--transpose) where rows lie along x, as its converter writes them, else False (--no-transpose)"
+            )
+    return described if transpose is None else transpose
+
+
 def _description(name: str, spacing: float | ArrayLike | None, unit: float | None) -> StackDescription | None:
     """What a YAML file says; None where the slices are named themselves, with their spacing."""
-    if Path(name).suffix.lower() in (".yaml", ".yml"):
+    if Path(name).suffix.lower() in _DESCRIPTIONS:
         if spacing is not None:
             raise ValueError(
                 f"spacing must not be given with {name}, which has dimensions (unit= is their unit)"

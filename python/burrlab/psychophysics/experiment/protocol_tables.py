@@ -153,11 +153,12 @@ def burr_and_bone_of(file: Table, folder: Path) -> tuple[Burr, Block]:
 
 def _volume_of(table: Table, folder: Path) -> dict[str, Any] | None:
     """What makes a `VolumeBlock` of [bone], where it names a volume."""
-    keys = ("map", "entry_mm", "axis", "spacing_mm", "series", "crop_mm", "volume_voxel_mm")
+    keys = ("map", "entry_mm", "axis", "spacing_mm", "series", "crop_mm", "volume_voxel_mm", "transpose")
     path = table.text("volume", None)
     text, entry, axis = table.text("map", None), table.numbers("entry_mm", None), table.numbers("axis", None)
     spacing, series = table.numbers("spacing_mm", None), table.text("series", None)
     crop, voxel = table.value("crop_mm", None), table.number("volume_voxel_mm", None)
+    transpose = table.flag("transpose", None)
     if path is None:
         for key in keys:
             if key in table:
@@ -177,6 +178,7 @@ def _volume_of(table: Table, folder: Path) -> dict[str, Any] | None:
                 series,
                 None if crop is None else (crop[0], crop[1]),
                 voxel,
+                transpose,
             ),
             "entry": tuple(checked_point(entry, "entry_mm").tolist()),
             "axis": tuple(unit_vector(axis).tolist()),

@@ -42,14 +42,17 @@ class VolumeBlock(Block):
     def recipe(self) -> dict[str, Any]:
         """How others make the same bone, for a session's trace."""
         return {
-            "kind": "volume block", "volume": self.volume.plain(), "size_mm": list(self.size), "voxel_mm": self.voxel,
+            "notes": list(self.volume.notes()), "kind": "volume block", "volume": self.volume.plain(), "size_mm": list(self.size), "voxel_mm": self.voxel,
             "entry_mm": list(self.entry), "axis": list(self.axis),
         }  # fmt: skip
 
     def plain(self) -> dict[str, Any]:
         """For a protocol: where the volume lies is not in it, the bone's digest is."""
-        volume = {**self.volume.plain(), "path": os.path.basename(self.volume.path)}
-        return {**self.recipe(), "volume": volume, "digest": _cut(self).digest()}
+        # without what earlier versions did not write, so that a protocol keeps its digest
+        volume = {name: value for name, value in self.volume.plain().items() if value is not False}
+        volume["path"], made = os.path.basename(self.volume.path), self.recipe()
+        del made["notes"]
+        return {**made, "volume": volume, "digest": _cut(self).digest()}
 
 
 @functools.lru_cache(maxsize=2)

@@ -1,0 +1,171 @@
+"""A right ear stays a right ear in every format and for every command, and files that say no orientation are told of."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from PIL import Image
+
+from burrlab import VoxelBone, load_bone, load_trace
+from burrlab.anatomy import default_tissues, write_tissues
+from burrlab.anatomy.known_tissues import VOLUMETRIC_DRILLING
+from burrlab.cli import main
+from burrlab.cli.tissues import ear_side
+from burrlab.session.network import make_bone
+from burrlab.view.live import picture_note
+from burrlab.volume import LabelVolume, Volume, load_drilled, write_dicom, write_volume
+
+pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+pytest.importorskip("yaml", reason="extra `medical` is not installed")
+
+NAMES = {1: "Bone", 10: "Facial_Nerve", 15: "TMJ", 16: "EAC"}
+SIDE = {"lateral": "-x", "anterior": "-y", "inferior": "-z", "side": "right"}
+SPACING = (0.5, 0.5, 0.5)
+TURNED = np.array([[0.0, 1, 0], [0, 0, -1], [-1, 0, 0]])
+LEFT_HANDED = np.diag([-1.0, 1.0, 1.0])
+
+
+def right_ear(direction: np.ndarray = np.eye(3)) -> LabelVolume:  # noqa: B008
+    """22 x 18 x 16 mm in LPS from (0, 0, 0): a canal from the side, the joint before it, a nerve that leaves below."""
+    z, y, x = np.moveaxis(np.indices((32, 36, 44)), 0, -1).reshape(-1, 3).T * 0.5
+    labels = np.zeros(x.size, np.uint8)
+    labels[(x > 20) & (z > 14)] = 1
+    labels[(x < 9) & (np.hypot(y - 8, z - 8) < 2.4)] = 16
+    labels[(x > 3) & (x < 9) & (y < 4) & (abs(z - 8) < 2)] = 15
+    labels[(x > 12) & (x < 20) & (np.hypot(y - 14, z - 12) < 1.5)] = 10  # inwards
+    labels[(np.hypot(x - 12, y - 14) < 1.5) & (z < 12)] = 10  # downwards
+    axes = np.abs(direction).argmax(axis=0)  # x, y, z along which the voxels' axes lie
+    turned = labels.reshape(32, 36, 44).transpose([2 - axes[2 - k] for k in range(3)])
+    back = direction[axes, range(3)] < 0
+    turned = turned[tuple(slice(None, None, -1 if b else 1) for b in back[::-1])]
+    origin = np.where(direction.sum(axis=1) < 0, 0.5 * (np.array([44, 36, 32]) - 1), 0)
+    return LabelVolume(turned, SPACING, origin, direction, "made", NAMES)
+
+
+def written(kind: str, folder: Path) -> list[str]:
+    """A file of the ear, with the options that its format needs."""
+    ear, path = right_ear(), folder / f"ear.{kind}"
+    table = ["--tissues", str(folder / "t.csv")]
+    write_tissues(folder / "t.csv", default_tissues(NAMES))
+    if kind in ("yaml", "slices"):
+        (folder / "slices").mkdir()
+        colours = np.zeros((17, 4), np.uint8)
+        for label, name in NAMES.items():
+            colours[label] = (*VOLUMETRIC_DRILLING[name], 255)
+        data = colours[ear.labels].swapaxes(0, 2)  # x, y, z, as that simulator's converter has them
+        for i in range(data.shape[2]):
+            Image.fromarray(data[:, :, i]).save(folder / "slices" / f"plane00{i}.png")
+        path.write_text(
+            "VOLUME v:\n  dimensions: {x: 0.022, y: 0.018, z: 0.016}\n  images: {path: slices, prefix: plane00, format: png}\n"
+        )
+        return [str(path)] if kind == "yaml" else [str(folder / "slices"), "--spacing", "0.5", "--transpose"]
+    if kind == "dicom":
+        write_dicom(path, Volume(ear.labels, SPACING, ear.origin, ear.direction, "made"))
+    elif kind == "silent.nrrd":
+        head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 44 36 32\nspacings: .5 .5 .5\nencoding: raw\n\n"
+        path.write_bytes(head.encode() + ear.labels.tobytes())
+    else:
+        turns = {"turned.nrrd": TURNED, "left-handed.nii.gz": LEFT_HANDED}
+        write_volume(path, right_ear(turns.get(kind, np.eye(3))))
+    if kind == "seg.nrrd":
+        head, _, values = path.read_bytes().partition(b"\n\n")
+        fields = "".join(f"\nSegment{i}_Name:={n}\nSegment{i}_LabelValue:={i}" for i, n in NAMES.items())
+        path.write_bytes(head + fields.encode() + b"\n\n" + values)
+        return [str(path)]
+    return [str(path), *table]
+
+
+KINDS = ("nrrd", "seg.nrrd", "nii.gz", "mha", "dicom", "turned.nrrd", "left-handed.nii.gz", "silent.nrrd", "yaml", "slices")  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_right_ear_stays_one(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[str] = []  # the words of each figure
+    monkeypatch.setattr(
+        Figure, "savefig", lambda figure, *_, **__: drawn.append(str(figure.findobj(lambda part: isinstance(part, Text))))
+    )  # fmt: skip
+
+    def said(*words: str) -> Any:
+        assert main([*words, "--json", str(tmp_path / "out.json")]) == 0
+        return json.loads((tmp_path / "out.json").read_text())
+
+    def stays(bone: VoxelBone) -> None:
+        numbers = {t.label: i for i, t in enumerate(bone.tissues or ())}
+        for label in NAMES:
+            at = np.argwhere(bone.tissue_numbers == numbers[label])[:, ::-1] * bone.spacing + bone.origin
+            own = np.argwhere(right_ear().labels == label)[:, ::-1] * SPACING
+            np.testing.assert_allclose(sorted((at @ turn.T).tolist()), sorted(own.tolist()), atol=1e-5)
+
+    file, *options = written(kind, tmp_path)
+    turn = {"turned.nrrd": TURNED, "left-handed.nii.gz": LEFT_HANDED}.get(kind, np.eye(3))
+    found = said("tissues", file, *options)
+    assert found["ear"] == SIDE
+    text = capsys.readouterr().out
+    assert "lateral is -x, anterior -y, inferior -z: a right ear, if the axes are LPS" in text
+    if kind in ("yaml", "slices"):  # the mirror image is another ear
+        assert said("tissues", file, *options, "--no-transpose")["ear"]["side"] == "left"
+
+    burr, out = ["--labels", file, *options, "--radius", "2", "--seed", "1"], str(tmp_path / "p.png")
+    below = [
+        "--entry",
+        "12,14,-4",
+        "--axis",
+        "0,0,1",
+    ]  # where the nerve leaves: in a mirror image there is none
+    hand = ["session", "--device", "hand", "--duration", "0.1", "--no-realtime", *below]
+    run = said("descend", "--force", "0.3", "--ideal", "--max-duration", "0.1", *burr, *below, "--plot", out)
+    assert run["status"] == "stalled"
+    curve = str(tmp_path / "c.csv")
+    swept = said(
+        "sweep", "--forces", "0.3", "--max-duration", "0.1", *burr, *below, "--out", curve, "--plot", out
+    )
+    kept = str(tmp_path / ("kept" if kind in ("dicom", "yaml", "slices") else f"kept.{kind}"))
+    first = said(*hand, *burr, "--save", kept, "--record", str(tmp_path / "s.h5"))
+    again = said(*hand, "--bone", kept, "--radius", "2", "--save", str(tmp_path / "alone.h5"))
+    viewed = said("view", *burr[: 2 + len(options)], "--pictures", out)
+    trace, pair = load_trace(tmp_path / "s.h5"), load_drilled(kept)
+    seen = said("view", str(trace.path), "--pictures", out)
+    alone = said("view", "--bone", str(tmp_path / "alone.h5"), "--pictures", out)
+    recipes = run["provenance"]["volume"]["recipe"], first["provenance"]["source"]
+    for bone in (*map(make_bone, recipes), trace.bone(), pair.bone, load_bone(tmp_path / "alone.h5")[0]):
+        stays(bone)
+    assert ear_side(pair.volume(), pair.bone.tissues) == SIDE
+
+    told = {"LPS assumed": kind in ("silent.nrrd", "yaml", "slices"), "mirror image": turn is LEFT_HANDED}
+    results = [
+        run["provenance"]["volume"],
+        swept,
+        first,
+        first["provenance"]["source"],
+        again,
+        viewed,
+        seen,
+        alone,
+    ]
+    assert len(drawn) >= 5  # descent, curve, slices of the volume, of the trace and of the bone alone
+    for words, there in told.items():
+        assert [sum(words in note for note in r["notes"]) for r in (found, *results)] == [there] * 9
+        assert [words in figure for figure in drawn] == [there] * len(drawn)
+        assert (words in picture_note(trace)) == there
+
+
+def test_no_side_is_claimed_without_three_structures_in_three_directions() -> None:
+    ear = right_ear()
+    for label in (10, 15, 16):
+        assert ear_side(replace(ear, labels=np.where(ear.labels == label, 0, ear.labels))) is None
+    assert ear_side(replace(ear, names={**NAMES, 1: "left TMJ"})) is None  # the head has two
+    inline = np.where(ear.labels == 15, 0, ear.labels)
+    inline[15:18, 15:18, 22:26] = 15  # a joint in the canal's line
+    assert ear_side(replace(ear, labels=inline)) == {}
+    short = ear.labels.copy()
+    short[:, :, 4:18][short[:, :, 4:18] == 16] = 0  # a canal without a long axis
+    assert ear_side(replace(ear, labels=short)) == {}

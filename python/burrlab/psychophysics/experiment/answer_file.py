@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
 
+from burrlab.files import new_part, write_synced
 from burrlab.psychophysics.design import Order
 from burrlab.psychophysics.experiment import tsv_text
 from burrlab.psychophysics.experiment.answer_reading import read_own_rows, replay
@@ -147,12 +148,9 @@ class AnswerFile:
         """Column names first: whoever finds them without a side-car knows that no trial was asked."""
         synced_write(file, path, _head(side_car))
         text = json.dumps(side_car.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-        temporary = side_car_path(path).with_suffix(".json.new")
-        with temporary.open("wb") as stream:
-            stream.write(text.encode())
-            stream.flush()
-            os.fsync(stream.fileno())
-        temporary.rename(side_car_path(path))
+        with new_part(side_car_path(path)) as part:
+            write_synced(part, text.encode())
+            part.rename(side_car_path(path))
         sync_folder(path.parent)
         return cls(path, file, side_car, 0.0, RowReader(side_car.task), 1)
 

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import secrets
 import shutil
-from collections.abc import Iterator
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
+
+#: What a write says where the disk is full, a quota or limit is met, or the disk fails.
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 
 
 def check_folder(target: Path) -> None:
@@ -16,6 +23,24 @@ def check_folder(target: Path) -> None:
         raise FileNotFoundError(f"folder must exist, got {folder}")
     if not os.access(folder, os.W_OK):
         raise PermissionError(f"folder must be writable, got {folder}")
+
+
+def kept_elsewhere(path: str, name: str, write: Callable[[str], object]) -> str | None:
+    """Where else something could be written: beside its path, or under a name among temporary files; None: nowhere."""
+    beside, folder = f"{path}{Path(name).suffix}", ""
+    if not os.path.lexists(beside):
+        try:
+            write(beside)
+            return beside
+        except OSError:
+            Path(beside).unlink(missing_ok=True)
+    try:
+        folder = tempfile.mkdtemp(prefix="burrlab-")
+        write(place := os.path.join(folder, name))
+        return place
+    except OSError:
+        shutil.rmtree(folder, ignore_errors=True)
+        return None
 
 
 def lock(file: int, taken: str, *, wait: bool = False) -> None:
@@ -35,12 +60,32 @@ def lock(file: int, taken: str, *, wait: bool = False) -> None:
 
 
 @contextlib.contextmanager
+def new_part(target: Path, ending: str = "") -> Iterator[Path]:
+    """A new, empty file beside a path, of a name that nobody else has, to be moved there once it is whole; else it is gone.
+
+    A kill leaves it behind, and it stands in nobody's way. OSError where it cannot be made.
+    """
+    check_folder(target)
+    part = target.with_name(f".{target.name[:40]}.{os.getpid()}-{secrets.token_hex(4)}.part{ending}")
+    try:
+        os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _NO_LINK, 0o666))
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, os.fspath(target)) from None
+    try:
+        yield part
+    finally:
+        part.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
 def new_folder(target: Path) -> Iterator[Path]:
     """A folder to be filled, which gets its name at the end, and is gone after an error; OSError where it cannot be made."""
     part = target.with_name(f".{target.name}.part")
     part.mkdir(exist_ok=True)
-    descriptor = os.open(part, os.O_RDONLY)
+    descriptor = os.open(part, os.O_RDONLY | _NO_LINK)
     try:
+        if os.fstat(descriptor).st_uid != os.geteuid():  # who could put links into it meanwhile
+            raise PermissionError(f"{part} is another user's")
         taken = f"{target} is being written by another process"
         lock(descriptor, taken)
         if not _is_at(descriptor, part):  # it got its name meanwhile

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from answer_scenes import SMALL, TASKS, answer, begun, give, protocol
 
-from burrlab.psychophysics import AnswerFile, Protocol, read_answers
+from burrlab.psychophysics import Answer, AnswerFile, Protocol, read_answers
 from burrlab.psychophysics.experiment.interval import ENDINGS
 from burrlab.psychophysics.experiment.sitting import Sitting
 
@@ -376,10 +376,10 @@ def test_columns_that_were_changed_are_not_gone_on_with(tmp_path):
     lines = [line.split("\t") for line in path.read_text().splitlines()]
     for changed, sentence in (
         ([[*line[1:], line[0]] for line in lines], "line 1: .* column 1 was 'onset', is now 'duration'"),
-        ([line[:-2] for line in lines], "line 1: .* column 15 was 'ended_1', is now none"),
+        ([line[:-3] for line in lines], "line 1: .* column 15 was 'ended_1', is now none"),
         (
             [[*line, "sub-01" if number else "participant_id"] for number, line in enumerate(lines)],
-            "line 1: .* column 17 was none, is now 'participant_id'",
+            "line 1: .* column 18 was none, is now 'participant_id'",
         ),
     ):
         path.write_text("".join("\t".join(line) + "\n" for line in changed))
@@ -388,6 +388,16 @@ def test_columns_that_were_changed_are_not_gone_on_with(tmp_path):
         with pytest.raises(ValueError, match=sentence):
             one.resume("01", "probing")
         assert path.read_bytes() == before
+
+
+def test_a_run_begun_without_a_column_of_repeats_goes_on_without(tmp_path):
+    one, path = begun(tmp_path, count=3)
+    path.write_text("".join(line.rsplit("\t", 1)[0] + "\n" for line in path.read_text().splitlines()))
+    file, order = one.resume("01", "probing")
+    with file:
+        file.append(Answer(order.next(), 1e3, 1.0, "same", 1.0, ("time", "time"), repeats=1))
+    assert [row.repeats for row in read_answers(path).rows] == [None] * 4
+    assert {line.count("\t") for line in path.read_text().splitlines()} == {15}
 
 
 def test_what_was_begun_comes_first_when_the_order_of_tasks_has_moved(tmp_path):

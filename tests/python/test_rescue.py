@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import errno
+import json
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,7 @@ import pytest
 import burrlab
 from burrlab.cli import bone as cli_bone
 from burrlab.cli import main
+from burrlab.session import trace_writer
 from burrlab.session.network import block_recipe, make_bone
 
 SESSION = ("session", "--device", "hand", "--duration", "0.2", "--voxel", "0.5", "--seed", "1")
@@ -36,7 +39,7 @@ def test_kept_beside_or_among_temporary_files(
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     path = str(tmp_path / "bone.h5")
     full(after, monkeypatch)
-    assert main([*SESSION, "--save", path]) == 2
+    assert main([*SESSION, "--save", path]) == 3
     told = capsys.readouterr()
     assert "200 ticks" in told.out, "the report is told all the same"
     sentence = f"burrlab session: {path}: No space left on device; the bone's exact state is kept as "
@@ -53,7 +56,7 @@ def test_nowhere_to_keep_it(
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
     path = str(tmp_path / "bone.h5")
     full(9, monkeypatch)
-    assert main([*SESSION, "--save", path]) == 2
+    assert main([*SESSION, "--save", path]) == 3
     assert capsys.readouterr().err.endswith(f"burrlab session: {path}: No space left on device\n")
 
 
@@ -62,9 +65,52 @@ def test_nothing_is_left_where_it_could_not_be_kept(
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     full(9, monkeypatch)
-    assert main([*SESSION, "--save", str(tmp_path / "bone.h5")]) == 2
+    assert main([*SESSION, "--save", str(tmp_path / "bone.h5")]) == 3
     assert list(tmp_path.iterdir()) == []
     assert "200 ticks" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("what", "sentence"),
+    [
+        (Path.unlink, "was deleted or moved"),
+        (lambda trace: trace.rename(f"{trace}.mine"), "was deleted or moved"),
+        (lambda trace: (trace.unlink(), trace.write_text("mine")), "was replaced"),
+        (lambda trace: trace.write_text("mine"), "was overwritten"),
+        (None, "the file could not be written: No space left on device"),
+    ],
+    ids=["deleted", "moved", "replaced", "overwritten", "full"],
+)
+def test_a_trace_that_is_not_whole_is_said_and_what_can_be_is_kept(
+    what: Callable[[Path], object] | None, sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    trace, result, write, written = tmp_path / "a.h5", tmp_path / "a.json", trace_writer._write, []
+
+    def meanwhile(file: int, data: bytes, at: int) -> int:
+        written.append(len(data))
+        if len(written) == 3 and what is not None:
+            what(trace)
+        if len(written) >= 3 and what is None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(file, data, at)
+
+    monkeypatch.setattr(trace_writer, "_write", meanwhile)
+    assert main([*SESSION, "--record", str(trace), "--json", str(result)]) == 3
+    told, recording = capsys.readouterr(), json.loads(result.read_text())["recording"]
+    assert sentence in recording["ended"]
+    assert (recording["complete"], "complete False" in told.out) == (False, True)
+    assert told.out.count(sentence) >= 2
+    assert sentence in told.err
+    kept = tmp_path / "a.h5.h5"
+    if recording["rescued"]:
+        assert (Path(recording["rescued"]), len(burrlab.load_trace(kept))) == (kept, 200)
+        assert burrlab.replay(burrlab.load_trace(kept)).equal
+    else:
+        assert burrlab.load_bone(kept)[1] == 200
+    assert bool(recording["rescued"]) == (sentence in ("was deleted or moved", "was replaced"))
+    if "replaced" in sentence:
+        assert trace.read_text() == "mine"
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a file that is always full is of Linux")
@@ -75,10 +121,12 @@ def test_a_result_that_cannot_be_written(
     """The bone is kept and the report told all the same, and the sentence names the file."""
     result, kept = tmp_path / "result.png", tmp_path / "bone.h5"
     result.symlink_to("/dev/full")
-    assert main([*SESSION, option, str(result), "--save", str(kept)]) == 2
+    assert main([*SESSION, option, str(result), "--save", str(kept)]) == 3
     told = capsys.readouterr()
     assert "200 ticks" in told.out
-    assert told.err.endswith(f"burrlab session: {result}: No space left on device\n")
+    said, place = told.err.rstrip("\n").rsplit(" is kept as ", 1)
+    assert f"burrlab session: {result}: No space left on device; the " in said
+    assert Path(place).stat().st_size > 1000
     assert burrlab.load_bone(kept)[1] == 200
 
 
@@ -93,8 +141,8 @@ def test_a_replica_keeps_its_bone_too(tmp_path: Path, capsys: pytest.CaptureFixt
     kept = tmp_path / "bone.h5"
     with session:
         where = ["replica", f"127.0.0.1:{session.port}", "--duration", "0.5"]
-        assert main([*where, "--json", "/dev/full", "--save", str(kept)]) == 2
+        assert main([*where, "--json", "/dev/full", "--save", str(kept)]) == 3
     told = capsys.readouterr()
     assert told.out.startswith("ended (stopped): tick ")
-    assert told.err.endswith("burrlab replica: /dev/full: No space left on device\n")
+    assert "burrlab replica: /dev/full: No space left on device; the result is kept as " in told.err
     assert burrlab.load_bone(kept)[0].shape == (20, 40, 40)

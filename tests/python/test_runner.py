@@ -12,7 +12,7 @@ import burrlab
 from burrlab.psychophysics import ABX, Block, SameDifferent, Stimulus, drilling_hand, probing_hand, render
 from burrlab.psychophysics.experiment.clock import VirtualClock, WallClock
 from burrlab.psychophysics.experiment.experimenter import Experimenter
-from burrlab.psychophysics.experiment.runner import DeviceLost, Rig, Runner
+from burrlab.psychophysics.experiment.runner import DeviceLost, LoopStalled, Rig, Runner
 from burrlab.psychophysics.experiment.seat import Seat
 
 BURR = burrlab.Burr(3.0)
@@ -198,6 +198,34 @@ def test_silent_device_is_lost_too(tmp_path):
     design = SameDifferent(BONE, PVC, trials=4, interval=0.3)
     with pytest.raises(DeviceLost, match="it gives no position"):
         run(design, seat, tmp_path, device=lambda mode: burrlab.MailboxDevice())
+
+
+@pytest.mark.parametrize("stalls", [1, 2])
+def test_a_trial_in_which_the_loop_stalls_is_repeated_once(tmp_path, stalls):
+    calls, seeds = itertools.count(1), []
+
+    def stalling(interval, device, **options):
+        seeds.append(interval.seed)
+        found = render(interval, device, **options)
+        failed = 3 < next(calls) <= 3 + stalls  # the second interval of the second trial, then the first
+        return dataclasses.replace(found, failed=failed, reason="the loop stalled: 120 ms without a tick")
+
+    design = SameDifferent(BONE, PVC, trials=4, interval=0.1)
+    seat, kept = Paper(["same"] * 4), []
+    if stalls == 1:
+        run(design, seat, tmp_path, kept=kept, render=stalling)
+        assert seeds[2:4] == seeds[4:6], "the same stimuli"
+    else:
+        with pytest.raises(
+            LoopStalled, match="the loop stalled: 120 ms without a tick, during an interval of trial 2"
+        ):
+            run(design, seat, tmp_path, kept=kept, render=stalling)
+    assert [answer.repeats for answer in kept] == [0, 1, 0, 0][: 4 if stalls == 1 else 1]
+    assert len([text for text in seat.seen if "This one is repeated, from its beginning." in text]) == 1
+    assert not [text for text in seat.seen if "loop" in text or "device" in text]
+    told = log(tmp_path)
+    assert told.count("trial 2 was broken off during an interval: the loop stalled: 120 ms") == stalls
+    assert told.count("trial 2 is repeated from its first interval") == 1
 
 
 def test_real_reference_is_self_paced(tmp_path):

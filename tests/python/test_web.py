@@ -10,7 +10,7 @@ import threading
 import numpy as np
 import pytest
 from anatomy_scenes import nerve_bone, straight, tool
-from page_scenes import make_page
+from page_scenes import Scene, make_page
 from replica_scenes import soon
 
 import burrlab
@@ -19,6 +19,8 @@ from burrlab.cli import main
 from burrlab.effects import Companion, Effects
 from burrlab.effects.offline import effects_of
 from burrlab.session.network import block_recipe, follow, make_bone
+from burrlab.view import web
+from burrlab.view.page import Page
 from burrlab.view.page_parcels import ParcelHistory
 from burrlab.view.page_source import page_source
 from burrlab.view.web import serve
@@ -173,6 +175,105 @@ def test_refused_in_an_event_loop():
 
     with pytest.raises(RuntimeError, match="serve blocks until the page ends, and an event loop runs here"):
         asyncio.run(inside())
+
+
+async def talk(host, path, origin, secret, calls):
+    """(status of the page; of its WebSocket; answers to the calls after the hello; the page, served by itself)."""
+    import aiohttp
+    import msgpack
+    from wslink.chunking import UnChunker, generate_chunks
+
+    server = web._server()
+    source = page_source(nerve_bone())
+    page = Page(server, source, Scene(source.bone, source.radii))
+    server.controller.on_server_bind.add(
+        lambda one: web._prepare(one, server.protocol, "127.0.0.1", "s3cret")
+    )
+    ready, options = server.ready, {"show_connection_info": False, "timeout": 0, "thread": True}
+    server.start(host="127.0.0.1", port=0, exec_mode="task", open_browser=False, **options)
+    await ready
+    headers = {"Host": host.format(server.port), "Origin": origin.format(server.port)}
+    headers = {key: value for key, value in headers.items() if value}
+    address, reader, answers = f"http://127.0.0.1:{server.port}{path}", UnChunker(), []
+    async with aiohttp.ClientSession(headers=headers) as client:
+        async with client.get(address) as got:
+            status = got.status
+        try:
+            socket = await client.ws_connect(f"{address}ws", max_msg_size=0)
+        except aiohttp.WSServerHandshakeError as error:
+            return status, error.status, answers, page
+        for number, (method, *arguments) in enumerate([("wslink.hello", {"secret": secret}), *calls]):
+            name = f"{'rpc' if number else 'system'}:{number}"
+            asked = {"wslink": "1.0", "id": name, "method": method, "args": arguments, "kwargs": {}}
+            for chunk in generate_chunks(msgpack.packb(asked), 4_000_000):
+                await socket.send_bytes(chunk)
+            told = None
+            while told is None or told.get("id") != name:
+                reader.set_max_message_size(2**30)
+                told = reader.process_chunk((await asyncio.wait_for(socket.receive(), 20)).data)
+            answers.append(told.get("result", told.get("error")))
+        await socket.close()
+    await server.stop()
+    return status, 101, answers, page
+
+
+def talked(host="127.0.0.1:{}", path="/s3cret/", origin="", secret="s3cret", calls=()):
+    pytest.importorskip("trame", reason="needs the extra viz3d")
+    return asyncio.run(talk(host, path, origin, secret, calls))
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "[::1]"])
+def test_the_page_is_at_its_address(host):
+    status, upgraded, (hello, state), _ = talked(
+        host + ":{}", origin=f"http://{host}:{{}}", calls=[("trame.state.get",)]
+    )
+    assert (status, upgraded, "clientID" in hello, state["state"]["title"]) == (200, 101, True, "bone")
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        {"host": "evil.example:{}", "origin": "http://evil.example:{}"}, {"host": "evil.example:{}"}, {"host": "127.0.0.1"},
+        {"host": "127.0.0.1:1"}, {"origin": "http://evil.example:{}"}, {"origin": "null"}, {"origin": "https://127.0.0.1:{}"},
+        {"path": "/"}, {"path": "/wslink-secret/"}, {"path": "/s3cre/"}, {"path": "/../s3cret/", "host": "evil.example"},
+    ],
+)  # fmt: skip
+def test_whoever_asks_in_another_way_gets_nothing(other):
+    assert talked(**other)[:2] == (403, 403)
+
+
+def test_no_secret_of_trames_own_opens_it():
+    for secret in ("wslink-secret", "", None):
+        hello, state = talked(secret=secret, calls=[("trame.state.get",)])[2]
+        assert (hello["code"], state["code"]) == (-32000, -32000)
+
+
+def test_what_a_browser_can_call_and_change():
+    def change(key, value):
+        return "trame.state.update", [{"key": key, "value": value}]
+
+    gone = [
+        ("application.exit",),
+        ("application.exit.later", 0),
+        ("trame.force.push", "title"),
+        ("file.list", "/"),
+    ]
+    idle = [
+        change("title", "mine"), change("trame__template_main", "<img onerror=alert(1)>"), change("new", 1), change("slices", "/etc"),
+        change("speed", -5), change("speed", True), change("wanted_s", float("nan")), change("wanted_s", {}), ("trame.state.update", 5),
+        ("trame.state.update", [{"no": 1}]), ("trame.trigger", "drag", [float("nan"), 0.0, False], {}), ("trame.trigger", [], [], {}),
+        ("trame.trigger", "drag", ["x", 1, 2], {}), ("trame.trigger", "wheel", [float("inf")], {}), ("trame.trigger", "none", [], {}),
+        ("trame.trigger", "shown", [1e99, "a"], {}), ("trame.trigger",), ("trame.lifecycle.update", "server_bind"),
+        ("trame.error.client", "a line\nof its own"),
+    ]  # fmt: skip
+    done = [change("slices", True), change("speed", 2), ("trame.trigger", "drag", [0.5, 0.25, False], {})]
+    _, _, (_, first, *answers, last), page = talked(
+        calls=[("trame.state.get",), *gone, *idle, *done, ("trame.state.get",)]
+    )
+    assert [answer["code"] for answer in answers[: len(gone)]] == [-32601] * len(gone)
+    assert answers[len(gone) :] == [None] * (len(idle) + len(done))
+    assert last["state"] == {**first["state"], "slices": True, "speed": 2}
+    assert (page._drag.tolist(), page._wheel) == ([0.5, 0.25], 0.0)
 
 
 @pytest.mark.parametrize("name", ["pyvista", "trame"])

@@ -63,7 +63,7 @@ class Served:
         self.said = []
         for line in self.process.stdout:
             self.said.append(line)
-            if found := re.search(r"http://127\.0\.0\.1:\d+/", line):
+            if found := re.search(r"http://127\.0\.0\.1:\d+/\S+/", line):
                 self.address = found[0]
                 return
         raise AssertionError("".join(self.said))

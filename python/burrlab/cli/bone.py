@@ -6,8 +6,6 @@ import argparse
 import contextlib
 import json
 import math
-import os
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +15,7 @@ import numpy as np
 
 from burrlab._core import Burr, Material, VoxelBone
 from burrlab.cli.options import refuse_options, require_options
+from burrlab.cli.output import not_kept
 from burrlab.cli.volume import OF_LABELS, PLACE, Recipe, chosen_recipe, say_notes
 from burrlab.materials import materials
 from burrlab.session.network import block_recipe, make_bone
@@ -84,28 +83,13 @@ class Start:
 
 @contextlib.contextmanager
 def rescued(path: str, bone: VoxelBone, tick: int) -> Iterator[None]:
-    """Where a bone cannot be kept as asked, as on a full disk, keeps its exact state elsewhere; the OSError says where."""
+    """Where a bone cannot be kept as asked, as on a full disk, keeps its exact state elsewhere; the NotKept says where."""
     try:
         yield
     except (OSError, ValueError) as error:
-        for place in _other_places(path):
-            try:
-                save_bone(place, bone, tick)
-            except OSError:
-                continue
-            why = error.strerror if isinstance(error, OSError) and error.strerror else error
-            raise OSError(f"{path}: {why}; the bone's exact state is kept as {place}") from error
-        raise
-
-
-def _other_places(path: str) -> Iterator[str]:
-    """Files that are not there yet: beside the one that was asked for, and where the system keeps what is temporary."""
-    if not os.path.exists(beside := f"{path}.h5"):
-        yield beside
-    with contextlib.suppress(OSError):
-        folder = tempfile.mkdtemp(prefix="burrlab-")
-        yield os.path.join(folder, "bone.h5")
-        os.rmdir(folder)  # asked for another one: this has not taken it
+        raise not_kept(
+            path, "bone.h5", error, lambda place: save_bone(place, bone, tick), "the bone's exact state"
+        ) from error
 
 
 def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) -> Start:

@@ -112,7 +112,7 @@ def _run(options: Options) -> int:
         if sitting.begun:
             raise ValueError(
                 f"subject {sitting.subject} has begun task {sitting.begun[0]}: "
-                f"{_command('resume', options, sitting)} goes on"
+                f"{_command('resume', options, sitting.subject)} goes on"
             )
     return _sit(options, sittings)
 
@@ -120,7 +120,7 @@ def _run(options: Options) -> int:
 def _resume(options: Options) -> int:
     sittings = _sittings(options)
     if not any(sitting.begun for sitting in sittings):
-        begin = _command("run", options, sittings[0])
+        begin = _command("run", options, sittings[0].subject)
         raise ValueError(f"subject {sittings[0].subject} has begun no task: {begin} begins")
     return _sit(options, sittings)
 
@@ -218,7 +218,7 @@ def _sittings(options: Options) -> list[Sitting]:
         Sitting(
             protocol, subject, tasks=None if options.task is None else [options.task],
             device="hand" if options.simulated else options.device, simulated=simulated, once=options.fast,
-            view=options.experimenter,
+            view=options.experimenter, again=_command("resume", options, subject),
         )
         for subject in (protocol.subjects if options.all else [options.subject])
     ]  # fmt: skip
@@ -239,20 +239,28 @@ def _sit(options: Options, sittings: Sequence[Sitting]) -> int:
                 show_line("")
                 print(f"simulated subject {at.subject}: {given} trials answered")
     except DeviceLost as error:
-        say(f"{error}; {_command('resume', options, at)} goes on")
+        if options.simulated:
+            say(f"{error}; {_command('resume', options, at.subject)} goes on")
         return 1
     except KeyboardInterrupt:
-        with contextlib.suppress(OSError):  # the terminal may be what was lost
-            say(f"interrupted; every answer is kept, {_command('resume', options, at)} goes on")
+        if options.simulated:
+            say(f"interrupted; every answer is kept, {_command('resume', options, at.subject)} goes on")
         return 130
     return 0
 
 
 def _sit_down(stack: ExitStack, sitting: Sitting) -> int:
+    from burrlab.psychophysics.experiment.runner import DeviceLost
     from burrlab.psychophysics.experiment.terminal import TerminalSeat
 
     seat = stack.enter_context(TerminalSeat())
-    if sitting.run(lambda task: seat):
+    try:
+        answered = sitting.run(lambda task: seat)
+    except (DeviceLost, KeyboardInterrupt):  # why, and how it goes on, is the experimenter's to know
+        with contextlib.suppress(KeyboardInterrupt):  # the terminal may be what was lost
+            seat.close("Please wait. Every answer is kept.")
+        raise
+    if answered:
         seat.close("That was all. Thank you.")
     else:
         print(f"subject {sitting.subject} has answered everything")
@@ -288,10 +296,10 @@ def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:
     )  # fmt: skip
 
 
-def _command(action: str, options: Options, sitting: Sitting) -> str:
+def _command(action: str, options: Options, subject: str) -> str:
     """What to type."""
     words = ["burrlab", "experiment", action, str(options.config)]
-    words += ["--all"] if options.all else ["--subject", sitting.subject]
+    words += ["--all"] if options.all else ["--subject", subject]
     for name in ("task", "device", "experimenter", "weber", "decision"):
         if getattr(options, name) is not None:
             words += [f"--{name}", str(getattr(options, name))]

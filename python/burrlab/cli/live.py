@@ -21,7 +21,7 @@ def add_live_options(command: argparse.ArgumentParser) -> None:
     shown.add_argument("--view", action="store_true", help="show it in a window (extra viz3d)")
     shown.add_argument(
         "--web", type=port, nargs="?", const=0, metavar="PORT",
-        help="show it in a web page on this machine, until Ctrl-C (extra viz3d); default any free port; there is no authentication",
+        help="show it in a web page on this machine, until Ctrl-C (extra viz3d); default any free port; whoever has the address that is printed can work it",
     )  # fmt: skip
     command.add_argument(
         "--effects", action="store_true", default=None,

@@ -8,11 +8,12 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from burrlab.cli.options import Options
+from burrlab.files import NO_ROOM, kept_elsewhere
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,19 +27,27 @@ def save_figure(axes: Axes, path: str) -> None:
     """Writes the figure of some axes."""
     figure = axes.get_figure(root=True)
     assert figure is not None
-    with _named(path):
-        figure.savefig(path, dpi=200)
+    _write(path, f"figure{Path(path).suffix}", lambda place: figure.savefig(place, dpi=200), "the figure")
 
 
-@contextlib.contextmanager
-def _named(path: str) -> Iterator[None]:
-    """Errors of writing, as on a full disk, do not say of which file they are."""
+class NotKept(OSError):
+    """The work is done, and what it was to keep is not whole where it was asked for."""
+
+
+def not_kept(path: str, name: str, error: Exception, write: Callable[[str], object], what: str) -> NotKept:
+    """After an error of writing: keeps it elsewhere, if that can be, and says so."""
+    number, why = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
+    place = kept_elsewhere(path, name, write)
+    return NotKept(number, f"{why or error}{f'; {what} is kept as {place}' if place else ''}", path)
+
+
+def _write(path: str, name: str, write: Callable[[str], object], what: str) -> None:
     try:
-        yield
+        write(path)
     except OSError as error:
-        if error.filename is None and error.strerror is not None:
-            raise OSError(error.errno, error.strerror, path) from None
-        raise
+        if error.errno in NO_ROOM and os.path.isfile(path) and not os.path.islink(path):
+            os.unlink(path)  # torn
+        raise not_kept(path, name, error, write, what) from error
 
 
 def check_outputs(options: Options) -> None:
@@ -86,8 +95,8 @@ def deliver(options: Options, result: dict[str, Any], text: str) -> None:
         return
     print(text)
     if options.json is not None:
-        with _named(options.json):
-            Path(options.json).write_text(json.dumps(result, allow_nan=False, indent=1) + "\n")
+        text = json.dumps(result, allow_nan=False, indent=1) + "\n"
+        _write(options.json, "result.json", lambda place: Path(place).write_text(text), "the result")
 
 
 def sentence(error: Exception) -> str:

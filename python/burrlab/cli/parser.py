@@ -13,12 +13,13 @@ from burrlab.cli.descent import add_descent_commands
 from burrlab.cli.experiment import add_experiment_commands
 from burrlab.cli.fit import add_fit_command
 from burrlab.cli.options import Options, add_output_options
-from burrlab.cli.output import check_outputs, deliver, sentence
+from burrlab.cli.output import NotKept, check_outputs, deliver, sentence
 from burrlab.cli.session import add_session_commands
 from burrlab.cli.tissues import add_tissues_command
 from burrlab.cli.trace import add_trace_commands
 from burrlab.cli.view import add_view_command
 from burrlab.cli.volume import SIGNED
+from burrlab.files import NO_ROOM
 
 
 class _Parser(argparse.ArgumentParser):
@@ -74,14 +75,17 @@ def command_parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command; 0 done (a run without a number too), 1 different or failed, 2 wrong input, 130 interrupted."""
+    """Runs one command; 0 done (a run without a number too), 1 different or failed, 2 wrong input, 3 done and not kept
+    as asked, 130 interrupted."""
     options = command_parser().parse_args(join_vectors(sys.argv[1:] if arguments is None else arguments))
     try:
         check_outputs(options)
         return int(options.run(options))
     except (ValueError, OSError, ImportError) as error:
         print(f"burrlab {options.command}: {sentence(error)}", file=sys.stderr)
-        return 2
+        return (
+            3 if isinstance(error, OSError) and (isinstance(error, NotKept) or error.errno in NO_ROOM) else 2
+        )
     except KeyboardInterrupt:
         print(f"burrlab {options.command}: interrupted", file=sys.stderr)
         return 130

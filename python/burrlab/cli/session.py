@@ -27,6 +27,7 @@ from burrlab.cli.options import (
 from burrlab.cli.output import deliver, ended_by_signals, save_figure, say, show_line
 from burrlab.cli.volume import add_label_options, add_volume_options
 from burrlab.cli.watch import add_watch_options, chosen_watch, watch_asked_for
+from burrlab.files import kept_elsewhere
 from burrlab.session.device_text import parse_address, parse_device
 from burrlab.session.network import follow
 from burrlab.session.replica_report import replica_events, replica_report, status_text
@@ -149,6 +150,8 @@ def _told(options: Options, session: burrlab.Session, effects: Companion | None,
     )
     if options.plot is not None:
         save_figure(report.plot()[0], options.plot)
+    if options.record is not None and not report.recording["complete"]:
+        return 3
     if interrupted:
         return 130
     return 1 if session.failed else 0
@@ -160,9 +163,18 @@ def _kept(options: Options, start: Start, session: burrlab.Session) -> Iterator[
     try:
         yield
     finally:
+        recording = session.report().recording
         if options.save is not None:
             start.save(options.save, *session.snapshot())
             say(f"bone saved as {options.save}")
+        elif recording and not recording["complete"] and not recording["rescued"]:
+            bone, tick = session.snapshot()
+            place = kept_elsewhere(
+                options.record, "bone.h5", lambda place: burrlab.save_bone(place, bone, tick)
+            )
+            say(
+                f"the bone's exact state is kept as {place}" if place else "the bone could not be kept either"
+            )
 
 
 def _device(text: str, options: Options, burr: Burr, place: Mapping[str, Any], number: int) -> Device:

@@ -92,6 +92,7 @@ class SessionReport:
         found: dict[str, Histogram] = {name: getattr(loop, name) for name in _NAMES}
         recording = {} if writer is None else {
             "file": str(writer.path), "ticks": writer.recorded, "ended": writer.ended, "complete": writer.complete,
+            "rescued": writer.rescued,
         }  # fmt: skip
         return cls(
             state="running" if loop.running else loop.reason or "not started",
@@ -154,7 +155,11 @@ class SessionReport:
             lines.append(f"  burr {burr}: energy given to the hand {energy:.3g} mJ, at most {most:.3g} mJ")
         for name in ("network", "recording"):
             part = getattr(self, name)
-            said = [f"{key} {value}" for key, value in part.items() if value not in (0, "", {})]
+            said = [
+                f"{key} {value}"
+                for key, value in part.items()
+                if key == "complete" or value not in (0, "", {})
+            ]
             if said:
                 lines.append(f"  {name}: {', '.join(said)}")
         if self.anatomy is not None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from burrlab import __version__
 from burrlab._core import Material, Tissue, Tissues, VoxelBone
+from burrlab.files import new_part
 from burrlab.session.new_hdf5 import new_hdf5
 
 if TYPE_CHECKING:
@@ -56,18 +57,16 @@ def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, s
     (True, 1000)
     >>> folder.cleanup()
     """
-    path, part = Path(path), Path(f"{os.fspath(path)}.part")
+    path = Path(path)
     check_tick(tick)
     check_bone_file(path)
-    try:
+    with new_part(path) as part:
         with new_hdf5(part) as file:
             file.attrs["format"] = FORMAT
             file.attrs["format_version"] = 1 if bone.tissues is None else FORMAT_VERSION
             file.attrs["burrlab"] = __version__
             write_bone(file, bone, tick, source=source)
         part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def load_bone(path: str | os.PathLike[str]) -> tuple[VoxelBone, int]:

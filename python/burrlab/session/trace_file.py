@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,11 +164,11 @@ def _write_header(file: h5py.File, header: Header, bone: VoxelBone) -> None:
     file.create_dataset("note", data=header.note)
 
 
-def make_compact(path: Path, part: Path) -> None:
-    """Writes the rows there are to `part`, compressed, with all else of the file, and lets it take the file's place."""
+def make_compact(recorded: Path | BinaryIO, part: Path) -> None:
+    """Writes the rows there are to `part`, compressed, with all else of the file."""
     import h5py
 
-    with h5py.File(path, "r") as raw, new_hdf5(part) as file:
+    with h5py.File(recorded, "r") as raw, new_hdf5(part) as file:
         for name, value in raw.attrs.items():
             file.attrs[name] = value
         for name in ("volume", "tools", "note", "recorded", "digests_recorded", "ended", "complete"):
@@ -181,7 +181,6 @@ def make_compact(path: Path, part: Path) -> None:
                 if name != "events":
                     watch.copy(name, kept)
             _copy_table(watch["events"], kept, int(watch["events_recorded"][()]))
-    part.replace(path)
 
 
 def _copy_table(source: h5py.Dataset, file: h5py.Group, rows: int, chunk: int = 4096) -> None:

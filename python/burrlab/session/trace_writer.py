@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import os
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import Burr, Material, VoxelBone
+from burrlab.files import kept_elsewhere, new_part
 from burrlab.session.snapshot import check_tick
 from burrlab.session.trace_file import (
     DIGEST_DTYPE,
@@ -30,6 +30,7 @@ from burrlab.session.watch_rows import Watched, WatchWriter
 DEFAULT_DURATION = 4 * 3600.0  # [s] of ticks there is room for
 _INTERVAL = 0.02  # [s] between two looks at the ring
 _MOST = 20_000  # records taken at once
+_OVERWRITTEN = "was overwritten"
 
 
 class Reader(Protocol):
@@ -73,7 +74,7 @@ class TraceWriter:
         Between digests that there is room for [s].
     on_end : callable, optional
         Called with the reason, from the writer's thread, at once when recording ends by itself: the ring was overrun,
-        the disk is full or fails, there is no room left.
+        the disk is full or fails, there is no room left; and when the file was deleted, replaced or overwritten.
 
     Raises
     ------
@@ -130,32 +131,31 @@ class TraceWriter:
             max(1, math.ceil(duration * 1000.0 / period)),
             math.ceil(duration / min(digest_every, 1.0)) + 16,
         )
-        self._part = Path(f"{self.path}.part")
         if self.path.exists():
             raise FileExistsError(f"path must be a new file, {self.path} exists")
-        try:  # a kill while the file is made leaves none of this name
-            self._places = create(self._part, header, bone, capacity=rows, digest_capacity=digests)
-            _name(self._part, self.path)
-        except BaseException as error:
-            with contextlib.suppress(OSError):
-                self._part.unlink(missing_ok=True)
-            if isinstance(error, (RuntimeError, ValueError)):  # as HDF5 says that a limit is too small
+        with new_part(self.path) as part:  # a kill while the file is made leaves none of this name
+            try:
+                self._places = create(part, header, bone, capacity=rows, digest_capacity=digests)
+            except (RuntimeError, ValueError) as error:  # as HDF5 says that a limit is too small
                 raise OSError(f"{self.path} could not be made: {error}") from None
-            if isinstance(error, OSError) and error.filename == os.fspath(self._part):
+            except OSError as error:
+                if error.filename != os.fspath(part):
+                    raise
                 raise type(error)(error.errno, error.strerror, os.fspath(self.path)) from None
-            raise
+            _name(part, self.path)
         self._reader: Reader | None = reader
         self._burrs, self._first, self._on_end = len(tools), first_tick, on_end
         self._row_bytes = row_dtype(self._burrs).itemsize
         self._recorded = self._digests_recorded = 0
-        self._ended, self._compact_error = "", ""
+        self._ended, self._warning, self._rescued = "", "", ""
         self._complete = False
         self._pending: list[tuple[int, str]] = []
         self._watch = None if self._places.watch is None else WatchWriter(self._places.watch)
         self._lock, self._wake = threading.Lock(), threading.Event()
         self._stopping: str | None = None
         self._thread = threading.Thread(target=self._run, name="burrlab trace", daemon=True)
-        self._file = os.open(self.path, os.O_WRONLY)
+        self._file = os.open(self.path, os.O_RDWR)
+        self._head = os.pread(self._file, min(1024, self._places.recorded), 0)  # never written again
 
     @property
     def recorded(self) -> int:
@@ -169,13 +169,18 @@ class TraceWriter:
 
     @property
     def complete(self) -> bool:
-        """Whether recording ended with the session, every tick in the file."""
+        """Whether recording ended with the session, every tick in the file, and the file is where it was made."""
         return self._complete
 
     @property
+    def rescued(self) -> str:
+        """Where the content of a file is that was deleted or replaced while it was written; empty where none was."""
+        return self._rescued
+
+    @property
     def warning(self) -> str:
-        """Why the finished file could not be compacted; empty where it was."""
-        return self._compact_error
+        """Why the finished file could not be compacted, or what became of it; empty where all is well."""
+        return self._warning
 
     def add_digest(self, tick: int, digest: str) -> None:
         """Keeps the digest that the bone had after `tick` executed ticks; from any thread.
@@ -217,7 +222,7 @@ class TraceWriter:
                 self._thread.join()
             else:
                 self._run()
-            self._compact()
+            self._finish_file()
             self._on_end = None  # a session's own method: the two would keep each other, and two bones, alive
 
     def __enter__(self) -> TraceWriter:
@@ -231,8 +236,17 @@ class TraceWriter:
         return f"TraceWriter({str(self.path)!r}, {self._recorded} ticks{f', {self._ended}' if self._ended else ''})"
 
     def _run(self) -> None:
+        lost = ""
         try:
             while not self._ended:
+                if not lost and (lost := self._lost()):
+                    if lost == _OVERWRITTEN:  # what is there now is another's, and left alone
+                        self._ended = (
+                            f"recording ended before tick {self._first + self._recorded}: {self.path} {lost}"
+                        )
+                        break
+                    if self._on_end is not None:
+                        self._on_end(f"{self.path} {lost} while the session is recorded")
                 last = self._stopping is not None  # before the ring is emptied
                 self._empty_ring(last)
                 self._write_digests()
@@ -244,7 +258,6 @@ class TraceWriter:
         except Exception as error:  # a thread must not die in silence: the session is told
             self._end(f"recording failed: {error}")
         finally:
-            os.close(self._file)
             self._reader = None  # a loop on a virtual clock would wait for it
         if not self._complete and self._on_end is not None:
             self._on_end(self._ended)
@@ -334,14 +347,42 @@ class TraceWriter:
             pass
         self._ended = text
 
-    def _compact(self) -> None:
+    def _lost(self) -> str:
+        """What others did to the file; empty where it is where it was made and begins as it was made."""
         try:
-            make_compact(self.path, self._part)
+            if not os.path.samestat(os.fstat(self._file), os.stat(self.path)):
+                return "was replaced"
+        except OSError:
+            return "was deleted or moved"
+        return "" if os.pread(self._file, len(self._head), 0) == self._head else _OVERWRITTEN
+
+    def _finish_file(self) -> None:
+        """Compacts the file, or what is still open of it where another is in its place."""
+        try:
+            if lost := self._lost():
+                self._complete = False
+                if lost != _OVERWRITTEN:
+                    self._rescued = kept_elsewhere(os.fspath(self.path), "trace.h5", self._rescue) or ""
+                kept = f"kept as {self._rescued}" if self._rescued else "lost"
+                self._warning = f"{self.path} {lost} during the session: what was recorded is {kept}"
+                self._ended = self._warning
+            else:
+                with new_part(self.path) as part:
+                    make_compact(self.path, part)
+                    part.replace(self.path)
         except (OSError, RuntimeError, ValueError, KeyError) as error:
             why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else error
-            self._compact_error = f"{self.path} stays as it was recorded, it could not be compacted: {why}"
-            with contextlib.suppress(OSError):
-                self._part.unlink(missing_ok=True)
+            self._warning = f"{self.path} stays as it was recorded, it could not be compacted: {why}"
+        finally:
+            os.close(self._file)
+
+    def _rescue(self, place: str) -> None:
+        with new_part(Path(place)) as part, os.fdopen(os.dup(self._file), "rb") as raw:
+            try:
+                make_compact(raw, part)
+            except (RuntimeError, ValueError, KeyError) as error:
+                raise OSError(f"{place} could not be made: {error}") from None
+            _name(part, Path(place))
 
 
 def _write(file: int, data: bytes | memoryview, at: int) -> int:

@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from burrlab.files import new_part
+
 _MOST_FPS = {".mp4": 240, ".gif": 50}  # browsers show a GIF's frames for 20 ms or more
 
 
@@ -44,14 +46,11 @@ def write_video(
     file = Path(path)
     check_film(file, fps)
     write = _write_mp4 if file.suffix.lower() == ".mp4" else _write_gif
-    part = file.with_name(f"{file.stem}.part{file.suffix}")
-    try:
+    with new_part(file, file.suffix) as part:
         count = write(part, _of_one_size(frames), fps)
         if count == 0:
             raise ValueError("a film needs at least one frame")
         part.replace(file)
-    finally:
-        part.unlink(missing_ok=True)
     return count
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import ipaddress
 import os
+import secrets
 import signal
 import socket
 import sys
@@ -19,6 +21,8 @@ from burrlab.view.page_source import PageSource, Shown, page_source
 
 if TYPE_CHECKING:
     from burrlab.effects import Companion, Effects
+
+_LOOPBACK = {"localhost", "127.0.0.1", "::1"}
 
 
 def serve(
@@ -37,8 +41,8 @@ def serve(
 ) -> None:
     """Serves a page until Ctrl-C or SIGTERM.
 
-    Whoever reaches the port sees the page and can work it: there is no authentication. By default that is this machine
-    only. The page takes nothing from any other place.
+    Its address holds a secret, drawn anew each time: whoever has the address sees the page and can work it, all others get
+    nothing. By default it can be reached from this machine only. The page takes nothing from any other place.
 
     Parameters
     ----------
@@ -99,7 +103,9 @@ def check_page(*, host: str = "127.0.0.1", port: int = 0) -> None:
 
 def warning(address: str) -> str:
     """That goes with a page's address."""
-    return f"{address}  (no authentication: whoever reaches it can see and work it; Ctrl-C ends)"
+    return (
+        f"{address}  (keep it to yourself: whoever has this address can see and work the page; Ctrl-C ends)"
+    )
 
 
 async def _serve(
@@ -117,7 +123,8 @@ async def _serve(
         server = _server()
         page = Page(server, source, scene, surgeon=viewpoint, stereo=stereo)
         build_layout(page)
-        end = asyncio.Event()
+        secret, end = secrets.token_hex(16), asyncio.Event()  # trame asks for it in small letters
+        server.controller.on_server_bind.add(lambda web: _prepare(web, server.protocol, host, secret))
         ready = server.ready
         with _ended_by_signals(end), _own_arguments():
             task = server.start(
@@ -126,7 +133,7 @@ async def _serve(
             await asyncio.wait([ready, task], return_when=asyncio.FIRST_COMPLETED)
             if task.done():
                 task.result()
-            address = f"http://{host}:{server.port}/"
+            address = f"http://{_named(host, server.port)}/{secret}/"
             on_ready(address)
             if open_browser:
                 webbrowser.open(address)
@@ -145,28 +152,43 @@ def _server() -> Any:
 
     os.environ["WSLINK_READY_MSG"] = ""  # else a word on standard output
     os.environ.setdefault("WSLINK_WS_COMPRESS", "0")  # pictures are compressed already
-    server = get_server(f"burrlab-{uuid.uuid4()}", client_type="vue3")
-    server.controller.on_server_bind.add(_prepare_routes)
-    return server
+    return get_server(f"burrlab-{uuid.uuid4()}", client_type="vue3")
 
 
-def _prepare_routes(web: Any) -> None:
-    from aiohttp.web import HTTPForbidden, json_response, middleware
+def _prepare(web: Any, protocol: Any, host: str, secret: str) -> None:
+    """All lies below the secret, for who asks for it by the address that is listened on, and may call what the page needs."""
+    from aiohttp.web import HTTPForbidden, json_response
+    from yarl import URL
 
-    @middleware
-    async def same_origin(request: Any, handler: Callable[[Any], Any]) -> Any:
-        """Pages of other origins must not reach in through the user's browser."""
+    from burrlab.view.page_calls import restrict
+
+    resolve = web.app.router.resolve
+
+    async def below(request: Any) -> Any:
+        here, port = request.transport.get_extra_info("sockname")[:2]
+        names = {here, host} | (_LOOPBACK if ipaddress.ip_address(here).is_loopback else set())
+        hosts = {_named(name, port) for name in names}
         origin = request.headers.get("Origin")
-        if origin and origin.split("//")[-1] != request.headers.get("Host"):
-            raise HTTPForbidden(text="this page is of another origin")
-        return await handler(request)
+        if request.host not in hosts or (origin and origin not in {f"http://{name}" for name in hosts}):
+            raise HTTPForbidden(text="this is the page of another address")
+        first, _, rest = request.rel_url.raw_path[1:].partition("/")
+        if not secrets.compare_digest(first.encode(), secret.encode()):
+            raise HTTPForbidden(text="the address lacks the secret that was printed with it")
+        return await resolve(request.clone(rel_url=URL(f"/{rest}", encoded=True)))
 
     async def launch(request: Any) -> Any:
-        """trame's page asks a launcher first; without one the browser would log an error."""
-        return json_response({"sessionURL": f"ws://{request.host}/ws", "secret": "wslink-secret"})
+        """trame's page asks a launcher first, which tells the secret of its connection."""
+        return json_response({"sessionURL": f"ws://{request.host}/{secret}/ws", "secret": secret})
 
-    web.app.middlewares.append(same_origin)
+    web.app.router.resolve = below
     web.app.router.add_post("/paraview/", launch)
+    protocol.updateSecret(secret)  # in the place of trame's own, which everybody knows
+    for handler in web._ws_handlers:
+        restrict(handler)
+
+
+def _named(host: str, port: int) -> str:
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 @contextlib.contextmanager

@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from burrlab.files import new_part, write_synced
 from burrlab.json_text import UNREADABLE
 from burrlab.session.snapshot import FORMAT, FORMAT_VERSION, open_hdf5
 from burrlab.volume.dicom import IN_FOLDER, dicom_files, holds_dicom
@@ -104,15 +105,9 @@ def is_drilled(target: Path) -> bool:
 
 def replace_whole(target: Path, content: bytes) -> None:
     """Writes a file that appears, or replaces an older one, when it is whole and on disk."""
-    part = target.with_name(f".{target.name}.part")
-    try:
-        with part.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+    with new_part(target) as part:
+        write_synced(part, content)
         part.replace(target)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _told(path: Path) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from burrlab.files import check_folder
+from burrlab.files import check_folder, new_part
 from burrlab.volume.header import plain_name
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.segments import segment_fields
@@ -57,7 +57,6 @@ def write_volume(
     plain_name(str(target))
     check_folder(target)
     values = volume.values if isinstance(volume, Volume) else volume.labels
-    part = target.with_name(f".{target.name}.part{ending}")
     try:
         image = sitk.GetImageFromArray(np.ascontiguousarray(values))
         image.SetSpacing(volume.spacing.tolist())
@@ -66,13 +65,12 @@ def write_volume(
         if ending == ".nrrd" and isinstance(volume, LabelVolume):
             for key, text in segment_fields(volume.labels, volume.names, volume.colours).items():
                 image.SetMetaData(key, text)
-        sitk.WriteImage(image, str(part), useCompression=compress and not ending.startswith(".nii"))
-        with part.open("rb") as written:
-            os.fsync(written.fileno())
-        part.replace(target)
+        with new_part(target, ending) as part:
+            sitk.WriteImage(image, str(part), useCompression=compress and not ending.startswith(".nii"))
+            with part.open("rb") as written:
+                os.fsync(written.fileno())
+            part.replace(target)
     except (RuntimeError, TypeError, KeyError) as error:
         raise ValueError(
             f"{os.fspath(path)}: values of {values.dtype} cannot be written as {ending}"
         ) from error
-    finally:
-        part.unlink(missing_ok=True)

@@ -6,11 +6,12 @@ import contextlib
 import json
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Self
 
+from burrlab.files import new_part, write_synced
 from burrlab.psychophysics.design import Order
 from burrlab.psychophysics.experiment import tsv_text
 from burrlab.psychophysics.experiment.answer_reading import read_own_rows, replay
@@ -36,12 +37,14 @@ class AnswerFile:
     """
 
     def __init__(
-        self, path: Path, file: int, side_car: SideCar, end: float, reader: RowReader, lines: int
-    ) -> None:
+        self, path: Path, file: int, side_car: SideCar, end: float, reader: RowReader, lines: int,
+        columns: Sequence[str] = (),
+    ) -> None:  # fmt: skip
         self.path, self.side_car = path, side_car
         self.notes: tuple[str, ...] = ()
         self._file: int | None = file
         self._reader, self._lines = reader, lines
+        self._columns = columns or columns_of(side_car.task)
         # The wall clock may have been set back since the start: onsets never go back.
         started = datetime.fromisoformat(side_car.started)
         self.end = end
@@ -125,13 +128,13 @@ class AnswerFile:
                 )
             found = path.read_bytes()
             rows, content, torn = read_own_rows(os.fspath(path), found, first.task)
-            _check_columns(path, content, first)
+            columns = _checked_columns(path, content, first)
             replay(os.fspath(path), rows, order)
             reader = RowReader(first.task)
             for line, row in rows:
                 reader.add(line, row)
             end = max((_end(row) for _, row in rows), default=0.0)
-            result = cls(path, file, first, end, reader, content.count(b"\n"))
+            result = cls(path, file, first, end, reader, content.count(b"\n"), columns)
             if len(content) > len(found):
                 synced_write(file, path, content[len(found) :])
             if torn:
@@ -147,12 +150,9 @@ class AnswerFile:
         """Column names first: whoever finds them without a side-car knows that no trial was asked."""
         synced_write(file, path, _head(side_car))
         text = json.dumps(side_car.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-        temporary = side_car_path(path).with_suffix(".json.new")
-        with temporary.open("wb") as stream:
-            stream.write(text.encode())
-            stream.flush()
-            os.fsync(stream.fileno())
-        temporary.rename(side_car_path(path))
+        with new_part(side_car_path(path)) as part:
+            write_synced(part, text.encode())
+            part.rename(side_car_path(path))
         sync_folder(path.parent)
         return cls(path, file, side_car, 0.0, RowReader(side_car.task), 1)
 
@@ -188,11 +188,11 @@ class AnswerFile:
         if self._file is None:
             raise ValueError(f"{self.path} is closed")
         task = self.side_car.task
-        line = as_text(Row.of(answer), task)
+        line = as_text(Row.of(answer), task, self._columns)
         fields = line.decode().rstrip("\n").split("\t")
         try:
             # As it will be read: what cannot be read back is not written.
-            row = self._reader.parse(dict(zip(columns_of(task), fields, strict=True)))
+            row = self._reader.parse(dict(zip(self._columns, fields, strict=True)))
         except ValueError as error:
             raise ValueError(f"answer: {error}") from None
         synced_write(self._file, self.path, line)
@@ -222,9 +222,11 @@ def _end(row: Row) -> float:
     return row.onset + (row.duration or 0.0) + (row.response_time or 0.0)
 
 
-def _check_columns(path: Path, content: bytes, side_car: SideCar) -> None:
+def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str, ...]:
     """ValueError unless the columns are those that `append` writes: a row goes to the end, by its place."""
     due, found = columns_of(side_car.task), tsv_text.parse(os.fspath(path), content).columns
+    if found == due[:-1]:  # begun when there were no repeats
+        return found
     if found != due:
         place = next(
             (i for i, (one, other) in enumerate(zip(due, found, strict=False)) if one != other),
@@ -234,6 +236,7 @@ def _check_columns(path: Path, content: bytes, side_car: SideCar) -> None:
         raise ValueError(
             f"{path}, line 1: to go on, the columns must be as they were written: column {place + 1} was {one}, is now {other}"
         )
+    return found
 
 
 def _head(side_car: SideCar) -> bytes:

@@ -110,7 +110,7 @@ def read_rows(
 def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[list[tuple[int, Row]], bytes, bytes]:
     """The rows of a file of this program, the bytes that they stand in, and what was broken off behind them.
 
-    A last line that lacks nothing but its end is whole: no ending of an interval, in the last column, begins another.
+    A last line that lacks nothing but its end is whole: no ending of an interval begins another, and repeats, the last column, have one digit.
     """
     lines, torn = tsv_text.split_torn(content)
     rows = read_rows(file, lines, task)

@@ -49,6 +49,8 @@ class Answer:
         From the question [s]; None for a simulated subject.
     endings : tuple of str
         Of each interval: "time", "break-through", "wall", "subject" or "device".
+    repeats : int
+        How often the trial was broken off before, as the loop had stalled.
 
     Notes
     -----
@@ -61,6 +63,7 @@ class Answer:
     response: str
     response_time: float | None
     endings: tuple[str, ...]
+    repeats: int = 0
 
     def __post_init__(self) -> None:
         for name in ("onset", "duration", "response_time"):
@@ -98,6 +101,8 @@ class Row:
         One an interval; empty where the file has none.
     seeds : tuple of int or None
     endings : tuple of str or None
+    repeats : int or None
+        How often the trial was broken off before, as the loop had stalled.
     """
 
     onset: float
@@ -113,6 +118,7 @@ class Row:
     stimuli: tuple[str | None, ...] = ()
     seeds: tuple[int | None, ...] = ()
     endings: tuple[str | None, ...] = ()
+    repeats: int | None = None
 
     @classmethod
     def of(cls, answer: Answer) -> Row:
@@ -123,7 +129,7 @@ class Row:
             trial.number, trial.phase, trial.block, trial.level,
             tuple(interval.stimulus.name for interval in trial.intervals),
             tuple(interval.seed for interval in trial.intervals),
-            answer.endings,
+            answer.endings, answer.repeats,
         )  # fmt: skip
 
     def fields(self) -> dict[str, Any]:
@@ -135,7 +141,7 @@ class Row:
         }  # fmt: skip
         for name, values in (("stimulus", self.stimuli), ("seed", self.seeds), ("ended", self.endings)):
             named |= {f"{name}_{place}": value for place, value in enumerate(values, start=1)}
-        return named
+        return {**named, "repeats": self.repeats}
 
     def correct_answer(self, answers: Sequence[str]) -> str:
         """The answer that was correct, of the two."""
@@ -146,13 +152,13 @@ def columns_of(task: TaskName) -> tuple[str, ...]:
     """All columns of a file, in order."""
     places = range(1, INTERVALS[task] + 1)
     numbered = [f"{name}_{place}" for name in ("stimulus", "seed", "ended") for place in places]
-    return (*REQUIRED, "phase", "block", "level", *numbered)
+    return (*REQUIRED, "phase", "block", "level", *numbered, "repeats")
 
 
-def as_text(row: Row, task: TaskName) -> bytes:
-    """The line of a row in a file with all columns."""
+def as_text(row: Row, task: TaskName, columns: Sequence[str] = ()) -> bytes:
+    """The line of a row in a file with these columns, by default all."""
     fields = row.fields()
-    values = [fields.get(column) for column in columns_of(task)]
+    values = [fields.get(column) for column in columns or columns_of(task)]
     return tsv_text.line([tsv_text.NOTHING if value is None else _text(value) for value in values])
 
 
@@ -206,6 +212,7 @@ class RowReader:
             endings=all_of(
                 "ended", lambda text: None if text == tsv_text.NOTHING else _one_of(ENDINGS)(text)
             ),
+            repeats=_field(fields, "repeats", lambda text: tsv_text.whole(text, below=10), None),
         )
         for line, one in self._before:
             if (one.phase, one.trial) == (row.phase, row.trial):

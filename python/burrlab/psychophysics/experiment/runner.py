@@ -23,9 +23,11 @@ from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
 if TYPE_CHECKING:
     from burrlab.psychophysics.experiment.block import Block
 
-_MANY_LATE = 0.01  # of an interval's ticks
+MANY_LATE = 0.01  # of an interval's ticks
 _LOOK = 0.01  # [s] between two looks at the keys while a real specimen is felt
 _SIMULATED = (HandDevice, ScriptedDevice, ReplayDevice)
+_STALLED = "the loop stalled"  # how a session begins to say that it ended for that
+_REPEATS = 1  # of a trial
 _SILENT = "no tick yet"  # how a session begins to say that its device gives no position
 
 _NAMES = {
@@ -46,6 +48,10 @@ _BEFORE = {
 
 class DeviceLost(RuntimeError):
     """The device was lost during an interval: the trial was not asked, and comes again when the run is resumed."""
+
+
+class LoopStalled(DeviceLost):
+    """The loop stalled, in a trial that had been repeated for that already."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +142,7 @@ class Runner:
         self._heard: set[str] = set()  # sentences of sessions that need no second saying
         self._silent = False
         self._before = len(order.answered)
+        self.repeated = 0  # trials, as the loop had stalled
 
     def run(self) -> int:
         """Until the order has no more trials; how many were answered now.
@@ -143,7 +150,7 @@ class Runner:
         Raises
         ------
         DeviceLost
-            If the device was lost during an interval.
+            If the device was lost during an interval, or the loop stalled twice in one trial (`LoopStalled`).
         KeyboardInterrupt
             If the subject or the experimenter ended the run.
         """
@@ -153,13 +160,26 @@ class Runner:
         while (trial := self._order.next()) is not None:
             self._rest_before(trial)
             self._announce(trial)
-            felt = [self._interval(trial, number) for number in range(1, len(trial.intervals) + 1)]
+            felt, repeats = self._feel(trial)
             response, response_time = self._seat.ask(self._design, trial, [one.rendered for one in felt])
             onset, endings = felt[0].began, tuple(one.ended for one in felt)
-            self._keep(Answer(trial, onset, felt[-1].over - onset, response, response_time, endings))
+            self._keep(Answer(trial, onset, felt[-1].over - onset, response, response_time, endings, repeats))
             self._order.answer(response)
             self._after(trial, response, response_time, endings)
         return len(self._order.answered) - self._before
+
+    def _feel(self, trial: Trial) -> tuple[list[_Felt], int]:
+        """The trial's intervals, all of them again where the loop stalled in one, and how often it did."""
+        for repeats in range(_REPEATS + 1):
+            try:
+                return [self._interval(trial, number + 1) for number in range(len(trial.intervals))], repeats
+            except LoopStalled:
+                if repeats == _REPEATS:
+                    raise
+                self.repeated += 1
+                self._experimenter.say(f"trial {trial.number} is repeated from its first interval")
+                self._seat.ready("Please lift the burr. This one is repeated, from its beginning.")
+        raise AssertionError("a trial ends or raises")
 
     def _welcome(self) -> None:
         keys = " or ".join(f"{key} for {answer}" for key, answer in enumerate(self._design.answers, start=1))
@@ -264,7 +284,7 @@ class Runner:
             force = float(np.linalg.norm(ticks["force"][0]))
             self._experimenter.say(f"{which} began in contact, at {force:.2f} N")
         late = int((ticks["periods"] > 1).sum())
-        if late > _MANY_LATE * len(ticks):
+        if late > MANY_LATE * len(ticks):
             self._experimenter.say(f"{which} had {late} late ticks of {len(ticks)}")
 
     def _lift(self, trial: Trial) -> None:
@@ -285,6 +305,9 @@ class Runner:
             raise self._lost(trial, "before an interval", reason)
 
     def _lost(self, trial: Trial, when: str, reason: str) -> DeviceLost:
+        if reason.startswith(_STALLED) and not self._silent:
+            self._experimenter.say(f"trial {trial.number} was broken off {when}: {reason}")
+            return LoopStalled(f"{reason}, {when} of trial {trial.number}")
         reason = "it gives no position" if self._silent else reason
         self._experimenter.say(f"trial {trial.number} was not asked: device lost: {reason}")
         return DeviceLost(f"the device was lost {when}: {reason}")

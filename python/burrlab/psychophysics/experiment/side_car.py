@@ -74,6 +74,8 @@ class SideCar:
     started : str
         Wall clock (ISO 8601, UTC) to which onsets count.
     provenance : mapping
+    load : mapping or None
+        How a loop ran before the first trial (`Sitting`); None where nobody was to feel it.
     """
 
     subject: str
@@ -88,6 +90,7 @@ class SideCar:
     simulated: Mapping[str, Any] | None = None
     started: str = field(default_factory=lambda: datetime.now(UTC).isoformat())
     provenance: Mapping[str, Any] = field(default_factory=lambda: plain(provenance()))
+    load: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
         for name in ("design", "protocol", "provenance"):
@@ -158,6 +161,7 @@ class SideCar:
             "Protocol": self.protocol,
             "ProtocolDigest": self.digest,
             "Provenance": self.provenance,
+            "Load": self.load,
             **descriptions(self.task),
         }
 
@@ -189,6 +193,7 @@ class SideCar:
             text["Subject"], text["TaskName"], task, text["Instructions"], _typed(values, "Design", dict),
             _typed(values, "Protocol", dict), _typed(values, "Seed", int), text["Device"], _typed(values, "Trials", int),
             simulated, text["Started"], _typed(values, "Provenance", dict),
+            _typed(values, "Load", dict) if values.get("Load") is not None else None,
         )  # fmt: skip
         if values.get("ProtocolDigest") != car.digest:
             raise ValueError(
@@ -273,6 +278,9 @@ def descriptions(task: TaskName) -> dict[str, Any]:
     described["correct"] = {
         "Description": "Whether the response was correct",
         "Levels": {"1": "correct", "0": "wrong"},
+    }
+    described["repeats"] = {
+        "Description": "How often the trial was broken off and begun anew, as the loop had stalled"
     }
     described["phase"] = {
         "Description": "Part of the run",

@@ -8,17 +8,19 @@ from pathlib import Path
 from typing import Any
 
 import burrlab
-from burrlab._core import Device
+from burrlab._core import Burr, Device
+from burrlab.psychophysics.experiment.block import Block
 from burrlab.psychophysics.experiment.clock import Clock, VirtualClock, WallClock
 from burrlab.psychophysics.experiment.experimenter import Experimenter
 from burrlab.psychophysics.experiment.interval import Rendered, render
 from burrlab.psychophysics.experiment.protocol import Protocol
-from burrlab.psychophysics.experiment.runner import Rig, Runner
+from burrlab.psychophysics.experiment.runner import MANY_LATE, Rig, Runner
 from burrlab.psychophysics.experiment.seat import Seat
 from burrlab.psychophysics.simulation.hands import drilling_hand, probing_hand
-from burrlab.psychophysics.trial import Interval, Mode, Trial
+from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
 from burrlab.session.device_text import parse_device
 
+_TRIED = 1.0  # for so long, before the first trial [s]
 _DRIVER = "driver"  # what a side-car says of a device of one's own
 _NO_FORCE = "no force goes back over the network: [experiment] publish says no port"
 
@@ -43,6 +45,8 @@ class Sitting:
         Each material is rendered once a task, whatever the seeds: for a simulated subject in a hurry.
     view : path, optional
         Where the experimenter's lines are shown too (`Experimenter`).
+    again : str
+        How the run goes on when it was ended early, for the experimenter.
 
     Raises
     ------
@@ -62,6 +66,7 @@ class Sitting:
         simulated: Mapping[str, Any] | None = None,
         once: bool = False,
         view: str | Path | None = None,
+        again: str = "",
     ) -> None:
         self.protocol, self.subject = protocol, subject
         due = protocol.tasks_of(subject) if tasks is None else tuple(tasks)
@@ -78,7 +83,8 @@ class Sitting:
             self._text = device or protocol.device
             self._device = device_maker(self._text, protocol)
         self._live = self._text.partition(":")[0] in (_DRIVER, "igtl")
-        self._simulated, self._once, self._view = simulated, once, view
+        self._simulated, self._once, self._view, self._again = simulated, once, view, again
+        self._load: dict[str, Any] | None = None
 
     @property
     def begun(self) -> tuple[str, ...]:
@@ -106,8 +112,13 @@ class Sitting:
         return given
 
     def _run_task(self, task: str, seat: Seat, *, rest: bool) -> int:
-        enter = self.protocol.resume if self._file(task).exists() else self.protocol.begin
-        file, order = enter(self.subject, task, device=self._text, simulated=self._simulated)
+        given: dict[str, Any] = {"device": self._text, "simulated": self._simulated}
+        if self._load is None and not seat.simulated:
+            self._load = loop_load(self.protocol.burr, self.protocol.bone)
+        if self._file(task).exists():
+            file, order = self.protocol.resume(self.subject, task, **given)
+        else:
+            file, order = self.protocol.begin(self.subject, task, **given, load=self._load)
         with file, Experimenter(self.protocol.data.log(self.subject, task), self._view) as experimenter:
             if order.next() is None:
                 return 0
@@ -118,7 +129,7 @@ class Sitting:
             )
             if self._text.startswith("igtl:") and self.protocol.publish is None:
                 experimenter.say(_NO_FORCE)
-            for note in file.notes:
+            for note in (*file.notes, *([] if self._load is None else [load_text(self._load)])):
                 experimenter.say(note)
             if rest:
                 seat.progress("")
@@ -134,14 +145,18 @@ class Sitting:
                 clock=clock,
             )
             try:
-                given = runner.run()
+                answered = runner.run()
             except BaseException as error:
+                on = f"; {self._again} goes on" if self._again else ""
                 experimenter.say(
-                    f"ended early, {type(error).__name__}: {len(order.answered)} trials are answered"
+                    f"ended early, {type(error).__name__}: {len(order.answered)} trials are answered{on}"
                 )
                 raise
+            finally:
+                if runner.repeated:
+                    experimenter.say(f"trials repeated as the loop had stalled: {runner.repeated}")
             experimenter.say(f"task {task} is over, {len(order.answered)} trials were answered")
-            return given
+            return answered
 
     def _rig(self, task: str) -> Rig:
         protocol = self.protocol
@@ -164,6 +179,25 @@ class Sitting:
 
     def _file(self, task: str) -> Path:
         return self.protocol.data.answers(self.subject, task)
+
+
+def loop_load(burr: Burr, bone: Block) -> dict[str, Any]:
+    """How a loop runs on this machine now, by a simulated hand that drills for a second; for a side-car."""
+    interval = Interval(Stimulus("load", burrlab.materials["bone"]), 0, _TRIED)
+    felt = render(interval, drilling_hand(burr), burr=burr, bone=bone, mode="drilling")
+    late = int((felt.ticks["periods"] > 1).sum())
+    return {
+        "ticks": len(felt.ticks), "late": late, "stalled": felt.failed,
+        "loaded": felt.failed or late > MANY_LATE * len(felt.ticks),
+    }  # fmt: skip
+
+
+def load_text(load: Mapping[str, Any]) -> str:
+    """That in a sentence."""
+    text = f"before the first trial {load['late']} of {load['ticks']} ticks were late{', and the loop stalled' * load['stalled']}"
+    if not load["loaded"]:
+        return text
+    return f"THE MACHINE IS LOADED: {text}; at most {100 * MANY_LATE:g} % are right, so end what else it does"
 
 
 def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:

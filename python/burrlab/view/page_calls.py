@@ -1,0 +1,62 @@
+"""What a browser may call of the page: the wishes and the controls that the page has, nothing else of trame."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from typing import Any
+
+from burrlab.view.page import SPEEDS
+
+_MOST = 1e6  # of a number
+
+
+def _number(value: object) -> bool:
+    return type(value) in (int, float) and abs(value) <= _MOST  # type: ignore[arg-type]  # NaN is none
+
+
+def _switch(value: object) -> bool:
+    return type(value) is bool
+
+
+#: What a browser may change of the page's state, and to what.
+WISHES: dict[str, Callable[[Any], bool]] = {
+    "wanted_s": _number, "playing": _switch, "slices": _switch, "stereo": _switch, "effects": _switch,
+    "speed": lambda value: _number(value) and value in SPEEDS,
+}  # fmt: skip
+
+
+def restrict(handler: Any) -> None:
+    """Leaves a handler of wslink no other calls than the page makes, with arguments of their kinds; others do nothing.
+
+    trame's own would let a browser end the server, and change whatever is shown in all others, scripts as well.
+    """
+    calls = handler.functionMap
+    core, change = calls["trame.state.update"]
+    _, trigger = calls["trame.trigger"]
+
+    def update(core: Any, changes: Any = (), *_: Any, **__: Any) -> None:
+        kept = [
+            {"key": key, "value": value}
+            for one in (changes if isinstance(changes, list) else ()) if isinstance(one, dict)
+            for key, value in [(one.get("key"), one.get("value"))]
+            if isinstance(key, str) and key in WISHES and WISHES[key](value)
+        ]  # fmt: skip
+        if kept:
+            change(core, kept)
+
+    async def call(core: Any, name: Any = "", arguments: Any = (), *_: Any, **__: Any) -> None:
+        with contextlib.suppress(TypeError, ValueError):
+            if all(_number(value) or isinstance(value, bool | str) for value in arguments):
+                await trigger(core, name, arguments, {})
+
+    def none(*_: Any, **__: Any) -> None:
+        """What trame's page tells of itself."""
+
+    handler.functionMap = {
+        "trame.state.get": calls["trame.state.get"],
+        "trame.state.update": (core, update),
+        "trame.trigger": (core, call),
+        "trame.lifecycle.update": (core, none),
+        "trame.error.client": (core, none),
+    }

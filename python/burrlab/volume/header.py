@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from burrlab.bounds import shown
 from burrlab.volume.geometry import Array, checked_spacing
 
 #: In every note on an orientation that a file does not say, and in pictures of its bone.
@@ -120,9 +121,9 @@ def unit_columns(vectors: Array) -> tuple[Array, Array]:
 def three_sizes(sizes: list[int], name: str) -> tuple[int, int, int]:
     """(z, y, x) of sizes x, y, z and further ones of 1; ValueError for anything else."""
     kept = sizes[:3] + [n for n in sizes[3:] if n != 1]
-    if len(kept) != 3 or any(n < 1 for n in sizes):
+    if len(kept) != 3 or any(not 1 <= n < 2**31 for n in sizes):
         raise ValueError(
-            f"{name}: a volume needs three dimensions and one value a voxel, got sizes {' x '.join(map(str, sizes))}"
+            f"{name}: a volume needs three dimensions and one value a voxel, got sizes {' x '.join(map(shown, sizes[:16]))}"
         )
     x, y, z = kept
     return z, y, x

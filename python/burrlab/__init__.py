@@ -1,5 +1,6 @@
 """Virtual bone-burring experiments: forces, erosion, descents and fits of c_e and alpha."""
 
+import burrlab.starting  # noqa: F401  # isort: skip  # before all others
 from burrlab._core import (
     Burr,
     BurrContact,

@@ -223,6 +223,31 @@ def test_an_interrupted_run_exits_130(capsys, monkeypatch):
     assert "interrupted" in out
 
 
+AT_AN_IMPORT = """
+import os, signal, sys
+class At:
+    left = int(sys.argv[1])
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
+        cls.left -= 1
+        if cls.left == 0:
+            os.kill(os.getpid(), signal.SIGINT)
+sys.argv[:], sys.meta_path[:0] = ["burrlab", "session", "--device", "hand", "--voxel", "0.5"], [At]
+from burrlab.cli import main
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize("modules", [3, 30, 150, 400, 800])
+def test_ctrl_c_while_modules_load_is_no_traceback(modules):
+    """In the importing of so many modules, the first of which is the package itself."""
+    program = [sys.executable, "-c", AT_AN_IMPORT, str(modules)]
+    done = subprocess.run(program, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 130
+    assert len([line for line in done.stderr.splitlines() if "coarse" not in line]) <= 1
+    assert "Traceback" not in done.stderr
+
+
 def test_warnings_and_seed_are_printed(capsys):
     _, out, _ = call(capsys, "descend", "--force", 1, "--voxel", 0.6, "--ideal", "--seed", 9)
     assert "coarse" in out

@@ -38,8 +38,8 @@ std::int64_t thread_cpu_now() noexcept { return read_clock(CLOCK_THREAD_CPUTIME_
 
 void sleep_until(std::int64_t time) noexcept {
   const timespec t{static_cast<time_t>(time / 1000000000), static_cast<long>(time % 1000000000)};
-  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr) == EINTR) {
-  }
+  while (steady_now() < time)  // a signal ends a sleep early, and so may what stands between us and the system
+    clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, nullptr);
 }
 
 std::vector<std::string> become_realtime(const RealtimeRequest& request) {

@@ -20,6 +20,7 @@ from burrlab.cli.trace import add_trace_commands
 from burrlab.cli.view import add_view_command
 from burrlab.cli.volume import SIGNED
 from burrlab.files import NO_ROOM
+from burrlab.starting import started
 
 
 class _Parser(argparse.ArgumentParser):
@@ -77,8 +78,10 @@ def command_parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; 0 done (a run without a number too), 1 different or failed, 2 wrong input, 3 done and not kept
     as asked, 130 interrupted."""
-    options = command_parser().parse_args(join_vectors(sys.argv[1:] if arguments is None else arguments))
+    started()
+    options = argparse.Namespace(command="")
     try:
+        options = command_parser().parse_args(join_vectors(sys.argv[1:] if arguments is None else arguments))
         check_outputs(options)
         return int(options.run(options))
     except (ValueError, OSError, ImportError) as error:

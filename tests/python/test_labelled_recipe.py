@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from label_scenes import MAP, SPACING, TABLE, anatomy_bone, labels, volume, write_files
 
-from burrlab import Burr
-from burrlab.anatomy import LabelledRecipe, default_tissues
+from burrlab import Burr, ScriptedDevice, Session, materials
+from burrlab.anatomy import LabelledRecipe, Watch, default_tissues
 from burrlab.session.network import make_bone
 from burrlab.volume import VolumeRecipe, read_labels, read_volume
 
@@ -58,6 +58,34 @@ def test_a_recipe_comes_back_and_makes_the_same_bone(files: Path) -> None:
     np.testing.assert_array_equal(part.tissue_numbers, whole.tissue_numbers[cut])
     assert described.bone().spacing == (0.125, 0.125, 0.125)
     np.testing.assert_array_equal(slices.bone().tissue_numbers > 0, labels() != 1)
+
+
+def test_a_session_touches_what_is_there(tmp_path: Path) -> None:
+    from test_stack import save, wrapped
+
+    planes = np.zeros((24, 20, 20, 4), np.uint8)
+    planes[:18] = wrapped("Bone")
+    planes[14:16, 9:11] = wrapped("Bone", "Chorda_Tympani")
+    planes[:3] = wrapped("Sinus_+_Dura")
+    folder = save(tmp_path / "s", planes, "plane{:03d}.png")
+    table = default_tissues({1: "bone", 11: "chorda tympani", 13: "sinus and dura"})
+    plain = LabelledRecipe(str(folder), table, spacing=SPACING, unknown="nearest").plain()
+    touched = []
+    for kept in (plain, {key: value for key, value in plain.items() if key != "ranking"}):
+        recipe = LabelledRecipe.of(json.loads(json.dumps(kept)))
+        assert recipe.plain() == kept
+        device = ScriptedDevice([0, 0.5], [(2.5, 2.4, 6), (2.5, 2.4, 4.6)])
+        bone = recipe.bone()
+        watch = Watch(bone)
+        with Session(
+            bone, (Burr(1.0), materials["bone"]), device, seed=1, duration=0.5, wall_clock=False, watch=watch
+        ) as session:
+            session.wait()
+        touched.append({event.structure for event in session.anatomy().events if event.kind == "touch"})
+    assert touched == [
+        {"chorda tympani"},
+        {"sinus and dura"},
+    ]  # the dura lies 3 mm below, and was seen in the sums
 
 
 def test_wrong_recipes(files: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from burrlab.anatomy.labelled_bone import LabelledBone, labelled_bone, placed_on
 from burrlab.session.snapshot import tissues_from_json, tissues_to_json
 from burrlab.specimen import Specimen, Vector
 from burrlab.volume import LabelVolume, OccupancyMap, Volume, read_labels
+from burrlab.volume.palette import RANKING
 from burrlab.volume.recipe import VolumeRecipe, absolute, check_radius, is_stack
 from burrlab.volume.stack import read_stack
 from burrlab.volume.volume import specimen_in
@@ -37,7 +38,7 @@ class LabelledRecipe:
         See `labelled_bone`.
     spacing : (x, y, z), optional
         Of the labels, where their file has none [mm].
-    unknown : "refuse", "nearest" or int
+    unknown : str or int
         Of colours that are in no table; see `read_stack`.
     unit : float, optional
         Of the dimensions in a YAML file [mm].
@@ -45,6 +46,8 @@ class LabelledRecipe:
         As of `VolumeRecipe`, of labels alone: a grey volume has its own.
     onto : bool
         Bring the labels on the voxels of the grey volume: see `LabelVolume.on`.
+    ranking : sequence of str, optional
+        Of structures that overlap in slices; see `read_stack`. Recipes of earlier versions have none.
 
     Raises
     ------
@@ -62,6 +65,7 @@ class LabelledRecipe:
     crop: Box | None = None
     voxel: tuple[float, float, float] | None = None
     onto: bool = False
+    ranking: tuple[str, ...] | None = RANKING
     _made: dict[str, LabelledBone] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -70,19 +74,21 @@ class LabelledRecipe:
             raise ValueError("crop and voxel must be those of the grey volume")
         if self.onto and self.grey is None:
             raise ValueError("onto goes with a grey volume")
+        if self.ranking is not None and Path(self.labels).is_file() and not is_stack(self.labels):
+            object.__setattr__(self, "ranking", None)  # a file's labels do not overlap
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> LabelledRecipe:
         """Of what `plain` gave, through JSON too; KeyError, TypeError or ValueError where it is not that."""
         fill = {str(name): float(part) for name, part in dict(plain.get("fill", {})).items()}
         unknown = plain.get("unknown", "refuse")
-        unit, crop = plain.get("unit_mm"), plain.get("crop_mm")
+        unit, crop, ranking = plain.get("unit_mm"), plain.get("crop_mm"), plain.get("ranking")
         return cls(
             os.fspath(plain["labels"]), tissues_from_json(plain["tissues"]),
             VolumeRecipe.of(plain["grey"]) if "grey" in plain else None, fill, _three(plain.get("labels_spacing_mm")),
             unknown if isinstance(unknown, int) else str(unknown), None if unit is None else float(unit),
             None if crop is None else (_numbers(crop[0]), _numbers(crop[1])), _three(plain.get("voxel_mm")),
-            bool(plain.get("onto", False)),
+            bool(plain.get("onto", False)), None if ranking is None else tuple(map(str, ranking)),
         )  # fmt: skip
 
     def plain(self) -> dict[str, Any]:
@@ -96,6 +102,7 @@ class LabelledRecipe:
             "crop_mm": None if self.crop is None else [list(corner) for corner in self.crop],
             "voxel_mm": None if self.voxel is None else list(self.voxel),
             "onto": self.onto or None,
+            "ranking": None if self.ranking is None else list(self.ranking),
         }
         return {
             "kind": "labelled volume",
@@ -173,8 +180,9 @@ class LabelledRecipe:
 
     def _labels(self) -> LabelVolume:
         labels = labels_of(
-            self.labels, spacing=self.spacing, unknown=self.unknown, unit=self.unit, palette=self.tissues
-        )
+            self.labels, spacing=self.spacing, unknown=self.unknown, unit=self.unit, palette=self.tissues,
+            ranking=self.ranking,
+        )  # fmt: skip
         return labels if self.crop is None else labels.crop(*self.crop)
 
 
@@ -185,6 +193,7 @@ def labels_of(
     unknown: str | int = "refuse",
     unit: float | None = None,
     palette: Tissues | None = None,
+    ranking: Sequence[str] | None = RANKING,
 ) -> LabelVolume:
     """Labels of a file or of a stack of coloured slices, by the colours of a table; errors as of `read_labels` and `read_stack`."""
     if not is_stack(os.fspath(path)):
@@ -192,7 +201,7 @@ def labels_of(
             name = "unit" if unknown == "refuse" else "unknown"
             raise ValueError(f"{name} (--{name}) goes with labels in PNG slices, got {os.fspath(path)}")
         return read_labels(path, spacing=spacing)
-    found = read_stack(path, spacing=spacing, palette=palette, unknown=unknown, unit=unit)
+    found = read_stack(path, spacing=spacing, palette=palette, unknown=unknown, unit=unit, ranking=ranking)
     if not isinstance(found, LabelVolume):
         raise ValueError(f"{os.fspath(path)}: the slices are grey, and labels are coloured ones")
     return found

@@ -17,6 +17,7 @@ from burrlab.cli.output import deliver
 from burrlab.cli.volume import add_stack_options, spacing, unknown_colours
 from burrlab.materials import materials
 from burrlab.volume.label_volume import LabelVolume
+from burrlab.volume.recipe import is_stack
 
 _LAST = 26  # characters of the synonyms: a line holds 80
 
@@ -109,8 +110,9 @@ def _tissues(options: Options) -> int:
         deliver(options, {"file": options.file, "tissues": found}, _text(found))
         return 0
     table = None if options.tissues is None else read_tissues(options.tissues)
+    listed = options.unknown is None and is_stack(options.file)  # shown here, refused where a bone is made
     labels = labels_of(
-        options.file, spacing=options.spacing, unknown=unknown_colours(options), palette=table,
+        options.file, spacing=options.spacing, unknown=0 if listed else unknown_colours(options), palette=table,
         unit=options.unit,
     )  # fmt: skip
     found = labels_table(labels, table)
@@ -121,6 +123,8 @@ def _tissues(options: Options) -> int:
             f"{len(strange)} of {len(found)} labels are no known tissue: they need a table (--template, --tissues)"
         )
     lines += [f"! {note}" for note in labels.notes]
+    if listed and labels.unknown_colours:
+        lines.append("colours in no table are refused where a bone is made: --unknown says what they are")
     if options.template is not None:
         if os.path.exists(options.template):
             raise FileExistsError(f"--template: {options.template} is there already")
@@ -134,6 +138,7 @@ def _tissues(options: Options) -> int:
             + (f": name what its labels are, then --tissues {options.template}" if unnamed else "")
         )
     result = {"file": options.file, "labels": found, "notes": list(labels.notes)}
+    result["unknown_colours"] = [dict(colour) for colour in labels.unknown_colours]
     deliver(options, result, "\n".join(lines))
     return 0
 

@@ -98,8 +98,8 @@ def add_stack_options(parser: argparse.ArgumentParser | argparse._ArgumentGroup)
     parser.add_argument(
         "--unknown",
         type=label_or_word,
-        metavar="nearest|LABEL",
-        help="what colours in no table are, default refused",
+        metavar="LABEL|nearest[:NAME,NAME]",
+        help="what colours in no table are, default refused: this label, or the nearest; critical structures only by name",
     )
     parser.add_argument(
         "--unit", type=positive, metavar="MM", help="of the dimensions in a YAML file [mm], default a metre"
@@ -201,8 +201,8 @@ def filling(text: str) -> tuple[str, float]:
 
 
 def label_or_word(text: str) -> str | int:
-    """A label, or "nearest"."""
-    if text in ("nearest", "refuse"):
+    """A label, or "nearest", with names of structures."""
+    if text in ("nearest", "refuse") or text.startswith("nearest:"):
         return text
     if not (text.isascii() and text.isdecimal()):
         raise argparse.ArgumentTypeError(f"must be nearest or a label, got '{text}'")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from burrlab._core import Tissues
 from burrlab.volume.adf import StackDescription, read_description
 from burrlab.volume.geometry import checked_spacing
 from burrlab.volume.label_volume import LabelVolume
-from burrlab.volume.palette import Colours, Palette
+from burrlab.volume.palette import RANKING, Colours, Palette
 from burrlab.volume.png_files import Slices, find_slices, pixels
 from burrlab.volume.volume import Volume
 
@@ -30,6 +30,7 @@ def read_stack(
     unknown: str | int = "refuse",
     unit: float | None = None,
     transpose: bool = False,
+    ranking: Sequence[str] | None = RANKING,
 ) -> Volume | LabelVolume:
     """Reads PNG slices: grey ones as a volume, coloured ones as labels.
 
@@ -42,14 +43,19 @@ def read_stack(
         Of voxels [mm]; needed unless a YAML file says how large the volume is.
     palette : Tissues or mapping of str to (r, g, b), optional
         Colours of labels; a mapping gives the labels 1, 2, ... in its order. Default: the sixteen of volumetric_drilling.
-    unknown : "refuse", "nearest" or int
-        What becomes of colours that are in no table, as segments that overlap or scaling leave them: an error with count and
-        example, the label of the nearest colour, or this label. The notes of the result say how many.
+    unknown : "refuse", "nearest", "nearest:NAME,NAME" or int
+        What becomes of colours that are in no table, as clipped sums or scaling leave them: an error with the largest of them, the
+        label of the nearest colour, or this label. A pixel whose nearest colour is that of a critical structure, the ear canal or air
+        becomes bone (label 0 in a table without bone), but for structures that are named. The notes of the result say how many; `unknown_colours` lists all.
     unit : float, optional
         Of the dimensions in a YAML file [mm]; default a metre.
     transpose : bool
         True where the rows of the slices lie along x and their columns along y, as the simulator's converter from NRRD
         writes them.
+    ranking : sequence of str, optional
+        Which of two structures gets a voxel that both claim, by their usual names: the first. In volumetric_drilling's stacks such
+        a pixel has the sum of their colours modulo 256, with alpha 254. What is not ranked comes just before bone, the smaller label
+        first. None: such sums are colours in no table, and 'nearest' takes any, as before there was a ranking.
 
     Returns
     -------
@@ -101,13 +107,22 @@ def read_stack(
         if palette is not None:
             raise ValueError(f"{slices.paths[0]}: a palette is for coloured slices, and these are grey")
         return Volume(_grey(slices, transpose), notes=tuple(notes), **grid)
-    colours = Palette.of(palette, unknown)
+    colours = Palette.of(palette, unknown, ranking)
     labels = np.empty(shape, colours.dtype)
     for k, file in enumerate(slices.paths):
         plane = colours.labels(pixels(file), file)
         labels[k] = plane.T if transpose else plane
-    notes.extend(colours.notes(name))
-    return LabelVolume(labels, names=colours.names, colours=colours.colours, notes=tuple(notes), **grid)
+    strange = colours.unknown_colours()
+    rows = labels.transpose(0, 2, 1) if transpose else labels
+    notes.extend(colours.notes(name, strange, rows, apart[[2, 0, 1] if transpose else [2, 1, 0]]))
+    return LabelVolume(
+        labels,
+        names=colours.names,
+        colours=colours.colours,
+        notes=tuple(notes),
+        unknown_colours=strange,
+        **grid,
+    )
 
 
 def _description(name: str, spacing: float | ArrayLike | None, unit: float | None) -> StackDescription | None:

@@ -34,7 +34,7 @@ def test_a_recipe_comes_back_and_makes_the_same_bone(files: Path) -> None:
     of_grey = LabelledRecipe("labels.nii.gz", TABLE, grey, {"facial nerve": 0.5})
     cropped = LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP, crop=box))
     finer = LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP, voxel=0.2))
-    alone = LabelledRecipe("a.seg.nrrd", TABLE, voxel=(0.2, 0.2, 0.2))
+    alone = LabelledRecipe("a.seg.nrrd", TABLE, voxel=(0.2, 0.2, 0.2), smooth=0.5)
     colours = default_tissues({1: "bone", 10: "facial nerve"})
     slices = LabelledRecipe("slices", colours, spacing=SPACING, unknown="nearest")
     described = LabelledRecipe("v.yaml", colours, unit=500.0)
@@ -91,6 +91,8 @@ def test_a_session_touches_what_is_there(tmp_path: Path) -> None:
 def test_wrong_recipes(files: Path) -> None:
     with pytest.raises(ValueError, match="crop and voxel must be those of the grey volume"):
         LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP), voxel=(0.1, 0.1, 0.1))
+    with pytest.raises(ValueError, match="smooth goes with labels alone"):
+        LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP), smooth=0.3)
     with pytest.raises(
         ValueError, match=r"radius of the burr must be at least 4 voxels of 0\.4 mm, got 1 mm"
     ):

@@ -48,11 +48,13 @@ class LabelledRecipe:
         Bring the labels on the voxels of the grey volume: see `LabelVolume.on`.
     ranking : sequence of str, optional
         Of structures that overlap in slices; see `read_stack`. Recipes of earlier versions have none.
+    smooth : float, optional
+        Of labels alone [mm]; see `labelled_bone`.
 
     Raises
     ------
     ValueError
-        If a crop or a spacing of the bone is given beside a grey volume, or `onto` without one.
+        If a crop, a spacing of the bone or `smooth` is given beside a grey volume, or `onto` without one.
     """
 
     labels: str
@@ -66,6 +68,7 @@ class LabelledRecipe:
     voxel: tuple[float, float, float] | None = None
     onto: bool = False
     ranking: tuple[str, ...] | None = RANKING
+    smooth: float | None = None
     _made: dict[str, LabelledBone] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -74,6 +77,8 @@ class LabelledRecipe:
             raise ValueError("crop and voxel must be those of the grey volume")
         if self.onto and self.grey is None:
             raise ValueError("onto goes with a grey volume")
+        if self.smooth is not None and self.grey is not None:
+            raise ValueError("smooth goes with labels alone")
         if self.ranking is not None and Path(self.labels).is_file() and not is_stack(self.labels):
             object.__setattr__(self, "ranking", None)  # a file's labels do not overlap
 
@@ -89,6 +94,7 @@ class LabelledRecipe:
             unknown if isinstance(unknown, int) else str(unknown), None if unit is None else float(unit),
             None if crop is None else (_numbers(crop[0]), _numbers(crop[1])), _three(plain.get("voxel_mm")),
             bool(plain.get("onto", False)), None if ranking is None else tuple(map(str, ranking)),
+            None if plain.get("smooth_mm") is None else float(plain["smooth_mm"]),
         )  # fmt: skip
 
     def plain(self) -> dict[str, Any]:
@@ -103,6 +109,7 @@ class LabelledRecipe:
             "voxel_mm": None if self.voxel is None else list(self.voxel),
             "onto": self.onto or None,
             "ranking": None if self.ranking is None else list(self.ranking),
+            "smooth_mm": self.smooth,
         }
         return {
             "kind": "labelled volume",
@@ -156,6 +163,9 @@ class LabelledRecipe:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
         grid = self._labels() if self.grey is None else self.grey.volume()
         made = {"path": grid.path, "recipe": self.plain(), "notes": list(self.made().notes)}
+        if self.grey is None:
+            widest = float(max(*grid.spacing, *(self.voxel or ())))
+            made["labels_alone"] = {"voxel_mm": widest, "smooth_mm": self.smooth}
         return specimen_in(grid, self.bone(), entry, axis, made, f"labels of {self.labels}")
 
     def check_burr(self, burr: Burr) -> None:
@@ -167,7 +177,8 @@ class LabelledRecipe:
 
     def _make(self) -> LabelledBone:
         if self.grey is None:
-            return labelled_bone(None, self._labels(), self.tissues, fill=self.fill, spacing=self.voxel)
+            options: dict[str, Any] = {"fill": self.fill, "spacing": self.voxel, "smooth": self.smooth}
+            return labelled_bone(None, self._labels(), self.tissues, **options)
         labels, volume = self._labels(), self.grey.volume()
         if self.onto:
             labels = labels.on(volume)

@@ -27,7 +27,8 @@ LABEL_SCATTER = {10: ((11, 17), (3, 6)), 20: ((6, 15), (3, 5)), 30: ((3, 10), (2
 
 
 def label_scatter(ratio: float, smooth: bool = False) -> str:
-    """`LABEL_SCATTER` in words, linear between its rows and constant beyond them."""
+    """`LABEL_SCATTER` in words, linear between its rows; beyond them, the last one."""
+    ratio = float(np.clip(ratio, min(LABEL_SCATTER), max(LABEL_SCATTER)))
     rows = [row[smooth] for row in LABEL_SCATTER.values()]
     least, most = (np.interp(ratio, list(LABEL_SCATTER), column) for column in zip(*rows, strict=True))
     return f"{least:.0f} to {most:.0f} % at R/voxel = {ratio:.3g}"
@@ -316,10 +317,9 @@ def _warnings(burr: Burr, series: Series, provenance: dict[str, Any]) -> tuple[s
     alone = (provenance.get("volume") or {}).get("labels_alone")
     if alone is not None:
         smooth = (alone["smooth_mm"] or 0.0) >= 1.999 * alone["voxel_mm"]
-        told = label_scatter(burr.radius / alone["voxel_mm"], smooth)
-        found.append(
-            f"labels alone: velocities at one place scatter by {told}, as measured on made-up surfaces"
-        )
+        ratio = burr.radius / alone["voxel_mm"]
+        told = f"{label_scatter(ratio, smooth)} (here {ratio:.3g}), as measured on made-up surfaces"
+        found.append(f"labels alone: velocities at one place scatter by {told}")
     for name, text in (
         ("faint", "over 5 % of the contact in voxels of pristine level below 32"),
         ("ambiguous", "no direction of contact"),

@@ -23,6 +23,17 @@ if TYPE_CHECKING:
 
 #: Fewest ticks in a window whose force is held exactly (ours).
 FEWEST_TICKS = 10
+#: Of bone of labels alone, by R/voxel: standard deviation of the velocity over 12 places within 0.6 mm [%], least and most of three
+#: kinds of surfaces; as the labels are, and smoothed by two voxels or more. docs/tissues.md says how it was measured.
+LABEL_SCATTER = {10: ((11, 17), (3, 6)), 20: ((6, 15), (3, 5)), 30: ((3, 10), (2, 4))}
+
+
+def label_scatter(ratio: float, smooth: bool = False) -> str:
+    """`LABEL_SCATTER` in words, linear between its rows; beyond them, the last one."""
+    ratio = float(np.clip(ratio, min(LABEL_SCATTER), max(LABEL_SCATTER)))
+    rows = [row[smooth] for row in LABEL_SCATTER.values()]
+    least, most = (np.interp(ratio, list(LABEL_SCATTER), column) for column in zip(*rows, strict=True))
+    return f"{least:.0f} to {most:.0f} % at R/voxel = {ratio:.3g}"
 
 
 @by_value
@@ -314,6 +325,12 @@ def _warnings(burr: Burr, series: Series, provenance: dict[str, Any]) -> tuple[s
         found.append(
             f"coarse: the radius is {burr.radius / max(provenance['spacing_mm']):.3g} voxels, below 7.5"
         )
+    alone = (provenance.get("volume") or {}).get("labels_alone")
+    if alone is not None:
+        smooth = (alone["smooth_mm"] or 0.0) >= 1.999 * alone["voxel_mm"]
+        ratio = burr.radius / alone["voxel_mm"]
+        told = f"{label_scatter(ratio, smooth)} (here {ratio:.3g}), as measured on made-up surfaces"
+        found.append(f"labels alone: velocities at one place scatter by {told}")
     for name, text in (
         ("faint", "over 5 % of the contact in voxels of pristine level below 32"),
         ("ambiguous", "no direction of contact"),

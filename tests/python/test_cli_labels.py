@@ -191,6 +191,17 @@ def test_a_descent_into_labels(files: Path, capsys: pytest.CaptureFixture[str]) 
     assert "labels are the nearest of" in capsys.readouterr().err
     assert main([*words, *GREY, "--labels", "a.seg.nrrd", "--onto"]) == 2
     assert "labels must overlap the volume: those of" in capsys.readouterr().err
+    alone = [*words[:-4], "--radius", "2", "--labels", "a.seg.nrrd", "--entry", "8,10,18", "--axis", "0,0,-1"]
+    for options, told in (([], "11 to 17 %"), (["--smooth", "0.8"], "3 to 6 %")):
+        assert main([*alone, *options, "--json", "-"]) == 0
+        said = capsys.readouterr()
+        assert f"scatter by {told} at R/voxel = 10 (here 5)" in "".join(json.loads(said.out)["warnings"])
+        assert ("occupancy from labels alone" in said.err, "smoothed by 0.8 mm" in said.err) == (
+            True,
+            bool(options),
+        )
+    assert main([*words, *both, "--smooth", "0.8"]) == 2
+    assert "--smooth goes without --volume" in capsys.readouterr().err
     assert main(["descend", "--force", "1", "--labels", "a.seg.nrrd"]) == 2
     assert "--labels needs --entry" in capsys.readouterr().err
 

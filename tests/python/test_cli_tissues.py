@@ -88,19 +88,25 @@ def test_colours_in_no_table_are_told(files: Path, capsys: pytest.CaptureFixture
         pixels = np.asarray(image).copy()
     pixels[4, 5:8, :3] = (254, 240, 200)
     Image.fromarray(pixels).save("slices/plane00003.png")
-    assert main(["tissues", "v.yaml"]) == 2
+    assert main(["tissues", "v.yaml", "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["unknown_colours"] == [
+        {"colour": [254, 240, 200], "pixels": 3, "slice": "plane00003.png", "row": 4, "column": 5, "nearest": "EAC", "distance": 20.5}
+    ]  # fmt: skip
+    assert main(["tissues", "v.yaml"]) == 0
+    assert "colours in no table are refused where a bone is made" in capsys.readouterr().out
+    descent = ["descend", "--force", "1", "--labels", "v.yaml", "--entry", "4,4,8", "--axis", "0,0,-1"]
+    assert main(descent) == 2
     said = capsys.readouterr().err
     assert (
         "3 pixels of 1 colour that are in no table: (254, 240, 200) in plane00003.png, row 4, column 5"
         in said
     )
-    assert "unknown='nearest' (--unknown nearest) takes the nearest colour" in said
-    assert said.startswith("burrlab tissues: v.yaml: 3 pixels")
     assert main(["tissues", "v.yaml", "--unknown", "nearest"]) == 0
-    assert (
-        "! 3 pixels of 1 colour that are in no table were taken as the nearest colour"
-        in capsys.readouterr().out
-    )
+    said = capsys.readouterr().out
+    assert "! 3 pixels of 1 colour that are in no table were taken as the nearest colour" in said
+    assert "were taken as Bone (EAC 3)" in said
+    assert main(["tissues", "v.yaml", "--unknown", "nearest:EAC", "--json", "-"]) == 0
+    assert [row["voxels"] for row in json.loads(capsys.readouterr().out)["labels"]][-1] == 3
     assert main(["tissues", "v.yaml", "--unknown", "10", "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["labels"][2]["voxels"] == 6339
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from label_scenes import MAP, SPACING, TABLE, anatomy_bone, labels, volume, write_files
 
-from burrlab import Burr
-from burrlab.anatomy import LabelledRecipe, default_tissues
+from burrlab import Burr, ScriptedDevice, Session, materials
+from burrlab.anatomy import LabelledRecipe, Watch, default_tissues
 from burrlab.session.network import make_bone
 from burrlab.volume import VolumeRecipe, read_labels, read_volume, save_drilled
 
@@ -34,7 +34,7 @@ def test_a_recipe_comes_back_and_makes_the_same_bone(files: Path) -> None:
     of_grey = LabelledRecipe("labels.nii.gz", TABLE, grey, {"facial nerve": 0.5})
     cropped = LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP, crop=box))
     finer = LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP, voxel=0.2))
-    alone = LabelledRecipe("a.seg.nrrd", TABLE, voxel=(0.2, 0.2, 0.2))
+    alone = LabelledRecipe("a.seg.nrrd", TABLE, voxel=(0.2, 0.2, 0.2), smooth=0.5)
     colours = default_tissues({1: "bone", 10: "facial nerve"})
     slices = LabelledRecipe("slices", colours, spacing=SPACING, unknown="nearest", transpose=True)
     described = LabelledRecipe("v.yaml", colours, unit=500.0)
@@ -76,9 +76,39 @@ def test_a_half_drilled_segmentation_keeps_names_and_colours(
         assert Path("kept.seg.nrrd").read_bytes() == Path(source).read_bytes()
 
 
+def test_a_session_touches_what_is_there(tmp_path: Path) -> None:
+    from test_stack import save, wrapped
+
+    planes = np.zeros((24, 20, 20, 4), np.uint8)
+    planes[:18] = wrapped("Bone")
+    planes[14:16, 9:11] = wrapped("Bone", "Chorda_Tympani")
+    planes[:3] = wrapped("Sinus_+_Dura")
+    folder = save(tmp_path / "s", planes, "plane{:03d}.png")
+    table = default_tissues({1: "bone", 11: "chorda tympani", 13: "sinus and dura"})
+    plain = LabelledRecipe(str(folder), table, spacing=SPACING, unknown="nearest", transpose=False).plain()
+    touched = []
+    for kept in (plain, {key: value for key, value in plain.items() if key != "ranking"}):
+        recipe = LabelledRecipe.of(json.loads(json.dumps(kept)))
+        assert recipe.plain() == kept
+        device = ScriptedDevice([0, 0.5], [(2.5, 2.4, 6), (2.5, 2.4, 4.6)])
+        bone = recipe.bone()
+        watch = Watch(bone)
+        with Session(
+            bone, (Burr(1.0), materials["bone"]), device, seed=1, duration=0.5, wall_clock=False, watch=watch
+        ) as session:
+            session.wait()
+        touched.append({event.structure for event in session.anatomy().events if event.kind == "touch"})
+    assert touched == [
+        {"chorda tympani"},
+        {"sinus and dura"},
+    ]  # the dura lies 3 mm below, and was seen in the sums
+
+
 def test_wrong_recipes(files: Path) -> None:
     with pytest.raises(ValueError, match="crop and voxel must be those of the grey volume"):
         LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP), voxel=(0.1, 0.1, 0.1))
+    with pytest.raises(ValueError, match="smooth goes with labels alone"):
+        LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP), smooth=0.3)
     with pytest.raises(
         ValueError, match=r"radius of the burr must be at least 4 voxels of 0\.4 mm, got 1 mm"
     ):

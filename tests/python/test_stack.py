@@ -158,22 +158,108 @@ def test_colours_in_no_table_are_refused_or_taken_as_asked(tmp_path: Path) -> No
     folder = save(tmp_path / "s", planes)
     with pytest.raises(
         ValueError,
-        match=r"4 pixels of 2 colours that are in no table: \(253, 247, 217\) in plane001.png, row 2, column 0.*'nearest'",
+        match=r"4 pixels of 2 colours that are in no table: \(253, 247, 217\) in plane001.png, row 2, column 0 \(count 3, 3.5 "
+        r"from Bone\); \(0, 0, 250\) in plane002.png, row 0, column 4 \(count 1, 63.2 from Stapes\).*but never as a critical",
     ):
         read_stack(folder, spacing=0.1, transpose=False)
     nearest = read_stack(folder, spacing=0.1, unknown="nearest", transpose=False)
     assert isinstance(nearest, LabelVolume)
     assert nearest.labels[1, 2, :4].tolist() == [1, 1, 1, 0]
-    assert nearest.labels[2, 0, 4] == 4  # the stapes is (63, 0, 255)
-    assert nearest.notes == (
-        SILENT,
-        "4 pixels of 2 colours that are in no table were taken as the nearest colour: (253, 247, 217) in plane001.png, "
-        "row 2, column 0",
+    assert nearest.labels[2, 0, 4] == 1  # the stapes is (63, 0, 255), and no guess makes it
+    assert nearest.notes[0] == SILENT
+    assert (
+        "4 pixels of 2 colours that are in no table were taken as the nearest colour: (2" in nearest.notes[1]
     )
+    assert "or of what is empty, were taken as Bone (Stapes 1)" in nearest.notes[2]
+    assert [row["pixels"] for row in nearest.unknown_colours] == [3, 1]
     given = read_stack(folder, spacing=0.1, unknown=2, transpose=False)
     assert isinstance(given, LabelVolume)
     assert given.labels[1, 2, 0] == given.labels[2, 0, 4] == 2
     assert "taken as label 2" in given.notes[-1]
+
+
+def wrapped(*names: str) -> tuple[int, ...]:
+    """What volumetric_drilling's slices hold where structures overlap."""
+    return tuple(sum(np.array((*VOLUMETRIC_DRILLING[name], 255)) for name in names) % 256)
+
+
+@pytest.mark.parametrize(
+    ("pair", "winner", "taken"),
+    [
+        (("Bone", "Chorda_Tympani"), "Chorda_Tympani", "Sinus_+_Dura"),
+        (("Bony_Labyrinth", "Sinus_+_Dura"), "Bony_Labyrinth", "ICA"),
+        (("Chorda_Tympani", "Facial_Nerve"), "Facial_Nerve", "Inferior_Vestibular_Nerve"),
+        (("EAC", "Bone"), "Bone", "EAC"),
+    ],
+)
+@pytest.mark.parametrize("off", [(0, 0, 0), (1, -1, 1)])
+def test_overlaps_are_decoded(
+    tmp_path: Path, pair: tuple[str, str], winner: str, taken: str, off: tuple[int, int, int]
+) -> None:
+    names = ["", *VOLUMETRIC_DRILLING]
+    planes = coloured()
+    planes[2, 1] = (*((np.array(wrapped(*pair)[:3]) + off) % 256), 254)
+    folder = save(tmp_path / "s", planes)
+    found = read_stack(folder, spacing=0.1, transpose=False)
+    assert isinstance(found, LabelVolume)
+    assert [names[i] for i in np.unique(found.labels[2, 1])] == [winner]
+    one, other = sorted(pair, key=names.index)
+    assert found.notes == (
+        SILENT,
+        f"voxels of two structures that overlap, by the sum of their colours: 5 of {one} and {other} as {winner}",
+    )
+    before = read_stack(folder, spacing=0.1, unknown="nearest", ranking=None, transpose=False)
+    assert isinstance(before, LabelVolume)
+    assert names[before.labels[2, 1, 0]] == taken
+
+
+def test_sums_that_are_not_clearly_one_pair_stay_unknown(tmp_path: Path) -> None:
+    palette = {"facial nerve": (100, 0, 0), "bone": (0, 90, 0), "mine": (100, 92, 0), "yours": (0, 0, 50)}
+    sums = {
+        "one colour": ((100, 90, 0, 254), 0),  # nerve and bone, or mine
+        "exact": ((100, 92, 0, 254), 0),
+        "clear": ((0, 91, 50, 254), 4),  # bone and yours, which is not ranked: it comes before bone
+        "of three": ((100, 90, 50, 253), 0),
+        "clipped": ((100, 0, 50, 255), 0),
+    }
+    for name, (pixel, label) in sums.items():
+        folder = save(tmp_path / name, np.full((1, 2, 2, 4), pixel, np.uint8))
+        found = read_stack(folder, spacing=0.1, palette=palette, unknown=0, transpose=False)
+        assert isinstance(found, LabelVolume)
+        assert (found.labels[0, 0, 0], len(found.unknown_colours)) == (label, label == 0), name
+    first = read_stack(tmp_path / "clear", spacing=0.1, palette=palette, ranking=["bone"], transpose=False)
+    assert isinstance(first, LabelVolume)
+    assert first.labels[0, 0, 0] == 4
+
+
+def test_pairs_of_the_default_palette_lie_apart() -> None:
+    colours = np.array(list(VOLUMETRIC_DRILLING.values()))
+    one, other = np.triu_indices(len(colours), 1)
+    sums = (colours[one] + colours[other]) % 256
+    for others, least in ((sums, 7), (np.vstack([colours, [[0, 0, 0]]]), 14)):
+        away = np.abs(sums[:, None] - others)
+        away = np.minimum(away, 256 - away).max(axis=-1)
+        assert away[away > 0].min() == least
+        assert (away == 0).sum() == (len(sums) if others is sums else 0)
+
+
+def test_a_guess_that_is_asked_for_says_how_far_it_lies(tmp_path: Path) -> None:
+    planes = coloured((3, 4, 12))
+    planes[1, 1, 3:5] = planes[1, 1, 11] = (*(np.array(NERVE) - 3), 255)
+    planes[1, 1, 0] = (*NERVE, 255)
+    folder = save(tmp_path / "s", planes)
+    guess = read_stack(folder, spacing=(0.3, 0.1, 0.1), unknown="nearest", transpose=False)
+    asked = read_stack(folder, spacing=(0.3, 0.1, 0.1), unknown="nearest:facial nerve, ICA", transpose=False)
+    assert isinstance(guess, LabelVolume)
+    assert isinstance(asked, LabelVolume)
+    assert (guess.labels == 10).sum() == 1
+    assert (asked.labels == 10).sum() == 4
+    assert asked.notes[2:] == (
+        "3 pixels were taken as Facial_Nerve by their nearest colour, as asked: up to 3.3 mm from the rest of it, 2 of them beyond 1 mm",
+        "0 pixels were taken as ICA by their nearest colour, as asked; 0 others are there",
+    )
+    with pytest.raises(ValueError, match=r"must name structures of the palette, Bone.*got 'nearest:spleen'"):
+        read_stack(folder, spacing=0.1, unknown="nearest:spleen", transpose=False)
 
 
 def test_a_description_gives_size_and_slices(tmp_path: Path) -> None:

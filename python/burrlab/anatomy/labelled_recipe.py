@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from burrlab.anatomy.labelled_bone import LabelledBone, labelled_bone, placed_on
 from burrlab.session.snapshot import tissues_from_json, tissues_to_json
 from burrlab.specimen import Specimen, Vector
 from burrlab.volume import LabelVolume, OccupancyMap, Volume, read_labels
+from burrlab.volume.palette import RANKING
 from burrlab.volume.recipe import VolumeRecipe, absolute, check_radius, is_stack
 from burrlab.volume.stack import read_stack, rows_along_x
 from burrlab.volume.volume import specimen_in
@@ -39,7 +40,7 @@ class LabelledRecipe:
         See `labelled_bone`.
     spacing : (x, y, z), optional
         Of the labels, where their file has none [mm].
-    unknown : "refuse", "nearest" or int
+    unknown : str or int
         Of colours that are in no table; see `read_stack`.
     unit : float, optional
         Of the dimensions in a YAML file [mm].
@@ -51,11 +52,16 @@ class LabelledRecipe:
         See `labelled_bone`. A recipe of an earlier version, which does not say it, has air alone.
     transpose : bool, optional
         Of labels in slices; see `read_stack`. What it becomes is settled here, so that it stands in results.
+    ranking : sequence of str, optional
+        Of structures that overlap in slices; see `read_stack`. Recipes of earlier versions have none.
+    smooth : float, optional
+        Of labels alone [mm]; see `labelled_bone`.
 
     Raises
     ------
     ValueError
-        If `transpose` must be told, as of `read_stack`, a crop or a spacing of the bone is given beside a grey volume, or `onto` without one.
+        If `transpose` must be told, as of `read_stack`; if a crop, a spacing of the bone or `smooth` is given beside a grey volume,
+        or `onto` without one.
     """
 
     labels: str
@@ -70,6 +76,8 @@ class LabelledRecipe:
     onto: bool = False
     empty: tuple[str, ...] = EMPTY
     transpose: bool | None = None
+    ranking: tuple[str, ...] | None = RANKING
+    smooth: float | None = None
     _made: dict[str, LabelledBone] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -80,6 +88,10 @@ class LabelledRecipe:
             raise ValueError("crop and voxel must be those of the grey volume")
         if self.onto and self.grey is None:
             raise ValueError("onto goes with a grey volume")
+        if self.smooth is not None and self.grey is not None:
+            raise ValueError("smooth goes with labels alone")
+        if self.ranking is not None and Path(self.labels).is_file() and not is_stack(self.labels):
+            object.__setattr__(self, "ranking", None)  # a file's labels do not overlap
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> LabelledRecipe:
@@ -89,14 +101,15 @@ class LabelledRecipe:
         """
         fill = {str(name): float(part) for name, part in dict(plain.get("fill", {})).items()}
         unknown = plain.get("unknown", "refuse")
-        unit, crop = plain.get("unit_mm"), plain.get("crop_mm")
+        unit, crop, ranking = plain.get("unit_mm"), plain.get("crop_mm"), plain.get("ranking")
         return cls(
             os.fspath(plain["labels"]), tissues_from_json(plain["tissues"]),
             VolumeRecipe.of(plain["grey"]) if "grey" in plain else None, fill, _three(plain.get("labels_spacing_mm")),
             unknown if isinstance(unknown, int) else str(unknown), None if unit is None else float(unit),
             None if crop is None else (_numbers(crop[0]), _numbers(crop[1])), _three(plain.get("voxel_mm")),
             bool(plain.get("onto", False)), empty=tuple(map(str, plain.get("empty", _EMPTY_BEFORE))),
-            transpose=bool(plain.get("transpose", False)),
+            transpose=bool(plain.get("transpose", False)), ranking=None if ranking is None else tuple(map(str, ranking)),
+            smooth=None if plain.get("smooth_mm") is None else float(plain["smooth_mm"]),
         )  # fmt: skip
 
     def plain(self) -> dict[str, Any]:
@@ -112,6 +125,8 @@ class LabelledRecipe:
             "onto": self.onto or None,
             "empty": None if self.empty == _EMPTY_BEFORE else list(self.empty),
             "transpose": self.transpose if self.transpose or is_stack(self.labels) else None,
+            "ranking": None if self.ranking is None else list(self.ranking),
+            "smooth_mm": self.smooth,
         }
         return {
             "kind": "labelled volume",
@@ -165,6 +180,9 @@ class LabelledRecipe:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
         grid = self._labels() if self.grey is None else self.grey.volume()
         made = {"path": grid.path, "recipe": self.plain(), "notes": list(self.made().notes)}
+        if self.grey is None:
+            widest = float(max(*grid.spacing, *(self.voxel or ())))
+            made["labels_alone"] = {"voxel_mm": widest, "smooth_mm": self.smooth}
         return specimen_in(grid, self.bone(), entry, axis, made, f"labels of {self.labels}")
 
     def check_burr(self, burr: Burr) -> None:
@@ -176,9 +194,8 @@ class LabelledRecipe:
 
     def _make(self) -> LabelledBone:
         if self.grey is None:
-            return labelled_bone(
-                None, self._labels(), self.tissues, fill=self.fill, spacing=self.voxel, empty=self.empty
-            )
+            options: dict[str, Any] = {"fill": self.fill, "spacing": self.voxel, "smooth": self.smooth}
+            return labelled_bone(None, self._labels(), self.tissues, empty=self.empty, **options)
         labels, volume = self._labels(), self.grey.volume()
         if self.onto:
             labels = labels.on(volume)
@@ -192,7 +209,7 @@ class LabelledRecipe:
     def _labels(self) -> LabelVolume:
         labels = labels_of(
             self.labels, spacing=self.spacing, unknown=self.unknown, unit=self.unit, palette=self.tissues,
-            transpose=self.transpose,
+            transpose=self.transpose, ranking=self.ranking,
         )  # fmt: skip
         return labels if self.crop is None else labels.crop(*self.crop)
 
@@ -205,6 +222,7 @@ def labels_of(
     unit: float | None = None,
     palette: Tissues | None = None,
     transpose: bool | None = None,
+    ranking: Sequence[str] | None = RANKING,
 ) -> LabelVolume:
     """Labels of a file or of a stack of coloured slices, by the colours of a table; errors as of `read_labels` and `read_stack`."""
     if not is_stack(os.fspath(path)):
@@ -213,7 +231,13 @@ def labels_of(
             raise ValueError(f"{name} (--{name}) goes with labels in PNG slices, got {os.fspath(path)}")
         return read_labels(path, spacing=spacing)
     found = read_stack(
-        path, spacing=spacing, palette=palette, unknown=unknown, unit=unit, transpose=transpose
+        path,
+        spacing=spacing,
+        palette=palette,
+        unknown=unknown,
+        unit=unit,
+        transpose=transpose,
+        ranking=ranking,
     )
     if not isinstance(found, LabelVolume):
         raise ValueError(f"{os.fspath(path)}: the slices are grey, and labels are coloured ones")

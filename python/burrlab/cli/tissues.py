@@ -21,6 +21,7 @@ from burrlab.cli.output import deliver
 from burrlab.cli.volume import add_stack_options, spacing, transposed, unknown_colours
 from burrlab.materials import materials
 from burrlab.volume.label_volume import LabelVolume
+from burrlab.volume.recipe import is_stack
 
 #: What says of which side an ear is.
 _EAR = ("external auditory canal", "temporomandibular joint", "facial nerve")
@@ -177,8 +178,9 @@ def _tissues(options: Options) -> int:
         deliver(options, {"file": options.file, "tissues": found}, _text(found))
         return 0
     table = None if options.tissues is None else read_tissues(options.tissues)
+    listed = options.unknown is None and is_stack(options.file)  # shown here, refused where a bone is made
     labels = labels_of(
-        options.file, spacing=options.spacing, unknown=unknown_colours(options), palette=table,
+        options.file, spacing=options.spacing, unknown=0 if listed else unknown_colours(options), palette=table,
         unit=options.unit, transpose=transposed(options, options.file),
     )  # fmt: skip
     found = labels_table(labels, table)
@@ -197,6 +199,8 @@ def _tissues(options: Options) -> int:
     elif ear is not None:
         lines.append("canal, joint and nerve lie so that they do not tell a right ear from a left one")
     lines += [f"! {note}" for note in labels.notes]
+    if listed and labels.unknown_colours:
+        lines.append("colours in no table are refused where a bone is made: --unknown says what they are")
     if options.template is not None:
         if os.path.exists(options.template):
             raise FileExistsError(f"--template: {options.template} is there already")
@@ -210,6 +214,7 @@ def _tissues(options: Options) -> int:
             + (f": name what its labels are, then --tissues {options.template}" if unnamed else "")
         )
     result = {"file": options.file, "labels": found, "ear": ear or None, "notes": list(labels.notes)}
+    result["unknown_colours"] = [dict(colour) for colour in labels.unknown_colours]
     deliver(options, result, "\n".join(lines))
     return 0
 

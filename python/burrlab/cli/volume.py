@@ -25,7 +25,7 @@ SIGNED = ("--entry", "--axis", "--map", "--crop")
 #: Options that say where a descent begins.
 PLACE = ("entry", "axis")
 #: Options that labels alone look at.
-OF_LABELS = ("tissues", "unit", "fill", "onto", "unknown")
+OF_LABELS = ("tissues", "unit", "fill", "onto", "unknown", "smooth")
 
 Numbers = tuple[float, float, float]
 
@@ -90,6 +90,10 @@ def add_label_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="labels on other voxels than the volume: bring the nearest on its own",
     )
+    labels.add_argument(
+        "--smooth", type=positive, metavar="MM",
+        help="of labels alone: standard deviation of a Gaussian over the border of solid and empty [mm]",
+    )  # fmt: skip
     add_stack_options(labels)
 
 
@@ -98,8 +102,8 @@ def add_stack_options(parser: argparse.ArgumentParser | argparse._ArgumentGroup)
     parser.add_argument(
         "--unknown",
         type=label_or_word,
-        metavar="nearest|LABEL",
-        help="what colours in no table are, default refused",
+        metavar="LABEL|nearest[:NAME,NAME]",
+        help="what colours in no table are, default refused: this label, or the nearest; critical structures only by name",
     )
     parser.add_argument(
         "--transpose", action=argparse.BooleanOptionalAction,
@@ -135,6 +139,7 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
     grey = None
     if options.volume is not None:
         grey = _grey_recipe(options, burr)
+        refuse_options(options, ("smooth",), "goes without --volume")
     else:
         refuse_options(options, ("map", "series", "onto"), "goes with --volume")
     own = options.spacing if grey is None or _sizeless(options.labels) else None
@@ -149,8 +154,9 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
         tissues = read_tissues(options.tissues, material=material)
     alone = {} if grey is not None else {"crop": options.crop, "voxel": _same(options.voxel)}
     recipe = LabelledRecipe(
-        options.labels, tissues, grey, dict(options.fill), own, **stack, **alone, onto=options.onto
-    )
+        options.labels, tissues, grey, dict(options.fill), own, **stack, **alone, onto=options.onto,
+        smooth=options.smooth,
+    )  # fmt: skip
     if burr is not None:
         recipe.check_burr(burr)
     return recipe
@@ -216,8 +222,8 @@ def filling(text: str) -> tuple[str, float]:
 
 
 def label_or_word(text: str) -> str | int:
-    """A label, or "nearest"."""
-    if text in ("nearest", "refuse"):
+    """A label, or "nearest", with names of structures."""
+    if text in ("nearest", "refuse") or text.startswith("nearest:"):
         return text
     if not (text.isascii() and text.isdecimal()):
         raise argparse.ArgumentTypeError(f"must be nearest or a label, got '{text}'")

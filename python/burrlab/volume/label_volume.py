@@ -37,6 +37,9 @@ class LabelVolume(OnGrid):
         Of labels, as far as the file gives them.
     colours : mapping of int to (r, g, b)
         0 to 255, as far as the file gives them.
+    unknown_colours : tuple of mapping
+        Of coloured slices the colours that are in no table, most pixels first, ready for JSON: colour, pixels, the first one's slice, row
+        and column, the nearest structure, and how far that is in colour (root of the sum of squares).
 
     Raises
     ------
@@ -53,6 +56,7 @@ class LabelVolume(OnGrid):
     colours: dict[int, tuple[int, int, int]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
+    unknown_colours: tuple[Mapping[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
         labels = whole_labels(np.asarray(self.labels), self.path).view()

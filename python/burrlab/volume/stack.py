@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from burrlab.volume.adf import StackDescription, read_description
 from burrlab.volume.geometry import checked_spacing
 from burrlab.volume.header import LPS_ASSUMED
 from burrlab.volume.label_volume import LabelVolume
-from burrlab.volume.palette import Colours, Palette
+from burrlab.volume.palette import RANKING, Colours, Palette
 from burrlab.volume.png_files import Slices, find_slices, pixels
 from burrlab.volume.volume import Volume
 
@@ -32,6 +32,7 @@ def read_stack(
     unknown: str | int = "refuse",
     unit: float | None = None,
     transpose: bool | None = None,
+    ranking: Sequence[str] | None = RANKING,
 ) -> Volume | LabelVolume:
     """Reads PNG slices: grey ones as a volume, coloured ones as labels.
 
@@ -44,15 +45,20 @@ def read_stack(
         Of voxels [mm]; needed unless a YAML file says how large the volume is.
     palette : Tissues or mapping of str to (r, g, b), optional
         Colours of labels; a mapping gives the labels 1, 2, ... in its order. Default: the sixteen of volumetric_drilling.
-    unknown : "refuse", "nearest" or int
-        What becomes of colours that are in no table, as segments that overlap or scaling leave them: an error with count and
-        example, the label of the nearest colour, or this label. The notes of the result say how many.
+    unknown : "refuse", "nearest", "nearest:NAME,NAME" or int
+        What becomes of colours that are in no table, as clipped sums or scaling leave them: an error with the largest of them, the
+        label of the nearest colour, or this label. A pixel whose nearest colour is that of a critical structure, the ear canal or air
+        becomes bone (label 0 in a table without bone), but for structures that are named. The notes of the result say how many; `unknown_colours` lists all.
     unit : float, optional
         Of the dimensions in a YAML file [mm]; default a metre.
     transpose : bool, optional
         True where the number of a pixel's row counts along x and that of its column along y, as the simulator's converter
         from NRRD writes them. A wrong one mirrors the ear. Default: True of a YAML file, False of slices alone; those must be told
         where their palette has a colour of the simulator's.
+    ranking : sequence of str, optional
+        Which of two structures gets a voxel that both claim, by their usual names: the first. In volumetric_drilling's stacks such
+        a pixel has the sum of their colours modulo 256, with alpha 254. What is not ranked comes just before bone, the smaller label
+        first. None: such sums are colours in no table, and 'nearest' takes any, as before there was a ranking.
 
     Returns
     -------
@@ -106,14 +112,23 @@ def read_stack(
         if palette is not None:
             raise ValueError(f"{slices.paths[0]}: a palette is for coloured slices, and these are grey")
         return Volume(_grey(slices, turned), notes=tuple(notes), **grid)
-    colours = Palette.of(palette, unknown)
+    colours = Palette.of(palette, unknown, ranking)
     rows_along_x(name, transpose, colours.colours.values())
     labels = np.empty(shape, colours.dtype)
     for k, file in enumerate(slices.paths):
         plane = colours.labels(pixels(file), file)
         labels[k] = plane.T if turned else plane
-    notes.extend(colours.notes(name))
-    return LabelVolume(labels, names=colours.names, colours=colours.colours, notes=tuple(notes), **grid)
+    strange = colours.unknown_colours()
+    rows = labels.transpose(0, 2, 1) if turned else labels
+    notes.extend(colours.notes(name, strange, rows, apart[[2, 0, 1] if turned else [2, 1, 0]]))
+    return LabelVolume(
+        labels,
+        names=colours.names,
+        colours=colours.colours,
+        notes=tuple(notes),
+        unknown_colours=strange,
+        **grid,
+    )
 
 
 def rows_along_x(name: str, transpose: bool | None, colours: Iterable[Colours] = ()) -> bool:

@@ -67,3 +67,13 @@ def test_curves_and_legend_are_in_neither_eye():
     scene.set_curves(time[:1], time[:1], time[:1])
     np.testing.assert_array_equal(scene.picture(), shown)
     scene.close()
+
+
+def test_a_note_on_the_bone_stands_above_every_scale():
+    need_drawing()
+    scene = Scene(small_bone(), [], off_screen=True, size=SIZE, note="LPS assumed")
+    scene.picture()
+    scene.stereo_picture()
+    words = [scale.text.GetInput() for scale in (scene.scale, *scene._eyes.scales)]
+    assert [text.split("\n")[0] for text in words] == ["LPS assumed"] * 3
+    scene.close()

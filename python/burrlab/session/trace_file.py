@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import Burr, Material, VoxelBone, most_watch_events
+from burrlab.files import check_folder
 from burrlab.provenance import provenance
 from burrlab.session.new_hdf5 import attributes, new_hdf5, put_attributes
 from burrlab.session.snapshot import write_bone
@@ -104,6 +105,7 @@ def create(path: Path, header: Header, bone: VoxelBone, *, capacity: int, digest
     are written. Everything begins at a multiple of 64 bytes, so that no count lies across a page of memory.
     """
     size = capacity * row_dtype(len(header.tools)).itemsize + digest_capacity * DIGEST_DTYPE.itemsize
+    check_folder(path)
     path.touch()
     os.truncate(path, min(size, 2**63 - 1))  # too long for a file: libhdf5 does not survive it
     with new_hdf5(path, alignment_threshold=1, alignment_interval=64) as file:

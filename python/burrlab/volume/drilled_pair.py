@@ -10,6 +10,7 @@ from typing import Any
 
 from burrlab.files import new_part, write_synced
 from burrlab.json_text import UNREADABLE
+from burrlab.session.new_hdf5 import attributes
 from burrlab.session.snapshot import FORMAT, FORMAT_VERSION, open_hdf5
 from burrlab.volume.dicom import IN_FOLDER, dicom_files, holds_dicom
 
@@ -113,7 +114,7 @@ def replace_whole(target: Path, content: bytes) -> None:
 def _told(path: Path) -> dict[str, Any]:
     with open_hdf5(path, FORMAT, FORMAT_VERSION) as file:
         try:
-            told = json.loads(file.attrs["source"])
+            told = json.loads(attributes(file)["source"])
         except UNREADABLE:
             told = None
     if not isinstance(told, dict) or told.get("kind") != KIND:

@@ -158,6 +158,7 @@ ValueError
           "write",
           [](VoxelBone& bone, const py::array& values, const Index3& start, const Range& range) {
             const Levels levels = to_levels(values, range);
+            const VoxelBone::Changing changing(bone);
             bone.write(start, shape_of(values), levels.data());
           },
           py::arg("values"), py::arg("start") = Index3{0, 0, 0}, py::kw_only(), py::arg("range") = py::none(),

@@ -226,7 +226,6 @@ VoxelBone::Levels VoxelBone::read(const Index3& start, const Index3& shape, bool
 
 void VoxelBone::write(const Index3& start, const Index3& shape, const std::uint8_t* levels) {
   check_box(start, shape);
-  const Changing changing(*this);
   each_brick(start, shape, [&](const Index3& at, std::size_t brick) {
     std::uint8_t pristine[brick_voxels];
     copy_pristine(at, brick, pristine);

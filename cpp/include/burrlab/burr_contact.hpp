@@ -45,8 +45,7 @@ class BurrContact {
 
   /// The contact at `center` [mm] now: no erosion, no tick.
   Contact probe(const Vec3& center) const;
-  /// One tick of dt [ms] at `center` [mm]. Throws, as `erode` and `hold` do, where another thread uses the
-  /// bone.
+  /// One tick of dt [ms] at `center` [mm]. It, `erode` and `hold` throw where another thread uses the bone.
   Contact step(const Vec3& center, double dt, bool burr_on);
   /// The same with constants made before, of this bone and material; none of them: the burr is off. The
   /// caller holds a VoxelBone::Changing.

@@ -18,34 +18,26 @@ class VoxelBone {
  public:
   using Levels = std::vector<std::uint8_t>;
 
-  /// Held by a thread that uses a bone that others could use too: one changes it, or any number read it.
-  /// Throws where others are in the way; nobody waits. Ticks of a BurrContact, HapticLoop, `write`,
-  /// `restore`, `reset`, `set_tissues` and `digest` hold it themselves; whoever calls another member sees to
-  /// it.
+  /// Held by a thread that uses a bone which others could use too: one changes it, or any number read it.
+  /// Throws where others are in the way; nobody waits. A BurrContact's ticks, HapticLoop, Replica, `restore`,
+  /// `reset`, `set_tissues` and `digest` hold it themselves; whoever calls another member sees to it.
+  template <bool changes>
   class Use {
    public:
-    ~Use() { changes_ ? count_.store(0, std::memory_order_release) : void(count_.fetch_sub(1)); }
-    Use(const Use&) = delete;
-    Use& operator=(const Use&) = delete;
-
-   protected:
-    Use(const VoxelBone& bone, bool changes) : count_(bone.users_.count), changes_(changes) {
+    explicit Use(const VoxelBone& bone) : count_(bone.users_.count) {
       int users = changes ? 0 : count_.load(std::memory_order_relaxed);
       do {
         if (users < 0 || (changes && users > 0)) refuse_use(users);
       } while (!count_.compare_exchange_weak(users, changes ? -1 : users + 1, std::memory_order_acquire));
     }
+    ~Use() { changes ? count_.store(0, std::memory_order_release) : void(count_.fetch_sub(1)); }
+    Use(const Use&) = delete;
 
    private:
     std::atomic<int>& count_;
-    const bool changes_;
   };
-  struct Changing : Use {
-    explicit Changing(const VoxelBone& bone) : Use(bone, true) {}
-  };
-  struct Reading : Use {
-    explicit Reading(const VoxelBone& bone) : Use(bone, false) {}
-  };
+  using Changing = Use<true>;
+  using Reading = Use<false>;
 
   /// shape (z, y, x); spacing (x, y, z) [mm]; origin: centre of voxel (0, 0, 0), (x, y, z) [mm].
   VoxelBone(const Index3& shape, const Levels& levels, const Vec3& spacing, const Vec3& origin);
@@ -151,7 +143,6 @@ class VoxelBone {
     Users() = default;
     Users(const Users&) {}  // a copy has none
   };
-
   struct Sum : std::atomic<std::int64_t> {  // one thread changes it at a time, any may read it
     Sum(std::int64_t value = 0) : atomic(value) {}
     Sum(const Sum& other) : atomic(std::int64_t(other)) {}

@@ -211,10 +211,7 @@ void Replica::flip(const Index3& voxel) {
   VoxelBone& bone = followed().bone();
   bone.read(voxel, {1, 1, 1}, false, &level);
   level = std::uint8_t(level ^ 0xFF);
-  const bool held = changing_ != nullptr;
-  changing_.reset();  // `write` holds the bone itself
   bone.write(voxel, {1, 1, 1}, &level);
-  if (held) changing_ = std::make_unique<VoxelBone::Changing>(bone);
 }
 
 }  // namespace burrlab

@@ -43,8 +43,7 @@ struct EnergyGiven {
 
 class HapticLoop {
  public:
-  /// One device a burr. The executor's bone is the loop's from `start` to its end: others who use it are
-  /// refused.
+  /// One device a burr. The executor's bone is held from `start` to the loop's end.
   HapticLoop(std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
              const LoopSettings& settings);
   ~HapticLoop();

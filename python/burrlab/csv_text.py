@@ -242,6 +242,6 @@ def _fields(file: str, number: int, line: str) -> list[str]:
 def _provenance(text: str) -> dict[str, Any]:
     try:
         value = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         value = None
     return value if isinstance(value, dict) else {"note": text}

@@ -11,6 +11,8 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from burrlab._core import Burr, Material
+from burrlab.dataset import by_value
+from burrlab.json_text import parsed, record
 from burrlab.regime import layer_thickness, static_immersion
 from burrlab.window import Array, penetration_velocity_between, samples_between, settled_immersion
 
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 FEWEST_TICKS = 10
 
 
+@by_value
 @dataclass(frozen=True)
 class Series:
     """The record of a descent, one row a sample."""
@@ -159,28 +162,36 @@ class Descent:
 
     @staticmethod
     def load(path: str | Path) -> Descent:
-        """Reads what `save` wrote."""
-        data = json.loads(Path(path).read_text())
+        """Reads what `save` wrote; ValueError with one sentence where the file is something else."""
+        return parsed(str(path), Path(path).read_bytes(), "the JSON of a descent", Descent._of, finite=False)
+
+    @staticmethod
+    def _of(data: dict[str, Any]) -> Descent:
         made = data["material"]
         material = None
         if made is not None:
             name = made.pop("name")
             material = Material(name, **made)
         columns = {name: np.array(values, dtype=float) for name, values in data["series"].items()}
-        record: dict[str, Any] = {**columns, **data["record"]}
-        series = Series(**record)
+        series = record(Series, **columns, **data["record"])
+        if len({values.shape for values in columns.values()}) > 1 or series.time.ndim != 1:
+            raise ValueError("its series differ in length")
         fields = ("status", "reason", "velocity_fall", "layer_resolution")
-        return Descent(
+        numbers = ("force_N", "stop_mm", "penetration_velocity_mm_s", *fields[2:])
+        if not all(np.isfinite(data[name]) for name in numbers if data[name] is not None):
+            raise ValueError("a number is not finite")
+        return record(
+            Descent,
             burr=Burr(data["radius_mm"]),
             material=material,
             setpoint=data["force_N"],
             stop=data["stop_mm"],
             penetration_velocity=data["penetration_velocity_mm_s"],
-            window=tuple(data["window_mm"]) if data["window_mm"] else None,
-            phases={name: (span[0], span[1]) for name, span in data["phases_s"].items()},
-            warnings=tuple(data["warnings"]),
+            window=tuple(map(float, data["window_mm"])) if data["window_mm"] else None,
+            phases={name: (float(span[0]), float(span[1])) for name, span in data["phases_s"].items()},
+            warnings=tuple(map(str, data["warnings"])),
             series=series,
-            provenance=data["provenance"],
+            provenance=dict(data["provenance"]),
             **{name: data[name] for name in fields},
         )
 

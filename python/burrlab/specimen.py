@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from burrlab._core import Burr, VoxelBone
+from burrlab.dataset import by_value
 
 #: Largest block that `half_space` makes [voxels]: some gigabytes while it is made (ours).
 MOST_VOXELS = 2e8
@@ -26,6 +27,7 @@ def unit_vector(axis: Vector) -> NDArray[np.float64]:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
+@by_value
 @dataclass(frozen=True)
 class Specimen:
     """A bone with the axis of a descent.
@@ -55,7 +57,7 @@ class Specimen:
         return np.asarray(self.surface + (immersion - burr.radius) * self.axis)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Block:
     """Voxels around a descent into the space below a plane, before they are filled.
 

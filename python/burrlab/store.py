@@ -8,6 +8,7 @@ import hashlib
 import json
 import math
 import os
+import reprlib
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from burrlab._core import Burr, Material, Shape, VoxelBone, __version__
+from burrlab.json_text import UNREADABLE, parsed
 
 #: What a study takes for a store: one, or the path of its file.
 StorePath: TypeAlias = "Store | str | os.PathLike[str]"
@@ -128,6 +130,8 @@ def _decode(value: Any) -> Any:
     if kind == "dict":
         return {key: _decode(part) for key, part in content.items()}
     dtype, shape, data = content
+    if kind not in ("array", "number") or np.dtype(dtype).kind not in _NUMBERS:
+        raise ValueError(f"a result holds no {kind!r} of {dtype!r}")
     array = np.frombuffer(base64.b64decode(data), dtype).reshape(shape).copy()
     return array if kind == "array" else array[()]
 
@@ -190,19 +194,21 @@ class Store:
             return True
         try:
             found = json.loads(lines[0])[_NAME]
-        except (ValueError, KeyError, TypeError):
+        except UNREADABLE:
             raise ValueError(
                 f"store must be a file of burrlab results or a new one, got {self.path}"
             ) from None
         if found != FORMAT:
-            raise ValueError(f"store must be of format {FORMAT}, got {self.path} of format {found}")
+            raise ValueError(
+                f"store must be of format {FORMAT}, got {self.path} of format {reprlib.repr(found)}"
+            )
         for line in lines[1:]:
             if line == _HEADER:  # two processes made the file at once
                 continue
             try:
                 entry = json.loads(line)
                 self._results[entry["key"]] = json.dumps(entry["result"])
-            except (ValueError, KeyError, TypeError):
+            except UNREADABLE:
                 self._torn += 1
         return False
 
@@ -243,8 +249,10 @@ class Store:
         ------
         KeyError
             If there is none.
+        ValueError
+            If the file holds something else under it than `add` writes.
         """
-        return _decode(json.loads(self._results[key]))
+        return parsed(str(self.path), self._results[key], "a store's result", _decode, finite=False)
 
     def __contains__(self, key: object) -> bool:
         return key in self._results

@@ -45,7 +45,8 @@ def test_what_the_labels_of_a_file_are(files: Path, capsys: pytest.CaptureFixtur
     assert "written new.csv: name what its labels are, then --tissues new.csv" in said(
         "labels.nii.gz", "--template", "new.csv"
     )
-    assert [t.name for t in read_tissues("new.csv")] == ["unlabelled", "structure 1", "structure 4"]
+    refused = "new.csv, line 4 ('structure 1'), line 5 ('structure 4'), column name: every row needs a name"
+    assert refused in said("labels.nii.gz", "--tissues", "new.csv", status=2)
     named = Path("new.csv").read_text().replace("structure 4", "facial nerve").replace("structure 1", "bone")
     Path("new.csv").write_text(named)
     _, bone, nerve = read_tissues("new.csv")  # what stayed empty follows from the names
@@ -57,6 +58,9 @@ def test_what_the_labels_of_a_file_are(files: Path, capsys: pytest.CaptureFixtur
         (0, "unlabelled", False, True), (1, "Bone", False, False), (4, "Facial_Nerve", True, True),
     ]  # fmt: skip
     assert table[2].colour == (51, 102, 153)
+    seg_nrrd(files / "cn.seg.nrrd", label_numbers(), {**FIELDS, "Segment1_Name": "CN7"})
+    said("cn.seg.nrrd", "--template", "cn.csv")
+    assert "cn.csv, line 5 ('CN7 (name?)'), column name" in said("cn.csv", status=2)
     twice = {**FIELDS, "Segment0_Name": "Facial_Nerve"}
     seg_nrrd(files / "twice.seg.nrrd", label_numbers(), twice)
     said("twice.seg.nrrd", "--template", "twice.csv")

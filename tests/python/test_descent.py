@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
+import importlib
+import itertools
+import pkgutil
+import re
 import threading
 
 import numpy as np
@@ -10,6 +15,8 @@ import pytest
 import burrlab
 from burrlab.regime import contact_stiffness, layer_thickness, static_immersion
 from burrlab.window import penetration_velocity_between, samples_between, settled_immersion
+
+ARRAYS = re.compile(r"NDArray|Array\b|Floats|^Any$")
 
 
 def test_exact_mode_holds_the_force_and_begins_at_static_contact(burr, bone):
@@ -180,8 +187,28 @@ def test_series_frame_save_and_load(burr, bone, tmp_path):
     back = burrlab.Descent.load(tmp_path / "run.json")
     assert back.to_dict() == run.to_dict()
     assert back.material == run.material
+    assert back == run
+    assert back != burrlab.descend(burr, bone, 1.0, voxel=0.4, seed=2)
     for name in ("time", "immersion", "force", "command"):
         assert np.array_equal(getattr(back, name), getattr(run, name), equal_nan=True)
+
+
+def test_results_with_arrays_are_compared():
+    """Equal or not, and never NumPy's question which of the values is meant."""
+    found = 0
+    for module in {part.name for part in pkgutil.walk_packages(burrlab.__path__, "burrlab.")}:
+        kinds = [] if module.endswith("__main__") else vars(importlib.import_module(module)).values()
+        kinds = [kind for kind in kinds if isinstance(kind, type) and kind.__module__ == module]
+        for kind in filter(dataclasses.is_dataclass, kinds):
+            columns = {f.name: bool(ARRAYS.search(str(f.type))) for f in dataclasses.fields(kind)}
+            if kind.__name__.startswith("_") or not any(columns.values()):
+                continue
+            one, other = object.__new__(kind), object.__new__(kind)
+            for made, (name, is_array) in itertools.product((one, other), columns.items()):
+                object.__setattr__(made, name, np.array([1.0, np.nan]) if is_array else 1)
+            assert (one == other) in (True, False), kind
+            found += 1
+    assert found > 40
 
 
 def test_frame_without_pandas(burr, bone, monkeypatch):

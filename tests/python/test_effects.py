@@ -190,7 +190,9 @@ def test_hidden_fraction() -> None:
     )  # fmt: skip
     camera, burr = Camera((0, 0, 60), (0, 0, 0), up=(0, 1, 0)), ((0, 0, 1.8), 2.0)
     assert effects.hidden_fraction(camera, burr) == 0
+    effects.camera = camera
     effects.step(0.05)
+    assert np.isnan(effects.hidden)  # no burr
     assert effects.parcels["radius"].max() > 4
     assert effects.hidden_fraction(camera, burr) == 1
     assert np.isnan(effects.hidden_fraction(Camera((0, 0, 60), (0, 0, 100), up=(0, 1, 0)), burr))

@@ -22,6 +22,7 @@ from burrlab.session.network import follow
 from burrlab.view import TracePlayer
 
 WATER = Nozzle((2, 0, 3), (-0.5, 0, -0.9), rate=100)
+CAMERA = Camera((0, -40, 60), (0, 0, 0))
 
 
 def exact(companion: Companion) -> bool:
@@ -107,15 +108,18 @@ def test_its_frames_come_again_from_the_trace(tmp_path: Path, tick: int) -> None
     sucker = Sucker((0, 2, 1))
     with session(1.0, wall_clock=True, realtime=False, tick=tick, record=tmp_path / "trace.h5") as made:
         made.wait(0.2)
-        with Companion(made, seed=5, rate=100, budget=1e-5, nozzle=WATER, sucker=sucker) as companion:
+        with Companion(
+            made, seed=5, rate=100, budget=1e-5, nozzle=WATER, sucker=sucker, camera=CAMERA
+        ) as companion:
             assert companion.wait(60)
     assert companion.report().over_budget > 0
     player = TracePlayer(burrlab.load_trace(tmp_path / "trace.h5"))
     assert companion.first_tick > tick
     player.seek_tick(companion.first_tick)
-    again = Effects(player.bone, seed=5, nozzle=WATER, sucker=sucker)
+    again = Effects(player.bone, seed=5, nozzle=WATER, sucker=sucker, camera=CAMERA)
     for _ in effects_of(player, again, frames=companion.frames):
         pass
+    assert 0 < again.hidden == companion.hidden < 1
     assert len(again.parcels) > 0
     assert (again.parcels == companion.parcels).all()
     assert again.balance() == companion.balance()
@@ -126,7 +130,7 @@ def test_its_frames_come_again_from_the_trace(tmp_path: Path, tick: int) -> None
 
 def test_stopped_in_the_middle_and_changed_while_it_runs() -> None:
     with session(2.0, wall_clock=True, realtime=False) as made:
-        companion = Companion(made, seed=1, rate=100, camera=Camera((0, -40, 60), (0, 0, 0)))
+        companion = Companion(made, seed=1, rate=100, camera=CAMERA)
         assert math.isnan(companion.hidden)
         companion.start()
         assert not companion.wait(0.3)

@@ -12,7 +12,7 @@ from label_scenes import MAP, SPACING, TABLE, anatomy_bone, labels, volume, writ
 from burrlab import Burr
 from burrlab.anatomy import LabelledRecipe, default_tissues
 from burrlab.session.network import make_bone
-from burrlab.volume import VolumeRecipe, read_labels, read_volume
+from burrlab.volume import VolumeRecipe, read_labels, read_volume, save_drilled
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pytest.importorskip("yaml", reason="extra `medical` is not installed")
@@ -58,6 +58,22 @@ def test_a_recipe_comes_back_and_makes_the_same_bone(files: Path) -> None:
     np.testing.assert_array_equal(part.tissue_numbers, whole.tissue_numbers[cut])
     assert described.bone().spacing == (0.125, 0.125, 0.125)
     np.testing.assert_array_equal(slices.bone().tissue_numbers > 0, labels() != 1)
+
+
+@pytest.mark.parametrize(
+    ("source", "voxel", "bone"),
+    [("a.seg.nrrd", None, "Bone"), ("a.seg.nrrd", 0.2, "Bone"), ("labels.nii.gz", None, "bone"), ("v.yaml", None, "bone")],
+)  # fmt: skip
+def test_a_half_drilled_segmentation_keeps_names_and_colours(
+    files: Path, source: str, voxel: float | None, bone: str
+) -> None:
+    recipe = LabelledRecipe(source, TABLE, voxel=voxel and (voxel,) * 3)
+    save_drilled("kept.seg.nrrd", recipe.bone(), recipe.like())
+    kept, nerve = read_labels("kept.seg.nrrd"), "Facial_Nerve" if bone == "Bone" else "facial nerve"
+    assert kept.names == {1: bone, 4: nerve}
+    assert kept.colours == (recipe.like().colours or {1: (255, 249, 219), 4: (244, 214, 49)})
+    if bone == "Bone" and voxel is None:  # the header of the file, byte by byte
+        assert Path("kept.seg.nrrd").read_bytes() == Path(source).read_bytes()
 
 
 def test_wrong_recipes(files: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from burrlab.volume import read_labels
+from burrlab.volume import LabelVolume, read_labels, write_volume
 from burrlab.volume.segments import merged, segments_of
 
 FIELDS = {
@@ -40,6 +40,25 @@ def test_names_and_colours_of_a_label_map(tmp_path: Path) -> None:
     assert labels.names == {1: "Bone", 4: "Facial_Nerve"}
     assert labels.colours == {1: (255, 128, 0), 4: (51, 102, 153)}
     np.testing.assert_allclose(labels.spacing, (0.2, 0.3, 0.4))
+
+
+@pytest.mark.parametrize("far", [2, 70_000])
+def test_names_and_colours_survive_nrrd(tmp_path: Path, far: int) -> None:
+    nrrd = pytest.importorskip("nrrd", reason="extra `medical` is not installed")
+    values = np.zeros((4, 5, 6), np.int32)
+    values[1:3, 2, 3:], values[3, 4, 5] = 1, far
+    names, colours = {1: "Facial_Nerve", far: "a\\b\nö", 9: "absent"}, {1: (1, 2, 3), 3: (255, 128, 0)}
+    labels = LabelVolume(values, 0.3, (1, 2, 3), np.eye(3), "made", names, colours)
+    write_volume(tmp_path / "a.seg.nrrd", labels)
+    again = read_labels(tmp_path / "a.seg.nrrd")
+    np.testing.assert_array_equal(again.labels, values)
+    assert (again.names, again.colours) == (names, colours)
+    header = nrrd.read_header(str(tmp_path / "a.seg.nrrd"))
+    assert (header["Segment0_ID"], header["Segment0_Extent"]) == ("Segment_1", "3 5 2 2 1 2")
+    found = segments_of(header)
+    assert [(s.label, s.layer) for s in found] == [(label, 0) for label in sorted({*names, *colours})]
+    extents = {header[f"Segment{i}_LabelValue"]: header[f"Segment{i}_Extent"] for i in range(len(found))}
+    assert (extents[str(far)], extents["9"]) == ("5 5 4 4 3 3", "0 -1 0 -1 0 -1")
 
 
 def layered() -> tuple[np.ndarray, dict[str, str]]:

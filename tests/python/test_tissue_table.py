@@ -10,6 +10,7 @@ from label_scenes import anatomy_bone
 
 from burrlab import Material, Tissue, Tissues, materials
 from burrlab.anatomy import (
+    LabelledRecipe,
     default_tissues,
     label_counts,
     labelled_bone,
@@ -18,6 +19,7 @@ from burrlab.anatomy import (
     write_tissues,
 )
 from burrlab.anatomy.known_tissues import KNOWN, VOLUMETRIC_DRILLING, known_tissue, plain_name
+from burrlab.session.snapshot import tissues_from_json, tissues_to_json
 from burrlab.volume import LabelVolume, OccupancyMap, Volume
 
 BONE = materials["bone"]
@@ -61,7 +63,12 @@ def test_only_bone_is_not_assumed_and_all_have_its_values() -> None:
     table = default_tissues({i: name for i, name in enumerate(VOLUMETRIC_DRILLING, 1)})
     assert [t.name for t in table if not t.assumed] == ["bone"]
     assert {(t.c_e, t.alpha) for t in table} == {(BONE.c_e, BONE.alpha)}
-    assert [t.name for t in table if not t.critical] == ["bone"]
+    canals = ["internal auditory canal", "temporomandibular joint", "external auditory canal"]
+    assert [t.name for t in table if not t.critical] == ["bone", *canals]
+    assert default_tissues(["vestibulocochlear nerve"])[0].critical
+    before = Tissue("EAC", label=1, c_e=2.0, alpha=0.1, critical=True)  # of an earlier version
+    given = Tissues([before], BONE)
+    assert tissues_from_json(tissues_to_json(given))[0].critical
     assert [t.name for t in table if t.bleeds] == ["internal carotid artery", "sinus and dura"]
     assert table[9].colour == (244, 214, 49)
     own = Material("own", c_e=3.0, alpha=0.2, shape="linear")
@@ -162,6 +169,8 @@ HEAD = "label,name,colour,c_e_N_per_mm2,alpha_per_ms,critical,bleeds,assumed\n"
         ("label,name\n1.0,a\n", "line 2, column label: must be a whole number from 0, got '1.0'"),
         ("label,name\n99999999999,a\n", "line 2, column label: must be a whole number from 0"),
         ("label,name\n1,\n", "line 2, column name: every row needs a name"),
+        (HEAD + "1,,,,,,,\n2,structure 2,,,,,,\n3,CN7 (name?),,,,,,\n4,bone,,,,,,\n",
+         r"t.csv, line 2, line 3 \('structure 2'\), line 4 \('CN7 \(name\?\)'\), column name: every row needs a name"),
         (HEAD + "1,a,red,,,,,\n", "line 2, column colour: must be #rrggbb, got 'red'"),
         (HEAD + "1,a,,x,,,,\n", "line 2, column c_e_N_per_mm2: 'x' is not a number"),
         (HEAD + "1,a,,0,,,,\n", "line 2, column c_e_N_per_mm2: must be from 1/4096 to 1000, got '0'"),
@@ -242,6 +251,22 @@ def test_levels_and_labels_or_labels_alone() -> None:
     np.testing.assert_array_equal(
         anatomy_bone(None, label_volume(labels), moved).density, np.where(labels == 2, 255, 0)
     )
+
+
+def test_the_ear_canal_is_air_unless_told() -> None:
+    _, labels = some()
+    table = default_tissues(["air", "bone", "Ear_Canal"])
+
+    def solid(**options: object) -> np.ndarray:
+        return anatomy_bone(None, label_volume(labels), table, **options).density
+
+    np.testing.assert_array_equal(solid(), np.where(labels == 1, 255, 0))
+    np.testing.assert_array_equal(solid(fill={"external auditory canal": 1.0}), np.where(labels == 0, 0, 255))
+    np.testing.assert_array_equal(solid(empty=["air"]), np.where(labels == 0, 0, 255))
+    plain = LabelledRecipe("seg.nrrd", table).plain()
+    assert plain.pop("empty") == ["air", "external auditory canal"]
+    assert LabelledRecipe.of(plain).empty == ("air",)  # as earlier versions made it
+    assert LabelledRecipe.of(plain).plain() == plain
 
 
 def test_a_box_of_labels_is_placed_on_the_volume() -> None:

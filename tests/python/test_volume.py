@@ -111,7 +111,11 @@ def test_specimen_errors(tmp_path):
 
 
 def test_without_simpleitk(tmp_path, monkeypatch):
-    (tmp_path / "v.nrrd").write_bytes(b"NRRD0004")
+    """It is asked for where it is needed: for DICOM."""
+    head = b"NRRD0004\ntype: uint8\nencoding: raw\ndimension: 3\nsizes: 3 2 1\nspacings: 1 1 1\n\n"
+    (tmp_path / "v.nrrd").write_bytes(head + bytes(6))
+    (tmp_path / "v.dcm").write_bytes(bytes(128) + b"DICM")
     monkeypatch.setitem(__import__("sys").modules, "SimpleITK", None)
+    assert burrlab.read_volume(tmp_path / "v.nrrd").shape == (1, 2, 3)
     with pytest.raises(ImportError, match=r"pip install 'burrlab\[medical\]'"):
-        burrlab.read_volume(tmp_path / "v.nrrd")
+        burrlab.read_volume(tmp_path / "v.dcm")

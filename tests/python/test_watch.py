@@ -130,6 +130,28 @@ def test_a_report_prints_tells_json_and_draws(recorded) -> None:
     assert report.to_dict()["anatomy"]["closest_mm"]["nerve"] == session.anatomy().closest["nerve"]
 
 
+def test_the_report_tells_what_is_more_than_a_graze(recorded) -> None:
+    bone = nerve_bone()
+    with run(bone=bone, watch=Watch(bone)) as session:
+        session.wait()
+    deep, limited = session.anatomy(), recorded[0].anatomy()
+    time, volume = deep.dose("nerve").touching, deep.removed["nerve"]
+    assert (time >= 0.1, volume >= 0.1) == (True, True)
+    assert (deep.touched(), deep.injured()) == ({"nerve": time}, {"nerve": volume})
+    assert (deep.touched(least=time + 0.001), deep.injured(least=volume + 0.001)) == ({}, {})
+    said = f"touched [s], from 0.1 on: nerve {time:.3g}\ninjured [mm^3], from 0.1 on: nerve {volume:.3g}"
+    assert said in str(deep)
+    told = deep.to_dict()
+    assert (told["touched_s"], told["injured_from_mm3"]["nerve"]) == ({"nerve": time}, 0.1)
+    assert "injury" in {event["kind"] for event in told["events"]}  # exact, as ever
+    small = replace(deep, watched=replace(deep.watched, removed=deep.watched.removed // 1000))
+    assert (small.injured(), "injured [mm^3], from 0.1 on: nothing" in str(small)) == ({}, True)
+    assert limited.injured() == {"nerve": limited.removed["nerve"]}  # by the watch's own limit, 0.05 mm^3
+    assert "injured [mm^3], from 0.05 on" in str(limited)
+    with pytest.raises(ValueError, match="least must be finite and not negative, got -1"):
+        deep.touched(least=-1)
+
+
 def test_the_words_of_a_figure_lie_beside_its_bars(recorded) -> None:
     dose = replace(
         recorded[0].anatomy().doses[0], mean_force={1.0: 1.9, 2.0: 0.9}, peak_force={1.0: 2.5, 2.0: 2.5}

@@ -81,7 +81,7 @@ def uniform(seed: int, purpose: int, count: int) -> Floats:
     return np.asarray(((raw >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Honeycomb:
     """Cells of a power diagram: a point belongs to the site with the least |x - site|^2 - weight.
 

@@ -18,7 +18,7 @@ LATTICE = 0.5
 FAR = 15.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Grid:
     """Coordinates x, y, z [mm] of the points of a grid; fields on it have the shape (z, y, x)."""
 
@@ -63,7 +63,7 @@ def interpolate(field: Singles, lattice: Grid, grid: Grid) -> Singles:
     return field
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Tube:
     """Balls along a polyline, their radius linear between its points; points (n, 3) and radius (n,) [mm]."""
 

@@ -61,10 +61,11 @@ KNOWN = (
     KnownTissue("semicircular canals", ("semicircular canal", "scc"), (60, 110, 60)),
     KnownTissue(
         "internal auditory canal",
-        ("iac", "internal acoustic meatus", "internal acoustic canal", "internal auditory meatus",
-         "vestibulocochlear nerve"),
+        ("iac", "internal acoustic meatus", "internal acoustic canal", "internal auditory meatus"),
         (244, 142, 52),
+        critical=False,
     ),
+    KnownTissue("vestibulocochlear nerve", ("cn viii",), (230, 120, 40)),
     KnownTissue("vestibular nerve", (), (200, 130, 70)),
     KnownTissue("superior vestibular nerve", (), (255, 191, 135)),
     KnownTissue("inferior vestibular nerve", (), (121, 70, 24)),
@@ -81,12 +82,14 @@ KNOWN = (
     KnownTissue("brain", ("temporal lobe", "cerebellum"), (245, 190, 190), bleeds=True),
     KnownTissue("vestibular aqueduct", (), (91, 98, 123)),
     KnownTissue(
-        "temporomandibular joint", ("tmj", "mandible", "mandibular condyle", "condyle"), (100, 0, 0)
+        "temporomandibular joint", ("tmj", "mandible", "mandibular condyle", "condyle"), (100, 0, 0),
+        critical=False,
     ),
     KnownTissue(
         "external auditory canal",
         ("eac", "ear canal", "external acoustic meatus", "external auditory meatus", "external ear canal"),
         (255, 225, 214),
+        critical=False,
     ),
     KnownTissue("tympanic membrane", ("eardrum",), (250, 170, 160)),
 )  # fmt: skip
@@ -107,6 +110,9 @@ def known_tissue(name: str) -> KnownTissue | None:
     """What the default table says of a structure; None where it does not know the name."""
     return _BY_NAME.get(plain_name(name))
 
+
+#: Of the known tissues, those that are empty where labels alone make a bone.
+EMPTY = ("air", "external auditory canal")
 
 #: The colours of volumetric_drilling's PNG stacks (LCSR-SICKKIDS/volumetric_drilling, its script that makes distance
 #: grids lists them), by its names and in its order, which is that of our labels 1 to 16.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Tissues, VoxelBone
-from burrlab.anatomy.known_tissues import UNLABELLED, known_tissue
+from burrlab.anatomy.known_tissues import EMPTY, UNLABELLED, known_tissue
 from burrlab.anatomy.tissue_table import MOST, label_counts, unlabelled
 from burrlab.volume import LabelVolume, OccupancyMap, Volume, check_same_geometry
 from burrlab.volume.geometry import SAME, OnGrid
@@ -41,14 +41,15 @@ def labelled_bone(
     mapping: OccupancyMap | None = None,
     fill: Mapping[str, float] | None = None,
     spacing: float | ArrayLike | None = None,
+    empty: Collection[str] = EMPTY,
 ) -> LabelledBone:
     """Bone whose occupancy is that of grey values and whose tissues are those of labels.
 
     Parameters
     ----------
     source : Volume, ndarray of uint8 or None
-        Grey values, with `mapping`; or levels (z, y, x) on the grid of the labels; or None: what is labelled as air, or 0, is
-        empty, and all else is solid.
+        Grey values, with `mapping`; or levels (z, y, x) on the grid of the labels; or None: label 0 and what is labelled as one
+        of `empty` is empty, and all else is solid.
     labels : LabelVolume
         On the voxels of the volume, or on a box of them, as segmentations are often saved: 0 outside it.
     tissues : Tissues
@@ -60,6 +61,9 @@ def labelled_bone(
         empty, and what is empty cannot be injured.
     spacing : float or (x, y, z), optional
         Of the bone [mm]; default that of the volume. Occupancy is interpolated, labels are the nearest.
+    empty : collection of str
+        Structures that hold no bone where labels are alone, by the name that the default table gives them: air and the ear canal.
+        `fill` makes one solid.
 
     Returns
     -------
@@ -101,9 +105,10 @@ def labelled_bone(
         levels, apart, origin = grey.density, np.array(grey.spacing), np.array(grey.origin)
     else:
         apart = labels.spacing
-        levels = _of_labels(numbers, tissues) if source is None else source
+        levels = _of_labels(numbers, tissues, empty) if source is None else source
         if source is None:
-            notes.append("occupancy from labels alone: empty where there is air or label 0, else solid")
+            where = ", ".join(empty)
+            notes.append(f"occupancy from labels alone: empty where there is {where} or label 0, else solid")
     levels, filled = _filled(levels, numbers, tissues, fill or {})
     bone = VoxelBone(levels, spacing=apart, origin=origin)
     bone.set_tissues(tissues, numbers)
@@ -190,14 +195,10 @@ def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:
     return numbers
 
 
-def _of_labels(numbers: NDArray[np.uint8], tissues: Tissues) -> NDArray[np.uint8]:
-    solid = np.array([0 if _is_empty(t.name, t.label) else 255 for t in tissues], np.uint8)
-    return solid[numbers]
-
-
-def _is_empty(name: str, label: int) -> bool:
-    known = known_tissue(name)
-    return label == 0 or (known is not None and known.name == "air")
+def _of_labels(numbers: NDArray[np.uint8], tissues: Tissues, empty: Collection[str]) -> NDArray[np.uint8]:
+    known = [(tissue.label, known_tissue(tissue.name)) for tissue in tissues]
+    hollow = [label == 0 or (found is not None and found.name in empty) for label, found in known]
+    return np.where(hollow, 0, 255).astype(np.uint8)[numbers]
 
 
 def _filled(

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from burrlab._core import Burr, Tissues, VoxelBone
+from burrlab.anatomy.known_tissues import EMPTY
 from burrlab.anatomy.labelled_bone import LabelledBone, labelled_bone, placed_on
 from burrlab.session.snapshot import tissues_from_json, tissues_to_json
 from burrlab.specimen import Specimen, Vector
@@ -19,6 +20,7 @@ from burrlab.volume.recipe import VolumeRecipe, absolute, check_radius, is_stack
 from burrlab.volume.stack import read_stack
 from burrlab.volume.volume import specimen_in
 
+_EMPTY_BEFORE = ("air",)  # where a recipe does not say it
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
@@ -45,6 +47,8 @@ class LabelledRecipe:
         As of `VolumeRecipe`, of labels alone: a grey volume has its own.
     onto : bool
         Bring the labels on the voxels of the grey volume: see `LabelVolume.on`.
+    empty : tuple of str
+        See `labelled_bone`. A recipe of an earlier version, which does not say it, has air alone.
 
     Raises
     ------
@@ -62,6 +66,7 @@ class LabelledRecipe:
     crop: Box | None = None
     voxel: tuple[float, float, float] | None = None
     onto: bool = False
+    empty: tuple[str, ...] = EMPTY
     _made: dict[str, LabelledBone] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -82,7 +87,7 @@ class LabelledRecipe:
             VolumeRecipe.of(plain["grey"]) if "grey" in plain else None, fill, _three(plain.get("labels_spacing_mm")),
             unknown if isinstance(unknown, int) else str(unknown), None if unit is None else float(unit),
             None if crop is None else (_numbers(crop[0]), _numbers(crop[1])), _three(plain.get("voxel_mm")),
-            bool(plain.get("onto", False)),
+            bool(plain.get("onto", False)), empty=tuple(map(str, plain.get("empty", _EMPTY_BEFORE))),
         )  # fmt: skip
 
     def plain(self) -> dict[str, Any]:
@@ -96,6 +101,7 @@ class LabelledRecipe:
             "crop_mm": None if self.crop is None else [list(corner) for corner in self.crop],
             "voxel_mm": None if self.voxel is None else list(self.voxel),
             "onto": self.onto or None,
+            "empty": None if self.empty == _EMPTY_BEFORE else list(self.empty),
         }
         return {
             "kind": "labelled volume",
@@ -160,7 +166,9 @@ class LabelledRecipe:
 
     def _make(self) -> LabelledBone:
         if self.grey is None:
-            return labelled_bone(None, self._labels(), self.tissues, fill=self.fill, spacing=self.voxel)
+            return labelled_bone(
+                None, self._labels(), self.tissues, fill=self.fill, spacing=self.voxel, empty=self.empty
+            )
         labels, volume = self._labels(), self.grey.volume()
         if self.onto:
             labels = labels.on(volume)

@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from burrlab._core import Burr, ScriptedDevice
 from burrlab.anatomy.phantom import Phantom
+from burrlab.dataset import by_value
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -22,6 +23,7 @@ COARSE = 0.1
 RAPID, LIFT = 3.0, 1.0
 
 
+@by_value
 @dataclass(frozen=True)
 class BurrPath:
     """Where the burr's centre is when, and whether it turns.

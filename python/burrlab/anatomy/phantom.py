@@ -17,6 +17,7 @@ from burrlab.anatomy.fields import CELLS_BOX, Fields
 from burrlab.anatomy.implicit import Grid, lattice_around
 from burrlab.anatomy.structures import Structures
 from burrlab.anatomy.tissue_painting import paint, phantom_tissues
+from burrlab.dataset import by_value
 from burrlab.materials import materials
 from burrlab.volume import LabelVolume
 
@@ -32,6 +33,7 @@ MOST_VOXELS = 4e8
 AT_A_TIME = 1_000_000
 
 
+@by_value
 @dataclass(frozen=True)
 class Phantom:
     """A temporal bone, what is where in it, and what is to be removed.

@@ -19,7 +19,7 @@ DURA = 1.0
 CANAL, SINUS = 4.2, 4.5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Structures:
     """The anatomy of one seed."""
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone
 from burrlab.anatomy.tissue_table import check_count, label_counts
-from burrlab.dataset import html_table
+from burrlab.dataset import by_value, html_table
 from burrlab.figures import axes_or_new, tidy
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ _PARTS = ("overlap", "missed", "excess")
 _COLOURS = ("#009E73", "#E69F00", "#D55E00")
 
 
+@by_value
 @dataclass(frozen=True, repr=False)
 class TargetComparison:
     """Bone removed inside and outside a region, by tissue.

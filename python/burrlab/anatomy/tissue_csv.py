@@ -8,16 +8,19 @@ import json
 import math
 import os
 import re
+import textwrap
 from collections.abc import Collection, Iterator
 
 from burrlab import csv_text
 from burrlab._core import Material, Tissue, Tissues
 from burrlab.anatomy.known_tissues import known_tissue
+from burrlab.json_text import UNREADABLE
 from burrlab.materials import materials
 from burrlab.session.snapshot import tissues_from_json, tissues_to_json
 
 COLUMNS = ("label", "name", "colour", "c_e_N_per_mm2", "alpha_per_ms", "critical", "bleeds", "assumed")
 GREY = (128, 128, 128)  # of a structure without a colour
+_WAITS = " (name?)"  # after a name of the file that the default table does not know
 _NEEDED = ("label", "name")
 _WORDS = {"yes": True, "no": False, "true": True, "false": False, "1": True, "0": False}
 
@@ -41,7 +44,7 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
     Raises
     ------
     ValueError
-        If the file is no such table; the sentence names the line and the column.
+        If the file is no such table, or a template in which rows wait for a name; the sentence names line and column.
     OSError
         If it cannot be read.
     """
@@ -57,7 +60,11 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
     except StopIteration:
         raise ValueError(f"{name}: the file is empty, or holds nothing but comments") from None
     _check_columns(f"{name}, line {number}", columns)
-    rows = list(_rows(name, columns, table, material))
+    waiting: list[str] = []
+    rows = list(_rows(name, columns, table, material, waiting))
+    if waiting:
+        told = ", ".join(waiting)
+        raise ValueError(f"{name}, {told}, column name: every row needs a name, that of its structure")
     if not rows:
         raise ValueError(f"{name}: there is no row below the column names")
     try:
@@ -101,7 +108,8 @@ def write_tissues(path: str | os.PathLike[str], tissues: Tissues) -> None:
 def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
     """The table as `write_tissues` writes it; ValueError where a name has a line break or space around it.
 
-    Of `unnamed` labels, colours that are grey and all that follows from a name stay empty, as their names are still to be given.
+    Of `unnamed` labels, colours that are grey and all that follows from a name stay empty, as their names are still to be given:
+    "structure 3", and what the file says with a mark behind it, are refused by `read_tissues`.
     """
     for tissue in tissues:
         if len(tissue.name.splitlines()) != 1 or tissue.name != tissue.name.strip():
@@ -122,7 +130,8 @@ def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
         colour = "#{:02x}{:02x}{:02x}".format(*t.colour)
         if t.label in unnamed:
             colour, flags = ("" if t.colour == GREY else colour), ["", "", ""]
-        writer.writerow([t.label, t.name, colour, *values, *flags])
+        mark = _WAITS if t.label in unnamed and t.name != f"structure {t.label}" else ""
+        writer.writerow([t.label, t.name + mark, colour, *values, *flags])
     return stream.getvalue()
 
 
@@ -134,8 +143,9 @@ def _material(name: str, text: str) -> Material:
             row += '"critical": false, "bleeds": false, "assumed": true}]'
             try:
                 return tissues_from_json(f'{{"material": {given}, "tissues": {row}}}').material
-            except (ValueError, KeyError, TypeError) as error:
-                raise ValueError(f"{name}: the material in the comments is none: {error}") from None
+            except UNREADABLE as error:
+                told = textwrap.shorten(str(error), 200)
+                raise ValueError(f"{name}: the material in the comments is none: {told}") from None
     return materials["bone"]
 
 
@@ -158,8 +168,9 @@ def _check_columns(where: str, columns: list[str]) -> None:
 
 
 def _rows(
-    file: str, columns: list[str], table: Iterator[tuple[int, list[str]]], material: Material
+    file: str, columns: list[str], table: Iterator[tuple[int, list[str]]], material: Material, wait: list[str]
 ) -> Iterator[Tissue]:
+    """The rows that have a name; where the others are, in `wait`."""
     lines: dict[str, int] = {}
     for number, texts in table:
         where = f"{file}, line {number}"
@@ -168,6 +179,10 @@ def _rows(
                 f"{where}: {len(columns)} fields are due ({', '.join(columns)}), found {len(texts)}"
             )
         row = dict(zip(columns, texts, strict=True))
+        flags = row.get("critical") or row.get("bleeds")
+        if row["name"] in ("", "" if flags else f"structure {row['label']}") or row["name"].endswith(_WAITS):
+            wait.append(f"line {number}" + (f" ({row['name']!r})" if row["name"] else ""))
+            continue
         for column in _NEEDED:
             key = f"{column} {row[column]}"
             if key in lines:
@@ -180,8 +195,6 @@ def _tissue(where: str, row: dict[str, str], material: Material) -> Tissue:
     label, name = row["label"], row["name"]
     if not (label.isascii() and label.isdecimal() and int(label) < 2**31):
         raise ValueError(f"{where}, column label: must be a whole number from 0, got {label!r}")
-    if not name:
-        raise ValueError(f"{where}, column name: every row needs a name")
     known = known_tissue(name)
     c_e = _number(where, "c_e_N_per_mm2", row, "from 1/4096 to 1000", 1 / 4096, 1000.0)
     alpha = _number(where, "alpha_per_ms", row, "zero or positive", 0.0, math.inf)

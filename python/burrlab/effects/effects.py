@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab import _core
 from burrlab._core import Camera, EffectParameters, Nozzle, Sucker, VoxelBone
+from burrlab.arguments import require_type
 from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance, to_report
 
 #: (merge_to, sub_steps, done): what the clock decided in a frame.
@@ -37,6 +38,8 @@ class Effects:
         None draws one; `seed` tells it.
     down, spin : (x, y, z)
         Direction of gravity; axis that the burrs turn about, right-handed. Both assumed.
+    camera : Camera, optional
+        For `hidden`. An attribute too, read at each frame.
     nozzle : Nozzle, optional
     sucker : Sucker, optional
     budget : float, optional
@@ -69,10 +72,13 @@ class Effects:
         seed: int | None = None,
         down: ArrayLike = (0.0, 0.0, -1.0),
         spin: ArrayLike = (0.0, 0.0, 1.0),
+        camera: Camera | None = None,
         nozzle: Nozzle | None = None,
         sucker: Sucker | None = None,
         budget: float | None = None,
     ) -> None:
+        if camera is not None:
+            require_type("camera", camera, Camera, "Camera((0, -40, 60), (0, 0, 0))")
         self.parameters = EffectParameters() if parameters is None else parameters
         self.seed = to_seed(seed)
         self.budget = budget
@@ -81,7 +87,8 @@ class Effects:
             bone, parameters=self.parameters, seed=self.seed, down=np.asarray(down, float),
             spin=np.asarray(spin, float), budget=budget,
         )  # fmt: skip
-        self.nozzle, self.sucker = nozzle, sucker
+        self.nozzle, self.sucker, self.camera = nozzle, sucker, camera
+        self._hidden = float("nan")
 
     @property
     def nozzle(self) -> Nozzle | None:
@@ -140,7 +147,17 @@ class Effects:
             density = np.ascontiguousarray(update["density"], np.uint8)
         centers = np.array([np.ravel(center) for center, _ in burrs], float) if burrs else np.empty((0, 3))
         radii = np.array([radius for _, radius in burrs], float)
-        return self._core.step(float(dt_s), bricks, density, centers, radii, decision)
+        done = self._core.step(float(dt_s), bricks, density, centers, radii, decision)
+        self._hidden = float("nan")
+        if self.camera is not None and len(radii):
+            apart = np.linalg.norm(np.asarray(self.camera.position, float) - centers[0])
+            self._hidden = self.hidden_fraction(self.camera, burrs[0]) if apart > radii[0] else self._hidden
+        return done
+
+    @property
+    def hidden(self) -> float:
+        """Part of burr 0 that is hidden in the newest frame; nan without a camera or a burr."""
+        return self._hidden
 
     def _numbers(self, bricks: NDArray[Any]) -> NDArray[np.uint32]:
         if bricks.ndim == 2 and bricks.shape[1] == 3:

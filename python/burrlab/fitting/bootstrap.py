@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from burrlab._core import Shape
+from burrlab.dataset import by_value
 from burrlab.fitting.intervals import LEVELS, Interval
 from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.mean_field import MeanFieldModel
@@ -100,6 +101,7 @@ def _runs(o: Observations, means: Floats, within: Floats, scatter: Floats) -> Fl
     return log
 
 
+@by_value
 @dataclass(frozen=True, repr=False)
 class Bootstrap:
     """Fits to replicates of the data.

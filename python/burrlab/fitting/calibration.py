@@ -21,7 +21,7 @@ class Scatter:
     value: float  #: standard deviation about the fit, 1, or [mm/s] for absolute residuals; of 1 if known
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Calibration:
     """How far -2 log L may rise above its minimum, from the F distribution.
 

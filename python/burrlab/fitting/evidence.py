@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from burrlab._core import Shape
+from burrlab.dataset import by_value
 from burrlab.fitting.calibration import Calibration, Scatter
 from burrlab.fitting.hypotheses import fall_with_depth, lack_of_fit
 from burrlab.fitting.intervals import Profile
@@ -22,6 +23,7 @@ from burrlab.fitting.voxel import VoxelTable, monte_carlo_share
 _BETTER = 1e-5  # of -2 log L: by more than this the walk along c_e must beat a search to be followed
 
 
+@by_value
 @dataclass(frozen=True)
 class Evidence:
     """What the likelihood says.

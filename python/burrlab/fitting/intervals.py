@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from burrlab.dataset import by_value
 from burrlab.fitting.observations import Floats
 
 LEVELS: Mapping[str, float] = {"68": 0.68, "95": 0.95, "99.7": 0.997}
@@ -31,6 +32,7 @@ class Interval:
         return self.upper / self.lower if self.upper is not None and self.lower else np.inf
 
 
+@by_value
 @dataclass(frozen=True)
 class Region:
     """The joint region of a level: at each c_e [N/mm^2] the alphas [1/ms] inside it, shape (m,)."""
@@ -68,6 +70,7 @@ class Combination:
         return self.intervals["95"]
 
 
+@by_value
 @dataclass(frozen=True)
 class Profile:
     """What the likelihood says: intervals, regions and the curves they come from.

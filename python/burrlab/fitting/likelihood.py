@@ -248,7 +248,7 @@ class Likelihood:
         return -0.5 * n * float(np.log(2 * np.pi * (S / n + 1e-30)) + 1)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Slices:
     """-2 log L over alpha at each of several c_e; arrays of shape (m,)."""
 

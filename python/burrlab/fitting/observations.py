@@ -29,7 +29,7 @@ _EXTREME = 1e9  # no force, velocity or radius is larger, or smaller than one ov
 _MARGIN = 1e-4  # the hard bound of c_e is open: at it the window has no length
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Observations:
     """The rows that a fit uses, in the order of the data; NaN as window is the default one.
 

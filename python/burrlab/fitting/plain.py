@@ -21,6 +21,7 @@ from burrlab.fitting.search import Start
 from burrlab.fitting.verdict import Ridge
 from burrlab.fitting.voxel import VoxelTable
 from burrlab.indentation import Indentation
+from burrlab.json_text import record
 
 if TYPE_CHECKING:
     from burrlab.fitting.record import FitRecord
@@ -67,7 +68,7 @@ def from_dict(plain: Mapping[str, Any]) -> dict[str, Any]:
         "residual_norm": _number(values["residual_norm"]),
         "residuals": _array(values["residuals"]),
         "predicted": _array(values["predicted"]),
-        "bounds": {name: tuple(pair) for name, pair in values["bounds"].items()},
+        "bounds": {name: tuple(map(float, values["bounds"][name])) for name in ("c_e", "alpha")},
         "given_bounds": tuple(values["given_bounds"]),
         "starts": tuple(_start(**start) for start in values["starts"]),
         "evidence": _optional(values["evidence"], _evidence),
@@ -76,6 +77,7 @@ def from_dict(plain: Mapping[str, Any]) -> dict[str, Any]:
         "table": _optional(values["table"], _table),
         "record": tuple(tuple(point) for point in values["record"]),
         "data": tuple(_data(**one) for one in values["data"]),
+        "provenance": dict(values["provenance"]),
     }
 
 
@@ -91,55 +93,57 @@ def _optional(value: Any, made: Callable[..., Any]) -> Any:
 
 def _start(**values: Any) -> Start:
     ends = {name: tuple(values[name]) for name in ("start", "end")}
-    return Start(**values | ends | {"objective": _number(values["objective"], math.inf)})
+    return record(Start, **values | ends | {"objective": _number(values["objective"], math.inf)})
 
 
 def _test(**values: Any) -> HypothesisTest:
-    return HypothesisTest(**values | {"freedom": tuple(values["freedom"])})
+    return record(HypothesisTest, **values | {"freedom": tuple(values["freedom"])})
 
 
 def _table(**values: Any) -> VoxelTable:
-    return VoxelTable(**values | {"coefficients": _array(values["coefficients"])})
+    return record(VoxelTable, **values | {"coefficients": _array(values["coefficients"])})
 
 
 def _evidence(**values: Any) -> Evidence:
     ridge = values["ridge"]
     better = values["better"]
-    return Evidence(
+    return record(
+        Evidence,
         **values
         | {
             "information": _array(values["information"]),
-            "scatters": tuple(Scatter(**one) for one in values["scatters"]),
+            "scatters": tuple(record(Scatter, **one) for one in values["scatters"]),
             "shares": _array(values["shares"]),
             "profile": _profile(**values["profile"]),
-            "ridge": Ridge(**ridge | {"residual": _number(ridge["residual"], math.inf)}),
+            "ridge": record(Ridge, **ridge | {"residual": _number(ridge["residual"], math.inf)}),
             "better": None if better is None else tuple(better),
-        }
+        },
     )
 
 
 def _profile(**values: Any) -> Profile:
     arrays = ("c_e", "c_e_rise", "best_alpha", "alpha", "alpha_rise")
     identified = values["identified"]
-    return Profile(
+    return record(
+        Profile,
         **values
         | {name: _array(values[name]) for name in arrays}
         | {
             "intervals": {name: _levels(levels) for name, levels in values["intervals"].items()},
-            "identified": Combination(**identified | {"intervals": _levels(identified["intervals"])}),
+            "identified": record(Combination, **identified | {"intervals": _levels(identified["intervals"])}),
             "regions": {level: _region(**region) for level, region in values["regions"].items()},
             "at_infinity": _number(values["at_infinity"]),
-        }
+        },
     )
 
 
 def _levels(levels: Mapping[str, Any]) -> dict[str, Interval]:
-    return {level: Interval(**interval) for level, interval in levels.items()}
+    return {level: record(Interval, **interval) for level, interval in levels.items()}
 
 
 def _region(**values: Any) -> Region:
     arrays = {name: _array(values[name]) for name in ("c_e", "lower", "upper")}
-    return Region(**values | arrays)
+    return record(Region, **values | arrays)
 
 
 def _data(kind: str, **values: Any) -> Data:

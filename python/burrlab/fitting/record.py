@@ -29,6 +29,7 @@ from burrlab.fitting.observations import (
 from burrlab.fitting.search import Start
 from burrlab.fitting.verdict import Ridge, separately_identified
 from burrlab.fitting.voxel import VoxelModel, VoxelTable
+from burrlab.json_text import parsed, record
 
 _OPEN = Interval(None, None)
 
@@ -219,7 +220,7 @@ class FitRecord:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """The fit that `to_dict` described."""
-        return cls(**plain.from_dict(values))
+        return record(cls, **plain.from_dict(values))
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Write the fit, data included, as JSON that `from_json` reads back without loss."""
@@ -231,7 +232,7 @@ class FitRecord:
             file.write("\n")
 
     @classmethod
-    def from_json(cls, file: str | os.PathLike[str] | IO[str]) -> Self:
+    def from_json(cls, file: str | os.PathLike[str] | IO[Any]) -> Self:
         """Read a fit from JSON.
 
         Raises
@@ -240,10 +241,7 @@ class FitRecord:
             If the file is not the JSON of a fit.
         """
         if isinstance(file, (str, os.PathLike)):
-            with open(file, encoding="utf-8") as stream:
+            with open(file, "rb") as stream:
                 return cls.from_json(stream)
         name = getattr(file, "name", "JSON text")
-        try:
-            return cls.from_dict(json.load(file))
-        except (ValueError, TypeError, KeyError) as error:
-            raise ValueError(f"{name}: this is not the JSON of a fit ({error})") from None
+        return parsed(name, file.read(), "the JSON of a fit", cls.from_dict)

@@ -74,7 +74,7 @@ class NewData:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NewRegion:
     """What is left after new data, for each of several truths, shape (t,)."""
 
@@ -82,7 +82,7 @@ class NewRegion:
     ratio: Floats  #: upper over lower end of c_e's 95 % interval; infinite where one is open
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RegionGrid:
     """-2 log L over (log c_e, log alpha), wherever a new region may come to lie.
 

@@ -232,7 +232,7 @@ class PowerFamily:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PowerProfile:
     """The best member of the family power(k), and how well k is known.
 

@@ -30,7 +30,7 @@ _RIDGE_PART = 2.0  # the table ends at twice the c_e at which the ridge begins: 
 _LARGEST_STEP = 1.0  # alpha dt at most: beyond, a tick removes what it should erode
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class VoxelTable:
     """log of the voxels' velocity over the mean-field one, as a polynomial in log c_e.
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from burrlab._core import AnatomyWatch, Burr, Follower, Material, Publisher, Replica, VoxelBone
+from burrlab.json_text import UNREADABLE as _UNREADABLE
 from burrlab.specimen import MOST_VOXELS
 from burrlab.volume.cut import cut_block
 from burrlab.volume.drilled_recipe import DrilledRecipe
@@ -21,16 +22,6 @@ from burrlab.volume.recipe import VolumeRecipe
 Recipe = dict[str, Any]
 
 _NEEDED = ("seed", "rate_Hz", "scheme", "tools")  # of a hello
-# What reading JSON of another machine may end in.
-_UNREADABLE = (
-    KeyError,
-    TypeError,
-    AttributeError,
-    ValueError,
-    OverflowError,
-    ZeroDivisionError,
-    RecursionError,
-)
 
 
 def block_recipe(

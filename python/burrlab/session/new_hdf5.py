@@ -29,7 +29,7 @@ def new_hdf5(path: str | os.PathLike[str], **options: Any) -> Iterator[h5py.File
     check_folder(Path(path))
     with _Disk(path) as disk:
         try:
-            with h5py.File(disk, "w", **options) as file:
+            with h5py.File(disk, "w", libver=("v110", "v110"), **options) as file:
                 yield file
         except (OSError, RuntimeError):
             if disk.failure is None:

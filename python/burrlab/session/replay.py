@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from burrlab import _core
 from burrlab._core import TickExecutor, VoxelBone
+from burrlab.dataset import by_value
 from burrlab.session.trace import Trace, check_trace
 from burrlab.session.trace_file import to_records, to_rows
 
@@ -19,6 +20,7 @@ COMPARED = ("force_N", "penetration_mm", "removed_levels", "touching", "ambiguou
 _BATCH = 2000  # ticks between two looks at the keyboard
 
 
+@by_value
 @dataclass(frozen=True)
 class Difference:
     """The first value that a replay gave otherwise. `burr` is None for a digest; its tick counts executed ticks."""

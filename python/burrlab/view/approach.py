@@ -16,7 +16,7 @@ _MEETING = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Approach:
     """The middle of where bone was touched [mm], the direction in which it was met, and a width that holds it all [mm]."""
 

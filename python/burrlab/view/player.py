@@ -18,7 +18,7 @@ from burrlab.view.brick_history import BrickHistory
 _BATCH = 250  # ticks between two looks at the keyboard
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Burrs:
     """The burrs at one moment.
 
@@ -38,7 +38,7 @@ class Burrs:
     touching: NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class History:
     """What the burrs met, tick by tick, for charts.
 

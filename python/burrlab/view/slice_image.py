@@ -18,7 +18,7 @@ REMOVED = (92, 44, 40)
 _EMPTY = (16, 18, 24)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SliceImage:
     """One plane of voxels.
 

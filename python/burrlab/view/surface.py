@@ -24,7 +24,7 @@ _CUT, _CUT_SHARE = (255, 236, 214), 0.45
 BONE = (227, 218, 201)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SurfaceBlock:
     """Triangles of one block; neighbours repeat the vertices and normals of their common border, to the bit.
 

@@ -18,7 +18,7 @@ _METRE = 1000.0
 _OLD_UNIT = 49.664
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StackDescription:
     """What the file says.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from burrlab._core import VoxelBone
@@ -110,7 +110,8 @@ def save_drilled(
     Voxels of which nothing was removed keep their value to the bit, but for a resampled DICOM series: its slices hold whole numbers.
     The others get the grey value that the map gives for what is left of them, and never a higher one than they had; nothing left is the grey value of empty. Of labels alone, a voxel of
     which less than half is left gets label 0. The header is that of the original file, byte by byte, where `like` is that file's
-    whole volume; a cropped or resampled one, and a segmentation in several layers, gets a new header. Slices of a DICOM series are
+    whole volume; a cropped or resampled one, and a segmentation in several layers, gets a new header, of NRRD with the names and
+    colours of its labels. Slices of a DICOM series are
     derived images of a new series, of the same study: UIDs, image type and derivation are theirs, all else is that of the slice that
     they were made of.
 
@@ -142,6 +143,9 @@ def save_drilled(
     if is_series(target, like):
         write_series(target, like, changed, in_folder)
         return
+    if isinstance(like, LabelVolume):  # what the table says where the file said nothing, for a new header
+        names, colours = ({t.label: getattr(t, of) for t in bone.tissues or ()} for of in ("name", "colour"))
+        like = replace(like, names=names | like.names, colours=colours | like.colours)
     content = changed_file(target, like, changed)
     digest = hashlib.sha256(content).hexdigest()
     own = sidecar(target, digest)

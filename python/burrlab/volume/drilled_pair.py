@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from burrlab.json_text import UNREADABLE
 from burrlab.session.snapshot import FORMAT, FORMAT_VERSION, open_hdf5
 from burrlab.volume.dicom import IN_FOLDER, dicom_files, holds_dicom
 
@@ -118,7 +119,7 @@ def _told(path: Path) -> dict[str, Any]:
     with open_hdf5(path, FORMAT, FORMAT_VERSION) as file:
         try:
             told = json.loads(file.attrs["source"])
-        except (KeyError, ValueError):
+        except UNREADABLE:
             told = None
     if not isinstance(told, dict) or told.get("kind") != KIND:
         raise ValueError(f"{path} is a bone, but not one of a drilled volume")

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from burrlab.bounds import shown
 from burrlab.volume.geometry import Array, checked_spacing
 
 #: Millimetres of the units that headers name.
@@ -14,7 +15,7 @@ MILLIMETRES = {"mm": 1.0, "millimeter": 1.0, "millimetre": 1.0, "cm": 10.0, "m":
                "um": 1e-3, "µm": 1e-3, "micron": 1e-3, "micrometer": 1e-3, "nm": 1e-6}  # fmt: skip
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Header:
     """Sizes and place of a volume's voxels as its file has them.
 
@@ -92,9 +93,9 @@ def unit_columns(vectors: Array) -> tuple[Array, Array]:
 def three_sizes(sizes: list[int], name: str) -> tuple[int, int, int]:
     """(z, y, x) of sizes x, y, z and further ones of 1; ValueError for anything else."""
     kept = sizes[:3] + [n for n in sizes[3:] if n != 1]
-    if len(kept) != 3 or any(n < 1 for n in sizes):
+    if len(kept) != 3 or any(not 1 <= n < 2**31 for n in sizes):
         raise ValueError(
-            f"{name}: a volume needs three dimensions and one value a voxel, got sizes {' x '.join(map(str, sizes))}"
+            f"{name}: a volume needs three dimensions and one value a voxel, got sizes {' x '.join(map(shown, sizes[:16]))}"
         )
     x, y, z = kept
     return z, y, x

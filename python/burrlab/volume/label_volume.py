@@ -159,14 +159,15 @@ def whole_labels(labels: NDArray[Any], path: str) -> NDArray[Any]:
     if labels.dtype.kind != "f":
         return labels
     check_finite(labels, path)
-    found = np.rint(labels)
-    wrong = (found != labels) | (np.abs(found) >= 2**31)
+    with np.errstate(invalid="ignore"):  # what is too large becomes the least number
+        found = labels.astype(np.int32)
+    wrong = (found != labels) | (found == -(2**31))
     if wrong.any():
         first = tuple(int(i) for i in np.unravel_index(int(np.argmax(wrong)), labels.shape))
         raise ValueError(
             f"{path}: labels must be whole numbers below 2^31, got {labels[first]:.10g} at (z, y, x) = {first}"
         )
-    return np.asarray(found.astype(np.int32))
+    return found
 
 
 def _percent(part: float) -> str:

@@ -10,12 +10,12 @@ import math
 import struct
 import zlib
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from burrlab.bounds import first_bytes
 from burrlab.volume.geometry import Array
 from burrlab.volume.header import Header, three_sizes, unit_columns
 
@@ -61,32 +61,37 @@ class Fields:
 def read_nifti(name: str) -> tuple[Header, NDArray[Any]]:
     """Header and values (z, y, x); ValueError with one sentence for anything that cannot be read whole."""
     stem = name[:-4] if name.lower().endswith((".img", ".hdr")) else None
-    content = _content(name if stem is None else stem + ".hdr")
-    fields = header_fields(content, name)
-    sizes = list(fields.dim[1 : fields.dim[0] + 1])
-    shape = three_sizes(sizes, name)
+    fields, _ = file_fields(name if stem is None else stem + ".hdr", name)
+    shape = three_sizes(list(fields.dim[1 : fields.dim[0] + 1]), name)
     kind = _KINDS.get(fields.datatype)
     if kind is None:
         raise ValueError(
             f"{name}: a volume needs three dimensions and one value a voxel, got NIfTI datatype {fields.datatype}"
         )
-    if fields.apart:
-        content = _content(name if stem is None else stem + ".img")
     wanted = fields.offset + math.prod(shape) * np.dtype(kind).itemsize
+    with open(stem + ".img" if stem is not None and fields.apart else name, "rb") as file:
+        content, _ = first_bytes(file, wanted, _is_packed(file), name)
     if len(content) < wanted:
         raise ValueError(f"{name}: the file is cut short: {len(content)} bytes of {wanted}")
-    stored = np.frombuffer(content, fields.order + kind, math.prod(shape), fields.offset).reshape(shape)
+    stored = content[fields.offset :].view(fields.order + kind).reshape(shape)
     return _header(fields, shape, name), _scaled(stored, fields)
 
 
-def _content(name: str) -> bytes:
-    content = Path(name).read_bytes()
-    if content[:2] != b"\x1f\x8b":
-        return content
-    try:
-        return gzip.decompress(content)
-    except (EOFError, OSError, zlib.error) as error:
-        raise ValueError(f"{name}: the compressed data is cut short or damaged ({error})") from error
+def file_fields(path: str, name: str) -> tuple[Fields, bool]:
+    """The header of a file, and whether that is packed."""
+    with open(path, "rb") as file:
+        packed = _is_packed(file)
+        try:
+            head = (gzip.GzipFile(fileobj=file) if packed else file).read(540)
+        except (EOFError, OSError, zlib.error) as error:
+            raise ValueError(f"{name}: the compressed data is cut short or damaged ({error})") from error
+    return header_fields(head, name), packed
+
+
+def _is_packed(file: BinaryIO) -> bool:
+    found = file.read(2) == b"\x1f\x8b"
+    file.seek(0)
+    return found
 
 
 def header_fields(content: bytes, name: str) -> Fields:
@@ -146,13 +151,15 @@ def _whole(value: float) -> int:
 def _scaled(stored: NDArray[Any], fields: Fields) -> NDArray[Any]:
     """slope * stored + inter, unless the slope is 0 or there is nothing to do."""
     slope, inter = fields.slope, fields.inter
-    native = stored.astype(stored.dtype.newbyteorder("="))
+    native = np.require(stored, stored.dtype.newbyteorder("="), "A")
     if not (math.isfinite(slope) and math.isfinite(inter)) or slope == 0 or (slope, inter) == (1.0, 0.0):
         return native
+    single = native.dtype.itemsize <= 2 or native.dtype == np.float32
+    values = np.empty(native.shape, np.float32 if single else np.float64)
     with np.errstate(over="ignore"):  # what is infinite is refused with its place
-        values = native * np.float64(slope) + np.float64(inter)
-        single = native.dtype.itemsize <= 2 or native.dtype == np.float32
-        return values.astype(np.float32) if single else values
+        for k, plane in enumerate(native):  # a plane at a time: no copies of the large volume
+            values[k] = plane * np.float64(slope) + np.float64(inter)
+    return values
 
 
 def _header(fields: Fields, shape: tuple[int, int, int], name: str) -> Header:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import gzip
 import re
-import zlib
 
 import numpy as np
 
+from burrlab.bounds import shown
 from burrlab.volume.geometry import Array
 from burrlab.volume.header import MILLIMETRES, Header, check_not_negative, three_sizes, unit_columns
 
@@ -16,31 +15,33 @@ _TO_LPS = {
     "right-anterior-superior": (-1.0, -1.0), "ras": (-1.0, -1.0),
     "left-anterior-superior": (1.0, -1.0), "las": (1.0, -1.0),
 }  # fmt: skip
+_SYNONYMS = {"datafile": "data file", "byteskip": "byte skip", "lineskip": "line skip"}
 # Kinds of an axis whose samples are values of one voxel.
 _VALUES = ("color", "vector", "point", "gradient", "normal", "complex", "quaternion", "matrix", "hsv", "xyz")
 
 
 def segment_layers(name: str) -> tuple[int, dict[str, str]]:
     """How many layers a segmentation of 3D Slicer has in its file, 1 if none, and the fields that describe its segments."""
-    fields, keys = _lines(name)
+    fields, keys, _ = nrrd_fields(name)
     kinds, sizes = fields.get("kinds", "").lower().split(), fields.get("sizes", "").split()
-    layered = len(sizes) == 4 and kinds[:1] == ["list"] and sizes[0].isdecimal()
+    layered = len(sizes) == 4 and kinds[:1] == ["list"] and re.fullmatch(r"\d{1,9}", sizes[0])
     return (int(sizes[0]) if layered else 1), keys
 
 
 def read_nrrd_header(name: str, *, layers: bool = False) -> Header:
     """Place of the voxels, of each layer if asked; ValueError with one sentence where the header cannot be read."""
-    fields, keys = _lines(name)
+    fields, keys, _ = nrrd_fields(name)
     try:
         sizes = [int(n) for n in fields["sizes"].split()]
         dimension = int(fields["dimension"])
     except (KeyError, ValueError):
         raise ValueError(f"{name}: cannot be read as a volume: the NRRD header has no sizes") from None
-    kinds = [kind.lower() for kind in fields.get("kinds", "").split()] or ["?"] * dimension
+    kinds = [kind.lower() for kind in fields.get("kinds", "").split()] or ["?"] * len(sizes)
     vectors = _vectors(fields, name)
-    if len(sizes) != dimension or len(kinds) != dimension or (vectors and len(vectors) != dimension):
+    counts = {len(sizes), len(kinds), len(vectors or sizes)}
+    if counts != {dimension} or dimension > 16:  # the format's limit
         raise ValueError(
-            f"{name}: cannot be read as a volume: the NRRD header contradicts its dimension {dimension}"
+            f"{name}: cannot be read as a volume: the NRRD header contradicts its dimension {shown(dimension)}"
         )
     spatial = [i for i in range(dimension) if (vectors[i] if vectors else not _holds_values(kinds[i]))]
     while len(spatial) > 3 and 1 in (rest := [sizes[i] for i in spatial]):
@@ -49,7 +50,7 @@ def read_nrrd_header(name: str, *, layers: bool = False) -> Header:
         n > 1 for i, n in enumerate(sizes) if i not in spatial and not (layers and i == 0)
     ):
         raise ValueError(
-            f"{name}: a volume needs three dimensions and one value a voxel, got sizes {' x '.join(map(str, sizes))}"
+            f"{name}: a volume needs three dimensions and one value a voxel, got sizes {' x '.join(map(shown, sizes))}"
         )
     shape = three_sizes([sizes[i] for i in spatial], name)
     names, colours = _segments(keys)
@@ -67,47 +68,35 @@ def read_nrrd_header(name: str, *, layers: bool = False) -> Header:
     return Header(shape, spacing, _origin(fields, name, notes), np.eye(3), tuple(notes), names, colours)
 
 
-def check_nrrd_checksum(name: str) -> None:
-    """ValueError where compressed values are damaged or cut short: a reader that has enough does not look at their checksum."""
-    fields, _ = _lines(name)
-    if (
-        fields.get("encoding", "").lower() not in ("gzip", "gz")
-        or "data file" in fields
-        or "datafile" in fields
-    ):
-        return
-    with open(name, "rb") as file:
-        while file.readline().rstrip(b"\r\n"):
-            pass
-        try:
-            with gzip.GzipFile(fileobj=file) as values:
-                while values.read(1 << 22):
-                    pass
-        except (EOFError, OSError, zlib.error) as error:
-            raise ValueError(f"{name}: the compressed data is cut short or damaged ({error})") from error
-
-
-def _lines(name: str) -> tuple[dict[str, str], dict[str, str]]:
+def nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
+    """Fields, keys, and where the values begin, 0 if nowhere; the names of a list of files follow the word LIST."""
     fields: dict[str, str] = {}
     keys: dict[str, str] = {}
     with open(name, "rb") as file:
         if not file.readline(64).startswith(b"NRRD"):
             raise ValueError(f"{name}: cannot be read as a volume: no NRRD header")
-        for raw in file:
+        while raw := file.readline(1 << 20):
             line = raw.decode("utf-8", "replace").rstrip("\r\n")
             if not line:
-                break
+                return fields, keys, file.tell()
             if line.startswith("#"):
                 continue
             if ":=" in line:
                 key, _, value = line.partition(":=")
+                value = re.sub(r"\\([n\\])", lambda m: "\n" if m[1] == "n" else "\\", value)
                 keys[key.strip()] = value.strip()
             else:
                 field, _, value = line.partition(":")
-                fields[field.strip().lower()] = value.strip()
-            if len(fields) + len(keys) > 100_000:
+                field, value = field.strip().lower(), value.strip()
+                field = _SYNONYMS.get(field, field)
+                if field == "data file" and value.startswith("LIST"):
+                    value += "\n" + file.read(1 << 24).decode("utf-8", "replace")
+                if field in fields:
+                    raise ValueError(f"{name}: {shown(field)} must be once in the NRRD header, got it twice")
+                fields[field] = value
+            if len(fields) + len(keys) > 100_000 or file.tell() > 1 << 26:
                 raise ValueError(f"{name}: cannot be read as a volume: the NRRD header has no end")
-    return fields, keys
+    return fields, keys, 0
 
 
 def _vectors(fields: dict[str, str], name: str) -> list[tuple[float, ...]]:
@@ -116,7 +105,7 @@ def _vectors(fields: dict[str, str], name: str) -> list[tuple[float, ...]]:
     if text is None:
         return []
     found: list[tuple[float, ...]] = []
-    for part in re.findall(r"\([^)]*\)|none", text):
+    for part in re.findall(r"\([^()]*\)|none", text):
         found.append(() if part == "none" else _numbers(part, name))
     return found
 
@@ -191,14 +180,14 @@ def _segments(keys: dict[str, str]) -> tuple[dict[int, str], dict[int, tuple[int
     colours: dict[int, tuple[int, int, int]] = {}
     for key, value in keys.items():
         found = re.fullmatch(r"(Segment\d+)_LabelValue", key)
-        if found is None or not value.isdecimal():
+        if found is None or not re.fullmatch(r"\d{1,18}", value):
             continue
         label, segment = int(value), found[1]
         if name := keys.get(f"{segment}_Name"):
             names[label] = name
         try:
             r, g, b = (round(255 * float(part)) for part in keys[f"{segment}_Color"].split())
-        except (KeyError, ValueError):
+        except (KeyError, ValueError, OverflowError):
             continue
         if all(0 <= channel <= 255 for channel in (r, g, b)):
             colours[label] = (r, g, b)

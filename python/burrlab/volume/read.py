@@ -1,25 +1,23 @@
-"""Reading volumes and labels: NRRD, NIfTI, MetaImage, and DICOM series (SimpleITK, extra `medical`)."""
+"""Reading volumes and labels: NRRD, NIfTI, MetaImage, and DICOM series (those by SimpleITK, extra `medical`)."""
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab.volume.dicom import dicom_files, is_dicom, read_dicom
 from burrlab.volume.geometry import checked_direction
 from burrlab.volume.header import Header, plain_name, settled_spacing
 from burrlab.volume.label_volume import LabelVolume
-from burrlab.volume.meta_image import check_meta_values, read_meta_header
+from burrlab.volume.meta_image import read_meta_header
 from burrlab.volume.nifti import read_nifti
-from burrlab.volume.nrrd import check_nrrd_checksum, read_nrrd_header, segment_layers
+from burrlab.volume.nrrd import read_nrrd_header, segment_layers
 from burrlab.volume.segments import merged, segments_of
-from burrlab.volume.stored import read_stored
+from burrlab.volume.stored import read_values
 from burrlab.volume.volume import Volume
 
 #: A file, a folder of DICOM slices, or the slices.
@@ -58,9 +56,9 @@ def read_volume(
     FileNotFoundError
         If there is no such file.
     ImportError
-        Without SimpleITK (extra `medical`).
+        Without SimpleITK (extra `medical`), for DICOM.
     ValueError
-        If the file cannot be read whole, is not a three-dimensional volume of one finite value a voxel, does not say its spacing
+        If the file cannot be read whole, says more than it holds or the machine has memory for, is not a three-dimensional volume of one finite value a voxel, does not say its spacing
         and none is given, or says another; if its direction matrix is not orthonormal; or if slices are missing, doubled,
         uneven, sheared or not alike, or of several series.
     """
@@ -103,11 +101,10 @@ def _layered(
     name: str, layers: int, fields: dict[str, str], spacing: float | ArrayLike | None
 ) -> LabelVolume:
     """A segmentation whose segments lie in several layers."""
-    _check_simpleitk()
     header = read_nrrd_header(name, layers=True)
     checked_direction(header.direction, name)
     try:
-        values = _values(name, (*header.shape, layers))
+        values = read_values(name, (*header.shape, layers))
         labels, names, colours, notes = merged(values, segments_of(fields, layers=layers))
     except ValueError as error:
         raise error if str(error).startswith(name) else ValueError(f"{name}: {error}") from None
@@ -150,20 +147,10 @@ def _read(
             f"{name}: cannot be read as a volume: it must be a folder of DICOM slices or end in one of "
             f"{', '.join([*_HEADERS, *_NIFTI])}"
         )
-    _check_simpleitk()
-    header = read_header(name)
-    checked_direction(header.direction, name)  # these errors before those of SimpleITK
+    header = read_header(plain_name(name))
+    checked_direction(header.direction, name)
     settled_spacing(header, spacing, name)
-    return name, header, _values(name, header.shape)
-
-
-def _own(name: str, shape: tuple[int, ...]) -> NDArray[Any] | None:
-    """Of a NRRD file with an axis of 1 that SimpleITK takes for one of space; None where it is damaged or else unusual."""
-    try:
-        values = read_stored(name).values
-    except ValueError:
-        return None
-    return values.astype(values.dtype.newbyteorder("=")) if values.shape == shape else None
+    return name, header, read_values(name, header.shape)
 
 
 def _check_there(name: str) -> None:
@@ -175,27 +162,4 @@ def _check_simpleitk() -> None:
     try:
         import SimpleITK  # noqa: F401
     except ImportError as error:
-        raise ImportError("reading volumes needs SimpleITK: pip install 'burrlab[medical]'") from error
-
-
-def _values(name: str, shape: tuple[int, ...]) -> NDArray[Any]:
-    import SimpleITK as sitk
-
-    if name.lower().endswith(".nrrd"):
-        check_nrrd_checksum(name)
-    elif name.lower().endswith((".mha", ".mhd")):
-        check_meta_values(name)
-    try:
-        image = sitk.ReadImage(plain_name(name))
-    except RuntimeError as error:
-        if "number of domain axes" in str(error) and (found := _own(name, shape)) is not None:
-            return found
-        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-        detail = lines[-1] if lines else "unknown error"
-        raise ValueError(f"{name}: cannot be read as a volume: {detail}") from error
-    values = np.asarray(sitk.GetArrayFromImage(image))
-    if values.size != math.prod(shape):
-        raise ValueError(
-            f"{name}: a volume needs three dimensions and one value a voxel, got {values.shape} values for {shape} voxels"
-        )
-    return values.reshape(shape)
+        raise ImportError("reading DICOM needs SimpleITK: pip install 'burrlab[medical]'") from error

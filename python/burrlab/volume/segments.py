@@ -1,4 +1,4 @@
-"""The segments of a segmentation that 3D Slicer saved (.seg.nrrd): names, colours, and layers made one volume."""
+"""The segments of a segmentation of 3D Slicer (.seg.nrrd): names, colours, and layers made one volume."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 Colour = tuple[int, int, int]
 
@@ -72,6 +73,33 @@ def segments_of(fields: Mapping[str, str], *, layers: int = 1) -> list[Segment]:
             )
         places[place] = segment.name
     return segments
+
+
+def segment_fields(
+    labels: NDArray[Any], names: Mapping[int, str], colours: Mapping[int, Colour]
+) -> dict[str, str]:
+    """The fields that `segments_of` reads, of one layer (z, y, x); none of label 0, which is no segment."""
+    described = sorted({*names, *colours} - {0})
+    if not described:
+        return {}
+    boxes = ndimage.find_objects(labels, max((n for n in described if n < 1 << 16), default=1))
+    fields = {
+        "Segmentation_ContainedRepresentationNames": "Binary labelmap|",
+        "Segmentation_SourceRepresentation": "Binary labelmap", "Segmentation_ReferenceImageExtentOffset": "0 0 0",
+    }  # fmt: skip
+    for i, label in enumerate(described):
+        far = ndimage.find_objects((labels == label).view(np.uint8)) if label >= 1 << 16 else []
+        box = next(iter(far or boxes[label - 1 : label]), None)
+        ends = [(0, -1)] * 3 if box is None else [(along.start, along.stop - 1) for along in box[::-1]]
+        fields |= {
+            f"Segment{i}_ID": f"Segment_{label}", f"Segment{i}_LabelValue": str(label), f"Segment{i}_Layer": "0",
+            f"Segment{i}_Extent": " ".join(f"{low} {high}" for low, high in ends),
+        }  # fmt: skip
+        if label in names:
+            fields[f"Segment{i}_Name"] = names[label]
+        if label in colours:
+            fields[f"Segment{i}_Color"] = " ".join(f"{channel / 255:.6g}" for channel in colours[label])
+    return fields
 
 
 def merged(

@@ -136,9 +136,13 @@ def _without_colour(slices: Slices) -> bool:
 
 
 def _grey(slices: Slices, transpose: bool) -> NDArray[Any]:
-    planes = []
-    for path in slices.paths:
+    values = None
+    for k, path in enumerate(slices.paths):
         image = pixels(path)
         plane = image[..., 0] if image.ndim == 3 else image
-        planes.append(plane.T if transpose else plane)
-    return np.stack(planes)
+        plane = plane.T if transpose else plane
+        if values is None:
+            values = np.empty((len(slices.paths), *plane.shape), plane.dtype)
+        values[k] = plane
+    assert values is not None
+    return values

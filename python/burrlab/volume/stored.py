@@ -6,6 +6,7 @@ import gzip
 import math
 import os
 import re
+import warnings
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,10 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from burrlab.bounds import check_memory, first_bytes, shown
 from burrlab.volume import nifti
 from burrlab.volume.coding import Coding
-from burrlab.volume.header import three_sizes
-from burrlab.volume.nrrd import read_nrrd_header
+from burrlab.volume.header import Header, three_sizes
+from burrlab.volume.meta_image import meta_fields, read_meta_header
+from burrlab.volume.nrrd import nrrd_fields, read_nrrd_header
 
 ENDINGS = (".nrrd", ".nii", ".nii.gz", ".mha")
 
@@ -36,7 +39,8 @@ _NRRD_KINDS = {
 }  # fmt: skip
 _META_KINDS = {
     "MET_CHAR": "i1", "MET_UCHAR": "u1", "MET_SHORT": "i2", "MET_USHORT": "u2", "MET_INT": "i4", "MET_UINT": "u4",
-    "MET_LONG_LONG": "i8", "MET_ULONG_LONG": "u8", "MET_FLOAT": "f4", "MET_DOUBLE": "f8",
+    "MET_LONG": "i4", "MET_ULONG": "u4", "MET_LONG_LONG": "i8", "MET_ULONG_LONG": "u8", "MET_FLOAT": "f4",
+    "MET_DOUBLE": "f8",
 }  # fmt: skip
 
 
@@ -77,90 +81,222 @@ def read_stored(path: str | os.PathLike[str]) -> Stored:
         If its header says an encoding that is not known here, or values in another file.
     """
     name = os.fspath(path)
-    content = Path(name).read_bytes()
-    if name.lower().endswith(".nrrd"):
-        return _nrrd(name, content)
-    if name.lower().endswith(".mha"):
-        return _meta(name, content)
-    return _nifti(name, content)
+    if name.lower().endswith((".nii", ".nii.gz")):
+        return _nifti(name)
+    at, read_header = _kept_layout(name)
+    meta, packed = name.lower().endswith(".mha"), at.encoding == "gzip"
+    shape = read_header(name).shape  # axes of 1 that are none may come first
+    with open(name, "rb") as file:
+        head = file.read(at.start)
+        data, rest = first_bytes(file, math.prod(shape) * at.kind.itemsize, packed, name)
+        rest = rest if packed else file.read()
+
+    def pack(values: bytes) -> bytes:
+        if not packed:
+            return head + values + rest
+        if not meta:
+            return head + gzip.compress(values + rest, 1, mtime=0)
+        new = zlib.compress(values + rest, 1)
+        size = rb"\g<1>" + str(len(new)).encode()  # the one field that says something of the packed values
+        return re.sub(rb"^(CompressedDataSize[ \t]*=[ \t]*)\d+", size, head, flags=re.MULTILINE) + new
+
+    return Stored(_whole(data, at.kind, shape, name), Coding(at.kind), pack)
 
 
 def check_stored(path: str | os.PathLike[str]) -> Coding:
     """How the values are stored; the errors of `read_stored` that the header alone tells."""
     name = os.fspath(path)
-    with open(name, "rb") as file:
-        if name.lower().endswith((".nrrd", ".mha")):
-            meta, lines = name.lower().endswith(".mha"), []
-            for line in file:
-                lines.append(line)
-                if line.startswith(b"ElementDataFile") if meta else not line.strip():
-                    break
-            _, _, kind, _ = (_meta_layout if meta else _nrrd_layout)(name, b"".join(lines))
-            return Coding(np.dtype(kind))
-        packed = file.read(2) == b"\x1f\x8b"
-    with gzip.open(name) if packed else open(name, "rb") as file:
-        return _nifti_layout(name, file.read(540))[1]
+    if name.lower().endswith((".nii", ".nii.gz")):
+        return _nifti_layout(name)[1]
+    return Coding(_kept_layout(name)[0].kind)
 
 
-def _nrrd(name: str, content: bytes) -> Stored:
-    end, encoding, kind, shape = _nrrd_layout(name, content)
-    head, data = content[:end], content[end:]
-    coding = Coding(np.dtype(kind))
-    if encoding == "raw":
-        return _assembled(name, data, coding, shape, lambda values, rest: head + values + rest)
-    unpacked = _unpacked(name, lambda: gzip.decompress(data))
-    return _assembled(
-        name,
-        unpacked,
-        coding,
-        shape,
-        lambda values, rest: head + gzip.compress(values + rest, 1, mtime=0),
+def read_values(name: str, shape: tuple[int, ...]) -> NDArray[Any]:
+    """The values of a NRRD or MetaImage file, numbers of this machine; ValueError with one sentence where they are not whole."""
+    at = (_meta_layout if name.lower().endswith((".mha", ".mhd")) else _nrrd_layout)(name)
+    size = math.prod(shape) * at.kind.itemsize
+    part, left = divmod(size, len(at.files))
+    if left:
+        raise ValueError(
+            f"{name}: the values must be in files of one size, got {len(at.files)} for {size} bytes"
+        )
+    if len(at.files) == 1:
+        data = _bytes(at, at.files[0], size, name)
+    else:
+        check_memory(2 * size, f"{name}: the volume")
+        data = np.concatenate([_bytes(at, path, part, name) for path in at.files])
+    values = _whole(data, at.kind, shape, name)
+    return values.astype(values.dtype.newbyteorder("="), copy=False)
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where and how the values are stored; `skip` bytes before them, or -1: they are the last ones."""
+
+    kind: np.dtype[Any]  # with byte order
+    encoding: str  # raw, gzip (or zlib), text, hex
+    files: list[Path]
+    start: int  # of what is encoded [bytes]
+    lines: int = 0
+    skip: int = 0
+    told: str = ""  # how many packed bytes there are, where that is told
+
+
+def _kept_layout(name: str) -> tuple[_Layout, Callable[[str], Header]]:
+    """Of a file whose header can be kept, and what reads that."""
+    meta = name.lower().endswith(".mha")
+    at = (_meta_layout if meta else _nrrd_layout)(name)
+    if at.files != [Path(name)] or at.lines or at.skip:
+        raise ValueError(
+            f"{name}: the values must follow the {'MetaImage' if meta else 'NRRD'} header in the same file"
+        )
+    if at.encoding not in ("raw", "gzip"):
+        raise ValueError(
+            f"{name}: the MetaImage file must hold binary numbers right after its header to keep that"
+            if meta
+            else f"{name}: encoding of the NRRD file must be raw or gzip to keep its header, got {at.encoding!r}"
+        )
+    return at, read_meta_header if meta else read_nrrd_header
+
+
+def _nrrd_layout(name: str) -> _Layout:
+    fields, _, end = nrrd_fields(name)
+    encoding = fields.get("encoding", "").lower()
+    encoding = {"gz": "gzip", "txt": "text", "ascii": "text"}.get(encoding, encoding)
+    if encoding not in ("raw", "gzip", "text", "hex"):
+        raise ValueError(
+            f"{name}: encoding of the NRRD file must be raw, gzip, text or hex, got {shown(encoding)}"
+        )
+    told = fields.get("type", "").lower()
+    kind = next((np.dtype(k) for k, words in _NRRD_KINDS.items() if told in words), None)
+    if kind is None:
+        raise ValueError(
+            f"{name}: type of the NRRD file must be one of whole or real numbers, got {shown(told)}"
+        )
+    if encoding != "text" and kind.itemsize > 1:
+        if (order := fields.get("endian", "").lower()) not in ("little", "big"):
+            raise ValueError(f"{name}: endian of the NRRD file must be little or big, got {shown(order)}")
+        kind = kind.newbyteorder("<" if order == "little" else ">")
+    lines, skip = (_count(fields.get(f"{what} skip", "0"), f"{what} skip", name) for what in ("line", "byte"))
+    if skip < 0 and encoding != "raw":
+        raise ValueError(f"{name}: byte skip of -1 goes with raw values, got encoding {encoding}")
+    apart = fields.get("data file")
+    if apart is None and not end:
+        raise ValueError(f"{name}: the values must follow the NRRD header in the same file")
+    files = [Path(name)] if apart is None else _value_files(apart, name)
+    return _Layout(kind, encoding, files, end if apart is None else 0, lines, skip)
+
+
+def _meta_layout(name: str) -> _Layout:
+    fields, end = meta_fields(name)
+    kind = _META_KINDS.get(fields.get("ElementType", ""))
+    if kind is None:
+        raise ValueError(
+            f"{name}: ElementType of the MetaImage header must be one of {', '.join(_META_KINDS)}, got "
+            f"{shown(fields.get('ElementType'))}"
+        )
+
+    def true(*keys: str, default: str = "False") -> bool:
+        told = next((fields[key] for key in keys if key in fields), default)
+        return told[:1].lower() in ("t", "1")
+
+    binary, packed = true("BinaryData", default="True"), true("CompressedData")
+    big = true("BinaryDataByteOrderMSB", "ElementByteOrderMSB")
+    local, told = fields["ElementDataFile"].upper() == "LOCAL", fields.get("CompressedDataSize", "none")
+    before = _count(fields.get("HeaderSize", "") or "0", "HeaderSize", name)
+    if before < 0 and (packed or not binary):
+        raise ValueError(f"{name}: HeaderSize of -1 goes with raw values")
+    return _Layout(
+        np.dtype(kind).newbyteorder(">" if big else "<") if binary else np.dtype(kind),
+        "text" if not binary else "gzip" if packed else "raw",
+        [Path(name)] if local else _value_files(fields["ElementDataFile"], name),
+        before if before > 0 else end if local else 0,
+        skip=min(before, 0),
+        told=told if local or told != "none" else "",  # of a file of their own, its size serves
     )
 
 
-def _nrrd_layout(name: str, content: bytes) -> tuple[int, str, str, tuple[int, int, int]]:
-    """Bytes of the header, encoding, type with byte order, and shape of the values."""
-    end = re.search(rb"\r?\n\r?\n", content)
-    if end is None:
-        raise ValueError(f"{name}: the values must follow the NRRD header in the same file")
-    fields = {}
-    for line in content[: end.end()].decode("utf-8", "replace").splitlines():
-        if not line.startswith("#") and ":=" not in line:
-            key, _, value = line.partition(":")
-            fields[key.strip().lower()] = value.strip()
-    skips = {fields.get(key, "0") for key in ("byte skip", "byteskip", "line skip", "lineskip")}
-    if "data file" in fields or "datafile" in fields or skips != {"0"}:
-        raise ValueError(f"{name}: the values must follow the NRRD header in the same file")
-    encoding = fields.get("encoding", "").lower()
-    if encoding not in ("raw", "gzip", "gz"):
-        raise ValueError(
-            f"{name}: encoding of the NRRD file must be raw or gzip to keep its header, got {encoding!r}"
-        )
-    kind = next((k for k, words in _NRRD_KINDS.items() if fields.get("type", "").lower() in words), None)
-    if kind is None:
-        raise ValueError(
-            f"{name}: type of the NRRD file must be one of whole or real numbers, got {fields.get('type')!r}"
-        )
-    order = ">" if fields.get("endian", "little").lower() == "big" else "<"
-    shape = read_nrrd_header(name).shape  # axes of 1 that are none may come first
-    return end.end(), encoding, order + kind, shape
+def _count(text: str, what: str, name: str) -> int:
+    if not re.fullmatch(r"-1|\d{1,18}", text):
+        raise ValueError(f"{name}: {what} must be a number of bytes or lines, or -1, got {shown(text)}")
+    return int(text)
 
 
-def _nifti(name: str, content: bytes) -> Stored:
-    packed = content[:2] == b"\x1f\x8b"
-    whole = _unpacked(name, lambda: gzip.decompress(content)) if packed else content
-    fields, coding, shape = _nifti_layout(name, whole)
-    head, data = whole[: fields.offset], whole[fields.offset :]
+def _value_files(told: str, name: str) -> list[Path]:
+    """The files that a header names: one, a list, or a pattern with the first, last and step of its numbers."""
+    first, *names = told.splitlines() or [""]
+    words = first.split()
+    if words[:1] == ["LIST"]:
+        names = [line.strip() for line in names if line.strip()]
+    elif len(words) >= 4 and re.fullmatch(r"[^%]*%0?\d?d[^%]*", words[0]):
+        low, high, step = (_count(word, "pattern of the data file", name) for word in words[1:4])
+        numbers = range(low, high + (1 if step > 0 else -1), step or 1)
+        names = [words[0] % n for n in numbers[: 1 << 16]]
+    else:
+        names = [first]
+    return [Path(name).parent / part for part in names or [""]]
 
-    def pack(values: bytes, rest: bytes) -> bytes:
+
+def _bytes(at: _Layout, path: Path, size: int, name: str) -> NDArray[np.uint8]:
+    """Of one file of values, fewer where it is cut short."""
+    if not path.is_file():
+        raise ValueError(f"{name}: the file of its values, {path.name}, is not there")
+    with path.open("rb") as file:
+        file.seek(at.start)
+        for _ in range(at.lines):
+            if not file.readline(1 << 20):
+                break
+        begin = file.tell()
+        left = os.fstat(file.fileno()).st_size - begin
+        if at.encoding == "gzip":
+            data, _ = first_bytes(file, at.skip + size, True, name)
+            used = file.tell() - begin
+            if at.told and not (re.fullmatch(r"\d{1,18}", at.told) and used <= int(at.told) <= left):
+                raise ValueError(
+                    f"{name}: CompressedDataSize of the MetaImage header must be {used}, got {at.told}"
+                )
+            return data[at.skip :]
+        file.seek(max(left - size, 0) if at.skip < 0 else min(at.skip, max(left, 0)), os.SEEK_CUR)
+        if at.encoding == "raw":
+            return first_bytes(file, size, False, name)[0]
+        text = file.read(64 * size // at.kind.itemsize)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            if at.encoding == "hex":
+                return np.frombuffer(bytes.fromhex(text.decode("latin-1")), np.uint8)
+            numbers = np.fromstring(text.replace(b",", b" "), at.kind, size // at.kind.itemsize, sep=" ")
+            return numbers.view(np.uint8)
+    except (ValueError, DeprecationWarning) as error:
+        raise ValueError(f"{name}: the values are cut short, or no numbers ({error})") from None
+
+
+def _whole(data: NDArray[np.uint8], kind: np.dtype[Any], shape: tuple[int, ...], name: str) -> NDArray[Any]:
+    size = math.prod(shape) * kind.itemsize
+    if len(data) < size:
+        raise ValueError(f"{name}: the file is cut short: {len(data)} bytes of values, of {size}")
+    return np.require(data[:size].view(kind).reshape(shape), requirements="A")
+
+
+def _nifti(name: str) -> Stored:
+    fields, coding, shape, packed = _nifti_layout(name)
+    size = math.prod(shape) * coding.kind.itemsize
+    with open(name, "rb") as file:
+        whole, rest = first_bytes(file, fields.offset + size, packed, name)
+        rest = rest if packed else file.read()
+    head, data = whole[: fields.offset].tobytes(), whole[fields.offset :]
+    if len(data) < size:
+        raise ValueError(f"{name}: the file is cut short: {len(data)} bytes of values of {size}")
+
+    def pack(values: bytes) -> bytes:
         return gzip.compress(head + values + rest, 1, mtime=0) if packed else head + values + rest
 
-    return _assembled(name, data, coding, shape, pack)
+    return Stored(_whole(data, coding.kind, shape, name), coding, pack)
 
 
-def _nifti_layout(name: str, content: bytes) -> tuple[nifti.Fields, Coding, tuple[int, int, int]]:
-    """The header, and coding and shape of the values."""
-    fields = nifti.header_fields(content, name)
+def _nifti_layout(name: str) -> tuple[nifti.Fields, Coding, tuple[int, int, int], bool]:
+    """The header, coding and shape of the values, and whether the file is packed."""
+    fields, packed = nifti.file_fields(name, name)
     if fields.apart or (kind := nifti.stored_kind(fields)) is None:
         raise ValueError(
             f"{name}: the values must follow the NIfTI header in the same file, one number a voxel"
@@ -169,65 +305,4 @@ def _nifti_layout(name: str, content: bytes) -> tuple[nifti.Fields, Coding, tupl
     if not (math.isfinite(slope) and math.isfinite(inter)) or slope == 0:
         slope, inter = 1.0, 0.0
     shape = three_sizes(list(fields.dim[1 : fields.dim[0] + 1]), name)
-    return fields, Coding(np.dtype(fields.order + kind), slope, inter), shape
-
-
-def _meta(name: str, content: bytes) -> Stored:
-    end, packed, kind, shape = _meta_layout(name, content)
-    head, data, coding = content[:end], content[end:], Coding(np.dtype(kind))
-    if not packed:
-        return _assembled(name, data, coding, shape, lambda values, rest: head + values + rest)
-
-    def pack(values: bytes, rest: bytes) -> bytes:
-        packed = zlib.compress(values + rest, 1)
-        size = rb"\g<1>" + str(len(packed)).encode()  # the one field that says something of the packed values
-        return re.sub(rb"^(CompressedDataSize[ \t]*=[ \t]*)\d+", size, head, flags=re.MULTILINE) + packed
-
-    return _assembled(name, _unpacked(name, lambda: zlib.decompress(data)), coding, shape, pack)
-
-
-def _meta_layout(name: str, content: bytes) -> tuple[int, bool, str, tuple[int, int, int]]:
-    """Bytes of the header, whether the values are packed, their type with byte order, and shape."""
-    end = re.search(rb"^ElementDataFile[ \t]*=[ \t]*([^\r\n]*)\r?\n", content, flags=re.MULTILINE)
-    if end is None or end[1].strip() != b"LOCAL":
-        raise ValueError(f"{name}: the values must follow the MetaImage header in the same file")
-    fields = {}
-    for line in content[: end.end()].decode("latin-1").splitlines():
-        key, _, value = line.partition("=")
-        fields[key.strip()] = value.strip()
-    kind = _META_KINDS.get(fields.get("ElementType", ""))
-    binary = fields.get("BinaryData", "True").lower() == "true"
-    if kind is None or not binary or fields.get("HeaderSize", "0") not in ("0", ""):
-        raise ValueError(
-            f"{name}: the MetaImage file must hold binary numbers right after its header to keep that"
-        )
-    msb = fields.get("BinaryDataByteOrderMSB", fields.get("ElementByteOrderMSB", "False")).lower() == "true"
-    shape = three_sizes([int(n) for n in fields["DimSize"].split()], name)
-    return (
-        end.end(),
-        fields.get("CompressedData", "False").lower() == "true",
-        (">" if msb else "<") + kind,
-        shape,
-    )
-
-
-def _assembled(
-    name: str,
-    data: bytes,
-    coding: Coding,
-    shape: tuple[int, int, int],
-    pack: Callable[[bytes, bytes], bytes],
-) -> Stored:
-    size = math.prod(shape) * coding.kind.itemsize
-    if len(data) < size:
-        raise ValueError(f"{name}: the file is cut short: {len(data)} bytes of values of {size}")
-    rest = data[size:]
-    values = np.frombuffer(data, coding.kind, math.prod(shape)).reshape(shape)
-    return Stored(values, coding, lambda new: pack(new, rest))
-
-
-def _unpacked(name: str, unpack: Callable[[], bytes]) -> bytes:
-    try:
-        return unpack()
-    except (EOFError, OSError, zlib.error) as error:
-        raise ValueError(f"{name}: the compressed data is cut short or damaged ({error})") from None
+    return fields, Coding(np.dtype(fields.order + kind), slope, inter), shape, packed

@@ -10,6 +10,7 @@ import numpy as np
 from burrlab.files import check_folder
 from burrlab.volume.header import plain_name
 from burrlab.volume.label_volume import LabelVolume
+from burrlab.volume.segments import segment_fields
 from burrlab.volume.volume import Volume
 
 _ENDINGS = (".nrrd", ".nii", ".nii.gz", ".mha")
@@ -40,7 +41,8 @@ def write_volume(
     Notes
     -----
     NIfTI keeps geometry in float32, so spacing, origin and direction come back to 1e-7 of their size. Names and colours of
-    labels are not written.
+    labels are written to NRRD, in the fields of a segmentation of 3D Slicer; NIfTI and MetaImage have no place for them, and label
+    0 is none of its segments.
     """
     target = Path(path)
     ending = next(
@@ -61,6 +63,9 @@ def write_volume(
         image.SetSpacing(volume.spacing.tolist())
         image.SetOrigin(volume.origin.tolist())
         image.SetDirection(volume.direction.ravel().tolist())
+        if ending == ".nrrd" and isinstance(volume, LabelVolume):
+            for key, text in segment_fields(volume.labels, volume.names, volume.colours).items():
+                image.SetMetaData(key, text)
         sitk.WriteImage(image, str(part), useCompression=compress and not ending.startswith(".nii"))
         with part.open("rb") as written:
             os.fsync(written.fileno())

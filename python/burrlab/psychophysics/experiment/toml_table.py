@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -120,7 +121,7 @@ class Table:
 
 
 def _short(value: object) -> str:
-    text = repr(value)
+    text = reprlib.repr(value) if isinstance(value, (dict, list)) else repr(value)  # these may be deep
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Self
 
+from burrlab.json_text import UNREADABLE
 from burrlab.psychophysics.experiment.records import plain, restored
 from burrlab.psychophysics.report import report, subject_table
 from burrlab.psychophysics.report.scored_task import ScoredTask
@@ -112,7 +113,7 @@ class Analysis:
             raise ValueError(f"{name}: an analysis must be a JSON object, got {type(values).__name__}")
         try:
             return cls.from_dict(values)
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
+        except UNREADABLE as error:
             raise ValueError(f"{name}: this is no analysis that was written here: {error}") from None
 
     def to_tsv(self, file: str | os.PathLike[str] | IO[str]) -> None:

@@ -22,7 +22,7 @@ _SECTIONS = 32  # leave 2e-7 of the range of criteria, 1e-11 of the likelihood a
 _HALVINGS = 40  # of LARGEST: 4e-11
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Outcomes:
     """Numbers of answers, as arrays of one shape.
 

@@ -34,6 +34,7 @@ from readers import PACKAGE, TARGETS
 FOUND = Path(__file__).parent / "found"
 MEMORY, PATIENCE = 2 << 30, 10.0  # more than this is a finding [bytes], [s]
 LONGEST = 20_000  # of a sentence: it may quote a name [characters]
+CONTROL = re.compile(r"[\0-\x08\x0a-\x1f\x7f]")  # a sentence has none, and no second line
 ONE_CHILD = 20_000  # inputs, for what libraries keep of each not to add up
 STATE = struct.Struct(
     "<Qdd"
@@ -83,7 +84,9 @@ class Child:
             frames = [(frame.f_code, line) for frame, line in traceback.walk_tb(error.__traceback__)]
             own = [(code, line) for code, line in frames if code.co_filename.startswith(PACKAGE)] or frames
             told, text = f"{type(error)} {[(code.co_filename, line) for code, line in own]}", str(error)
-            sentence = text.strip() and text.isprintable() and len(text) < LONGEST and "alloc" not in text
+            sentence = (
+                text.strip() and not CONTROL.search(text) and len(text) < LONGEST and "alloc" not in text
+            )
             if not sentence or not isinstance(error, (ValueError, OSError)):
                 place = own[-1][0]
                 name = f"{type(error).__name__}-{Path(place.co_filename).stem}-{place.co_name.strip('<>')}"

@@ -1,4 +1,4 @@
-# make demo | test | test-slow | bench | format | clean. Needs Python >= 3.11, make and a C++17 compiler; the rest goes into .venv.
+# make demo | test | test-slow | bench | fuzz | format | clean. Needs Python >= 3.11, make and a C++17 compiler; the rest goes into .venv.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
@@ -7,7 +7,7 @@ CTEST_DIR := build/tests
 BENCH_DIR := build/bench
 export MPLBACKEND := Agg
 
-.PHONY: demo test test-slow bench figures format clean machine
+.PHONY: demo test test-slow bench fuzz figures format clean machine
 
 machine:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "burrlab needs Python 3.11 or newer: set PYTHON=python3.x"; exit 1; }
@@ -56,6 +56,14 @@ bench: $(VENV)/benched
 	$(BIN)/cmake -S . -B $(BENCH_DIR) -G Ninja -DCMAKE_MAKE_PROGRAM=$(abspath $(BIN))/ninja -DCMAKE_BUILD_TYPE=Release -DBURRLAB_PYTHON=OFF -DBURRLAB_BENCH=ON -DPython_EXECUTABLE=$(abspath $(BIN))/python
 	$(BIN)/cmake --build $(BENCH_DIR) --target burrlab_bench
 	$(BIN)/python tests/bench/bench.py --library $(BENCH_DIR)/burrlab_bench.so --out bench $(BENCH)
+
+# SECONDS=10 for a look whether it runs
+fuzz: SECONDS := 600
+fuzz: $(VENV)/developed
+	$(BIN)/cmake -S . -B $(CTEST_DIR) -G Ninja -DCMAKE_MAKE_PROGRAM=$(abspath $(BIN))/ninja -DCMAKE_BUILD_TYPE=Release -DBURRLAB_PYTHON=OFF -DBURRLAB_TESTS=ON -DPython_EXECUTABLE=$(abspath $(BIN))/python
+	$(BIN)/cmake --build $(CTEST_DIR) --target fuzz_openigtlink
+	$(CTEST_DIR)/tests/fuzz/fuzz_openigtlink 10000000000 $(SECONDS)
+	sed -n 's/^    "\([a-z]*\)": (.*/\1/p' tests/fuzz/readers.py | xargs -P 2 -I TARGET $(BIN)/python tests/fuzz/fuzz.py TARGET --seconds $(SECONDS)
 
 figures: $(VENV)/installed
 	$(BIN)/python examples/grid_independence.py docs/grid_independence.png

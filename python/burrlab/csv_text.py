@@ -7,9 +7,12 @@ import io
 import json
 import math
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import IO, Any, TypeAlias
+
+from burrlab.bounds import shown
 
 Path: TypeAlias = str | os.PathLike[str]
 Problem: TypeAlias = tuple[str, str] | None  # (name, sentence)
@@ -52,6 +55,10 @@ def decoded(name: str, content: bytes) -> str:
         raise ValueError(f"{name}: this is not a text file in UTF-8") from None
     if "\0" in text:
         raise ValueError(f"{name}: this is not a text file, it holds zero bytes")
+    if found := re.search(
+        r"[\1-\x08\x0b-\x0c\x0e-\x1f\x7f]", text
+    ):  # nor would they do in a sentence about it
+        raise ValueError(f"{name}: this is not a text file, it holds the control character {found[0]!r}")
     return text
 
 
@@ -186,7 +193,7 @@ def _columns(file: str, number: int, header: str, layout: Layout) -> list[str]:
     for column in columns:
         if column not in layout.names:
             known = ", ".join(layout.columns.values())
-            raise ValueError(f"{file}, line {number}: unknown column {column!r}; known are {known}")
+            raise ValueError(f"{file}, line {number}: unknown column {shown(column)}; known are {known}")
         if columns.count(column) > 1:
             raise ValueError(f"{file}, line {number}: column {column} is there twice")
     names = [layout.names[column] for column in columns]
@@ -226,7 +233,7 @@ def _number(file: str, number: int, name: str, text: str, layout: Layout) -> flo
     try:
         value = float(text.replace("_", " "))  # Python's 1_000 is no number to a spreadsheet
     except ValueError:
-        raise ValueError(f"{where}: {text!r} is not a number") from None
+        raise ValueError(f"{where}: {shown(text)} is not a number") from None
     if math.isnan(value):  # an empty field is the one way to say "no number"
         raise ValueError(f"{where}: must be a finite number, or empty where there is none: got {text!r}")
     return value

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import reprlib
 import textwrap
 from collections.abc import Callable
@@ -30,7 +31,12 @@ def parsed(
         return make(json.loads(text, **hooks))
     except UNREADABLE as error:
         said = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise ValueError(f"{name}: this is not {what} ({textwrap.shorten(said, 200)})") from None
+        raise ValueError(f"{name}: this is not {what} ({in_one_line(said)})") from None
+
+
+def in_one_line(error: object) -> str:
+    """What was raised by something from elsewhere, as another sentence may quote it."""
+    return re.sub(r"[\0-\x1f\x7f]", "\ufffd", textwrap.shorten(str(error), 200))
 
 
 def record(kind: Callable[..., Made], **values: Any) -> Made:

@@ -22,9 +22,11 @@ Vector = Sequence[float] | NDArray[np.float64]
 def unit_vector(axis: Vector) -> NDArray[np.float64]:
     """`axis` with length 1; ValueError unless it has three finite values, not all 0."""
     vector = np.asarray(axis, dtype=float)
-    if vector.shape != (3,) or not np.all(np.isfinite(vector)) or not np.any(vector):
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.linalg.norm(vector)
+    if vector.shape != (3,) or not 0.0 < length < np.inf:
         raise ValueError(f"axis must be three finite numbers, not all zero, got {axis!r}")
-    return np.asarray(vector / np.linalg.norm(vector))
+    return np.asarray(vector / length)
 
 
 @by_value

@@ -8,13 +8,12 @@ import json
 import math
 import os
 import re
-import textwrap
 from collections.abc import Collection, Iterator
 
 from burrlab import csv_text
 from burrlab._core import Material, Tissue, Tissues
 from burrlab.anatomy.known_tissues import known_tissue
-from burrlab.json_text import UNREADABLE
+from burrlab.json_text import UNREADABLE, in_one_line
 from burrlab.materials import materials
 from burrlab.session.snapshot import tissues_from_json, tissues_to_json
 
@@ -144,7 +143,7 @@ def _material(name: str, text: str) -> Material:
             try:
                 return tissues_from_json(f'{{"material": {given}, "tissues": {row}}}').material
             except UNREADABLE as error:
-                told = textwrap.shorten(str(error), 200)
+                told = in_one_line(error)
                 raise ValueError(f"{name}: the material in the comments is none: {told}") from None
     return materials["bone"]
 

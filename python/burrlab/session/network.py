@@ -12,6 +12,7 @@ from typing import Any
 
 from burrlab._core import AnatomyWatch, Burr, Follower, Material, Publisher, Replica, VoxelBone
 from burrlab.json_text import UNREADABLE as _UNREADABLE
+from burrlab.json_text import in_one_line
 from burrlab.specimen import MOST_VOXELS
 from burrlab.volume.cut import cut_block
 from burrlab.volume.drilled_recipe import DrilledRecipe
@@ -222,7 +223,9 @@ def follow(
         period = 1e3 / float(hello["rate_Hz"])
         recipe = dict(hello.get("source") or {})
     except _UNREADABLE as error:
-        raise ValueError(f"hello of the leader at {host}:{port} cannot be read: {error!r}") from None
+        raise ValueError(
+            f"hello of the leader at {host}:{port} cannot be read: {in_one_line(repr(error))}"
+        ) from None
     if bone is None and not recipe:
         raise ValueError(f"bone must be given: the leader at {host}:{port} does not say how its own was made")
     mine = make_bone(recipe, volume=volume) if bone is None else bone.copy()
@@ -243,12 +246,14 @@ def _watch(bone: VoxelBone, settings: Any, tools: Sequence[tuple[Burr, Material]
     try:
         return Watch.of_settings(bone, settings).core([burr.radius for burr, _ in tools])
     except _UNREADABLE as error:
-        raise ValueError(f"watch of the leader cannot be set up here: {error}") from None
+        raise ValueError(f"watch of the leader cannot be set up here: {in_one_line(error)}") from None
 
 
 def _tool(tool: Mapping[str, Any]) -> tuple[Burr, Material]:
+    if not (name := str(tool["material"])).isprintable():
+        raise ValueError(f"material must have a name that can be printed, got {name!r}")
     material = Material(
-        str(tool["material"]), c_e=float(tool["c_e_N_per_mm2"]), alpha=float(tool["alpha_per_ms"]),
+        name, c_e=float(tool["c_e_N_per_mm2"]), alpha=float(tool["alpha_per_ms"]),
         shape=str(tool["shape"]), source="from the leader of a session",
     )  # fmt: skip
     return Burr(float(tool["radius_mm"])), material

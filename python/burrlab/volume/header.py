@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -83,6 +84,11 @@ def check_not_negative(numbers: Array, said: str) -> None:
         )
 
 
+def header_text(content: bytes, encoding: str = "utf-8") -> str:
+    """Of a header, without the control characters that no refusal may quote."""
+    return re.sub(r"[\0-\x08\x0b\x0c\x0e-\x1f\x7f]", "\ufffd", content.decode(encoding, "replace"))
+
+
 def plain_name(name: str) -> str:
     """A name as SimpleITK takes it, which ends the process for others; ValueError where it is not UTF-8."""
     try:
@@ -113,8 +119,8 @@ def settled_spacing(header: Header, given: float | ArrayLike | None, name: str) 
 
 def unit_columns(vectors: Array) -> tuple[Array, Array]:
     """Lengths of the columns and the columns of length 1; NaN where one has none."""
-    lengths = np.sqrt((vectors**2).sum(axis=0))
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        lengths = np.sqrt((vectors**2).sum(axis=0))
         return lengths, vectors / lengths
 
 

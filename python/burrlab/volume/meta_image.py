@@ -6,7 +6,14 @@ import numpy as np
 
 from burrlab.bounds import shown
 from burrlab.volume.geometry import Array
-from burrlab.volume.header import LPS_ASSUMED, MILLIMETRES, Header, check_not_negative, three_sizes
+from burrlab.volume.header import (
+    LPS_ASSUMED,
+    MILLIMETRES,
+    Header,
+    check_not_negative,
+    header_text,
+    three_sizes,
+)
 
 _END = "ElementDataFile"  # the last field: then come the values
 
@@ -58,14 +65,14 @@ def meta_fields(name: str) -> tuple[dict[str, str], int]:
     fields: dict[str, str] = {}
     with open(name, "rb") as file:
         while (raw := file.readline(1 << 16)) and len(fields) < 10_000:
-            key, sign, value = raw.decode("latin-1").partition("=")
+            key, sign, value = header_text(raw, "latin-1").partition("=")
             if not sign:
                 break
             fields[key.strip()] = value.strip()
             if key.strip() == _END:
                 told = raw.partition(b"=")[2]  # in the letters of the file system
                 told += file.read(1 << 24) if told.split()[:1] == [b"LIST"] else b""
-                fields[_END] = told.decode("utf-8", "replace").strip()
+                fields[_END] = header_text(told).strip()
                 return fields, file.tell()
     raise ValueError(f"{name}: cannot be read as a volume: no MetaImage header")
 

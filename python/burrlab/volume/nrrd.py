@@ -13,6 +13,7 @@ from burrlab.volume.header import (
     MILLIMETRES,
     Header,
     check_not_negative,
+    header_text,
     three_sizes,
     unit_columns,
 )
@@ -83,7 +84,7 @@ def nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
         if not file.readline(64).startswith(b"NRRD"):
             raise ValueError(f"{name}: cannot be read as a volume: no NRRD header")
         while raw := file.readline(1 << 20):
-            line = raw.decode("utf-8", "replace").rstrip("\r\n")
+            line = header_text(raw).rstrip("\r\n")
             if not line:
                 return fields, keys, file.tell()
             if line.startswith("#"):
@@ -122,7 +123,7 @@ def _numbers(text: str, name: str) -> tuple[float, ...]:
         return tuple(float(number) for number in text.strip("() ").split(","))
     except ValueError:
         raise ValueError(
-            f"{name}: cannot be read as a volume: '{text}' in the NRRD header is no vector"
+            f"{name}: cannot be read as a volume: {shown(text)} in the NRRD header is no vector"
         ) from None
 
 
@@ -147,7 +148,7 @@ def _unit(text: str | None, name: str, notes: list[str]) -> float:
         return 1.0
     if len(units) > 1 or (unit := units.pop().lower()) not in MILLIMETRES:
         raise ValueError(
-            f"{name}: units of space in the NRRD header must be one of {', '.join(MILLIMETRES)}, got {text}"
+            f"{name}: units of space in the NRRD header must be one of {', '.join(MILLIMETRES)}, got {shown(text)}"
         )
     return MILLIMETRES[unit]
 
@@ -159,7 +160,9 @@ def _origin(fields: dict[str, str], name: str, notes: list[str]) -> Array:
         return np.zeros(3)
     origin = np.array(_numbers(text, name))
     if origin.shape != (3,) or not np.all(np.isfinite(origin)):
-        raise ValueError(f"{name}: space origin of the NRRD header must be three finite numbers, got {text}")
+        raise ValueError(
+            f"{name}: space origin of the NRRD header must be three finite numbers, got {shown(text)}"
+        )
     return np.asarray(_to_lps(fields, name, notes) * _unit(fields.get("space units"), name, notes) * origin)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -181,7 +182,9 @@ def _grey(
 
 
 def absolute(path: str | os.PathLike[str]) -> str:
-    """The path from the root; ".." after a link goes where the system takes it."""
+    """The path from the root; ".." after a link goes where the system takes it. ValueError where no refusal may quote it."""
+    if re.search(r"[\0-\x1f\x7f]", os.fspath(path)):
+        raise ValueError(f"path must hold no control characters, got {os.fspath(path)!r}")
     return os.path.realpath(path) if ".." in Path(path).parts else os.path.abspath(path)
 
 

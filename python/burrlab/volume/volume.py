@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -231,9 +232,9 @@ def specimen_in(
     at = checked_point(entry, "entry")
     start = grid.bone_point(at)
     low, high = grid.corners().min(axis=0), grid.corners().max(axis=0)
-    beyond = float(np.linalg.norm(np.maximum(0, np.maximum(low - at, at - high))))
+    beyond = math.hypot(*np.maximum(0, np.maximum(low - at, at - high)))
     # What begins so far away was hardly meant, though its axis may meet bone.
-    if beyond > np.linalg.norm(high - low):
+    if beyond > math.hypot(*(high - low)):
         raise ValueError(
             f"entry: {tuple(map(float, entry))} lies {beyond:.0f} mm outside {grid.path}, more than it is wide; "
             + _place(grid, at)

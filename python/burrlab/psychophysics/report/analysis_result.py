@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import IO, Any, Self
 
 from burrlab.bounds import shown
-from burrlab.json_text import UNREADABLE
+from burrlab.json_text import UNREADABLE, in_one_line
 from burrlab.psychophysics.experiment.records import plain, restored
 from burrlab.psychophysics.report import report, subject_table
 from burrlab.psychophysics.report.scored_task import ScoredTask
@@ -115,7 +115,8 @@ class Analysis:
         try:
             return cls.from_dict(values)
         except UNREADABLE as error:
-            raise ValueError(f"{name}: this is no analysis that was written here: {error}") from None
+            told = in_one_line(error)
+            raise ValueError(f"{name}: this is no analysis that was written here: {told}") from None
 
     def to_tsv(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """One row a subject and task, tab-separated; n/a for nothing, inf for an open end."""

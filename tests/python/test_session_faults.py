@@ -3,6 +3,7 @@
 import gc
 import json
 import os
+import shutil
 import socket
 import subprocess
 import sys
@@ -42,6 +43,27 @@ def test_a_fork_ends_no_session_of_its_parent():
         [sys.executable, "-c", program], cwd=os.path.dirname(__file__), capture_output=True, text=True, timeout=60
     )  # fmt: skip
     assert done.stdout.startswith("7 True device 0 was lost"), done.stdout + done.stderr
+
+
+@pytest.mark.skipif(
+    sys.platform != "linux" or shutil.which("cc") is None, reason="needs Linux and a C compiler"
+)
+def test_a_sleep_that_ends_early_is_no_tick(tmp_path):
+    """As when something stands between the program and the system's clock: no deadline is due, k would be 0."""
+    (tmp_path / "early.c").write_text(
+        "int clock_nanosleep(int c, int f, const void* t, void* r) { return 0; }"
+    )
+    subprocess.run(["cc", "-shared", "-o", tmp_path / "early.so", tmp_path / "early.c"], check=True)
+    program = (
+        "from test_session_faults import session\n"
+        "with session(wall_clock=True, realtime=False, duration=0.3) as run:\n"
+        "    print(run.wait(20), run.reason, run.ticks)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=os.path.dirname(__file__), capture_output=True, text=True, timeout=60,
+        env={**os.environ, "LD_PRELOAD": str(tmp_path / "early.so")},
+    )  # fmt: skip
+    assert done.stdout == "True all ticks were executed 300\n", (done.returncode, done.stderr)
 
 
 class TestCallback:

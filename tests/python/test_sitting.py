@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 from dataclasses import replace
 
 import pytest
@@ -67,37 +68,26 @@ def test_a_device_of_ones_own_renders_every_interval_and_is_named(tmp_path):
     assert json.loads(path.with_suffix(".json").read_text())["Device"] == "driver"
 
 
-@pytest.mark.parametrize("disturbed", [False, True])
-def test_load_and_repeats_are_told_to_the_experimenter(tmp_path, monkeypatch, disturbed):
+def test_load_and_repeats_are_told_to_the_experimenter(tmp_path, monkeypatch):
     calls = itertools.count()
 
     def loaded(*given, **options):
         """Late in the trial run, and stalled in the second interval."""
         found, call = render(*given, **options), next(calls)
         ticks = found.ticks.copy()
-        ticks["periods"] = 1 + (disturbed and call == 0)
-        return replace(found, ticks=ticks, failed=disturbed and call == 2, reason="the loop stalled: 101 ms")
+        ticks["periods"] = 1 + (call == 0)
+        return replace(found, ticks=ticks, failed=call == 2, reason="the loop stalled: 101 ms")
 
     monkeypatch.setattr(sitting, "render", loaded)
     made = protocol(tmp_path, TEXT)
     assert Sitting(made, "01", again="COMMAND").run(lambda task: Same()) == 4
-    path, told = made.data.answers("01", "one"), made.data.log("01", "one").read_text()
-    car = json.loads(path.with_suffix(".json").read_text())["Load"]
-    assert (car["ticks"] > 900, car["late"] > 0, car["loaded"], car["stalled"]) == (
-        True,
-        disturbed,
-        disturbed,
-        False,
+    told = made.data.log("01", "one").read_text()
+    assert re.search(
+        r"THE MACHINE HAS TOO MUCH TO DO: before the first trial (\d+) of \1 ticks were late", told
     )
-    assert f"before the first trial {car['late']} of {car['ticks']} ticks were late" in told
-    assert [row.repeats for row in read_answers(path).rows] == [int(disturbed), 0, 0, 0]
-    report = analyse(made).report()
-    for text, where in (
-        ("THE MACHINE IS LOADED", told), ("trials repeated as the loop had stalled: 1", told),
-        ("Trials that were repeated, as the loop had stalled: 1 of 01 of one.", report),
-        ("The machine was loaded before the first trial: 01 of one.", report),
-    ):  # fmt: skip
-        assert (text in where) == disturbed, text
+    assert "trials repeated as the loop had stalled: 1" in told
+    assert [row.repeats for row in read_answers(made.data.answers("01", "one")).rows] == [1, 0, 0, 0]
+    assert "Trials that were repeated, as the loop had stalled: 1 of 01 of one." in analyse(made).report()
 
 
 @pytest.mark.parametrize(

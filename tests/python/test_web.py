@@ -178,38 +178,34 @@ def test_refused_in_an_event_loop():
 
 
 async def talk(host, path, origin, secret, calls):
-    """(status of the page; of its WebSocket; answers to the calls after the hello; the page, served by itself)."""
+    """(status of the page, of its WebSocket, answers to hello and calls, the page) by a page that really listens."""
     import aiohttp
     import msgpack
     from wslink.chunking import UnChunker, generate_chunks
 
-    server = web._server()
-    source = page_source(nerve_bone())
+    server, source = web._server(), page_source(nerve_bone())
     page = Page(server, source, Scene(source.bone, source.radii))
     server.controller.on_server_bind.add(
         lambda one: web._prepare(one, server.protocol, "127.0.0.1", "s3cret")
     )
-    ready, options = server.ready, {"show_connection_info": False, "timeout": 0, "thread": True}
-    server.start(host="127.0.0.1", port=0, exec_mode="task", open_browser=False, **options)
+    ready, silent = server.ready, {"open_browser": False, "show_connection_info": False, "timeout": 0}
+    server.start(host="127.0.0.1", port=0, exec_mode="task", thread=True, **silent)
     await ready
-    headers = {"Host": host.format(server.port), "Origin": origin.format(server.port)}
-    headers = {key: value for key, value in headers.items() if value}
-    address, reader, answers = f"http://127.0.0.1:{server.port}{path}", UnChunker(), []
+    headers = {"Host": host.format(server.port), **({"Origin": origin.format(server.port)} if origin else {})}
+    address, answers = f"http://127.0.0.1:{server.port}{path}", []
     async with aiohttp.ClientSession(headers=headers) as client:
-        async with client.get(address) as got:
-            status = got.status
+        status = (await client.get(address)).status
         try:
             socket = await client.ws_connect(f"{address}ws", max_msg_size=0)
         except aiohttp.WSServerHandshakeError as error:
             return status, error.status, answers, page
         for number, (method, *arguments) in enumerate([("wslink.hello", {"secret": secret}), *calls]):
-            name = f"{'rpc' if number else 'system'}:{number}"
-            asked = {"wslink": "1.0", "id": name, "method": method, "args": arguments, "kwargs": {}}
+            name, reader, told = f"{'rpc' if number else 'system'}:{number}", UnChunker(), None
+            asked = {"wslink": "1.0", "id": name, "method": method, "args": arguments}
             for chunk in generate_chunks(msgpack.packb(asked), 4_000_000):
                 await socket.send_bytes(chunk)
-            told = None
+            reader.set_max_message_size(2**30)
             while told is None or told.get("id") != name:
-                reader.set_max_message_size(2**30)
                 told = reader.process_chunk((await asyncio.wait_for(socket.receive(), 20)).data)
             answers.append(told.get("result", told.get("error")))
         await socket.close()
@@ -217,59 +213,54 @@ async def talk(host, path, origin, secret, calls):
     return status, 101, answers, page
 
 
-def talked(host="127.0.0.1:{}", path="/s3cret/", origin="", secret="s3cret", calls=()):
+def talked(host="127.0.0.1:{}", path="/s3cret/", origin="", secret="s3cret", calls=(("trame.state.get",),)):
     pytest.importorskip("trame", reason="needs the extra viz3d")
     return asyncio.run(talk(host, path, origin, secret, calls))
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "[::1]"])
-def test_the_page_is_at_its_address(host):
-    status, upgraded, (hello, state), _ = talked(
-        host + ":{}", origin=f"http://{host}:{{}}", calls=[("trame.state.get",)]
-    )
-    assert (status, upgraded, "clientID" in hello, state["state"]["title"]) == (200, 101, True, "bone")
+def test_the_page_is_at_its_address_and_with_its_secret():
+    for host in ("127.0.0.1:{}", "localhost:{}", "[::1]:{}"):
+        status, upgraded, (hello, state), _ = talked(host, origin=f"http://{host}")
+        assert (status, upgraded, "clientID" in hello, state["state"]["title"]) == (200, 101, True, "bone")
+    for other in ("wslink-secret", "", None):
+        assert [answer["code"] for answer in talked(secret=other)[2]] == [-32000] * 2
 
 
 @pytest.mark.parametrize(
     "other",
     [
-        {"host": "evil.example:{}", "origin": "http://evil.example:{}"}, {"host": "evil.example:{}"}, {"host": "127.0.0.1"},
-        {"host": "127.0.0.1:1"}, {"origin": "http://evil.example:{}"}, {"origin": "null"}, {"origin": "https://127.0.0.1:{}"},
-        {"path": "/"}, {"path": "/wslink-secret/"}, {"path": "/s3cre/"}, {"path": "/../s3cret/", "host": "evil.example"},
+        {"host": "evil.example:{}", "origin": "http://evil.example:{}"}, {"host": "127.0.0.1:1"}, {"origin": "null"},
+        {"origin": "http://evil.example:{}"}, {"origin": "https://127.0.0.1:{}"}, {"path": "/"}, {"path": "/wslink-secret/"},
     ],
 )  # fmt: skip
 def test_whoever_asks_in_another_way_gets_nothing(other):
     assert talked(**other)[:2] == (403, 403)
 
 
-def test_no_secret_of_trames_own_opens_it():
-    for secret in ("wslink-secret", "", None):
-        hello, state = talked(secret=secret, calls=[("trame.state.get",)])[2]
-        assert (hello["code"], state["code"]) == (-32000, -32000)
-
-
 def test_what_a_browser_can_call_and_change():
-    def change(key, value):
-        return "trame.state.update", [{"key": key, "value": value}]
-
+    nan = float("nan")
     gone = [
         ("application.exit",),
         ("application.exit.later", 0),
         ("trame.force.push", "title"),
         ("file.list", "/"),
     ]
-    idle = [
-        change("title", "mine"), change("trame__template_main", "<img onerror=alert(1)>"), change("new", 1), change("slices", "/etc"),
-        change("speed", -5), change("speed", True), change("wanted_s", float("nan")), change("wanted_s", {}), ("trame.state.update", 5),
-        ("trame.state.update", [{"no": 1}]), ("trame.trigger", "drag", [float("nan"), 0.0, False], {}), ("trame.trigger", [], [], {}),
-        ("trame.trigger", "drag", ["x", 1, 2], {}), ("trame.trigger", "wheel", [float("inf")], {}), ("trame.trigger", "none", [], {}),
-        ("trame.trigger", "shown", [1e99, "a"], {}), ("trame.trigger",), ("trame.lifecycle.update", "server_bind"),
-        ("trame.error.client", "a line\nof its own"),
-    ]  # fmt: skip
-    done = [change("slices", True), change("speed", 2), ("trame.trigger", "drag", [0.5, 0.25, False], {})]
-    _, _, (_, first, *answers, last), page = talked(
-        calls=[("trame.state.get",), *gone, *idle, *done, ("trame.state.get",)]
-    )
+    values = [("title", "mine"), ("trame__template_main", "<img onerror=alert(1)>"), ("new", 1), ("slices", "/etc"), ("speed", -5),
+              ("speed", True), ("wanted_s", nan), ("wanted_s", {})]  # fmt: skip
+    idle = [("trame.state.update", [{"key": key, "value": value}]) for key, value in values]
+    idle += [
+        ("trame.state.update", 5),
+        ("trame.state.update", [{"no": 1}]),
+        ("trame.trigger",),
+        ("trame.trigger", [], [], {}),
+    ]
+    idle += [("trame.trigger", name, list(arguments), {}) for name, *arguments in (
+        ("drag", nan, 0.0, False), ("drag", "x", 1, 2), ("wheel", 1e999), ("shown", 1e5, "a"), ("none",))]  # fmt: skip
+    idle += [("trame.lifecycle.update", "server_bind"), ("trame.error.client", "a line\nof its own")]
+    done = [("trame.state.update", [{"key": "slices", "value": True}, {"key": "speed", "value": 2}])]
+    done += [("trame.trigger", "drag", [0.5, 0.25, False], {})]
+    look = [("trame.state.get",)]
+    _, _, (_, first, *answers, last), page = talked(calls=[*look, *gone, *idle, *done, *look])
     assert [answer["code"] for answer in answers[: len(gone)]] == [-32601] * len(gone)
     assert answers[len(gone) :] == [None] * (len(idle) + len(done))
     assert last["state"] == {**first["state"], "slices": True, "speed": 2}

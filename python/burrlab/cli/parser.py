@@ -86,9 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return int(options.run(options))
     except (ValueError, OSError, ImportError) as error:
         print(f"burrlab {options.command}: {sentence(error)}", file=sys.stderr)
-        return (
-            3 if isinstance(error, OSError) and (isinstance(error, NotKept) or error.errno in NO_ROOM) else 2
-        )
+        return 3 if isinstance(error, NotKept) or getattr(error, "errno", None) in NO_ROOM else 2
     except KeyboardInterrupt:
         print(f"burrlab {options.command}: interrupted", file=sys.stderr)
         return 130

@@ -168,13 +168,10 @@ def _kept(options: Options, start: Start, session: burrlab.Session) -> Iterator[
             start.save(options.save, *session.snapshot())
             say(f"bone saved as {options.save}")
         elif recording and not recording["complete"] and not recording["rescued"]:
-            bone, tick = session.snapshot()
             place = kept_elsewhere(
-                options.record, "bone.h5", lambda place: burrlab.save_bone(place, bone, tick)
+                options.record, "bone.h5", lambda at: burrlab.save_bone(at, *session.snapshot())
             )
-            say(
-                f"the bone's exact state is kept as {place}" if place else "the bone could not be kept either"
-            )
+            say(f"the bone's exact state is {f'kept as {place}' if place else 'not kept either'}")
 
 
 def _device(text: str, options: Options, burr: Burr, place: Mapping[str, Any], number: int) -> Device:

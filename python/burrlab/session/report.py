@@ -158,7 +158,7 @@ class SessionReport:
             said = [
                 f"{key} {value}"
                 for key, value in part.items()
-                if key == "complete" or value not in (0, "", {})
+                if value not in (0, "", {}) or key == "complete"
             ]
             if said:
                 lines.append(f"  {name}: {', '.join(said)}")

@@ -147,7 +147,9 @@ class TraceWriter:
         self._burrs, self._first, self._on_end = len(tools), first_tick, on_end
         self._row_bytes = row_dtype(self._burrs).itemsize
         self._recorded = self._digests_recorded = 0
-        self._ended, self._warning, self._rescued = "", "", ""
+        self._ended, self._warning = "", ""
+        #: Where the content of a file is that was deleted or replaced while it was written; empty where none was.
+        self.rescued = ""
         self._complete = False
         self._pending: list[tuple[int, str]] = []
         self._watch = None if self._places.watch is None else WatchWriter(self._places.watch)
@@ -171,11 +173,6 @@ class TraceWriter:
     def complete(self) -> bool:
         """Whether recording ended with the session, every tick in the file, and the file is where it was made."""
         return self._complete
-
-    @property
-    def rescued(self) -> str:
-        """Where the content of a file is that was deleted or replaced while it was written; empty where none was."""
-        return self._rescued
 
     @property
     def warning(self) -> str:
@@ -239,14 +236,11 @@ class TraceWriter:
         lost = ""
         try:
             while not self._ended:
-                if not lost and (lost := self._lost()):
-                    if lost == _OVERWRITTEN:  # what is there now is another's, and left alone
-                        self._ended = (
-                            f"recording ended before tick {self._first + self._recorded}: {self.path} {lost}"
-                        )
-                        break
-                    if self._on_end is not None:
-                        self._on_end(f"{self.path} {lost} while the session is recorded")
+                if not lost and (lost := self._lost()) and self._on_end is not None:
+                    self._on_end(f"{self.path} {lost} while the session is recorded")
+                if lost == _OVERWRITTEN:  # what is there now is another's, and left alone
+                    self._ended = lost
+                    break
                 last = self._stopping is not None  # before the ring is emptied
                 self._empty_ring(last)
                 self._write_digests()
@@ -259,7 +253,7 @@ class TraceWriter:
             self._end(f"recording failed: {error}")
         finally:
             self._reader = None  # a loop on a virtual clock would wait for it
-        if not self._complete and self._on_end is not None:
+        if not self._complete and self._on_end is not None and lost != _OVERWRITTEN:
             self._on_end(self._ended)
 
     def _empty_ring(self, last: bool) -> None:
@@ -362,10 +356,10 @@ class TraceWriter:
             if lost := self._lost():
                 self._complete = False
                 if lost != _OVERWRITTEN:
-                    self._rescued = kept_elsewhere(os.fspath(self.path), "trace.h5", self._rescue) or ""
-                kept = f"kept as {self._rescued}" if self._rescued else "lost"
-                self._warning = f"{self.path} {lost} during the session: what was recorded is {kept}"
-                self._ended = self._warning
+                    self.rescued = kept_elsewhere(os.fspath(self.path), "trace.h5", self._rescue) or ""
+                kept = f"kept as {self.rescued}" if self.rescued else "lost"
+                self._ended = f"{self.path} {lost} during the session: what was recorded is {kept}"
+                self._warning = self._ended
             else:
                 with new_part(self.path) as part:
                     make_compact(self.path, part)

@@ -15,14 +15,10 @@ def _number(value: object) -> bool:
     return type(value) in (int, float) and abs(value) <= _MOST  # type: ignore[arg-type]  # NaN is none
 
 
-def _switch(value: object) -> bool:
-    return type(value) is bool
-
-
 #: What a browser may change of the page's state, and to what.
 WISHES: dict[str, Callable[[Any], bool]] = {
-    "wanted_s": _number, "playing": _switch, "slices": _switch, "stereo": _switch, "effects": _switch,
-    "speed": lambda value: _number(value) and value in SPEEDS,
+    "wanted_s": _number, "speed": lambda value: _number(value) and value in SPEEDS,
+    **dict.fromkeys(("playing", "slices", "stereo", "effects"), lambda value: type(value) is bool),
 }  # fmt: skip
 
 

@@ -172,7 +172,6 @@ class Protocol:
         *,
         device: str | None = None,
         simulated: Mapping[str, Any] | None = None,
-        load: Mapping[str, Any] | None = None,
     ) -> SideCar:
         """What is known of a run before its first trial.
 
@@ -183,8 +182,6 @@ class Protocol:
             By default the protocol's.
         simulated : mapping, optional
             What simulates the subject.
-        load : mapping, optional
-            How a loop ran before the first trial.
 
         Raises
         ------
@@ -194,7 +191,7 @@ class Protocol:
         design, order = self._design(task), self.order(subject, task)
         return SideCar(
             subject, task, design.task, design.question, design.to_dict(), self.to_dict(), self.seed,
-            without_folder(device or self.device), order.total, simulated, load=load,
+            without_folder(device or self.device), order.total, simulated,
         )  # fmt: skip
 
     def begin(
@@ -204,7 +201,6 @@ class Protocol:
         *,
         device: str | None = None,
         simulated: Mapping[str, Any] | None = None,
-        load: Mapping[str, Any] | None = None,
     ) -> tuple[AnswerFile, Order]:
         """A new file of answers for a run, and its trials; the subject is entered in participants.tsv.
 
@@ -217,7 +213,7 @@ class Protocol:
         OSError
             If a file cannot be written.
         """
-        car = self.side_car(subject, task, device=device, simulated=simulated, load=load)
+        car = self.side_car(subject, task, device=device, simulated=simulated)
         self.data.add(subject, simulated=simulated is not None, selected_by=self.selected_by)
         return AnswerFile.create(self.data.answers(subject, task), car), self.order(subject, task)
 

@@ -75,8 +75,6 @@ class SideCar:
     started : str
         Wall clock (ISO 8601, UTC) to which onsets count.
     provenance : mapping
-    load : mapping or None
-        How a loop ran before the first trial (`Sitting`); None where nobody was to feel it.
     """
 
     subject: str
@@ -91,7 +89,6 @@ class SideCar:
     simulated: Mapping[str, Any] | None = None
     started: str = field(default_factory=lambda: datetime.now(UTC).isoformat())
     provenance: Mapping[str, Any] = field(default_factory=lambda: plain(provenance()))
-    load: Mapping[str, Any] | None = None
 
     def __post_init__(self) -> None:
         for name in ("design", "protocol", "provenance"):
@@ -162,7 +159,6 @@ class SideCar:
             "Protocol": self.protocol,
             "ProtocolDigest": self.digest,
             "Provenance": self.provenance,
-            "Load": self.load,
             **descriptions(self.task),
         }
 
@@ -194,7 +190,6 @@ class SideCar:
             text["Subject"], text["TaskName"], task, text["Instructions"], _typed(values, "Design", dict),
             _typed(values, "Protocol", dict), _typed(values, "Seed", int), text["Device"], _typed(values, "Trials", int),
             simulated, text["Started"], _typed(values, "Provenance", dict),
-            _typed(values, "Load", dict) if values.get("Load") is not None else None,
         )  # fmt: skip
         if values.get("ProtocolDigest") != car.digest:
             raise ValueError(
@@ -261,6 +256,7 @@ def descriptions(task: TaskName) -> dict[str, Any]:
         "duration": ("From the onset to the end of the last interval", "s"),
         "response_time": ("From the question to the key", "s"),
         "trial": ("Number of the trial in its phase, from 1", None),
+        "repeats": ("How often the trial was broken off and begun anew, as the loop had stalled", None),
         "block": ("Number of the block, from 1; practice is block 0", None),
         "level": ("The comparison's parameter over the reference's", "1"),
     }
@@ -279,9 +275,6 @@ def descriptions(task: TaskName) -> dict[str, Any]:
     described["correct"] = {
         "Description": "Whether the response was correct",
         "Levels": {"1": "correct", "0": "wrong"},
-    }
-    described["repeats"] = {
-        "Description": "How often the trial was broken off and begun anew, as the loop had stalled"
     }
     described["phase"] = {
         "Description": "Part of the run",

@@ -20,7 +20,6 @@ from burrlab.psychophysics.simulation.hands import drilling_hand, probing_hand
 from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
 from burrlab.session.device_text import parse_device
 
-_TRIED = 1.0  # for so long, before the first trial [s]
 _DRIVER = "driver"  # what a side-car says of a device of one's own
 _NO_FORCE = "no force goes back over the network: [experiment] publish says no port"
 
@@ -84,7 +83,7 @@ class Sitting:
             self._device = device_maker(self._text, protocol)
         self._live = self._text.partition(":")[0] in (_DRIVER, "igtl")
         self._simulated, self._once, self._view, self._again = simulated, once, view, again
-        self._load: dict[str, Any] | None = None
+        self._tried = False
 
     @property
     def begun(self) -> tuple[str, ...]:
@@ -112,13 +111,8 @@ class Sitting:
         return given
 
     def _run_task(self, task: str, seat: Seat, *, rest: bool) -> int:
-        given: dict[str, Any] = {"device": self._text, "simulated": self._simulated}
-        if self._load is None and not seat.simulated:
-            self._load = loop_load(self.protocol.burr, self.protocol.bone)
-        if self._file(task).exists():
-            file, order = self.protocol.resume(self.subject, task, **given)
-        else:
-            file, order = self.protocol.begin(self.subject, task, **given, load=self._load)
+        enter = self.protocol.resume if self._file(task).exists() else self.protocol.begin
+        file, order = enter(self.subject, task, device=self._text, simulated=self._simulated)
         with file, Experimenter(self.protocol.data.log(self.subject, task), self._view) as experimenter:
             if order.next() is None:
                 return 0
@@ -129,8 +123,11 @@ class Sitting:
             )
             if self._text.startswith("igtl:") and self.protocol.publish is None:
                 experimenter.say(_NO_FORCE)
-            for note in (*file.notes, *([] if self._load is None else [load_text(self._load)])):
+            for note in file.notes:
                 experimenter.say(note)
+            if not (self._tried or seat.simulated):
+                self._tried = True
+                experimenter.say(try_loop(self.protocol.burr, self.protocol.bone))
             if rest:
                 seat.progress("")
                 seat.rest("That was one task. Take a break.", self.protocol.rest)
@@ -145,7 +142,7 @@ class Sitting:
                 clock=clock,
             )
             try:
-                answered = runner.run()
+                given = runner.run()
             except BaseException as error:
                 on = f"; {self._again} goes on" if self._again else ""
                 experimenter.say(
@@ -156,7 +153,7 @@ class Sitting:
                 if runner.repeated:
                     experimenter.say(f"trials repeated as the loop had stalled: {runner.repeated}")
             experimenter.say(f"task {task} is over, {len(order.answered)} trials were answered")
-            return answered
+            return given
 
     def _rig(self, task: str) -> Rig:
         protocol = self.protocol
@@ -181,23 +178,15 @@ class Sitting:
         return self.protocol.data.answers(self.subject, task)
 
 
-def loop_load(burr: Burr, bone: Block) -> dict[str, Any]:
-    """How a loop runs on this machine now, by a simulated hand that drills for a second; for a side-car."""
-    interval = Interval(Stimulus("load", burrlab.materials["bone"]), 0, _TRIED)
+def try_loop(burr: Burr, bone: Block) -> str:
+    """How a loop runs on this machine now, by a simulated hand that drills for a second: a sentence."""
+    interval = Interval(Stimulus("trial run", burrlab.materials["bone"]), 0, 1.0)
     felt = render(interval, drilling_hand(burr), burr=burr, bone=bone, mode="drilling")
     late = int((felt.ticks["periods"] > 1).sum())
-    return {
-        "ticks": len(felt.ticks), "late": late, "stalled": felt.failed,
-        "loaded": felt.failed or late > MANY_LATE * len(felt.ticks),
-    }  # fmt: skip
-
-
-def load_text(load: Mapping[str, Any]) -> str:
-    """That in a sentence."""
-    text = f"before the first trial {load['late']} of {load['ticks']} ticks were late{', and the loop stalled' * load['stalled']}"
-    if not load["loaded"]:
-        return text
-    return f"THE MACHINE IS LOADED: {text}; at most {100 * MANY_LATE:g} % are right, so end what else it does"
+    text = f"before the first trial {late} of {len(felt.ticks)} ticks were late{', and the loop stalled' * felt.failed}"
+    if felt.failed or late > MANY_LATE * len(felt.ticks):
+        return f"THE MACHINE HAS TOO MUCH TO DO: {text}; at most {100 * MANY_LATE:g} % should be"
+    return text
 
 
 def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:

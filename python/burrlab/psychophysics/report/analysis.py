@@ -117,7 +117,10 @@ def analyse(
     settings = _settled(settings, rules, delta, level)
     if any(one.answers for task in tasks for one in task.subjects):
         notes.append("Practice trials are left out.")
-    notes += _disturbed(tasks)
+    runs = [(f"{one.subject} of {task.name}", one.answers) for task in tasks for one in task.subjects]
+    repeats = [(sum(row.repeats or 0 for row in found.rows), run) for run, found in runs if found]
+    if told := ", ".join(f"{count} of {run}" for count, run in repeats if count):
+        notes.append(f"Trials that were repeated, as the loop had stalled: {told}.")
     if settings.delta is not None:
         notes.append(_origin_of_delta(settings.delta, data, tasks))
     chosen = [_selected(task, subjects, selected_from, selected_by) for task in tasks]
@@ -150,18 +153,6 @@ def _missing(protocol: Protocol, tasks: Sequence[TaskData]) -> list[str]:
             notes.append(f"Task {task.name} is in the folder and not in the protocol.")
         elif others:
             notes.append(f"In the folder and not in the protocol, of {task.name}: {', '.join(others)}.")
-    return notes
-
-
-def _disturbed(tasks: Sequence[TaskData]) -> list[str]:
-    """Runs with trials that were repeated, and on a machine that had too much to do."""
-    runs = [(one.answers, f"{one.subject} of {task.name}") for task in tasks for one in task.subjects]
-    notes, repeats = [], [(sum(row.repeats or 0 for row in found.rows), run) for found, run in runs if found]
-    if told := ", ".join(f"{count} of {run}" for count, run in repeats if count):
-        notes.append(f"Trials that were repeated, as the loop had stalled: {told}.")
-    cars = [(found.side_car, run) for found, run in runs if found and found.side_car]
-    if told := ", ".join(run for car, run in cars if (car.load or {}).get("loaded")):
-        notes.append(f"The machine was loaded before the first trial: {told}.")
     return notes
 
 

@@ -98,7 +98,7 @@ def load_bone(path: str | os.PathLike[str]) -> tuple[VoxelBone, int]:
 def bone_source(path: str | os.PathLike[str]) -> str:
     """Where the volume of a bone comes from, as `save_bone` was told; errors as `load_bone`."""
     with open_hdf5(path, FORMAT, FORMAT_VERSION) as file, told_as_damage(path):
-        return str(file.attrs.get("source", ""))
+        return str(attributes(file).get("source", ""))
 
 
 @contextlib.contextmanager

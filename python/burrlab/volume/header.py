@@ -85,8 +85,8 @@ def check_not_negative(numbers: Array, said: str) -> None:
 
 
 def header_text(content: bytes, encoding: str = "utf-8") -> str:
-    """Of a header, without the control characters that no refusal may quote."""
-    return re.sub(r"[\0-\x08\x0b\x0c\x0e-\x1f\x7f]", "\ufffd", content.decode(encoding, "replace"))
+    """Of a header's line, without its end and the control characters that no refusal may quote."""
+    return re.sub(r"[\0-\x08\x0a-\x1f\x7f]", "\ufffd", content.rstrip(b"\r\n").decode(encoding, "replace"))
 
 
 def plain_name(name: str) -> str:

@@ -72,7 +72,7 @@ def meta_fields(name: str) -> tuple[dict[str, str], int]:
             if key.strip() == _END:
                 told = raw.partition(b"=")[2]  # in the letters of the file system
                 told += file.read(1 << 24) if told.split()[:1] == [b"LIST"] else b""
-                fields[_END] = header_text(told).strip()
+                fields[_END] = "\n".join(map(header_text, told.splitlines())).strip()
                 return fields, file.tell()
     raise ValueError(f"{name}: cannot be read as a volume: no MetaImage header")
 

@@ -84,7 +84,7 @@ def nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
         if not file.readline(64).startswith(b"NRRD"):
             raise ValueError(f"{name}: cannot be read as a volume: no NRRD header")
         while raw := file.readline(1 << 20):
-            line = header_text(raw).rstrip("\r\n")
+            line = header_text(raw)
             if not line:
                 return fields, keys, file.tell()
             if line.startswith("#"):

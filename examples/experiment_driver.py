@@ -68,17 +68,15 @@ def main() -> int:
     protocol = Protocol.read(options.config)
     hardware = Hardware(protocol.burr.radius)
     box = burrlab.MailboxDevice(name="driver", lost_after=protocol.lost_after)
-    sitting = Sitting(protocol, options.subject, device=box)
+    sitting = Sitting(protocol, options.subject, device=box, again="the same command")
     try:
         # By probing nothing is eroded whatever the switch says.
         with driven(hardware, box, on=True), TerminalSeat() as seat:
             sitting.run(lambda task: seat)
             seat.close("That was all. Thank you.")
-    except DeviceLost as error:
-        sys.exit(f"{error}; the same command goes on")
-    except KeyboardInterrupt:
-        print("interrupted; every answer is kept, the same command goes on")
-        return 130
+    except (DeviceLost, KeyboardInterrupt) as error:  # why, and what to type, is in the experimenter's log
+        print("Please wait. Every answer is kept.")
+        return 1 if isinstance(error, DeviceLost) else 130
     return 0
 
 

@@ -16,7 +16,9 @@ EffectParameters make(const py::kwargs& values) {
     for (const EffectParameterRow& row : effect_parameter_table())
       if (name == row.name) found = &row;
     if (!found) throw py::type_error("EffectParameters has no parameter '" + name + "'");
-    made.*found->value = item.second.cast<double>();
+    py::detail::make_caster<double> number;
+    if (!number.load(item.second, true)) throw py::type_error(name + " must be a number");
+    made.*found->value = py::detail::cast_op<double>(number);
   }
   made.check();
   return made;

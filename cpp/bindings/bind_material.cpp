@@ -67,8 +67,8 @@ Examples
 Material('test block', c_e=2.0, alpha=0.1, shape='parabolic', source='')
 )")
       .def(py::init(
-               [](const std::string& name, double c_e, double alpha, const ShapeArgument& shape,
-                  const std::string& source) { return Material(name, c_e, alpha, to_shape(shape), source); }),
+               [](const py::str& name, double c_e, double alpha, const ShapeArgument& shape,
+                  const py::str& source) { return Material(name, c_e, alpha, to_shape(shape), source); }),
            py::arg("name"), py::kw_only(), py::arg("c_e"), py::arg("alpha"), py::arg("shape") = "parabolic",
            py::arg("source") = "")
       .def_readonly("name", &Material::name)

@@ -22,7 +22,7 @@ py::tuple fields(const Tissue& t) {
                         t.assumed);
 }
 
-Tissue make(const std::string& name, int label, double c_e, double alpha, const std::array<int, 3>& colour,
+Tissue make(const py::str& name, int label, double c_e, double alpha, const std::array<int, 3>& colour,
             bool critical, bool bleeds, bool assumed) {
   Tissue tissue;
   tissue.name = name;

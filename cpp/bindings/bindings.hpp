@@ -11,6 +11,7 @@
 
 #include "burrlab/session/follower.hpp"
 #include "burrlab/shape.hpp"
+#include "real_arguments.hpp"
 
 /// A shape or its name, so that a wrong name ends in its own sentence.
 using ShapeArgument = std::variant<std::string, burrlab::Shape>;

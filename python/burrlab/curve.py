@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab import curve_csv, dataset
+from burrlab.arguments import real
 from burrlab.csv_text import Path, plain
 from burrlab.dataset import Floats
 
@@ -94,7 +95,7 @@ class VelocityCurve(dataset.DataSet):
         object.__setattr__(self, "status", None if status is None else tuple(map(str, status)))
         object.__setattr__(self, "source", " ".join(str(source).split()))
         object.__setattr__(self, "provenance", plain(provenance or {}))
-        object.__setattr__(self, "radius", None if radius is None else float(radius))
+        object.__setattr__(self, "radius", None if radius is None else float(real(radius, "radius")))
         self._check()
 
     def _check(self) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
+from burrlab.arguments import real
 
 if TYPE_CHECKING:
     import pandas
@@ -46,7 +47,7 @@ class DataSet(ABC):
 
 def frozen(name: str, values: ArrayLike) -> Floats:
     """A read-only copy of a column; ValueError unless it has one dimension."""
-    array = np.array(values, dtype=np.float64)
+    array = real(values, name)
     if array.ndim != 1:
         raise ValueError(f"{name} must have one dimension: got shape {array.shape}")
     array.flags.writeable = False

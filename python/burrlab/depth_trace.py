@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from burrlab import csv_text, dataset, depth_trace_csv
+from burrlab.arguments import real
 from burrlab.csv_text import Path
 from burrlab.dataset import Floats
 from burrlab.descent_result import FEWEST_TICKS, Descent
@@ -87,8 +88,8 @@ class DepthTrace(dataset.DataSet):
     ) -> None:
         for name, values in zip(depth_trace_csv.COLUMNS, (time, immersion), strict=True):
             object.__setattr__(self, name, dataset.frozen(name, values))
-        object.__setattr__(self, "force", float(force))
-        object.__setattr__(self, "radius", float(radius))
+        object.__setattr__(self, "force", float(real(force, "force")))
+        object.__setattr__(self, "radius", float(real(radius, "radius")))
         self._check_record()
         if start_mm is None:
             start_mm = max(WINDOW_START * self.radius, float(self.immersion[0]))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from burrlab._core import Burr, BurrContact, ForceController, Material
-from burrlab.arguments import require_type
+from burrlab.arguments import real, require_type
 from burrlab.descent_result import Descent, evaluate
 from burrlab.descent_run import Progress, Watch, control, free_clearance, hold
 from burrlab.provenance import provenance
@@ -98,9 +98,11 @@ def descend(
     ('ok', True)
     """
     require_type("burr", burr, Burr, "Burr(3.0)")
+    if specimen is not None:
+        require_type("specimen", specimen, Specimen, "half_space(burr, 0.1)")
     if material is not None:
         require_type("material", material, Material, "materials['bone']")
-    stop = burr.radius / 3 if stop is None else float(stop)
+    stop = burr.radius / 3 if stop is None else float(real(stop, "stop"))
     for name, value in {"force": force, "dt": dt, "stop": stop, "max_duration": max_duration}.items():
         if not (np.isfinite(value) and value > 0):
             raise ValueError(f"{name} must be positive and finite, got {value}")
@@ -120,7 +122,7 @@ def descend(
     if rig is None:
         assert material is not None
         if specimen is None:
-            spacing = np.broadcast_to(np.asarray(voxel, dtype=float), (3,))
+            spacing = np.broadcast_to(real(voxel, "voxel"), (3,))
             place = np.random.default_rng([seed & 0xFFFFFFFF, seed >> 32, 1]).uniform(-0.5, 0.5, 3)
             specimen = half_space(burr, voxel, depth=stop, offset=place * spacing)
         specimen = replace(specimen, bone=specimen.bone.copy())

@@ -28,7 +28,9 @@ def check_folder(target: Path) -> None:
 def kept_elsewhere(path: str, name: str, write: Callable[[str], object]) -> str | None:
     """Where else something could be written: beside its path, or under a name among temporary files; None: nowhere."""
     beside, folder = f"{path}{Path(name).suffix}", ""
-    if not os.path.lexists(beside):
+    if not os.path.lexists(beside) and (
+        os.path.isfile(path) or not os.path.exists(path)
+    ):  # not beside a device
         try:
             write(beside)
             return beside

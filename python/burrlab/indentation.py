@@ -10,6 +10,7 @@ from typing import IO, TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 
 from burrlab import csv_text, dataset
+from burrlab.arguments import real
 from burrlab.csv_text import Path
 from burrlab.dataset import Floats
 
@@ -77,7 +78,7 @@ class Indentation(dataset.DataSet):
     ) -> None:
         for name, values in zip(COLUMNS, (force, depth, sigma), strict=True):
             object.__setattr__(self, name, None if values is None else dataset.frozen(name, values))
-        object.__setattr__(self, "radius", float(radius))
+        object.__setattr__(self, "radius", float(real(radius, "radius")))
         object.__setattr__(self, "source", " ".join(str(source).split()))
         object.__setattr__(self, "provenance", csv_text.plain(provenance or {}))
         self._check()

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab import _core
 from burrlab._core import Burr, Material
+from burrlab.arguments import real
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -145,7 +146,7 @@ def mean_field_descent(
     >>> round(descent.velocity(), 3), descent.window()
     (0.499, (0.5, 1.0))
     """
-    R, stop_mm = burr.radius, WINDOW_STOP * burr.radius if stop is None else float(stop)
+    R, stop_mm = burr.radius, WINDOW_STOP * burr.radius if stop is None else float(real(stop, "stop"))
     force = float(positive("force", force))
     positive("alpha of the material", material.alpha)
     if not 0 < stop_mm <= R:
@@ -219,7 +220,7 @@ def thin_layer_velocity(
 
 def positive(name: str, values: ArrayLike) -> Floats:
     """`values` as an array; ValueError unless all are positive and finite."""
-    array = np.asarray(values, dtype=np.float64)
+    array = real(values, name)
     if not ((array > 0) & (array < np.inf)).all():
         raise ValueError(f"{name} must be positive and finite, got {values!r}")
     return array

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from burrlab._core import Burr, VoxelBone
+from burrlab.arguments import real
 from burrlab.dataset import by_value
 
 #: Largest block that `half_space` makes [voxels]: some gigabytes while it is made (ours).
@@ -21,7 +22,7 @@ Vector = Sequence[float] | NDArray[np.float64]
 
 def unit_vector(axis: Vector) -> NDArray[np.float64]:
     """`axis` with length 1; ValueError unless it has three finite values, not all 0."""
-    vector = np.asarray(axis, dtype=float)
+    vector = real(axis, "axis")
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.linalg.norm(vector)
     if vector.shape != (3,) or not 0.0 < length < np.inf:
@@ -89,10 +90,10 @@ def block_below_plane(
     burr: Burr, voxel: float | Vector, *, depth: float | None, axis: Vector, offset: Vector
 ) -> Block:
     """The block of `half_space`, with its parameters and errors."""
-    spacing = np.broadcast_to(np.asarray(voxel, dtype=float), (3,)).copy()
+    spacing = np.broadcast_to(real(voxel, "voxel"), (3,)).copy()
     if not (np.all(np.isfinite(spacing)) and np.all(spacing > 0)):
         raise ValueError(f"voxel must be positive and finite, got {voxel!r}")
-    depth = burr.radius / 3 if depth is None else float(depth)
+    depth = burr.radius / 3 if depth is None else float(real(depth, "depth"))
     if not (np.isfinite(depth) and depth > 0):
         raise ValueError(f"depth must be positive and finite, got {depth!r}")
     normal = unit_vector(axis)
@@ -101,7 +102,7 @@ def block_below_plane(
     width = (
         np.sqrt(max(2 * reach * (depth + s) - (depth + s) ** 2, 0.0)) if depth + s < reach else reach
     ) + 2 * s
-    shift = np.asarray(offset, dtype=float)
+    shift = real(offset, "offset")
     shift = shift - (shift @ normal) * normal
     across = width * np.sqrt(np.maximum(1 - normal**2, 0.0)) + np.abs(shift)
     low = np.floor((np.minimum(0, bottom * normal) - across) / spacing + 1e-6)
@@ -178,7 +179,7 @@ def surface_along(
     ndarray, shape (3,), or None
         [mm]; None where the ray meets no bone. The entry itself where that is inside bone already.
     """
-    direction, start = unit_vector(axis), np.asarray(entry, dtype=float)
+    direction, start = unit_vector(axis), real(entry, "entry")
     if start.shape != (3,) or not np.all(np.isfinite(start)):
         raise ValueError(f"entry must be three finite numbers, got {entry!r}")
     spacing, origin = np.asarray(bone.spacing), np.asarray(bone.origin)
@@ -196,7 +197,7 @@ def surface_along(
     occupancy = map_coordinates(
         levels, (points - low)[:, ::-1].T, output=float, order=1, mode="grid-constant", cval=0.0
     )
-    solid = np.flatnonzero(occupancy >= level)
+    solid = np.flatnonzero(occupancy >= float(real(level, "level")))
     if solid.size == 0:
         return None
     i = int(solid[0])

@@ -12,7 +12,7 @@ import numpy as np
 from tqdm import tqdm
 
 from burrlab._core import Burr, Material
-from burrlab.arguments import require_type
+from burrlab.arguments import real, require_type, whole
 from burrlab.curve import VelocityCurve
 from burrlab.descent import descend
 from burrlab.provenance import provenance
@@ -168,12 +168,12 @@ def force_sweep(
     """
     require_type("burr", burr, Burr, "Burr(3.0)")
     require_type("material", material, Material, "materials['bone']")
-    values = np.asarray(forces, dtype=float)
+    values = real(forces, "forces")
     if values.ndim != 1 or values.size == 0:
         raise ValueError("forces must be a list of at least one force")
     if not np.all(np.isfinite(values) & (values > 0)):
         raise ValueError(f"every force must be positive and finite, got {forces!r}")
-    if repeats < 1:
+    if whole("repeats", repeats, 2**31, "2^31") < 1:
         raise ValueError(f"repeats must be at least 1, got {repeats}")
     if specimen is not None and not isinstance(specimen, Specimen | SpecimenSource):
         raise TypeError(

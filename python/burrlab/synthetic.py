@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from burrlab._core import Burr, Material
+from burrlab.arguments import real, whole
 from burrlab.curve import VelocityCurve
 from burrlab.dataset import Floats
 from burrlab.depth_trace import DepthTrace
@@ -62,7 +63,7 @@ def synthetic_curve(
     >>> burrlab.synthetic_curve(burrlab.Burr(3.0), burrlab.materials["bone"], [0.5, 1.0], seed=1)
     VelocityCurve(6 rows, 6 with a velocity, 0.5..1 N, 'synthetic, seed 1: bone, mean-field, scatter 8 %')
     """
-    force = np.atleast_1d(np.asarray(forces, dtype=np.float64))
+    force = np.atleast_1d(real(forces, "forces"))
     if force.ndim != 1 or not (np.isfinite(force).all() and (force > 0).all()):
         raise ValueError(f"forces must be finite and above 0 N: got {forces!r}")
     _check_repeats(repeats)
@@ -128,7 +129,7 @@ def synthetic_indentation(
     >>> burrlab.synthetic_indentation(burrlab.Burr(5.0), burrlab.materials["bone"], [0.05, 0.1], seed=1)
     Indentation(2 rows, R = 5 mm, 0.0555..0.16 N at 0.05..0.1 mm, 'synthetic, seed 1: bone, Eq. 3, scatter 10 %')
     """
-    depth = np.atleast_1d(np.asarray(depths, dtype=np.float64))
+    depth = np.atleast_1d(real(depths, "depths"))
     if depth.ndim != 1 or not ((depth > 0) & (depth < 2 * burr.radius)).all():
         raise ValueError(f"depths must be above 0 and below 2R = {2 * burr.radius:g} mm: got {depths!r}")
     _check_repeats(repeats)
@@ -220,7 +221,7 @@ def synthetic_trace(
 
 
 def _check_repeats(repeats: int) -> None:
-    if repeats < 1:
+    if whole("repeats", repeats, 2**31, "2^31") < 1:
         raise ValueError(f"repeats must be at least 1: got {repeats!r}")
 
 

@@ -117,9 +117,10 @@ def test_a_trace_that_is_not_whole_is_said_and_what_can_be_is_kept(
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a file that is always full is of Linux")
 @pytest.mark.parametrize("option", ["--json", "--plot"])
 def test_a_result_that_cannot_be_written(
-    option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The bone is kept and the report told all the same, and the sentence names the file."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     result, kept = tmp_path / "result.png", tmp_path / "bone.h5"
     result.symlink_to("/dev/full")
     assert main([*SESSION, option, str(result), "--save", str(kept)]) == 3
@@ -132,7 +133,10 @@ def test_a_result_that_cannot_be_written(
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a file that is always full is of Linux")
-def test_a_replica_keeps_its_bone_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_replica_keeps_its_bone_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     block = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
     tool = burrlab.Burr(2.0), burrlab.materials["bone"]
     session = burrlab.Session(

@@ -17,6 +17,7 @@ from burrlab.anatomy.fields import CELLS_BOX, Fields
 from burrlab.anatomy.implicit import Grid, lattice_around
 from burrlab.anatomy.structures import Structures
 from burrlab.anatomy.tissue_painting import paint, phantom_tissues
+from burrlab.arguments import real
 from burrlab.dataset import by_value
 from burrlab.materials import materials
 from burrlab.volume import LabelVolume
@@ -177,10 +178,10 @@ def temporal_bone(
 def _checked_grid(
     voxel: float | Sequence[float], size: Sequence[float], corner: Sequence[float] | None, side: str
 ) -> tuple[Floats, Grid]:
-    spacing = np.broadcast_to(np.asarray(voxel, dtype=float), (3,)).copy()
+    spacing = np.broadcast_to(real(voxel, "voxel"), (3,)).copy()
     if not np.all((spacing >= 0.02) & (spacing <= 1.0)):
         raise ValueError(f"voxel must be 0.02 to 1 mm, got {voxel!r}")
-    lengths = np.asarray(size, dtype=float)
+    lengths = real(size, "size")
     if lengths.shape != (3,) or not np.all((lengths > 0) & np.isfinite(lengths)):
         raise ValueError(f"size must be three positive numbers, got {size!r}")
     if side not in ("right", "left"):
@@ -190,7 +191,7 @@ def _checked_grid(
         if side == "left":
             low[0] = -(low[0] + lengths[0])
     else:
-        low = np.asarray(corner, dtype=float)
+        low = real(corner, "corner")
         if low.shape != (3,) or not np.all(np.abs(low) < 1000):
             raise ValueError(f"corner must be three numbers within 1000 mm, got {corner!r}")
     first = np.rint(low / spacing).astype(np.int64)

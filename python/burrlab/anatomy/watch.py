@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import AnatomyWatch, VoxelBone
 from burrlab.anatomy.distance_fields import MARGIN, SPACING, structure_distances
+from burrlab.arguments import real
 
 #: One number for all structures, or one a structure by name.
 Limit = float | Mapping[str, float]
@@ -107,7 +108,7 @@ class Watch:
             Limits(_of(approach, name, _APPROACH), _of(touch, name, _TOUCH), _of(injury, name, _INJURY))
             for name in self.structures
         )
-        self.hysteresis = float(hysteresis)
+        self.hysteresis = float(real(hysteresis, "hysteresis"))
         self.colours = tuple(tissues[number].colour for number in numbers)
         self._voxel_volume = float(np.prod(bone.spacing))
         self._distances = structure_distances(bone, numbers, progress)
@@ -167,8 +168,8 @@ class Watch:
         """
         if structure not in self.structures:
             raise ValueError(f"structure must be one of {', '.join(self.structures)}, got '{structure}'")
-        at = np.asarray(centers, float)
-        return self._distances[self.structures.index(structure)].of_sphere(at, radius)
+        at = real(centers, "centers")
+        return self._distances[self.structures.index(structure)].of_sphere(at, float(real(radius, "radius")))
 
     def __repr__(self) -> str:
         said = ", ".join(
@@ -187,4 +188,4 @@ def critical_structures(bone: VoxelBone) -> list[str]:
 
 
 def _of(limit: Limit, name: str, default: float) -> float:
-    return float(limit.get(name, default) if isinstance(limit, Mapping) else limit)
+    return float(real(limit.get(name, default) if isinstance(limit, Mapping) else limit, "a limit"))

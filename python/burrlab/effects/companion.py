@@ -19,6 +19,7 @@ from burrlab._core import (
     Replica,
     Sucker,
 )
+from burrlab.arguments import real
 from burrlab.effects.effects import FrameRecord, to_seed
 from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance, to_report
 
@@ -91,12 +92,12 @@ class Companion:
     ) -> None:
         self.parameters = EffectParameters() if parameters is None else parameters
         self.seed = to_seed(seed)
-        self.rate = float(rate)
+        self.rate = float(real(rate, "rate"))
         self.budget = budget
         self._process = os.getpid()
         setup: dict[str, Any] = {
-            "parameters": self.parameters, "seed": self.seed, "down": np.asarray(down, float),
-            "spin": np.asarray(spin, float), "budget": budget, "rate": self.rate, "realtime": bool(realtime),
+            "parameters": self.parameters, "seed": self.seed, "down": real(down, "down"),
+            "spin": real(spin, "spin"), "budget": budget, "rate": self.rate, "realtime": bool(realtime),
         }  # fmt: skip
         if isinstance(session, Replica):
             self._core = EffectsCompanion(session, **setup)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import operator
 import secrets
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab import _core
 from burrlab._core import Camera, EffectParameters, Nozzle, Sucker, VoxelBone
-from burrlab.arguments import require_type
+from burrlab.arguments import real, require_type, whole
 from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance, to_report
 
 #: (merge_to, sub_steps, done): what the clock decided in a frame.
@@ -84,8 +83,8 @@ class Effects:
         self.budget = budget
         self._bricks = tuple(-(-int(side) // 8) for side in bone.shape)
         self._core = _core.Effects(
-            bone, parameters=self.parameters, seed=self.seed, down=np.asarray(down, float),
-            spin=np.asarray(spin, float), budget=budget,
+            bone, parameters=self.parameters, seed=self.seed, down=real(down, "down"),
+            spin=real(spin, "spin"), budget=budget,
         )  # fmt: skip
         self.nozzle, self.sucker, self.camera = nozzle, sucker, camera
         self._hidden = float("nan")
@@ -145,9 +144,13 @@ class Effects:
         if update is not None:
             bricks = self._numbers(np.asarray(update["bricks"]))
             density = np.ascontiguousarray(update["density"], np.uint8)
-        centers = np.array([np.ravel(center) for center, _ in burrs], float) if burrs else np.empty((0, 3))
-        radii = np.array([radius for _, radius in burrs], float)
-        done = self._core.step(float(dt_s), bricks, density, centers, radii, decision)
+        centers = (
+            np.array([np.ravel(real(center, "center of a burr")) for center, _ in burrs])
+            if burrs
+            else np.empty((0, 3))
+        )
+        radii = np.array([float(real(radius, "radius")) for _, radius in burrs])
+        done = self._core.step(float(real(dt_s, "dt_s")), bricks, density, centers, radii, decision)
         self._hidden = float("nan")
         if self.camera is not None and len(radii):
             apart = np.linalg.norm(np.asarray(self.camera.position, float) - centers[0])
@@ -217,7 +220,7 @@ class Effects:
             If the camera lies in the burr, or the burr is not finite.
         """
         center, radius = burr
-        return self._core.hidden(camera, np.asarray(center, float), float(radius))
+        return self._core.hidden(camera, real(center, "center of a burr"), float(real(radius, "radius")))
 
     def report(self) -> EffectsReport:
         """Frames, what they took and what was given up."""
@@ -232,10 +235,4 @@ def to_seed(seed: int | None) -> int:
     """The seed, or a new one."""
     if seed is None:
         return secrets.randbits(64)
-    try:
-        number = operator.index(seed)
-    except TypeError:
-        number = -1
-    if not 0 <= number < 2**64:
-        raise ValueError(f"seed must be a whole number from 0 and below 2^64, got {seed!r}")
-    return number
+    return whole("seed", seed, 2**64, "2^64")

@@ -7,7 +7,7 @@ import itertools
 import sys
 from typing import Any
 
-_MEMORY, _TIME = 4 << 30, 4  # that the process may have [bytes], and of the processor [s]
+_MEMORY, _TIME = 4 << 30, 3  # that the process may have [bytes], and of the processor [s]
 
 
 def walk(item: Any, depth: int = 0) -> None:
@@ -31,8 +31,5 @@ if __name__ == "__main__":
 
         resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
         resource.setrlimit(resource.RLIMIT_CPU, (_TIME, _TIME))
-    with (
-        contextlib.suppress(Exception),
-        h5py.File(sys.argv[1], "r") as file,
-    ):  # told in its own words by the reader
+    with contextlib.suppress(Exception), h5py.File(sys.argv[1], "r") as file:  # the reader says it better
         walk(file)

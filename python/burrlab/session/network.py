@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from burrlab._core import AnatomyWatch, Burr, Follower, Material, Publisher, Replica, VoxelBone
+from burrlab.arguments import real, whole
 from burrlab.json_text import UNREADABLE as _UNREADABLE
 from burrlab.json_text import in_one_line
 from burrlab.specimen import MOST_VOXELS
@@ -47,8 +48,8 @@ def block_recipe(
     >>> make_bone(recipe).shape
     (10, 20, 20)
     """
-    return {"kind": "block", "size_mm": [float(s) for s in size], "voxel_mm": float(voxel),
-            "origin_mm": [float(o) for o in origin], "level": int(level)}  # fmt: skip
+    return {"kind": "block", "size_mm": [float(real(s, "size")) for s in size], "voxel_mm": float(real(voxel, "voxel")),
+            "origin_mm": [float(real(o, "origin")) for o in origin], "level": int(level)}  # fmt: skip
 
 
 def volume_recipe(
@@ -162,6 +163,7 @@ def open_publisher(
     ValueError
         If the hello lacks something or is not JSON, nobody can listen there, or an option is out of range.
     """
+    port = whole("port", port, 2**16, "2^16")
     for name in _NEEDED:
         if name not in hello:
             raise ValueError(f"hello must hold {', '.join(_NEEDED)}, got none of {name}")
@@ -209,6 +211,7 @@ def follow(
     FileNotFoundError
         If the volume is not here.
     """
+    port, timeout = whole("port", port, 2**16, "2^16"), float(real(timeout, "timeout"))
     if not timeout > 0:
         raise ValueError(f"timeout must be positive, got {timeout!r}")
     replica = Replica(host, port)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import atexit
 import contextlib
 import json
-import operator
 import os
 import secrets
 import threading
@@ -14,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 from burrlab._core import Burr, Device, Follower, HapticLoop, Material, RecordReader, TickExecutor, VoxelBone
+from burrlab.arguments import real, whole
 from burrlab.provenance import provenance
 from burrlab.session.report import SessionReport
 from burrlab.session.session_anatomy import SessionAnatomy
@@ -136,11 +136,13 @@ class Session:
     ) -> None:
         self.tools: list[Tool] = _tools(tools)
         self.devices = _devices(devices)
-        self.seed = secrets.randbits(64) if seed is None else _whole("seed", seed, 2**64, "2^64")
-        tick = _whole("tick", tick, _EXACT, "2^53")
+        self.seed = secrets.randbits(64) if seed is None else whole("seed", seed, 2**64, "2^64")
+        tick = whole("tick", tick, _EXACT, "2^53")
         # NumPy's numbers are welcome, and JSON knows Python's only.
-        rate, force_limit, slew_limit = float(rate), float(force_limit), float(slew_limit)
-        coupling = None if coupling is None else float(coupling)
+        rate, force_limit = float(real(rate, "rate")), float(real(force_limit, "force_limit"))
+        slew_limit = float(real(slew_limit, "slew_limit"))
+        coupling = None if coupling is None else float(real(coupling, "coupling"))
+        duration = None if duration is None else float(real(duration, "duration"))
         if not rate > 0:
             raise ValueError(f"rate must be positive, got {rate!r}")
         if wall_clock and rate < _LEAST_RATE:
@@ -157,11 +159,13 @@ class Session:
         ticks = 0 if duration is None else max(1, round(duration * rate))
         self._loop = HapticLoop(
             self._executor, self.devices, wall_clock=wall_clock, realtime=realtime,
-            cpu=-1 if cpu is None else _whole("cpu", cpu, 2**31, "2^31"), ticks=ticks,
+            cpu=-1 if cpu is None else whole("cpu", cpu, 2**31, "2^31"), ticks=ticks,
             force_limit=force_limit, slew_limit=slew_limit, coupling=coupling,
         )  # fmt: skip
         ticks_a_digest = max(1, round(digest_every * rate))
         self._follower = Follower(self._loop, digest_every=ticks_a_digest)
+        if watch is not None and not hasattr(watch, "settings"):
+            raise TypeError(f"watch must be a Watch, got {type(watch).__name__}")
         watching = {} if watch is None else {"watch": watch.settings}
         self._anatomy = SessionAnatomy(start, self._follower, self.tools, watch, period)
         self.provenance = provenance(
@@ -228,7 +232,7 @@ class Session:
 
     def wait(self, seconds: float | None = None) -> bool:
         """Until the session has ended and its trace is whole, at most so long [s]; whether it has. Can be interrupted."""
-        left = float("inf") if seconds is None else seconds
+        left = float("inf") if seconds is None else float(real(seconds, "seconds"))
         while not self._done.is_set() and left > 0:
             self._done.wait(min(left, 0.1))
             left -= 0.1
@@ -431,16 +435,6 @@ def _weakly(method: Callable[[str], None]) -> Callable[[str], None]:
             method(text)
 
     return call
-
-
-def _whole(name: str, value: int, end: int, end_text: str) -> int:
-    try:
-        number = operator.index(value)
-    except TypeError:
-        number = -1
-    if not 0 <= number < end:
-        raise ValueError(f"{name} must be a whole number from 0 and below {end_text}, got {value!r}")
-    return number
 
 
 def _plain(source: Mapping[str, Any] | None) -> dict[str, Any]:

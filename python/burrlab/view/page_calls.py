@@ -8,11 +8,9 @@ from typing import Any
 
 from burrlab.view.page import SPEEDS
 
-_MOST = 1e6  # of a number
 
-
-def _number(value: object) -> bool:
-    return type(value) in (int, float) and abs(value) <= _MOST  # type: ignore[arg-type]  # NaN is none
+def _number(value: Any) -> bool:
+    return type(value) in (int, float) and abs(value) <= 1e6  # NaN is none
 
 
 #: What a browser may change of the page's state, and to what.
@@ -32,14 +30,10 @@ def restrict(handler: Any) -> None:
     _, trigger = calls["trame.trigger"]
 
     def update(core: Any, changes: Any = (), *_: Any, **__: Any) -> None:
-        kept = [
-            {"key": key, "value": value}
-            for one in (changes if isinstance(changes, list) else ()) if isinstance(one, dict)
-            for key, value in [(one.get("key"), one.get("value"))]
-            if isinstance(key, str) and key in WISHES and WISHES[key](value)
-        ]  # fmt: skip
-        if kept:
-            change(core, kept)
+        with contextlib.suppress(TypeError, KeyError):
+            change(
+                core, [one for one in changes if one["key"] in WISHES and WISHES[one["key"]](one["value"])]
+            )
 
     async def call(core: Any, name: Any = "", arguments: Any = (), *_: Any, **__: Any) -> None:
         with contextlib.suppress(TypeError, ValueError):

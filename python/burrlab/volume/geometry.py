@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from burrlab.arguments import real
 from burrlab.specimen import Vector
 
 #: How far a direction matrix may be from orthonormal, largest entry of |D^T D - 1|: headers hold float32 or a few decimals.
@@ -22,7 +23,7 @@ Array = NDArray[np.float64]
 
 def checked_spacing(spacing: float | ArrayLike, what: str = "spacing") -> Array:
     """(x, y, z) of a number or of three [mm]; ValueError unless positive and finite."""
-    found = np.array(spacing, dtype=float)
+    found = real(spacing, what)
     if found.shape not in ((), (3,)) or not np.all(np.isfinite(found) & (found > 0)):
         raise ValueError(f"{what} must be a positive number or three [mm], got {spacing!r}")
     return np.broadcast_to(found, (3,)).copy()
@@ -30,7 +31,7 @@ def checked_spacing(spacing: float | ArrayLike, what: str = "spacing") -> Array:
 
 def checked_point(point: ArrayLike, what: str) -> Array:
     """(x, y, z); ValueError unless three finite numbers."""
-    found = np.array(point, dtype=float)
+    found = real(point, what)
     if found.shape != (3,) or not np.all(np.isfinite(found)):
         raise ValueError(f"{what} must be three finite numbers [mm], got {point!r}")
     return found
@@ -38,7 +39,7 @@ def checked_point(point: ArrayLike, what: str) -> Array:
 
 def checked_direction(direction: ArrayLike, what: str = "direction") -> Array:
     """The nearest orthonormal matrix, left-handed ones too; ValueError where that is further than `ORTHONORMAL`."""
-    found = np.array(direction, dtype=float)
+    found = real(direction, what)
     if found.shape != (3, 3) or not np.all(np.isfinite(found)):
         raise ValueError(
             f"{what}: the direction matrix must be of 3 x 3 finite numbers, got {np.asarray(direction).tolist()}"
@@ -76,11 +77,11 @@ class OnGrid(ABC):
 
     def bone_point(self, point: Vector) -> Array:
         """A point of the volume's own coordinates in the bone frame (voxel axes) [mm]."""
-        return np.asarray(self.direction.T @ np.asarray(point, dtype=float))
+        return np.asarray(self.direction.T @ real(point, "point"))
 
     def patient_point(self, point: Vector) -> Array:
         """A point of the bone frame in the volume's own coordinates [mm]."""
-        return np.asarray(self.direction @ np.asarray(point, dtype=float))
+        return np.asarray(self.direction @ real(point, "point"))
 
     def box(self, low: Vector, high: Vector) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
         """First voxel of a box and the one past its last, (z, y, x).

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from burrlab.arguments import require_type
 from burrlab.specimen import Vector
 from burrlab.volume.geometry import (
     Array,
@@ -65,7 +66,9 @@ class LabelVolume(OnGrid):
         object.__setattr__(self, "spacing", checked_spacing(self.spacing))
         object.__setattr__(self, "origin", checked_point(self.origin, f"{self.path}: origin"))
         object.__setattr__(self, "direction", checked_direction(self.direction, self.path))
-        object.__setattr__(self, "names", {int(label): str(name) for label, name in self.names.items()})
+        for name in self.names.values():
+            require_type("a name", name, str, "'facial nerve'")
+        object.__setattr__(self, "names", {int(label): name for label, name in self.names.items()})
         object.__setattr__(self, "colours", _colours(self.colours))
 
     @property

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from burrlab.arguments import real
+
 
 @dataclass(frozen=True)
 class OccupancyMap:
@@ -39,8 +41,8 @@ class OccupancyMap:
     occupancies: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        greys = tuple(float(g) for g in self.greys)
-        occupancies = tuple(float(o) for o in self.occupancies)
+        greys = tuple(float(real(g, "greys")) for g in self.greys)
+        occupancies = tuple(float(real(o, "occupancies")) for o in self.occupancies)
         if len(greys) != len(occupancies) or len(greys) < 2:
             raise ValueError(
                 f"map must have two points or more, a grey value and an occupancy each, got {len(greys)} and {len(occupancies)}"
@@ -55,6 +57,7 @@ class OccupancyMap:
     @classmethod
     def two_point(cls, empty: float, solid: float) -> OccupancyMap:
         """0 at the grey value `empty` and below, 1 at `solid` and above; ValueError unless `empty` is below `solid`."""
+        empty, solid = float(real(empty, "map")), float(real(solid, "map"))
         if not (math.isfinite(empty) and math.isfinite(solid) and empty < solid):
             raise ValueError(f"map must be LO:HI with LO below HI, got {empty:g}:{solid:g}")
         return cls((empty, solid), (0.0, 1.0))

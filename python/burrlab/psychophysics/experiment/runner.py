@@ -168,18 +168,17 @@ class Runner:
             self._after(trial, response, response_time, endings)
         return len(self._order.answered) - self._before
 
-    def _feel(self, trial: Trial) -> tuple[list[_Felt], int]:
+    def _feel(self, trial: Trial, repeats: int = 0) -> tuple[list[_Felt], int]:
         """The trial's intervals, all of them again where the loop stalled in one, and how often it did."""
-        for repeats in range(_REPEATS + 1):
-            try:
-                return [self._interval(trial, number + 1) for number in range(len(trial.intervals))], repeats
-            except LoopStalled:
-                if repeats == _REPEATS:
-                    raise
-                self.repeated += 1
-                self._experimenter.say(f"trial {trial.number} is repeated from its first interval")
-                self._seat.ready("Please lift the burr. This one is repeated, from its beginning.")
-        raise AssertionError("a trial ends or raises")
+        try:
+            return [self._interval(trial, number + 1) for number in range(len(trial.intervals))], repeats
+        except LoopStalled:
+            if repeats == _REPEATS:
+                raise
+        self.repeated += 1
+        self._experimenter.say(f"trial {trial.number} is repeated from its first interval")
+        self._seat.ready("Please lift the burr. This one is repeated, from its beginning.")
+        return self._feel(trial, repeats + 1)
 
     def _welcome(self) -> None:
         keys = " or ".join(f"{key} for {answer}" for key, answer in enumerate(self._design.answers, start=1))

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import io
+import os
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import burrlab
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pydicom = pytest.importorskip("pydicom", reason="makes the series and is the independent reader, extra `dev`")
 from dicom_series import write_series, write_slice  # noqa: E402
+from pydicom.encaps import encapsulate  # noqa: E402
 
 VALUES = (np.arange(6 * 4 * 5).reshape(6, 4, 5) * 7 - 300).astype(np.int16)
 ROWS, COLUMNS = (0.6, 0.8, 0.0), (-0.8, 0.6, 0.0)
@@ -181,6 +185,27 @@ def test_pixel_data_shorter_than_the_header_says(folder):
     )
     with pytest.raises(ValueError, match=r"slice004\.dcm: (cannot be read as a DICOM image|the pixel data)"):
         burrlab.read_volume(folder)
+
+
+def test_what_a_codec_prints_is_said_and_nothing_else(tmp_path, capfd):
+    image, place = io.BytesIO(), tmp_path / "a.dcm"
+    pixels = np.random.default_rng(1).integers(0, 256, (32, 40)).astype(np.uint8)
+    Image.fromarray(pixels).save(image, "JPEG", quality=95)
+    eight = {"BitsAllocated": 8, "BitsStored": 8, "HighBit": 7, "PixelRepresentation": 0}
+    write_slice(place, pixels, (0, 0, 0), series="1.2", **eight)
+    packed = image.getvalue()
+    for name, data in (("whole", packed), ("torn", packed[:800] + bytes(30) + packed[830:])):
+        found = pydicom.dcmread(place)
+        found.PixelData = encapsulate([data])
+        found["PixelData"].VR, found["PixelData"].is_undefined_length = "OB", True
+        found.file_meta.TransferSyntaxUID = pydicom.uid.JPEGBaseline8Bit
+        found.save_as(tmp_path / f"{name}.dcm")
+    near = burrlab.read_volume(tmp_path / "whole.dcm", spacing=(0.25, 0.5, 1.0)).values[0].astype(int)
+    assert np.abs(near - pixels).max() < 40
+    with pytest.raises(ValueError, match=r"torn.dcm: the pixel data of the slice is damaged \(Corrupt JPEG"):
+        burrlab.read_volume(tmp_path / "torn.dcm", spacing=(0.25, 0.5, 1.0))
+    os.write(2, b"kept")  # the descriptor is where it was
+    assert capfd.readouterr() == ("", "kept")
 
 
 @pytest.mark.parametrize(("lost", "match"), [(0, ""), (8, r"slice004\.dcm: the pixel data is cut short")])

@@ -5,9 +5,13 @@ Tags after DICOM PS3.3, Image Plane and Modality LUT modules; they and the value
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
+import functools
 import os
+import threading
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +29,7 @@ _BIG_ENDIAN = b"1.2.840.10008.1.2.2\0"  # transfer syntax Explicit VR Big Endian
 IN_FOLDER = "bone.h5"
 #: How far the slices may shift sideways from the first to the last, a part of a pixel: more is a gantry tilt.
 STRAIGHT = 0.1
+_ONE_LISTENS = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -133,7 +138,8 @@ def _header_of(name: str) -> _Slice:
     reader.SetImageIO("GDCMImageIO")
     reader.SetFileName(plain_name(name))
     try:
-        reader.ReadImageInformation()
+        with _listening(name):
+            reader.ReadImageInformation()
     except RuntimeError:
         raise ValueError(
             f"{name}: cannot be read as a DICOM image: it is cut short, damaged, or holds no image"
@@ -260,10 +266,45 @@ def _values(part: _Slice, shape: tuple[int, int]) -> NDArray[Any]:
 
     _check_whole(part)
     try:
-        image = sitk.ReadImage(plain_name(part.name), imageIO="GDCMImageIO")
+        with _listening(part.name):
+            image = sitk.ReadImage(plain_name(part.name), imageIO="GDCMImageIO")
     except RuntimeError:
         raise ValueError(f"{part.name}: the pixel data of the slice cannot be read whole") from None
     return np.asarray(sitk.GetArrayFromImage(image)).reshape(shape)
+
+
+@contextlib.contextmanager
+def _listening(name: str) -> Iterator[None]:
+    """ValueError with what codecs of compressed slices print on C's `stderr`; many tell damage there alone.
+
+    File descriptor 2 stays where it is: nothing that others write is turned away.
+    """
+    libc = ctypes.CDLL(None)
+    if not hasattr(libc, "gnu_get_libc_version"):  # `stderr` is a constant in other libraries
+        yield
+        return
+    stderr, (memory, text, size) = ctypes.c_void_p.in_dll(libc, "stderr"), _memory()
+    with _ONE_LISTENS:
+        libc.rewind(memory)
+        before, stderr.value = stderr.value, memory.value
+        try:
+            yield
+        finally:
+            stderr.value = before
+            libc.fflush(memory)
+            said = ctypes.string_at(text, size.value) if size.value else b""
+    if said:
+        first = said.decode("utf-8", "replace").splitlines()[0]
+        raise ValueError(f"{name}: the pixel data of the slice is damaged ({first[:200]})")
+
+
+@functools.cache
+def _memory() -> tuple[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]:
+    """A stream of C in memory, never closed, its text and the size of that."""
+    text, size = ctypes.c_void_p(), ctypes.c_size_t()
+    opened = ctypes.CDLL(None).open_memstream
+    opened.restype = ctypes.c_void_p
+    return ctypes.c_void_p(opened(ctypes.byref(text), ctypes.byref(size))), text, size
 
 
 def _text(values: tuple[float, ...] | tuple[int, ...]) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 #: Deflate makes at most so many bytes of one: two bits can stand for 258 bytes.
-_DEFLATE = 1032
+DEFLATE = 1032
 #: What may follow the values in a packed stream (ours) [bytes].
 _BEHIND = 1 << 20
 
@@ -48,10 +48,12 @@ def check_memory(size: float, what: str) -> None:
         raise ValueError(f"{what} needs {size / 1e9:.3g} GB of memory, and {there / 1e9:.3g} GB are there")
 
 
-def check_packed(size: int, packed: int, name: str) -> None:
+def check_packed(size: float, packed: float, name: str) -> None:
     """ValueError where a file says that its packed bytes hold more than they can."""
-    if size > _DEFLATE * packed:
-        raise ValueError(f"{name}: the file is cut short: {packed} packed bytes cannot hold {size} of values")
+    if size > DEFLATE * packed:
+        raise ValueError(
+            f"{name}: the file is cut short: {packed:.0f} packed bytes cannot hold {size} of values"
+        )
 
 
 def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDArray[np.uint8], bytes]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,8 @@ def new_hdf5(path: str | os.PathLike[str], **options: Any) -> Iterator[h5py.File
     -----
     libhdf5 writes much of a file when it is closed, and where that fails, leaves its memory in disorder: processes crash at
     once or at their end. So it is told of no error, and the first is raised when it has done.
+
+    The format of HDF5 1.10 has checksums on all that describes the data but texts of no fixed length: `put_attributes`.
     """
     import h5py
 
@@ -37,6 +39,26 @@ def new_hdf5(path: str | os.PathLike[str], **options: Any) -> Iterator[h5py.File
         if disk.failure is not None:
             raise OSError(disk.failure.errno, disk.failure.strerror, os.fspath(path)) from None
         os.fsync(disk.fileno())
+
+
+def put_attributes(item: h5py.Group | h5py.Dataset, values: Mapping[str, Any]) -> None:
+    """Attributes, texts with a fixed length: the heap of the others has no checksum, and zeros in it hang libhdf5 for ever."""
+    import h5py
+
+    for name, value in values.items():
+        if isinstance(value, str):
+            content = value.encode("utf-8", "surrogateescape")
+            item.attrs.create(name, content, dtype=h5py.string_dtype("utf-8", max(1, len(content))))
+        else:
+            item.attrs[name] = value
+
+
+def attributes(item: h5py.Group | h5py.Dataset) -> dict[str, Any]:
+    """All of them, texts of a fixed length or not as str."""
+    return {
+        name: value.decode("utf-8", "surrogateescape") if isinstance(value, bytes) else value
+        for name, value in item.attrs.items()
+    }
 
 
 class _Disk(io.FileIO):

@@ -4,22 +4,29 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import operator
 import os
+import subprocess
+import sys
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from burrlab import __version__
 from burrlab._core import Material, Tissue, Tissues, VoxelBone
-from burrlab.session.new_hdf5 import new_hdf5
+from burrlab.bounds import DEFLATE, check_memory, check_packed
+from burrlab.session.new_hdf5 import attributes, new_hdf5, put_attributes
 
 if TYPE_CHECKING:
     import h5py
 
 FORMAT, FORMAT_VERSION = "burrlab bone", 2  # 2: with tissues; a bone without them is written as 1
+_PATIENCE = 30.0  # with libhdf5 in a file without checksums, on a busy machine [s]
 
 
 def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, source: str = "") -> None:
@@ -61,9 +68,8 @@ def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, s
     check_bone_file(path)
     try:
         with new_hdf5(part) as file:
-            file.attrs["format"] = FORMAT
-            file.attrs["format_version"] = 1 if bone.tissues is None else FORMAT_VERSION
-            file.attrs["burrlab"] = __version__
+            version = 1 if bone.tissues is None else FORMAT_VERSION
+            put_attributes(file, {"format": FORMAT, "format_version": version, "burrlab": __version__})
             write_bone(file, bone, tick, source=source)
         part.replace(path)
     finally:
@@ -98,6 +104,7 @@ def told_as_damage(path: str | os.PathLike[str]) -> Iterator[None]:
     except (
         LookupError,
         OSError,
+        zlib.error,
         TypeError,
         ValueError,
         ArithmeticError,
@@ -123,8 +130,12 @@ def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File
     """The open file; ValueError unless it is of this kind and of a version that is known."""
     import h5py
 
-    with Path(path).open("rb"):  # what is missing or forbidden says so in the system's words
-        pass
+    with Path(path).open("rb") as raw:  # what is missing or forbidden says so in the system's words
+        start = raw.read(9)
+    if start[:8] != b"\x89HDF\r\n\x1a\n":
+        raise ValueError(f"{path} is not a {kind}: not an HDF5 file")
+    if start[8:] < b"\x03":  # version of the superblock: before HDF5 1.10, no checksums
+        _check_walk(path)
     try:
         file = h5py.File(path, "r")
     except OSError as error:
@@ -133,7 +144,8 @@ def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File
         raise ValueError(f"{path} is not a {kind}: not an HDF5 file") from None
     try:
         with told_as_damage(path):
-            found, version = file.attrs.get("format"), int(file.attrs.get("format_version", 0))
+            told = attributes(file)
+            found, version = told.get("format"), int(told.get("format_version", 0))
     except ValueError:
         file.close()
         raise
@@ -145,6 +157,84 @@ def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File
     raise ValueError(f"{path} is a {kind} of format {version}, and this version reads up to {newest}")
 
 
+def _check_walk(path: str | os.PathLike[str]) -> None:
+    """ValueError where libhdf5 hangs or crashes in a file, as it does in damaged ones without checksums."""
+    command = [sys.executable, "-P", str(Path(__file__).with_name("hdf5_walk.py")), os.fspath(path)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        if not subprocess.run(
+            command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            timeout=_PATIENCE, check=False,
+        ).returncode:  # fmt: skip
+            return
+    raise ValueError(f"{path} is damaged: the HDF5 library hangs or crashes reading it")
+
+
+def read_dataset(group: h5py.Group, name: str, rows: int | None = None) -> Any:
+    """A dataset, or its first rows, unpacked within the bounds that its shape, the file and the machine set.
+
+    libhdf5 makes up chunks that are absent, and unpacks of one whatever its stream holds: here either is an error.
+
+    Raises
+    ------
+    ValueError
+        If it is not whole, or more than the machine has memory for.
+    """
+    found = group[name]
+    where = f"its dataset {name}"
+    if found.is_virtual or found.external or (found.dtype.hasobject and found.shape):
+        raise ValueError(f"{where} lies elsewhere")
+    if not found.shape:
+        return found[()]
+    shape = (len(found) if rows is None else rows, *found.shape[1:])
+    size, stored = math.prod(shape) * found.dtype.itemsize, os.stat(group.file.filename).st_size
+    stored = min(stored, found.id.get_storage_size())
+    check_packed(size, stored if found.chunks else stored / DEFLATE, where)
+    check_memory(size, where)
+    values = np.empty(shape, found.dtype)
+    if found.chunks is None:
+        if size:
+            found.read_direct(values, np.s_[: shape[0]])
+        return values
+    plan, whole, chunks = found.id.get_create_plist(), 0, list[Any]()
+    filters = [plan.get_filter(k)[0] for k in range(plan.get_nfilters())]
+    found.id.chunk_iter(chunks.append)
+    with open(group.file.filename, "rb") as file:
+        for place, at in {chunk.chunk_offset: chunk for chunk in chunks}.items():
+            part = values[tuple(slice(k, k + n) for k, n in zip(place, found.chunks, strict=True))]
+            if not part.size:
+                continue
+            file.seek(at.byte_offset)
+            kept = [one for k, one in enumerate(filters) if not at.filter_mask >> k & 1]
+            content = _unfiltered(file.read(min(at.size, stored)), kept, found, where)
+            part[...] = content[tuple(map(slice, part.shape))]
+            whole += part.size
+    if whole != values.size:
+        raise ValueError(f"{where} is not whole")
+    return values
+
+
+def _unfiltered(content: bytes, filters: list[int], found: h5py.Dataset, where: str) -> NDArray[Any]:
+    """A chunk as it was before these filters: gzip and shuffle."""
+    import h5py
+
+    size, width = math.prod(found.chunks) * found.dtype.itemsize, found.dtype.itemsize
+    chunk: NDArray[Any] = np.frombuffer(content, np.uint8)
+    for one in reversed(filters):
+        if one == h5py.h5z.FILTER_DEFLATE:
+            check_packed(size, len(chunk), where)
+            chunk = np.frombuffer(zlib.decompressobj().decompress(chunk.data, size + 1), np.uint8)
+        elif one != h5py.h5z.FILTER_SHUFFLE:
+            raise ValueError(f"{where} must be packed by gzip and shuffle, got filter {one}")
+        elif len(chunk) == size:  # first bytes of all numbers, then second ones
+            shuffled, chunk = chunk.reshape(width, -1), np.empty(size, np.uint8)
+            for k in range(width):  # three times as fast as a transposed copy
+                chunk[k::width] = shuffled[k]
+    if len(chunk) != size:
+        raise ValueError(f"{where} must have chunks of {size} bytes, got {len(chunk)} or more")
+    return np.asarray(chunk.view(found.dtype).reshape(found.chunks))
+
+
 def write_bone(group: h5py.Group, bone: VoxelBone, tick: int, *, source: str = "") -> None:
     """Puts a bone into a group: `density`, and `pristine` and `tissue` where there are any, (z, y, x) uint8."""
     density, pristine = bone.density, bone.pristine
@@ -154,28 +244,28 @@ def write_bone(group: h5py.Group, bone: VoxelBone, tick: int, *, source: str = "
         group.create_dataset("pristine", data=pristine, **packed)
     if bone.tissues is not None:
         group.create_dataset("tissue", data=bone.tissue_numbers, **packed)
-        group.attrs["tissues"] = tissues_to_json(bone.tissues)
-    group.attrs["spacing_mm"] = bone.spacing
-    group.attrs["origin_mm"] = bone.origin
-    group.attrs["digest"] = bone.digest()
-    group.attrs["tick"] = np.uint64(tick)
-    group.attrs["source"] = source
+        put_attributes(group, {"tissues": tissues_to_json(bone.tissues)})
+    put_attributes(group, {
+        "spacing_mm": bone.spacing, "origin_mm": bone.origin, "digest": bone.digest(), "tick": np.uint64(tick),
+        "source": source,
+    })  # fmt: skip
 
 
 def read_bone(group: h5py.Group) -> tuple[VoxelBone, int]:
     """The bone of a group and its tick; ValueError if its digest is another than the one written with it."""
-    density = group["density"][()]
-    pristine = group["pristine"][()] if "pristine" in group else density
-    bone = VoxelBone(pristine, group.attrs["spacing_mm"], group.attrs["origin_mm"])
+    told = attributes(group)
+    density = read_dataset(group, "density")
+    pristine = read_dataset(group, "pristine") if "pristine" in group else density
+    bone = VoxelBone(pristine, told["spacing_mm"], told["origin_mm"])
     if pristine is not density:
         bone.restore(density)
     if "tissue" in group:
-        bone.set_tissues(tissues_from_json(group.attrs["tissues"]), group["tissue"][()])
-    if bone.digest() != group.attrs["digest"]:
+        bone.set_tissues(tissues_from_json(told["tissues"]), read_dataset(group, "tissue"))
+    if bone.digest() != told["digest"]:
         raise ValueError(
-            f"{group.file.filename} is damaged: the bone has digest {bone.digest()}, and was written with {group.attrs['digest']}"
+            f"{group.file.filename} is damaged: the bone has digest {bone.digest()}, and was written with {told['digest']}"
         )
-    return bone, int(group.attrs["tick"])
+    return bone, int(told["tick"])
 
 
 def tissues_to_json(tissues: Tissues) -> str:

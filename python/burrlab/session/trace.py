@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from burrlab._core import Burr, Material, Tissues, VoxelBone
 from burrlab.dataset import frame
-from burrlab.session.snapshot import open_hdf5, read_bone, told_as_damage
+from burrlab.session.new_hdf5 import attributes
+from burrlab.session.snapshot import open_hdf5, read_bone, read_dataset, told_as_damage
 from burrlab.session.trace_file import BURR_COLUMNS, FORMAT, FORMAT_VERSION, TICK_COLUMNS, row_dtype
 from burrlab.session.watch_rows import Watched, read_watch
 
@@ -217,10 +218,10 @@ def load_trace(path: str | os.PathLike[str]) -> Trace:
 
 
 def _read(file: h5py.File, path: Path) -> Trace:
-    about = file.attrs
+    about, volume = attributes(file), attributes(file["volume"])
     tools, devices = [], []
     for i in range(int(about["burrs"])):
-        tool = file[f"tools/{i}"].attrs
+        tool = attributes(file[f"tools/{i}"])
         material = Material(
             tool["material"], c_e=float(tool["c_e_N_per_mm2"]), alpha=float(tool["alpha_per_ms"]),
             shape=tool["shape"], source=tool["source"],
@@ -230,7 +231,7 @@ def _read(file: h5py.File, path: Path) -> Trace:
     first = int(about["first_tick"])
     # Digests and events come first: they are written after the ticks they speak of.
     watch, watched, events = read_watch(file, len(tools))
-    digests = file["digests"][: int(file["digests_recorded"][()])]
+    digests = read_dataset(file, "digests", int(file["digests_recorded"][()]))
     ended = bytes(file["ended"][()]).rstrip(b"\0").decode(errors="replace")
     complete = bool(file["complete"][()])
     ticks = _ticks(file, path, first, len(tools))
@@ -241,7 +242,7 @@ def _read(file: h5py.File, path: Path) -> Trace:
     return Trace(
         path, ticks, tuple(tools), tuple(devices), int(about["seed"]), float(about["period_ms"]), str(about["scheme"]),
         first, tuple((int(d["tick"]), d["digest"].decode("ascii")) for d in digests), ended, complete,
-        str(file["volume"].attrs["source"]), json.loads(file["note"][()]),
+        str(volume["source"]), json.loads(read_dataset(file, "note")),
         {name: _plain(about[name]) for name in names}, watch, events, watched, bone,
     )  # fmt: skip
 
@@ -254,9 +255,7 @@ def _ticks(file: h5py.File, path: Path, first: int, burrs: int) -> NDArray[np.vo
         )
     if table.dtype != row_dtype(burrs):
         raise ValueError(f"{path} is damaged: its ticks have other columns than format {FORMAT_VERSION} has")
-    ticks = np.empty(recorded, row_dtype(burrs))
-    if recorded:
-        table.read_direct(ticks, np.s_[:recorded])
+    ticks: NDArray[np.void] = read_dataset(file, "ticks", recorded)
     right = ticks["index"] == first + np.arange(recorded, dtype=np.uint64)
     right &= (ticks["k"] >= 1) & (ticks["k"] <= 8)
     if not right.all():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import Burr, Material, VoxelBone, most_watch_events
+from burrlab.files import check_folder
 from burrlab.provenance import provenance
-from burrlab.session.new_hdf5 import new_hdf5
+from burrlab.session.new_hdf5 import attributes, new_hdf5, put_attributes
 from burrlab.session.snapshot import write_bone
 from burrlab.session.watch_rows import EVENT_DTYPE, GROUP, WatchPlaces, create_watch
 
@@ -102,6 +104,10 @@ def create(path: Path, header: Header, bone: VoxelBone, *, capacity: int, digest
     The tables are allocated at once and never filled: on file systems with sparse files they take room only as they
     are written. Everything begins at a multiple of 64 bytes, so that no count lies across a page of memory.
     """
+    size = capacity * row_dtype(len(header.tools)).itemsize + digest_capacity * DIGEST_DTYPE.itemsize
+    check_folder(path)
+    path.touch()
+    os.truncate(path, min(size, 2**63 - 1))  # too long for a file: libhdf5 does not survive it
     with new_hdf5(path, alignment_threshold=1, alignment_interval=64) as file:
         _write_header(file, header, bone)
         names = {  # what says how recording ended lies before the tables, where the file is never too long for it
@@ -144,24 +150,21 @@ def _table(file: h5py.File, name: str, dtype: np.dtype[Any], length: int) -> h5p
 
 def _write_header(file: h5py.File, header: Header, bone: VoxelBone) -> None:
     now = time.time()
-    for name, value in {
+    put_attributes(file, {
         "format": FORMAT, "format_version": 1 if bone.tissues is None else FORMAT_VERSION, **provenance(),
         "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(now)), "started_unix_s": now,
         "seed": np.uint64(header.seed), "scheme": header.scheme, "period_ms": header.period,
         "loop_rate_Hz": 1000.0 / header.period, "first_tick": np.uint64(header.first_tick),
         "burrs": len(header.tools), "initial_digest": bone.digest(),
-    }.items():  # fmt: skip
-        file.attrs[name] = value
+    })  # fmt: skip
     write_bone(file.create_group("volume"), bone, header.first_tick, source=header.source)
     for i, (burr, material) in enumerate(header.tools):
-        group = file.create_group(f"tools/{i}")
-        for name, value in {
+        put_attributes(file.create_group(f"tools/{i}"), {
             "radius_mm": burr.radius, "material": material.name, "c_e_N_per_mm2": material.c_e,
             "alpha_per_ms": material.alpha, "shape": material.shape.name, "source": material.source,
             "device": header.devices[i] if i < len(header.devices) else "",
-        }.items():  # fmt: skip
-            group.attrs[name] = value
-    file.create_dataset("note", data=header.note)
+        })  # fmt: skip
+    file.create_dataset("note", data=np.bytes_(header.note.encode()))
 
 
 def make_compact(path: Path, part: Path) -> None:
@@ -169,8 +172,7 @@ def make_compact(path: Path, part: Path) -> None:
     import h5py
 
     with h5py.File(path, "r") as raw, new_hdf5(part) as file:
-        for name, value in raw.attrs.items():
-            file.attrs[name] = value
+        put_attributes(file, attributes(raw))
         for name in ("volume", "tools", "note", "recorded", "digests_recorded", "ended", "complete"):
             raw.copy(name, file)
         for name, count in (("ticks", "recorded"), ("digests", "digests_recorded")):

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab import _core
+from burrlab.session.snapshot import read_dataset
 
 if TYPE_CHECKING:
     import h5py
@@ -81,7 +82,7 @@ class WatchPlaces:
 def create_watch(file: h5py.File, settings: str, burrs: int, tissues: int) -> dict[str, h5py.Dataset]:
     """The group with all of its structure but `events`; no event yet."""
     group = file.create_group(GROUP)
-    group.create_dataset("settings", data=settings)
+    group.create_dataset("settings", data=np.bytes_(settings.encode()))
     structures = len(json.loads(settings)["structures"])
     return {
         "events_recorded": group.create_dataset("events_recorded", data=np.uint64(0)),
@@ -138,18 +139,18 @@ def read_watch(file: h5py.File, burrs: int) -> tuple[dict[str, Any], Watched | N
     if GROUP not in file:
         return {}, None, np.zeros(0, EVENT_DTYPE)
     group = file[GROUP]
-    settings = json.loads(group["settings"][()])
+    settings = json.loads(read_dataset(group, "settings"))
     recorded = int(group["events_recorded"][()])
     if recorded > len(group["events"]) or group["events"].dtype != EVENT_DTYPE:
         raise ValueError("its events are not what their count says")
-    events = _read_only(group["events"][:recorded])
-    doses = group["doses"][()]
+    events = _read_only(read_dataset(group, "events", recorded))
+    doses = read_dataset(group, "doses")
     if doses.dtype != DOSE_DTYPE or doses.shape != (burrs, len(settings["structures"])):
         raise ValueError("its doses have other columns than this format has")
     if not group["summed"][()]:
         return settings, None, events
-    gaps, passed, lost = (int(n) for n in group["counts"][()])
-    removed = _read_only(group["removed_levels"][()])
+    gaps, passed, lost = (int(n) for n in read_dataset(group, "counts"))
+    removed = _read_only(read_dataset(group, "removed_levels"))
     return settings, Watched(events, _read_only(doses), removed, gaps, passed, lost), events
 
 

@@ -11,9 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from burrlab.bounds import shown
+
 #: Sides of a volume that are taken for a head or a part of one [mm] (ours).
 PLAUSIBLE = (2.0, 500.0)
 _METRE = 1000.0
+#: Bytes of a description, and keys of one mapping in it; theirs have 2 kB (ours).
+_LONGEST = 300_000
 #: What older files of volumetric_drilling call one unit: 0.049664 m (a comment in them).
 _OLD_UNIT = 49.664
 
@@ -64,11 +68,11 @@ def read_description(path: str | os.PathLike[str], *, unit: float | None = None)
     block = _volume_block(name, _content(name))
     images = _part(name, block, "images", dict)
     if str(images.get("format", "png")).lower().lstrip(".") != "png":
-        raise ValueError(f"{name}: images: format must be png, got {images.get('format')!r}")
+        raise ValueError(f"{name}: images: format must be png, got {shown(images.get('format'))}")
     folder = Path(name).parent / str(_part(name, images, "path", str, within="images: "))
     count = images.get("count")
     if count is not None and (not isinstance(count, int) or isinstance(count, bool) or count < 1):
-        raise ValueError(f"{name}: images: count must be a whole number from 1, got {count!r}")
+        raise ValueError(f"{name}: images: count must be a whole number from 1, got {shown(count)}")
     dimensions = _part(name, block, "dimensions", dict)
     sides = np.array([_positive(name, f"dimensions: {axis}", dimensions.get(axis)) for axis in "xyz"])
     sides *= _positive(name, "scale", block.get("scale", 1.0))
@@ -85,10 +89,30 @@ def _content(name: str) -> Any:
         import yaml
     except ImportError as error:
         raise ImportError("reading YAML needs PyYAML: pip install 'burrlab[medical]'") from error
-    content = Path(name).read_bytes()
+    with open(name, "rb") as file:
+        content = file.read(_LONGEST + 1)
+    if len(content) > _LONGEST:
+        raise ValueError(f"{name}: a description must have at most {_LONGEST} bytes")
     try:
-        return yaml.safe_load(content)
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        loader = yaml.SafeLoader(content)
+        merge = loader.flatten_mapping
+
+        def bounded(node: Any) -> None:
+            merge(node)
+            if len(node.value) > _LONGEST:
+                raise yaml.YAMLError(f"a mapping must have at most {_LONGEST} keys, merged ones included")
+
+        loader.flatten_mapping = bounded
+        return loader.get_single_data()
+    except (
+        yaml.YAMLError,
+        ValueError,
+        RecursionError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        OverflowError,
+    ) as error:
         raise ValueError(f"{name}: not a YAML file: {' '.join(str(error).split())}") from None
 
 
@@ -97,11 +121,11 @@ def _volume_block(name: str, content: Any) -> dict[str, Any]:
     if isinstance(content, dict):
         blocks = {key: block for key, block in content.items() if str(key).startswith("VOLUME ")}
     if len(blocks) != 1:
-        found = ", ".join(map(str, blocks)) or "none"
+        found = ", ".join(map(str, blocks))[:200] or "none"
         raise ValueError(f"{name}: must have one block 'VOLUME name' that describes a stack, got {found}")
     [(key, block)] = blocks.items()
     if not isinstance(block, dict):
-        raise ValueError(f"{name}: {key} must have dimensions and images, got {block!r}")
+        raise ValueError(f"{name}: {str(key)[:200]} must have dimensions and images, got {shown(block)}")
     return block
 
 
@@ -109,13 +133,13 @@ def _part(name: str, block: dict[str, Any], key: str, kind: type, *, within: str
     value = block.get(key)
     if not isinstance(value, kind):
         what = "a block" if kind is dict else "a text"
-        raise ValueError(f"{name}: {within}{key} must be there, {what}, got {value!r}")
+        raise ValueError(f"{name}: {within}{key} must be there, {what}, got {shown(value)}")
     return value
 
 
 def _positive(name: str, what: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
-        raise ValueError(f"{name}: {what} must be a finite number above 0, got {value!r}")
+        raise ValueError(f"{name}: {what} must be a finite number above 0, got {shown(value)}")
     return float(value)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from burrlab.json_text import UNREADABLE
+from burrlab.session.new_hdf5 import attributes
 from burrlab.session.snapshot import FORMAT, FORMAT_VERSION, open_hdf5
 from burrlab.volume.dicom import IN_FOLDER, dicom_files, holds_dicom
 
@@ -118,7 +119,7 @@ def replace_whole(target: Path, content: bytes) -> None:
 def _told(path: Path) -> dict[str, Any]:
     with open_hdf5(path, FORMAT, FORMAT_VERSION) as file:
         try:
-            told = json.loads(file.attrs["source"])
+            told = json.loads(attributes(file)["source"])
         except UNREADABLE:
             told = None
     if not isinstance(told, dict) or told.get("kind") != KIND:

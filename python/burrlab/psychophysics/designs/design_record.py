@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from burrlab._core import Material
+from burrlab.bounds import shown
 from burrlab.psychophysics.design import Design
 from burrlab.psychophysics.designs.abx import ABX
 from burrlab.psychophysics.designs.adaptive import AdaptiveStaircase
@@ -41,7 +42,7 @@ def design_of_dict(values: Mapping[str, Any]) -> Design:
     """
     kind = values.get("design")
     if not isinstance(kind, str) or kind not in _KINDS:
-        raise ValueError(f"design must be one of {', '.join(_KINDS)}, got {kind!r}")
+        raise ValueError(f"design must be one of {', '.join(_KINDS)}, got {shown(kind)}")
     made = _KINDS[kind]
     given: dict[str, Any] = {}
     for name, parameter in inspect.signature(made).parameters.items():

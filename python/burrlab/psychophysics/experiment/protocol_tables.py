@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any
 
 from burrlab._core import Burr
+from burrlab.bounds import shown
 from burrlab.psychophysics.design import Design
 from burrlab.psychophysics.experiment.block import Block
 from burrlab.psychophysics.experiment.design_table import design_of, stimuli_of
@@ -54,7 +55,7 @@ def subjects_of(table: Table) -> tuple[str, ...]:
         digits = max(2, len(str(value)))
         return tuple(f"{number:0{digits}}" for number in range(1, value + 1))
     if not (isinstance(value, list) and value and all(isinstance(one, str) for one in value)):
-        raise table.error(f"subjects must be a number or a list of names, got {value!r}")
+        raise table.error(f"subjects must be a number or a list of names, got {shown(value)}")
     _check_labels(table, "a subject", value)
     return tuple(value)
 
@@ -65,10 +66,10 @@ def _check_labels(table: Table, what: str, labels: list[str]) -> None:
     for label in labels:
         if not (label.isascii() and label.isalnum()):
             raise table.error(
-                f"{what}'s name must be of letters and digits, as BIDS labels are, got {label!r}"
+                f"{what}'s name must be of letters and digits, as BIDS labels are, got {shown(label)}"
             )
         if (other := seen.get(label.lower())) is not None:
-            raise table.error(f"{what}'s name must be there once, got {other!r} and {label!r}")
+            raise table.error(f"{what}'s name must be there once, got {shown(other)} and {label!r}")
         seen[label.lower()] = label
 
 
@@ -86,10 +87,10 @@ def network_of(table: Table) -> tuple[float, int | None]:
     """Of [experiment]: age of a lost position [ms], and the port to publish on."""
     lost_after = float(table.number("lost_after_ms", 100.0))
     if lost_after <= 0:
-        raise table.error(f"lost_after_ms must be positive, got {lost_after!r}")
+        raise table.error(f"lost_after_ms must be positive, got {shown(lost_after)}")
     publish: int | None = table.value("publish", None)
     if publish is not None and not (type(publish) is int and 0 < publish < 65536):
-        raise table.error(f"publish must be a port, 1 to 65535, got {publish!r}")
+        raise table.error(f"publish must be a port, 1 to 65535, got {shown(publish)}")
     return lost_after, publish
 
 
@@ -103,7 +104,9 @@ def selection_of(table: Table) -> str | None:
     """The selection of [experiment], which goes into a file of tabs."""
     text: str | None = table.text("selected_by", None)
     if text is not None and any(mark in text for mark in '\t\r\n"'):
-        raise table.error(f"selected_by must be without tabs, line breaks and quotation marks, got {text!r}")
+        raise table.error(
+            f"selected_by must be without tabs, line breaks and quotation marks, got {shown(text)}"
+        )
     return text
 
 
@@ -121,9 +124,9 @@ def seconds_of(table: Table, key: str, default: float) -> float:
     """A time from 0 to a day [s]."""
     value = float(table.number(key, default))
     if value < 0:
-        raise table.error(f"{key} must be at least 0, got {value!r}")
+        raise table.error(f"{key} must be at least 0, got {shown(value)}")
     if value > _LONGEST:
-        raise table.error(f"{key} must be at most {_LONGEST:g} [s], got {value!r}")
+        raise table.error(f"{key} must be at most {_LONGEST:g} [s], got {shown(value)}")
     return value
 
 
@@ -167,7 +170,7 @@ def _volume_of(table: Table, folder: Path) -> dict[str, Any] | None:
         if key not in table:
             raise table.error(f"{key} is missing: volume needs it")
     if crop is not None and not (isinstance(crop, list) and len(crop) == 2):
-        raise table.error(f"crop_mm must be two corners, [[x, y, z], [x, y, z]], got {crop!r}")
+        raise table.error(f"crop_mm must be two corners, [[x, y, z], [x, y, z]], got {shown(crop)}")
     with table.errors():
         return {
             "volume": VolumeRecipe(
@@ -211,11 +214,13 @@ def analysis_of(table: Table) -> AnalysisSettings:
         and all(rule in RULES for rule in rules)
         and len({*rules}) == len(rules)
     ):
-        raise table.error(f"rules must be a list of {', '.join(RULES)}, each once at most, got {rules!r}")
+        raise table.error(
+            f"rules must be a list of {', '.join(RULES)}, each once at most, got {shown(rules)}"
+        )
     delta, level = table.number("delta", None), table.number("level", 0.95)
     if delta is not None and delta <= 0:
-        raise table.error(f"delta must be a d' above 0, got {delta!r}")
+        raise table.error(f"delta must be a d' above 0, got {shown(delta)}")
     if not 0.5 <= level < 1:
-        raise table.error(f"level must be from 0.5 to below 1, got {level!r}")
+        raise table.error(f"level must be from 0.5 to below 1, got {shown(level)}")
     table.done()
     return AnalysisSettings(tuple(rules), delta, level)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from burrlab._core import __version__
+from burrlab.bounds import shown
 from burrlab.csv_text import plain
 from burrlab.provenance import provenance
 from burrlab.psychophysics.designs.design_record import design_of_dict
@@ -171,7 +172,7 @@ class SideCar:
             If a key is missing or not what it must be.
         """
         if values.get(_KEY) != _FORMAT:
-            raise ValueError(f"{_KEY} must be {_FORMAT}, got {values.get(_KEY)!r}")
+            raise ValueError(f"{_KEY} must be {_FORMAT}, got {shown(values.get(_KEY))}")
         text = {
             key: _typed(values, key, str)
             for key in ("Subject", "TaskName", "Instructions", "Started", "Device")
@@ -289,7 +290,7 @@ def _typed(values: Mapping[str, Any], key: str, kind: type) -> Any:
     if key not in values:
         raise ValueError(f"{key} is missing")
     if type(values[key]) is not kind:
-        raise ValueError(f"{key} must be {_KINDS[kind]}, got {values[key]!r}")
+        raise ValueError(f"{key} must be {_KINDS[kind]}, got {shown(values[key])}")
     return values[key]
 
 
@@ -301,4 +302,6 @@ def _changes(where: str, was: Any, now: Any) -> tuple[str, ...]:
             for key in keys
             for change in _changes(f"{where}.{key}" if where else key, was.get(key), now.get(key))
         )
-    return () if was == now and type(was) is type(now) else (f"{where} was {was!r}, is now {now!r}",)
+    return (
+        () if was == now and type(was) is type(now) else (f"{where} was {shown(was)}, is now {shown(now)}",)
+    )

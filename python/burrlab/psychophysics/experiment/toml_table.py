@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import reprlib
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 from burrlab import csv_text
+from burrlab.bounds import shown
 
 _REQUIRED = object()
 
@@ -37,9 +37,9 @@ class Table:
         """A text that is not empty, of the choices where there are any."""
         value = self.value(key, default)
         if key in self and not (isinstance(value, str) and value):
-            raise self.error(f"{key} must be a text, got {_short(value)}")
+            raise self.error(f"{key} must be a text, got {shown(value)}")
         if key in self and choices and value not in choices:
-            raise self.error(f"{key} must be one of {', '.join(choices)}, got {value!r}")
+            raise self.error(f"{key} must be one of {', '.join(choices)}, got {shown(value)}")
         return value
 
     def number(self, key: str, default: Any = _REQUIRED) -> Any:
@@ -53,21 +53,21 @@ class Table:
         if key not in self:
             return value
         if not isinstance(value, list):
-            raise self.error(f"{key} must be a list of numbers, got {_short(value)}")
+            raise self.error(f"{key} must be a list of numbers, got {shown(value)}")
         return [self._number(key, one) for one in value]
 
     def whole(self, key: str, default: Any = _REQUIRED, *, most: int = 2**63 - 1) -> Any:
         """A whole number from 0."""
         value = self.value(key, default)
         if key in self and not (type(value) is int and 0 <= value <= most):
-            raise self.error(f"{key} must be a whole number from 0 to {most}, got {_short(value)}")
+            raise self.error(f"{key} must be a whole number from 0 to {most}, got {shown(value)}")
         return value
 
     def flag(self, key: str, default: Any = _REQUIRED) -> Any:
         """true or false."""
         value = self.value(key, default)
         if key in self and type(value) is not bool:
-            raise self.error(f"{key} must be true or false, got {_short(value)}")
+            raise self.error(f"{key} must be true or false, got {shown(value)}")
         return value
 
     def table(self, key: str, *, needed: bool = True) -> Table:
@@ -75,7 +75,7 @@ class Table:
         name = f"{self.name}.{key}" if self.name else key
         value = self.value(key, _REQUIRED if needed else {}, what=f"the table [{name}]")
         if not isinstance(value, dict):
-            raise self.error(f"{key} must be a table, [{name}], got {_short(value)}")
+            raise self.error(f"{key} must be a table, [{name}], got {shown(value)}")
         return Table(self.file, name, value)
 
     def tables(self) -> Mapping[str, Table]:
@@ -93,7 +93,7 @@ class Table:
         """Raises ValueError where a key was not asked for."""
         for key in self._values:
             if key not in self._known:
-                raise self.error(f"unknown key {key!r}; known are {', '.join(self._known)}")
+                raise self.error(f"unknown key {shown(key)}; known are {', '.join(self._known)}")
 
     def error(self, sentence: object) -> ValueError:
         """With the place before the sentence."""
@@ -116,13 +116,8 @@ class Table:
         except OverflowError:  # TOML's whole numbers have no end
             number = math.inf
         if not math.isfinite(number):
-            raise self.error(f"{key} must be a finite number, got {_short(value)}")
+            raise self.error(f"{key} must be a finite number, got {shown(value)}")
         return number
-
-
-def _short(value: object) -> str:
-    text = reprlib.repr(value) if isinstance(value, (dict, list)) else repr(value)  # these may be deep
-    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def read_toml(name: str, content: bytes) -> Table:

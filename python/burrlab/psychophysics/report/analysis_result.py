@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Self
 
+from burrlab.bounds import shown
 from burrlab.json_text import UNREADABLE, in_one_line
 from burrlab.psychophysics.experiment.records import plain, restored
 from burrlab.psychophysics.report import report, subject_table
@@ -82,7 +83,7 @@ class Analysis:
             If it is something else.
         """
         if values.get(_KIND) != FORMAT:
-            raise ValueError(f"{_KIND!r} must be {FORMAT}, got {values.get(_KIND)!r}")
+            raise ValueError(f"{_KIND!r} must be {FORMAT}, got {shown(values.get(_KIND))}")
         made = restored(cls, values)
         if not (isinstance(made.tasks, tuple) and all(not isinstance(task, Mapping) for task in made.tasks)):
             raise ValueError("tasks must be a list of tasks with all that they hold")

@@ -18,6 +18,13 @@ Vec3 to_vector(const Spacing& spacing) {
   return std::get<Vec3>(spacing);
 }
 
+// ValueError of the package, which knows what the machine has, where a bone of so many bytes a voxel is too
+// large.
+void check_memory(const Index3& shape, double each) {
+  const double voxels = double(shape[0]) * double(shape[1]) * double(shape[2]);
+  if (voxels > 1e8) py::module_::import("burrlab.bounds").attr("check_bone")(voxels, each);
+}
+
 // A dense copy of a box of levels, (z, y, x).
 py::array_t<std::uint8_t> levels_of(const VoxelBone& bone, const Index3& start, const Index3& shape,
                                     bool pristine) {
@@ -46,6 +53,7 @@ std::shared_ptr<VoxelBone> block(const Vec3& size, const Spacing& spacing, const
     shape[2 - axis] = static_cast<std::int64_t>(count);
   }
   if (level < 0 || level > 255) burrlab::refuse("level", "0 to 255", level);
+  check_memory(shape, level > 0 ? 1.04 : 0.04);  // empty bricks take none but for their sums
   return std::make_shared<VoxelBone>(shape, static_cast<std::uint8_t>(level), s, origin);
 }
 
@@ -73,8 +81,8 @@ range : (empty, solid), optional
 Raises
 ------
 ValueError
-    If the rank is not 3, a side is 0, a value is not finite or out of range, the range is missing, or a
-    spacing is not positive.
+    If the rank is not 3, a side is 0, a value is not finite or out of range, the range is missing, a spacing is
+    not positive, or the machine has too little memory.
 
 Examples
 --------
@@ -85,6 +93,7 @@ Examples
 )");
   bone.def(py::init(
                [](const py::array& density, const Spacing& spacing, const Vec3& origin, const Range& range) {
+                 if (density.ndim() == 3) check_memory(shape_of(density), 2.04);
                  const Levels levels = to_levels(density, range);
                  return std::make_shared<VoxelBone>(shape_of(density), levels, to_vector(spacing), origin);
                }),
@@ -108,7 +117,7 @@ level : int
 Raises
 ------
 ValueError
-    If a side or spacing is not positive or the level out of range.
+    If a side or spacing is not positive, the level out of range, or the machine has too little memory.
 )")
       .def_property_readonly(
           "shape",

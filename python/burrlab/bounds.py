@@ -48,6 +48,11 @@ def check_memory(size: float, what: str) -> None:
         raise ValueError(f"{what} needs {size / 1e9:.3g} GB of memory, and {there / 1e9:.3g} GB are there")
 
 
+def check_bone(voxels: float, each: float) -> None:
+    """ValueError where the machine has no memory for a bone of so many voxels, of so many bytes each; C++ asks too."""
+    check_memory(voxels * each, f"a bone of {voxels:.3g} voxels")
+
+
 def check_packed(size: float, packed: float, name: str) -> None:
     """ValueError where a file says that its packed bytes hold more than they can."""
     if size > DEFLATE * packed:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from burrlab._core import Burr, VoxelBone
+from burrlab.bounds import check_bone
 from burrlab.dataset import by_value
 
 #: Largest block that `half_space` makes [voxels]: some gigabytes while it is made (ours).
@@ -112,6 +113,7 @@ def block_below_plane(
             f"voxel must be coarser: a block for R = {burr.radius:g} mm at {spacing.min():g} mm has {count:.3g} voxels, "
             f"above {MOST_VOXELS:.3g}"
         )
+    check_bone(count, 26.0)  # while it is made, as measured
     centers = tuple((np.arange(low[i], high[i]) + 0.5) * spacing[i] for i in range(3))
     x, y, z = (normal[i] * centers[i] for i in range(3))
     below = (z[:, None, None] + y[None, :, None] + x[None, None, :]) / np.sqrt(

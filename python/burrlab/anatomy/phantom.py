@@ -17,6 +17,7 @@ from burrlab.anatomy.fields import CELLS_BOX, Fields
 from burrlab.anatomy.implicit import Grid, lattice_around
 from burrlab.anatomy.structures import Structures
 from burrlab.anatomy.tissue_painting import paint, phantom_tissues
+from burrlab.bounds import check_bone
 from burrlab.dataset import by_value
 from burrlab.materials import materials
 from burrlab.volume import LabelVolume
@@ -199,6 +200,7 @@ def _checked_grid(
         raise ValueError(
             f"size and voxel must give 1 to {MOST_VOXELS:g} voxels, got {tuple(count.tolist())} along x, y, z"
         )
+    check_bone(count.prod(dtype=float), 6.0)  # while it is made, as measured
     x, y, z = ((f + np.arange(n) + 0.5) * s for f, n, s in zip(first, count, spacing, strict=True))
     return spacing, Grid(x, y, z)
 

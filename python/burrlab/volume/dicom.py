@@ -8,8 +8,11 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import functools
+import math
 import os
+import re
 import threading
+import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,12 +22,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from burrlab.bounds import DEFLATE, check_memory
 from burrlab.volume.geometry import Array, checked_direction
 from burrlab.volume.header import Header, plain_name
 
 #: How far the distances of slices may differ from one another, a part of the distance (headers round).
 EVEN = 1e-2
 _BIG_ENDIAN = b"1.2.840.10008.1.2.2\0"  # transfer syntax Explicit VR Big Endian
+_DEFLATED = b"1.2.840.10008.1.2.1.99"
+#: What any file may unpack to (ours): compressed pixels all alike may take next to nothing [bytes].
+_SMALL = 1 << 26
+# Columns and rows of one value a pixel where JPEG 2000 (marker SIZ) and JPEG-LS (SOF) begin.
+_CODED = re.compile(rb"\xff\x4f\xff\x51.{4}(.{4})(.{4})|\xff\xf7\0\x0b[\x02-\x10](..)(..)\x01", re.DOTALL)
 #: Name of the exact state of a half-drilled volume in a folder of slices.
 IN_FOLDER = "bone.h5"
 #: How far the slices may shift sideways from the first to the last, a part of a pixel: more is a gantry tilt.
@@ -70,6 +79,7 @@ def read_dicom(
     _check_straight(slices, direction, where)
     columns, rows = slices[0].size
     spacing = np.array([*slices[0].spacing, apart])
+    check_memory(2 * len(slices) * _size(slices[0]), f"{where}: the volume")
     planes = [_values(s, (rows, columns)) for s in slices]
     values = np.empty((len(planes), rows, columns), dtype=np.result_type(*planes))
     for k, plane in enumerate(planes):
@@ -137,6 +147,7 @@ def _header_of(name: str) -> _Slice:
     reader = sitk.ImageFileReader()
     reader.SetImageIO("GDCMImageIO")
     reader.SetFileName(plain_name(name))
+    _check_deflated(name)
     try:
         with _listening(name):
             reader.ReadImageInformation()
@@ -245,9 +256,37 @@ def _check_straight(slices: list[_Slice], direction: Array, where: str) -> None:
         )
 
 
+def _size(part: _Slice) -> int:
+    """Of the pixels [bytes]."""
+    return part.size[0] * part.size[1] * part.bits // 8
+
+
+def _check_deflated(name: str) -> None:
+    """ValueError where the data set of a deflated file is larger than any slice's: GDCM would inflate it whole."""
+    with open(name, "rb") as file:
+        head = file.read(1024)
+        if _DEFLATED in head:
+            file.seek(144 + int.from_bytes(head[140:144], "little"))  # behind the file meta information
+            stream = zlib.decompressobj(-zlib.MAX_WBITS)
+            with contextlib.suppress(zlib.error):
+                stream.decompress(file.read(), _SMALL)
+            if stream.unconsumed_tail:
+                raise ValueError(f"{name}: the deflated data must be of at most {_SMALL} bytes")
+
+
 def _check_whole(part: _Slice) -> None:
     """ValueError where the pixel data is shorter than rows and columns ask for: GDCM would fill the rest up."""
-    content, wanted = Path(part.name).read_bytes(), part.size[0] * part.size[1] * part.bits // 8
+    content, wanted = Path(part.name).read_bytes(), _size(part)
+    if wanted > max(DEFLATE * len(content), _SMALL):  # before a decoder makes room for it
+        raise ValueError(
+            f"{part.name}: the pixel data is cut short: {len(content)} bytes cannot hold {wanted}"
+        )
+    for sizes in _CODED.findall(content):  # a decoder goes by them
+        coded = math.prod(int.from_bytes(size) for size in sizes if size)
+        if coded > max(part.size[0] * part.size[1], _SMALL // 4):
+            raise ValueError(
+                f"{part.name}: the compressed pixels must be of the header's size, got {coded} of them"
+            )
     big = _BIG_ENDIAN in content[:1024]
     tag = b"\x7f\xe0\x00\x10" if big else b"\xe0\x7f\x10\x00"
     found, place = [], content.find(tag)

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from burrlab.bounds import check_packed
+
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _KINDS = {
     0: "grey",
@@ -22,6 +24,7 @@ _KINDS = {
     4: "grey with alpha",
     6: "RGBA",
 }  # PNG specification, 11.2.2 IHDR
+_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 #: No slice of a clinical or micro-CT volume is larger; a file that says so is damaged (ours).
 MOST_PIXELS = 16384
 
@@ -171,4 +174,6 @@ def _header(path: Path) -> tuple[int, int, int, str]:
         raise ValueError(
             f"{path}: the PNG file is damaged (its header says {columns} x {rows} pixels, kind {kind})"
         )
+    size = rows * (1 + columns * bits * _CHANNELS[kind] // 8)
+    check_packed(size, path.stat().st_size, str(path))
     return columns, rows, bits, _KINDS[kind]

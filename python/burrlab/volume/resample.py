@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from burrlab.bounds import check_memory
 from burrlab.specimen import MOST_VOXELS
 
 Array = NDArray[np.float64]
 _WHOLE = 1e-3  # of a voxel: by how much a field of view may miss a whole number of voxels, spacing in float32
 
 
-def resampled_shape(shape: tuple[int, int, int], old: Array, new: Array) -> tuple[int, int, int]:
-    """Voxels (z, y, x) of spacing `new` (x, y, z) that cover the field of view; ValueError above the most."""
+def resampled_shape(
+    shape: tuple[int, int, int], old: Array, new: Array, work: float = 0.0
+) -> tuple[int, int, int]:
+    """Voxels (z, y, x) of spacing `new` (x, y, z) that cover the field of view; ValueError where they are too many.
+
+    `work` bytes a voxel of the old ones are needed besides.
+    """
     with np.errstate(over="ignore"):
         sides = np.array(shape, dtype=float) * old[::-1] / new[::-1]
         counts = np.maximum(np.ceil(sides - _WHOLE), 1.0)
@@ -25,6 +32,7 @@ def resampled_shape(shape: tuple[int, int, int], old: Array, new: Array) -> tupl
             f"spacing must be coarser or the volume cropped: {new.min():g} mm makes {voxels:.3g} voxels, and "
             f"{MOST_VOXELS:.3g} are the most"
         )
+    check_memory(5.0 * voxels + work * math.prod(shape), f"resampling to {voxels:.3g} voxels")
     z, y, x = (int(n) for n in counts)
     return z, y, x
 
@@ -55,7 +63,7 @@ def resample_linear(
     store : callable
         What is done with each plane of float32 before it is stored as `kind`.
     """
-    shape = resampled_shape(_three(values), old, new)
+    shape = resampled_shape(_three(values), old, new, 28.0 if np.any(new > old) else 8.0)  # as measured
     work = values.astype(np.float32)
     for axis in range(3):
         ratio = float(new[2 - axis] / old[2 - axis])

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import Tissues
+from burrlab.bounds import check_memory
 from burrlab.volume.adf import StackDescription, read_description
 from burrlab.volume.geometry import checked_spacing
 from burrlab.volume.label_volume import LabelVolume
@@ -100,8 +101,10 @@ def read_stack(
     if slices.kind == "grey" or (palette is None and _without_colour(slices)):
         if palette is not None:
             raise ValueError(f"{slices.paths[0]}: a palette is for coloured slices, and these are grey")
+        check_memory(float(np.prod(shape)) * max(slices.bits // 8, 1), f"{name}: the volume")
         return Volume(_grey(slices, transpose), notes=tuple(notes), **grid)
     colours = Palette.of(palette, unknown)
+    check_memory(float(np.prod(shape)) * np.dtype(colours.dtype).itemsize, f"{name}: the volume")
     labels = np.empty(shape, colours.dtype)
     for k, file in enumerate(slices.paths):
         plane = colours.labels(pixels(file), file)

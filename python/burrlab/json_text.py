@@ -36,7 +36,7 @@ def parsed(
 
 def in_one_line(error: object) -> str:
     """What was raised by something from elsewhere, as another sentence may quote it."""
-    return re.sub(r"[\0-\x1f\x7f]", "\ufffd", textwrap.shorten(str(error), 200))
+    return re.sub(r"[\0-\x1f\x7f\ud800-\udfff]", "\ufffd", textwrap.shorten(str(error), 200))
 
 
 def record(kind: Callable[..., Made], **values: Any) -> Made:

@@ -34,7 +34,7 @@ from readers import PACKAGE, TARGETS
 FOUND = Path(__file__).parent / "found"
 MEMORY, PATIENCE = 2 << 30, 10.0  # more than this is a finding [bytes], [s]
 LONGEST = 20_000  # of a sentence: it may quote a name [characters]
-CONTROL = re.compile(r"[\0-\x08\x0a-\x1f\x7f]")  # a sentence has none, and no second line
+CONTROL = re.compile(r"[\0-\x08\x0a-\x1f\x7f\ud800-\udfff]")  # a sentence has none, and no second line
 ONE_CHILD = 20_000  # inputs, for what libraries keep of each not to add up
 STATE = struct.Struct(
     "<Qdd"
@@ -60,7 +60,7 @@ def put(files: Files, folder: Path) -> None:
 def keep(files: Files, out: Path, name: str, told: str) -> None:
     if not (out / name).exists():
         put(files, out / name)
-        (out / f"{name}.txt").write_text(told)
+        (out / f"{name}.txt").write_text(told, errors="backslashreplace")
 
 
 class Child:
@@ -168,7 +168,8 @@ def run(target: str, seconds: float, seed: int, out: Path) -> tuple[int, list[st
                 left -= time.monotonic() - begun
                 (work / "state").write_bytes(STATE.pack(number + 1, 0.0, left))
             elif child.returncode:
-                raise RuntimeError(f"{target}: {where}")
+                said = (work / "said").read_text(errors="replace")
+                raise RuntimeError(f"{target} ends with {child.returncode}: {where}{said}")
     return number, sorted(place.name for place in out.glob("*/"))
 
 

@@ -16,6 +16,7 @@ from burrlab._core import Tissues
 from burrlab.anatomy.dose import Dose, dose_figure, dose_table
 from burrlab.anatomy.event import AnatomyEvent
 from burrlab.anatomy.watch import Watch, critical_structures
+from burrlab.json_text import UNREADABLE, in_one_line
 from burrlab.session.replay import inputs
 from burrlab.session.trace import Trace, check_trace
 from burrlab.session.watch_rows import DOSE_DTYPE, EVENT_DTYPE, Watched
@@ -248,7 +249,11 @@ def anatomy_report(
     if tissues is None:
         raise ValueError("trace must be of a bone with tissues, got one of a single material")
     if watch is None and trace.watch:
-        watch = Watch.of_settings(bone, trace.watch)
+        try:
+            watch = Watch.of_settings(bone, trace.watch)
+        except UNREADABLE as error:
+            said = in_one_line(repr(error))
+            raise ValueError(f"{trace.path} is damaged: its watch cannot be set up ({said})") from None
     elif watch is None and critical_structures(bone):
         watch = Watch(bone)
     executor = _core.TickExecutor(

@@ -21,6 +21,7 @@ from burrlab import __version__
 from burrlab._core import Material, Tissue, Tissues, VoxelBone
 from burrlab.bounds import DEFLATE, check_memory, check_packed
 from burrlab.files import new_part
+from burrlab.json_text import in_one_line
 from burrlab.session.new_hdf5 import attributes, new_hdf5, put_attributes
 
 if TYPE_CHECKING:
@@ -118,7 +119,7 @@ def told_as_damage(path: str | os.PathLike[str]) -> Iterator[None]:
     ) as error:
         if isinstance(error, ValueError) and str(error).startswith(f"{path} is "):
             raise
-        raise ValueError(f"{path} is damaged: {error}") from None
+        raise ValueError(f"{path} is damaged: {in_one_line(error)}") from None
 
 
 def check_bone_file(path: str | os.PathLike[str]) -> None:
@@ -268,7 +269,8 @@ def read_bone(group: h5py.Group) -> tuple[VoxelBone, int]:
         bone.set_tissues(tissues_from_json(told["tissues"]), read_dataset(group, "tissue"))
     if bone.digest() != told["digest"]:
         raise ValueError(
-            f"{group.file.filename} is damaged: the bone has digest {bone.digest()}, and was written with {told['digest']}"
+            f"{group.file.filename} is damaged: the bone has digest {bone.digest()}, and was written with "
+            + in_one_line(told["digest"])
         )
     return bone, int(told["tick"])
 

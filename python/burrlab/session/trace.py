@@ -234,19 +234,27 @@ def _read(file: h5py.File, path: Path) -> Trace:
         )  # fmt: skip
         tools.append((Burr(float(tool["radius_mm"])), material))
         devices.append(tool["device"])
-    first = int(about["first_tick"])
+    first, seed, scheme = int(about["first_tick"]), int(about["seed"]), about["scheme"]
+    if not (
+        all(isinstance(device, str) for device in devices)
+        and 0 <= seed < 2**64
+        and scheme in {"layer", "cell"}
+    ):
+        raise ValueError(
+            "its devices must be texts, its seed a number of 64 bits and its scheme layer or cell"
+        )
     # Digests and events come first: they are written after the ticks they speak of.
     watch, watched, events = read_watch(file, len(tools))
-    digests = read_dataset(file, "digests", int(file["digests_recorded"][()]))
-    ended = bytes(file["ended"][()]).rstrip(b"\0").decode(errors="replace")
-    complete = bool(file["complete"][()])
+    digests = read_dataset(file, "digests", int(read_dataset(file, "digests_recorded")))
+    ended = bytes(read_dataset(file, "ended")).rstrip(b"\0").decode(errors="replace")
+    complete = bool(read_dataset(file, "complete"))
     ticks = _ticks(file, path, first, len(tools))
     bone, tick = read_bone(file["volume"])
     if tick != first or bone.digest() != about["initial_digest"]:
         raise ValueError(f"{path} is damaged: its volume is not the one that the session began with")
     names = ("burrlab", "python", "numpy", "machine", "cpu_path", "started", "started_unix_s")
     return Trace(
-        path, ticks, tuple(tools), tuple(devices), int(about["seed"]), float(about["period_ms"]), str(about["scheme"]),
+        path, ticks, tuple(tools), tuple(devices), seed, float(about["period_ms"]), scheme,
         first, tuple((int(d["tick"]), d["digest"].decode("ascii")) for d in digests), ended, complete,
         str(volume["source"]), json.loads(read_dataset(file, "note")),
         {name: _plain(about[name]) for name in names}, watch, events, watched, bone,
@@ -254,7 +262,7 @@ def _read(file: h5py.File, path: Path) -> Trace:
 
 
 def _ticks(file: h5py.File, path: Path, first: int, burrs: int) -> NDArray[np.void]:
-    table, recorded = file["ticks"], int(file["recorded"][()])
+    table, recorded = file["ticks"], int(read_dataset(file, "recorded"))
     if recorded > len(table):
         raise ValueError(
             f"{path} is damaged: {recorded} ticks are counted, and there is room for {len(table)}"

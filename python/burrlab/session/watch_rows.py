@@ -140,14 +140,14 @@ def read_watch(file: h5py.File, burrs: int) -> tuple[dict[str, Any], Watched | N
         return {}, None, np.zeros(0, EVENT_DTYPE)
     group = file[GROUP]
     settings = json.loads(read_dataset(group, "settings"))
-    recorded = int(group["events_recorded"][()])
+    recorded = int(read_dataset(group, "events_recorded"))
     if recorded > len(group["events"]) or group["events"].dtype != EVENT_DTYPE:
         raise ValueError("its events are not what their count says")
     events = _read_only(read_dataset(group, "events", recorded))
     doses = read_dataset(group, "doses")
     if doses.dtype != DOSE_DTYPE or doses.shape != (burrs, len(settings["structures"])):
         raise ValueError("its doses have other columns than this format has")
-    if not group["summed"][()]:
+    if not read_dataset(group, "summed"):
         return settings, None, events
     gaps, passed, lost = (int(n) for n in read_dataset(group, "counts"))
     removed = _read_only(read_dataset(group, "removed_levels"))

@@ -8,9 +8,6 @@ from pathlib import Path
 
 import pytest
 
-#: Not in every run yet: the readers of traces and of drilled pairs still have findings.
-pytestmark = pytest.mark.slow
-
 FUZZ = Path(__file__).parents[1] / "fuzz"
 TARGETS = re.findall(r'^    "(\w+)": \(', (FUZZ / "readers.py").read_text(), re.MULTILINE)
 BAD = """

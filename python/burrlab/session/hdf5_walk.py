@@ -7,7 +7,7 @@ import itertools
 import sys
 from typing import Any
 
-_MEMORY, _TIME = 4 << 30, 3  # that the process may have [bytes], and of the processor [s]
+_MEMORY, _TIME = 4 << 30, 2  # that the process may have [bytes], and of the processor [s]
 
 
 def walk(item: Any, depth: int = 0) -> None:

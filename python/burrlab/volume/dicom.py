@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab.bounds import DEFLATE, check_memory
+from burrlab.json_text import in_one_line
 from burrlab.volume.geometry import Array, checked_direction
 from burrlab.volume.header import Header, plain_name
 
@@ -157,7 +158,7 @@ def _header_of(name: str) -> _Slice:
         ) from None
 
     def text(tag: str) -> str:
-        return str(reader.GetMetaData(tag)).strip(" \0") if reader.HasMetaDataKey(tag) else ""
+        return in_one_line(reader.GetMetaData(tag).strip(" \0")) if reader.HasMetaDataKey(tag) else ""
 
     def numbers(tag: str, count: int) -> tuple[float, ...]:
         try:

@@ -101,7 +101,9 @@ def pixels(path: Path) -> NDArray[Any]:
                 return np.asarray(image).astype(np.uint16)
             return np.asarray(image.convert("L") if image.mode == "1" else image)
     except MemoryError:
-        raise
+        raise ValueError(
+            f"{path}: the PNG file is damaged, or the machine has too little memory for it"
+        ) from None
     except Exception as error:  # Pillow raises whatever a damaged chunk leads to
         raise ValueError(f"{path}: the PNG file is damaged or cut short ({error})") from None
 

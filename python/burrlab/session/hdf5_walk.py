@@ -29,7 +29,9 @@ if __name__ == "__main__":
     with contextlib.suppress(ImportError):
         import resource
 
-        resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
-        resource.setrlimit(resource.RLIMIT_CPU, (_TIME, _TIME))
+        for what, most in ((resource.RLIMIT_AS, _MEMORY), (resource.RLIMIT_CPU, _TIME)):
+            given = resource.getrlimit(what)[1]  # more than that nobody may set
+            least = most if given == resource.RLIM_INFINITY else min(most, given)
+            resource.setrlimit(what, (least, least))
     with contextlib.suppress(Exception), h5py.File(sys.argv[1], "r") as file:  # the reader says it better
         walk(file)

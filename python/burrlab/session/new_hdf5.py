@@ -1,10 +1,12 @@
-"""HDF5 files that are made anew: where a disk is full, an OSError and no more."""
+"""HDF5 files: new ones, where a full disk is an OSError and no more; and what hangs libhdf5 in damaged ones."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import os
+import subprocess
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +15,8 @@ from burrlab.files import check_folder
 
 if TYPE_CHECKING:
     import h5py
+
+_PATIENCE = 30.0  # with libhdf5 in a file without checksums, on a busy machine [s]
 
 
 @contextlib.contextmanager
@@ -55,10 +59,31 @@ def put_attributes(item: h5py.Group | h5py.Dataset, values: Mapping[str, Any]) -
 
 def attributes(item: h5py.Group | h5py.Dataset) -> dict[str, Any]:
     """All of them, texts of a fixed length or not as str."""
+    for name in item.attrs:
+        check_heap(item, item.attrs.get_id(name).dtype)
     return {
         name: value.decode("utf-8", "surrogateescape") if isinstance(value, bytes) else value
         for name, value in item.attrs.items()
     }
+
+
+def check_heap(item: h5py.Group | h5py.Dataset, dtype: Any) -> None:
+    """ValueError where a value of no fixed length hangs or crashes libhdf5, in a file whose other parts have checksums."""
+    if dtype.hasobject and item.file.id.get_create_plist().get_version()[0] > 2:
+        check_walk(item.file.filename)
+
+
+def check_walk(path: str | os.PathLike[str]) -> None:
+    """ValueError where libhdf5 hangs or crashes in a file, as it does in damaged ones without checksums."""
+    command = [sys.executable, "-P", str(Path(__file__).with_name("hdf5_walk.py")), os.fspath(path)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        if not subprocess.run(
+            command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            timeout=_PATIENCE, check=False,
+        ).returncode:  # fmt: skip
+            return
+    raise ValueError(f"{path} is damaged: the HDF5 library hangs or crashes reading it")
 
 
 class _Disk(io.FileIO):

@@ -7,8 +7,6 @@ import json
 import math
 import operator
 import os
-import subprocess
-import sys
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,13 +20,12 @@ from burrlab._core import Material, Tissue, Tissues, VoxelBone
 from burrlab.bounds import DEFLATE, check_memory, check_packed
 from burrlab.files import new_part
 from burrlab.json_text import in_one_line
-from burrlab.session.new_hdf5 import attributes, new_hdf5, put_attributes
+from burrlab.session.new_hdf5 import attributes, check_heap, check_walk, new_hdf5, put_attributes
 
 if TYPE_CHECKING:
     import h5py
 
 FORMAT, FORMAT_VERSION = "burrlab bone", 2  # 2: with tissues; a bone without them is written as 1
-_PATIENCE = 30.0  # with libhdf5 in a file without checksums, on a busy machine [s]
 
 
 def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, source: str = "") -> None:
@@ -141,7 +138,7 @@ def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File
     if start[:8] != b"\x89HDF\r\n\x1a\n":
         raise ValueError(f"{path} is not a {kind}: not an HDF5 file")
     if start[8:] < b"\x03":  # version of the superblock: before HDF5 1.10, no checksums
-        _check_walk(path)
+        check_walk(path)
     try:
         file = h5py.File(path, "r")
     except OSError as error:
@@ -163,19 +160,6 @@ def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File
     raise ValueError(f"{path} is a {kind} of format {version}, and this version reads up to {newest}")
 
 
-def _check_walk(path: str | os.PathLike[str]) -> None:
-    """ValueError where libhdf5 hangs or crashes in a file, as it does in damaged ones without checksums."""
-    command = [sys.executable, "-P", str(Path(__file__).with_name("hdf5_walk.py")), os.fspath(path)]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
-    with contextlib.suppress(subprocess.TimeoutExpired):
-        if not subprocess.run(
-            command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-            timeout=_PATIENCE, check=False,
-        ).returncode:  # fmt: skip
-            return
-    raise ValueError(f"{path} is damaged: the HDF5 library hangs or crashes reading it")
-
-
 def read_dataset(group: h5py.Group, name: str, rows: int | None = None) -> Any:
     """A dataset, or its first rows, unpacked within the bounds that its shape, the file and the machine set.
 
@@ -191,6 +175,7 @@ def read_dataset(group: h5py.Group, name: str, rows: int | None = None) -> Any:
     if found.is_virtual or found.external or (found.dtype.hasobject and found.shape):
         raise ValueError(f"{where} lies elsewhere")
     if not found.shape:
+        check_heap(found, found.dtype)
         return found[()]
     shape = (len(found) if rows is None else rows, *found.shape[1:])
     size, stored = math.prod(shape) * found.dtype.itemsize, os.stat(group.file.filename).st_size

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     import h5py
     import pandas
 
+_LONGEST = 1000  # characters of a name
 _AXES = "xyz"
 
 
@@ -236,12 +237,16 @@ def _read(file: h5py.File, path: Path) -> Trace:
         devices.append(tool["device"])
     first, seed, scheme = int(about["first_tick"]), int(about["seed"]), about["scheme"]
     if not (
-        all(isinstance(device, str) for device in devices)
+        all(
+            isinstance(name, str) and len(name) <= _LONGEST
+            for name in (*devices, *(m.name for _, m in tools))
+        )
         and 0 <= seed < 2**64
         and scheme in {"layer", "cell"}
     ):
         raise ValueError(
-            "its devices must be texts, its seed a number of 64 bits and its scheme layer or cell"
+            f"its devices and materials must be texts of at most {_LONGEST} characters, its seed a number of 64 bits "
+            "and its scheme layer or cell"
         )
     # Digests and events come first: they are written after the ticks they speak of.
     watch, watched, events = read_watch(file, len(tools))

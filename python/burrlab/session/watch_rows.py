@@ -140,6 +140,8 @@ def read_watch(file: h5py.File, burrs: int) -> tuple[dict[str, Any], Watched | N
         return {}, None, np.zeros(0, EVENT_DTYPE)
     group = file[GROUP]
     settings = json.loads(read_dataset(group, "settings"))
+    if not all(isinstance(row["name"], str) for row in settings["structures"]):
+        raise ValueError("its structures must have names")
     recorded = int(read_dataset(group, "events_recorded"))
     if recorded > len(group["events"]) or group["events"].dtype != EVENT_DTYPE:
         raise ValueError("its events are not what their count says")

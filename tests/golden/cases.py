@@ -1,0 +1,687 @@
+"""What must stay as it was: each case makes what a user sees, and frozen/NAME.json holds what it was.
+
+    python tests/golden/cases.py      # freezes what is not frozen yet; what is frozen is never made again
+
+`files/` was written by the same version: a trace, kept bones, volumes of each format with their drilled pairs, a store,
+an experiment with answers. Later versions read them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import hashlib
+import importlib
+import inspect
+import io
+import json
+import os
+import re
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import burrlab
+from burrlab import _core
+
+FOLDER = Path(__file__).parent
+FROZEN, FILES, ROOT = FOLDER / "frozen", FOLDER / "files", FOLDER.parents[1]
+FACES = [
+    "burrlab",
+    *(f"burrlab.{room}" for room in ("anatomy", "effects", "psychophysics", "view", "volume")),
+]
+BURR, BONE = burrlab.Burr(3.0), burrlab.materials["bone"]
+CASES: dict[str, Callable[[Path], Any]] = {}
+sys.path.append(str(ROOT / "tests/python"))  # page_scenes
+
+
+def case(make: Callable[[Path], Any]) -> Callable[[Path], Any]:
+    CASES[make.__name__] = make
+    return make
+
+
+def frozen(name: str) -> Any:
+    return json.loads((FROZEN / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def plain(value: Any) -> Any:
+    """As JSON has it; of long arrays their shape and two sums."""
+    if isinstance(value, dict):
+        return {str(key): plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(one) for one in value]
+    if isinstance(value, np.ndarray):
+        if value.size <= 16 or value.dtype.kind not in "biuf":
+            return plain(value.tolist())
+        flat = np.nan_to_num(value.astype(float).ravel(), posinf=1e300, neginf=-1e300)
+        return {
+            "shape": list(value.shape),
+            "sum": float(flat.sum()),
+            "moment": float(flat @ np.linspace(1, 2, flat.size)),
+        }
+    if isinstance(value, np.generic):
+        return value.item()
+    return value if isinstance(value, str | int | float | bool | None) else repr(value)
+
+
+def differences(before: Any, now: Any, at: str = "") -> Iterator[str]:
+    """Where two differ; numbers within 1e-6 of each other are equal."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        for key in {**before, **now}:
+            if key not in now or key not in before:
+                yield f"{at}/{key}: {'is new' if key in now else 'is gone'}"
+            else:
+                yield from differences(before[key], now[key], f"{at}/{key}")
+    elif isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        for place, pair in enumerate(zip(before, now, strict=True)):
+            yield from differences(*pair, f"{at}/{place}")
+    elif isinstance(before, float) and isinstance(now, float | int) and not isinstance(now, bool):
+        if not np.isclose(before, now, rtol=1e-6, atol=1e-12, equal_nan=True):
+            yield f"{at}: {before!r} is {now!r} now"
+    elif before != now or type(before) is not type(now):
+        yield f"{at}: {before!r} is {now!r} now"
+
+
+# ---- names ----
+
+
+@case
+def names(_: Path) -> Any:
+    """Public names of the faces, with signatures, and the members of classes with theirs."""
+    return {
+        face: {name: _told(getattr(importlib.import_module(face), name)) for name in _public(face)}
+        for face in FACES
+    }
+
+
+def _public(face: str) -> list[str]:
+    return sorted(importlib.import_module(face).__all__)
+
+
+def _told(item: Any) -> Any:
+    if inspect.isclass(item):
+        members = {name: one for name, one in inspect.getmembers(item) if not name.startswith("_")}
+        return {"": _signature(item), **{name: _signature(one) for name, one in sorted(members.items())}}
+    return _signature(item)
+
+
+def _signature(item: Any) -> str:
+    if not callable(item):
+        return type(item).__name__
+    try:
+        said = inspect.signature(item)
+        return str(
+            said.replace(
+                parameters=[p.replace(annotation=p.empty) for p in said.parameters.values()],
+                return_annotation=said.empty,
+            )
+        )
+    except (TypeError, ValueError):
+        return (item.__doc__ or "").partition("\n")[0].replace("burrlab._core.", "")
+
+
+@case
+def imports(_: Path) -> Any:
+    """The modules and names that pages, notebooks and examples import: each is still there."""
+    path = FROZEN / "imports.json"
+    wanted = frozen("imports") if path.exists() else dict.fromkeys(_imported())
+    return {name: _is_there(*name.split(":")) for name in wanted}
+
+
+def _imported() -> list[str]:
+    texts = [
+        p.read_text(encoding="utf-8") for k in ("docs/*.md", "*.md", "examples/*.py") for p in ROOT.glob(k)
+    ]
+    for notebook in sorted(ROOT.glob("notebooks/*.ipynb")):
+        cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+        texts += ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    found = {
+        f"{module}:{name.strip().split(' as ')[0]}"
+        for text in texts
+        for module, listed in re.findall(r"^ *from (burrlab[\w.]*) import ([\w ,]+)", text, re.MULTILINE)
+        for name in listed.split(",")
+        if name.strip()
+    }
+    used = {f"burrlab:{name}" for text in texts for name in re.findall(r"\bburrlab\.([a-zA-Z_]\w*)", text)}
+    return sorted(name for name in found | used if _is_there(*name.split(":")))
+
+
+def _is_there(module: str, name: str) -> bool:
+    try:
+        found = importlib.import_module(module)
+    except ImportError:
+        return False
+    if hasattr(found, name):
+        return True
+    with contextlib.suppress(ImportError):
+        return importlib.import_module(f"{module}.{name}") is not None
+    return False
+
+
+# ---- commands ----
+
+
+def run(*arguments: object) -> tuple[int, str, str]:
+    """Exit status, standard output and standard error of a command."""
+    from burrlab.cli import main
+
+    out, error = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
+        try:
+            status = main([str(a) for a in arguments])
+        except SystemExit as ended:
+            status = int(ended.code or 0)
+    return status, out.getvalue(), error.getvalue()
+
+
+@case
+def help_texts(_: Path) -> Any:
+    """Of each command and action; widths and headings are argparse's, of one version of Python."""
+    from burrlab.cli.parser import command_parser
+
+    found = {}
+
+    def walk(parser: argparse.ArgumentParser, *way: str) -> None:
+        found[" ".join(way)] = [
+            [
+                ", ".join(a.option_strings) or a.dest,
+                str(a.nargs),
+                str(a.default),
+                str(a.choices and sorted(a.choices)),
+                a.help,
+            ]
+            for a in parser._actions
+            if not isinstance(a, argparse._SubParsersAction)
+        ]
+        for action in parser._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                for name, sub in action.choices.items():
+                    walk(sub, *way, name)
+
+    walk(command_parser())
+    return found
+
+
+COMMANDS = """
+materials
+version --json version.json
+descend --material bone --force 1 --radius 3 --voxel 0.3 --seed 1
+descend --material pvc --force 1.5 --radius 2 --voxel 0.2 --seed 2 --json descent.json --plot descent.png
+descend --material gold --force 1 --radius 3 --voxel 0.3
+descend --material bone --force -1 --radius 3 --voxel 0.3
+sweep --material bone --forces 0.8,1.2,1.6 --radius 3 --voxel 0.3 --repeats 2 --seed 4 --out sweep.csv --store sweep.jsonl
+sweep --material bone --forces 0.8 --radius 3 --voxel 0.3 --seed 4 --out nowhere/sweep.csv
+fit curve.csv --radius 3 --seed 1 --json fit.json
+fit curve.csv --seed 1
+fit missing.csv --radius 3
+fit text.txt --radius 3
+session --device hand --voxel 0.5 --seed 3 --duration 0
+replay trace.h5
+replay text.txt
+metrics trace.h5 --json metrics.json
+metrics trace.h5 --plot metrics.png
+export trace.h5 --out export.hdf5
+view trace.h5 --pictures slices.png
+view trace.h5 --volume grey.nrrd
+tissues labels.nrrd --json labels.json
+tissues labels.nrrd --template tissues.csv
+tissues tissues.csv
+tissues text.txt
+experiment new new.toml
+experiment power experiment.toml
+experiment run experiment.toml --simulated --all --fast
+experiment run experiment.toml --simulated --all --fast
+experiment analyse experiment.toml --json analysis.json --tsv analysis.tsv
+experiment analyse new.toml
+burr
+""".strip().splitlines()
+#: What differs from one run or machine to the next.
+VARIES = [
+    (r"(/[\w.-]+)+/(?=[\w-]+\.\w)", ""), (r"function evals +=.*|\d+ in [\d.]+ s\b", "EVALUATIONS"), (r"burrlab \d+\.\d+\.\d+\S*", "burrlab VERSION"), (r"\b\d+(\.\d+)? (us|ms of CPU)", "TIME us"),
+    (r"seed \d{6,}", "seed DRAWN"), (r"(?m)^  (tick|period|after|follower|real-time|timer|burr \d+: energy).*$", "  VARIES"),
+    (r"\d\d:\d\d:\d\d", "CLOCK"), (r"\d{4}-\d\d-\d\d\S*", "DATE"),
+]  # fmt: skip
+
+
+def told(text: str) -> list[str]:
+    for pattern, instead in VARIES:
+        text = re.sub(pattern, instead, text)
+    return text.splitlines()
+
+
+def keys(value: Any) -> Any:
+    """The keys of a JSON, and kinds of values; of lists the kinds that occur."""
+    if isinstance(value, dict):
+        return {key: keys(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [json.loads(one) for one in sorted({json.dumps(keys(one)) for one in value})]
+    return "number" if type(value) in (int, float) else type(value).__name__
+
+
+@case
+def commands(folder: Path) -> Any:
+    """Exit status, what is printed, and the JSON's keys, of each command, right and wrong, in one folder in turn."""
+    for name in ("trace.h5", "curve.csv", "labels.nrrd", "grey.nrrd", "experiment.toml"):
+        shutil.copy(FILES / name, folder)
+    (folder / "text.txt").write_text("no table\n")
+    found = {}
+    with contextlib.chdir(folder):
+        for place, line in enumerate(COMMANDS):
+            before = {p.name: p.stat().st_mtime_ns for p in folder.iterdir()}
+            status, out, error = run(*line.split())
+            written = sorted(p.name for p in folder.iterdir() if before.get(p.name) != p.stat().st_mtime_ns)
+            one: dict[str, Any] = {
+                "status": status,
+                "out": told(out),
+                "error": told(error),
+                "written": written,
+            }
+            if out.startswith("{"):
+                one["out"] = keys(json.loads(out))
+            one |= {
+                name: keys(json.loads((folder / name).read_text()))
+                for name in written
+                if name.endswith(".json")
+            }
+            found[f"{place:02} {line}"] = one
+    return found
+
+
+# ---- results ----
+
+
+@case
+def descents(_: Path) -> Any:
+    """Velocity, window, status and digest of ten."""
+    found = {}
+    for place, (material, force, radius, voxel, options) in enumerate([
+        ("bone", 1.0, 3.0, 0.3, {}), ("bone", 2.0, 3.0, 0.2, {}), ("pvc", 1.5, 2.0, 0.2, {}), ("pettigrew", 0.6, 1.5, 0.15, {}),
+        ("bone", 1.0, 3.0, 0.3, {"scheme": "cell"}), ("bone", 1.0, 3.0, 0.3, {"ideal": True}), ("bone", 1.0, 2.0, (0.2, 0.3, 0.2), {}),
+        ("bone", 1.0, 3.0, 0.3, {"dt": 0.5}), ("bone", 9.0, 3.0, 0.3, {}), ("bone", 0.02, 3.0, 0.3, {"max_duration": 2.0}),
+    ]):  # fmt: skip
+        made = burrlab.descend(
+            burrlab.Burr(radius), burrlab.materials[material], force, voxel=voxel, seed=place, **options
+        )
+        found[str(place)] = plain(
+            {"repr": repr(made), **{k: v for k, v in made.to_dict().items() if k != "provenance"}}
+        )
+    return found
+
+
+def curve() -> burrlab.VelocityCurve:
+    return burrlab.synthetic_curve(BURR, BONE, np.linspace(0.4, 2.6, 10), repeats=3, scatter=0.08, seed=2004)
+
+
+@case
+def fits(_: Path) -> Any:
+    """Of each kind of data, residual, model and status."""
+    data, flat = (
+        curve(),
+        burrlab.synthetic_curve(BURR, BONE, [0.8, 0.85, 0.9], repeats=2, scatter=0.08, seed=3),
+    )
+    presses = burrlab.synthetic_indentation(BURR, BONE, [0.05, 0.1, 0.15], seed=1)
+    sinking = [burrlab.synthetic_trace(BURR, BONE, force, seed=5) for force in (0.8, 1.2, 1.6)]
+    made = {
+        "curve": burrlab.fit(data, BURR, seed=1), "close forces": burrlab.fit(flat, BURR, seed=1),
+        "with indentation": burrlab.fit([data, presses], BURR, seed=1),
+        **{f"residual {kind}": burrlab.fit(data, BURR, residuals=kind, seed=1) for kind in ("relative", "absolute")},
+        "quartic": burrlab.fit(data, BURR, shape="quartic", seed=1),
+        "traces": burrlab.fit(sinking, BURR, seed=1),
+    }  # fmt: skip
+    kept = (
+        "c_e",
+        "alpha",
+        "residual",
+        "residuals",
+        "predicted",
+        "n_points",
+        "n_censored",
+        "status",
+        "intervals",
+        "identified",
+        "lack_of_fit",
+        "fall",
+    )
+    return {
+        name: {"repr": repr(one), "report": told(one.report()), **{key: plain(one.to_dict()[key]) for key in kept}}
+        for name, one in made.items()
+    }  # fmt: skip
+
+
+def objects(folder: Path) -> dict[str, Any]:
+    """One of each result that prints or plots itself."""
+    from burrlab.anatomy import anatomy_report
+    from burrlab.psychophysics import read_folder
+
+    trace = burrlab.load_trace(FILES / "trace.h5")
+    data = curve()
+    fit = burrlab.fit(data, BURR, seed=1)
+    return {
+        "curve": data, "fit": fit, "descent": burrlab.descend(BURR, BONE, 1.0, voxel=0.3, seed=1),
+        "indentation": burrlab.synthetic_indentation(BURR, BONE, [0.05, 0.1, 0.15], seed=1),
+        "depth trace": burrlab.synthetic_trace(BURR, BONE, 1.0, seed=5), "mean field": burrlab.mean_field_descent(BURR, BONE, 1.0),
+        "shapes": burrlab.compare_shapes(data, BURR, seed=1), "trace": trace, "metrics": burrlab.session_metrics(trace),
+        "replay": burrlab.replay(trace), "anatomy": anatomy_report(trace), "answers": read_folder(FILES / "experiment")[0],
+        "analysis": analysis(), "volume": burrlab.read_volume(FILES / "grey.nrrd"), "labels": burrlab.read_labels(FILES / "labels.nrrd"),
+        "bone": burrlab.load_bone(FILES / "bone.h5")[0], "material": BONE, "burr": BURR,
+    }  # fmt: skip
+
+
+def analysis() -> Any:
+    from burrlab.psychophysics import Protocol, analyse
+
+    return analyse(Protocol.read(FILES / "experiment.toml"), simulated=True)
+
+
+@case
+def results(folder: Path) -> Any:
+    """How results print themselves, as text, as HTML and as JSON."""
+    found = {}
+    for name, one in objects(folder).items():
+        html = getattr(one, "_repr_html_", None)
+        as_dict = getattr(one, "to_dict", None)
+        found[name] = {
+            "repr": told(repr(one)),
+            "html": html and told(html()),
+            "keys": as_dict and keys(plain(as_dict())),
+        }
+    return found
+
+
+@case
+def plots(folder: Path) -> Any:
+    """Titles, labels, legends and data of each figure."""
+    from matplotlib import pyplot
+
+    found = {}
+    for name, one in objects(folder).items():
+        for way in (member for member in dir(one) if member == "plot" or member.startswith("plot_")):
+            with contextlib.suppress(ValueError):  # what this one does not hold
+                made = getattr(one, way)()
+                found[f"{name}.{way}"] = [
+                    _artists(axes) for axes in (made if isinstance(made, list) else [made])
+                ]
+            pyplot.close("all")
+    return found
+
+
+def _artists(axes: Any) -> Any:
+    legend = axes.get_legend()
+    return {
+        "texts": [axes.get_title(), axes.get_xlabel(), axes.get_ylabel(), *(t.get_text() for t in axes.texts)],
+        "scales": [axes.get_xscale(), axes.get_yscale()],
+        "legend": legend and [text.get_text() for text in legend.get_texts()],
+        "lines": [[line.get_label(), plain(np.asarray(line.get_xdata())), plain(np.asarray(line.get_ydata()))] for line in axes.lines],
+        "collections": [[type(c).__name__, plain(np.asarray(c.get_offsets()))] for c in axes.collections],
+        "images": [plain(np.asarray(image.get_array())) for image in axes.images], "patches": len(axes.patches),
+    }  # fmt: skip
+
+
+# ---- files and wires ----
+
+
+@case
+def layouts(_: Path) -> Any:
+    """Names, types and attributes in what HDF5 files hold, and the lines of a store."""
+    import h5py
+
+    found: dict[str, Any] = {}
+    for path in (FILES / "trace.h5", FILES / "bone.h5", *FILES.glob("drilled.nrrd.*.h5")):
+        with h5py.File(path) as file:
+            held: dict[str, Any] = {"/": file}
+            file.visititems(lambda name, item, held=held: held.__setitem__(name, item))
+            found[path.name[:12]] = {
+                name: {
+                    "type": re.sub(r"\|S\d+", "text", str(getattr(item, "dtype", "group"))), "rank": len(getattr(item, "shape", ())),
+                    "attributes": {key: str(np.asarray(value).dtype.kind) for key, value in sorted(item.attrs.items())},
+                }
+                for name, item in held.items()
+            }  # fmt: skip
+    return found
+
+
+@case
+def written(folder: Path) -> Any:
+    """The layouts of what is written now."""
+    make_files(folder)
+    files = globals()["FILES"]
+    globals()["FILES"] = folder
+    try:
+        return layouts(folder)
+    finally:
+        globals()["FILES"] = files
+
+
+@case
+def read(_: Path) -> Any:
+    """What the files hold that this version wrote: values, digests, replays, answers."""
+    from burrlab.psychophysics import read_folder
+    from burrlab.volume import load_drilled, read_stack
+
+    trace = burrlab.load_trace(FILES / "trace.h5")
+    bone, tick = burrlab.load_bone(FILES / "bone.h5")
+    found: dict[str, Any] = {
+        "trace": [_digest(trace.ticks), trace.digests, trace.seed, trace.scheme, plain(trace.watch), repr(burrlab.replay(trace))],
+        "bone": [bone.digest(), tick, plain(np.array([bone.spacing, bone.origin]))],
+        "answers": [plain(vars(row)) for one in read_folder(FILES / "experiment") for row in one.rows],
+        "store": repr(burrlab.Store(FILES / "store.jsonl")), "fit": told(burrlab.Fit.from_json(FILES / "fit.json").report()),
+        "descent": repr(burrlab.Descent.load(FILES / "descent.npz")), "curve": repr(burrlab.VelocityCurve.from_csv(FILES / "curve.csv")),
+    }  # fmt: skip
+    for path in sorted(FILES.glob("grey*")):
+        if path.suffix not in (".raw", ".img"):
+            volume = burrlab.read_volume(path)
+            grid = plain([volume.spacing, volume.origin, volume.direction])
+            found[path.name] = [_digest(volume.values), grid, told("\n".join(volume.notes))]
+    for path in sorted(FILES.glob("drilled*")):
+        if not path.name.endswith(".h5"):
+            pair = load_drilled(path)
+            found[path.name] = [pair.bone.digest(), pair.tick, _digest(burrlab.read_volume(path).values)]
+    for path, labels in (("labels.nrrd", burrlab.read_labels), ("slices.yaml", read_stack)):
+        made = labels(FILES / path)
+        found[path] = [
+            _digest(made.labels),
+            plain(made.names),
+            plain(made.colours),
+            told("\n".join(made.notes)),
+        ]
+    return plain(found)
+
+
+def _digest(values: np.ndarray) -> str:
+    return hashlib.sha256(np.ascontiguousarray(values).tobytes()).hexdigest()[:16]
+
+
+@case
+def messages(_: Path) -> Any:
+    """Bytes of each OpenIGTLink message, in both versions of the header."""
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    found = {}
+    for version in (1, 2):
+        options = {"timestamp": 1.75e9, "version": version}
+        made = {
+            "TRANSFORM": _core.encode_transform("burr", (1.5, -2.5, 0.1), rotation=turn, **options),
+            "SENSOR": _core.encode_sensor("force", [0.1, np.pi, -3e300], **options),
+            "NDARRAY 64": _core.encode_ndarray_float64("tick", np.arange(6.0).reshape(2, 3), **options),
+            "NDARRAY 8": _core.encode_ndarray_uint8("digest", b"0123", **options),
+        }
+        found |= {f"{name} {version}": content.hex() for name, content in made.items()}
+    return found
+
+
+@case
+def page(_: Path) -> Any:
+    """What the page tells a browser, and what a browser may tell it."""
+    from page_scenes import make_page
+
+    from burrlab.view import page_calls
+    from burrlab.view.page_source import page_source
+
+    made = make_page(page_source(burrlab.load_trace(FILES / "trace.h5")))
+    made.state.tell("wanted_s", 0.9)
+    made._turn(1.0)
+    state = {key: value for key, value in made.state.items() if not str(value).startswith("data:")}
+    return {
+        "wishes": sorted(page_calls.WISHES),
+        "triggers": sorted(made.server.triggers),
+        "state": plain(state),
+    }
+
+
+@case
+def notebooks(_: Path) -> Any:
+    """What the cells of the notebooks print, as they were executed last."""
+    found = {}
+    for path in sorted(ROOT.glob("notebooks/*.ipynb")):
+        cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+        texts = [
+            "".join(one.get("text", one.get("data", {}).get("text/plain", "")))
+            for cell in cells
+            for one in cell.get("outputs", ())
+        ]
+        found[path.name] = [told(text) for text in texts if text and not text.startswith("<Figure")]
+    return found
+
+
+EXPERIMENT = """
+[experiment]
+name = "Frozen"
+seed = 11
+subjects = 3
+folder = "experiment"
+
+[burr]
+radius_mm = 3.0
+
+[bone]
+size_mm = [12.0, 12.0, 4.0]
+voxel_mm = 0.5
+
+[tasks.one]
+design = "same-different"
+a = "bone"
+b = "pvc"
+trials = 4
+interval_s = 0.2
+
+[tasks.two]
+design = "abx"
+reference = "bone"
+foil = "pvc"
+trials = 4
+interval_s = 0.2
+
+[tasks.three]
+design = "staircase"
+reference = "bone"
+parameter = "c_e"
+trials = 6
+interval_s = 0.2
+"""
+
+
+def make_files(folder: Path) -> None:
+    """One of each file that this version writes, a few kB each."""
+    from burrlab.anatomy import Watch, default_tissues
+    from burrlab.volume import LabelVolume, OccupancyMap, Volume, save_drilled, write_dicom, write_volume
+
+    rng = np.random.default_rng(1)
+    labels = np.ones((12, 20, 20), np.uint8)
+    labels[:, 8:11], labels[9:] = 4, 0
+    grey = np.where(labels > 0, 800 + rng.integers(0, 400, labels.shape), -1000).astype(np.int16)
+    grid = (0.4, 0.4, 0.4), (5.0, -6.0, 7.0), np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
+    volume, mapping = Volume(grey, *grid, "made"), OccupancyMap.two_point(0, 1000)
+    write_volume(folder / "labels.nrrd", LabelVolume(labels, *grid, "made", {1: "bone", 4: "facial nerve"}))
+    bone = volume.to_bone(mapping)
+    bone.set_tissues(
+        default_tissues(["air", "bone", "facial nerve"]),
+        np.select([labels == 1, labels == 4], [1, 2], 0).astype(np.uint8),
+    )
+    for ending in ("nrrd", "nii.gz", "mha", "nii"):
+        write_volume(folder / f"grey.{ending}", volume)
+    burr, top = burrlab.Burr(3.0), np.array(bone.origin) + 0.4 * np.array([9.5, 9.5, 8.5])
+    device = burrlab.ScriptedDevice(
+        [0.0, 0.3, 1.0], [top + (0, 0, 3.5), top + (0, 0, 2.7), top + (0.5, 0.5, 2.0)]
+    )
+    with burrlab.Session(
+        bone,
+        (burr, BONE),
+        device,
+        seed=7,
+        duration=1.0,
+        wall_clock=False,
+        record=folder / "trace.h5",
+        watch=Watch(bone),
+    ) as session:
+        session.wait()
+    drilled, tick = session.snapshot()
+    burrlab.save_bone(folder / "bone.h5", drilled, tick)
+    for ending in ("nrrd", "nii.gz", "mha"):
+        save_drilled(folder / f"drilled.{ending}", drilled, volume, mapping=mapping, tick=tick)
+    write_dicom(folder / "grey_dicom", volume)
+    like = burrlab.read_volume(folder / "grey_dicom")
+    again = like.to_bone(mapping)
+    again.restore(drilled.density)
+    save_drilled(folder / "drilled_dicom", again, like, mapping=mapping, tick=tick)
+    _others(folder, grey, labels)
+    data = curve()
+    data.to_csv(folder / "curve.csv")
+    burrlab.fit(data, BURR, seed=1).to_json(folder / "fit.json")
+    burrlab.descend(BURR, BONE, 1.0, voxel=0.3, seed=1).save(folder / "descent.npz")
+    burrlab.force_sweep(BURR, BONE, [0.8, 1.2], repeats=2, voxel=0.3, seed=4, store=folder / "store.jsonl")
+    (folder / "experiment.toml").write_text(EXPERIMENT)
+    with contextlib.chdir(folder):
+        assert run("experiment", "run", "experiment.toml", "--simulated", "--all", "--fast")[0] == 0
+
+
+def _others(folder: Path, grey: np.ndarray, labels: np.ndarray) -> None:
+    """What is read and not written: headers with their values beside them, and slices as volumetric_drilling ships them."""
+    from PIL import Image
+
+    (folder / "grey.raw").write_bytes(grey.tobytes())
+    sizes = " ".join(str(n) for n in grey.shape[::-1])
+    (folder / "grey.nhdr").write_text(
+        f"NRRD0004\ntype: int16\nendian: little\nencoding: raw\ndimension: 3\nsizes: {sizes}\nspacings: 0.4 0.4 0.4\n"
+        "data file: grey.raw\n"
+    )
+    (folder / "grey.mhd").write_text(
+        f"NDims = 3\nDimSize = {sizes}\nElementSpacing = 0.4 0.4 0.4\nElementType = MET_SHORT\nElementDataFile = grey.raw\n"
+    )
+    content = bytearray((folder / "grey.nii").read_bytes())
+    content[108:112], content[344:348] = np.float32(0).tobytes(), b"ni1\0"
+    (folder / "grey.hdr").write_bytes(content[:348])
+    (folder / "grey.img").write_bytes(content[352:])
+    (folder / "slices").mkdir()
+    colours = np.array(
+        [(0, 0, 0, 0), (255, 249, 219, 255), *[(0, 0, 0, 0)] * 2, (244, 214, 49, 255)], np.uint8
+    )
+    for k, plane in enumerate(colours[labels]):
+        Image.fromarray(plane.swapaxes(0, 1)).save(folder / f"slices/plane00{k:03d}.png")
+    (folder / "slices.yaml").write_text(
+        "VOLUME v:\n  dimensions: {x: 0.008, y: 0.008, z: 0.0048}\n  images: {path: slices, prefix: plane00, format: png}\n"
+    )
+
+
+def main() -> None:
+    import tempfile
+
+    os.environ.setdefault("MPLBACKEND", "Agg")
+    if not FILES.exists():
+        FILES.mkdir()
+        make_files(FILES)
+    FROZEN.mkdir(exist_ok=True)
+    for name, make in CASES.items():
+        path = FROZEN / f"{name}.json"
+        if not path.exists() and (len(sys.argv) < 2 or name in sys.argv[1:]):
+            with tempfile.TemporaryDirectory() as folder:
+                path.write_text(
+                    json.dumps(plain(make(Path(folder))), indent=0, ensure_ascii=False) + "\n",
+                    encoding="utf-8",
+                )
+
+
+if __name__ == "__main__":
+    main()

@@ -39,6 +39,12 @@ def in_one_line(error: object) -> str:
     return re.sub(r"[\0-\x1f\x7f\ud800-\udfff]", "\ufffd", textwrap.shorten(str(error), 200))
 
 
+def check_texts(value: object) -> None:
+    """ValueError where a text in a JSON value has control characters or half a character, as no name has."""
+    if re.search(r"[\ud800-\udfff]|(?<!\\)(?:\\\\)*\\[bfnrtu]", json.dumps(value, ensure_ascii=False)):
+        raise ValueError("a text has control characters")
+
+
 def record(kind: Callable[..., Made], **values: Any) -> Made:
     """A dataclass of values from JSON; TypeError or OverflowError where a number, text or flag is none that its field holds."""
     for field in fields(kind):  # type: ignore[arg-type]

@@ -63,6 +63,10 @@ def keep(files: Files, out: Path, name: str, told: str) -> None:
         (out / f"{name}.txt").write_text(told, errors="backslashreplace")
 
 
+def address_space() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+
+
 class Child:
     def __init__(self, target: str, work: Path) -> None:
         self.read, self.work = TARGETS[target][0], work
@@ -120,11 +124,15 @@ class Child:
                 (self.work / "where").write_text(f"a seed is refused, {first(files)}: {told}")
                 raise SystemExit(2)
         self.left = left
-        size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        size = address_space()
         resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY, -1))
         grows = not any(name.endswith(".h5") for name in made[0])  # no library changes broken HDF5
         corpus, ways, last = [*made, *(found if grows else [])], {""}, self.number + ONE_CHILD
-        while self.number < len(found) or (self.left > 0 and self.number < last):
+        while self.number < len(found) or (
+            self.left > 0
+            and self.number < last
+            and address_space() < size + MEMORY // 4  # what libraries leak
+        ):
             begun, r, again = time.monotonic(), Random(f"{seed} {self.number}"), self.number < len(found)
             files = found[self.number] if again else changed(r, r.choice(corpus), r.choice(corpus))
             self.left -= time.monotonic() - begun

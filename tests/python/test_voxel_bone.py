@@ -314,5 +314,5 @@ def test_single_precision_limits_and_a_tiny_range():
 
 
 def test_a_block_too_large_is_refused_before_it_is_made():
-    with pytest.raises(ValueError, match="7.29e\\+17 voxels needs 7.58e\\+08 GB of memory"):
+    with pytest.raises(ValueError, match=r"7\.29e\+17 voxels needs 7\.58e\+08 GB of memory"):
         burrlab.VoxelBone.block((9e5, 9e5, 9e5), 1.0)

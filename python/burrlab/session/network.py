@@ -13,7 +13,7 @@ from typing import Any
 from burrlab._core import AnatomyWatch, Burr, Follower, Material, Publisher, Replica, VoxelBone
 from burrlab.arguments import real, whole
 from burrlab.json_text import UNREADABLE as _UNREADABLE
-from burrlab.json_text import in_one_line
+from burrlab.json_text import check_texts, in_one_line
 from burrlab.specimen import MOST_VOXELS
 from burrlab.volume.cut import cut_block
 from burrlab.volume.drilled_recipe import DrilledRecipe
@@ -222,9 +222,12 @@ def follow(
     try:
         hello = json.loads(replica.hello)
         tools = [_tool(tool) for tool in hello["tools"]]
-        seed, scheme = _whole(hello["seed"], 2**64 - 1), str(hello["scheme"])
+        seed, scheme = _whole(hello["seed"], 2**64 - 1), hello["scheme"]
         period = 1e3 / float(hello["rate_Hz"])
         recipe = dict(hello.get("source") or {})
+        if scheme not in ("layer", "cell"):
+            raise ValueError("scheme must be layer or cell")
+        check_texts(hello)
     except _UNREADABLE as error:
         raise ValueError(
             f"hello of the leader at {host}:{port} cannot be read: {in_one_line(repr(error))}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -39,7 +40,7 @@ def cut_block(
     """
     sides, apart = checked_spacing(size, "size"), float(checked_spacing(voxel, "voxel")[0])
     counts = np.maximum(np.round(sides / apart), 1)
-    if not (voxels := float(np.prod(counts))) <= MOST_VOXELS:
+    if not (voxels := math.prod(counts.tolist())) <= MOST_VOXELS:
         raise ValueError(
             f"voxel must be coarser: the block has {voxels:.3g} voxels, and {MOST_VOXELS:.3g} are the most"
         )

@@ -1,0 +1,287 @@
+"""Do the tests notice? Faults thought of by hand and drawn by a seed, each with the quickest test files that run its function.
+
+    python tests/mutants.py trace calls.json                  # functions that each test file runs, and its time
+    python tests/mutants.py draw 180 >> tests/golden/mutants.jsonl
+    python tests/mutants.py run calls.json result.jsonl 1/2   # every second fault, from the first; goes on where it ended
+    python tests/mutants.py compare before.jsonl after.jsonl
+
+A fault is named by its function and by an expression in it, so that it is found again wherever the function moves.
+"""
+
+from __future__ import annotations
+
+import ast
+import copy
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+PACKAGE, TESTS = ROOT / "python/burrlab", ROOT / "tests/python"
+FAULTS = [ROOT / "tests/golden" / name for name in ("faults.jsonl", "mutants.jsonl")]
+SEED, MOST_FILES, MOST_SECONDS, PATIENCE = 17, 4, 90.0, 300.0
+SWAPS: dict[type, type] = {
+    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq, ast.In: ast.NotIn,
+    ast.NotIn: ast.In, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
+    ast.And: ast.Or, ast.Or: ast.And,
+}  # fmt: skip
+
+# ---- what each test file runs ----
+
+_ran: set[tuple[str, str]] = set()
+
+
+def _note(frame: Any, event: str, _: Any) -> None:
+    if event == "call" and frame.f_code.co_filename.startswith(str(PACKAGE)):
+        _ran.add((Path(frame.f_code.co_filename).name, frame.f_code.co_qualname))
+
+
+def pytest_configure() -> None:
+    if "MUTANTS_CALLS" in os.environ:
+        threading.setprofile(_note)
+        sys.setprofile(_note)
+
+
+def pytest_unconfigure() -> None:
+    if "MUTANTS_CALLS" in os.environ:
+        sys.setprofile(None)
+        Path(os.environ["MUTANTS_CALLS"]).write_text(json.dumps(sorted({name for _, name in _ran})))
+
+
+def _pytest(files: list[str], package: Path, *options: str, **environment: str) -> tuple[int | None, float]:
+    """Exit status, None where it took too long, and seconds."""
+    begun = time.monotonic()
+    path = os.pathsep.join([str(package), str(ROOT / "tests")])
+    process = subprocess.Popen(
+        [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *options, "-m", "not slow", *files],
+        env={**os.environ, "PYTHONPATH": path, "MPLBACKEND": "Agg", **environment}, cwd=ROOT, start_new_session=True,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    try:
+        return process.wait(PATIENCE), time.monotonic() - begun
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, 9)
+        return None, time.monotonic() - begun
+
+
+def trace(out: Path) -> None:
+    calls = json.loads(out.read_text()) if out.exists() else {}
+    for file in sorted(TESTS.glob("test_*.py")):
+        if file.name not in calls:
+            with tempfile.TemporaryDirectory() as folder:
+                ran = Path(folder) / "ran.json"
+                status, seconds = _pytest(
+                    [str(file)], PACKAGE.parent, "-p", "mutants", MUTANTS_CALLS=str(ran)
+                )
+                functions = json.loads(ran.read_text()) if ran.exists() and status == 0 else []
+            calls[file.name] = {"seconds": round(seconds, 1), "functions": functions, "status": status}
+            out.write_text(json.dumps(calls))
+            print(file.name, status, round(seconds, 1), len(functions), flush=True)
+
+
+# ---- faults ----
+
+
+def _functions(tree: ast.AST, above: str = "") -> Iterator[tuple[str, ast.FunctionDef]]:
+    """Each function by its qualified name, those within it apart."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.FunctionDef):
+            yield above + node.name, node
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            inner = ".<locals>." if isinstance(node, ast.FunctionDef) else "."
+            yield from _functions(node, above + node.name + inner)
+
+
+def _expressions(function: ast.FunctionDef) -> Iterator[ast.expr]:
+    """Those of its own body; not of what it raises, prints in texts, or is annotated with."""
+
+    def walk(node: ast.AST) -> Iterator[ast.expr]:
+        if isinstance(
+            node,
+            ast.Raise | ast.JoinedStr | ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef,
+        ):
+            return
+        if isinstance(node, ast.expr):
+            yield node
+        for name, value in ast.iter_fields(node):
+            if name != "annotation":
+                for child in value if isinstance(value, list) else [value]:
+                    if isinstance(child, ast.AST):
+                        yield from walk(child)
+
+    for statement in function.body:
+        yield from walk(statement)
+
+
+def _mutated(node: ast.expr) -> ast.expr | None:
+    """The same with another operator, one more or less, or the other way round."""
+    new = copy.deepcopy(node)
+    if isinstance(new, ast.Compare) and len(new.ops) == 1:
+        new.ops = [SWAPS[type(new.ops[0])]()]
+    elif isinstance(new, ast.BinOp | ast.BoolOp) and type(new.op) in SWAPS:
+        new.op = SWAPS[type(new.op)]()  # type: ignore[assignment]
+    elif isinstance(new, ast.UnaryOp) and isinstance(new.op, ast.Not):
+        return new.operand
+    elif isinstance(new, ast.Constant) and type(new.value) in (int, float):
+        new.value = new.value + 1
+    else:
+        return None
+    return new
+
+
+def _places(function: ast.FunctionDef, before: str) -> list[ast.expr]:
+    return [node for node in _expressions(function) if ast.unparse(node) == before]
+
+
+def draw(count: int) -> Iterator[dict[str, Any]]:
+    """Faults of every room by its size, at least three each."""
+    rooms: dict[str, list[dict[str, Any]]] = {}
+    files = {
+        path: list(_functions(ast.parse(path.read_text(encoding="utf-8"))))
+        for path in sorted(PACKAGE.rglob("*.py"))
+    }
+    named = Counter(name for functions in files.values() for name, _ in functions)
+    for path, functions in files.items():
+        for name, function in functions:
+            seen: Counter[str] = Counter()
+            if named[name] > 1:  # which of them could not be told
+                continue
+            for node in _expressions(function):
+                before = ast.unparse(node)
+                if (new := _mutated(node)) is not None and name.rpartition(".")[2] not in (
+                    "__repr__",
+                    "_repr_html_",
+                ):
+                    room = path.relative_to(PACKAGE).parts[0] if path.parent != PACKAGE else "loose"
+                    rooms.setdefault(room, []).append(
+                        {
+                            "room": room,
+                            "function": name,
+                            "before": before,
+                            "after": ast.unparse(new),
+                            "nth": seen[before],
+                        }
+                    )
+                seen[before] += 1
+    chance, whole = random.Random(SEED), sum(map(len, rooms.values()))
+    shares = {room: max(3, round(count * len(rows) / whole)) for room, rows in rooms.items()}
+    shares[max(shares, key=lambda room: shares[room])] += count - sum(shares.values())
+    for room, rows in sorted(rooms.items()):
+        yield from chance.sample(rows, shares[room])
+
+
+def placed(fault: dict[str, Any]) -> tuple[Path, str]:
+    """The file that holds the fault's function now, and its text with the fault; LookupError where neither is found."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        if fault["function"].rpartition(".")[2] in text:
+            for name, function in _functions(ast.parse(text)):
+                places = _places(function, fault["before"]) if name == fault["function"] else []
+                if len(places) > fault["nth"]:
+                    node, lines = places[fault["nth"]], text.encode().splitlines(keepends=True)
+                    assert node.end_lineno is not None
+                    assert node.end_col_offset is not None
+                    begin = sum(map(len, lines[: node.lineno - 1])) + node.col_offset
+                    end = sum(map(len, lines[: node.end_lineno - 1])) + node.end_col_offset
+                    whole = b"".join(lines)
+                    return path, (whole[:begin] + f"({fault['after']})".encode() + whole[end:]).decode()
+    raise LookupError(f"{fault['function']} has no {fault['before']}")
+
+
+def run(calls_file: Path, out: Path, part: str) -> None:
+    calls, begin, step = json.loads(calls_file.read_text()), *map(int, part.split("/"))
+    faults = [json.loads(line) for file in FAULTS if file.exists() for line in file.read_text().splitlines()]
+    done = (
+        {json.dumps(json.loads(line)["fault"]) for line in out.read_text().splitlines()}
+        if out.exists()
+        else set()
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        package = Path(folder) / "burrlab"
+        shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
+        for fault in faults[begin - 1 :: step]:
+            if json.dumps(fault) in done:
+                continue
+            row: dict[str, Any] = {"fault": fault, "caught": None, "by": []}
+            try:
+                path, text = placed(fault)
+            except LookupError as error:
+                row["why"] = str(error)
+            else:
+                copied = package / path.relative_to(PACKAGE)
+                kept = copied.read_text(encoding="utf-8")
+                copied.write_text(text, encoding="utf-8")
+                row["by"] = files = _chosen(calls, fault["function"])
+                row["caught"] = (
+                    bool(files) and _pytest([str(TESTS / file) for file in files], package.parent)[0] != 0
+                )
+                copied.write_text(kept, encoding="utf-8")
+            with out.open("a") as file:
+                file.write(json.dumps(row) + "\n")
+            print(
+                row["caught"],
+                fault["function"],
+                fault["before"],
+                "->",
+                fault["after"],
+                *row["by"],
+                flush=True,
+            )
+
+
+def _chosen(calls: dict[str, Any], function: str) -> list[str]:
+    """Test files that run a function: those which run the fewest others, then the quickest."""
+    able = [name for name, one in calls.items() if function in one["functions"]]
+    chosen: list[str] = []
+    for name in sorted(able, key=lambda name: len(calls[name]["functions"]) * (10 + calls[name]["seconds"])):
+        spent = sum(calls[one]["seconds"] for one in [*chosen, name])
+        if len(chosen) < MOST_FILES and (not chosen or spent < MOST_SECONDS):
+            chosen.append(name)
+    return chosen
+
+
+def compare(before: Path, after: Path) -> int:
+    """Faults that were caught and are not now, and by room how many survive; 1 where it is worse."""
+    was, now = (
+        {json.dumps(row["fault"]): row for row in map(json.loads, file.read_text().splitlines())}
+        for file in (before, after)
+    )
+    lost = [key for key, row in was.items() if row["caught"] and not now.get(key, {}).get("caught")]
+    print(*(f"no longer caught: {key}" for key in lost), sep="\n")
+    rooms = sorted({row["fault"]["room"] for row in was.values()})
+    for room in rooms:
+        counts = [
+            sum(not r["caught"] for r in rows.values() if r["fault"]["room"] == room) for rows in (was, now)
+        ]
+        print(
+            f"{room}: {counts[0]} survived, {counts[1]} now, of {sum(r['fault']['room'] == room for r in was.values())}"
+        )
+    return int(bool(lost))
+
+
+def main() -> int:
+    what, *given = sys.argv[1:]
+    if what == "trace":
+        trace(Path(given[0]).absolute())
+    elif what == "draw":
+        for fault in draw(int(given[0])):
+            print(json.dumps(fault))
+    elif what == "run":
+        run(Path(given[0]), Path(given[1]), given[2] if len(given) > 2 else "1/1")
+    elif what == "compare":
+        return compare(Path(given[0]), Path(given[1]))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -35,7 +35,7 @@ FOUND = Path(__file__).parent / "found"
 MEMORY, PATIENCE = 2 << 30, 10.0  # more than this is a finding [bytes], [s]
 LONGEST = 20_000  # of a sentence: it may quote a name [characters]
 CONTROL = re.compile(r"[\0-\x08\x0a-\x1f\x7f\ud800-\udfff]")  # a sentence has none, and no second line
-ONE_CHILD = 20_000  # inputs, for what libraries keep of each not to add up
+ONE_CHILD = 200_000  # inputs
 STATE = struct.Struct(
     "<Qdd"
 )  # number of the input, since when it is read (0: none is), and the time left [s]

@@ -13,6 +13,7 @@ from collections.abc import Collection, Iterator
 from burrlab import csv_text
 from burrlab._core import Material, Tissue, Tissues
 from burrlab.anatomy.known_tissues import known_tissue
+from burrlab.bounds import shown
 from burrlab.json_text import UNREADABLE, in_one_line
 from burrlab.materials import materials
 from burrlab.session.snapshot import tissues_from_json, tissues_to_json
@@ -192,8 +193,8 @@ def _rows(
 
 def _tissue(where: str, row: dict[str, str], material: Material) -> Tissue:
     label, name = row["label"], row["name"]
-    if not (label.isascii() and label.isdecimal() and int(label) < 2**31):
-        raise ValueError(f"{where}, column label: must be a whole number from 0, got {label!r}")
+    if not (label.isascii() and label.isdecimal() and len(label) < 20 and int(label) < 2**31):
+        raise ValueError(f"{where}, column label: must be a whole number from 0, got {shown(label)}")
     known = known_tissue(name)
     c_e = _number(where, "c_e_N_per_mm2", row, "from 1/4096 to 1000", 1 / 4096, 1000.0)
     alpha = _number(where, "alpha_per_ms", row, "zero or positive", 0.0, math.inf)

@@ -66,7 +66,7 @@ def positive_problem(value: float, unit: str, *, or_zero: bool = False) -> str |
     """The sentence on a number that is not finite or not above 0 (or, as asked, not at least 0)."""
     if math.isfinite(value) and (value > 0 or (or_zero and value == 0)):
         return None
-    return f"must be a finite number {'at least 0' if or_zero else 'above 0'}, in {unit}: got {value!r}"
+    return f"must be a finite number {'at least 0' if or_zero else 'above 0'}, in {unit}: got {shown(value)}"
 
 
 def read(file: Path | IO[str] | IO[bytes], layout: Layout) -> tuple[str, dict[str, str], dict[str, Any]]:
@@ -128,7 +128,7 @@ def number_in_comments(file: str, comments: Mapping[str, str], key: str) -> floa
         value = math.nan
     if not 0 < value < math.inf:
         raise ValueError(
-            f"{file}: {key} in the comments must be a finite number above 0: got {comments[key]!r}"
+            f"{file}: {key} in the comments must be a finite number above 0: got {shown(comments[key])}"
         )
     return value
 
@@ -142,7 +142,7 @@ def agreed_number(
         raise ValueError(f"{file}: the {name} is unknown: add the comment '# {key}: ...' or give {name}=")
     if noted is not None and argument is not None and noted != argument:
         raise ValueError(
-            f"{file}: {name} must be the {noted!r} of the comment '# {key}:' in the file: got {argument!r}"
+            f"{file}: {name} must be the {noted!r} of the comment '# {key}:' in the file: got {shown(argument)}"
         )
     value = argument if noted is None else noted
     assert value is not None
@@ -235,7 +235,7 @@ def _number(file: str, number: int, name: str, text: str, layout: Layout) -> flo
     except ValueError:
         raise ValueError(f"{where}: {shown(text)} is not a number") from None
     if math.isnan(value):  # an empty field is the one way to say "no number"
-        raise ValueError(f"{where}: must be a finite number, or empty where there is none: got {text!r}")
+        raise ValueError(f"{where}: must be a finite number, or empty where there is none: got {shown(text)}")
     return value
 
 

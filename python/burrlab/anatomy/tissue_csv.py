@@ -159,7 +159,7 @@ def _fields(name: str, number: int, line: str) -> list[str]:
 def _check_columns(where: str, columns: list[str]) -> None:
     for column in columns:
         if column not in COLUMNS:
-            raise ValueError(f"{where}: unknown column {column!r}; known are {', '.join(COLUMNS)}")
+            raise ValueError(f"{where}: unknown column {shown(column)}; known are {', '.join(COLUMNS)}")
         if columns.count(column) > 1:
             raise ValueError(f"{where}: column {column} is there twice")
     for column in _NEEDED:
@@ -186,7 +186,9 @@ def _rows(
         for column in _NEEDED:
             key = f"{column} {row[column]}"
             if key in lines:
-                raise ValueError(f"{where}, column {column}: {row[column]!r} is in line {lines[key]} already")
+                raise ValueError(
+                    f"{where}, column {column}: {shown(row[column])} is in line {lines[key]} already"
+                )
             lines[key] = number
         yield _tissue(where, row, material)
 
@@ -221,9 +223,9 @@ def _number(
     try:
         value = float(text.replace("_", " "))  # Python's 1_000 is no number to a spreadsheet
     except ValueError:
-        raise ValueError(f"{where}, column {column}: {text!r} is not a number") from None
+        raise ValueError(f"{where}, column {column}: {shown(text)} is not a number") from None
     if not (math.isfinite(value) and least <= value <= most):
-        raise ValueError(f"{where}, column {column}: must be {rule}, got {text!r}")
+        raise ValueError(f"{where}, column {column}: must be {rule}, got {shown(text)}")
     return value
 
 
@@ -232,7 +234,7 @@ def _flag(where: str, column: str, row: dict[str, str], default: bool) -> bool:
     if not text:
         return default
     if text.lower() not in _WORDS:
-        raise ValueError(f"{where}, column {column}: must be yes or no, got {text!r}")
+        raise ValueError(f"{where}, column {column}: must be yes or no, got {shown(text)}")
     return _WORDS[text.lower()]
 
 
@@ -240,6 +242,6 @@ def _colour(where: str, text: str, default: tuple[int, int, int]) -> tuple[int, 
     if not text:
         return default
     if re.fullmatch(r"#[0-9a-fA-F]{6}", text) is None:
-        raise ValueError(f"{where}, column colour: must be #rrggbb, got {text!r}")
+        raise ValueError(f"{where}, column colour: must be #rrggbb, got {shown(text)}")
     red, green, blue = (int(text[i : i + 2], 16) for i in (1, 3, 5))
     return red, green, blue

@@ -14,7 +14,15 @@ from typing import Any, TypeVar
 Made = TypeVar("Made")
 
 #: What text leads to that is nested too deeply, too large, or of another kind than it should be.
-UNREADABLE = (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError)
+UNREADABLE = (
+    LookupError,
+    TypeError,
+    ValueError,
+    ArithmeticError,
+    AttributeError,
+    RecursionError,
+    SyntaxError,
+)
 _KINDS: dict[str, tuple[type, ...]] = {
     "float": (float, int, type(None)), "int": (int,), "str": (str,), "ResidualKind": (str,), "bool": (bool,), "None": (type(None),)
 }  # fmt: skip  # None: what is not finite, in a fit's JSON

@@ -131,7 +131,7 @@ class Child:
         while self.number < len(found) or (
             self.left > 0
             and self.number < last
-            and address_space() < size + MEMORY // 4  # what libraries leak
+            and address_space() < size + MEMORY // 4 * 3  # what libraries keep
         ):
             begun, r, again = time.monotonic(), Random(f"{seed} {self.number}"), self.number < len(found)
             files = found[self.number] if again else changed(r, r.choice(corpus), r.choice(corpus))

@@ -42,9 +42,9 @@ def parsed(
         raise ValueError(f"{name}: this is not {what} ({in_one_line(said)})") from None
 
 
-def in_one_line(error: object) -> str:
+def in_one_line(error: object, most: int = 200) -> str:
     """What was raised by something from elsewhere, as another sentence may quote it."""
-    return re.sub(r"[\0-\x1f\x7f\ud800-\udfff]", "\ufffd", textwrap.shorten(str(error), 200))
+    return re.sub(r"[\0-\x1f\x7f\ud800-\udfff]", "\ufffd", textwrap.shorten(str(error), most))
 
 
 def check_texts(value: object) -> None:

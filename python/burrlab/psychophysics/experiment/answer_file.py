@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Self
 
 from burrlab.files import new_part, write_synced
+from burrlab.json_text import in_one_line
 from burrlab.psychophysics.design import Order
 from burrlab.psychophysics.experiment import tsv_text
 from burrlab.psychophysics.experiment.answer_reading import read_own_rows, replay
@@ -123,9 +124,8 @@ class AnswerFile:
             if first is None:
                 return cls._begin_again(path, file, side_car)
             if changes := first.differences(side_car):
-                raise ValueError(
-                    f"{path}: the protocol was changed since the run began: {'; '.join(changes)}"
-                )
+                told = in_one_line("; ".join(changes), 2000)
+                raise ValueError(f"{path}: the protocol was changed since the run began: {told}")
             found = path.read_bytes()
             rows, content, torn = read_own_rows(os.fspath(path), found, first.task)
             columns = _checked_columns(path, content, first)

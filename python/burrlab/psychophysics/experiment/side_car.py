@@ -200,10 +200,12 @@ class SideCar:
 
     def _check_against_protocol(self) -> None:
         """ValueError if what is told of the Protocol once more, for readers, is told otherwise: the digest is of it alone."""
-        design = self.protocol.get("tasks", {}).get(self.name)
+        experiment, tasks = (self.protocol.get(key, {}) for key in ("experiment", "tasks"))
+        if not (isinstance(experiment, dict) and isinstance(tasks, dict)):
+            raise ValueError("Protocol must have tables of the experiment and its tasks")
         for key, found, due in (
-            ("Design", self.design, design),
-            ("Seed", self.seed, self.protocol.get("experiment", {}).get("seed")),
+            ("Design", self.design, tasks.get(self.name)),
+            ("Seed", self.seed, experiment.get("seed")),
         ):
             if found != due:
                 raise ValueError(f"{key} is not that of the Protocol beside it: one of them was changed")

@@ -13,7 +13,6 @@ import contextlib
 import hashlib
 import importlib
 import inspect
-import io
 import json
 import os
 import re
@@ -28,15 +27,16 @@ import numpy as np
 import burrlab
 from burrlab import _core
 
+sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "python")]  # golden, page_scenes
+from golden.made_files import BONE, BURR, FILES, curve, make_files, run
+
 FOLDER = Path(__file__).parent
-FROZEN, FILES, ROOT = FOLDER / "frozen", FOLDER / "files", FOLDER.parents[1]
+FROZEN, ROOT = FOLDER / "frozen", FOLDER.parents[1]
 FACES = [
     "burrlab",
     *(f"burrlab.{room}" for room in ("anatomy", "effects", "psychophysics", "view", "volume")),
 ]
-BURR, BONE = burrlab.Burr(3.0), burrlab.materials["bone"]
 CASES: dict[str, Callable[[Path], Any]] = {}
-sys.path.append(str(ROOT / "tests/python"))  # page_scenes
 
 
 def case(make: Callable[[Path], Any]) -> Callable[[Path], Any]:
@@ -163,19 +163,6 @@ def _is_there(module: str, name: str) -> bool:
 
 
 # ---- commands ----
-
-
-def run(*arguments: object) -> tuple[int, str, str]:
-    """Exit status, standard output and standard error of a command."""
-    from burrlab.cli import main
-
-    out, error = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(error):
-        try:
-            status = main([str(a) for a in arguments])
-        except SystemExit as ended:
-            status = int(ended.code or 0)
-    return status, out.getvalue(), error.getvalue()
 
 
 @case
@@ -312,10 +299,6 @@ def descents(_: Path) -> Any:
     return found
 
 
-def curve() -> burrlab.VelocityCurve:
-    return burrlab.synthetic_curve(BURR, BONE, np.linspace(0.4, 2.6, 10), repeats=3, scatter=0.08, seed=2004)
-
-
 @case
 def fits(_: Path) -> Any:
     """Of each kind of data, residual, model and status."""
@@ -424,13 +407,12 @@ def _artists(axes: Any) -> Any:
 # ---- files and wires ----
 
 
-@case
-def layouts(_: Path) -> Any:
+def _layouts(folder: Path) -> Any:
     """Names, types and attributes in what HDF5 files hold, and the lines of a store."""
     import h5py
 
     found: dict[str, Any] = {}
-    for path in (FILES / "trace.h5", FILES / "bone.h5", *FILES.glob("drilled.nrrd.*.h5")):
+    for path in (folder / "trace.h5", folder / "bone.h5", *folder.glob("drilled.nrrd.*.h5")):
         with h5py.File(path) as file:
             held: dict[str, Any] = {"/": file}
             file.visititems(lambda name, item, held=held: held.__setitem__(name, item))
@@ -441,19 +423,21 @@ def layouts(_: Path) -> Any:
                 }
                 for name, item in held.items()
             }  # fmt: skip
-    return found
+    lines = (folder / "store.jsonl").read_text().splitlines()
+    return {**found, "store": [keys(json.loads(line)) for line in lines if line]}
+
+
+@case
+def layouts(_: Path) -> Any:
+    """Of the files that this version wrote."""
+    return _layouts(FILES)
 
 
 @case
 def written(folder: Path) -> Any:
-    """The layouts of what is written now."""
+    """Of what is written now."""
     make_files(folder)
-    files = globals()["FILES"]
-    globals()["FILES"] = folder
-    try:
-        return layouts(folder)
-    finally:
-        globals()["FILES"] = files
+    return _layouts(folder)
 
 
 @case
@@ -468,7 +452,7 @@ def read(_: Path) -> Any:
         "trace": [_digest(trace.ticks), trace.digests, trace.seed, trace.scheme, plain(trace.watch), repr(burrlab.replay(trace))],
         "bone": [bone.digest(), tick, plain(np.array([bone.spacing, bone.origin]))],
         "answers": [plain(vars(row)) for one in read_folder(FILES / "experiment") for row in one.rows],
-        "store": repr(burrlab.Store(FILES / "store.jsonl")), "fit": told(burrlab.Fit.from_json(FILES / "fit.json").report()),
+        "store": told(repr(burrlab.Store(FILES / "store.jsonl"))), "fit": told(burrlab.Fit.from_json(FILES / "fit.json").report()),
         "descent": repr(burrlab.Descent.load(FILES / "descent.npz")), "curve": repr(burrlab.VelocityCurve.from_csv(FILES / "curve.csv")),
     }  # fmt: skip
     for path in sorted(FILES.glob("grey*")):
@@ -546,131 +530,11 @@ def notebooks(_: Path) -> Any:
     return found
 
 
-EXPERIMENT = """
-[experiment]
-name = "Frozen"
-seed = 11
-subjects = 3
-folder = "experiment"
-
-[burr]
-radius_mm = 3.0
-
-[bone]
-size_mm = [12.0, 12.0, 4.0]
-voxel_mm = 0.5
-
-[tasks.one]
-design = "same-different"
-a = "bone"
-b = "pvc"
-trials = 4
-interval_s = 0.2
-
-[tasks.two]
-design = "abx"
-reference = "bone"
-foil = "pvc"
-trials = 4
-interval_s = 0.2
-
-[tasks.three]
-design = "staircase"
-reference = "bone"
-parameter = "c_e"
-trials = 6
-interval_s = 0.2
-"""
-
-
-def make_files(folder: Path) -> None:
-    """One of each file that this version writes, a few kB each."""
-    from burrlab.anatomy import Watch, default_tissues
-    from burrlab.volume import LabelVolume, OccupancyMap, Volume, save_drilled, write_dicom, write_volume
-
-    rng = np.random.default_rng(1)
-    labels = np.ones((12, 20, 20), np.uint8)
-    labels[:, 8:11], labels[9:] = 4, 0
-    grey = np.where(labels > 0, 800 + rng.integers(0, 400, labels.shape), -1000).astype(np.int16)
-    grid = (0.4, 0.4, 0.4), (5.0, -6.0, 7.0), np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
-    volume, mapping = Volume(grey, *grid, "made"), OccupancyMap.two_point(0, 1000)
-    write_volume(folder / "labels.nrrd", LabelVolume(labels, *grid, "made", {1: "bone", 4: "facial nerve"}))
-    bone = volume.to_bone(mapping)
-    bone.set_tissues(
-        default_tissues(["air", "bone", "facial nerve"]),
-        np.select([labels == 1, labels == 4], [1, 2], 0).astype(np.uint8),
-    )
-    for ending in ("nrrd", "nii.gz", "mha", "nii"):
-        write_volume(folder / f"grey.{ending}", volume)
-    burr, top = burrlab.Burr(3.0), np.array(bone.origin) + 0.4 * np.array([9.5, 9.5, 8.5])
-    device = burrlab.ScriptedDevice(
-        [0.0, 0.3, 1.0], [top + (0, 0, 3.5), top + (0, 0, 2.7), top + (0.5, 0.5, 2.0)]
-    )
-    with burrlab.Session(
-        bone,
-        (burr, BONE),
-        device,
-        seed=7,
-        duration=1.0,
-        wall_clock=False,
-        record=folder / "trace.h5",
-        watch=Watch(bone),
-    ) as session:
-        session.wait()
-    drilled, tick = session.snapshot()
-    burrlab.save_bone(folder / "bone.h5", drilled, tick)
-    for ending in ("nrrd", "nii.gz", "mha"):
-        save_drilled(folder / f"drilled.{ending}", drilled, volume, mapping=mapping, tick=tick)
-    write_dicom(folder / "grey_dicom", volume)
-    like = burrlab.read_volume(folder / "grey_dicom")
-    again = like.to_bone(mapping)
-    again.restore(drilled.density)
-    save_drilled(folder / "drilled_dicom", again, like, mapping=mapping, tick=tick)
-    _others(folder, grey, labels)
-    data = curve()
-    data.to_csv(folder / "curve.csv")
-    burrlab.fit(data, BURR, seed=1).to_json(folder / "fit.json")
-    burrlab.descend(BURR, BONE, 1.0, voxel=0.3, seed=1).save(folder / "descent.npz")
-    burrlab.force_sweep(BURR, BONE, [0.8, 1.2], repeats=2, voxel=0.3, seed=4, store=folder / "store.jsonl")
-    (folder / "experiment.toml").write_text(EXPERIMENT)
-    with contextlib.chdir(folder):
-        assert run("experiment", "run", "experiment.toml", "--simulated", "--all", "--fast")[0] == 0
-
-
-def _others(folder: Path, grey: np.ndarray, labels: np.ndarray) -> None:
-    """What is read and not written: headers with their values beside them, and slices as volumetric_drilling ships them."""
-    from PIL import Image
-
-    (folder / "grey.raw").write_bytes(grey.tobytes())
-    sizes = " ".join(str(n) for n in grey.shape[::-1])
-    (folder / "grey.nhdr").write_text(
-        f"NRRD0004\ntype: int16\nendian: little\nencoding: raw\ndimension: 3\nsizes: {sizes}\nspacings: 0.4 0.4 0.4\n"
-        "data file: grey.raw\n"
-    )
-    (folder / "grey.mhd").write_text(
-        f"NDims = 3\nDimSize = {sizes}\nElementSpacing = 0.4 0.4 0.4\nElementType = MET_SHORT\nElementDataFile = grey.raw\n"
-    )
-    content = bytearray((folder / "grey.nii").read_bytes())
-    content[108:112], content[344:348] = np.float32(0).tobytes(), b"ni1\0"
-    (folder / "grey.hdr").write_bytes(content[:348])
-    (folder / "grey.img").write_bytes(content[352:])
-    (folder / "slices").mkdir()
-    colours = np.array(
-        [(0, 0, 0, 0), (255, 249, 219, 255), *[(0, 0, 0, 0)] * 2, (244, 214, 49, 255)], np.uint8
-    )
-    for k, plane in enumerate(colours[labels]):
-        Image.fromarray(plane.swapaxes(0, 1)).save(folder / f"slices/plane00{k:03d}.png")
-    (folder / "slices.yaml").write_text(
-        "VOLUME v:\n  dimensions: {x: 0.008, y: 0.008, z: 0.0048}\n  images: {path: slices, prefix: plane00, format: png}\n"
-    )
-
-
 def main() -> None:
     import tempfile
 
     os.environ.setdefault("MPLBACKEND", "Agg")
-    if not FILES.exists():
-        FILES.mkdir()
+    if not (FILES / "trace.h5").exists():
         make_files(FILES)
     FROZEN.mkdir(exist_ok=True)
     for name, make in CASES.items():

@@ -227,7 +227,8 @@ def follow(
         recipe = dict(hello.get("source") or {})
         if scheme not in ("layer", "cell"):
             raise ValueError("scheme must be layer or cell")
-        check_texts(hello)
+        if bone is None:  # names of files, which refusals quote
+            check_texts(recipe)
     except _UNREADABLE as error:
         raise ValueError(
             f"hello of the leader at {host}:{port} cannot be read: {in_one_line(repr(error))}"

@@ -13,10 +13,9 @@ from burrlab import csv_text, dataset, depth_trace_csv
 from burrlab.arguments import real
 from burrlab.csv_text import Path
 from burrlab.dataset import Floats
-from burrlab.descent_result import FEWEST_TICKS, Descent
 from burrlab.mean_field import WINDOW_START, WINDOW_STOP
 from burrlab.trace_segments import TraceSegments, cut, rising
-from burrlab.window import samples_between
+from burrlab.window import FEWEST_TICKS, samples_between
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -150,7 +149,7 @@ class DepthTrace(dataset.DataSet):
             )
 
     @classmethod
-    def from_descent(cls, run: Descent) -> DepthTrace:
+    def from_descent(cls, run: Any) -> DepthTrace:
         """The record of a descent: its set-point, radius and, where it has one, its window.
 
         Parameters

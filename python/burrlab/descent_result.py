@@ -11,29 +11,24 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from burrlab._core import Burr, Material
+from burrlab.anatomy.labelled_bone import label_scatter
 from burrlab.dataset import by_value
+from burrlab.figures import FORCE, POSITION, REFERENCE, VELOCITY, new_figure, tidy
 from burrlab.json_text import parsed, record
 from burrlab.regime import layer_thickness, static_immersion
-from burrlab.window import Array, penetration_velocity_between, samples_between, settled_immersion
+from burrlab.volume.header import assumed, told_notes
+from burrlab.window import (
+    FEWEST_TICKS,
+    Array,
+    penetration_velocity_between,
+    samples_between,
+    settled_immersion,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-#: Fewest ticks in a window whose force is held exactly (ours).
-FEWEST_TICKS = 10
-#: Of bone of labels alone, by R/voxel: standard deviation of the velocity over 12 places within 0.6 mm [%], least and most of three
-#: kinds of surfaces; as the labels are, and smoothed by two voxels or more. docs/tissues.md says how it was measured.
-LABEL_SCATTER = {10: ((11, 17), (3, 6)), 20: ((6, 15), (3, 5)), 30: ((3, 10), (2, 4))}
-
-
-def label_scatter(ratio: float, smooth: bool = False) -> str:
-    """`LABEL_SCATTER` in words, linear between its rows; beyond them, the last one."""
-    ratio = float(np.clip(ratio, min(LABEL_SCATTER), max(LABEL_SCATTER)))
-    rows = [row[smooth] for row in LABEL_SCATTER.values()]
-    least, most = (np.interp(ratio, list(LABEL_SCATTER), column) for column in zip(*rows, strict=True))
-    return f"{least:.0f} to {most:.0f} % at R/voxel = {ratio:.3g}"
 
 
 @by_value
@@ -224,8 +219,6 @@ class Descent:
 
     def plot(self, figure: Figure | None = None) -> list[Axes]:
         """Force, position and velocity over time, as the paper's Fig. 4; returns the three Axes."""
-        from burrlab.figures import plot_descent
-
         return plot_descent(self, figure)
 
     def _repr_html_(self) -> str:
@@ -362,3 +355,62 @@ def _phases(series: Series, setpoint: float, settled: float | None) -> dict[str,
         "steady": (steady, end),
     }
     return {name: edge for name, edge in edges.items() if edge[1] > edge[0]}
+
+
+def plot_descent(run: Descent, figure: Figure | None = None) -> list[Axes]:
+    """Force, immersion and velocity over time with the window shaded (the paper's Fig. 4)."""
+    figure = new_figure(6.4, 6.4) if figure is None else figure
+    top, middle, bottom = figure.subplots(3, 1, sharex=True)
+    name = "unknown material" if run.material is None else run.material.name
+    top.plot(run.time, run.force, color=FORCE, linewidth=0.8)
+    top.axhline(run.setpoint, color=REFERENCE, linewidth=0.8, linestyle="--")
+    top.annotate(f"set-point {run.setpoint:g} N", (0.99, run.setpoint), xycoords=("axes fraction", "data"),
+                 xytext=(0, 3), textcoords="offset points", ha="right", color=REFERENCE, fontsize=8)  # fmt: skip
+    top.set_ylabel("force [N]")
+    top.set_ylim(
+        bottom=min(0.0, float(run.force.min(initial=0.0))),
+        top=1.35 * max(run.setpoint, run.force.max(initial=0.0) / 1.2),
+    )
+    middle.plot(run.time, run.immersion, color=POSITION, linewidth=1.2)
+    middle.axhline(0, color=REFERENCE, linewidth=0.8, linestyle=":")
+    middle.set_ylabel("immersion [mm]")
+    middle.invert_yaxis()
+    light: dict[str, float] = {"linewidth": 1.2} if run.series.exact else {"linewidth": 0.7, "alpha": 0.6}
+    bottom.plot(run.time, run.velocity, color=VELOCITY, label="slope over 51 samples", **light)
+    bottom.set_ylabel("velocity [mm/s]")
+    bottom.set_xlabel("time [s]")
+    if len(run.time):
+        shown = samples_between(run.immersion, *run.window) if run.window is not None else slice(None)
+        steady = run.velocity[shown]
+        bottom.set_ylim(0, 1.2 * max(float(steady.max(initial=0.0)), 1e-6) if run.series.exact else None)
+    if run.window is not None and run.penetration_velocity is not None:
+        rows = samples_between(run.immersion, *run.window)
+        t = run.time[rows]
+        if not run.series.exact and len(t) > 2 * 51:
+            # The rig reads positions in steps: a longer slope shows the velocity under their ripple.
+            span = max(51, len(t) // 8) | 1
+            slope = savgol_filter(run.immersion[rows], span, 2, deriv=1, delta=float(t[1] - t[0]))
+            bottom.plot(t, slope, color=VELOCITY, linewidth=1.6, label=f"over {span} samples")
+            bottom.legend(fontsize=8, frameon=False)
+        for axes in (top, middle, bottom):
+            axes.axvspan(t[0], t[-1], color="0.93", zorder=0)
+        line = run.immersion[rows].mean() + run.penetration_velocity * (t - t.mean())
+        middle.plot(t, line, color=REFERENCE, linewidth=1.0, linestyle="--")
+        middle.annotate(f"{run.penetration_velocity:.3g} mm/s", (t.mean(), line.mean()), xytext=(8, 8),
+                        textcoords="offset points", color=REFERENCE, fontsize=9)  # fmt: skip
+    for phase, (begin, end) in run.phases.items():
+        if end - begin > 0.04 * max(run.duration, 1e-9):
+            top.annotate(
+                phase,
+                ((begin + end) / 2, 0.97),
+                xycoords=("data", "axes fraction"),
+                ha="center",
+                va="top",
+                fontsize=8,
+            )
+        top.axvline(begin, color="0.75", linewidth=0.6)
+    said = "".join(f"; {text.split(':')[0]}" for text in run.warnings)
+    said += f"; {note}" if (note := assumed(told_notes(run.provenance.get("volume")))) else ""
+    kind = "force held exactly" if run.series.exact else "controller and rig"
+    top.set_title(f"{name}, R = {run.burr.radius:g} mm, {kind}{said}", fontsize=10)
+    return [tidy(axes) for axes in (top, middle, bottom)]

@@ -10,6 +10,8 @@ Array = NDArray[np.float64]
 
 #: Half width of the band around the set-point that counts as settled, relative (ours).
 SETTLED_BAND = 0.05
+#: Fewest ticks in a window whose force is held exactly (ours).
+FEWEST_TICKS = 10
 
 
 def settled_immersion(immersion: Array, force: Array, setpoint: float, *, span: int = 51) -> float | None:

@@ -7,12 +7,13 @@ from burrlab.anatomy.labelled_bone import LabelledBone, labelled_bone
 from burrlab.anatomy.labelled_recipe import LabelledRecipe
 from burrlab.anatomy.mastoidectomy import BurrPath, mastoidectomy_path
 from burrlab.anatomy.phantom import Phantom, temporal_bone
-from burrlab.anatomy.report import AnatomyReport, anatomy_report
+from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.target import TargetComparison, compare_with_target
 from burrlab.anatomy.tissue_csv import read_tissues, write_tissues
 from burrlab.anatomy.tissue_painting import phantom_tissues
 from burrlab.anatomy.tissue_table import default_tissues, label_counts
 from burrlab.anatomy.watch import Limits, Watch
+from burrlab.session.trace_anatomy import anatomy_report
 
 __all__ = [
     "AirCells",

@@ -17,8 +17,8 @@ from burrlab.session.snapshot import tissues_from_json, tissues_to_json
 from burrlab.specimen import Specimen, Vector
 from burrlab.volume import LabelVolume, OccupancyMap, Volume, read_labels
 from burrlab.volume.palette import RANKING
-from burrlab.volume.recipe import VolumeRecipe, absolute, check_radius, is_stack
-from burrlab.volume.stack import read_stack, rows_along_x
+from burrlab.volume.recipe import VolumeRecipe, absolute, check_radius
+from burrlab.volume.stack import is_stack, read_stack, rows_along_x
 from burrlab.volume.volume import specimen_in
 
 _EMPTY_BEFORE = ("air",)  # where a recipe does not say it

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab import _core
 from burrlab._core import Tissues
 from burrlab.anatomy.dose import Dose, dose_figure, dose_table
 from burrlab.anatomy.event import AnatomyEvent
-from burrlab.anatomy.watch import Watch, critical_structures
-from burrlab.json_text import UNREADABLE, in_one_line
-from burrlab.session.replay import inputs
-from burrlab.session.trace import Trace, check_trace
 from burrlab.session.watch_rows import DOSE_DTYPE, EVENT_DTYPE, Watched
 
 if TYPE_CHECKING:
@@ -28,7 +23,6 @@ if TYPE_CHECKING:
 #: Least that the report calls a touch [s] and an injury [mm^3]; ours. A hand does not answer to a shorter contact. A segmentation knows
 #: its surface to half a voxel: at 0.2 mm a dent of that depth h, by a burr of R = 3 mm, holds pi h^2 (R - h/3) = 0.093 mm^3.
 TOUCH_TIME, INJURY_VOLUME = 0.1, 0.1
-_BATCH = 2000  # ticks between two looks at the keyboard
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -74,9 +68,10 @@ class AnatomyReport:
         )  # fmt: skip
 
     @classmethod
-    def recorded(cls, trace: Trace) -> AnatomyReport | None:
+    def recorded(cls, trace: Any) -> AnatomyReport | None:
         """What the session itself said; None if it had no watch or did not come to its end."""
-        check_trace(trace)
+        if not hasattr(trace, "watched"):
+            raise TypeError(f"trace must be a Trace, as load_trace gives it, got {trace!r}")
         if trace.watched is None or trace.tissues is None:
             return None
         return cls.of(trace.watched, trace.tissues, trace.watch, trace.period, trace.voxel_volume)
@@ -216,60 +211,6 @@ class AnatomyReport:
     def plot(self, figure: Figure | None = None) -> list[Axes]:
         """Time that the burr's surface spent within a distance of each structure, and the force there."""
         return dose_figure(self.doses, self.colours, figure)
-
-
-def anatomy_report(
-    trace: Trace, *, watch: Watch | None = None, progress: Callable[[float], object] | None = None
-) -> AnatomyReport:
-    """Executes a trace again and watches: what the session recorded, to the bit, or what another watch would have seen.
-
-    Parameters
-    ----------
-    trace : Trace
-        On a bone with tissues.
-    watch : Watch, optional
-        Made of `trace.bone()`; default: the session's own, or, without one, all critical structures.
-    progress : callable, optional
-        Called with the part done, 0 to 1.
-
-    Returns
-    -------
-    AnatomyReport
-
-    Raises
-    ------
-    ValueError
-        If the bone has no tissues, the watch is of another bone, or the trace holds what no session executes.
-    TypeError
-        If `trace` is not a trace.
-    """
-    check_trace(trace)
-    bone = trace.bone()
-    tissues = bone.tissues
-    if tissues is None:
-        raise ValueError("trace must be of a bone with tissues, got one of a single material")
-    if watch is None and trace.watch:
-        try:
-            watch = Watch.of_settings(bone, trace.watch)
-        except UNREADABLE as error:
-            said = in_one_line(repr(error))
-            raise ValueError(f"{trace.path} is damaged: its watch cannot be set up ({said})") from None
-    elif watch is None and critical_structures(bone):
-        watch = Watch(bone)
-    executor = _core.TickExecutor(
-        bone, list(trace.tools), trace.seed, period=trace.period, scheme=trace.scheme, tick=trace.first_tick
-    )
-    core = None if watch is None else watch.core([burr.radius for burr, _ in trace.tools])
-    executor.set_watch(core)
-    before = _core.tissue_levels(bone)
-    for start in range(0, len(trace), _BATCH):
-        executor.execute(inputs(trace.ticks[start : start + _BATCH]))
-        if progress is not None:
-            progress(min(start + _BATCH, len(trace)) / len(trace))
-    removed = before - _core.tissue_levels(bone)
-    watched = nothing_watched(trace.burrs, removed) if core is None else Watched.of(core.seen(), removed)
-    settings = {} if watch is None else watch.settings
-    return AnatomyReport.of(watched, tissues, settings, trace.period, trace.voxel_volume)
 
 
 def _from(values: Iterable[tuple[str, float]], least: Mapping[str, float]) -> dict[str, float]:

@@ -21,7 +21,7 @@ from burrlab.cli.output import deliver
 from burrlab.cli.volume import add_stack_options, spacing, transposed, unknown_colours
 from burrlab.materials import materials
 from burrlab.volume.label_volume import LabelVolume
-from burrlab.volume.recipe import is_stack
+from burrlab.volume.stack import is_stack
 
 #: What says of which side an ear is.
 _EAR = ("external auditory canal", "temporomandibular joint", "facial nerve")

@@ -75,9 +75,9 @@ def _replay(options: Options) -> int:
 
 
 def _metrics(options: Options) -> int:
-    from burrlab.anatomy.report import anatomy_report
     from burrlab.session.metrics import HYSTERESIS, THRESHOLD, session_metrics
     from burrlab.session.trace import load_trace
+    from burrlab.session.trace_anatomy import anatomy_report
 
     if options.onto and options.target is None:
         raise ValueError("--onto goes with --target")

@@ -16,7 +16,8 @@ from burrlab.cli.options import positive, refuse_options, require_options
 from burrlab.specimen import Specimen
 from burrlab.volume.drilled_recipe import DrilledRecipe
 from burrlab.volume.occupancy_map import OccupancyMap
-from burrlab.volume.recipe import VolumeRecipe, is_stack
+from burrlab.volume.recipe import VolumeRecipe
+from burrlab.volume.stack import is_stack
 
 Recipe = VolumeRecipe | LabelledRecipe
 

@@ -23,7 +23,7 @@ from burrlab.store import StorePath
 from burrlab.study import run_items
 
 if TYPE_CHECKING:
-    from burrlab.fitting.result import Fit
+    from burrlab.fitting.record import FitRecord
 
 KINDS = ("parametric", "residual")
 _CHUNK = 25  # fits a submission: one takes milliseconds
@@ -182,7 +182,7 @@ def _text(interval: Interval) -> str:
 
 
 def bootstrap(
-    fit: Fit,
+    fit: FitRecord,
     n: int = 1000,
     *,
     kind: str = "parametric",
@@ -194,7 +194,7 @@ def bootstrap(
 
     Parameters
     ----------
-    fit : Fit
+    fit : FitRecord
     n : int
         Replicates.
     kind : {"parametric", "residual"}
@@ -233,7 +233,7 @@ def bootstrap(
         raise ValueError(f"kind must be one of {', '.join(KINDS)}: got {kind!r}")
     if seed is None and store is not None:
         raise ValueError("a store needs a seed, for it finds results by it: got seed None")
-    evidence = fit._evidence()
+    evidence = fit.known_evidence()
     identified = evidence.profile.identified
     seed = secrets.randbits(32) if seed is None else int(seed)
     low, high = zip(*(fit.bounds[name] for name in ("c_e", "alpha")), strict=True)

@@ -114,7 +114,7 @@ def design(
     3.0
     """
     require_type("fit", fit, Fit, "burrlab.fit(curve)")
-    fit._evidence()
+    fit.known_evidence()
     force, radius = _positive("forces", forces, " N"), _positive("radii", radii, " mm")
     depth, static_radius = _depths(fit, static, static_radius)
     if not len(force) * len(radius) + len(depth):
@@ -239,12 +239,12 @@ def _scatter(fit: Fit, given: float | None) -> float:
         raise ValueError(
             f"scatter must be given, the standard deviation of ln v: the fit has {fit.residual_kind!r} residuals"
         )
-    (value,) = (s.value for s in fit._evidence().scatters if s.name == "velocity")
+    (value,) = (s.value for s in fit.known_evidence().scatters if s.name == "velocity")
     return float(np.hypot(value, MODEL_ERROR))
 
 
 def _static_scatter(fit: Fit, given: float | None) -> float:
     if given is not None:
         return float(_positive("static_scatter", given, "")[0])
-    values = [s.value for s in fit._evidence().scatters if s.name == "force" and not s.known]
+    values = [s.value for s in fit.known_evidence().scatters if s.name == "force" and not s.known]
     return float(np.hypot(values[0], MODEL_ERROR)) if values else _STATIC_SCATTER

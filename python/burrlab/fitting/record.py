@@ -131,6 +131,12 @@ class FitRecord:
                 return one
         raise ValueError("the data of this fit hold no velocity curve")
 
+    def known_evidence(self) -> Evidence:
+        """The evidence; ValueError if the fit gave nothing."""
+        if self.evidence is None:
+            raise ValueError(f"this fit gave nothing to judge by: {self.reason}")
+        return self.evidence
+
     @property
     def intervals(self) -> Mapping[str, Mapping[str, Interval]]:
         """``c_e``, ``alpha`` -> ``68``, ``95``, ``99.7`` -> Interval, by profile likelihood; None is open."""

@@ -15,7 +15,7 @@ from burrlab.fitting.profile import C_E, Domain
 from burrlab.fitting.search import Box
 
 if TYPE_CHECKING:
-    from burrlab.fitting.result import Fit
+    from burrlab.fitting.record import FitRecord
 
 _STEP = 0.055  # between the alphas of a row, over the half width of the region, close to its middle
 _COARSE, _ROWS, _ZOOMS = 400, 200, 3  # values of c_e
@@ -100,9 +100,9 @@ class RegionGrid:
     high_hard: bool
 
     @classmethod
-    def of(cls, fit: Fit) -> RegionGrid:
+    def of(cls, fit: FitRecord) -> RegionGrid:
         """The grid of a fit, up to the upper bound of its search where the region is open."""
-        calibration = fit._evidence().calibration
+        calibration = fit.known_evidence().calibration
         (low, high), alpha = fit.bounds["c_e"], fit.bounds["alpha"]
         domain = Domain.of(
             fit.likelihood, Box((low, alpha[0]), (high, alpha[1])), dict.fromkeys(fit.given_bounds)
@@ -221,13 +221,15 @@ class RegionGrid:
         return np.where(is_open, np.inf, np.exp(upper - lower))
 
 
-def _profile(fit: Fit, domain: Domain, c_e: Floats) -> Floats:
+def _profile(fit: FitRecord, domain: Domain, c_e: Floats) -> Floats:
     slices = fit.likelihood.at(c_e)
     height = slices.minus2(np.clip(slices.best_alpha, max(domain.alpha[0], 1e-300), domain.alpha[1]))
     return np.where(np.isfinite(height), height, np.inf)
 
 
-def _columns(fit: Fit, domain: Domain, c_e: Floats, limit: float, reach: float) -> tuple[Floats, Floats]:
+def _columns(
+    fit: FitRecord, domain: Domain, c_e: Floats, limit: float, reach: float
+) -> tuple[Floats, Floats]:
     """Logarithms of the alphas at each c_e, and -2 log L there.
 
     The step grows with the distance from the best alpha: few points have heavy tails, which would leave the

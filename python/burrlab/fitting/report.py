@@ -13,7 +13,7 @@ from burrlab.fitting.observations import ALPHA_BOUNDS
 from burrlab.fitting.verdict import Ridge
 
 if TYPE_CHECKING:
-    from burrlab.fitting.result import Fit
+    from burrlab.fitting.record import FitRecord
 
 _RESIDUALS = {
     "relative": "log-normal, r = ln(v/v_predicted)",
@@ -24,7 +24,7 @@ _POOR = 0.5  # RMS of log velocity: beyond, the model is not worth the name (our
 _UNITS = {"c_e": "N/mm^2", "alpha": "1/ms"}
 
 
-def text(fit: Fit) -> str:
+def text(fit: FitRecord) -> str:
     """The fit as aligned text blocks."""
     blocks = {
         "Fit Statistics": _aligned(statistics(fit)),
@@ -36,7 +36,7 @@ def text(fit: Fit) -> str:
     return "\n".join("\n    ".join([f"[[{title}]]", *lines]) for title, lines in blocks.items() if lines)
 
 
-def html(fit: Fit) -> str:
+def html(fit: FitRecord) -> str:
     """The fit as HTML for a notebook."""
     parts = [f"<p><b>{escape(repr(fit))}</b></p>", f"<p>{escape(fit.verdict)}</p>"]
     cells = [["", "value", "68 %", "95 %", "99.7 %", "start", "bounds"], *variable_rows(fit)]
@@ -51,7 +51,7 @@ def html(fit: Fit) -> str:
     return "".join(parts)
 
 
-def statistics(fit: Fit) -> dict[str, str]:
+def statistics(fit: FitRecord) -> dict[str, str]:
     chi2 = "unknown, the data have no sigma" if fit.chi2_reduced is None else f"{fit.chi2_reduced:.4g}"
     o = fit.observations
     radius = ", ".join(f"{R:g}" for R in sorted(set(o.radius.tolist())))
@@ -79,7 +79,7 @@ def statistics(fit: Fit) -> dict[str, str]:
     }
 
 
-def scatter(fit: Fit, one: Scatter) -> str:
+def scatter(fit: FitRecord, one: Scatter) -> str:
     """A scatter in words."""
     if one.known:
         return f"{one.name} as given"
@@ -88,7 +88,7 @@ def scatter(fit: Fit, one: Scatter) -> str:
     return f"{one.name} {value:.3g}{unit} estimated from {one.n} rows"
 
 
-def variable_rows(fit: Fit) -> list[list[str]]:
+def variable_rows(fit: FitRecord) -> list[list[str]]:
     """Name, value, the three intervals, start and bounds of each variable."""
     begin = dict(zip(_UNITS, fit.best.start, strict=True))
     return [
@@ -104,14 +104,14 @@ def variable_rows(fit: Fit) -> list[list[str]]:
     ]
 
 
-def variables(fit: Fit) -> list[str]:
+def variables(fit: FitRecord) -> list[str]:
     """The variables as a table of text."""
     rows = [["", "value", "68 %", "95 %", "99.7 %", "start", "bounds"], *variable_rows(fit)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
     return ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
-def identification(fit: Fit) -> dict[str, str]:
+def identification(fit: FitRecord) -> dict[str, str]:
     """What the data determine, and how well."""
     identified = fit.identified
     if identified is None:
@@ -129,7 +129,7 @@ def identification(fit: Fit) -> dict[str, str]:
     }
 
 
-def starts(fit: Fit) -> list[str]:
+def starts(fit: FitRecord) -> list[str]:
     """A table of every search: where it began, where it ended, how."""
     names = f"{'search':<18}{'c_e from':>10}{'to':>10}{'alpha from':>12}{'to':>10}"
     lines = [f"{names}{'RMS':>11}{'evals':>7}  result"]
@@ -142,7 +142,7 @@ def starts(fit: Fit) -> list[str]:
     return lines
 
 
-def notes(fit: Fit) -> list[str]:
+def notes(fit: FitRecord) -> list[str]:
     """Plain sentences on what the numbers mean."""
     lines = [fit.reason]
     if fit.evidence is not None:
@@ -169,7 +169,7 @@ def notes(fit: Fit) -> list[str]:
     return lines
 
 
-def ridge(r: Ridge, fit: Fit) -> str:
+def ridge(r: Ridge, fit: FitRecord) -> str:
     """What the forces can determine, in a sentence."""
     combination = f"alpha/c_e^{r.exponent:.4g} = {r.value:.4g} (1/ms)/(N/mm^2)^{r.exponent:.4g}"
     largest = f"The largest phi = F/(c_e R^2) is {r.max_phi:.3g}"
@@ -191,7 +191,7 @@ def ridge(r: Ridge, fit: Fit) -> str:
     )
 
 
-def agreement(fit: Fit) -> str:
+def agreement(fit: FitRecord) -> str:
     """Whether the local searches ended in one place, in a sentence."""
     n_local = sum(s.origin != "global" for s in fit.starts)
     equal, c_e, alpha = verdict.agreement(fit.starts, fit.best, fit.n_points)
@@ -209,7 +209,7 @@ def agreement(fit: Fit) -> str:
     )
 
 
-def rms(fit: Fit, value: float) -> str:
+def rms(fit: FitRecord, value: float) -> str:
     if fit.residual_kind == "relative":
         return f"{100 * value:.3g} %"
     return f"{value:.4g} mm/s" if fit.residual_kind == "absolute" else f"{value:.4g} sigma"

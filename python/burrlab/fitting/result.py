@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from burrlab._core import Material
 from burrlab.fitting import hypotheses, report
-from burrlab.fitting.evidence import Evidence
 from burrlab.fitting.hypotheses import HypothesisTest
 from burrlab.fitting.intervals import LEVELS, Region
 from burrlab.fitting.likelihood import Likelihood
@@ -54,7 +53,7 @@ class Fit(FitRecord):
         ValueError
             If the level is another, or the fit gave nothing.
         """
-        evidence = self._evidence()
+        evidence = self.known_evidence()
         if level not in LEVELS:
             raise ValueError(f"level must be one of {', '.join(LEVELS)}: got {level!r}")
         return evidence.profile.regions[level]
@@ -74,7 +73,7 @@ class Fit(FitRecord):
         ValueError
             If a value is not positive and finite, or the fit gave nothing.
         """
-        evidence = self._evidence()
+        evidence = self.known_evidence()
         for name, value in (("c_e", c_e), ("alpha", alpha)):
             if not (np.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be positive and finite: got {value!r}")
@@ -135,11 +134,6 @@ class Fit(FitRecord):
         from burrlab.fitting.bootstrap import bootstrap
 
         return bootstrap(self, n, kind=kind, seed=seed, executor=executor, store=store)
-
-    def _evidence(self) -> Evidence:
-        if self.evidence is None:
-            raise ValueError(f"this fit gave nothing to judge by: {self.reason}")
-        return self.evidence
 
     def material(self, name: str) -> Material:
         """The fitted material, its source telling where the numbers come from."""
@@ -236,7 +230,7 @@ class Fit(FitRecord):
         """
         from burrlab.fitting.plots import plot_profile
 
-        self._evidence()
+        self.known_evidence()
         if name not in ("c_e", "alpha"):
             raise ValueError(f"name must be 'c_e' or 'alpha': got {name!r}")
         return plot_profile(self, name, ax)
@@ -265,7 +259,7 @@ class Fit(FitRecord):
         """
         from burrlab.fitting.plots import plot_region
 
-        self._evidence()
+        self.known_evidence()
         return plot_region(self, ax, points, combination)
 
     def __repr__(self) -> str:

@@ -10,10 +10,10 @@ import numpy as np
 from burrlab._core import Burr, Material
 from burrlab.bone_field import BoneField
 from burrlab.descent import descend
-from burrlab.descent_result import FEWEST_TICKS, Descent
+from burrlab.descent_result import Descent
 from burrlab.fitting.observations import WINDOW_END, WINDOW_START
 from burrlab.specimen import Specimen
-from burrlab.window import samples_between
+from burrlab.window import FEWEST_TICKS, samples_between
 
 Window: TypeAlias = tuple[float | None, float | None]  # in radii; None is the default end
 

@@ -17,7 +17,7 @@ from burrlab.session.new_hdf5 import new_hdf5
 from burrlab.session.replay import inputs
 from burrlab.session.trace import Trace, check_trace
 from burrlab.volume.drilled_stack import stack_slices
-from burrlab.volume.recipe import is_stack
+from burrlab.volume.stack import is_stack
 
 if TYPE_CHECKING:
     import h5py

@@ -26,8 +26,7 @@ from burrlab.volume.drilled_values import changed_file, changes
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.occupancy_map import OccupancyMap
 from burrlab.volume.read import read_labels, read_volume
-from burrlab.volume.recipe import is_stack
-from burrlab.volume.stack import ROWS_ALONG_X, read_stack
+from burrlab.volume.stack import ROWS_ALONG_X, is_stack, read_stack
 from burrlab.volume.volume import Volume
 
 

@@ -18,7 +18,8 @@ from burrlab.volume.drilled import DrilledVolume, load_drilled
 from burrlab.volume.header import assumed, told_notes
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.occupancy_map import OccupancyMap
-from burrlab.volume.recipe import absolute, check_radius, is_stack
+from burrlab.volume.recipe import absolute, check_radius
+from burrlab.volume.stack import is_stack
 from burrlab.volume.volume import Volume, specimen_in
 
 

@@ -17,8 +17,7 @@ from burrlab.volume.drilled_pair import content_digest
 from burrlab.volume.drilled_values import Changes, changed_values
 from burrlab.volume.label_volume import LabelVolume
 from burrlab.volume.png_files import Slices, find_slices, pixels
-from burrlab.volume.recipe import is_stack
-from burrlab.volume.stack import ROWS_ALONG_X
+from burrlab.volume.stack import ROWS_ALONG_X, is_stack
 from burrlab.volume.volume import Volume
 
 if TYPE_CHECKING:

@@ -14,11 +14,10 @@ from numpy.typing import ArrayLike
 
 from burrlab._core import Burr, VoxelBone
 from burrlab.specimen import Specimen, Vector
-from burrlab.volume.dicom import holds_dicom
 from burrlab.volume.geometry import Array, checked_point, checked_spacing
 from burrlab.volume.occupancy_map import OccupancyMap
 from burrlab.volume.read import read_volume
-from burrlab.volume.stack import read_stack, rows_along_x
+from burrlab.volume.stack import is_stack, read_stack, rows_along_x
 from burrlab.volume.volume import Volume
 
 _LEAST_VOXELS, _ENOUGH_VOXELS = 4.0, 7.5  # of a burr's radius, as the tick has them
@@ -186,13 +185,6 @@ def absolute(path: str | os.PathLike[str]) -> str:
     if re.search(r"[\0-\x1f\x7f]", os.fspath(path)):
         raise ValueError(f"path must hold no control characters, got {os.fspath(path)!r}")
     return os.path.realpath(path) if ".." in Path(path).parts else os.path.abspath(path)
-
-
-def is_stack(path: str) -> bool:
-    """Whether it is PNG slices: their description, a pattern of names, or a folder of them without DICOM files."""
-    if Path(path).suffix.lower() in (".yaml", ".yml", ".png"):
-        return True
-    return Path(path).is_dir() and any(Path(path).glob("*.[pP][nN][gG]")) and not holds_dicom(path)
 
 
 def _spacing(value: float | ArrayLike | None, what: str) -> tuple[float, float, float] | None:

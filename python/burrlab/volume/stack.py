@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from burrlab._core import Tissues
 from burrlab.bounds import check_memory
 from burrlab.volume.adf import StackDescription, read_description
+from burrlab.volume.dicom import holds_dicom
 from burrlab.volume.geometry import checked_spacing
 from burrlab.volume.header import LPS_ASSUMED
 from burrlab.volume.label_volume import LabelVolume
@@ -187,3 +188,10 @@ def _grey(slices: Slices, transpose: bool) -> NDArray[Any]:
         values[k] = plane
     assert values is not None
     return values
+
+
+def is_stack(path: str) -> bool:
+    """Whether it is PNG slices: their description, a pattern of names, or a folder of them without DICOM files."""
+    if Path(path).suffix.lower() in (".yaml", ".yml", ".png"):
+        return True
+    return Path(path).is_dir() and any(Path(path).glob("*.[pP][nN][gG]")) and not holds_dicom(path)

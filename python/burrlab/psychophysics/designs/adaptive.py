@@ -7,15 +7,14 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
-from burrlab.psychophysics.designs.comparison import checked_level
-from burrlab.psychophysics.designs.design_checks import whole
+from burrlab.psychophysics.designs.design_checks import checked_answers, checked_level, whole
 from burrlab.psychophysics.designs.posterior import (
     PosteriorThreshold,
     ThresholdPosterior,
     posterior_threshold,
     threshold_of,
 )
-from burrlab.psychophysics.designs.staircased import Staircased, checked_answers
+from burrlab.psychophysics.designs.staircased import Staircased
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, Literal, TypeAlias
 
 from burrlab._core import Material
 from burrlab.psychophysics.design import Design
-from burrlab.psychophysics.designs.design_checks import one_of, rendered, seconds, stimulus_dict, whole
+from burrlab.psychophysics.designs.design_checks import (
+    checked_level,
+    one_of,
+    rendered,
+    seconds,
+    stimulus_dict,
+    whole,
+)
 from burrlab.psychophysics.designs.orders import Draws
 from burrlab.psychophysics.trial import MODES, Interval, Mode, Phase, Stimulus, Trial
 
@@ -163,13 +169,3 @@ class Comparison(Design):
             "practice": self.practice,
             "blocks": self.blocks,
         }
-
-
-def checked_level(name: str, level: float) -> float:
-    """A ratio above 0 that is not 1, or one sentence."""
-    value = float(level)
-    if not (math.isfinite(value) and value > 0.0):
-        raise ValueError(f"{name} must be a ratio above 0, got {value}")
-    if value == 1.0:
-        raise ValueError(f"{name} must differ from 1, got 1: two alike intervals have no correct answer")
-    return value

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
-from burrlab.psychophysics.designs.comparison import Comparison, checked_level
-from burrlab.psychophysics.designs.design_checks import whole
+from burrlab.psychophysics.designs.comparison import Comparison
+from burrlab.psychophysics.designs.design_checks import checked_level, whole
 from burrlab.psychophysics.designs.orders import Draws, FixedOrder, fixed_order
 from burrlab.psychophysics.trial import Phase, Trial
 

@@ -62,3 +62,26 @@ def stimulus_dict(stimulus: Stimulus) -> dict[str, Any]:
         "alpha_per_ms": material.alpha,
         "shape": material.shape.name,
     }
+
+
+def checked_answers(levels: Sequence[float], correct: Sequence[bool]) -> tuple[list[float], list[bool]]:
+    """Levels and answers of trials, one each.
+
+    Raises
+    ------
+    ValueError
+        If there are not as many of one as of the other, or a level is no ratio above 0 other than 1.
+    """
+    if len(levels) != len(correct):
+        raise ValueError(f"levels and correct must be equally many, got {len(levels)} and {len(correct)}")
+    return [checked_level("level", level) for level in levels], [bool(right) for right in correct]
+
+
+def checked_level(name: str, level: float) -> float:
+    """A ratio above 0 that is not 1, or one sentence."""
+    value = float(level)
+    if not (math.isfinite(value) and value > 0.0):
+        raise ValueError(f"{name} must be a ratio above 0, got {value}")
+    if value == 1.0:
+        raise ValueError(f"{name} must differ from 1, got 1: two alike intervals have no correct answer")
+    return value

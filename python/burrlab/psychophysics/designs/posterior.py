@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.special import entr
 from scipy.stats import chi2
 
-from burrlab.psychophysics.designs.staircased import checked_answers
+from burrlab.psychophysics.designs.design_checks import checked_answers
 from burrlab.psychophysics.rules import Floats
 
 _THRESHOLDS, _LEVELS = 61, 41  # of the grids, evenly spaced in the logarithm of the difference

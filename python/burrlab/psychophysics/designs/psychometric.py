@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from burrlab.provenance import provenance
-from burrlab.psychophysics.designs.comparison import UNITS, checked_level
-from burrlab.psychophysics.designs.design_checks import one_of
+from burrlab.psychophysics.designs.comparison import UNITS
+from burrlab.psychophysics.designs.design_checks import checked_level, one_of
 from burrlab.psychophysics.designs.psychometric_fit import PsychometricFit
 from burrlab.psychophysics.rules import Floats
 

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from burrlab.psychophysics.designs.comparison import checked_level
-from burrlab.psychophysics.designs.design_checks import whole
-from burrlab.psychophysics.designs.staircased import Staircased, checked_answers
+from burrlab.psychophysics.designs.design_checks import checked_answers, checked_level, whole
+from burrlab.psychophysics.designs.staircased import Staircased
 
 _SMALLEST = 1e-4  # difference, that no step goes below: nobody feels it
 

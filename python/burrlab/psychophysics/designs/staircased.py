@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from typing import Protocol
 
 from burrlab.psychophysics.design import Order
-from burrlab.psychophysics.designs.comparison import Comparison, checked_level
+from burrlab.psychophysics.designs.comparison import Comparison
 from burrlab.psychophysics.designs.orders import Draws, checked_trial
 from burrlab.psychophysics.trial import Phase, Trial
 
@@ -87,16 +86,3 @@ class StaircaseOrder(Order):
         if trial.phase == "main":
             self.track.update(response == trial.correct)
         self._next = None
-
-
-def checked_answers(levels: Sequence[float], correct: Sequence[bool]) -> tuple[list[float], list[bool]]:
-    """Levels and answers of trials, one each.
-
-    Raises
-    ------
-    ValueError
-        If there are not as many of one as of the other, or a level is no ratio above 0 other than 1.
-    """
-    if len(levels) != len(correct):
-        raise ValueError(f"levels and correct must be equally many, got {len(levels)} and {len(correct)}")
-    return [checked_level("level", level) for level in levels], [bool(right) for right in correct]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from burrlab._core import Burr, VoxelBone
-from burrlab.session.network import block_recipe
+from burrlab.volume.made import block_recipe
 
 _LEAST_VOXELS = 4.0  # of a burr's radius, as the tick has it
 

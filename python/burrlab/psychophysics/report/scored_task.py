@@ -7,7 +7,23 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
+from matplotlib.ticker import FixedLocator, MaxNLocator
+from scipy import stats
+
+from burrlab.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.psychophysics.counts import Counts
+from burrlab.psychophysics.report.plots import (
+    COLOURS,
+    MARKERS,
+    draw,
+    end_of,
+    legend_above,
+    name_rows,
+    room_for,
+    say_infinite,
+    wrapped,
+)
 from burrlab.psychophysics.report.subject_result import SubjectResult, holm
 from burrlab.psychophysics.report.task_data import Progress, SubjectData, TaskData, left_out_text, told
 from burrlab.psychophysics.report.task_result import TaskResult
@@ -118,8 +134,6 @@ class ScoredTask(TaskResult[SubjectResult]):
         ValueError
             If there is no subject, subjects answered unequally many trials, or the published score is of another number.
         """
-        from burrlab.psychophysics.report.plots import plot_scores
-
         self._some()
         return plot_scores(self, ax, published)
 
@@ -137,8 +151,6 @@ class ScoredTask(TaskResult[SubjectResult]):
         ValueError
             If there is no subject, or the analysis does not have the rule.
         """
-        from burrlab.psychophysics.report.plots import plot_intervals
-
         self._some()
         return plot_intervals(self, ax, rule)
 
@@ -154,8 +166,6 @@ class ScoredTask(TaskResult[SubjectResult]):
         ValueError
             If there is no subject.
         """
-        from burrlab.psychophysics.report.plots import plot_d_prime
-
         self._some()
         return plot_d_prime(self, ax)
 
@@ -212,3 +222,93 @@ def _of_outcome(
 def _has_types(counts: Counts) -> bool:
     """Whether the types of trials can be compared: a position always can, pairs where all four were counted."""
     return counts.task != "same-different" or set(counts.by_type) >= {"AA", "AB", "BA", "BB"}
+
+
+def plot_scores(task: ScoredTask, ax: Axes | None, published: PublishedScore | None) -> Axes:
+    """See `ScoredTask.plot_scores`."""
+    trials = task.trials
+    if trials is None:
+        raise ValueError(
+            "a histogram of scores needs equally many trials a subject, "
+            f"got {', '.join(str(one.counts.trials) for one in task.subjects)}"
+        )
+    if published is not None and published.trials != trials:
+        raise ValueError(f"published must be of {trials} trials, as the task, got {published.trials}")
+    ax = axes_or_new(ax)
+    score = np.arange(trials + 1)
+    scores = np.array([one.counts.score for one in task.subjects])
+    n = len(scores)
+    counts = np.bincount(scores, minlength=trials + 1)
+    ax.bar(score, counts, width=0.9, color=FORCE, alpha=0.75, label=f"subjects, n = {n}")
+    expected = n * stats.binom.pmf(score, trials, 0.5)
+    ax.stairs(expected, np.arange(trials + 2) - 0.5, color=REFERENCE, linewidth=1.2, baseline=None,
+              label="expected of chance performers")  # fmt: skip
+    top = max(counts.max(), expected.max())
+    if task.score is not None:
+        mean, sem = task.score.mean, task.score.sem
+        ax.errorbar(mean, 1.09 * top, xerr=sem, fmt="D", color=VELOCITY, markersize=5, capsize=3,
+                    label=f"mean ± s.e.m., {mean:.1f} ± {sem:.1f}")  # fmt: skip
+    if published is not None:
+        mean, sem = published.mean, published.sem
+        ax.errorbar(mean, 1.2 * top, xerr=sem, fmt="s", color="black", mfc="white", markersize=5, capsize=3,
+                    label=f"published, {mean:g} ± {sem:g}, n = {published.n}")  # fmt: skip
+    ax.set(xlabel=f"score [correct answers of {trials}]", ylabel="subjects", xlim=(-0.6, trials + 0.6))
+    ax.set_ylim(0, (1.5 if published is None else 1.75) * top)
+    ax.yaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
+    ax.xaxis.set_major_locator(
+        FixedLocator(range(trials + 1)) if trials <= 14 else MaxNLocator(nbins=13, integer=True)
+    )
+    ax.legend(frameon=False, fontsize=8, loc="upper left")
+    ax.set_title(wrapped(task.title), fontsize=10)
+    return tidy(ax)
+
+
+def plot_intervals(task: ScoredTask, ax: Axes | None, rule: str | None) -> Axes:
+    """See `ScoredTask.plot_intervals`."""
+    ax = room_for(ax, len(task.subjects))
+    names = [one.subject for one in task.subjects]
+    if rule is None:
+        spans = [
+            (100 * one.score_interval[0], 100 * one.counts.score / one.counts.trials, 100 * one.score_interval[1])
+            for one in task.subjects
+        ]  # fmt: skip
+        end = 100.0
+        draw(ax, spans, np.arange(len(names), dtype=np.float64), end, POSITION, "o", None)
+        ax.axvline(50, color=REFERENCE, linestyle="--", linewidth=1, label="chance")
+        ax.set(xlim=(0, 102), xlabel=f"correct [%], {100 * task.level:g} % interval")
+    else:
+        spans = [one.span(rule) for one in task.subjects]
+        end = end_of(spans)
+        draw(ax, spans, np.arange(len(names), dtype=np.float64), end, COLOURS[rule], MARKERS[rule], None)
+        ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
+        say_infinite(ax, spans)
+        ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd], {rule}, {100 * task.level:g} % interval")
+    name_rows(ax, names, "subject")
+    legend_above(ax, task.title)
+    return tidy(ax)
+
+
+def plot_d_prime(task: ScoredTask, ax: Axes | None) -> Axes:
+    """See `ScoredTask.plot_d_prime`."""
+    ax = room_for(ax, 1.5 * len(task.subjects))
+    names = [one.subject for one in task.subjects]
+    rows = np.arange(len(names), dtype=np.float64)
+    all_spans = {rule: [one.span(rule) for one in task.subjects] for rule in task.rules}
+    for group in task.group_d_prime:
+        all_spans[group.rule].append((group.interval[0], group.estimate, group.interval[1]))
+    if task.group_d_prime:
+        names.append("all")
+        rows = np.append(rows, len(rows) + 0.4)
+        ax.axhline(len(rows) - 1.1, color="0.8", linewidth=0.8)
+    end = end_of([span for spans in all_spans.values() for span in spans])
+    for i, (rule, spans) in enumerate(all_spans.items()):
+        shift = 0.36 * (i - 0.5 * (len(all_spans) - 1))
+        draw(ax, spans, rows + shift, end, COLOURS[rule], MARKERS[rule], rule)
+    ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
+    if task.delta is not None:
+        ax.axvline(task.delta, color="black", linestyle=":", linewidth=1, label=f"Δ = {task.delta:g}")
+    say_infinite(ax, [span for spans in all_spans.values() for span in spans])
+    ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd], {100 * task.level:g} % interval")
+    name_rows(ax, names, "subject", rows)
+    legend_above(ax, task.title)
+    return tidy(ax)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, TypeAlias
 import numpy as np
 from scipy import stats
 
+from burrlab.figures import POSITION, REFERENCE, VELOCITY, tidy
 from burrlab.psychophysics.designs.adaptive import AdaptiveStaircase
 from burrlab.psychophysics.designs.constant_stimuli import ConstantStimuli
 from burrlab.psychophysics.designs.design_record import design_of_dict
@@ -16,6 +17,7 @@ from burrlab.psychophysics.designs.posterior import PosteriorThreshold
 from burrlab.psychophysics.designs.psychometric import psychometric_function
 from burrlab.psychophysics.designs.psychometric_fit import PsychometricFit
 from burrlab.psychophysics.designs.staircase import Staircase, StaircaseThreshold
+from burrlab.psychophysics.report.plots import legend_above, name_rows, room_for, wrapped
 from burrlab.psychophysics.report.task_data import Progress, SubjectData, TaskData, left_out_text, told
 from burrlab.psychophysics.report.task_result import TaskResult
 
@@ -129,8 +131,6 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         ValueError
             If there is no such subject, none is given and there are several, or no psychometric function was fitted.
         """
-        from burrlab.psychophysics.report.plots import wrapped
-
         if subject is None and len(self.subjects) != 1:
             raise ValueError(
                 f"subject must be given, one of {', '.join(one.subject for one in self.subjects)}"
@@ -154,8 +154,6 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         ValueError
             If no subject has a threshold.
         """
-        from burrlab.psychophysics.report.plots import plot_thresholds
-
         if not any(one.threshold for one in self.subjects):
             raise ValueError(f"task {self.name} must hold a threshold to be drawn, got none")
         return plot_thresholds(self, ax)
@@ -209,3 +207,29 @@ def _fitted(one: SubjectData, design: Design | None, level: float) -> tuple[Psyc
     except (ImportError, ValueError) as error:
         return None, f"no psychometric function: {error}"
     return fit, str(fit)
+
+
+def plot_thresholds(task: ThresholdTask, ax: Axes | None) -> Axes:
+    """See `ThresholdTask.plot_thresholds`."""
+    ax = room_for(ax, len(task.subjects))
+    found = [(one.subject, one.threshold, one.interval) for one in task.subjects if one.threshold is not None]
+    names, rows = [name for name, *_ in found], np.arange(len(found), dtype=np.float64)
+    for (_, threshold, interval), at in zip(found, rows, strict=True):
+        if interval is not None:
+            ax.plot(interval, [at, at], "|-", color=POSITION, linewidth=1.2, markersize=5)
+        ax.plot(threshold, at, "o", color=POSITION, markersize=4.5)
+    if (group := task.group_threshold) is not None:
+        row = len(rows) + 0.4
+        names, rows = [*names, "all"], np.append(rows, row)
+        ax.axhline(row - 0.7, color="0.8", linewidth=0.8)
+        ax.plot(group[1:], [row, row], "|-", color=VELOCITY, linewidth=1.2, markersize=5)
+        ax.plot(group[0], row, "D", color=VELOCITY, markersize=5)
+    ax.axvline(1.0, color=REFERENCE, linestyle="--", linewidth=1, label="the reference")
+    some = any(interval is not None for *_, interval in found) or group is not None
+    said = f", {100 * task.level:g} % interval" if some else ""
+    ax.set_xlabel(
+        f"threshold, ratio of {task.design.get('parameter', 'the parameter')} to the reference{said}"
+    )
+    name_rows(ax, names, "subject", rows)
+    legend_above(ax, task.title)
+    return tidy(ax)

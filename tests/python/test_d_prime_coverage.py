@@ -7,7 +7,7 @@ import pytest
 
 from burrlab.psychophysics import Counts, d_prime, rule_of
 from burrlab.psychophysics.rules import RULES
-from burrlab.psychophysics.statistics.enumeration import (
+from reference.enumeration import (
     D_PRIMES,
     bias_table,
     binomial_error_rate,

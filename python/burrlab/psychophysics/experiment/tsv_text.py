@@ -117,8 +117,8 @@ def whole(text: str, *, below: int = 2**63) -> int | None:
     return int(text)
 
 
-def _fields(name: str, number: int, text: str) -> list[str]:
+def _fields(name: str, line: int, text: str) -> list[str]:
     try:
         return [field.strip(" ") for field in next(csv.reader([text], delimiter="\t", strict=True))]
     except csv.Error as error:
-        raise ValueError(f"{name}, line {number}: not a line of fields between tabs ({error})") from None
+        raise ValueError(f"{name}, line {line}: not a line of fields between tabs ({error})") from None

@@ -1,1 +1,0 @@
-"""Designs of experiments and the orders of their trials; thresholds from levels and answers."""

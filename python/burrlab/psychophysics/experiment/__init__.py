@@ -1,1 +1,0 @@
-"""Running an experiment: protocol, files, screen, intervals, subject by subject."""

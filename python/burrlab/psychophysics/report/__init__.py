@@ -1,1 +1,0 @@
-"""From answers to tables, words and figures."""

@@ -1,1 +1,0 @@
-"""What answers show: d', intervals, groups, equivalence, power."""

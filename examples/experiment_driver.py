@@ -20,7 +20,9 @@ from collections.abc import Iterator
 import numpy as np
 
 import burrlab
-from burrlab.psychophysics import DeviceLost, Protocol, Sitting, TerminalSeat
+from burrlab.psychophysics.protocol import Protocol
+from burrlab.psychophysics.run import DeviceLost, Sitting
+from burrlab.psychophysics.seat import TerminalSeat
 
 
 class Hardware:

@@ -18,8 +18,8 @@ from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 from tqdm import tqdm
 
 import burrlab
-from burrlab.figures import REFERENCE, new_figure, tidy
-from burrlab.master_curve import penetration_velocity
+from burrlab.common.figures import REFERENCE, new_figure, tidy
+from burrlab.theory.continuum import penetration_velocity
 
 BURR = burrlab.Burr(3.0)
 BONE = burrlab.materials["bone"]

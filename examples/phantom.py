@@ -17,7 +17,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 import burrlab
-from burrlab.anatomy import Phantom, compare_with_target, mastoidectomy_path, temporal_bone
+from burrlab.anatomy.mastoidectomy import mastoidectomy_path
+from burrlab.anatomy.target import compare_with_target
+from burrlab.bone.phantom.phantom import Phantom, temporal_bone
 
 PLAN = "#D55E00"
 

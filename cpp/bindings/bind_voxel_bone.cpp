@@ -21,7 +21,7 @@ Vec3 to_vector(const Spacing& spacing) {
 // ValueError of the package, which knows what the machine has, for a bone that is too large.
 void check_memory(const Index3& shape, double each) {
   const double voxels = double(shape[0]) * double(shape[1]) * double(shape[2]);
-  if (voxels > 1e8) py::module_::import("burrlab.bounds").attr("check_bone")(voxels, each);
+  if (voxels > 1e8) py::module_::import("burrlab.common.check").attr("check_bone")(voxels, each);
 }
 
 // A dense copy of a box of levels, (z, y, x).

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import burrlab
-from burrlab.effects import Camera, Companion, EffectParameters, Nozzle, Sucker
+from burrlab._core import Camera, EffectParameters, Nozzle, Sucker
+from burrlab.effects.companion import Companion
 
 WARM = 5.0  # in which parcels fill up [s]
 

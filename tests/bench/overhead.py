@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from burrlab.study import run_items
+from burrlab.common.study import run_items
 
 WORKERS, CHUNKS = 2, (1, 50)
 

@@ -11,7 +11,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLo
 from measure import Measured
 from report import EXPONENT_FROM, exponent, growth
 
-from burrlab.figures import REFERENCE, new_figure, tidy
+from burrlab.common.figures import REFERENCE, new_figure, tidy
 
 #: Colour and marker of each implementation (Okabe and Ito's palette).
 STYLES = {

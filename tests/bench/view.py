@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 import burrlab
-from burrlab.view import Scene, Surface
+from burrlab.view.scene import Scene
+from burrlab.view.surface import Surface
 
 SIDE, VOXEL, RADIUS, SPEED, IMMERSION = 512, 0.1, 5.0, 20.0, 0.7
 TICKS = 50  # at 1 kHz: a frame of 20 Hz

@@ -17,7 +17,7 @@ import h5py
 import numpy as np
 
 from burrlab._core import crc64
-from burrlab.psychophysics.experiment.side_car import digest
+from burrlab.psychophysics.side_car import digest
 
 Files = dict[str, bytes]  # by their names in the folder of an input
 LARGEST = 1 << 22  # of a file [bytes]

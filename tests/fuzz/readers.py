@@ -26,13 +26,20 @@ from test_openigtlink import serve
 from test_segments import FIELDS, layered, seg_nrrd
 
 import burrlab
-from burrlab import _core, materials
-from burrlab.anatomy import LabelledRecipe, Watch, anatomy_report, read_tissues, write_tissues
-from burrlab.psychophysics import Analysis, Protocol, analyse, read_folder, template
+import burrlab._core as _core
+from burrlab import materials
+from burrlab.anatomy.watch import Watch
+from burrlab.bone.formats import ENDINGS, read_stored, write_volume
+from burrlab.bone.kept import load_drilled, save_drilled
+from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe
+from burrlab.bone.slices import read_stack
+from burrlab.bone.tissues import read_tissues, write_tissues
+from burrlab.common.study import key_of
+from burrlab.psychophysics.analysis import Analysis, analyse
+from burrlab.psychophysics.answers import read_folder
+from burrlab.psychophysics.protocol import Protocol, template
+from burrlab.session.anatomy import anatomy_report
 from burrlab.session.network import block_recipe, follow, make_bone
-from burrlab.store import key_of
-from burrlab.volume import VolumeRecipe, load_drilled, read_stack, save_drilled, write_volume
-from burrlab.volume.stored import ENDINGS, read_stored
 
 PACKAGE = str(Path(burrlab.__file__).parent)
 BURR = burrlab.Burr(3.0), materials["bone"]

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 import burrlab
-from burrlab import _core
+import burrlab._core as _core
 
 sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "python")]  # golden, page_scenes
 from golden.made_files import BONE, BURR, FILES, curve, make_files, run
@@ -168,7 +168,7 @@ def _is_there(module: str, name: str) -> bool:
 @case
 def help_texts(_: Path) -> Any:
     """Of each command and action; widths and headings are argparse's, of one version of Python."""
-    from burrlab.cli.parser import command_parser
+    from burrlab.cli.main import command_parser
 
     found = {}
 
@@ -337,8 +337,8 @@ def fits(_: Path) -> Any:
 
 def objects(folder: Path) -> dict[str, Any]:
     """One of each result that prints or plots itself."""
-    from burrlab.anatomy import anatomy_report
-    from burrlab.psychophysics import read_folder
+    from burrlab.psychophysics.answers import read_folder
+    from burrlab.session.anatomy import anatomy_report
 
     trace = burrlab.load_trace(FILES / "trace.h5")
     data = curve()
@@ -355,7 +355,8 @@ def objects(folder: Path) -> dict[str, Any]:
 
 
 def analysis() -> Any:
-    from burrlab.psychophysics import Protocol, analyse
+    from burrlab.psychophysics.analysis import analyse
+    from burrlab.psychophysics.protocol import Protocol
 
     return analyse(Protocol.read(FILES / "experiment.toml"), simulated=True)
 
@@ -443,8 +444,9 @@ def written(folder: Path) -> Any:
 @case
 def read(_: Path) -> Any:
     """What the files hold that this version wrote: values, digests, replays, answers."""
-    from burrlab.psychophysics import read_folder
-    from burrlab.volume import load_drilled, read_stack
+    from burrlab.bone.kept import load_drilled
+    from burrlab.bone.slices import read_stack
+    from burrlab.psychophysics.answers import read_folder
 
     trace = burrlab.load_trace(FILES / "trace.h5")
     bone, tick = burrlab.load_bone(FILES / "bone.h5")
@@ -501,7 +503,7 @@ def page(_: Path) -> Any:
     """What the page tells a browser, and what a browser may tell it."""
     from page_scenes import make_page
 
-    from burrlab.view import page_calls
+    import burrlab.view.page as page_calls
     from burrlab.view.page_source import page_source
 
     made = make_page(page_source(burrlab.load_trace(FILES / "trace.h5")))

@@ -34,8 +34,12 @@ def curve() -> burrlab.VelocityCurve:
 
 def make_files(folder: Path) -> None:
     """One of each file that this version writes, a few kB each."""
-    from burrlab.anatomy import Watch, default_tissues
-    from burrlab.volume import LabelVolume, OccupancyMap, Volume, save_drilled, write_dicom, write_volume
+    from burrlab.anatomy.watch import Watch
+    from burrlab.bone.formats import write_volume
+    from burrlab.bone.image import LabelVolume, OccupancyMap, Volume
+    from burrlab.bone.kept import save_drilled
+    from burrlab.bone.tissues import default_tissues
+    from burrlab.volume import write_dicom
 
     rng = np.random.default_rng(1)
     labels = np.ones((12, 20, 20), np.uint8)

@@ -41,9 +41,9 @@ def pytest_configure() -> None:
     from _pytest.raises import RaisesExc
 
     import burrlab.cli
-    import burrlab.cli.parser
+    import burrlab.cli.main
 
-    leave, run = RaisesExc.__exit__, burrlab.cli.parser.main
+    leave, run = RaisesExc.__exit__, burrlab.cli.main.main
 
     def caught(self: Any, kind: Any, error: Any, trace: Any) -> Any:
         if error is not None:
@@ -64,7 +64,7 @@ def pytest_configure() -> None:
                 met.add(f"exit {status}: {masked(said.text).strip()}")
 
     RaisesExc.__exit__ = caught  # type: ignore[method-assign]
-    burrlab.cli.main = burrlab.cli.parser.main = main
+    burrlab.cli.main = burrlab.cli.main.main = main
 
 
 def pytest_unconfigure() -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import burrlab
-from burrlab import Tissue, Tissues, VoxelBone, materials
+from burrlab import materials
+from burrlab._core import Tissue, Tissues, VoxelBone
 
 BONE = materials["bone"]
 NAMES = ("bone", "nerve", "sinus", "unused")

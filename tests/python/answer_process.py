@@ -11,7 +11,7 @@ import time
 
 from answer_scenes import give
 
-from burrlab.psychophysics import Protocol
+from burrlab.psychophysics.protocol import Protocol
 
 
 def half_of(write):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from burrlab.psychophysics import Answer, Protocol
+from burrlab.psychophysics.protocol import Protocol
+from burrlab.psychophysics.side_car import Answer
 
 SMALL = """
 [experiment]

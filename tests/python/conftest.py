@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import burrlab
-from burrlab import _core
+import burrlab._core as _core
 
 pytest.register_assert_rewrite("tick_scenes")
 

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from burrlab import Burr, VoxelBone, erode, materials
-from burrlab.anatomy import default_tissues
-from burrlab.volume import LabelVolume, OccupancyMap, Volume
+from burrlab import materials
+from burrlab._core import Burr, VoxelBone, erode
+from burrlab.bone.image import LabelVolume, OccupancyMap, Volume
+from burrlab.bone.tissues import default_tissues
 
 MAP = OccupancyMap.two_point(200, 1200)
 SHAPE = (14, 16, 18)

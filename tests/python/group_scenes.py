@@ -6,9 +6,8 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.stats import binom
 
+from burrlab.psychophysics.group import conditional_hits, excess_hits, group_tails
 from burrlab.psychophysics.rules import rule_of
-from burrlab.psychophysics.statistics.conditional_hits import conditional_hits
-from burrlab.psychophysics.statistics.group_tails import excess_hits, group_tails
 
 SAME_D_PRIME = {
     "alike": lambda rng, size: np.full(size, 0.3),

@@ -8,10 +8,11 @@ import numpy as np
 from PIL import Image
 from test_segments import FIELDS, seg_nrrd
 
-from burrlab import VoxelBone
-from burrlab.anatomy import default_tissues, labelled_bone, write_tissues
-from burrlab.anatomy.known_tissues import VOLUMETRIC_DRILLING
-from burrlab.volume import LabelVolume, OccupancyMap, Volume, write_volume
+from burrlab._core import VoxelBone
+from burrlab.anatomy import labelled_bone
+from burrlab.bone.formats import write_volume
+from burrlab.bone.image import LabelVolume, OccupancyMap, Volume
+from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues, write_tissues
 
 MAP = OccupancyMap.two_point(0, 1000)
 SPACING = (0.25, 0.25, 0.25)

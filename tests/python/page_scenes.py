@@ -9,7 +9,7 @@ import numpy as np
 from anatomy_scenes import nerve_bone, straight, tool
 
 import burrlab
-from burrlab.anatomy import Watch
+from burrlab.anatomy.watch import Watch
 from burrlab.view.page import Page
 
 

@@ -17,12 +17,12 @@ from group_scenes import (
     rejections_of_several,
 )
 
-from burrlab.psychophysics import design_power, psychometric_function
-from burrlab.psychophysics.designs.precision import gaussian_correct
+from burrlab.psychophysics.group import conditional_hits, group_tails
+from burrlab.psychophysics.power import design_power
+from burrlab.psychophysics.psychometric import psychometric_function
+from burrlab.psychophysics.published import unbiased_d_prime
 from burrlab.psychophysics.rules import RULES, rule_of
-from burrlab.psychophysics.statistics.conditional_hits import conditional_hits
-from burrlab.psychophysics.statistics.group_tails import group_tails
-from burrlab.psychophysics.statistics.published_score import unbiased_d_prime
+from burrlab.psychophysics.staircase import gaussian_correct
 from reference import psychophysics as reference
 
 EXPERIMENTS = 10_000

@@ -13,7 +13,7 @@ import threading
 import time
 
 import burrlab
-from burrlab import _core
+import burrlab._core as _core
 from burrlab.session.network import block_recipe, make_bone, open_publisher
 
 VOXEL = 0.2

@@ -7,7 +7,8 @@ import pytest
 from rendering_probe import need_drawing
 from session_scenes import small_bone
 
-from burrlab.view import Scene, surgeon_view
+from burrlab.view.camera import surgeon_view
+from burrlab.view.scene import Scene
 
 SIZE = (320, 240)
 

@@ -20,7 +20,7 @@ import h5py  # noqa: F401  (now, not in each session)
 import numpy as np
 
 import burrlab
-from burrlab import _core
+import burrlab._core as _core
 
 
 def run(folder: Path, seconds: float) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import burrlab
-from burrlab import _core
+import burrlab._core as _core
 
 SEED = 7
 

@@ -15,11 +15,14 @@ import time
 from pathlib import Path
 
 import burrlab
-from burrlab.anatomy import Watch, mastoidectomy_path, temporal_bone
-from burrlab.cli.output import ended_by_signals
-from burrlab.effects import Companion, EffectParameters, Nozzle, Sucker
+from burrlab._core import EffectParameters, Nozzle, Sucker
+from burrlab.anatomy.mastoidectomy import mastoidectomy_path
+from burrlab.anatomy.watch import Watch
+from burrlab.bone.phantom.phantom import temporal_bone
+from burrlab.cli.options import ended_by_signals
+from burrlab.effects.companion import Companion
+from burrlab.session.anatomy import replica_events
 from burrlab.session.network import follow
-from burrlab.session.replica_report import replica_events
 
 BURR = burrlab.Burr(3.0)
 LOOK = 0.5  # between looks at what is used [s]
@@ -75,7 +78,7 @@ def lead(scene, folder, seconds, draw):
     companion = Companion(session, budget=0.02, **effects_like(entry))
     view = None
     if draw:
-        from burrlab.view import LiveView
+        from burrlab.view.live import LiveView
 
         view = LiveView(session, effects=companion, off_screen=True, size=(320, 240), slices=True)
     taken = session.follower.view()

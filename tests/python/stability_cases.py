@@ -11,7 +11,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 import burrlab
-from burrlab import _core
+import burrlab._core as _core
 
 RADIUS = 3.0
 SPACING = 0.1

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from burrlab import materials
-from burrlab.psychophysics import ABX, Stimulus
+from burrlab.psychophysics.designs import ABX
+from burrlab.psychophysics.trial import Stimulus
 
 BONE, PETTIGREW, PVC = (Stimulus(name, materials[name]) for name in ("bone", "pettigrew", "pvc"))
 REAL = Stimulus("real Pettigrew")

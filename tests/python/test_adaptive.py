@@ -13,13 +13,9 @@ from hypothesis import strategies as st
 from scipy.stats import binom
 
 from burrlab import materials
-from burrlab.psychophysics import AdaptiveStaircase, Stimulus
-from burrlab.psychophysics.designs.posterior import (
-    ThresholdPosterior,
-    posterior_threshold,
-    proportion_correct,
-)
-from burrlab.psychophysics.designs.precision import gaussian_correct
+from burrlab.psychophysics.psychometric import ThresholdPosterior, posterior_threshold, proportion_correct
+from burrlab.psychophysics.staircase import AdaptiveStaircase, gaussian_correct
+from burrlab.psychophysics.trial import Stimulus
 
 BONE = Stimulus("bone", materials["bone"])
 FALSE_ALARMS = 1e-6

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy import ndimage, stats
 
-from burrlab.anatomy import AirCells, Honeycomb, temporal_bone
-from burrlab.anatomy.air_cells import honeycomb
-from burrlab.anatomy.implicit import Grid
+from burrlab.bone.phantom.air_cells import AirCells, Honeycomb, honeycomb
+from burrlab.bone.phantom.phantom import temporal_bone
+from burrlab.bone.phantom.shapes import Grid
 
 FALSE_ALARM = 1e-6
 

@@ -8,14 +8,10 @@ from pathlib import Path
 import pytest
 from scipy import stats
 
-from burrlab.psychophysics import (
-    Analysis,
-    Counts,
-    ScoredTask,
-    SelectionEffect,
-    analyse,
-)
-from burrlab.psychophysics.report.task_data import of_counts
+from burrlab.psychophysics.analysis import Analysis, analyse
+from burrlab.psychophysics.published import SelectionEffect
+from burrlab.psychophysics.rules import Counts
+from burrlab.psychophysics.scored_task import ScoredTask, of_counts
 
 RULES = ("independent-observations", "differencing")
 

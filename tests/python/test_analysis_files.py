@@ -10,16 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from burrlab.psychophysics import (
-    Analysis,
-    Answer,
-    Protocol,
-    ScoredTask,
-    ThresholdTask,
-    Trial,
-    analyse,
-    read_answers,
-)
+from burrlab.psychophysics.analysis import Analysis, analyse
+from burrlab.psychophysics.answers import read_answers
+from burrlab.psychophysics.protocol import Protocol
+from burrlab.psychophysics.scored_task import ScoredTask
+from burrlab.psychophysics.side_car import Answer
+from burrlab.psychophysics.threshold_task import ThresholdTask
+from burrlab.psychophysics.trial import Trial
 
 RULES = ("independent-observations", "differencing")
 

@@ -11,17 +11,14 @@ from matplotlib.collections import LineCollection
 from matplotlib.text import Annotation
 from scipy import stats
 
-from burrlab.figures import new_figure
-from burrlab.psychophysics import (
-    Counts,
-    PsychometricFit,
-    ScoredTask,
-    ThresholdTask,
-    analyse,
-    group_score_from,
-)
-from burrlab.psychophysics.report.plots import wrapped
-from burrlab.psychophysics.report.threshold_task import SubjectThreshold
+from burrlab.common.figures import new_figure
+from burrlab.psychophysics.analysis import analyse
+from burrlab.psychophysics.plots import wrapped
+from burrlab.psychophysics.psychometric import PsychometricFit
+from burrlab.psychophysics.published import group_score_from
+from burrlab.psychophysics.rules import Counts
+from burrlab.psychophysics.scored_task import ScoredTask
+from burrlab.psychophysics.threshold_task import SubjectThreshold, ThresholdTask
 
 COUNTS = {
     "01": Counts("same-different", 5, 6, 1, 6),

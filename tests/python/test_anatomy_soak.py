@@ -23,9 +23,9 @@ from replica_scenes import soon
 from soak_process import as_text, effects_like, keep_scene, read_scene
 
 import burrlab
-from burrlab.anatomy import anatomy_report
-from burrlab.effects import Effects, effects_of
-from burrlab.view import TracePlayer
+from burrlab.effects.effects import Effects, effects_of
+from burrlab.session.anatomy import anatomy_report
+from burrlab.session.player import TracePlayer
 
 pytestmark = [
     pytest.mark.slow,

@@ -14,9 +14,11 @@ from pathlib import Path
 import pytest
 from answer_scenes import SMALL, TASKS, answer, begun, give, protocol
 
-from burrlab.psychophysics import Answer, AnswerFile, Protocol, read_answers
-from burrlab.psychophysics.experiment.interval import ENDINGS
-from burrlab.psychophysics.experiment.sitting import Sitting
+from burrlab.psychophysics.answers import AnswerFile, read_answers
+from burrlab.psychophysics.interval import ENDINGS
+from burrlab.psychophysics.protocol import Protocol
+from burrlab.psychophysics.run import Sitting
+from burrlab.psychophysics.side_car import Answer
 
 HERE = Path(__file__).parent
 

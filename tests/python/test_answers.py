@@ -10,9 +10,9 @@ from answer_scenes import TASKS, begun, give, protocol
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from burrlab.psychophysics import Counts, read_answers, read_folder
-from burrlab.psychophysics.experiment.answer_reading import read_rows, replay
-from burrlab.psychophysics.experiment.answer_row import Row, RowReader, as_text, columns_of
+from burrlab.psychophysics.answers import read_answers, read_folder, read_rows, replay
+from burrlab.psychophysics.rules import Counts
+from burrlab.psychophysics.side_car import Row, RowReader, as_text, columns_of
 
 HEAD = "onset\tduration\ttrial_type\tresponse\tcorrect\tresponse_time\ttrial"
 ROWS = ["0\t41\tAA\tsame\t1\t0.5\t1", "60\t41\tAB\tsame\t0\t0.5\t2", "120\t41\tBB\tsame\t1\tn/a\t3"]

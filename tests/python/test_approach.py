@@ -7,8 +7,8 @@ import pytest
 from page_scenes import nerve_trace
 
 import burrlab
-from burrlab.view import TracePlayer, surgeon_view
-from burrlab.view.approach import approach_view, trace_approach
+from burrlab.session.player import TracePlayer
+from burrlab.view.camera import approach_view, surgeon_view, trace_approach
 
 
 def player(tmp_path, start, axis):

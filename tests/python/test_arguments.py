@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab import Burr, Material, OccupancyMap, Tissue, VoxelBone
-from burrlab.anatomy import temporal_bone
-from burrlab.effects import EffectParameters, Effects
+from burrlab._core import Burr, EffectParameters, Material, Tissue, VoxelBone
+from burrlab.bone.image import OccupancyMap
+from burrlab.bone.phantom.phantom import temporal_bone
+from burrlab.effects.effects import Effects
 from burrlab.session.network import block_recipe, follow
 
 BONE, BURR = burrlab.materials["bone"], Burr(1.5)

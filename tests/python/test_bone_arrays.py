@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab import VoxelBone
+from burrlab._core import VoxelBone
 
 SOLID = np.full((4, 5, 6), 255, dtype=np.uint8)
 

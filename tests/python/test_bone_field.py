@@ -10,9 +10,9 @@ import pytest
 from scipy import stats
 
 import burrlab
-from burrlab.bone_field import BoneField
-from burrlab.bone_scatter import Scatter, predicted_scatter
-from burrlab.sweep import item_seed
+from burrlab.bone.uneven import BoneField
+from burrlab.descent.scatter import Scatter, predicted_scatter
+from burrlab.descent.sweep import item_seed
 
 #: Two-sided normal quantile of a false-alarm rate of 1e-6.
 Z = 4.9

@@ -8,9 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from burrlab import Burr, Store, fit, materials, synthetic_curve, synthetic_indentation, synthetic_trace
+from burrlab import materials
+from burrlab._core import Burr
+from burrlab.common.study import Store
 from burrlab.fitting.bootstrap import _runs
+from burrlab.fitting.fit import fit
 from burrlab.fitting.observations import Observations
+from burrlab.measured.synthetic import synthetic_curve, synthetic_indentation, synthetic_trace
 
 BURR, BONE = Burr(3.0), materials["bone"]
 WIDE = np.geomspace(0.3, 2.6, 8)

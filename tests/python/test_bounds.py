@@ -19,22 +19,23 @@ from session_scenes import make_records, record, small_bone
 from volume_scenes import a_volume
 
 import burrlab
-from burrlab.bounds import available_memory, shown
-from burrlab.session.new_hdf5 import attributes
-from burrlab.volume import Volume, write_dicom
+from burrlab.bone.image import Volume
+from burrlab.common.check import available_memory, shown
+from burrlab.common.files import attributes
+from burrlab.volume import write_dicom
 
 resource = pytest.importorskip("resource", reason="limits of a process are POSIX")
 #: Evaluates expressions, each in a fork that has 10 s and 2 GB more; prints how it ended and what it took [MB].
 CHILD = """
 import json, os, resource, signal, sys
-import h5py, numpy as np, burrlab, burrlab.bounds, burrlab.volume.stack
+import h5py, numpy as np, burrlab, burrlab.common.check, burrlab.bone.slices
 from burrlab.anatomy import temporal_bone
 try:
     import SimpleITK
 except ImportError:
     pass
 if sys.argv[1] == "poor":
-    burrlab.bounds.available_memory = lambda: 5e8
+    burrlab.common.check.available_memory = lambda: 5e8
 for line in sys.stdin:
     read, write = os.pipe()
     if not (child := os.fork()):
@@ -135,7 +136,7 @@ def trace(path):
 READ, BONE = "burrlab.read_volume({!r})", "burrlab.load_bone({!r})"
 SLICE, STACK = (
     "burrlab.read_volume({!r}, spacing=(0.25, 0.5, 1))",
-    "burrlab.volume.stack.read_stack({!r}, spacing=1)",
+    "burrlab.bone.slices.read_stack({!r}, spacing=1)",
 )
 PNG = b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR" + struct.pack(">2I5B", 16000, 5000, 16, 0, 0, 0, 0) + bytes(4)
 FAR_MORE = "the compressed data must hold 128 bytes, as the header says, got far more"

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from burrlab import Burr, BurrContact, Material, VoxelBone, materials
+from burrlab import materials
+from burrlab._core import Burr, BurrContact, Material, VoxelBone
 
 COLUMNS = (
     "force",

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.view import Viewpoint, surgeon_view
-from burrlab.view.camera import eyes
-from burrlab.view.scene_chart import round_value
-from burrlab.view.scene_labels import scale_length
+from burrlab.view.actors import round_value, scale_length
+from burrlab.view.camera import Viewpoint, eyes, surgeon_view
 
 
 def on_screen(view: Viewpoint, point, aspect=4 / 3, shift=0.0):

@@ -215,7 +215,7 @@ def test_negative_coordinates(capsys):
 
 
 def test_an_interrupted_run_exits_130(capsys, monkeypatch):
-    import burrlab.descent_run as module
+    import burrlab.descent.descent as module
 
     monkeypatch.setattr(module.Watch, "interrupted", lambda *_: True)
     code, out, _ = call(capsys, "descend", "--force", 0.3, "--voxel", 0.4, "--ideal", "--seed", 1)

@@ -10,10 +10,11 @@ import threading
 import matplotlib.pyplot
 import pytest
 
-from burrlab.cli import experiment as cli_experiment
+import burrlab.cli.experiment as cli_experiment
 from burrlab.cli import main
-from burrlab.psychophysics import Protocol, read_folder
-from burrlab.psychophysics.experiment.experimenter import Experimenter
+from burrlab.psychophysics.answers import read_folder
+from burrlab.psychophysics.protocol import Protocol
+from burrlab.psychophysics.seat import Experimenter
 
 CONFIG = """
 [experiment]
@@ -205,8 +206,8 @@ def test_lost_device_ends_with_1(config, capsys, monkeypatch):
     """A simulated subject whose hand is lost in the third interval."""
     import itertools
 
-    from burrlab.psychophysics.experiment import sitting
-    from burrlab.psychophysics.experiment.interval import render
+    import burrlab.psychophysics.run as sitting
+    from burrlab.psychophysics.interval import render
 
     count = itertools.count(1)
 
@@ -229,7 +230,7 @@ def test_lost_device_ends_with_1(config, capsys, monkeypatch):
 
 
 def test_interrupted_ends_with_130(config, capsys, monkeypatch):
-    from burrlab.psychophysics.experiment.simulated_seat import SimulatedSeat
+    from burrlab.psychophysics.rehearsal import SimulatedSeat
 
     def interrupted(*given):
         raise KeyboardInterrupt

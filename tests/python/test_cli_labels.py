@@ -11,13 +11,14 @@ import pytest
 from label_scenes import MAP, SPACING, greys, volume, write_files
 from PIL import Image
 
-from burrlab import Burr, VoxelBone, load_bone, load_trace, replay
+from burrlab._core import Burr, VoxelBone
+from burrlab.bone.kept import load_drilled
+from burrlab.bone.recipe import DrilledRecipe
+from burrlab.bone.snapshot import load_bone
 from burrlab.cli import main
 from burrlab.session.network import follow
-from burrlab.volume import (
-    DrilledRecipe,
-    load_drilled,
-)
+from burrlab.session.replay import replay
+from burrlab.session.trace import load_trace
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pytest.importorskip("yaml", reason="extra `medical` is not installed")

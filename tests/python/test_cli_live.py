@@ -6,11 +6,12 @@ import pytest
 from replica_scenes import soon
 
 import burrlab
-from burrlab.cli import live as cli_live
+import burrlab.cli.session as cli_live
+import burrlab.view.scene as rendering
+import burrlab.view.web as web
 from burrlab.cli import main
-from burrlab.effects import Companion
+from burrlab.effects.companion import Companion
 from burrlab.session.network import block_recipe, make_bone
-from burrlab.view import rendering, web
 
 FAST = ["--device", "hand", "--voxel", "0.4", "--radius", "3", "--seed", "5"]
 BLOCK = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))

@@ -11,9 +11,10 @@ from label_scenes import labels as label_numbers
 from label_scenes import write_files
 from test_segments import FIELDS, seg_nrrd
 
-from burrlab.anatomy import read_tissues
+from burrlab.bone.formats import write_volume
+from burrlab.bone.image import LabelVolume
+from burrlab.bone.tissues import read_tissues
 from burrlab.cli import main
-from burrlab.volume import LabelVolume, write_volume
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pytest.importorskip("yaml", reason="extra `medical` is not installed")

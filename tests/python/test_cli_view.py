@@ -14,10 +14,10 @@ from session_scenes import small_bone
 from view_scenes import frames_in, read, write_trace
 
 import burrlab
+from burrlab.bone.snapshot import save_bone
 from burrlab.cli import main
-from burrlab.effects import effects_of
-from burrlab.session.snapshot import save_bone
-from burrlab.view import TracePlayer
+from burrlab.effects.effects import effects_of
+from burrlab.session.player import TracePlayer
 
 SMALL = ("--size", "320x240")
 

@@ -10,12 +10,14 @@ import pytest
 from anatomy_scenes import nerve_bone, straight, table, tool
 
 import burrlab
-from burrlab import Tissue, Tissues
-from burrlab.anatomy import AnatomyReport, Watch, write_tissues
+from burrlab._core import Tissue, Tissues
+from burrlab.anatomy.report import AnatomyReport
+from burrlab.anatomy.watch import Watch
+from burrlab.bone.tissues import write_tissues
 from burrlab.cli import main
-from burrlab.cli.watch import add_watch_options, chosen_watch
+from burrlab.cli.session import add_watch_options, chosen_watch
+from burrlab.session.anatomy import replica_events, replica_report
 from burrlab.session.network import follow
-from burrlab.session.replica_report import replica_events, replica_report
 
 nrrd = pytest.importorskip("nrrd", reason="needs the extra medical")
 

@@ -11,8 +11,7 @@ import pytest
 from test_study import Item, calls, work
 
 import burrlab
-from burrlab.store import Store
-from burrlab.study import StudyInterrupted, run_items
+from burrlab.common.study import Store, StudyInterrupted, run_items
 
 distributed = pytest.importorskip("distributed", reason="dask is not installed (extra cluster)")
 dask = pytest.importorskip("dask")

@@ -12,7 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 import burrlab
-from burrlab import BurrContact, VoxelBone, _core
+import burrlab._core as _core
+from burrlab._core import BurrContact, VoxelBone
 
 WORKERS = 6
 

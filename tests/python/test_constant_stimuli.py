@@ -9,8 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from burrlab import Burr, Material, materials, mean_field_descent
-from burrlab.psychophysics import ConstantStimuli, Stimulus
+from burrlab import materials
+from burrlab._core import Burr, Material
+from burrlab.psychophysics.staircase import ConstantStimuli
+from burrlab.psychophysics.trial import Stimulus
+from burrlab.theory.continuum import mean_field_descent
 
 BONE = Stimulus("bone", materials["bone"])
 LEVELS = (0.7, 1.1, 1.4)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from burrlab import _core
+import burrlab._core as _core
 
 
 def documented() -> Iterator[tuple[str, str]]:

@@ -11,20 +11,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from burrlab import (
-    Burr,
-    Experiment,
-    Indentation,
-    VelocityCurve,
-    coverage_study,
-    fit,
-    materials,
-    penetration_velocity,
-)
-from burrlab.fitting import coverage as module
-from burrlab.fitting.calibration import Calibration, Scatter
-from burrlab.fitting.coverage_result import Share
-from burrlab.store import Store
+import burrlab.fitting.coverage as module
+from burrlab import materials
+from burrlab._core import Burr
+from burrlab.common.study import Store
+from burrlab.fitting.coverage import Experiment, Share, coverage_study
+from burrlab.fitting.fit import fit
+from burrlab.fitting.observations import Calibration, Scatter
+from burrlab.measured.curve import VelocityCurve
+from burrlab.measured.indentation import Indentation
+from burrlab.theory.continuum import penetration_velocity
 
 BONE = materials["bone"]
 

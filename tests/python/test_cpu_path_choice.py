@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from burrlab import _core
+import burrlab._core as _core
 
 PATHS = tuple(_core.cpu_paths())
 
@@ -19,7 +19,7 @@ SCRIPT = """
 import json
 import burrlab
 from burrlab import _core
-from burrlab.provenance import provenance
+from burrlab.common.provenance import provenance
 run = burrlab.descend(burrlab.Burr(3.0), burrlab.materials["bone"], 2.0, voxel=0.4, seed=1, ideal=True)
 print(json.dumps([_core.cpu_path(), provenance()["cpu_path"], run.provenance["cpu_path"], run.provenance["digest"],
                   run.penetration_velocity]))

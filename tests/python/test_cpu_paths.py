@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from tick_scenes import SCHEMES, Scene, assert_same_contact, check_scene, make_pair, scene_of
 
 import burrlab
-from burrlab import _core
+import burrlab._core as _core
 from reference.tick import draw_lanes
 
 PATHS = tuple(_core.cpu_paths())

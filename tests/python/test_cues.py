@@ -9,19 +9,9 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.psychophysics import (
-    Block,
-    Cues,
-    Interval,
-    Rendered,
-    Stimulus,
-    closed_form_cues,
-    drilling_hand,
-    interval_cues,
-    render,
-    rendered_cues,
-)
-from burrlab.psychophysics.experiment.interval import TICK
+from burrlab.psychophysics.interval import TICK, Block, Rendered, render
+from burrlab.psychophysics.observer import Cues, closed_form_cues, drilling_hand, interval_cues, rendered_cues
+from burrlab.psychophysics.trial import Interval, Stimulus
 
 BURR = burrlab.Burr(3.0)
 COARSE = Block(voxel=0.2)

@@ -10,8 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from burrlab import Burr, VelocityCurve, materials, synthetic_curve
-from burrlab.master_curve import penetration_velocity
+from burrlab import materials
+from burrlab._core import Burr
+from burrlab.measured.curve import VelocityCurve
+from burrlab.measured.synthetic import synthetic_curve
+from burrlab.theory.continuum import penetration_velocity
 
 mpl.use("Agg")
 

@@ -11,10 +11,15 @@ import pytest
 from scipy.special import xlogy
 from scipy.stats import binom
 
-from burrlab.psychophysics import Counts, binomial_test, d_prime, rule_of, score_interval
-from burrlab.psychophysics.rules import RULES, TASKS
-from burrlab.psychophysics.statistics.exact_interval import exact_p_value, exact_p_values
-from burrlab.psychophysics.statistics.likelihood import Outcomes
+from burrlab.psychophysics.rules import RULES, TASKS, Counts, rule_of
+from burrlab.psychophysics.sensitivity import (
+    Outcomes,
+    binomial_test,
+    d_prime,
+    exact_p_value,
+    exact_p_values,
+    score_interval,
+)
 
 ALL = [(task, rule) for task in TASKS for rule in RULES]
 SOME = [(5, 6, 1, 6), (6, 6, 2, 6), (3, 6, 3, 6), (1, 6, 4, 6), (9, 12, 4, 10), (20, 24, 5, 24)]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from burrlab.psychophysics import Counts, d_prime, rule_of
-from burrlab.psychophysics.rules import RULES
+from burrlab.psychophysics.rules import RULES, Counts, rule_of
+from burrlab.psychophysics.sensitivity import d_prime
 from reference.enumeration import (
     D_PRIMES,
     bias_table,

@@ -14,9 +14,12 @@ from scipy.signal import lfilter
 from scipy.stats import binom
 
 import burrlab
-from burrlab import Burr, DepthTrace, materials, mean_field_descent, penetration_velocity, synthetic_trace
-from burrlab.trace_segments import rising, slope_error
-from burrlab.window import penetration_velocity_between
+from burrlab import materials
+from burrlab._core import Burr
+from burrlab.measured.depth_trace import DepthTrace, rising, slope_error
+from burrlab.measured.synthetic import synthetic_trace
+from burrlab.theory.closed_forms import penetration_velocity_between
+from burrlab.theory.continuum import mean_field_descent, penetration_velocity
 
 mpl.use("Agg")
 

@@ -13,8 +13,14 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.regime import contact_stiffness, layer_thickness, static_immersion
-from burrlab.window import penetration_velocity_between, samples_between, settled_immersion
+from burrlab.theory.closed_forms import (
+    contact_stiffness,
+    layer_thickness,
+    penetration_velocity_between,
+    samples_between,
+    settled_immersion,
+    static_immersion,
+)
 
 ARRAYS = re.compile(r"NDArray|Array\b|Floats|^Any$")
 

@@ -8,19 +8,15 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from burrlab import (
-    Burr,
-    Material,
-    VelocityCurve,
-    design,
-    fit,
-    materials,
-    synthetic_curve,
-    synthetic_indentation,
-)
-from burrlab.fitting import region_grid
-from burrlab.fitting.region_grid import RegionGrid
-from burrlab.master_curve import MasterCurve
+import burrlab.fitting.region as region_grid
+from burrlab import materials
+from burrlab._core import Burr, Material
+from burrlab.fitting.design import design
+from burrlab.fitting.fit import fit
+from burrlab.fitting.region import RegionGrid
+from burrlab.measured.curve import VelocityCurve
+from burrlab.measured.synthetic import synthetic_curve, synthetic_indentation
+from burrlab.theory.continuum import MasterCurve
 
 mpl.use("Agg")
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab import _core
-from burrlab.session.script import read_script
+import burrlab._core as _core
+from burrlab.session.exchange import read_script
 
 
 def play(device, ticks=0, *, period=1.0, material="bone"):

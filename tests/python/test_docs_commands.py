@@ -8,7 +8,7 @@ import shlex
 import pytest
 from conftest import ROOT
 
-from burrlab.cli.parser import command_parser, join_vectors
+from burrlab.cli.main import command_parser, join_vectors
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 

@@ -11,15 +11,13 @@ import numpy as np
 import pytest
 from drilled_scenes import MAKERS, MAP, SHAPE, drilled, greys, nifti, nrrd, stack
 
-from burrlab import Burr, erode, materials, read_volume, save_bone
-from burrlab.volume import (
-    OccupancyMap,
-    Volume,
-    load_drilled,
-    read_stack,
-    save_drilled,
-)
-from burrlab.volume.drilled_values import grey_of_levels
+from burrlab import materials
+from burrlab._core import Burr, erode
+from burrlab.bone.formats import read_volume
+from burrlab.bone.image import OccupancyMap, Volume
+from burrlab.bone.kept import grey_of_levels, load_drilled, save_drilled
+from burrlab.bone.slices import read_stack
+from burrlab.bone.snapshot import save_bone
 
 
 @pytest.mark.parametrize("name", MAKERS)

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from drilled_scenes import MAP, SHAPE, drilled, greys
 
-from burrlab import files, read_volume
-from burrlab.volume import DrilledRecipe, load_drilled, save_drilled
-from burrlab.volume.drilled_checks import check_drilled
+import burrlab.common.files as files
+from burrlab.bone.formats import read_volume
+from burrlab.bone.kept import check_drilled, load_drilled, save_drilled
+from burrlab.bone.recipe import DrilledRecipe
 
 sitk = pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pydicom = pytest.importorskip("pydicom", reason="makes the series and is the independent reader, extra `dev`")
@@ -194,8 +195,8 @@ def test_a_save_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.Mo
         raise OSError(28, "No space left on device")
 
     for place in (
-        "burrlab.volume.drilled_dicom.write_synced",
-        "burrlab.volume.drilled.save_bone",
+        "burrlab.bone.kept.write_synced",
+        "burrlab.bone.kept.save_bone",
         "os.rename",
     ):
         with monkeypatch.context() as patch:

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from drilled_scenes import MAP, SHAPE, drilled, greys
 
-from burrlab import VoxelBone, load_trace, read_volume
+from burrlab._core import VoxelBone
+from burrlab.bone.dicom import elements_of
+from burrlab.bone.formats import read_labels, read_volume
+from burrlab.bone.image import OccupancyMap
+from burrlab.bone.kept import check_drilled, load_drilled, save_drilled
 from burrlab.cli import main
-from burrlab.volume import OccupancyMap, load_drilled, read_labels, save_drilled
-from burrlab.volume.dicom_elements import elements_of
-from burrlab.volume.drilled_checks import check_drilled
+from burrlab.session.trace import load_trace
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pydicom = pytest.importorskip("pydicom", reason="makes the series and is the independent reader, extra `dev`")

@@ -8,16 +8,10 @@ from pathlib import Path
 import pytest
 from drilled_scenes import MAP, drilled, greys, nrrd
 
-from burrlab import read_volume
-from burrlab.volume import (
-    DrilledRecipe,
-    VolumeRecipe,
-    load_drilled,
-    save_drilled,
-    write_dicom,
-    write_volume,
-)
-from burrlab.volume.drilled_checks import check_drilled
+from burrlab.bone.formats import read_volume, write_volume
+from burrlab.bone.kept import check_drilled, load_drilled, save_drilled
+from burrlab.bone.recipe import DrilledRecipe, VolumeRecipe
+from burrlab.volume import write_dicom
 
 
 def test_links_and_dots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from drilled_scenes import MAP, SHAPE, greys, meta, nifti, nrrd
 
-from burrlab import read_labels, read_volume
-from burrlab.volume import OccupancyMap, Volume, save_drilled
-from burrlab.volume.drilled_checks import check_drilled
+from burrlab.bone.formats import read_labels, read_volume
+from burrlab.bone.image import OccupancyMap, Volume
+from burrlab.bone.kept import check_drilled, save_drilled
 
 
 def test_bad_saves_are_refused(tmp_path: Path) -> None:
@@ -102,7 +102,7 @@ def test_what_was_removed_is_empty_after_rounding(tmp_path: Path, slope: float) 
     ],
 )  # fmt: skip
 def test_nrrd_headers_that_cannot_be_kept(tmp_path: Path, old: bytes, new: bytes, match: str) -> None:
-    from burrlab.volume.stored import read_stored
+    from burrlab.bone.formats import read_stored
 
     path = nrrd(tmp_path / "a.nrrd", np.zeros(SHAPE, "i2"))
     path.write_bytes(path.read_bytes().replace(old, new, 1))
@@ -128,7 +128,7 @@ def test_a_header_that_cannot_be_kept_is_told_before_there_is_a_bone(tmp_path: P
 
 
 def test_other_headers_that_cannot_be_kept(tmp_path: Path) -> None:
-    from burrlab.volume.stored import read_stored
+    from burrlab.bone.formats import read_stored
 
     path = meta(tmp_path / "a.mha", greys(), True)
     content = path.read_bytes()

@@ -13,20 +13,15 @@ from PIL import Image
 from test_segments import FIELDS, seg_nrrd
 
 import burrlab
-from burrlab import Burr, ScriptedDevice, Session, VoxelBone, materials
-from burrlab.anatomy import LabelledRecipe, default_tissues
-from burrlab.anatomy.known_tissues import VOLUMETRIC_DRILLING
+from burrlab import materials
+from burrlab._core import Burr, ScriptedDevice, VoxelBone
+from burrlab.bone.formats import read_labels, read_volume, write_volume
+from burrlab.bone.image import LabelVolume
+from burrlab.bone.kept import load_drilled, save_drilled
+from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe
+from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues
 from burrlab.session.network import make_bone
-from burrlab.volume import (
-    DrilledRecipe,
-    LabelVolume,
-    VolumeRecipe,
-    load_drilled,
-    read_labels,
-    read_volume,
-    save_drilled,
-    write_volume,
-)
+from burrlab.session.session import Session
 
 
 def recipe(kind: str, folder: Path) -> tuple[LabelledRecipe | VolumeRecipe, str]:

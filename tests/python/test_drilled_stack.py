@@ -13,9 +13,10 @@ from drilled_scenes import MAP, SHAPE, drilled, greys, stack
 from label_scenes import anatomy_bone
 from PIL import Image
 
-from burrlab.anatomy import default_tissues
-from burrlab.anatomy.known_tissues import VOLUMETRIC_DRILLING
-from burrlab.volume import LabelVolume, OccupancyMap, Volume, load_drilled, read_stack, save_drilled
+from burrlab.bone.image import LabelVolume, OccupancyMap, Volume
+from burrlab.bone.kept import load_drilled, save_drilled
+from burrlab.bone.slices import read_stack
+from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues
 
 
 @pytest.mark.parametrize("turned", [False, True])

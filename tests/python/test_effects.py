@@ -10,9 +10,10 @@ import pytest
 from effects_scenes import SOLID, bone_with_tissues, levels_removed, session
 
 import burrlab
-from burrlab import _core
-from burrlab.effects import Camera, EffectParameters, Effects, Nozzle, Sucker, effects_of
-from burrlab.view import TracePlayer
+import burrlab._core as _core
+from burrlab._core import Camera, EffectParameters, Nozzle, Sucker
+from burrlab.effects.effects import Effects, effects_of
+from burrlab.session.player import TracePlayer
 
 WATER = Nozzle((2, 0, 3), (-0.5, 0, -0.9), rate=100)
 

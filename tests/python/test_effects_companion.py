@@ -16,10 +16,12 @@ import pytest
 from effects_scenes import bone_with_tissues, levels_removed, session
 
 import burrlab
-from burrlab import _core
-from burrlab.effects import Camera, Companion, EffectParameters, Effects, Nozzle, Sucker, effects_of
+import burrlab._core as _core
+from burrlab._core import Camera, EffectParameters, Nozzle, Sucker
+from burrlab.effects.companion import Companion
+from burrlab.effects.effects import Effects, effects_of
 from burrlab.session.network import follow
-from burrlab.view import TracePlayer
+from burrlab.session.player import TracePlayer
 
 WATER = Nozzle((2, 0, 3), (-0.5, 0, -0.9), rate=100)
 CAMERA = Camera((0, -40, 60), (0, 0, 0))

@@ -7,8 +7,10 @@ import pytest
 from effects_scenes import TOOL, bone_with_tissues, levels_removed
 
 import burrlab
-from burrlab import _core
-from burrlab.effects import Companion, EffectParameters, Effects, Nozzle, Sucker
+import burrlab._core as _core
+from burrlab._core import EffectParameters, Nozzle, Sucker
+from burrlab.effects.companion import Companion
+from burrlab.effects.effects import Effects
 
 
 def cut():

@@ -10,11 +10,10 @@ import pytest
 from group_scenes import SAME_D_PRIME, most_errors, rejections
 from scipy import stats
 
-from burrlab.psychophysics import equivalence, group_d_prime, tost
-from burrlab.psychophysics.counts import Counts
-from burrlab.psychophysics.rules import RULES
-from burrlab.psychophysics.statistics.equivalence import decision_text
-from burrlab.psychophysics.statistics.tost import _power
+from burrlab.psychophysics.group import group_d_prime
+from burrlab.psychophysics.power import decision_text, equivalence
+from burrlab.psychophysics.published import _power, tost
+from burrlab.psychophysics.rules import RULES, Counts
 
 
 def same(hits: int, false_alarms: int, half: int = 6) -> Counts:

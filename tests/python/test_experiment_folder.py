@@ -8,8 +8,8 @@ import signal
 import pytest
 from answer_scenes import begun, protocol
 
-from burrlab.psychophysics.experiment.answer_row import columns_of
-from burrlab.psychophysics.experiment.experiment_folder import ExperimentFolder
+from burrlab.psychophysics.answers import ExperimentFolder
+from burrlab.psychophysics.side_car import columns_of
 
 
 def test_the_folder_is_as_bids_has_it(tmp_path):

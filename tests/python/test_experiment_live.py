@@ -15,9 +15,10 @@ from pseudo_terminal import _ADOPT, PseudoTerminal
 from test_experiment_terminal import SUBJECT, TASK, Subject
 
 import burrlab
-from burrlab import _core
-from burrlab.psychophysics import Protocol, Sitting
-from burrlab.psychophysics.experiment.lift import wait_until_lifted
+import burrlab._core as _core
+from burrlab.psychophysics.interval import wait_until_lifted
+from burrlab.psychophysics.protocol import Protocol
+from burrlab.psychophysics.run import Sitting
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "experiment_driver.py"
 BURR = burrlab.Burr(3.0)

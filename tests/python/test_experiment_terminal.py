@@ -13,7 +13,8 @@ import pytest
 from pseudo_terminal import PseudoTerminal
 
 from burrlab.cli import main
-from burrlab.psychophysics import Protocol, read_answers
+from burrlab.psychophysics.answers import read_answers
+from burrlab.psychophysics.protocol import Protocol
 
 SUBJECT, TASK = "01", "one"
 CONFIG = """

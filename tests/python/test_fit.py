@@ -7,8 +7,12 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from burrlab import Burr, Fit, Material, VelocityCurve, fit, materials, synthetic_curve
-from burrlab.master_curve import penetration_velocity
+from burrlab import materials
+from burrlab._core import Burr, Material
+from burrlab.fitting.fit import Fit, fit
+from burrlab.measured.curve import VelocityCurve
+from burrlab.measured.synthetic import synthetic_curve
+from burrlab.theory.continuum import penetration_velocity
 
 mpl.use("Agg")
 

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from matplotlib import pyplot
 
-from burrlab import Burr, fit, materials, synthetic_curve, synthetic_indentation, synthetic_trace
+from burrlab import materials
+from burrlab._core import Burr
+from burrlab.fitting.fit import fit
 from burrlab.fitting.profile import ALPHA
+from burrlab.measured.synthetic import synthetic_curve, synthetic_indentation, synthetic_trace
 
 mpl.use("Agg")
 

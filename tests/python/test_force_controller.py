@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from burrlab import ForceController
+from burrlab._core import ForceController
 
 
 def test_terms_add_up() -> None:

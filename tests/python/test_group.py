@@ -20,15 +20,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from burrlab.psychophysics import (
+from burrlab.psychophysics.group import (
+    Group,
+    conditional_hits,
+    excess_hits,
     group_d_prime,
+    group_tails,
+    rejected_as_few,
+    t_test,
 )
-from burrlab.psychophysics.counts import Counts
-from burrlab.psychophysics.rules import RULES, rule_of
-from burrlab.psychophysics.statistics.conditional_hits import conditional_hits
-from burrlab.psychophysics.statistics.group_d_prime import Group
-from burrlab.psychophysics.statistics.group_tails import excess_hits, group_tails, rejected_as_few
-from burrlab.psychophysics.statistics.subject_tests import t_test
+from burrlab.psychophysics.rules import RULES, Counts, rule_of
 from reference import psychophysics as reference
 
 DECISIONS = [(task, rule) for task in ("same-different", "abx") for rule in RULES] + [("2ifc", RULES[0])]

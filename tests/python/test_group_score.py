@@ -16,15 +16,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from burrlab.psychophysics import (
+from burrlab.psychophysics.group import (
     compare_conditions,
     compare_groups,
     group_score,
-    group_score_from,
+    label_test,
+    sign_flip_test,
+    t_test,
+    welch_test,
 )
-from burrlab.psychophysics.counts import Counts
-from burrlab.psychophysics.rules import RULES, rule_of
-from burrlab.psychophysics.statistics.subject_tests import label_test, sign_flip_test, t_test, welch_test
+from burrlab.psychophysics.published import group_score_from
+from burrlab.psychophysics.rules import RULES, Counts, rule_of
 
 DECISIONS = [(task, rule) for task in ("same-different", "abx") for rule in RULES] + [("2ifc", RULES[0])]
 

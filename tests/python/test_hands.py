@@ -6,15 +6,9 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.psychophysics import (
-    Block,
-    Interval,
-    Stimulus,
-    drilling_hand,
-    interval_cues,
-    probing_hand,
-    render,
-)
+from burrlab.psychophysics.interval import Block, render
+from burrlab.psychophysics.observer import drilling_hand, interval_cues, probing_hand
+from burrlab.psychophysics.trial import Interval, Stimulus
 
 BURR = burrlab.Burr(3.0)
 NAMES = ["bone", "pettigrew", "pvc"]

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from tick_scenes import SCHEMES, assert_same_contact, table_of
 
 import burrlab
-from burrlab import VoxelBone, _core
+import burrlab._core as _core
+from burrlab._core import VoxelBone
 from reference.tick import ReferenceContact
 
 Levels = NDArray[np.uint8]

@@ -12,7 +12,7 @@ import pytest
 from replica_scenes import BLOCK, TOOL, soon
 
 import burrlab
-from burrlab import _core
+import burrlab._core as _core
 from burrlab.session.network import follow, make_bone
 
 BONE = make_bone(BLOCK)

@@ -9,17 +9,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from burrlab import (
-    Burr,
-    DepthTrace,
-    Material,
-    VelocityCurve,
-    fit,
-    materials,
-    synthetic_curve,
-    synthetic_indentation,
-    synthetic_trace,
-)
+from burrlab import materials
+from burrlab._core import Burr, Material
+from burrlab.fitting.fit import fit
+from burrlab.measured.curve import VelocityCurve
+from burrlab.measured.depth_trace import DepthTrace
+from burrlab.measured.synthetic import synthetic_curve, synthetic_indentation, synthetic_trace
 
 BURR, BONE = Burr(3.0), materials["bone"]
 FORCES = np.geomspace(0.3, 2.6, 4)

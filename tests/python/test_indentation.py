@@ -10,7 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from burrlab import Burr, Indentation, materials, synthetic_indentation
+from burrlab import materials
+from burrlab._core import Burr
+from burrlab.measured.indentation import Indentation
+from burrlab.measured.synthetic import synthetic_indentation
 
 mpl.use("Agg")
 

@@ -10,9 +10,10 @@ import pytest
 from session_scenes import FakeReader
 
 import burrlab
-from burrlab import _core
-from burrlab.psychophysics import Block, Interval, Rendered, Stimulus, drilling_hand, probing_hand, render
-from burrlab.psychophysics.experiment.interval import TICK, _Watch
+import burrlab._core as _core
+from burrlab.psychophysics.interval import TICK, Block, Rendered, _Watch, render
+from burrlab.psychophysics.observer import drilling_hand, probing_hand
+from burrlab.psychophysics.trial import Interval, Stimulus
 
 BURR = burrlab.Burr(2.0)
 BONE = Block((14, 14, 4), 0.2)

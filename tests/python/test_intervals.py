@@ -11,16 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from burrlab import (
-    Burr,
-    Fit,
-    VelocityCurve,
-    fit,
-    materials,
-    synthetic_curve,
-    synthetic_indentation,
-    synthetic_trace,
-)
+from burrlab import materials
+from burrlab._core import Burr
+from burrlab.fitting.fit import Fit, fit
+from burrlab.measured.curve import VelocityCurve
+from burrlab.measured.synthetic import synthetic_curve, synthetic_indentation, synthetic_trace
 
 BURR, BONE = Burr(3.0), materials["bone"]
 WIDE = np.geomspace(0.3, 2.6, 6)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.master_curve import penetration_velocity
+from burrlab.theory.continuum import penetration_velocity
 
 BURR = burrlab.Burr(3.0)
 BONE = burrlab.materials["bone"]

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 import burrlab
-from burrlab.anatomy import read_tissues
-from burrlab.psychophysics.experiment.protocol import Protocol
-from burrlab.psychophysics.report.analysis_result import Analysis
-from burrlab.store import _HEADER, Store
+from burrlab.bone.tissues import read_tissues
+from burrlab.common.study import _HEADER, Store
+from burrlab.psychophysics.analysis import Analysis
+from burrlab.psychophysics.protocol import Protocol
 
 BONE = burrlab.materials["bone"]
 DEEP = "[" * 100_000 + "]" * 100_000

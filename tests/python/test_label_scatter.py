@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from burrlab import Burr, Specimen, VoxelBone, descend, materials
-from burrlab.anatomy import default_tissues, labelled_bone, temporal_bone
-from burrlab.descent_result import LABEL_SCATTER
-from burrlab.specimen import surface_along
-from burrlab.volume import LabelVolume
+from burrlab import materials
+from burrlab._core import Burr, VoxelBone
+from burrlab.anatomy import labelled_bone
+from burrlab.bone.image import LabelVolume
+from burrlab.bone.phantom.phantom import temporal_bone
+from burrlab.bone.specimen import Specimen, surface_along
+from burrlab.bone.tissues import LABEL_SCATTER, default_tissues
+from burrlab.descent.descent import descend
 
 
 def scatter(bone: VoxelBone, entry: np.ndarray, axis: np.ndarray, radius: float) -> float:

@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 from label_scenes import MAP, SPACING, TABLE, anatomy_bone, labels, volume, write_files
 
-from burrlab import Burr, ScriptedDevice, Session, materials
-from burrlab.anatomy import LabelledRecipe, Watch, default_tissues
+from burrlab import materials
+from burrlab._core import Burr, ScriptedDevice
+from burrlab.anatomy.watch import Watch
+from burrlab.bone.formats import read_labels, read_volume
+from burrlab.bone.kept import save_drilled
+from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe
+from burrlab.bone.tissues import default_tissues
 from burrlab.session.network import make_bone
-from burrlab.volume import VolumeRecipe, read_labels, read_volume, save_drilled
+from burrlab.session.session import Session
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pytest.importorskip("yaml", reason="extra `medical` is not installed")

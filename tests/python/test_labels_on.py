@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from label_scenes import MAP, TABLE, labels, volume
 
-from burrlab.anatomy import LabelledRecipe, labelled_bone
+from burrlab.anatomy import labelled_bone
+from burrlab.bone.formats import write_volume
+from burrlab.bone.image import LabelVolume, Volume
+from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe
 from burrlab.session.network import make_bone
-from burrlab.volume import LabelVolume, Volume, VolumeRecipe, write_volume
 
 TURN = np.array([[0.36, -0.48, 0.8], [0.8, 0.6, 0.0], [-0.48, 0.64, 0.6]])  # orthonormal
 

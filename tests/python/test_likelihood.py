@@ -9,19 +9,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from burrlab import (
-    Burr,
-    Fit,
-    Material,
-    VelocityCurve,
-    fit,
-    materials,
-    synthetic_curve,
-    synthetic_indentation,
-    synthetic_trace,
-)
-from burrlab.fitting.calibration import Calibration, Scatter
-from burrlab.master_curve import penetration_velocity
+from burrlab import materials
+from burrlab._core import Burr, Material
+from burrlab.fitting.fit import Fit, fit
+from burrlab.fitting.observations import Calibration, Scatter
+from burrlab.measured.curve import VelocityCurve
+from burrlab.measured.synthetic import synthetic_curve, synthetic_indentation, synthetic_trace
+from burrlab.theory.continuum import penetration_velocity
 from reference.likelihood import Oracle
 
 BURR, BONE = Burr(3.0), materials["bone"]

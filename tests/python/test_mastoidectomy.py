@@ -9,8 +9,10 @@ import pytest
 from scipy import ndimage
 
 import burrlab
-from burrlab.anatomy import Phantom, compare_with_target, mastoidectomy_path, temporal_bone
-from burrlab.view import plot_depth_map
+from burrlab.anatomy.mastoidectomy import mastoidectomy_path
+from burrlab.anatomy.target import compare_with_target
+from burrlab.bone.phantom.phantom import Phantom, temporal_bone
+from burrlab.view.pictures import plot_depth_map
 
 BURR = burrlab.Burr(3.0)
 

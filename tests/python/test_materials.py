@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab import Burr, Material, Shape, materials
+from burrlab import materials
+from burrlab._core import Burr, Material, Shape
 
 NAMES = ("constant", "linear", "parabolic", "quartic", "power(0.5)", "power(3)", "power(8)")
 NAMESPACE = {"Burr": Burr, "Material": Material, "Shape": Shape}

@@ -5,9 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from burrlab import Burr, Material, Shape, _core
-from burrlab.master_curve import MasterCurve, penetration_velocity
-from burrlab.mean_field import mean_field_descent, thin_layer_velocity
+import burrlab._core as _core
+from burrlab._core import Burr, Material, Shape
+from burrlab.theory.continuum import (
+    MasterCurve,
+    mean_field_descent,
+    penetration_velocity,
+    thin_layer_velocity,
+)
 
 BURR = Burr(3.0)
 BONE = Material("bone", c_e=2.145, alpha=0.087)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.session.new_hdf5 import new_hdf5
+from burrlab.common.files import new_hdf5
 
 resource = pytest.importorskip("resource", reason="limits of a process are POSIX")
 #: A file may get no longer than the limit: for a process the same as a disk that has no more room.
@@ -19,7 +19,7 @@ LIMITED = """
 import resource, sys
 from pathlib import Path
 import burrlab
-from burrlab.session.trace_file import make_compact
+from burrlab.session.trace import make_compact
 def limit(size):
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
 trace, part, sizes = Path(sys.argv[1]), Path(sys.argv[2]), map(int, sys.argv[3:])

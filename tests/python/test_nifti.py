@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.volume import same_geometry
+from burrlab.bone.image import same_geometry
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 nibabel = pytest.importorskip("nibabel", reason="an independent reader of NIfTI, extra `dev`")

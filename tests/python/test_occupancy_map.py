@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.volume import OccupancyMap, Volume
+from burrlab.bone.image import OccupancyMap, Volume
 
 
 def test_two_point_map():

@@ -16,7 +16,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from burrlab import Burr, VoxelBone, _core, materials
+import burrlab._core as _core
+from burrlab import materials
+from burrlab._core import Burr, VoxelBone
 
 EXAMPLES = Path("/usr/share/doc/openigtlink-examples/examples")
 NEWTON = (0x0B << 54) | (1 << 50)

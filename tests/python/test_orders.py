@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from burrlab.psychophysics.designs.orders import Draws, FixedOrder, checked_trial, counterbalanced
+from burrlab.psychophysics.designs import Draws, FixedOrder, checked_trial, counterbalanced
 
 FALSE_ALARMS = 1e-6
 
@@ -40,7 +40,9 @@ def test_the_order_of_a_design_s_keys_does_not_matter():
 
 
 def test_the_same_in_another_process():
-    program = "from burrlab.psychophysics.designs.orders import Draws; print(Draws(7, 'Jürg', {'a': 0.1}).interval_seed())"
+    program = (
+        "from burrlab.psychophysics.designs import Draws; print(Draws(7, 'Jürg', {'a': 0.1}).interval_seed())"
+    )
     said = {
         subprocess.run(
             [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60

@@ -15,8 +15,9 @@ from PIL import Image
 from session_scenes import FakeReader
 
 import burrlab
-from burrlab.effects import Effects
-from burrlab.view import TracePlayer, page_chart
+import burrlab.view.page as page_chart
+from burrlab.effects.effects import Effects
+from burrlab.session.player import TracePlayer
 from burrlab.view.page_source import page_source
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import binom, fisher_exact
 
-from burrlab.psychophysics import Counts, pair_checks
+from burrlab.psychophysics.pairs import pair_checks
+from burrlab.psychophysics.rules import Counts
 
 
 def same_different(aa: int, bb: int, ab: int, ba: int, n: int = 12) -> Counts:

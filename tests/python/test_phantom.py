@@ -7,11 +7,11 @@ import pytest
 from scipy import ndimage
 
 import burrlab
-from burrlab.anatomy import AirCells, Phantom, compare_with_target, phantom_tissues, temporal_bone
-from burrlab.anatomy.fields import MARGINS
-from burrlab.anatomy.phantom import _cells
-from burrlab.anatomy.structures import Structures
-from burrlab.volume import read_labels, write_volume
+from burrlab.anatomy.target import compare_with_target
+from burrlab.bone.formats import read_labels, write_volume
+from burrlab.bone.phantom.air_cells import AirCells
+from burrlab.bone.phantom.phantom import Phantom, _cells, phantom_tissues, temporal_bone
+from burrlab.bone.phantom.structures import MARGINS, Structures
 
 CRITICAL = ("facial nerve", "sigmoid sinus", "dura", "labyrinth", "ossicles")
 

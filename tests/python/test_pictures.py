@@ -9,9 +9,15 @@ from matplotlib.patches import Circle
 from PIL import Image
 
 import burrlab
-from burrlab.view import depth_map, plot_depth_map, plot_slices, write_video
-from burrlab.view.pictures import removed_thickness
-from burrlab.view.slice_image import REMOVED, slice_image
+from burrlab.view.film import write_video
+from burrlab.view.pictures import (
+    REMOVED,
+    depth_map,
+    plot_depth_map,
+    plot_slices,
+    removed_thickness,
+    slice_image,
+)
 
 AXES = ("x", "-x", "y", "-y", "z", "-z")
 SPACING, ORIGIN = (0.1, 0.2, 0.4), (-1.0, 2.0, 5.0)

@@ -9,9 +9,8 @@ import pytest
 from session_scenes import SEED, FakeReader, make_records, small_bone, tools
 
 import burrlab
-from burrlab import _core
-from burrlab.view import TracePlayer
-from burrlab.view.brick_history import BrickHistory
+import burrlab._core as _core
+from burrlab.session.player import BrickHistory, TracePlayer
 
 TICKS, FIRST = 3000, 30
 MOMENTS = (0, 1, 249, 250, 251, 777, 1500, 2999, 3000)  # executed ticks

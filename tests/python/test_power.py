@@ -10,9 +10,8 @@ import pytest
 from group_scenes import answers_of
 from scipy import stats
 
-from burrlab.psychophysics import design_power, subjects_needed, trials_needed
+from burrlab.psychophysics.power import Observer, critical_score, design_power, subjects_needed, trials_needed
 from burrlab.psychophysics.rules import RULES, rule_of
-from burrlab.psychophysics.statistics.observer import Observer, critical_score
 
 
 class TestOneSubject:

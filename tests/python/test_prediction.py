@@ -9,7 +9,9 @@ import pytest
 from scipy.stats import binom, norm
 
 import burrlab
-from burrlab.psychophysics import Block, SimulatedSubject, predicted_d_prime
+from burrlab.psychophysics.interval import Block
+from burrlab.psychophysics.observer import SimulatedSubject
+from burrlab.psychophysics.rehearsal import predicted_d_prime
 
 BONE, PETTIGREW, PVC = (burrlab.materials[name] for name in ("bone", "pettigrew", "pvc"))
 COARSE = Block(voxel=0.2)

@@ -13,10 +13,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import burrlab
-from burrlab.psychophysics import ABX, Protocol, SameDifferent, Stimulus, template
-from burrlab.psychophysics.experiment.answer_row import columns_of
-from burrlab.psychophysics.experiment.design_table import DESIGNS, key_of
-from burrlab.session.device_text import DeviceText, parse_address, parse_device
+from burrlab.psychophysics.designs import ABX, SameDifferent
+from burrlab.psychophysics.protocol import DESIGNS, Protocol, key_of, template
+from burrlab.psychophysics.side_car import columns_of
+from burrlab.psychophysics.trial import Stimulus
+from burrlab.session.exchange import DeviceText, parse_address, parse_device
 
 ALL_ON = re.sub(r"^#(?=[a-z\[])", "", template(), flags=re.MULTILINE)
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from scipy.stats import beta, norm
 
-from burrlab.psychophysics.designs.precision import gaussian_correct
-from burrlab.psychophysics.designs.psychometric import psychometric_function
+from burrlab.psychophysics.psychometric import psychometric_function
+from burrlab.psychophysics.staircase import gaussian_correct
 
 matplotlib.use("Agg")
 

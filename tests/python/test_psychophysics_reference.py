@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binom
 
-from burrlab.psychophysics import SelectionEffect, rule_of
-from burrlab.psychophysics.report.subject_result import holm
-from burrlab.psychophysics.rules import RULES
-from burrlab.psychophysics.statistics.exact_interval import exact_p_values
-from burrlab.psychophysics.statistics.subject_tests import label_test, sign_flip_test
+from burrlab.psychophysics.group import label_test, sign_flip_test
+from burrlab.psychophysics.published import SelectionEffect
+from burrlab.psychophysics.rules import RULES, rule_of
+from burrlab.psychophysics.scored_task import holm
+from burrlab.psychophysics.sensitivity import exact_p_values
 from reference import psychophysics as reference
 
 INDEPENDENT, DIFFERENCING = RULES

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from replica_scenes import Leader, messages_of, name_of, soon
 
-from burrlab import _core
+import burrlab._core as _core
 from burrlab.session.network import follow
 
 EXAMPLES = Path("/usr/share/doc/openigtlink-examples/examples")

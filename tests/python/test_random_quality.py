@@ -17,7 +17,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from burrlab import _core
+import burrlab._core as _core
 from reference import tick as reference
 
 FALSE_ALARM = 1e-6  # of each statistic as a whole

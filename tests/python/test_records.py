@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from burrlab.psychophysics.counts import Counts
-from burrlab.psychophysics.experiment.records import plain, restored
+from burrlab.common.records import plain, restored
+from burrlab.psychophysics.rules import Counts
 
 
 @dataclass(frozen=True)

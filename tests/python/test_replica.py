@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from replica_scenes import Cutter, Dropper, Leader, Mangler, Proxy, ReplicaProcess, Slower, soon
 
-from burrlab import _core
+import burrlab._core as _core
+from burrlab.session.anatomy import status_text
 from burrlab.session.network import follow, make_bone
-from burrlab.session.replica_report import status_text
 
 
 def lengths(short):

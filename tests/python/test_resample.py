@@ -7,8 +7,8 @@ import pytest
 from label_scenes import anatomy_bone
 
 import burrlab
-from burrlab.anatomy import default_tissues
-from burrlab.volume import LabelVolume, OccupancyMap, Volume, check_same_geometry, same_geometry
+from burrlab.bone.image import LabelVolume, OccupancyMap, Volume, check_same_geometry, same_geometry
+from burrlab.bone.tissues import default_tissues
 
 TURNED = np.array([[0.0, -1.0, 0.0], [0.6, 0.0, -0.8], [0.8, 0.0, 0.6]])
 

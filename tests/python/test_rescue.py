@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 import burrlab
-from burrlab.cli import bone as cli_bone
+import burrlab.cli.bone as cli_bone
+import burrlab.session.recorder as trace_writer
 from burrlab.cli import main
-from burrlab.session import trace_writer
 from burrlab.session.network import block_recipe, make_bone
 
 SESSION = ("session", "--device", "hand", "--duration", "0.2", "--voxel", "0.5", "--seed", "1")

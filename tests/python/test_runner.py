@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.psychophysics import ABX, Block, SameDifferent, Stimulus, drilling_hand, probing_hand, render
-from burrlab.psychophysics.experiment.clock import VirtualClock, WallClock
-from burrlab.psychophysics.experiment.experimenter import Experimenter
-from burrlab.psychophysics.experiment.runner import DeviceLost, LoopStalled, Rig, Runner
-from burrlab.psychophysics.experiment.seat import Seat
+from burrlab.psychophysics.designs import ABX, SameDifferent
+from burrlab.psychophysics.interval import Block, VirtualClock, WallClock, render
+from burrlab.psychophysics.observer import drilling_hand, probing_hand
+from burrlab.psychophysics.run import DeviceLost, LoopStalled, Rig, Runner
+from burrlab.psychophysics.seat import Experimenter, Seat
+from burrlab.psychophysics.trial import Stimulus
 
 BURR = burrlab.Burr(3.0)
 BONE, PVC, PETTIGREW = (Stimulus(name, burrlab.materials[name]) for name in ("bone", "pvc", "pettigrew"))

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from burrlab import materials
-from burrlab.psychophysics import SameDifferent, Stimulus
+from burrlab.psychophysics.designs import SameDifferent
+from burrlab.psychophysics.trial import Stimulus
 
 BONE, PVC = (Stimulus(name, materials[name]) for name in ("bone", "pvc"))
 PAIRS = {"AA", "AB", "BA", "BB"}

@@ -16,9 +16,12 @@ from view_scenes import parcels, read, write_trace
 
 import burrlab
 from burrlab.session.network import follow
-from burrlab.view import LiveView, Scene, TraceView, surface_blocks, surgeon_view, write_video
-from burrlab.view.parcel_actor import parcel_colours
-from burrlab.view.surface import BONE
+from burrlab.view.actors import parcel_colours
+from burrlab.view.camera import surgeon_view
+from burrlab.view.film import TraceView, write_video
+from burrlab.view.live import LiveView
+from burrlab.view.scene import Scene
+from burrlab.view.surface import BONE, surface_blocks
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,7 @@ from session_scenes import small_bone
 from view_scenes import parcels
 
 import burrlab
-from burrlab.view import Scene
+from burrlab.view.scene import Scene
 
 pytestmark = pytest.mark.slow
 

@@ -6,11 +6,13 @@ import nlopt
 import numpy as np
 import pytest
 
-from burrlab import Burr, VelocityCurve, materials
-from burrlab.fitting.mean_field import MeanFieldModel
+from burrlab import materials
+from burrlab._core import Burr
+from burrlab.fitting.likelihood import MeanFieldModel
 from burrlab.fitting.observations import Observations
 from burrlab.fitting.search import Box, is_minimum, minimise, search
-from burrlab.master_curve import penetration_velocity
+from burrlab.measured.curve import VelocityCurve
+from burrlab.theory.continuum import penetration_velocity
 
 NAN = float("nan")
 BURR = Burr(3.0)

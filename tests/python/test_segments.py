@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from burrlab.volume import LabelVolume, read_labels, write_volume
-from burrlab.volume.segments import merged, segments_of
+from burrlab.bone.formats import merged, read_labels, segments_of, write_volume
+from burrlab.bone.image import LabelVolume
 
 FIELDS = {
     "Segment0_ID": "Segment_1", "Segment0_Name": "Bone", "Segment0_LabelValue": "1", "Segment0_Layer": "0",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from burrlab.psychophysics.statistics.selection import SelectionEffect
+from burrlab.psychophysics.published import SelectionEffect
 
 
 def enumerated(kept: int, of: int, trials: int, chance: float) -> np.ndarray:

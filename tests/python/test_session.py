@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab import _core
+import burrlab._core as _core
 
 TOOL = burrlab.Burr(3.0), burrlab.materials["bone"]
 

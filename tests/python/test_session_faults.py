@@ -16,8 +16,8 @@ import pytest
 from test_session import TOOL, block, session
 
 import burrlab
-from burrlab import _core
-from burrlab.session import trace_writer
+import burrlab._core as _core
+import burrlab.session.recorder as trace_writer
 
 
 def lost_soon(**options):

@@ -9,7 +9,7 @@ import pytest
 from session_scenes import SEED, FakeReader, make_records, small_bone, tools
 
 import burrlab
-from burrlab import _core
+import burrlab._core as _core
 from burrlab.cli import main
 
 

@@ -7,7 +7,7 @@ import pytest
 from replica_scenes import BLOCK, Leader, soon
 
 import burrlab
-from burrlab import _core
+import burrlab._core as _core
 from burrlab.session.network import block_recipe, follow, make_bone, open_publisher, volume_recipe
 
 

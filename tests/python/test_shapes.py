@@ -9,24 +9,18 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from burrlab import (
-    Burr,
-    Material,
-    VelocityCurve,
-    compare_shapes,
-    materials,
-    synthetic_curve,
-    synthetic_indentation,
-)
-from burrlab.fitting.likelihood import Likelihood
-from burrlab.fitting.mean_field import MeanFieldModel
+from burrlab import materials
+from burrlab._core import Burr, Material
+from burrlab.common.study import run_items
+from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Observations, bounds_of
 from burrlab.fitting.profile import Domain
+from burrlab.fitting.shape_comparison import kappa
 from burrlab.fitting.shape_family import NODES, FamilyCurve, PowerFamily, Threshold, lowest, member
-from burrlab.fitting.shape_report import kappa
-from burrlab.fitting.shapes import SHAPES, weigh_shapes
-from burrlab.master_curve import MasterCurve
-from burrlab.study import run_items
+from burrlab.fitting.shapes import SHAPES, compare_shapes, weigh_shapes
+from burrlab.measured.curve import VelocityCurve
+from burrlab.measured.synthetic import synthetic_curve, synthetic_indentation
+from burrlab.theory.continuum import MasterCurve
 
 mpl.use("Agg")
 

@@ -12,31 +12,22 @@ import pytest
 from scipy.stats import binomtest, norm
 
 import burrlab
-from burrlab.psychophysics import (
-    ABX,
-    Block,
-    ConstantStimuli,
+import burrlab.psychophysics.weber as weber
+from burrlab.psychophysics.designs import ABX, SameDifferent
+from burrlab.psychophysics.interval import Block, render
+from burrlab.psychophysics.observer import (
     Cues,
-    Interval,
-    SameDifferent,
     SimulatedSubject,
-    Staircase,
-    Stimulus,
-    Trial,
     drilling_hand,
     interval_cues,
     probing_hand,
-    rehearse,
-    render,
     rendered_cues,
-    task1_table,
-    teach,
-    weber,
+    task_of,
 )
+from burrlab.psychophysics.rehearsal import counts_of, noise_for_score, rehearse, stood_in, task1_table, teach
 from burrlab.psychophysics.rules import rule_of
-from burrlab.psychophysics.simulation.rehearsal import counts_of, stood_in
-from burrlab.psychophysics.simulation.simulated_subject import task_of
-from burrlab.psychophysics.simulation.task_one import noise_for_score
+from burrlab.psychophysics.staircase import ConstantStimuli, Staircase
+from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 
 FALSE_ALARM = 1e-6
 MANY = 6000

@@ -10,8 +10,13 @@ from dataclasses import replace
 import pytest
 from answer_scenes import protocol
 
-from burrlab.psychophysics import Seat, Sitting, analyse, probing_hand, read_answers, render
-from burrlab.psychophysics.experiment import sitting
+import burrlab.psychophysics.run as sitting
+from burrlab.psychophysics.analysis import analyse
+from burrlab.psychophysics.answers import read_answers
+from burrlab.psychophysics.interval import render
+from burrlab.psychophysics.observer import probing_hand
+from burrlab.psychophysics.run import Sitting
+from burrlab.psychophysics.seat import Seat
 
 TEXT = """
 [experiment]

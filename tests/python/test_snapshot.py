@@ -8,8 +8,9 @@ import pytest
 from session_scenes import make_records, small_bone, tools
 
 import burrlab
-from burrlab import _core, files
-from burrlab.volume.drilled_pair import replace_whole
+import burrlab._core as _core
+import burrlab.common.files as files
+from burrlab.bone.kept import replace_whole
 
 
 def test_levels_geometry_and_tick_come_back(tmp_path):
@@ -53,7 +54,7 @@ def test_a_failed_save_leaves_the_older_file(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("burrlab.session.snapshot.os.fsync", full)
+    monkeypatch.setattr("burrlab.bone.snapshot.os.fsync", full)
     with pytest.raises(OSError, match="No space left"):
         burrlab.save_bone(tmp_path / "bone.h5", bone, 2)
     assert burrlab.load_bone(tmp_path / "bone.h5")[1] == 1

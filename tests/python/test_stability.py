@@ -7,7 +7,7 @@ import pytest
 from stability_cases import GRID, HOLE, RADIUS, high_pass, run, still
 
 import burrlab
-from burrlab import _core
+import burrlab._core as _core
 
 RIPPLE = 0.05  # above 20 Hz, peak to peak [N]
 

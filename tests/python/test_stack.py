@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from burrlab import Tissue, Tissues, materials
-from burrlab.anatomy import LabelledRecipe, default_tissues
-from burrlab.anatomy.known_tissues import VOLUMETRIC_DRILLING
-from burrlab.volume import LabelVolume, OccupancyMap, Volume, VolumeRecipe, read_stack
-from burrlab.volume.stack import ROWS_ALONG_X
+from burrlab import materials
+from burrlab._core import Tissue, Tissues
+from burrlab.bone.image import LabelVolume, OccupancyMap, Volume
+from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe
+from burrlab.bone.slices import ROWS_ALONG_X, read_stack
+from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues
 
 SILENT = "PNG slices say no orientation: LPS assumed"
 BONE, NERVE = VOLUMETRIC_DRILLING["Bone"], VOLUMETRIC_DRILLING["Facial_Nerve"]

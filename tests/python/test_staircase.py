@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from burrlab import materials
-from burrlab.psychophysics import Staircase, Stimulus
-from burrlab.psychophysics.designs.precision import gaussian_correct, gaussian_difference
+from burrlab.psychophysics.staircase import Staircase, gaussian_correct, gaussian_difference
+from burrlab.psychophysics.trial import Stimulus
 
 BONE = Stimulus("bone", materials["bone"])
 Z = 4.9  # of a two-sided false-alarm rate of 1e-6

@@ -9,6 +9,7 @@ import struct
 import subprocess
 import sys
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import burrlab
-from burrlab.store import Store, key_of
-from burrlab.sweep import SweepItem, run_item
+from burrlab.common.study import Store, key_of
+from burrlab.descent.sweep import SweepItem, run_item
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def test_a_key_says_function_item_and_version(monkeypatch):
     key = key_of(run_item, ITEM)
     assert key == key_of(run_item, replace(ITEM)), "equal items, equal keys"
     assert key != key_of(burrlab.descend, ITEM)
-    monkeypatch.setattr("burrlab.store.__version__", "0.0.0")
+    monkeypatch.setattr("burrlab.common.study.__version__", "0.0.0")
     assert key != key_of(run_item, ITEM)
 
 
@@ -194,7 +195,7 @@ def test_a_line_torn_anywhere_is_left_out_and_harms_no_other(tmp_path):
 
 WRITER = """
 import sys
-from burrlab.store import Store
+from burrlab.common.study import Store
 store = Store(sys.argv[1])
 print("ready", flush=True)
 sys.stdin.readline()
@@ -266,3 +267,14 @@ def test_a_full_disk_is_an_error_and_the_store_goes_on(tmp_path, monkeypatch):
     monkeypatch.undo()
     store.add("a", 2)
     assert Store(store.path).get("a") == 2
+
+
+def test_a_store_of_an_earlier_version_is_taken_up(tmp_path):
+    """Its keys hold the names of modules that have moved since."""
+    store = tmp_path / "store.jsonl"
+    store.write_bytes((Path(__file__).parents[1] / "golden/files/store.jsonl").read_bytes())
+    before = store.read_bytes()
+    burrlab.force_sweep(
+        burrlab.Burr(3.0), burrlab.materials["bone"], [0.8, 1.2], repeats=2, voxel=0.3, seed=4, store=store
+    )
+    assert store.read_bytes() == before

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from anatomy_scenes import BONE, nerve_bone
 
-from burrlab import Tissue, Tissues, VoxelBone
-from burrlab._core import StructureDistance, StructureSearch
-from burrlab.anatomy.distance_fields import structure_distances
+from burrlab._core import StructureDistance, StructureSearch, Tissue, Tissues, VoxelBone
+from burrlab.anatomy.watch import structure_distances
 from reference import anatomy as reference
 
 

@@ -16,8 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from burrlab.store import Store
-from burrlab.study import Study, StudyInterrupted, cancel_event, run_items
+from burrlab.common.study import Store, Study, StudyInterrupted, cancel_event, run_items
 
 
 @dataclass(frozen=True)

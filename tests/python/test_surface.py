@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.view import Surface, surface_blocks
-from burrlab.view.surface import BLOCK, blocks_of_bricks, brick_numbers, brick_places, tissue_palette
+from burrlab.view.surface import (
+    BLOCK,
+    Surface,
+    blocks_of_bricks,
+    brick_numbers,
+    brick_places,
+    surface_blocks,
+    tissue_palette,
+)
 
 RADIUS, VOXEL, CENTER = 40.0, 0.1, (47.3, 46.1, 48.9)  # of a ball (z, y, x), in voxels
 

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.store import Store
-from burrlab.sweep import SweepItem, item_seed, run_item
+from burrlab.common.study import Store
+from burrlab.descent.sweep import SweepItem, item_seed, run_item
 
 
 def sweep(forces=(1.0, 1.5, 2.0), **options):
@@ -58,7 +58,7 @@ def test_rig_sweep_and_specimen():
 
 
 def test_ctrl_c_keeps_what_is_done(monkeypatch):
-    import burrlab.sweep as module
+    import burrlab.descent.sweep as module
 
     class Bar:
         def __init__(self, futures, **_):

@@ -10,10 +10,12 @@ import pytest
 from anatomy_scenes import nerve_bone, straight, tool
 
 import burrlab
-from burrlab import Tissue, Tissues, VoxelBone, materials
-from burrlab.anatomy import compare_with_target
+from burrlab import materials
+from burrlab._core import Tissue, Tissues, VoxelBone
+from burrlab.anatomy.target import compare_with_target
+from burrlab.bone.formats import write_volume
+from burrlab.bone.image import LabelVolume
 from burrlab.cli import main
-from burrlab.volume import LabelVolume, write_volume
 
 SHAPE = (9, 10, 12)
 

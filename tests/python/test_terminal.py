@@ -14,16 +14,16 @@ import time
 import pytest
 from pseudo_terminal import _ADOPT, PseudoTerminal
 
-from burrlab.psychophysics.experiment.terminal import Keyboard, TerminalSeat
+from burrlab.psychophysics.seat import Keyboard, TerminalSeat
 
 ASK = (
     _ADOPT
     + """
 import sys, time
 import burrlab
-from burrlab.cli.output import ended_by_signals
-from burrlab.psychophysics.designs.same_different import SameDifferent
-from burrlab.psychophysics.experiment.terminal import TerminalSeat
+from burrlab.cli.options import ended_by_signals
+from burrlab.psychophysics.designs import SameDifferent
+from burrlab.psychophysics.seat import TerminalSeat
 from burrlab.psychophysics.trial import Stimulus
 bone, pvc = (Stimulus(name, burrlab.materials[name]) for name in ("bone", "pvc"))
 design = SameDifferent(bone, pvc)

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from burrlab import Material, Tissue, Tissues, VoxelBone, load_bone, materials, save_bone
+from burrlab import materials
+from burrlab._core import Material, Tissue, Tissues, VoxelBone
+from burrlab.bone.snapshot import load_bone, save_bone
 
 BONE = materials["bone"]
 

@@ -8,20 +8,24 @@ import numpy as np
 import pytest
 from label_scenes import anatomy_bone
 
-from burrlab import Material, Tissue, Tissues, materials
-from burrlab.anatomy import (
-    LabelledRecipe,
-    Watch,
+from burrlab import materials
+from burrlab._core import Material, Tissue, Tissues
+from burrlab.anatomy import labelled_bone
+from burrlab.anatomy.watch import Watch
+from burrlab.bone.image import LabelVolume, OccupancyMap, Volume
+from burrlab.bone.phantom.phantom import phantom_tissues
+from burrlab.bone.recipe import LabelledRecipe
+from burrlab.bone.snapshot import tissues_from_json, tissues_to_json
+from burrlab.bone.tissues import (
+    KNOWN,
+    VOLUMETRIC_DRILLING,
     default_tissues,
+    known_tissue,
     label_counts,
-    labelled_bone,
-    phantom_tissues,
+    plain_name,
     read_tissues,
     write_tissues,
 )
-from burrlab.anatomy.known_tissues import KNOWN, VOLUMETRIC_DRILLING, known_tissue, plain_name
-from burrlab.session.snapshot import tissues_from_json, tissues_to_json
-from burrlab.volume import LabelVolume, OccupancyMap, Volume
 
 BONE = materials["bone"]
 GREY = OccupancyMap.two_point(100, 200)

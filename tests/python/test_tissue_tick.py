@@ -25,7 +25,7 @@ from tick_scenes import (
 )
 
 import burrlab
-from burrlab import _core
+import burrlab._core as _core
 from reference.tick import ReferenceContact, ReferenceTissues
 
 PATHS = tuple(_core.cpu_paths())

@@ -15,8 +15,8 @@ import pytest
 from session_scenes import SEED, FakeReader, make_records, record, small_bone, tools, writer
 
 import burrlab
-from burrlab.session import trace_writer
-from burrlab.session.trace_file import BURR_DTYPE
+import burrlab.session.recorder as trace_writer
+from burrlab.session.trace import BURR_DTYPE
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ import pytest
 from session_scenes import SEED, FakeReader, make_records, small_bone, tools
 
 import burrlab
-from burrlab.session import trace_writer
+import burrlab.session.recorder as trace_writer
 
 SECONDS = 0.6  # of a session
 

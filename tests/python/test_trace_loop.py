@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab import _core
-from burrlab.session import trace_writer
+import burrlab._core as _core
+import burrlab.session.recorder as trace_writer
 
 
 def two_hands(folder, seconds, voxel):

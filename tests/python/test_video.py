@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from burrlab.view import write_video
+from burrlab.view.film import write_video
 
 
 @pytest.mark.parametrize("fps", [1.0, 7.0, 24.0, 29.97, 35.0, 45.0, 50.0])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import burrlab
+from burrlab.bone.image import OccupancyMap
 from burrlab.cli import main
 from burrlab.session.network import make_bone
-from burrlab.volume import OccupancyMap
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 from volume_scenes import ASKEW, slab

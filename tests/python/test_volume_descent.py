@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.volume import Volume
+from burrlab.bone.image import Volume
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 

@@ -9,10 +9,11 @@ import pytest
 from PIL import Image
 
 import burrlab
+from burrlab.bone.image import OccupancyMap, Volume
+from burrlab.bone.recipe import VolumeRecipe, cut_block
 from burrlab.cli import main
-from burrlab.psychophysics import Protocol
+from burrlab.psychophysics.protocol import Protocol
 from burrlab.session.network import make_bone
-from burrlab.volume import OccupancyMap, Volume, VolumeRecipe, cut_block
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.volume import LabelVolume, Volume, same_geometry
+from burrlab.bone.image import LabelVolume, Volume, same_geometry
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 nibabel = pytest.importorskip("nibabel", reason="an independent reader of NIfTI, extra `dev`")

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.fitting.voxel_descent import VoxelSettings
+from burrlab.bone.image import OccupancyMap
+from burrlab.bone.kept import load_drilled, save_drilled
+from burrlab.bone.recipe import VolumeRecipe
+from burrlab.fitting.voxel import VoxelSettings
 from burrlab.session.network import make_bone, volume_recipe
-from burrlab.volume import OccupancyMap, VolumeRecipe, load_drilled, save_drilled, write_dicom
+from burrlab.volume import write_dicom
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 from volume_scenes import ASKEW, slab

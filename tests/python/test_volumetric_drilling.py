@@ -13,9 +13,10 @@ from PIL import Image
 from session_scenes import SEED, FakeReader, make_records, small_bone, tools
 
 import burrlab
-from burrlab.anatomy import LabelledRecipe, default_tissues
+from burrlab.bone.recipe import LabelledRecipe
+from burrlab.bone.tissues import default_tissues
 from burrlab.cli import main
-from burrlab.session.volumetric_drilling import _NEW
+from burrlab.session.exchange import _NEW
 
 TICKS = 2005
 NEW = "physics_data/intermittent_data/voxels_removed/"

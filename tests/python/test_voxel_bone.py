@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab import VoxelBone
+from burrlab._core import VoxelBone
 
 INTEGERS = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
 FLOATS = ("float16", "float32", "float64", "longdouble")

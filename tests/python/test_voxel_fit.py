@@ -10,18 +10,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from burrlab import (
-    BoneField,
-    Burr,
-    Fit,
-    Store,
-    fit,
-    half_space,
-    materials,
-    synthetic_curve,
-)
-from burrlab.fitting.voxel_descent import VoxelDescent, VoxelSettings
-from burrlab.master_curve import penetration_velocity
+from burrlab import materials
+from burrlab._core import Burr
+from burrlab.bone.specimen import half_space
+from burrlab.bone.uneven import BoneField
+from burrlab.common.study import Store
+from burrlab.fitting.fit import Fit, fit
+from burrlab.fitting.voxel import VoxelDescent, VoxelSettings
+from burrlab.measured.synthetic import synthetic_curve
+from burrlab.theory.continuum import penetration_velocity
 
 NAN = float("nan")
 BURR, PVC = Burr(3.0), materials["pvc"]

@@ -11,13 +11,14 @@ import pytest
 from anatomy_scenes import NAMES, nerve_bone, straight, tool
 
 import burrlab
-from burrlab import _core
-from burrlab.anatomy import AnatomyReport, Watch, anatomy_report
-from burrlab.anatomy.dose import dose_figure
+import burrlab._core as _core
+from burrlab.anatomy.events import KINDS
+from burrlab.anatomy.report import AnatomyReport, dose_figure
+from burrlab.anatomy.watch import Watch
+from burrlab.session.anatomy import anatomy_report
 from burrlab.session.network import follow
 from burrlab.session.replay import inputs
-from burrlab.session.trace_file import to_rows
-from burrlab.session.watch_rows import KINDS
+from burrlab.session.trace import to_rows
 from reference import anatomy as reference
 
 LIMITS = {"approach": 2.0, "touch": 0.1, "injury": 0.05, "hysteresis": 0.4}

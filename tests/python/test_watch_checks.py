@@ -7,7 +7,8 @@ import pytest
 from anatomy_scenes import BONE, nerve_bone, straight, tool
 
 import burrlab
-from burrlab.anatomy import Watch, anatomy_report
+from burrlab.anatomy.watch import Watch
+from burrlab.session.anatomy import anatomy_report
 from burrlab.session.network import follow
 
 

@@ -14,15 +14,14 @@ from page_scenes import Scene, make_page
 from replica_scenes import soon
 
 import burrlab
-from burrlab.anatomy import Watch
+import burrlab.view.web as web
+from burrlab.anatomy.watch import Watch
 from burrlab.cli import main
-from burrlab.effects import Companion, Effects
-from burrlab.effects.offline import effects_of
+from burrlab.effects.companion import Companion
+from burrlab.effects.effects import Effects, effects_of
 from burrlab.session.network import block_recipe, follow, make_bone
-from burrlab.view import web
 from burrlab.view.page import Page
-from burrlab.view.page_parcels import ParcelHistory
-from burrlab.view.page_source import page_source
+from burrlab.view.page_source import ParcelHistory, page_source
 from burrlab.view.web import serve
 
 PATH = [(-3, 0, 1.5), (-3, 0, -0.6), (3, 0, -0.6), (0, 0, -1.2)], [0, 1, 3, 4]

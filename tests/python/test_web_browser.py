@@ -20,7 +20,7 @@ from chromium import Chromium, chromium_path
 from page_scenes import nerve_trace
 
 import burrlab
-from burrlab.view import TracePlayer
+from burrlab.session.player import TracePlayer
 
 pytestmark = pytest.mark.slow
 

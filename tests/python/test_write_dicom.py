@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.volume import Volume, same_geometry, write_dicom
+from burrlab.bone.image import Volume, same_geometry
+from burrlab.volume import write_dicom
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pydicom = pytest.importorskip("pydicom", reason="the independent reader, extra `dev`")

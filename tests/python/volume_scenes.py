@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import burrlab
-from burrlab.volume import Volume
+from burrlab.bone.image import Volume
 
 ASKEW = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
 TURNED = np.array([[0.0, -1.0, 0.0], [0.6, 0.0, -0.8], [0.8, 0.0, 0.6]])

@@ -17,9 +17,7 @@ from scipy.special import chdtri, ndtri
 from scipy.stats import binom
 
 from burrlab.psychophysics.rules import RULES, Floats, Rule, rule_of
-from burrlab.psychophysics.statistics.d_prime import check_level
-from burrlab.psychophysics.statistics.exact_interval import binomial, exact_p_values
-from burrlab.psychophysics.statistics.likelihood import LARGEST, Outcomes
+from burrlab.psychophysics.sensitivity import LARGEST, Outcomes, binomial, check_level, exact_p_values
 
 Booleans: TypeAlias = NDArray[np.bool_]
 

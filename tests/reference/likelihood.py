@@ -9,8 +9,11 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import brentq, minimize_scalar
 
-from burrlab import Burr, DepthTrace, Indentation, Material, VelocityCurve
-from burrlab.master_curve import penetration_velocity
+from burrlab._core import Burr, Material
+from burrlab.measured.curve import VelocityCurve
+from burrlab.measured.depth_trace import DepthTrace
+from burrlab.measured.indentation import Indentation
+from burrlab.theory.continuum import penetration_velocity
 
 MODEL_ERROR = 2e-3  # of the master curve, added in quadrature to every residual of unknown scatter [1]
 SEGMENTS = 5  # of a trace

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from burrlab._core import Burr, ScriptedDevice
-from burrlab.anatomy.phantom import Phantom
-from burrlab.dataset import by_value
+from burrlab.bone.phantom.phantom import Phantom
+from burrlab.common.table import by_value
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

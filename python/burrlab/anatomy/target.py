@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone
-from burrlab.anatomy.tissue_table import check_count, label_counts
-from burrlab.dataset import by_value, html_table
-from burrlab.figures import axes_or_new, tidy
+from burrlab.bone.image import LabelVolume
+from burrlab.bone.tissues import check_count, label_counts
+from burrlab.common.figures import axes_or_new, tidy
+from burrlab.common.table import by_value, html_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from burrlab.volume import LabelVolume
 
 Floats = NDArray[np.float64]
 

@@ -1,5 +1,5 @@
 """The command line, thin over the API."""
 
-from burrlab.cli.parser import main
+from burrlab.cli.main import main
 
 __all__ = ["main"]

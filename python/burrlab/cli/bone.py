@@ -1,32 +1,60 @@
-"""The bone of a session from the command line: which it is, and where it is kept at the end."""
+"""The bone of a session from the command line: which it is, and where it is kept at the end.
+
+What the labels of a file are: burrlab tissues.
+"""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import itertools
 import json
 import math
+import os
+import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from burrlab._core import Burr, Material, VoxelBone
-from burrlab.cli.options import refuse_options, require_options
-from burrlab.cli.output import not_kept
-from burrlab.cli.volume import OF_LABELS, PLACE, Recipe, chosen_recipe, say_notes
-from burrlab.materials import materials
-from burrlab.session.network import block_recipe, make_bone
-from burrlab.session.snapshot import check_bone_file, save_bone
-from burrlab.specimen import MOST_VOXELS
-from burrlab.volume.drilled import save_drilled
-from burrlab.volume.drilled_checks import check_drilled
-from burrlab.volume.drilled_recipe import DrilledRecipe
-from burrlab.volume.label_volume import LabelVolume
-from burrlab.volume.occupancy_map import OccupancyMap
-from burrlab.volume.volume import Volume
+from burrlab._core import Burr, Material, Tissue, Tissues, VoxelBone
+from burrlab.bone.image import LabelVolume, OccupancyMap, Volume
+from burrlab.bone.kept import check_drilled, save_drilled
+from burrlab.bone.materials import materials
+from burrlab.bone.recipe import DrilledRecipe, block_recipe, labels_of, make_bone
+from burrlab.bone.slices import is_stack
+from burrlab.bone.snapshot import check_bone_file, save_bone
+from burrlab.bone.specimen import MOST_VOXELS
+from burrlab.bone.tissues import (
+    GREY,
+    KNOWN,
+    MOST,
+    UNLABELLED,
+    known_tissue,
+    label_counts,
+    read_tissues,
+    tissues_text,
+)
+from burrlab.cli.options import (
+    OF_LABELS,
+    PLACE,
+    AddCommand,
+    Options,
+    Recipe,
+    add_stack_options,
+    chosen_recipe,
+    deliver,
+    not_kept,
+    refuse_options,
+    require_options,
+    say_notes,
+    spacing,
+    transposed,
+    unknown_colours,
+)
 
 _BLOCK = (30.0, 30.0, 10.0)  # of the block that a session burrs unless a volume is given, top at z = 0 [mm]
 _GAP = 0.5  # between the burr of a simulated hand and the bone at the start [mm]
@@ -172,3 +200,241 @@ def _kept_as(
     except (ValueError, OSError) as error:
         raise ValueError(f"--save: {error}") from None
     return like, recipe.mapping
+
+
+#: What says of which side an ear is.
+_EAR = ("external auditory canal", "temporomandibular joint", "facial nerve")
+#: Of directions: what points less than this part of its length to a side is not said to point there (ours).
+_SURE = 0.3
+_LAST = 26  # characters of the synonyms: a line holds 80
+
+
+def add_tissues_command(command: AddCommand) -> None:
+    """Adds `tissues` to the parser of `burrlab`."""
+    tissues = command("tissues", _tissues, "The labels of a segmentation, with voxels, and what they are.")
+    tissues.add_argument(
+        "file", metavar="FILE", nargs="?",
+        help="labels (NRRD, NIfTI, MetaImage, coloured PNG slices or their YAML file), or a table (.csv); without it, the structures "
+        "that are known by name",
+    )  # fmt: skip
+    tissues.add_argument("--tissues", metavar="FILE.csv", help="a table to look the labels up in")
+    tissues.add_argument(
+        "--template", metavar="FILE.csv", help="write a table of the file's labels, to be completed"
+    )
+    tissues.add_argument(
+        "--spacing", type=spacing, metavar="X,Y,Z", help="of the voxels, where the file has none [mm]"
+    )
+    add_stack_options(tissues)
+    tissues.add_argument("--json", metavar="FILE", help="write the result as JSON; - for standard output")
+
+
+def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[dict[str, Any]]:
+    """Of each label of a volume: voxels, volume [mm^3], name in the file, and the tissue that it is.
+
+    Parameters
+    ----------
+    labels : LabelVolume
+    tissues : Tissues, optional
+        A table; without it the names of the file say what the labels are. `tissue` is None where neither does.
+    """
+    own = {} if tissues is None else {tissue.label: tissue.name for tissue in tissues}
+    voxel = float(labels.spacing.prod())
+    rows = []
+    for label, count in label_counts(labels.labels, labels.path).items():
+        name = labels.names.get(label, "")
+        if tissues is None:
+            known = known_tissue(name or (UNLABELLED if label == 0 else ""))
+            found = None if known is None else known.name
+        else:
+            found = own.get(label, UNLABELLED if label == 0 else None)
+        rows.append(
+            {"label": label, "voxels": count, "volume_mm3": count * voxel, "name": name, "tissue": found}
+        )
+    return rows
+
+
+def ear_side(labels: LabelVolume, tissues: Tissues | None = None) -> dict[str, str] | None:
+    """How ear canal, jaw joint and the facial nerve's exit lie, and of which side such an ear is.
+
+    Parameters
+    ----------
+    labels : LabelVolume
+    tissues : Tissues, optional
+        As of `labels_table`.
+
+    Returns
+    -------
+    dict or None
+        `lateral`, `anterior` and `inferior`, the axes that are nearest ("-x"), and `side`, "right" or "left"; empty where the three
+        lie so that no side can be told. None where one of them is missing, or there twice.
+
+    Notes
+    -----
+    Lateral is the canal's long axis, away from the nerve, which passes its inner end. Anterior leads from the canal's
+    middle to the joint's, across lateral. The nerve's exit is the tenth of its voxels that is farthest from its innermost tenth,
+    and inferior is the side of the plane of lateral and anterior, through the canal's middle, on which it lies. So nothing depends on
+    the names of axes: in the coordinates of the file, right-handed as LPS and RAS are, (lateral x anterior) . inferior is -1 in
+    a right ear and +1 in a left one. A mirrored file shows the other ear.
+    """
+    table = labels_table(labels, tissues)
+    clouds = []
+    for name in _EAR:
+        known = {row["label"]: known_tissue(row["tissue"] or "") for row in table}
+        own = [label for label, tissue in known.items() if tissue is not None and tissue.name == name]
+        if len(own) != 1:
+            return None
+        places = np.argwhere(labels.labels == own[0])[:, ::-1] * labels.spacing
+        clouds.append(places @ labels.direction.T)
+    canal, joint, nerve = clouds
+    middle = canal.mean(axis=0)
+    outwards, to_joint = _unit(middle - nerve.mean(axis=0)), _unit(joint.mean(axis=0) - middle)
+    widths, axes = np.linalg.eigh((canal - middle).T @ (canal - middle))
+    lateral = axes[:, 2] * np.sign(axes[:, 2] @ outwards)
+    inner = _farthest(nerve, -(nerve @ lateral))
+    leaving = _farthest(nerve, np.linalg.norm(nerve - inner, axis=1))
+    anterior = _unit(to_joint - (to_joint @ lateral) * lateral)
+    across, to_exit = np.cross(lateral, anterior), _unit(leaving - middle)
+    sure = lateral @ outwards, lateral @ _unit(leaving - inner), anterior @ to_joint, abs(across @ to_exit)
+    if min(sure) < _SURE or widths[1] > 0.64 * widths[2]:  # a canal as wide as long has no long axis
+        return {}
+    turn = np.stack([lateral, anterior, across * np.sign(across @ to_exit)])
+    nearest = max(itertools.permutations(range(3)), key=lambda p: float(np.abs(turn[range(3), p]).sum()))
+    named = zip(("lateral", "anterior", "inferior"), turn, nearest, strict=True)
+    found = {word: "-+"[int(way[axis] > 0)] + "xyz"[axis] for word, way, axis in named}
+    return {**found, "side": "left" if across @ to_exit > 0 else "right"}
+
+
+def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-300))
+
+
+def _farthest(points: NDArray[np.float64], far: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Middle of the tenth of points that is farthest."""
+    return np.asarray(points[far >= np.quantile(far, 0.9)].mean(axis=0))
+
+
+def template(labels: LabelVolume) -> Tissues:
+    """A table of the labels of a volume with what the default table knows of their names; c_e and alpha the bone's.
+
+    ValueError where there are more labels than a bone has tissues.
+    """
+    counts = label_counts(labels.labels, labels.path)
+    if len(counts) > MOST:
+        raise ValueError(
+            f"{labels.path}: a bone has at most {MOST} tissues, and there are {len(counts)} labels"
+        )
+    bone = materials["bone"]
+    rows: list[Tissue] = []
+    for label in counts:
+        name = labels.names.get(label, UNLABELLED if label == 0 else f"structure {label}").strip()
+        known = known_tissue(name)
+        if any(row.name == name for row in rows):
+            name = f"{name} {label}"
+        rows.append(
+            Tissue(
+                name, label=label, c_e=bone.c_e, alpha=bone.alpha,
+                colour=labels.colours.get(label, GREY if known is None else known.colour),
+                critical=known is not None and known.critical, bleeds=known is not None and known.bleeds,
+                assumed=known is None or known.name != "bone",
+            )
+        )  # fmt: skip
+    return Tissues(rows, bone)
+
+
+def _tissues(options: Options) -> int:
+    if options.file is None or options.file.lower().endswith(".csv"):
+        names = ("tissues", "template", "spacing", "unit", "unknown", "transpose")
+        refuse_options(options, names, "goes with a file of labels")
+    if options.file is None:
+        found: list[dict[str, Any]] = [
+            {"name": t.name, "colour": _hex(t.colour), "critical": t.critical, "bleeds": t.bleeds, "synonyms": list(t.synonyms)}
+            for t in KNOWN
+        ]  # fmt: skip
+        deliver(options, {"tissues": found}, _text(found))
+        return 0
+    if options.file.lower().endswith(".csv"):
+        found = [_plain(tissue) for tissue in read_tissues(options.file)]
+        deliver(options, {"file": options.file, "tissues": found}, _text(found))
+        return 0
+    table = None if options.tissues is None else read_tissues(options.tissues)
+    listed = options.unknown is None and is_stack(options.file)  # shown here, refused where a bone is made
+    labels = labels_of(
+        options.file, spacing=options.spacing, unknown=0 if listed else unknown_colours(options), palette=table,
+        unit=options.unit, transpose=transposed(options, options.file),
+    )  # fmt: skip
+    found = labels_table(labels, table)
+    lines = [_text(found)]
+    strange = [row for row in found if row["tissue"] is None]
+    if strange:
+        lines.append(
+            f"{len(strange)} of {len(found)} labels are no known tissue: they need a table (--template, --tissues)"
+        )
+    ear = ear_side(labels, table)
+    if ear:
+        lines.append(
+            f"lateral is {ear['lateral']}, anterior {ear['anterior']}, inferior {ear['inferior']}: "
+            f"a {ear['side']} ear, if the axes are LPS"
+        )
+    elif ear is not None:
+        lines.append("canal, joint and nerve lie so that they do not tell a right ear from a left one")
+    lines += [f"! {note}" for note in labels.notes]
+    if listed and labels.unknown_colours:
+        lines.append("colours in no table are refused where a bone is made: --unknown says what they are")
+    if options.template is not None:
+        if os.path.exists(options.template):
+            raise FileExistsError(f"--template: {options.template} is there already")
+        rows = template(labels)
+        unnamed = [
+            t.label for t in rows if t.label != 0 and known_tissue(labels.names.get(t.label, "")) is None
+        ]
+        Path(options.template).write_text(tissues_text(rows, unnamed), encoding="utf-8", newline="")
+        lines.append(
+            f"written {options.template}"
+            + (f": name what its labels are, then --tissues {options.template}" if unnamed else "")
+        )
+    result = {"file": options.file, "labels": found, "ear": ear or None, "notes": list(labels.notes)}
+    result["unknown_colours"] = [dict(colour) for colour in labels.unknown_colours]
+    deliver(options, result, "\n".join(lines))
+    return 0
+
+
+def _plain(tissue: Tissue) -> dict[str, Any]:
+    return {
+        "label": tissue.label, "name": tissue.name, "colour": _hex(tissue.colour), "c_e_N_per_mm2": tissue.c_e,
+        "alpha_per_ms": tissue.alpha, "critical": tissue.critical, "bleeds": tissue.bleeds, "assumed": tissue.assumed,
+    }  # fmt: skip
+
+
+def _hex(colour: tuple[int, int, int]) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*colour)
+
+
+def _text(rows: list[dict[str, Any]]) -> str:
+    """Rows under the names of their columns."""
+    texts = [list(rows[0])] + [[_cell(value) for value in row.values()] for row in rows]
+    if isinstance(list(rows[0].values())[-1], list):  # a long last column goes on below itself
+        texts = [line for text in texts for line in _wrapped(text)]
+    widths = [max(len(line[i]) for line in texts) for i in range(len(texts[0]))]
+    numeric = [not isinstance(value, (str, bool, list, type(None))) for value in rows[0].values()]
+    return "\n".join(
+        "  ".join(
+            cell.rjust(width) if right else cell.ljust(width)
+            for cell, width, right in zip(line, widths, numeric, strict=True)
+        ).rstrip()
+        for line in texts
+    )
+
+
+def _wrapped(cells: list[str]) -> list[list[str]]:
+    first, *rest = textwrap.wrap(cells[-1], _LAST) or [""]
+    return [[*cells[:-1], first], *([""] * (len(cells) - 1) + [part] for part in rest)]
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if value is None:
+        return "?"
+    if isinstance(value, list):
+        return ", ".join(value)
+    return f"{value:.5g}" if isinstance(value, float) else str(value)

@@ -12,19 +12,30 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from burrlab.cli.options import AddCommand, Options, positive, refuse_options
-from burrlab.cli.output import deliver, ended_by_signals, save_figure, say, show_line
+from burrlab.cli.options import (
+    AddCommand,
+    Options,
+    deliver,
+    ended_by_signals,
+    positive,
+    refuse_options,
+    save_figure,
+    say,
+    show_line,
+)
+from burrlab.psychophysics.analysis import Analysis, analyse
+from burrlab.psychophysics.observer import SimulatedSubject
+from burrlab.psychophysics.protocol import Protocol, template
+from burrlab.psychophysics.psychometric import PsychometricFit
+from burrlab.psychophysics.rehearsal import SimulatedSeat, default_subject
+from burrlab.psychophysics.run import DeviceLost, Sitting
+from burrlab.psychophysics.scored_task import ScoredTask
+from burrlab.psychophysics.seat import Seat, TerminalSeat
+from burrlab.psychophysics.threshold_task import ThresholdTask
+from burrlab.psychophysics.trial import MODES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from burrlab.psychophysics.experiment.protocol import Protocol
-    from burrlab.psychophysics.experiment.seat import Seat
-    from burrlab.psychophysics.experiment.sitting import Sitting
-    from burrlab.psychophysics.report.analysis_result import Analysis
-    from burrlab.psychophysics.report.scored_task import ScoredTask
-    from burrlab.psychophysics.report.threshold_task import ThresholdTask
-    from burrlab.psychophysics.simulation.simulated_subject import SimulatedSubject
 
 
 def add_experiment_commands(command: AddCommand) -> None:
@@ -79,8 +90,6 @@ def _running_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _new(options: Options) -> int:
-    from burrlab.psychophysics.experiment.protocol_template import template
-
     path = Path(options.config)
     try:
         with path.open("x", encoding="utf-8") as file:
@@ -126,8 +135,6 @@ def _resume(options: Options) -> int:
 
 
 def _analyse(options: Options) -> int:
-    from burrlab.psychophysics.report.analysis import analyse
-
     figures = None if options.figures is None else Path(options.figures)
     if figures is not None and figures.exists() and not figures.is_dir():
         raise ValueError(f"--plot: {figures} is no folder")
@@ -182,9 +189,6 @@ def _draw(analysis: Analysis, folder: Path) -> int:
 
 def _figures(task: ScoredTask | ThresholdTask) -> dict[str, Callable[[], Axes]]:
     """The figures that a task's data allow."""
-    from burrlab.psychophysics.designs.psychometric_fit import PsychometricFit
-    from burrlab.psychophysics.report.threshold_task import ThresholdTask
-
     if not task.subjects:
         return {}
     drawn: dict[str, Callable[[], Axes]] = {}
@@ -203,8 +207,6 @@ def _figures(task: ScoredTask | ThresholdTask) -> dict[str, Callable[[], Axes]]:
 
 def _sittings(options: Options) -> list[Sitting]:
     """What is to be run, everything checked that can be."""
-    from burrlab.psychophysics.experiment.sitting import Sitting
-
     protocol = _protocol(options)
     _check_apart("experimenter", options.experimenter, options.config)
     if not options.simulated:
@@ -225,8 +227,6 @@ def _sittings(options: Options) -> list[Sitting]:
 
 
 def _sit(options: Options, sittings: Sequence[Sitting]) -> int:
-    from burrlab.psychophysics.experiment.runner import DeviceLost
-
     at = sittings[0]
     try:
         with ExitStack() as stack:
@@ -250,9 +250,6 @@ def _sit(options: Options, sittings: Sequence[Sitting]) -> int:
 
 
 def _sit_down(stack: ExitStack, sitting: Sitting) -> int:
-    from burrlab.psychophysics.experiment.runner import DeviceLost
-    from burrlab.psychophysics.experiment.terminal import TerminalSeat
-
     seat = stack.enter_context(TerminalSeat())
     try:
         answered = sitting.run(lambda task: seat)
@@ -269,8 +266,6 @@ def _sit_down(stack: ExitStack, sitting: Sitting) -> int:
 
 def _simulated(options: Options) -> Mapping[str, Any]:
     """For the side-car. What a subject attends to depends on the mode."""
-    from burrlab.psychophysics.trial import MODES
-
     return {
         "rendered": "each material once a task" if options.fast else "each interval",
         **{mode: _simulated_subject(options, mode).to_dict() for mode in MODES},
@@ -278,15 +273,11 @@ def _simulated(options: Options) -> Mapping[str, Any]:
 
 
 def _simulated_subject(options: Options, mode: Any) -> SimulatedSubject:
-    from burrlab.psychophysics.experiment.simulated_seat import default_subject
-
     given = {name: getattr(options, name) for name in ("weber", "decision") if getattr(options, name)}
     return default_subject(mode, **given)
 
 
 def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:
-    from burrlab.psychophysics.experiment.simulated_seat import SimulatedSeat
-
     protocol = sitting.protocol
     design = protocol.tasks[task]
     return SimulatedSeat(
@@ -312,6 +303,4 @@ def _protocol(options: Options) -> Protocol:
 
 
 def _read(config: str) -> Protocol:
-    from burrlab.psychophysics.experiment.protocol import Protocol
-
     return Protocol.read(config)

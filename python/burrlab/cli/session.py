@@ -1,40 +1,198 @@
-"""The live commands: burrlab session | replica."""
+"""What is shown beside a session or a replica on the command line: a window or a page.
+
+Options of the commands that watch critical structures: which ones, and when nearness to them is told.
+
+The live commands: burrlab session | replica.
+
+What is done with a trace: burrlab replay | metrics | export.
+"""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import json
+import math
+import os
+import sys
 import threading
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 import burrlab
-from burrlab._core import Burr, Device, Replica
+from burrlab._core import Burr, Device, Nozzle, Replica, VoxelBone
+from burrlab.anatomy.target import TargetComparison, compare_with_target
+from burrlab.anatomy.watch import Watch, critical_structures
+from burrlab.bone.formats import read_labels
+from burrlab.bone.image import LabelVolume
+from burrlab.bone.snapshot import check_bone_file
 from burrlab.cli.bone import Start, add_bone_options, chosen_start, rescued
-from burrlab.cli.live import add_live_options, check_live, end_effects, show_live, start_effects
 from burrlab.cli.options import (
     AddCommand,
     Options,
+    add_label_options,
     add_material_options,
     add_output_options,
+    add_volume_options,
     chosen_material,
+    deliver,
+    ended_by_signals,
     port,
     positive,
+    refuse_options,
+    save_figure,
+    say,
     seed,
+    show_line,
+    whole,
 )
-from burrlab.cli.output import deliver, ended_by_signals, save_figure, say, show_line
-from burrlab.cli.volume import add_label_options, add_volume_options
-from burrlab.cli.watch import add_watch_options, chosen_watch, watch_asked_for
-from burrlab.files import kept_elsewhere
-from burrlab.session.device_text import parse_address, parse_device
+from burrlab.common.files import kept_elsewhere
+from burrlab.effects.companion import Companion
+from burrlab.session.anatomy import anatomy_report, replica_events, replica_report, status_text
+from burrlab.session.exchange import export_volumetric_drilling, parse_address, parse_device
+from burrlab.session.metrics import HYSTERESIS, THRESHOLD, session_metrics
 from burrlab.session.network import follow
-from burrlab.session.replica_report import replica_events, replica_report, status_text
-from burrlab.session.snapshot import check_bone_file
+from burrlab.session.replay import replay
+from burrlab.session.session import Session
+from burrlab.session.trace import Trace, load_trace
+from burrlab.view.live import LiveView
+from burrlab.view.scene import SIZE, check_screen, pyvista
+from burrlab.view.web import check_page, serve, warning
 
-if TYPE_CHECKING:
-    from burrlab.effects import Companion
+
+def add_live_options(command: argparse.ArgumentParser) -> None:
+    """`--view` and `--web`, and what is shown there."""
+    shown = command.add_mutually_exclusive_group()
+    shown.add_argument("--view", action="store_true", help="show it in a window (extra viz3d)")
+    shown.add_argument(
+        "--web", type=port, nargs="?", const=0, metavar="PORT",
+        help="show it in a web page on this machine, until Ctrl-C (extra viz3d); default any free port; whoever has the address that is printed can work it",
+    )  # fmt: skip
+    command.add_argument(
+        "--effects", action="store_true", default=None,
+        help="dust, blood and, from a nozzle beside the burr, water, at assumed rates; with --view or --web",
+    )  # fmt: skip
+    command.add_argument(
+        "--stereo", action="store_true", default=None,
+        help="both eyes side by side; with --view or --web, whose page has a switch for it",
+    )  # fmt: skip
+
+
+def check_live(options: Options) -> None:
+    """Before anything is started: ValueError for an option that nothing would look at, ImportError without an extra,
+    OSError without a screen or where the port is taken."""
+    if not options.view and options.web is None:
+        refuse_options(options, ("effects", "stereo"), "goes with --view or --web")
+    else:
+        pyvista()
+        if options.view:
+            check_screen()
+            return
+        check_page(port=options.web)
+
+
+def start_effects(options: Options, source: Session | Replica) -> Companion | None:
+    """Those that were asked for, with the session's seed, from now to its end."""
+    if not options.effects:
+        return None
+    seed = source.seed if isinstance(source, Session) else int(json.loads(source.hello)["seed"])
+    return Companion(source, seed=seed, nozzle=Nozzle()).start()
+
+
+def end_effects(effects: Companion | None) -> tuple[str, dict[str, Any]]:
+    """What there is to say of them after the end of what they were beside, for people and for JSON; nothing of None."""
+    if effects is None:
+        return "", {}
+    effects.wait(2.0)  # for the last frame
+    effects.stop()
+    report, balance = effects.report(), effects.balance()
+    lines = [f"effects at assumed rates, seed {effects.seed}: {report}"]
+    if effects.error:
+        lines.append(f"effects ended early: {effects.error}")
+    lines += [f"{name}: {account}" for name, account in balance.items()]
+    accounts = {name: {**account.volumes(), "exact": account.exact} for name, account in balance.items()}
+    plain = {"seed": effects.seed, "error": effects.error, **report.to_dict(), "balance_mm3": accounts}
+    return "\n" + "\n".join(lines), {"effects": plain}
+
+
+def show_live(
+    options: Options,
+    source: Session | Replica,
+    say: Callable[[str], object],
+    effects: Companion | None = None,
+) -> None:
+    """A window until it is closed or the session ends, or a page until Ctrl-C, which ends both: KeyboardInterrupt."""
+    if options.view:
+        both_eyes: dict[str, Any] = {"stereo": True, "size": SIZE} if options.stereo else {}
+        view = LiveView(source, effects=effects, **both_eyes)
+        try:
+            view.run()
+        finally:
+            view.close()
+        if not source.wait(0.0):
+            say("the window is closed, what it showed goes on; Ctrl-C ends that")
+    elif options.web is not None:
+        serve(
+            source, effects=effects, port=options.web, stereo=bool(options.stereo),
+            on_ready=lambda address: say(warning(address)),
+        )  # fmt: skip
+        if not source.wait(0.0):
+            raise KeyboardInterrupt
+
+
+_LIMITS = ("approach", "touch", "injury")
+_NOTHING = "none"
+
+
+def add_watch_options(parser: argparse.ArgumentParser) -> None:
+    """Adds `--watch`, `--approach`, `--touch` and `--injury`."""
+    watch = parser.add_argument_group("critical structures, where the bone has tissues (docs/anatomy.md)")
+    watch.add_argument(
+        "--watch", action="append", metavar="TISSUE",
+        help="a structure to watch, as often as needed; default all that are critical; 'none' for no watch",
+    )  # fmt: skip
+    for name, unit, what in (
+        ("approach", "MM", "distance of the burr's surface at which an approach is told [mm], default 2"),
+        ("touch", "MM", "and a touch [mm], default 0"),
+        ("injury", "MM3", "volume removed from a structure from which on it is told as injured [mm^3], default 0"),
+    ):  # fmt: skip
+        watch.add_argument(f"--{name}", type=_not_negative, metavar=unit, help=what)
+
+
+def watch_asked_for(options: argparse.Namespace) -> bool:
+    """Whether one of the options was given."""
+    return any(getattr(options, name) is not None for name in ("watch", *_LIMITS))
+
+
+def chosen_watch(options: argparse.Namespace, bone: VoxelBone) -> Watch | None:
+    """Of the options; None where there is nothing to watch. ValueError for options that do not fit the bone."""
+    limits: dict[str, Any] = {
+        name: value for name in _LIMITS if (value := getattr(options, name)) is not None
+    }
+    if options.watch == [_NOTHING]:
+        if limits:
+            raise ValueError(f"--{next(iter(limits))} goes with a watch, not with --watch {_NOTHING}")
+        return None
+    if not watch_asked_for(options) and not critical_structures(bone):
+        return None
+    if bone.tissues is None:
+        given = next(name for name in ("watch", *_LIMITS) if getattr(options, name) is not None)
+        raise ValueError(f"--{given} needs a bone with tissues")
+    return Watch(bone, structures=options.watch, **limits)
+
+
+def _not_negative(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value >= 0):
+        raise argparse.ArgumentTypeError(f"must be zero or positive, got '{text}'")
+    return value
 
 
 def add_session_commands(command: AddCommand) -> None:
@@ -278,3 +436,120 @@ def _tell_events(replica: Replica, known: int) -> int:
         if event.kind != "away":
             say(str(event))
     return known + len(events)
+
+
+def add_trace_commands(command: AddCommand) -> None:
+    """Adds the commands on traces to the parser of `burrlab`."""
+    replay = command(
+        "replay", _replay, "Execute a trace again and compare: exit status 0 equal, 1 different."
+    )
+    replay.add_argument("file", metavar="FILE", help="a trace")
+    replay.add_argument(
+        "--until", type=whole, metavar="TICK", help="tick before which to stop, default the end"
+    )
+    add_output_options(replay, plot=False)
+
+    metrics = command("metrics", _metrics, "How the burr was handled: time, motion, force, bone removed.")
+    metrics.add_argument("file", metavar="FILE", help="a trace")
+    metrics.add_argument("--burr", type=whole, default=0, metavar="INDEX", help="default 0")
+    metrics.add_argument("--threshold", type=positive, metavar="N", help="of the force [N], default 2")
+    metrics.add_argument("--hysteresis", type=positive, metavar="MM", help="least stroke [mm], default 1")
+    metrics.add_argument(
+        "--target", metavar="VOLUME", help="labels on the bone's grid, not 0 where bone was to be removed"
+    )
+    metrics.add_argument(
+        "--onto",
+        action="store_true",
+        help="a target on other voxels than the bone: bring the nearest on its own",
+    )
+    add_watch_options(metrics)
+    add_output_options(metrics)
+
+    export = command(
+        "export", _export, "Write a trace as the simulator volumetric_drilling records a session."
+    )
+    export.add_argument("file", metavar="FILE", help="a trace")
+    export.add_argument("--out", required=True, metavar="FILE.hdf5", help="a new file")
+    export.add_argument("--burr", type=whole, default=0, metavar="INDEX", help="that is the drill, default 0")
+    export.add_argument("--old", action="store_true", help="in the layout of its recordings before 2025")
+    add_output_options(export, plot=False)
+
+
+def _replay(options: Options) -> int:
+    trace = load_trace(options.file)
+    with _bar() as progress:
+        again = replay(trace, until=options.until, progress=progress)
+    where = f"{again.ticks} ticks from {trace.first_tick}, {again.digests} digests compared"
+    said = f"equal: {where}" if again.equal else f"different: {again.difference}"
+    ended = trace.ended or "recording did not end: the session was killed, or goes on"
+    result: dict[str, Any] = {
+        "file": str(options.file), **again.to_dict(), "ended": trace.ended, "complete": trace.complete,
+        "recorded_with": {name: trace.provenance[name] for name in ("burrlab", "cpu_path", "machine")},
+    }  # fmt: skip
+    deliver(options, result, f"{said}\n{ended}")
+    return 0 if again.equal else 1
+
+
+def _metrics(options: Options) -> int:
+    if options.onto and options.target is None:
+        raise ValueError("--onto goes with --target")
+    trace, target = load_trace(options.file), None
+    if options.target is not None:
+        target = read_labels(options.target)
+        compare_with_target(
+            trace.bone(), target, onto=options.onto
+        )  # what is wrong with it is said before the work
+    metrics = session_metrics(
+        trace, burr=options.burr, threshold=options.threshold or THRESHOLD,
+        hysteresis=options.hysteresis or HYSTERESIS,
+    )  # fmt: skip
+    asked = watch_asked_for(options)
+    # Not recorded, the session was killed, or another watch is wanted.
+    if asked or (metrics.anatomy is None and trace.tissues is not None):
+        watch = chosen_watch(options, trace.bone()) if asked else None
+        if asked and watch is None:
+            raise ValueError("--watch must name structures of the trace's bone, got none")
+        with _bar() as progress:
+            anatomy = anatomy_report(trace, watch=watch, progress=progress)
+        metrics = replace(metrics, anatomy=anatomy)
+    result, text = metrics.to_dict(), repr(metrics)
+    if target is not None:
+        removed = _against(trace, target, options.onto)
+        before = trace.bone().removed
+        result["target"] = {"file": options.target, **removed.to_dict(), "removed_before_mm3": before}
+        text += f"\n\nagainst {options.target}\n{removed.table()}"
+        if before > 0:
+            text += f"\n{before:.2f} mm^3 of that were removed before this session"
+    if options.plot is not None:
+        save_figure(metrics.plot()[0], options.plot)
+    deliver(options, result, text)
+    return 0
+
+
+def _against(trace: Trace, target: LabelVolume, onto: bool) -> TargetComparison:
+    with _bar() as progress:
+        again = replay(trace, progress=progress)
+    if again.difference is not None:
+        raise ValueError(f"--target: the trace replays otherwise than recorded: {again.difference}")
+    return compare_with_target(again.bone, target, onto=onto)
+
+
+def _export(options: Options) -> int:
+    if os.path.exists(options.out):
+        raise ValueError(f"--out must be a new file, {options.out} exists")
+    with _bar() as progress:
+        export_volumetric_drilling(
+            load_trace(options.file), options.out, burr=options.burr, layout="old" if options.old else "new",
+            progress=progress,
+        )  # fmt: skip
+    deliver(options, {"file": options.file, "written": options.out}, f"written {options.out}")
+    return 0
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[float], object]]:
+    """What takes the part done, 0 to 1, and shows it."""
+    from tqdm import tqdm
+
+    with tqdm(total=100, desc="replay", unit="%", disable=not sys.stderr.isatty(), leave=False) as bar:
+        yield lambda done: bar.update(int(100 * done) - bar.n)

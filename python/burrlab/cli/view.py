@@ -8,19 +8,35 @@ from typing import Any
 
 import numpy as np
 
-from burrlab.cli.options import AddCommand, Options, number, port, positive, refuse_options
-from burrlab.cli.output import deliver, sentence
-from burrlab.cli.volume import (
+from burrlab._core import Nozzle
+from burrlab.bone.header import assumed, told_notes
+from burrlab.bone.materials import materials
+from burrlab.bone.recipe import DrilledRecipe
+from burrlab.cli.options import (
     OF_LABELS,
+    AddCommand,
+    Options,
     Recipe,
     add_label_options,
     add_volume_options,
     chosen_recipe,
+    deliver,
+    number,
+    port,
+    positive,
+    refuse_options,
     say_notes,
+    sentence,
 )
-from burrlab.materials import materials
-from burrlab.volume.drilled_recipe import DrilledRecipe
-from burrlab.volume.header import assumed, told_notes
+from burrlab.common.figures import new_figure
+from burrlab.effects.effects import Effects
+from burrlab.session.player import TracePlayer
+from burrlab.session.trace import load_trace
+from burrlab.view.camera import approach_view, surgeon_view, trace_approach
+from burrlab.view.film import TraceView, check_film, write_video
+from burrlab.view.pictures import depth_map, plot_depth_map, plot_slices
+from burrlab.view.scene import SIZE, Scene
+from burrlab.view.web import check_page, serve
 
 _OF_TRACE = ("at", "video", "effects")
 _OF_FILM = ("fps", "speed")
@@ -101,8 +117,6 @@ def _check(options: Options) -> None:
         refuse_options(options, OF_LABELS, "goes with --labels")
     _check_shown(options)
     if options.video is not None:
-        from burrlab.view.video import check_film
-
         check_film(Path(options.video), options.fps or _FPS)
     if options.png is not None and Path(options.png).suffix.lower() != ".png":
         raise ValueError(f"--png: {options.png} must end in .png")
@@ -133,8 +147,6 @@ def _check_shown(options: Options) -> None:
 
 
 def _scene_size(options: Options, *, both_eyes: bool = False) -> tuple[int, int]:
-    from burrlab.view.scene_stereo import SIZE
-
     return options.size or (SIZE if both_eyes else (1024, 768))
 
 
@@ -151,13 +163,9 @@ def _needs_scene(options: Options) -> bool:
 def _viewpoint(options: Options, bone: Any, player: Any = None) -> Any:
     """As asked for in the bone frame; None if not."""
     if options.entry is not None:
-        from burrlab.view.camera import surgeon_view
-
         return surgeon_view(bone, options.entry, options.axis, width=options.width)
     if options.width is None:
         return None
-    from burrlab.view.approach import approach_view, trace_approach
-
     return approach_view(bone, None if player is None else trace_approach(player), width=options.width)
 
 
@@ -170,8 +178,6 @@ def _look(options: Options, scene: Any, player: Any = None) -> None:
 def _serve(
     options: Options, source: Any, bone: Any, player: Any = None, effects: Any = None, note: str = ""
 ) -> int:
-    from burrlab.view.web import check_page, serve
-
     check_page(port=options.port or 0)
     viewpoint = _viewpoint(options, bone, player)
     serve(
@@ -182,9 +188,6 @@ def _serve(
 
 
 def _show_trace(options: Options) -> int:
-    from burrlab.session.trace import load_trace
-    from burrlab.view.player import TracePlayer
-
     try:
         trace = load_trace(options.file)
     except (ValueError, IsADirectoryError) as error:
@@ -193,8 +196,6 @@ def _show_trace(options: Options) -> int:
         raise ValueError(f"{sentence(error)}; --volume shows a volume, --bone a bone that was kept") from None
     effects = None
     if options.effects:
-        from burrlab.effects import Effects, Nozzle
-
         effects = Effects(trace.bone(), seed=trace.seed, nozzle=Nozzle())
     player = TracePlayer(trace)
     if options.web:
@@ -205,9 +206,6 @@ def _show_trace(options: Options) -> int:
     notes = list(trace.notes)
     result: dict[str, Any] = {"file": str(options.file), "at_s": at, "written": [], "notes": notes}
     if _needs_scene(options):
-        from burrlab.view.trace_view import TraceView
-        from burrlab.view.video import write_video
-
         view = TraceView(player, effects=effects, slices=bool(options.slices), **_scene_options(options))
         _look(options, view.scene, player)
         if options.video is not None:
@@ -241,8 +239,6 @@ def _show_bone(options: Options) -> int:
     point = _middle(bone) if options.entry is None else options.entry
     result: dict[str, Any] = {"file": file, "written": [], "notes": notes}
     if _needs_scene(options):
-        from burrlab.view.scene import Scene
-
         scene = Scene(bone, [], note=note, **_scene_options(options))
         _look(options, scene)
         if options.slices:
@@ -290,9 +286,6 @@ def _write_pictures(
 ) -> None:
     from matplotlib.figure import Figure
 
-    from burrlab.figures import new_figure
-    from burrlab.view.pictures import plot_depth_map, plot_slices
-
     figure, note = Figure(figsize=(9.6, 3.9), layout="constrained"), assumed(told_notes(result))
     plot_slices(bone, point, radii=radii, centers=centers, note=note, figure=figure)
     figure.savefig(path, dpi=200)
@@ -312,8 +305,6 @@ def _depth_file(pictures: str) -> Path:
 
 def _widest_opening(bone: Any) -> str:
     """The direction of looking, of six, in which most of the surface is seen to have gone; the first where several do."""
-    from burrlab.view.pictures import depth_map
-
     area = dict(zip("xyz", (bone.spacing[k - 2] * bone.spacing[k - 1] for k in range(3)), strict=True))
     return max(
         ("-z", "z", "x", "-x", "y", "-y"),

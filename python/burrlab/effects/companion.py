@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import weakref
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,12 +19,10 @@ from burrlab._core import (
     Replica,
     Sucker,
 )
-from burrlab.arguments import real
+from burrlab.common.check import real
 from burrlab.effects.effects import FrameRecord, to_seed
 from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance, to_report
-
-if TYPE_CHECKING:
-    from burrlab.session.session import Session
+from burrlab.session.session import Session
 
 DEFAULT_BUDGET = 0.020  # [s]
 

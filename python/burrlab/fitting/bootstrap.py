@@ -6,24 +6,20 @@ import secrets
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from burrlab._core import Shape
-from burrlab.dataset import by_value
+from burrlab.common.study import StorePath, run_items
+from burrlab.common.table import by_value
 from burrlab.fitting.intervals import LEVELS, Interval
-from burrlab.fitting.likelihood import Likelihood
-from burrlab.fitting.mean_field import MeanFieldModel
+from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Floats, Observations, ResidualKind
 from burrlab.fitting.profile import Domain, best_point
+from burrlab.fitting.record import FitRecord
 from burrlab.fitting.search import Box
 from burrlab.fitting.voxel import VoxelModel, VoxelTable
-from burrlab.store import StorePath
-from burrlab.study import run_items
-
-if TYPE_CHECKING:
-    from burrlab.fitting.record import FitRecord
 
 KINDS = ("parametric", "residual")
 _CHUNK = 25  # fits a submission: one takes milliseconds
@@ -233,7 +229,7 @@ def bootstrap(
         raise ValueError(f"kind must be one of {', '.join(KINDS)}: got {kind!r}")
     if seed is None and store is not None:
         raise ValueError("a store needs a seed, for it finds results by it: got seed None")
-    evidence = fit.known_evidence()
+    evidence = fit._evidence()
     identified = evidence.profile.identified
     seed = secrets.randbits(32) if seed is None else int(seed)
     low, high = zip(*(fit.bounds[name] for name in ("c_e", "alpha")), strict=True)

@@ -12,30 +12,21 @@ import nlopt
 import numpy as np
 
 from burrlab._core import Burr, Shape
-from burrlab.arguments import require_type
-from burrlab.bone_field import BoneField
-from burrlab.curve import VelocityCurve
-from burrlab.depth_trace import DepthTrace
-from burrlab.fitting.evidence import describe, weigh
-from burrlab.fitting.likelihood import Likelihood
-from burrlab.fitting.mean_field import MeanFieldModel
-from burrlab.fitting.observations import (
-    Bounds,
-    Data,
-    Floats,
-    Observations,
-    ResidualKind,
-    bounds_of,
-)
+from burrlab.bone.specimen import Specimen
+from burrlab.bone.uneven import BoneField
+from burrlab.common.check import require_type
+from burrlab.common.provenance import provenance
+from burrlab.common.study import StorePath
+from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
+from burrlab.fitting.observations import Bounds, Data, Floats, Observations, ResidualKind, bounds_of
+from burrlab.fitting.record import describe, weigh
 from burrlab.fitting.result import Fit
 from burrlab.fitting.search import Box, Objective, Start, is_minimum, minimise, search
 from burrlab.fitting.verdict import status_of
-from burrlab.fitting.voxel import VoxelEngine, VoxelModel
-from burrlab.fitting.voxel_descent import VoxelSettings
-from burrlab.indentation import Indentation
-from burrlab.provenance import provenance
-from burrlab.specimen import Specimen
-from burrlab.store import StorePath
+from burrlab.fitting.voxel import VoxelEngine, VoxelModel, VoxelSettings
+from burrlab.measured.curve import VelocityCurve
+from burrlab.measured.depth_trace import DepthTrace
+from burrlab.measured.indentation import Indentation
 
 __all__ = ["Fit", "fit"]
 
@@ -140,7 +131,7 @@ def fit(
     alpha/c_e^(8/3) alone: a ridge. `status` is ``"ridge"`` where the 95 % interval of c_e is open above.
 
     Intervals and regions are profile likelihoods with limits from the F distribution
-    (`burrlab.fitting.calibration.Calibration`). The voxel engine predicts v = alpha times a function of c_e that is
+    (`burrlab.fitting.observations.Calibration`). The voxel engine predicts v = alpha times a function of c_e that is
     tabulated by descents near the best alpha, with common random numbers at all points; the Monte Carlo
     error of the fit widens the limits by 1 + SE_mc^2/SE_stat^2, as Ionides et al. do.
 

@@ -9,9 +9,8 @@ from typing import TypeAlias
 import numpy as np
 from scipy import stats
 
-from burrlab.fitting.calibration import Calibration
 from burrlab.fitting.likelihood import MODEL_ERROR, Likelihood
-from burrlab.fitting.observations import Floats
+from burrlab.fitting.observations import Calibration, Floats
 
 Point: TypeAlias = tuple[float, float]
 

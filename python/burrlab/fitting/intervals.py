@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from burrlab.dataset import by_value
+from burrlab.common.table import by_value
 from burrlab.fitting.observations import Floats
 
 LEVELS: Mapping[str, float] = {"68": 0.68, "95": 0.95, "99.7": 0.997}

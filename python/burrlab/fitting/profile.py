@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from burrlab.fitting.calibration import Calibration
 from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile, Region
 from burrlab.fitting.likelihood import Likelihood, Slices
-from burrlab.fitting.observations import Floats
+from burrlab.fitting.observations import Calibration, Floats
 from burrlab.fitting.search import Box
 
 C_E, ALPHA = np.array([1.0, 0.0]), np.array([0.0, 1.0])  # directions in (log c_e, log alpha)

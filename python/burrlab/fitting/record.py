@@ -1,35 +1,44 @@
-"""What a fit keeps: parameters, evidence, every start's end, residuals, data and provenance."""
+"""What a fit keeps: parameters, evidence, every start's end, residuals, data and provenance.
+
+A fit as plain objects, and back without loss.
+
+What the data say about c_e and alpha, put together once for the result.
+"""
 
 from __future__ import annotations
 
 import json
+import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
 from typing import IO, Any, Self
 
 import numpy as np
 
 from burrlab._core import Burr, Shape
-from burrlab.curve import VelocityCurve
-from burrlab.fitting import plain
-from burrlab.fitting.evidence import Evidence
-from burrlab.fitting.hypotheses import HypothesisTest
-from burrlab.fitting.intervals import LEVELS, Combination, Interval
-from burrlab.fitting.likelihood import Likelihood
-from burrlab.fitting.mean_field import MeanFieldModel
+from burrlab.common.records import parsed, record
+from burrlab.common.table import by_value
+from burrlab.fitting.hypotheses import HypothesisTest, fall_with_depth, lack_of_fit
+from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile, Region
+from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import (
     Bounds,
+    Calibration,
     Data,
     Floats,
     Observations,
     ResidualKind,
+    Scatter,
 )
-from burrlab.fitting.search import Start
-from burrlab.fitting.verdict import Ridge, separately_identified
-from burrlab.fitting.voxel import VoxelModel, VoxelTable
-from burrlab.json_text import parsed, record
+from burrlab.fitting.profile import Domain, profile
+from burrlab.fitting.search import Box, Start
+from burrlab.fitting.verdict import Ridge, ridge_of, sentence, separately_identified
+from burrlab.fitting.voxel import VoxelModel, VoxelTable, monte_carlo_share
+from burrlab.measured.curve import VelocityCurve
+from burrlab.measured.depth_trace import DepthTrace
+from burrlab.measured.indentation import Indentation
 
 _OPEN = Interval(None, None)
 
@@ -131,7 +140,7 @@ class FitRecord:
                 return one
         raise ValueError("the data of this fit hold no velocity curve")
 
-    def known_evidence(self) -> Evidence:
+    def _evidence(self) -> Evidence:
         """The evidence; ValueError if the fit gave nothing."""
         if self.evidence is None:
             raise ValueError(f"this fit gave nothing to judge by: {self.reason}")
@@ -221,12 +230,12 @@ class FitRecord:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain Python objects, ready for JSON; what is not finite is None."""
-        return plain.to_dict(self)
+        return to_dict(self)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """The fit that `to_dict` described."""
-        return record(cls, **plain.from_dict(values))
+        return record(cls, **from_dict(values))
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Write the fit, data included, as JSON that `from_json` reads back without loss."""
@@ -251,3 +260,294 @@ class FitRecord:
                 return cls.from_json(stream)
         name = getattr(file, "name", "JSON text")
         return parsed(name, file.read(), "the JSON of a fit", cls.from_dict)
+
+
+_RENAMED = {"radius": "radius_mm", "residual_norm": "residual"}
+_KINDS: dict[str, type[Data]] = {
+    "velocity": VelocityCurve,
+    "indentation": Indentation,
+    "trace": DepthTrace,
+}
+
+
+def to_dict(fit: FitRecord) -> dict[str, Any]:
+    """See `Fit.to_dict`."""
+    values = {_RENAMED.get(f.name, f.name): _plain(getattr(fit, f.name)) for f in fields(fit)}
+    values["data"] = [
+        {"kind": next(kind for kind, made in _KINDS.items() if isinstance(one, made))} | _plain(one)
+        for one in fit.data
+    ]
+    identified = fit.identified
+    said = {
+        "intervals": {
+            name: {level: _ends(levels[level]) for level in LEVELS} for name, levels in fit.intervals.items()
+        },
+        "identified": None
+        if identified is None
+        else {
+            "exponent": identified.exponent,
+            "value": identified.value,
+            "interval": _ends(identified.interval),
+        },
+        "separately_identified": fit.separately_identified,
+        "verdict": fit.verdict,
+        "version": fit.provenance.get("burrlab"),
+    }
+    return values | said
+
+
+def from_dict(plain: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments of a Fit. See `Fit.from_dict`."""
+    values = {name: plain[_RENAMED.get(name, name)] for name in _fields()}
+    return values | {
+        "shape": Shape(values["shape"]),
+        "residual_norm": _number(values["residual_norm"]),
+        "residuals": _array(values["residuals"]),
+        "predicted": _array(values["predicted"]),
+        "bounds": {name: tuple(map(float, values["bounds"][name])) for name in ("c_e", "alpha")},
+        "given_bounds": tuple(values["given_bounds"]),
+        "starts": tuple(_start(**start) for start in values["starts"]),
+        "evidence": _optional(values["evidence"], _evidence),
+        "lack_of_fit": _optional(values["lack_of_fit"], _test),
+        "fall": _optional(values["fall"], _test),
+        "table": _optional(values["table"], _table),
+        "record": tuple(tuple(point) for point in values["record"]),
+        "data": tuple(_data(**one) for one in values["data"]),
+        "provenance": dict(values["provenance"]),
+    }
+
+
+def _fields() -> list[str]:
+    return [f.name for f in fields(FitRecord)]
+
+
+def _optional(value: Any, made: Callable[..., Any]) -> Any:
+    return None if value is None else made(**value)
+
+
+def _start(**values: Any) -> Start:
+    ends = {name: tuple(values[name]) for name in ("start", "end")}
+    return record(Start, **values | ends | {"objective": _number(values["objective"], math.inf)})
+
+
+def _test(**values: Any) -> HypothesisTest:
+    return record(HypothesisTest, **values | {"freedom": tuple(values["freedom"])})
+
+
+def _table(**values: Any) -> VoxelTable:
+    return record(VoxelTable, **values | {"coefficients": _array(values["coefficients"])})
+
+
+def _evidence(**values: Any) -> Evidence:
+    ridge = values["ridge"]
+    better = values["better"]
+    return record(
+        Evidence,
+        **values
+        | {
+            "information": _array(values["information"]),
+            "scatters": tuple(record(Scatter, **one) for one in values["scatters"]),
+            "shares": _array(values["shares"]),
+            "profile": _profile(**values["profile"]),
+            "ridge": record(Ridge, **ridge | {"residual": _number(ridge["residual"], math.inf)}),
+            "better": None if better is None else tuple(better),
+        },
+    )
+
+
+def _profile(**values: Any) -> Profile:
+    arrays = ("c_e", "c_e_rise", "best_alpha", "alpha", "alpha_rise")
+    identified = values["identified"]
+    return record(
+        Profile,
+        **values
+        | {name: _array(values[name]) for name in arrays}
+        | {
+            "intervals": {name: _levels(levels) for name, levels in values["intervals"].items()},
+            "identified": record(Combination, **identified | {"intervals": _levels(identified["intervals"])}),
+            "regions": {level: _region(**region) for level, region in values["regions"].items()},
+            "at_infinity": _number(values["at_infinity"]),
+        },
+    )
+
+
+def _levels(levels: Mapping[str, Any]) -> dict[str, Interval]:
+    return {level: record(Interval, **interval) for level, interval in levels.items()}
+
+
+def _region(**values: Any) -> Region:
+    arrays = {name: _array(values[name]) for name in ("c_e", "lower", "upper")}
+    return record(Region, **values | arrays)
+
+
+def _data(kind: str, **values: Any) -> Data:
+    return _KINDS[kind](**{name: _floats(value) for name, value in values.items()})
+
+
+def _floats(value: Any) -> Any:
+    """A list of numbers with None for NaN, as an array; anything else as it is."""
+    if isinstance(value, list) and all(part is None or isinstance(part, float) for part in value):
+        return _array(value)
+    return value
+
+
+def _ends(interval: Interval) -> list[float | None]:
+    return [interval.lower, interval.upper]
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Shape):
+        return value.name
+    if is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.init}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(name): _plain(part) for name, part in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [_plain(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _number(value: float | None, missing: float = math.nan) -> float:
+    return missing if value is None else float(value)
+
+
+def _array(values: Any) -> Any:
+    """Nested lists with None for NaN, as an array."""
+    return np.array(values, dtype=np.float64)
+
+
+_BETTER = 1e-5  # of -2 log L: by more than this the walk along c_e must beat a search to be followed
+
+
+@by_value
+@dataclass(frozen=True)
+class Evidence:
+    """What the likelihood says.
+
+    Attributes
+    ----------
+    log_likelihood : float
+        At the fit, all constants in; of the velocities in mm/s and forces in N.
+    information : ndarray, shape (2, 2)
+        Fisher information in (log c_e, log alpha).
+    scatters : tuple of Scatter
+        Estimated or given.
+    shares : ndarray, shape (len(scatters), 2, 2)
+        What each of them adds to the information.
+    monte_carlo : float
+        SE_mc^2/SE_stat^2 of a stochastic engine; 0 for mean-field. The limits are 1 + this wider.
+    profile : Profile
+    ridge : Ridge
+    verdict : str
+        In plain words, at 95 %.
+    better : (float, float) or None
+        A better point than the fit, (c_e, alpha), where the walk along c_e met one.
+    """
+
+    log_likelihood: float
+    information: Floats
+    scatters: tuple[Scatter, ...]
+    shares: Floats
+    monte_carlo: float
+    profile: Profile
+    ridge: Ridge
+    verdict: str
+    better: tuple[float, float] | None = None
+
+    @property
+    def calibration(self) -> Calibration:
+        """The limits that the intervals and tests use."""
+        return Calibration(self.scatters, self.information, self.shares, self.monte_carlo)
+
+
+def weigh(
+    likelihood: Likelihood,
+    shape: Shape,
+    box: Box,
+    given: Mapping[str, object] | None,
+    best: tuple[float, float],
+    table: VoxelTable | None,
+) -> Evidence:
+    """The evidence at a fit.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+    shape : Shape
+    box : Box
+        Of the search.
+    given : mapping or None
+        Parameters whose bounds the user gave.
+    best : (float, float)
+        c_e [N/mm^2], alpha [1/ms].
+    table : VoxelTable or None
+        Of the voxel engine.
+    """
+    o = likelihood.observations
+    exponent = 4 * (shape.order + 1) / 3
+    domain = Domain.of(likelihood, box, given or {})
+    total, scatters, shares = likelihood.information(*best)
+    found = profile(likelihood, Calibration(scatters, total, shares), domain, best, exponent)
+    monte_carlo = 0.0
+    if table is not None:
+        is_open = found.intervals["c_e"]["95"].upper is None
+        monte_carlo = monte_carlo_share(likelihood, shape, table, best, is_open)
+        found = profile(likelihood, Calibration(scatters, total, shares, monte_carlo), domain, best, exponent)
+    lowest = int(np.argmin(found.c_e_rise))
+    there = float(likelihood.at(best[0]).minus2(best[1])[0])
+    better = None
+    if found.base < there - _BETTER:
+        better = (float(found.c_e[lowest]), float(found.best_alpha[lowest]))
+    intervals = found.intervals
+    forces = (float(o.force.min()), float(o.force.max()))
+    said = sentence(len(o), forces, intervals["c_e"]["95"], intervals["alpha"]["95"], found.identified)
+    return Evidence(
+        likelihood.log_likelihood(*best),
+        total,
+        scatters,
+        shares,
+        monte_carlo,
+        found,
+        ridge_of(likelihood, exponent, best, found),
+        said,
+        better,
+    )
+
+
+def describe(likelihood: Likelihood, best: tuple[float, float], usable: bool) -> dict[str, Any]:
+    """Predictions, residuals and tests at the fit, as fields of a `Fit`; NaN and None if it is not usable."""
+    o = likelihood.observations
+    c_e, alpha = best if usable else (np.nan, np.nan)
+    unit = likelihood.model.unit(c_e) if usable else np.full(len(o.force), np.nan)
+    predicted, residuals = [], []
+    with np.errstate(invalid="ignore"):
+        for kind, rows in o.rows:
+            if kind == "velocity":
+                v, model = o.velocity[rows], alpha * unit[rows]
+                known, sigma = likelihood.known, o.sigma[rows]
+            else:
+                v, model = o.pressed[rows], c_e * o.pressed_unit[rows]
+                known, sigma = likelihood.pressed_known, o.pressed_sigma[rows]
+            predicted.append(model)
+            if known:
+                residuals.append((v - model) / sigma)
+            elif kind == "velocity" and likelihood.kind == "absolute":
+                residuals.append(v - model)
+            else:
+                residuals.append(np.log(v / model))
+    chi2 = None
+    if o.has_sigma and usable:
+        chi2 = float(np.sum(((o.velocity - alpha * unit) / o.sigma) ** 2) / (len(o.force) - 2))
+    return {
+        "predicted": np.concatenate(predicted),
+        "residuals": np.concatenate(residuals),
+        "residual_norm": float(np.sqrt(np.mean(np.concatenate(residuals) ** 2))),
+        "chi2_reduced": chi2,
+        "n_points": len(o),
+        "n_skipped": o.n_skipped,
+        "n_censored": o.n_censored,
+        "lack_of_fit": lack_of_fit(likelihood, best) if usable else None,
+        "fall": fall_with_depth(likelihood, unit) if usable else None,
+    }

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from burrlab.fitting import verdict
-from burrlab.fitting.calibration import Scatter
-from burrlab.fitting.observations import ALPHA_BOUNDS
+import burrlab.fitting.verdict as verdict
+from burrlab.fitting.observations import ALPHA_BOUNDS, Scatter
+from burrlab.fitting.record import FitRecord
 from burrlab.fitting.verdict import Ridge
-
-if TYPE_CHECKING:
-    from burrlab.fitting.record import FitRecord
 
 _RESIDUALS = {
     "relative": "log-normal, r = ln(v/v_predicted)",

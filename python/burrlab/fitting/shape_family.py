@@ -14,12 +14,10 @@ from scipy.optimize import brentq, minimize_scalar
 
 from burrlab._core import Shape
 from burrlab.fitting.intervals import LEVELS, Interval
-from burrlab.fitting.likelihood import Likelihood
-from burrlab.fitting.mean_field import MeanFieldModel
+from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Floats, Observations, ResidualKind
 from burrlab.fitting.profile import Domain, best_point
-from burrlab.master_curve import MasterCurve, _window_spline
-from burrlab.mean_field import positive
+from burrlab.theory.continuum import MasterCurve, _window_spline, positive
 
 NODES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  #: k of the master curves that the others come from
 _STEP = 1e-3  # of k and of log c_e, in derivatives of the residuals
@@ -90,7 +88,7 @@ class Threshold:
 
     With one estimated scatter of n rows this is F = (S - S_free)/(S_free/(n - 3)) on 1 and n - 3 degrees of
     freedom; with known sigma chi-square, nu infinite; several scatters count by their share of the
-    information about k, as in `burrlab.fitting.calibration.Calibration`.
+    information about k, as in `burrlab.fitting.observations.Calibration`.
     """
 
     inflation: float

@@ -9,15 +9,14 @@ from itertools import combinations
 import numpy as np
 
 from burrlab._core import Burr, Shape
+from burrlab.common.provenance import provenance
 from burrlab.fitting.fit import fit
-from burrlab.fitting.likelihood import Likelihood
-from burrlab.fitting.mean_field import MeanFieldModel
+from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Bounds, Data, Floats, Observations, ResidualKind, bounds_of
 from burrlab.fitting.profile import Domain
 from burrlab.fitting.result import Fit
 from burrlab.fitting.shape_comparison import Pair, Part, ShapeComparison, ShapeRow
 from burrlab.fitting.shape_family import PowerFamily, Threshold, lowest
-from burrlab.provenance import provenance
 
 SHAPES = ("parabolic", "linear", "quartic", "constant")
 REFERENCE = "parabolic"  # the shape that the others' alpha is compared with

@@ -1,23 +1,122 @@
-"""The voxel engine of a fit: descents at the forces of the data, tabulated over c_e."""
+"""One descent of the voxel engine of a fit.
+
+The voxel engine of a fit: descents at the forces of the data, tabulated over c_e.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from burrlab._core import Burr, Material, Shape
-from burrlab.fitting.likelihood import Likelihood
-from burrlab.fitting.mean_field import MeanFieldModel
-from burrlab.fitting.observations import Floats, Observations, Rows
+from burrlab.bone.specimen import Specimen
+from burrlab.bone.uneven import BoneField
+from burrlab.common.study import StorePath, run_items, stored_as
+from burrlab.descent.descent import descend
+from burrlab.descent.result import Descent
+from burrlab.descent.sweep import item_seed
+from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
+from burrlab.fitting.observations import WINDOW_END, WINDOW_START, Floats, Observations, Rows
 from burrlab.fitting.search import Box
-from burrlab.fitting.voxel_descent import VoxelDescent, VoxelSettings, Window, sink
-from burrlab.store import StorePath
-from burrlab.study import run_items
-from burrlab.sweep import item_seed
+from burrlab.theory.closed_forms import FEWEST_TICKS, samples_between
+
+Window: TypeAlias = tuple[float | None, float | None]  # in radii; None is the default end
+
+_LONGEST = 3600.0  # a descent that takes longer than this is stalled [s of simulated time]
+
+
+@stored_as("burrlab.fitting.voxel_descent.VoxelSettings")
+@dataclass(frozen=True)
+class VoxelSettings:
+    """What is simulated."""
+
+    voxel: float  # [mm]
+    dt: float  # [ms]
+    rig: bool
+    specimen: Specimen | BoneField | None
+    replicates: int
+
+    def described(self) -> dict[str, Any]:
+        """For the provenance."""
+        specimen = self.specimen
+        name = "solid bone" if specimen is None else repr(specimen)
+        volume: dict[str, Any] = {}
+        if isinstance(specimen, Specimen):
+            name = f"{specimen.source}, digest {specimen.bone.digest()}"
+            volume = {"volume": dict(specimen.made)} if specimen.made else {}
+        return {
+            "voxel_mm": self.voxel,
+            "dt_ms": self.dt,
+            "rig": self.rig,
+            "specimen": name,
+            "replicates": self.replicates,
+            **volume,
+        }
+
+
+@stored_as("burrlab.fitting.voxel_descent.VoxelDescent")
+@dataclass(frozen=True)
+class VoxelDescent:
+    """One descent and the windows to read from it: small, picklable, a function of itself alone."""
+
+    burr: Burr
+    material: Material
+    force: float  # [N]
+    windows: tuple[Window, ...]
+    settings: VoxelSettings
+    seed: int
+
+    def velocities(self) -> list[float]:
+        """Penetration velocity [mm/s] over each window; NaN without a number, infinite without a window."""
+        R, given = self.burr.radius, self.settings
+        windows = [
+            (R * (WINDOW_START if start is None else start), R * (WINDOW_END if end is None else end))
+            for start, end in self.windows
+        ]
+        stop = max(end for _, end in windows)
+        specimen = given.specimen
+        if isinstance(specimen, BoneField):
+            specimen = specimen.specimen(self.burr, given.voxel, depth=stop, seed=self.seed)
+        run = descend(
+            self.burr,
+            self.material,
+            self.force,
+            voxel=given.voxel,
+            dt=given.dt,
+            seed=self.seed,
+            ideal=not given.rig,
+            specimen=specimen,
+            stop=stop,
+            max_duration=_LONGEST,
+        )
+        if run.status == "overloaded":
+            return [np.inf] * len(windows)
+        if run.status not in ("ok", "window-too-short", "never-settled"):
+            return [np.nan] * len(windows)
+        numbers = []
+        for window, (start, end) in zip(self.windows, windows, strict=True):
+            own = window == (None, None) and given.rig
+            numbers.append((run.penetration_velocity or np.nan) if own else _velocity(run, start, end))
+        return numbers
+
+
+@stored_as("burrlab.fitting.voxel_descent.sink")
+def sink(descent: VoxelDescent) -> list[float]:
+    """The item function of a study: `VoxelDescent.velocities`."""
+    return descent.velocities()
+
+
+def _velocity(run: Descent, start: float, end: float) -> float:
+    start = max(start, float(run.immersion[0]))  # a window never starts before static contact
+    rows = samples_between(run.immersion, start, end)
+    velocity = run.velocity_over(start, end) if rows.stop - rows.start >= FEWEST_TICKS else None
+    return np.nan if velocity is None or velocity <= 0 else velocity
+
 
 _NODES, _DEGREE = 10, 3  # points in log c_e, and the polynomial through the deviations from mean-field there
 _FEWEST = 3  # points at which every force must have a number; fewer than five lower the degree

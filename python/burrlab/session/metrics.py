@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from burrlab.dataset import html_table
-from burrlab.figures import FORCE, POSITION, REFERENCE, VELOCITY, new_figure, tidy
+from burrlab.anatomy.report import AnatomyReport
+from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, new_figure, tidy
+from burrlab.common.table import html_table
 from burrlab.session.trace import Trace, check_trace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from burrlab.anatomy.report import AnatomyReport
 
 Array = NDArray[np.float64]
 
@@ -185,8 +185,6 @@ def session_metrics(
     Normalised jerk is that of Teulings et al. 1997 (Exp. Brain Res. 114); it grows with the number of strokes, so it
     compares sessions of like length and task.
     """
-    from burrlab.anatomy.report import AnatomyReport
-
     check_trace(trace)
     for name, value in (("threshold", threshold), ("hysteresis", hysteresis)):
         if not (math.isfinite(value) and value > 0):

@@ -9,13 +9,13 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from burrlab._core import AnatomyWatch, Burr, Follower, Material, Publisher, Replica, VoxelBone
-from burrlab.arguments import real, whole
-from burrlab.json_text import UNREADABLE as _UNREADABLE
-from burrlab.json_text import check_texts, in_one_line
-from burrlab.volume.made import block_recipe as block_recipe
-from burrlab.volume.made import make_bone as make_bone
-from burrlab.volume.made import volume_recipe as volume_recipe
-from burrlab.volume.made import whole_number
+from burrlab.anatomy.watch import Watch
+from burrlab.bone.recipe import block_recipe, make_bone, volume_recipe, whole_number
+from burrlab.common.check import real, whole
+from burrlab.common.records import UNREADABLE as _UNREADABLE
+from burrlab.common.records import check_texts, in_one_line
+
+__all__ = ["block_recipe", "follow", "make_bone", "open_publisher", "volume_recipe"]
 
 _NEEDED = ("seed", "rate_Hz", "scheme", "tools")  # of a hello
 
@@ -130,8 +130,6 @@ def _watch(bone: VoxelBone, settings: Any, tools: Sequence[tuple[Burr, Material]
     """The leader's watch on the bone here; None where it has none."""
     if not settings or bone.tissues is None:
         return None
-    from burrlab.anatomy.watch import Watch
-
     try:
         return Watch.of_settings(bone, settings).core([burr.radius for burr, _ in tools])
     except _UNREADABLE as error:

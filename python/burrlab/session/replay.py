@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab import _core
+import burrlab._core as _core
 from burrlab._core import TickExecutor, VoxelBone
-from burrlab.dataset import by_value
-from burrlab.session.trace import Trace, check_trace
-from burrlab.session.trace_file import to_records, to_rows
+from burrlab.common.table import by_value
+from burrlab.session.trace import Trace, check_trace, to_records, to_rows
 
 #: What the model gives, and is compared: to the bit.
 COMPARED = ("force_N", "penetration_mm", "removed_levels", "touching", "ambiguous")

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from burrlab.figures import FORCE, REFERENCE, new_figure, tidy
+from burrlab._core import Follower, HapticLoop, Histogram, Publisher
+from burrlab.anatomy.report import AnatomyReport
+from burrlab.common.figures import FORCE, REFERENCE, new_figure, tidy
+from burrlab.session.recorder import TraceWriter
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from burrlab._core import Follower, HapticLoop, Histogram, Publisher
-    from burrlab.anatomy.report import AnatomyReport
-    from burrlab.session.trace_writer import TraceWriter
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
 

@@ -10,20 +10,28 @@ import secrets
 import threading
 import weakref
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
-from burrlab._core import Burr, Device, Follower, HapticLoop, Material, RecordReader, TickExecutor, VoxelBone
-from burrlab.arguments import real, whole
-from burrlab.provenance import provenance
+from burrlab._core import (
+    Burr,
+    Device,
+    Follower,
+    HapticLoop,
+    Material,
+    Publisher,
+    RecordReader,
+    TickExecutor,
+    VoxelBone,
+)
+from burrlab.anatomy.report import AnatomyReport
+from burrlab.anatomy.watch import Watch
+from burrlab.bone.header import told_notes
+from burrlab.common.check import real, whole
+from burrlab.common.provenance import provenance
+from burrlab.session.anatomy import SessionAnatomy
+from burrlab.session.network import open_publisher
+from burrlab.session.recorder import DEFAULT_DURATION, TraceWriter
 from burrlab.session.report import SessionReport
-from burrlab.session.session_anatomy import SessionAnatomy
-from burrlab.session.trace_writer import DEFAULT_DURATION, TraceWriter
-from burrlab.volume.header import told_notes
-
-if TYPE_CHECKING:
-    from burrlab._core import Publisher
-    from burrlab.anatomy.report import AnatomyReport
-    from burrlab.anatomy.watch import Watch
 
 Tool = tuple[Burr, Material]
 
@@ -181,8 +189,6 @@ class Session:
         self._publisher: Publisher | None = None
         self._writer: TraceWriter | None = None
         if publish is not None:
-            from burrlab.session.network import open_publisher
-
             self._publisher = open_publisher(
                 self._follower, self.provenance, host=host, port=publish, header_version=header_version
             )

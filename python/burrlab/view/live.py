@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import Follower, Replica, VoxelBone, restore_bricks
+from burrlab.bone.header import assumed, told_notes
 from burrlab.session.session import Session
-from burrlab.view.scene import Scene
-from burrlab.view.scene_window import SceneWindow
+from burrlab.view.scene import Scene, SceneWindow
 from burrlab.view.surface import brick_numbers
-from burrlab.volume.header import assumed, told_notes
 
 _KEPT = 400  # points of the curves
 

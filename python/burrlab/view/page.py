@@ -1,22 +1,216 @@
-"""The state of a web page and what keeps it: the newest wish of the user is done, those before it are passed over."""
+"""Curves for the page's charts: points of an SVG polyline, few whatever the number of ticks.
+
+What a page says beside its picture: numbers, tissues, curves and marks of one moment.
+
+The mouse on a picture that the server draws: turning, moving and zooming of a camera.
+
+The page's cameras, by name.
+
+The state of a web page and what keeps it: the newest wish of the user is done, those before it are passed over.
+
+What a browser may call of the page: the wishes and the controls that the page has, nothing else of trame.
+
+The page itself: Vuetify components around a picture that the server draws.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import base64
+import contextlib
 import io
 import math
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab.view import page_mouse, page_words
-from burrlab.view.camera import Viewpoint
-from burrlab.view.page_camera import PRESETS, PageCameras
+from burrlab._core import VoxelBone
+from burrlab.view.camera import Viewpoint, approach_view, looking_at, surgeon_view
 from burrlab.view.page_source import PageSource
 from burrlab.view.scene import Scene
+
+WIDTH, HEIGHT = 1000.0, 100.0  # of the charts' coordinates
+_COLUMNS = 500
+
+
+def top(values: NDArray[np.float64]) -> float:
+    """End of an axis from 0 that holds the values: 1, 2 or 5 times a power of ten."""
+    largest = float(values.max(initial=0.0))
+    if largest <= 0.0:
+        return 1.0
+    power = 10.0 ** math.floor(math.log10(largest))
+    return next(step * power for step in (1.0, 2.0, 5.0, 10.0) if largest <= step * power * (1 + 1e-9))
+
+
+def polyline(
+    time: NDArray[np.float64], values: NDArray[np.float64], span: tuple[float, float], most: float
+) -> str:
+    """Points "x,y x,y ..." in a chart of 1000 x 100, y downwards.
+
+    Of many ticks each column keeps its least and largest value, so that no peak is lost.
+
+    Parameters
+    ----------
+    time, values : ndarray, shape (n,)
+        Times in order.
+    span : (first, last)
+        Of the time axis.
+    most : float
+        End of the value axis, which begins at 0.
+    """
+    inside = (time >= span[0]) & (time <= span[1])
+    time, values = time[inside], values[inside]
+    width = span[1] - span[0]
+    if not len(time) or width <= 0:
+        return ""
+    if len(time) > 2 * _COLUMNS:
+        column = np.minimum((_COLUMNS * (time - span[0]) / width).astype(np.int64), _COLUMNS - 1)
+        starts = np.flatnonzero(np.diff(column, prepend=-1))
+        low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+        time, values = np.repeat(time[starts], 2), np.stack([low, high], axis=1).ravel()
+    x = WIDTH * (time - span[0]) / width
+    y = HEIGHT * (1.0 - np.clip(values / most, 0.0, 1.0))
+    return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x.tolist(), y.tolist(), strict=True))
+
+
+def numbers(source: PageSource) -> list[dict[str, str]]:
+    """Rows of name, value and unit."""
+    rows, force, depth, burrs = [], source.force, source.depth, source.burrs
+    for i, radius in enumerate(burrs.radii):
+        which = f" {i + 1}" if len(burrs.radii) > 1 else ""
+        known = bool(np.isfinite(burrs.centers[i]).all())
+        place = ", ".join(f"{value:.2f}" for value in burrs.centers[i]) if known else "not known"
+        rows += [
+            ("force" + which, f"{np.linalg.norm(force[i]):.2f}", "N"),
+            ("penetration" + which, f"{depth[i]:.3f}", "mm"),
+            ("burr" + which, f"R = {radius:g} mm, {'turns' if burrs.on[i] else 'stands'}", ""),
+            ("centre" + which, place, "mm" if known else ""),
+        ]
+    rows.append(("bone removed", f"{source.bone.removed:.2f}", "mm³"))
+    return [{"name": name, "value": value, "unit": unit} for name, value, unit in rows]
+
+
+def tissues(bone: VoxelBone) -> list[dict[str, Any]]:
+    """Rows of the tissues that are critical or of which something was removed."""
+    if bone.tissues is None:
+        return []
+    removed = [bone.removed_of(i) for i in range(len(bone.tissues))]
+    return [
+        {"name": tissue.name, "colour": "rgb({}, {}, {})".format(*tissue.colour), "removed": f"{volume:.2f}",
+         "hurt": tissue.critical and volume > 0}
+        for tissue, volume in zip(bone.tissues, removed, strict=True) if volume > 0 or tissue.critical
+    ]  # fmt: skip
+
+
+def charts(source: PageSource) -> list[dict[str, Any]]:
+    """Force and penetration over time, one line a burr."""
+    history, span, rows = source.history, source.span, []
+    for name, unit, values in (("force", "N", history.force), ("penetration", "mm", history.depth)):
+        if values.shape[1]:
+            most = top(values)
+            lines = [polyline(history.time, column, span, most) for column in values.T]
+            rows.append({"name": name, "unit": unit, "most": f"{most:g}", "lines": lines})
+    return rows
+
+
+def values(source: PageSource) -> list[list[str]]:
+    """That the charts' curves have now: of each chart, a text a burr."""
+    force = np.linalg.norm(source.force, axis=1)
+    return [[f"{value:.{places}f}" for value in now] for now, places in ((force, 2), (source.depth, 3))]
+
+
+def events(source: PageSource) -> list[dict[str, Any]]:
+    """Rows of what happened, and where its mark is in the charts."""
+    first, last = source.span
+    return [
+        {"time_s": event.time, "clock": f"{event.time:.2f} s", "text": event.text, "colour": event.colour,
+         "x": round(WIDTH * (event.time - first) / max(last - first, 1e-9), 1)}
+        for event in source.events
+    ]  # fmt: skip
+
+
+_TURN = 200.0  # across the picture [degree]
+_ZOOM = 1.15  # a step of the wheel
+
+
+def turn(camera: Any, right: float, up: float) -> None:
+    """Around the focus, as if the bone were dragged.
+
+    Parameters
+    ----------
+    camera : pyvista.Camera
+    right, up : float
+        Way of the mouse, in parts of the picture's height.
+    """
+    camera.Azimuth(-_TURN * right)
+    camera.Elevation(-_TURN * up)
+    camera.OrthogonalizeViewUp()
+
+
+def move(camera: Any, right: float, up: float) -> None:
+    """Across the line of sight; what is at the focus follows the mouse. Parameters as for `turn`."""
+    position, focus = np.array(camera.position), np.array(camera.focal_point)
+    sight = focus - position
+    distance = float(np.linalg.norm(sight))
+    upwards = np.array(camera.up) / np.linalg.norm(camera.up)
+    rightwards = np.cross(sight / distance, upwards)
+    height = 2.0 * distance * np.tan(np.deg2rad(camera.view_angle) / 2)
+    by = -height * (right * rightwards + up * upwards)
+    camera.position, camera.focal_point = tuple(position + by), tuple(focus + by)
+
+
+def zoom(camera: Any, steps: float) -> None:
+    """Nearer by so many steps of a wheel, or farther."""
+    camera.Dolly(_ZOOM ** float(np.clip(steps, -20.0, 20.0)))
+
+
+_AXES = {
+    "+x": (1, 0, 0),
+    "-x": (-1, 0, 0),
+    "+y": (0, 1, 0),
+    "-y": (0, -1, 0),
+    "-z": (0, 0, -1),
+    "+z": (0, 0, 1),
+}
+PRESETS = ("surgeon", "burr", *_AXES)
+
+
+class PageCameras:
+    """Viewpoints of a source.
+
+    Parameters
+    ----------
+    source : PageSource
+    surgeon : Viewpoint, optional
+        The first one; default: along the forces of a trace, else from above.
+    """
+
+    def __init__(self, source: PageSource, surgeon: Viewpoint | None) -> None:
+        self.source = source
+        approach = source.approach()
+        self._into = None if approach is None else approach.axis
+        self.surgeon = approach_view(source.bone, approach) if surgeon is None else surgeon
+
+    def viewpoint(self, preset: str) -> Viewpoint:
+        """surgeon, burr (once one is known), or along an axis."""
+        bone, burrs = self.source.bone, self.source.burrs
+        if preset == "burr" and len(burrs.radii) and np.isfinite(burrs.centers[0]).all():
+            width = 8.0 * float(burrs.radii[0])
+            return looking_at(burrs.centers[0], self._into, width, 40.0)
+        if preset in _AXES:
+            return surgeon_view(bone, axis=_AXES[preset], tilt=0.0)
+        return self.surgeon
+
+    def burr_or_middle(self) -> Any:
+        """The first burr's centre, or the middle of the volume until it is known [mm]."""
+        centers, bone = self.source.burrs.centers, self.source.bone
+        if len(centers) > 0 and bool(np.isfinite(centers[0]).all()):
+            return centers[0]
+        return np.array(bone.origin) + np.array(bone.spacing) * (np.array(bone.shape[::-1]) - 1) / 2
+
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 _PERIOD = 0.04  # between two looks at what is wished [s]
@@ -173,10 +367,10 @@ class Page:
     def _move_camera(self) -> None:
         camera = self.scene.plotter.camera
         if self._drag.any():
-            (page_mouse.move if self._drag_moves else page_mouse.turn)(camera, *self._drag)
+            (move if self._drag_moves else turn)(camera, *self._drag)
             self._drag[:], self._draw = 0.0, True
         if self._wheel:
-            page_mouse.zoom(camera, self._wheel)
+            zoom(camera, self._wheel)
             self._wheel, self._draw = 0.0, True
 
     def _advance(self, seconds: float) -> None:
@@ -198,10 +392,10 @@ class Page:
             state.wanted_s = seconds
         state.time_s, state.source_state = round(source.time, 4), source.state
         state.first_s, state.last_s = source.span
-        state.numbers, state.tissues = page_words.numbers(source), page_words.tissues(source.bone)
-        state.distances, state.values = source.distances(), page_words.values(source)
+        state.numbers, state.tissues = numbers(source), tissues(source.bone)
+        state.distances, state.values = source.distances(), values(source)
         if not state.charts or source.kind == "live":
-            state.charts, state.events = page_words.charts(source), page_words.events(source)
+            state.charts, state.events = charts(source), events(source)
 
     def _picture(self, *, smooth: bool) -> None:
         from PIL import Image
@@ -247,3 +441,251 @@ class Page:
 
     def _cut(self) -> None:
         self.scene.set_slices(self.cameras.burr_or_middle())
+
+
+def _number(value: Any) -> bool:
+    return type(value) in (int, float) and abs(value) <= 1e6  # NaN is none
+
+
+#: What a browser may change of the page's state, and to what.
+WISHES: dict[str, Callable[[Any], bool]] = {
+    "wanted_s": _number, "speed": lambda value: _number(value) and value in SPEEDS,
+    **dict.fromkeys(("playing", "slices", "stereo", "effects"), lambda value: type(value) is bool),
+}  # fmt: skip
+
+
+def restrict(handler: Any) -> None:
+    """Leaves a handler of wslink no other calls than the page makes, with arguments of their kinds; others do nothing.
+
+    trame's own would let a browser end the server, and change whatever is shown in all others, scripts as well.
+    """
+    calls = handler.functionMap
+    core, change = calls["trame.state.update"]
+    _, trigger = calls["trame.trigger"]
+
+    def update(core: Any, changes: Any = (), *_: Any, **__: Any) -> None:
+        with contextlib.suppress(TypeError, KeyError):
+            change(
+                core, [one for one in changes if one["key"] in WISHES and WISHES[one["key"]](one["value"])]
+            )
+
+    async def call(core: Any, name: Any = "", arguments: Any = (), *_: Any, **__: Any) -> None:
+        with contextlib.suppress(TypeError, ValueError):
+            if all(_number(value) or isinstance(value, bool | str) for value in arguments):
+                await trigger(core, name, arguments, {})
+
+    def none(*_: Any, **__: Any) -> None:
+        """What trame's page tells of itself."""
+
+    handler.functionMap = {
+        "trame.state.get": calls["trame.state.get"],
+        "trame.state.update": (core, update),
+        "trame.trigger": (core, call),
+        "trame.lifecycle.update": (core, none),
+        "trame.error.client": (core, none),
+    }
+
+
+_STYLE = """
+html, body { overflow: hidden !important; }
+.burrlab-body { display: flex; flex-direction: column; height: 100%; background: #101418; color: #e3e7ea; }
+.burrlab-row { display: flex; flex: 1 1 auto; min-height: 0; }
+.burrlab-view { flex: 1 1 auto; min-width: 0; position: relative; overflow: hidden; }
+.burrlab-view img { position: absolute; inset: 0; width: 100%; height: 100%; object-fit: contain; touch-action: none; cursor: grab; }
+.burrlab-view img:active { cursor: grabbing; }
+.burrlab-side { flex: 0 0 330px; overflow-y: auto; padding: 12px 16px; background: #171c21; border-left: 1px solid #2a3138; }
+.burrlab-side h2 { font-size: 0.78rem; font-weight: 500; letter-spacing: 0.04em; color: #9fb0bd; margin: 16px 0 4px; }
+.burrlab-side > h2:first-child { margin-top: 0; }
+.burrlab-side table { width: 100%; border-collapse: collapse; font-size: 0.9rem; }
+.burrlab-side td { padding: 2px 0; vertical-align: baseline; }
+.burrlab-preset { min-width: 0 !important; padding-inline: 8px !important; }
+.burrlab-number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+.burrlab-unit { width: 3em; padding-left: 6px !important; color: #9fb0bd; }
+.burrlab-mark { display: inline-block; width: 11px; height: 11px; border-radius: 3px; margin-right: 8px; }
+.burrlab-event { cursor: pointer; }
+.burrlab-event:hover { background: #222a31; }
+.burrlab-foot { flex: 0 0 auto; background: #171c21; border-top: 1px solid #2a3138; padding: 4px 16px 6px; }
+.burrlab-line { display: grid; grid-template-columns: 124px 1fr 216px; align-items: center; }
+.burrlab-chart { align-items: stretch; font-size: 0.78rem; }
+.burrlab-axis { display: flex; flex-direction: column; justify-content: space-between; text-align: right; padding-right: 8px; color: #9fb0bd; }
+.burrlab-chart svg { width: 100%; height: 54px; background: #101418; border: 1px solid #2a3138; cursor: crosshair; display: block; }
+.burrlab-value { align-self: center; padding-left: 12px; font-size: 1.05rem; font-variant-numeric: tabular-nums; }
+.burrlab-clock { min-width: 9em; padding-left: 12px; font-size: 0.9rem; font-variant-numeric: tabular-nums; white-space: nowrap; }
+.burrlab-line .v-slider.v-input--horizontal { margin-inline: 0; }
+.burrlab-line .v-field__input { padding-block: 0; min-height: 36px; align-items: center; }
+.burrlab-line .v-field__append-inner { padding-top: 0; align-items: center; }
+"""
+# What trame's widgets have no names for: a drag is told in parts of the height, a place's size once it is another.
+_PICTURE = [
+    ':src="picture"', ':data-number="picture_number"', 'alt="the bone and the burr"', 'draggable="false"',
+    """@pointerdown.prevent="$event.currentTarget.setPointerCapture($event.pointerId)" """,
+    """@pointermove="$event.buttons && trigger('drag', [$event.movementX / $event.currentTarget.clientHeight,
+        -$event.movementY / $event.currentTarget.clientHeight, $event.shiftKey || $event.buttons > 1])" """,
+    """@wheel.prevent="trigger('wheel', [-Math.sign($event.deltaY)])" """,
+    "@contextmenu.prevent",
+    """@load="trigger('shown', [$event.target.clientWidth, $event.target.clientHeight].join() === $event.target.dataset.size ? []
+        : [$event.target.clientWidth, $event.target.clientHeight]);
+        $event.target.dataset.size = [$event.target.clientWidth, $event.target.clientHeight].join()" """,
+]  # fmt: skip
+_COLOURS = ("#ffb454", "#6cb6ff")  # of the burrs' curves
+
+
+def build_layout(page: Page) -> None:
+    """Makes the page's template; before the server is started."""
+    from trame.ui.vuetify3 import VAppLayout
+    from trame.widgets import client, html
+    from trame.widgets import vuetify3 as v3
+
+    config = {
+        "theme": {"defaultTheme": "dark"},
+        "defaults": {"VBtn": {"variant": "text", "density": "comfortable"}},
+    }
+    page.state.trame__title = f"burrlab: {page.source.title}"
+    with VAppLayout(page.server, vuetify_config=config) as layout:
+        client.Style(_STYLE)
+        with v3.VMain(style="height: 100vh;"), html.Div(classes="burrlab-body"):
+            _head(page, html, v3)
+            with html.Div(classes="burrlab-row"):
+                with html.Div(classes="burrlab-view", raw_attrs=["v-resize.quiet=\"() => trigger('draw')\""]):
+                    html.Img(raw_attrs=_PICTURE)
+                with html.Div(classes="burrlab-side"):
+                    _side(page, html)
+            if page.source.kind != "still":
+                with html.Div(classes="burrlab-foot"):
+                    _charts(page, html)
+                    if page.source.kind == "replay":
+                        _transport(page, html, v3)
+    layout.flush_content()
+
+
+def _head(page: Page, html: Any, v3: Any) -> None:
+    with v3.VToolbar(density="compact", color="#171c21"):
+        v3.VToolbarTitle("{{ title }}", style="flex: 0 1 auto;")
+        html.Div("{{ source_state }}", classes="text-body-2 ml-4", style="color: #9fb0bd;")
+        v3.VSpacer()
+        for preset in page.state.presets:
+            v3.VBtn(preset, click=(page.look, f"['{preset}']"), classes="burrlab-preset")
+        for name in ("slices", "stereo"):
+            v3.VSwitch(
+                v_model=(name,), label=name, hide_details=True, density="compact", color="#6cb6ff",
+                classes="ml-4", style="flex: 0 0 auto;",
+            )  # fmt: skip
+        v3.VSwitch(
+            v_if="has_effects", v_model=("effects",), label="dust, blood, water", hide_details=True, density="compact",
+            color="#6cb6ff", classes="mx-4", style="flex: 0 0 auto;",
+        )  # fmt: skip
+        v3.VProgressLinear(v_if="prepared < 100", model_value=("prepared",), absolute=True, location="bottom")
+    v3.VAlert("{{ problem }}", v_if="problem", type="error", density="compact", tile=True)
+
+
+def _side(page: Page, html: Any) -> None:
+    html.H2("now")
+    with html.Table(), html.Tr(v_for="row in numbers", key="row.name"):
+        html.Td("{{ row.name }}")
+        html.Td("{{ row.value }}", classes="burrlab-number", colspan=("row.unit ? 1 : 2",))
+        html.Td("{{ row.unit }}", classes="burrlab-unit", v_if="row.unit")
+    with html.Div(v_if="distances.length"):
+        html.H2("burr's surface to structure")
+        with html.Table(), html.Tr(v_for="row in distances", key="row.name"):
+            with html.Td():
+                html.Span(classes="burrlab-mark", style=("'background: ' + row.colour",))
+                html.Span("{{ row.name }}")
+            html.Td("{{ row.value }}", classes="burrlab-number", style=("row.near ? 'color: #ff7b72' : ''",))
+            html.Td("mm", classes="burrlab-unit")
+    with html.Div(v_if="tissues.length"):
+        html.H2("removed by tissue")
+        with html.Table(), html.Tr(v_for="row in tissues", key="row.name"):
+            with html.Td():
+                html.Span(classes="burrlab-mark", style=("'background: ' + row.colour",))
+                html.Span("{{ row.name }}")
+            html.Td(
+                "{{ row.removed }}", classes="burrlab-number",
+                style=("row.hurt ? 'color: #ff7b72' : ''",),
+            )  # fmt: skip
+            html.Td("mm³", classes="burrlab-unit")
+    with html.Div(v_if="events.length"):
+        html.H2("events")
+        with (
+            html.Table(),
+            html.Tr(v_for="row in events", classes="burrlab-event", click=(page.go, "[row.time_s]")),
+        ):
+            html.Td("{{ row.clock }}", style="width: 5em;", classes="burrlab-number pr-3")
+            with html.Td():
+                html.Span(classes="burrlab-mark", style=("'background: ' + row.colour",))
+                html.Span("{{ row.text }}")
+
+
+def _charts(page: Page, html: Any) -> None:
+    from trame_client.widgets.core import AbstractElement
+
+    class Svg(AbstractElement):  # type: ignore[misc]  # trame is untyped, and its html widgets end at HTML
+        def __init__(self, name: str, children: Any = None, **attributes: Any) -> None:
+            super().__init__(name, children, **attributes)
+            self._attr_names += [
+                ("view_box", "viewBox"), ("preserve", "preserveAspectRatio"), "points", "fill", "stroke",
+                ("stroke_width", "stroke-width"), ("vector_effect", "vector-effect"), "x1", "x2", "y1", "y2",
+                ("stroke_dasharray", "stroke-dasharray"),
+            ]  # fmt: skip
+
+    part = "(time_s - first_s) / Math.max(last_s - first_s, 1e-9)"
+    with html.Div(classes="burrlab-line burrlab-chart", v_for="(chart, n) in charts", key="chart.name"):
+        with html.Div(classes="burrlab-axis"):
+            html.Span("{{ chart.most }}")
+            html.Span("{{ chart.name }} [{{ chart.unit }}]", style="color: #e3e7ea;")
+            html.Span("0")
+        with Svg(
+            "svg", view_box=f"0 0 {WIDTH:g} {HEIGHT:g}", preserve="none",
+            click=(page.seek, "[$event.offsetX / $event.currentTarget.clientWidth]"),
+        ):  # fmt: skip
+            _line(
+                Svg,
+                "row.x",
+                "row.colour",
+                v_for="row in events",
+                key="row.time_s + row.text",
+                stroke_dasharray="3 3",
+            )
+            Svg(
+                "polyline", v_for="(line, i) in chart.lines", key="i", points=("line",), fill="none",
+                stroke=(f"{list(_COLOURS)!r}[i % {len(_COLOURS)}]",), stroke_width="1.2", vector_effect="non-scaling-stroke",
+            )  # fmt: skip
+            _line(Svg, f"{WIDTH:g} * {part}", "'#e3e7ea'")
+        with html.Div(classes="burrlab-value"):
+            html.Span(
+                "{{ value }}&ensp;", v_for="(value, i) in values[n]", key="i",
+                style=(f"'color: ' + {list(_COLOURS)!r}[i % {len(_COLOURS)}]",),
+            )  # fmt: skip
+            html.Span("{{ chart.unit }}")
+
+
+def _line(svg: Any, x: str, colour: str, **attributes: str) -> None:
+    """An upright line across a chart."""
+    svg(
+        "line", x1=(x,), x2=(x,), y1="0", y2=f"{HEIGHT:g}", stroke=(colour,), stroke_width="1",
+        vector_effect="non-scaling-stroke", **attributes,
+    )  # fmt: skip
+
+
+def _transport(page: Page, html: Any, v3: Any) -> None:
+    with html.Div(classes="burrlab-line"):
+        with html.Div():
+            v3.VBtn(
+                icon=("playing ? 'mdi-pause' : 'mdi-play'",), click="playing = !playing",
+                raw_attrs=[""":aria-label="playing ? 'pause' : 'play'" """],
+            )  # fmt: skip
+            for icon, ticks, label in (("backward", -1, "one tick back"), ("forward", 1, "one tick on")):
+                v3.VBtn(
+                    icon=f"mdi-step-{icon}",
+                    click=(page.step, f"[{ticks}]"),
+                    raw_attrs=[f'aria-label="{label}"'],
+                )
+        v3.VSlider(
+            v_model=("wanted_s",), min=("first_s",), max=("last_s",), step=("step_s",), hide_details=True, color="#6cb6ff",
+            thumb_size=14, raw_attrs=['aria-label="time"'],
+        )  # fmt: skip
+        with html.Div(classes="d-flex align-center"):
+            html.Div("{{ time_s.toFixed(3) }} / {{ last_s.toFixed(3) }} s", classes="burrlab-clock")
+            v3.VSelect(
+                v_model=("speed",), items=("speeds.map(x => ({title: 'x ' + x, value: x}))",), density="compact",
+                hide_details=True, variant="plain", style="flex: 0 0 70px;", raw_attrs=['aria-label="speed"'],
+            )  # fmt: skip

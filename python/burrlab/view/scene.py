@@ -1,27 +1,263 @@
-"""The scene: bone, burrs, particles, slices, curves, in a pyvista plotter on a screen or off it."""
+"""What drawing needs beside burrlab: the extra `viz3d`, and a place to draw to where there is no screen.
+
+Both eyes of a scene, side by side in its window.
+
+A scene's window, looked after from here and not by VTK's own loop, which Ctrl-C does not end.
+
+The scene: bone, burrs, particles, slices, curves, in a pyvista plotter on a screen or off it.
+"""
 
 from __future__ import annotations
 
+import ctypes.util
 import os
+import signal
+import sys
+import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
-from burrlab.view.block_actors import BlockActors
-from burrlab.view.burr_actors import BurrActors
-from burrlab.view.camera import Viewpoint, surgeon_view
-from burrlab.view.parcel_actor import ParcelActor
-from burrlab.view.rendering import check_screen, prepare_off_screen, pyvista
-from burrlab.view.scene_chart import SceneChart
-from burrlab.view.scene_labels import Legend, ScaleBar
-from burrlab.view.scene_slices import SlicePanels
-from burrlab.view.scene_stereo import StereoEyes
-from burrlab.view.scene_window import SceneWindow
+from burrlab.view.actors import (
+    BlockActors,
+    BurrActors,
+    Legend,
+    ParcelActor,
+    ScaleBar,
+    SceneChart,
+    SlicePanels,
+)
+from burrlab.view.camera import Viewpoint, eyes, surgeon_view
 from burrlab.view.surface import Surface, tissue_palette
+
+#: Debian packages, one line of which is enough where there is no screen.
+PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri, or libosmesa6"
+
+
+def pyvista() -> Any:
+    """The module pyvista.
+
+    Raises
+    ------
+    ImportError
+        If it is not installed; the sentence says how to get it.
+    """
+    try:
+        import pyvista as module
+    except ImportError:
+        raise ImportError("the view needs pyvista: pip install 'burrlab[viz3d]'") from None
+    return module
+
+
+def prepare_off_screen() -> None:
+    """Chooses how VTK draws without a screen; on other systems than Linux it does by itself.
+
+    Raises
+    ------
+    OSError
+        If there is neither a screen nor a library that draws without one; VTK itself would end the process.
+    """
+    if not sys.platform.startswith("linux") or os.environ.get("VTK_DEFAULT_OPENGL_WINDOW"):
+        return
+    if os.environ.get("DISPLAY"):
+        return
+    if ctypes.util.find_library("EGL"):
+        os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
+    elif ctypes.util.find_library("OSMesa"):
+        os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkOSOpenGLRenderWindow"
+    else:
+        raise OSError(f"drawing without a screen needs the Debian packages {PACKAGES}")
+
+
+def check_screen() -> None:
+    """OSError if a window would have no screen to open on."""
+    if sys.platform.startswith("linux") and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
+        raise OSError(
+            "a window needs a screen and there is none: draw to a file (--png, --video) or a page (--web)"
+        )
+
+
+SIZE = (1536, 768)  # of a window for both eyes, unless asked for [pixel]
+
+
+class StereoEyes:
+    """A renderer for each eye in place of a plotter's own one, which goes on holding what is drawn, the camera between
+    the eyes that mouse and presets move, and the view's place in the window.
+
+    Legend and curves are left out: both eyes would see them in one plane, that of the focus, across bone which is nearer.
+    The scale bar stays, since that plane is where it is true.
+
+    Parameters
+    ----------
+    plotter : pyvista.Plotter
+    note : str
+        As of `Scene`.
+    """
+
+    def __init__(self, plotter: Any, note: str = "") -> None:
+        from vtkmodules.vtkRenderingCore import vtkRenderer
+
+        self.plotter = plotter
+        self.separation, self.swap = 62.0, False
+        self._shared: dict[int, Any] = {}
+        self._shared_at = -1  # VTK's time of the main renderer's list
+        self._alone: int | None = None
+        main = plotter.renderer
+        self.renderers = [vtkRenderer(), vtkRenderer()]  # left half, right half
+        for renderer in self.renderers:
+            renderer.InteractiveOff()  # the mouse moves the main renderer's camera
+            renderer.SetBackground(main.GetBackground())
+            renderer.SetBackground2(main.GetBackground2())
+            renderer.SetGradientBackground(main.GetGradientBackground())
+            for light in main.GetLights():
+                renderer.AddLight(light)
+            plotter.render_window.AddRenderer(renderer)
+        self.scales = [ScaleBar(renderer, note) for renderer in self.renderers]
+        self.on = False
+
+    def set(self, separation: float, *, swap: bool = False) -> None:
+        """Distance of the eyes for a viewer at 500 mm, scaled to the camera's [mm]; the right eye on the left, for crossed
+        eyes. ValueError if the separation is negative or not finite."""
+        if not (np.isfinite(separation) and separation >= 0):
+            raise ValueError(f"separation must be zero or positive and finite, got {separation}")
+        self.separation, self.swap = separation, swap
+
+    @property
+    def on(self) -> bool:
+        """Whether the eyes are drawn, and not what lies between them."""
+        return not self.plotter.renderer.GetDraw()
+
+    @on.setter
+    def on(self, on: bool) -> None:
+        self.plotter.renderer.SetDraw(not on)
+        self._alone = None
+        for renderer in self.renderers:
+            renderer.SetDraw(on)
+
+    def one_by_one(self, separation: float, *, swap: bool = False) -> Iterator[None]:
+        """Shows the left half's eye over the whole view, then the right half's; then all as before. ValueError as `set`."""
+        before = self.on, self.separation, self.swap
+        try:
+            self.set(separation, swap=swap)
+            for half in (0, 1):
+                self.on, self._alone = True, half
+                self.renderers[1 - half].DrawOff()
+                yield
+        finally:
+            self.set(before[1], swap=before[2])
+            self.on = before[0]
+
+    def follow(self) -> None:
+        """Takes over camera, place and actors; before each drawing."""
+        if not self.on:
+            return
+        main = self.plotter.renderer
+        self._share()
+        left, low, right, high = main.GetViewport()
+        middle = (left + right) / 2
+        places = [(left, right)] * 2 if self._alone is not None else [(left, middle), (middle, right)]
+        width, height = self.plotter.window_size
+        aspect = (places[0][1] - places[0][0]) * width / ((high - low) * height)
+        camera = self.plotter.camera
+        view = Viewpoint(
+            tuple(camera.position), tuple(camera.focal_point), tuple(camera.up), float(camera.view_angle)
+        )
+        pair = eyes(view, self.separation, aspect)
+        for renderer, scale, place, (eye, shift) in zip(
+            self.renderers, self.scales, places, pair[::-1] if self.swap else pair, strict=True
+        ):
+            renderer.SetViewport(place[0], low, place[1], high)
+            renderer.SetUseFXAA(main.GetUseFXAA())
+            own = renderer.GetActiveCamera()
+            own.SetPosition(eye.position)
+            own.SetFocalPoint(eye.focus)
+            own.SetViewUp(eye.up)
+            own.SetViewAngle(eye.angle)
+            own.SetWindowCenter(shift, 0.0)
+            own.SetClippingRange(camera.clipping_range)
+            scale.fit(self.plotter)
+
+    def _share(self) -> None:
+        """What the main renderer draws of three dimensions."""
+        props = self.plotter.renderer.GetViewProps()
+        if props.GetMTime() == self._shared_at:
+            return
+        self._shared_at = props.GetMTime()
+        now = {id(prop): prop for prop in props if prop.IsA("vtkProp3D")}
+        for renderer in self.renderers:
+            for key in self._shared.keys() - now.keys():
+                renderer.RemoveViewProp(self._shared[key])
+            for key in now.keys() - self._shared.keys():
+                renderer.AddViewProp(now[key])
+        self._shared = now
+
+
+_SLOW = 0.04  # of a drawing: then nothing is drawn that is only nicer [s]
+_AGAIN = 0.5  # after which it is drawn though nothing is known to have changed, as when another window lay over it [s]
+
+
+class SceneWindow:
+    """Opens the window of a scene, in the main thread; a context manager.
+
+    Within it Ctrl-C is raised by `turn` only: what is raised in a function that VTK calls, and pyvista has some, is printed
+    and forgotten.
+
+    Parameters
+    ----------
+    scene : Scene
+        Not off screen.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self._seen: tuple[Any, ...] = ()
+        self._drawn, self._fast = 0.0, False
+        self._interrupted, self._held = False, list[int]()
+        scene.plotter.show(interactive_update=True, auto_close=False)
+        self._events = scene.plotter.iren
+        self._events.interactor.EnableRenderOff()  # else each move of a mouse that waits is drawn by itself
+
+    def __enter__(self) -> SceneWindow:
+        if threading.current_thread() is threading.main_thread():
+            for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+                number = getattr(signal, name, None)
+                if number is not None and signal.getsignal(number) is signal.default_int_handler:
+                    signal.signal(number, self._hold_back)
+                    self._held.append(number)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number in self._held:
+            signal.signal(number, signal.default_int_handler)
+
+    def _hold_back(self, *_: object) -> None:
+        self._interrupted = True
+
+    def turn(self, *, draw: bool = False) -> bool:
+        """Does what mouse, keys and the window's frame asked for since the last call, and draws if that or the caller needs
+        it; whether the window is still open. KeyboardInterrupt after Ctrl-C."""
+        self._events.process_events()
+        if self._interrupted:
+            raise KeyboardInterrupt
+        if self._events.interactor.GetDone():  # q, e, or the cross of the window's frame
+            return False
+        plotter, now = self.scene.plotter, time.monotonic()
+        seen = plotter.camera.GetMTime(), *plotter.window_size
+        if draw or seen != self._seen or now - self._drawn > _AGAIN:
+            self.scene.render()
+            self._drawn = time.monotonic()
+            self._seen = plotter.camera.GetMTime(), *plotter.window_size  # drawing sets the camera's range
+            if not self._fast and self._drawn - now > _SLOW:
+                self._fast = True
+                self.scene.draw_fast()
+        return True
+
 
 _GROUND, _SKY = (0.055, 0.065, 0.085), (0.20, 0.23, 0.28)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from burrlab import _core
+import burrlab._core as _core
 from burrlab._core import VoxelBone
 
 BLOCK = 32  # voxels along an edge

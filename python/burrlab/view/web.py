@@ -13,14 +13,15 @@ import sys
 import uuid
 import webbrowser
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from burrlab.effects.companion import Companion
+from burrlab.effects.effects import Effects
 from burrlab.view.camera import Viewpoint
 from burrlab.view.live import picture_note
+from burrlab.view.page import Page, build_layout, restrict
 from burrlab.view.page_source import PageSource, Shown, page_source
-
-if TYPE_CHECKING:
-    from burrlab.effects import Companion, Effects
+from burrlab.view.scene import Scene
 
 _LOOPBACK = {"localhost", "127.0.0.1", "::1"}
 
@@ -112,10 +113,6 @@ async def _serve(
     source: PageSource, host: str, port: int, open_browser: bool, size: tuple[int, int], level: int,
     viewpoint: Viewpoint | None, stereo: bool, note: str, on_ready: Callable[[str], object],
 ) -> None:  # fmt: skip
-    from burrlab.view.page import Page
-    from burrlab.view.page_layout import build_layout
-    from burrlab.view.scene import Scene
-
     scene = Scene(
         source.bone, source.radii, off_screen=True, size=size, level=level, chart=False, outline=source.kind == "replay", note=note
     )  # fmt: skip
@@ -159,8 +156,6 @@ def _prepare(web: Any, protocol: Any, host: str, secret: str) -> None:
     """All lies below the secret, for who asks for it by the address that is listened on, and may call what the page needs."""
     from aiohttp.web import HTTPForbidden, json_response
     from yarl import URL
-
-    from burrlab.view.page_calls import restrict
 
     resolve = web.app.router.resolve
 

@@ -1,0 +1,240 @@
+"""What a watch saw, in a trace: tables of full length at known places, as the ticks are.
+
+Something that happened near a structure, as a sentence.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import burrlab._core as _core
+from burrlab.bone.snapshot import read_dataset
+
+if TYPE_CHECKING:
+    import h5py
+
+
+GROUP = "watch"
+#: Kinds of events, by number.
+KINDS = ("approach", "touch", "injury", "away")
+
+# Field of the core and column of the file.
+_EVENT = {"distance": "distance_mm", "force": "force_N", "removed": "removed_levels", "center": "center_mm"}
+_DOSE = {
+    "distance": "distance_mm", "closest": "closest_mm", "closest_center": "closest_center_mm",
+    "removed": "removed_levels", "near_force": "near_force_N", "near_peak": "near_peak_N",
+}  # fmt: skip
+
+
+def _renamed(dtype: np.dtype[Any], columns: Mapping[str, str]) -> np.dtype[Any]:
+    assert dtype.names is not None
+    assert dtype.fields is not None
+    return np.dtype([(columns.get(name, name), dtype.fields[name][0]) for name in dtype.names])
+
+
+#: tick, kind, structure and burr by number, on, distance_mm, force_N, removed_levels, center_mm.
+EVENT_DTYPE = _renamed(_core.watch_event_dtype, _EVENT)
+#: One burr beside one structure (docs/anatomy.md).
+DOSE_DTYPE = _renamed(_core.watch_dose_dtype, _DOSE)
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """What a watch has seen. `events` (n,) EVENT_DTYPE; `doses` (burrs, structures) DOSE_DTYPE; `removed` levels a tissue."""
+
+    events: NDArray[np.void]
+    doses: NDArray[np.void]
+    removed: NDArray[np.int64]
+    gaps: int = 0
+    ticks_passed_over: int = 0
+    events_lost: int = 0
+
+    @classmethod
+    def of(cls, seen: Mapping[str, Any], removed: NDArray[np.int64]) -> Watched:
+        """Of what `AnatomyWatch.seen` gives, bit for bit."""
+        return cls(
+            _read_only(seen["events"].view(EVENT_DTYPE)), _read_only(seen["doses"].view(DOSE_DTYPE)), removed,
+            seen["gaps"], seen["ticks_passed_over"], seen["events_lost"],
+        )  # fmt: skip
+
+    @property
+    def counts(self) -> NDArray[np.uint64]:
+        """gaps, ticks passed over, events lost"""
+        return np.array([self.gaps, self.ticks_passed_over, self.events_lost], np.uint64)
+
+
+@dataclass(frozen=True)
+class WatchPlaces:
+    """Where in the file the bytes of a watch go [bytes]."""
+
+    events: int
+    events_recorded: int
+    doses: int
+    removed_levels: int
+    counts: int
+    summed: int
+
+
+def create_watch(file: h5py.File, settings: str, burrs: int, tissues: int) -> dict[str, h5py.Dataset]:
+    """The group with all of its structure but `events`; no event yet."""
+    group = file.create_group(GROUP)
+    group.create_dataset("settings", data=np.bytes_(settings.encode()))
+    structures = len(json.loads(settings)["structures"])
+    return {
+        "events_recorded": group.create_dataset("events_recorded", data=np.uint64(0)),
+        "doses": group.create_dataset("doses", data=np.zeros((burrs, structures), DOSE_DTYPE)),
+        "removed_levels": group.create_dataset("removed_levels", data=np.zeros(tissues, np.int64)),
+        "counts": group.create_dataset("counts", data=np.zeros(3, np.uint64)),
+        "summed": group.create_dataset("summed", data=np.uint8(0)),
+    }
+
+
+class WatchWriter:
+    """Writes events as they come, and the sums at the end; OSError where the disk does not take them."""
+
+    def __init__(self, places: WatchPlaces) -> None:
+        self._places = places
+        self._recorded = 0
+        self._pending = np.zeros(0, EVENT_DTYPE)
+        self._sums: Watched | None = None
+        self._lock = threading.Lock()
+
+    def add(self, events: NDArray[np.void]) -> None:
+        """From any thread."""
+        with self._lock:
+            self._pending = np.concatenate([self._pending, events])
+
+    def set_sums(self, watched: Watched) -> None:
+        """To be written at the end."""
+        self._sums = watched
+
+    def write(self, file: int, until: int) -> None:
+        """Events of the ticks before `until`, and after them their count; the others wait."""
+        with self._lock:
+            ready = int(np.argmin(np.append(self._pending["tick"] < until, False)))
+            rows, self._pending = self._pending[:ready], self._pending[ready:]
+        rows = rows[: _core.most_watch_events - self._recorded]
+        if not len(rows):
+            return
+        _write(file, rows, self._places.events + self._recorded * EVENT_DTYPE.itemsize)
+        self._recorded += len(rows)
+        _write(file, np.uint64(self._recorded), self._places.events_recorded)
+
+    def finish(self, file: int) -> None:
+        """The sums, and after them the word that they are there."""
+        if self._sums is None:
+            return
+        _write(file, self._sums.doses, self._places.doses)
+        _write(file, self._sums.removed, self._places.removed_levels)
+        _write(file, self._sums.counts, self._places.counts)
+        _write(file, np.uint8(1), self._places.summed)
+
+
+def read_watch(file: h5py.File, burrs: int) -> tuple[dict[str, Any], Watched | None, NDArray[np.void]]:
+    """(settings, what was seen if the session came to its end, events); empty without a watch."""
+    if GROUP not in file:
+        return {}, None, np.zeros(0, EVENT_DTYPE)
+    group = file[GROUP]
+    settings = json.loads(read_dataset(group, "settings"))
+    if not all(isinstance(row["name"], str) for row in settings["structures"]):
+        raise ValueError("its structures must have names")
+    recorded = int(read_dataset(group, "events_recorded"))
+    if recorded > len(group["events"]) or group["events"].dtype != EVENT_DTYPE:
+        raise ValueError("its events are not what their count says")
+    events = _read_only(read_dataset(group, "events", recorded))
+    doses = read_dataset(group, "doses")
+    if doses.dtype != DOSE_DTYPE or doses.shape != (burrs, len(settings["structures"])):
+        raise ValueError("its doses have other columns than this format has")
+    if not read_dataset(group, "summed"):
+        return settings, None, events
+    gaps, passed, lost = (int(n) for n in read_dataset(group, "counts"))
+    removed = _read_only(read_dataset(group, "removed_levels"))
+    return settings, Watched(events, _read_only(doses), removed, gaps, passed, lost), events
+
+
+def _read_only(values: NDArray[Any]) -> NDArray[Any]:
+    values.flags.writeable = False
+    return values
+
+
+def _write(file: int, values: Any, at: int) -> None:
+    data, done = memoryview(values.tobytes()), 0
+    while done < len(data):
+        done += os.pwrite(file, data[done:], at + done)
+
+
+@dataclass(frozen=True)
+class AnatomyEvent:
+    """Something that happened near a structure.
+
+    Attributes
+    ----------
+    kind : {"approach", "touch", "injury", "away"}
+    tick : int
+        Its index.
+    structure : str
+    burr : int or None
+        None: an injury in ticks that were passed over.
+    on : bool
+        The burr turned.
+    distance : float
+        Of the burr's surface [mm]; infinite where nobody looked.
+    force : float
+        Magnitude of the model's force [N].
+    removed : float
+        From the structure since the session began, by all burrs [mm^3].
+    center : (float, float, float)
+        Of the burr [mm].
+    """
+
+    kind: str
+    tick: int
+    structure: str
+    burr: int | None
+    on: bool
+    distance: float
+    force: float
+    removed: float
+    center: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, row: np.void, structures: Sequence[str], voxel_volume: float) -> AnatomyEvent:
+        """Of a row of a trace's events."""
+        burr = int(row["burr"])
+        return cls(
+            KINDS[int(row["kind"])], int(row["tick"]), structures[int(row["structure"])], None if burr < 0 else burr,
+            bool(row["on"]), float(row["distance_mm"]), float(row["force_N"]),
+            float(row["removed_levels"]) * (voxel_volume / 255.0), tuple(row["center_mm"].tolist()),
+        )  # fmt: skip
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON, units in the names; None where there is no number."""
+        plain = asdict(self)
+        for name, key in (("distance", "distance_mm"), ("force", "force_N"), ("removed", "removed_mm3"),
+                          ("center", "center_mm")):  # fmt: skip
+            plain[key] = plain.pop(name)
+        if not np.isfinite(self.distance):
+            plain["distance_mm"] = None
+        return plain
+
+    def __str__(self) -> str:
+        removed = f"{self.removed:.2g} mm^3 removed in this session"
+        if self.burr is None:
+            return (
+                f"{self.structure} injured up to tick {self.tick}, in ticks that were not followed, {removed}"
+            )
+        what = {
+            "approach": f"{max(self.distance, 0.0):.2g} mm from {self.structure}",
+            "touch": f"touches {self.structure}",
+            "injury": f"injures {self.structure}, {removed},",
+            "away": f"away from {self.structure}",
+        }[self.kind]
+        return f"burr {self.burr}: {what} at tick {self.tick}"

@@ -1,0 +1,1 @@
+"""Bone: materials, specimens, volumes and their files, tissues, half-drilled states."""

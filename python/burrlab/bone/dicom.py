@@ -1,0 +1,635 @@
+"""DICOM series: slices sorted by their position, and refused unless they make one regular grid.
+
+Tags after DICOM PS3.3, Image Plane and Modality LUT modules; they and the values are read by SimpleITK (GDCM).
+
+Writing a grey volume as a DICOM series, one file a slice (SimpleITK, GDCM).
+
+Tags after DICOM PS3.3, CT Image; UIDs of the form 2.25.<UUID> after PS3.5, annex B.2.
+
+A DICOM file taken apart into its data elements, and put together again with some of them changed.
+
+Encoding after DICOM PS3.5, chapter 7 and annex A; file meta information after PS3.10, chapter 7.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+import hashlib
+import math
+import os
+import re
+import threading
+import uuid
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from burrlab.bone.header import Header, plain_name
+from burrlab.bone.image import Array, Volume, checked_direction
+from burrlab.common.check import DEFLATE, check_memory
+from burrlab.common.files import check_folder, new_folder
+from burrlab.common.records import in_one_line
+
+#: How far the distances of slices may differ from one another, a part of the distance (headers round).
+EVEN = 1e-2
+_BIG_ENDIAN = b"1.2.840.10008.1.2.2\0"  # transfer syntax Explicit VR Big Endian
+_DEFLATED = b"1.2.840.10008.1.2.1.99"
+#: What any file may unpack to (ours): compressed pixels all alike may take next to nothing [bytes].
+_SMALL = 1 << 26
+# Columns and rows of one value a pixel where JPEG 2000 (marker SIZ) and JPEG-LS (SOF) begin.
+_CODED = re.compile(rb"\xff\x4f\xff\x51.{4}(.{4})(.{4})|\xff\xf7\0\x0b[\x02-\x10](..)(..)\x01", re.DOTALL)
+#: Name of the exact state of a half-drilled volume in a folder of slices.
+IN_FOLDER = "bone.h5"
+#: How far the slices may shift sideways from the first to the last, a part of a pixel: more is a gantry tilt.
+STRAIGHT = 0.1
+_ONE_LISTENS = threading.Lock()
+
+
+@dataclass(frozen=True)
+class _Slice:
+    """What the header of one file says; spacing NaN where it says none."""
+
+    name: str
+    series: str
+    size: tuple[int, int]
+    spacing: tuple[float, float]
+    rows: tuple[float, ...]
+    columns: tuple[float, ...]
+    position: Array
+    bits: int
+    number: int | None = None  # InstanceNumber
+    images: int | None = None  # ImagesInAcquisition
+
+    @property
+    def file(self) -> str:
+        return Path(self.name).name
+
+
+def read_dicom(
+    names: Sequence[str], where: str, series: str | None, others: Sequence[str] = ()
+) -> tuple[Header, NDArray[Any]]:
+    """Header and values (z, y, x) of the files of one series; ValueError with one sentence where they make no volume.
+
+    `others` are files of the folder that are no DICOM: they are noted.
+    """
+    slices = _of_series([_header_of(name) for name in names], where, series)
+    _check_alike(slices, where)
+    turn = np.column_stack([slices[0].rows, slices[0].columns])
+    direction = checked_direction(np.column_stack([turn, np.cross(*turn.T)]), where)
+    along = np.array([s.position @ direction[:, 2] for s in slices])
+    order = np.argsort(along, kind="stable")
+    slices, along = [slices[i] for i in order], along[order]
+    apart = _distance(slices, along, where)
+    _check_straight(slices, direction, where)
+    columns, rows = slices[0].size
+    spacing = np.array([*slices[0].spacing, apart])
+    check_memory(2 * len(slices) * _size(slices[0]), f"{where}: the volume")
+    planes = [_values(s, (rows, columns)) for s in slices]
+    values = np.empty((len(planes), rows, columns), dtype=np.result_type(*planes))
+    for k, plane in enumerate(planes):
+        values[k] = plane
+    notes = _notes(slices, others)
+    files = tuple(s.name for s in slices)
+    return Header(values.shape, spacing, slices[0].position, direction, notes, files=files), values
+
+
+def _notes(slices: list[_Slice], others: Sequence[str]) -> tuple[str, ...]:
+    """What positions cannot show: slices that are lost at the ends, or at even distances."""
+    notes = []
+    numbers = sorted({s.number for s in slices if s.number is not None})
+    if len(numbers) == len(slices) and numbers[-1] - numbers[0] >= len(numbers):
+        absent = numbers[-1] - numbers[0] + 1 - len(numbers)
+        notes.append(
+            f"the slices are numbered {numbers[0]} to {numbers[-1]}, of which {absent} are absent: slices may be missing"
+        )
+    told = max((s.images or 0 for s in slices), default=0)
+    if told > len(slices):
+        notes.append(
+            f"the DICOM headers count {told} images in the acquisition, {len(slices)} are there: slices may be missing"
+        )
+    if others:
+        first = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
+        notes.append(
+            f"{len(others)} file{'s' * (len(others) > 1)} of the folder left out, as no DICOM: {first}"
+        )
+    return tuple(notes)
+
+
+def dicom_files(folder: str | os.PathLike[str]) -> tuple[list[str], list[str]]:
+    """The DICOM files of a folder, by name: those with DICM at byte 128, without an index (DICOMDIR); names of the other files."""
+    found, others = [], []
+    for path in sorted(Path(folder).iterdir()):
+        if not path.is_file() or path.name.upper() == "DICOMDIR":
+            continue
+        with path.open("rb") as file:
+            if file.read(132)[128:] == b"DICM" or path.suffix.lower() in (".dcm", ".dicom"):
+                found.append(str(path))
+            elif not path.name.startswith(".") and path.name != IN_FOLDER:
+                others.append(path.name)
+    if not found:
+        raise ValueError(f"{os.fspath(folder)}: the folder holds no DICOM files")
+    return found, others
+
+
+def holds_dicom(folder: str | os.PathLike[str]) -> bool:
+    """Whether a folder has DICOM files."""
+    try:
+        return bool(dicom_files(folder)[0])
+    except ValueError:
+        return False
+
+
+def is_dicom(name: str) -> bool:
+    """Whether a file says that it is DICOM."""
+    with open(name, "rb") as file:
+        return file.read(132)[128:] == b"DICM"
+
+
+def _header_of(name: str) -> _Slice:
+    import SimpleITK as sitk
+
+    reader = sitk.ImageFileReader()
+    reader.SetImageIO("GDCMImageIO")
+    reader.SetFileName(plain_name(name))
+    _check_deflated(name)
+    try:
+        with _listening(name):
+            reader.ReadImageInformation()
+    except RuntimeError:
+        raise ValueError(
+            f"{name}: cannot be read as a DICOM image: it is cut short, damaged, or holds no image"
+        ) from None
+
+    def text(tag: str) -> str:
+        return in_one_line(reader.GetMetaData(tag).strip(" \0")) if reader.HasMetaDataKey(tag) else ""
+
+    def numbers(tag: str, count: int) -> tuple[float, ...]:
+        try:
+            found = tuple(float(part) for part in text(tag).split("\\"))
+        except ValueError:
+            found = ()
+        return found if len(found) == count and np.all(np.isfinite(found)) else (np.nan,) * count
+
+    def whole(tag: str) -> int | None:
+        return int(text(tag)) if text(tag).lstrip("+-").isdecimal() else None
+
+    size = reader.GetSize()
+    if len(size) > 2 and any(n > 1 for n in size[2:]):
+        raise ValueError(f"{name}: DICOM files of several frames are not read: convert it to NRRD or NIfTI")
+    if reader.GetNumberOfComponents() != 1 or text("0028|0004") not in ("MONOCHROME2", ""):
+        raise ValueError(
+            f"{name}: a volume needs three dimensions and one value a voxel, got a {text('0028|0004')} image of "
+            f"{reader.GetNumberOfComponents()} values"
+        )
+    down, across = (s if s > 0 else np.nan for s in numbers("0028|0030", 2))  # between rows, between columns
+    position, turn = numbers("0020|0032", 3), numbers("0020|0037", 6)
+    if np.any(np.isnan(position)) or np.any(np.isnan(turn)):
+        raise ValueError(f"{name}: the DICOM header does not say the slice's position and orientation")
+    return _Slice(
+        name, text("0020|000e"), (int(size[0]), int(size[1])), (across, down), turn[:3], turn[3:], np.array(position),
+        int(text("0028|0100") or 8), whole("0020|0013"), whole("0020|1002"),
+    )  # fmt: skip
+
+
+def _of_series(slices: list[_Slice], where: str, series: str | None) -> list[_Slice]:
+    counts = Counter(s.series for s in slices)
+    said = ", ".join(f"{uid} ({count} files)" for uid, count in sorted(counts.items()))
+    if series is None and len(counts) > 1:
+        raise ValueError(f"{where}: series must say which of {len(counts)} DICOM series: {said}")
+    if series is not None and series not in counts:
+        raise ValueError(f"{where}: series must be one of {said}, got {series}")
+    return [s for s in slices if series in (None, s.series)]
+
+
+def _check_alike(slices: list[_Slice], where: str) -> None:
+    first = slices[0]
+    for other in slices[1:]:
+        for what, a, b in (
+            ("sizes", first.size, other.size),
+            ("pixel spacings", first.spacing, other.spacing),
+            ("orientations", first.rows + first.columns, other.rows + other.columns),
+        ):
+            if not np.allclose(a, b, rtol=1e-5, atol=1e-4 if what == "orientations" else 0, equal_nan=True):
+                raise ValueError(
+                    f"{where}: the slices have different {what}: {_text(a)} in {first.file}, {_text(b)} in {other.file}"
+                )
+
+
+def _distance(slices: list[_Slice], along: Array, where: str) -> float:
+    """Between neighbours, which must be even [mm]; NaN of one slice."""
+    steps = np.diff(along)
+    if len(steps) == 0:
+        return np.nan
+    usual = float(np.sort(steps)[(len(steps) - 1) // 2])
+    twins = np.flatnonzero(steps < 0.01 * max(usual, 1e-3))
+    if len(twins):
+        k = int(twins[0])
+        raise ValueError(
+            f"{where}: two slices lie at the same position, {along[k]:g} mm along the normal: {slices[k].file} and "
+            f"{slices[k + 1].file}"
+        )
+
+    def gap(k: int, others: float) -> str:
+        return (
+            f"{steps[k]:g} mm between slices {k} and {k + 1} ({slices[k].file} at {along[k]:g} mm, {slices[k + 1].file} at "
+            f"{along[k + 1]:g} mm), where others are {others:g} mm apart"
+        )
+
+    least = float(steps.min())
+    times = np.rint(steps / least)
+    if times.max() > 1 and np.all(np.abs(steps - times * least) <= 2 * EVEN * least * times):
+        lost, first = int((times - 1).sum()), int(np.flatnonzero(times > 1)[0])
+        said = "slices are" if lost > 1 else "slice is"
+        raise ValueError(f"{where}: {lost} {said} missing: {gap(first, least)}")
+    odd = np.flatnonzero(np.abs(steps - usual) > EVEN * usual)
+    if len(odd):
+        raise ValueError(f"{where}: the slices are not evenly spaced: {gap(int(odd[0]), usual)}")
+    return float((along[-1] - along[0]) / len(steps))
+
+
+def _check_straight(slices: list[_Slice], direction: Array, where: str) -> None:
+    way = slices[-1].position - slices[0].position
+    aside = way - (way @ direction[:, 2]) * direction[:, 2]
+    shift = float(np.linalg.norm(aside))
+    pixel = float(np.nanmin(slices[0].spacing)) if np.any(np.isfinite(slices[0].spacing)) else 1.0
+    if shift > STRAIGHT * pixel:
+        tilt = np.degrees(np.arctan2(shift, abs(float(way @ direction[:, 2]))))
+        raise ValueError(
+            f"{where}: the slices are sheared, by a gantry tilt of {tilt:.3g} degrees: {shift:.3g} mm sideways from the first to "
+            "the last; sheared volumes are not supported"
+        )
+
+
+def _size(part: _Slice) -> int:
+    """Of the pixels [bytes]."""
+    return part.size[0] * part.size[1] * part.bits // 8
+
+
+def _check_deflated(name: str) -> None:
+    """ValueError where the data set of a deflated file is larger than any slice's: GDCM would inflate it whole."""
+    with open(name, "rb") as file:
+        head = file.read(1024)
+        if _DEFLATED in head:
+            file.seek(144 + int.from_bytes(head[140:144], "little"))  # behind the file meta information
+            stream = zlib.decompressobj(-zlib.MAX_WBITS)
+            with contextlib.suppress(zlib.error):
+                stream.decompress(file.read(), _SMALL)
+            if stream.unconsumed_tail:
+                raise ValueError(f"{name}: the deflated data must be of at most {_SMALL} bytes")
+
+
+def _check_whole(part: _Slice) -> None:
+    """ValueError where the pixel data is shorter than rows and columns ask for: GDCM would fill the rest up."""
+    content, wanted = Path(part.name).read_bytes(), _size(part)
+    if wanted > max(DEFLATE * len(content), _SMALL):  # before a decoder makes room for it
+        raise ValueError(
+            f"{part.name}: the pixel data is cut short: {len(content)} bytes cannot hold {wanted}"
+        )
+    for sizes in _CODED.findall(content):  # a decoder goes by them
+        coded = math.prod(int.from_bytes(size) for size in sizes if size)
+        if coded > max(part.size[0] * part.size[1], _SMALL // 4):
+            raise ValueError(
+                f"{part.name}: the compressed pixels must be of the header's size, got {coded} of them"
+            )
+    big = _BIG_ENDIAN in content[:1024]
+    tag = b"\x7f\xe0\x00\x10" if big else b"\xe0\x7f\x10\x00"
+    found, place = [], content.find(tag)
+    while place >= 0:
+        at = place + (
+            8 if content[place + 4 : place + 6] in (b"OW", b"OB") else 4
+        )  # with and without its type
+        found.append(int.from_bytes(content[at : at + 4], "big" if big else "little"))  # all ones: compressed
+        place = content.find(tag, place + 4)
+    if found and max(found) < wanted:
+        raise ValueError(f"{part.name}: the pixel data is cut short: {max(found)} bytes of {wanted}")
+
+
+def _values(part: _Slice, shape: tuple[int, int]) -> NDArray[Any]:
+    import SimpleITK as sitk
+
+    _check_whole(part)
+    try:
+        with _listening(part.name):
+            image = sitk.ReadImage(plain_name(part.name), imageIO="GDCMImageIO")
+    except RuntimeError:
+        raise ValueError(f"{part.name}: the pixel data of the slice cannot be read whole") from None
+    return np.asarray(sitk.GetArrayFromImage(image)).reshape(shape)
+
+
+@contextlib.contextmanager
+def _listening(name: str) -> Iterator[None]:
+    """ValueError with what codecs of compressed slices print on C's `stderr`; many tell damage there alone.
+
+    File descriptor 2 stays where it is: nothing that others write is turned away.
+    """
+    libc = ctypes.CDLL(None)
+    if not hasattr(libc, "gnu_get_libc_version"):  # `stderr` is a constant in other libraries
+        yield
+        return
+    stderr, (memory, text, size) = ctypes.c_void_p.in_dll(libc, "stderr"), _memory()
+    with _ONE_LISTENS:
+        libc.rewind(memory)
+        before, stderr.value = stderr.value, memory.value
+        try:
+            yield
+        finally:
+            stderr.value = before
+            libc.fflush(memory)
+            said = ctypes.string_at(text, size.value) if size.value else b""
+    if said:
+        first = said.decode("utf-8", "replace").splitlines()[0]
+        raise ValueError(f"{name}: the pixel data of the slice is damaged ({first[:200]})")
+
+
+@functools.cache
+def _memory() -> tuple[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]:
+    """A stream of C in memory, never closed, its text and the size of that."""
+    text, size = ctypes.c_void_p(), ctypes.c_size_t()
+    opened = ctypes.CDLL(None).open_memstream
+    opened.restype = ctypes.c_void_p
+    return ctypes.c_void_p(opened(ctypes.byref(text), ctypes.byref(size))), text, size
+
+
+def _text(values: tuple[float, ...] | tuple[int, ...]) -> str:
+    return "(" + ", ".join(f"{v:g}" for v in values) + ")"
+
+
+#: Types that are written.
+KINDS = ("uint8", "int16", "uint16")
+_CT_IMAGE = "1.2.840.10008.5.1.4.1.1.2"
+
+
+def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:
+    """Writes a series of CT slices into a new folder, which appears once it is whole.
+
+    Parameters
+    ----------
+    folder : path-like
+        A new folder; its files are slice0001.dcm and so on, along the third voxel axis.
+    volume : Volume
+        Of uint8, int16 or uint16; right-handed.
+
+    Raises
+    ------
+    ValueError
+        If the values are of another kind, or the direction is left-handed.
+    FileExistsError
+        If there is something under that name.
+    FileNotFoundError
+        If the folder in which it is to be made is not there.
+    ImportError
+        Without SimpleITK (extra `medical`).
+    OSError
+        If a file cannot be written.
+
+    Notes
+    -----
+    Patient and study are empty, the image type is DERIVED. The same volume gets the same UIDs. Numbers have up to 16 characters, so the
+    geometry comes back to 1e-11 mm.
+    """
+    target = Path(folder)
+    check_slices(volume)
+    if target.exists():
+        raise FileExistsError(f"folder must be new, {target} is there")
+    check_folder(target)
+    plain_name(str(target))
+    with new_folder(target) as part:
+        write_slices(part, volume)
+
+
+def check_slices(volume: Volume) -> None:
+    """ValueError where a volume cannot be written as DICOM; ImportError without SimpleITK."""
+    if volume.values.dtype.name not in KINDS:
+        raise ValueError(
+            f"values must be one of {', '.join(KINDS)} to be written as DICOM, got {volume.values.dtype}"
+        )
+    if np.linalg.det(volume.direction) < 0:
+        raise ValueError("direction must be right-handed to be written as DICOM, got a left-handed one")
+    try:
+        import SimpleITK  # noqa: F401
+    except ImportError as error:
+        raise ImportError("writing volumes needs SimpleITK: pip install 'burrlab[medical]'") from error
+
+
+def write_slices(folder: Path, volume: Volume) -> None:
+    """Writes the slices into a folder that is there; OSError where they cannot be written."""
+    import SimpleITK as sitk
+
+    content = hashlib.sha256(np.ascontiguousarray(volume.values).tobytes())
+    for place in (volume.spacing, volume.origin, volume.direction):
+        content.update(place.tobytes())
+    shared = {
+        "0008|0008": "DERIVED\\SECONDARY",
+        "0008|0016": _CT_IMAGE,
+        "0008|0060": "CT",
+        "0018|0050": f"{volume.spacing[2]:.10g}",
+        "0020|000d": uid_of(content.digest() + b"study"),
+        "0020|000e": uid_of(content.digest() + b"series"),
+        "0020|0052": uid_of(content.digest() + b"frame"),
+    }
+    writer = sitk.ImageFileWriter()
+    writer.SetImageIO("GDCMImageIO")
+    writer.KeepOriginalImageUIDOn()
+    try:
+        for k, pixels in enumerate(volume.values):
+            image = sitk.GetImageFromArray(np.ascontiguousarray(pixels[None]))
+            image.SetSpacing(volume.spacing.tolist())
+            image.SetOrigin((volume.origin + volume.patient_point((0, 0, k * volume.spacing[2]))).tolist())
+            image.SetDirection(volume.direction.ravel().tolist())
+            own = {"0008|0018": uid_of(content.digest() + b"%d" % k), "0020|0013": str(k + 1)}
+            for tag, value in {**shared, **own}.items():
+                image.SetMetaData(tag, value)
+            writer.SetFileName(str(folder / slice_name(k)))
+            writer.Execute(image)
+    except RuntimeError as error:
+        raise OSError(f"{folder}: the slices cannot be written") from error
+
+
+def slice_name(k: int) -> str:
+    """Name of the file of a slice."""
+    return f"slice{k + 1:04d}.dcm"
+
+
+def uid_of(content: bytes) -> str:
+    """A UID that the same content always gets."""
+    return f"2.25.{uuid.UUID(bytes=hashlib.sha256(content).digest()[:16]).int}"
+
+
+IMPLICIT, EXPLICIT = "1.2.840.10008.1.2", "1.2.840.10008.1.2.1"
+_DEFLATED_SYNTAX, _BIG = "1.2.840.10008.1.2.1.99", "1.2.840.10008.1.2.2"
+PIXELS = 0x7FE00010
+_META, _SYNTAX, _INSTANCE = 0x00020000, 0x00020010, 0x00020003
+_LONG = (b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV")
+_ITEM, _ITEM_END, _SEQUENCE_END = 0xFFFEE000, 0xFFFEE00D, 0xFFFEE0DD
+_OPEN = 0xFFFFFFFF  # a length that is not told
+
+
+@dataclass(frozen=True)
+class Element:
+    """Its type (VR, empty where the file does not say it), and the bytes of the whole element and of its value."""
+
+    kind: bytes
+    whole: bytes
+    value: bytes
+
+
+@dataclass(frozen=True)
+class Elements:
+    """Of a file.
+
+    Attributes
+    ----------
+    meta, data : dict of int to Element
+        By tag, 0xGGGGEEEE: file meta information, and the data set without its group lengths.
+    syntax : str
+        UID of the transfer syntax; of a deflated data set, that of the inflated one.
+    """
+
+    meta: dict[int, Element]
+    data: dict[int, Element]
+    syntax: str
+
+    @property
+    def order(self) -> str:
+        """Of the bytes of numbers: "<" or ">"."""
+        return ">" if self.syntax == _BIG else "<"
+
+    @property
+    def packed(self) -> bool:
+        """Whether the pixels are compressed."""
+        return self.syntax not in (IMPLICIT, EXPLICIT, _BIG)
+
+    @property
+    def unpacked(self) -> str:
+        """The transfer syntax of the file with its pixels not compressed."""
+        return EXPLICIT if self.packed else self.syntax
+
+    def text(self, tag: int) -> str:
+        """Value of a text element; empty where it is not there."""
+        found = self.data.get(tag)
+        return "" if found is None else found.value.decode("latin-1").strip(" \0")
+
+    def number(self, tag: int, default: float) -> float:
+        """The one number of a text element; NaN where it is none."""
+        try:
+            return float(text) if (text := self.text(tag)) else default
+        except ValueError:
+            return math.nan
+
+    def short(self, tag: int) -> int:
+        """The one whole number of a binary element (US); -1 where it is not there."""
+        found = self.data.get(tag)
+        if found is None or len(found.value) != 2:
+            return -1
+        return int.from_bytes(found.value, "big" if self.order == ">" else "little")
+
+    def changed(self, values: dict[int, tuple[bytes, bytes] | None], instance: str) -> bytes:
+        """The file with other elements (type and value; None takes one out), under another SOPInstanceUID; pixels not packed."""
+        syntax = self.unpacked
+        meta = {tag: element.whole for tag, element in self.meta.items() if tag != _META}
+        for tag, uid in ((_SYNTAX, syntax), (_INSTANCE, instance)):
+            meta[tag] = encoded(tag, b"UI", padded(uid, b"\0"), EXPLICIT)
+        data = {tag: element.whole for tag, element in self.data.items()}
+        for tag, pair in values.items():
+            data.pop(tag, None)
+            if pair is not None:
+                data[tag] = encoded(tag, *pair, syntax)
+        head = b"".join(meta[tag] for tag in sorted(meta))
+        size = encoded(_META, b"UL", len(head).to_bytes(4, "little"), EXPLICIT)
+        return bytes(128) + b"DICM" + size + head + b"".join(data[tag] for tag in sorted(data))
+
+
+def elements_of(content: bytes, name: str) -> Elements:
+    """Takes a file apart; ValueError where it has no file meta information, or its elements do not fill it."""
+    if content[128:132] != b"DICM":
+        raise ValueError(f"{name}: the DICOM file has no file meta information, so its header cannot be kept")
+    try:
+        meta: dict[int, Element] = {}
+        at = 132
+        while content[at : at + 2] == b"\x02\0":
+            tag, element, at = _element(content, at, "<", True)
+            meta[tag] = element
+        syntax = meta[_SYNTAX].value.decode("ascii").strip(" \0")
+        body = content[at:]
+        if syntax == _DEFLATED_SYNTAX:
+            body, syntax = zlib.decompressobj(-zlib.MAX_WBITS).decompress(body), EXPLICIT
+        order, data, at = ">" if syntax == _BIG else "<", {}, 0
+        while at < len(body):
+            tag, element, at = _element(body, at, order, syntax != IMPLICIT)
+            if tag & 0xFFFF:
+                data[tag] = element
+    except (ValueError, KeyError, RecursionError, zlib.error):
+        raise ValueError(
+            f"{name}: the DICOM file cannot be taken apart, so its header cannot be kept"
+        ) from None
+    return Elements(meta, data, syntax)
+
+
+def encoded(tag: int, kind: bytes, value: bytes, syntax: str) -> bytes:
+    """An element's bytes; the value must have an even length."""
+    assert len(value) % 2 == 0
+    order = "big" if syntax == _BIG else "little"
+    head = (tag >> 16).to_bytes(2, order) + (tag & 0xFFFF).to_bytes(2, order)  # type: ignore[arg-type]
+    if syntax == IMPLICIT or not kind:  # items have no type
+        return head + len(value).to_bytes(4, order) + value  # type: ignore[arg-type]
+    if kind in _LONG:
+        return head + kind + b"\0\0" + len(value).to_bytes(4, order) + value  # type: ignore[arg-type]
+    return head + kind + len(value).to_bytes(2, order) + value  # type: ignore[arg-type]
+
+
+def padded(text: str, end: bytes = b" ") -> bytes:
+    """Text of an even length, as `Elements.text` reads it: bytes that are no ASCII stay as they are."""
+    return text.encode("latin-1") + end * (len(text) % 2)
+
+
+def _number(content: bytes, at: int, size: int, order: str) -> int:
+    if at + size > len(content):
+        raise ValueError("ends in the middle of an element")
+    return int.from_bytes(content[at : at + size], "big" if order == ">" else "little")
+
+
+def _tag(content: bytes, at: int, order: str) -> int:
+    return _number(content, at, 2, order) << 16 | _number(content, at + 2, 2, order)
+
+
+def _element(content: bytes, at: int, order: str, explicit: bool) -> tuple[int, Element, int]:
+    """Tag, element, and where the next begins."""
+    tag, kind, size = _tag(content, at, order), b"", 4
+    start = at + 4
+    if explicit and tag >> 16 != 0xFFFE:
+        kind = content[start : start + 2]
+        if not (len(kind) == 2 and kind.isalpha() and kind.isupper()):
+            raise ValueError("no type")
+        start, size = (start + 4, 4) if kind in _LONG else (start + 2, 2)
+    length = _number(content, start, size, order)
+    start += size
+    unsaid = size == 4 and length == _OPEN
+    end = _end(content, start, order, explicit and kind != b"UN") if unsaid else start + length
+    if end > len(content):
+        raise ValueError("ends in the middle of an element")
+    return tag, Element(kind, content[at:end], content[start:end]), end
+
+
+def _end(content: bytes, at: int, order: str, explicit: bool) -> int:
+    """Where a sequence without a length ends, its delimiter included."""
+    while True:
+        tag, length = _tag(content, at, order), _number(content, at + 4, 4, order)
+        at += 8
+        if tag == _SEQUENCE_END:
+            return at
+        if tag != _ITEM:
+            raise ValueError("no item")
+        if length != _OPEN:
+            at += length
+            continue
+        while _tag(content, at, order) != _ITEM_END:
+            _, _, at = _element(content, at, order, explicit)
+        at += 8

@@ -1,0 +1,879 @@
+"""Where the voxels of a volume lie: spacing, origin, direction; boxes; whether two volumes share a grid.
+
+Values on a grid of another spacing: linear between voxel centres, averaged where voxels become larger; labels nearest.
+
+Grey values to occupancy: between two grey values, or by a table.
+
+Grey values on a grid, and the bone that a map of occupancy makes of them.
+
+Labels on a grid: which structure each voxel belongs to.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from burrlab._core import VoxelBone
+from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, surface_along, unit_vector
+from burrlab.common.check import check_memory, real, require_type
+
+#: How far a direction matrix may be from orthonormal, largest entry of |D^T D - 1|: headers hold float32 or a few decimals.
+ORTHONORMAL = 1e-4
+#: Of an exactly given matrix: below it nothing is done, so that matrices of 0 and 1 keep their bits.
+_EXACT = 1e-14
+#: Two grids are the same if no corner is further from its counterpart than this part of a voxel.
+SAME = 1e-2
+
+Array = NDArray[np.float64]
+
+
+def checked_spacing(spacing: float | ArrayLike, what: str = "spacing") -> Array:
+    """(x, y, z) of a number or of three [mm]; ValueError unless positive and finite."""
+    found = real(spacing, what)
+    if found.shape not in ((), (3,)) or not np.all(np.isfinite(found) & (found > 0)):
+        raise ValueError(f"{what} must be a positive number or three [mm], got {spacing!r}")
+    return np.broadcast_to(found, (3,)).copy()
+
+
+def checked_point(point: ArrayLike, what: str) -> Array:
+    """(x, y, z); ValueError unless three finite numbers."""
+    found = real(point, what)
+    if found.shape != (3,) or not np.all(np.isfinite(found)):
+        raise ValueError(f"{what} must be three finite numbers [mm], got {point!r}")
+    return found
+
+
+def checked_direction(direction: ArrayLike, what: str = "direction") -> Array:
+    """The nearest orthonormal matrix, left-handed ones too; ValueError where that is further than `ORTHONORMAL`."""
+    found = real(direction, what)
+    if found.shape != (3, 3) or not np.all(np.isfinite(found)):
+        raise ValueError(
+            f"{what}: the direction matrix must be of 3 x 3 finite numbers, got {np.asarray(direction).tolist()}"
+        )
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = float(np.abs(found.T @ found - np.eye(3)).max())
+    if not off <= ORTHONORMAL:
+        raise ValueError(
+            f"{what}: the direction matrix is not orthonormal (off by {off:.2g}, at most {ORTHONORMAL:g}): "
+            "sheared volumes are not supported"
+        )
+    if off > _EXACT:
+        left, _, right = np.linalg.svd(found)
+        found = left @ right
+    return found
+
+
+class OnGrid(ABC):
+    """What grey and label volumes share: a grid of voxels, placed in the volume's own coordinates."""
+
+    spacing: Array
+    origin: Array
+    direction: Array
+    path: str
+
+    @property
+    @abstractmethod
+    def shape(self) -> tuple[int, int, int]:
+        """Voxels along (z, y, x)."""
+
+    @property
+    def extent(self) -> Array:
+        """Sides of the field of view, (x, y, z) along the voxel axes [mm]."""
+        return np.asarray(self.spacing * self.shape[::-1])
+
+    def bone_point(self, point: Vector) -> Array:
+        """A point of the volume's own coordinates in the bone frame (voxel axes) [mm]."""
+        return np.asarray(self.direction.T @ real(point, "point"))
+
+    def patient_point(self, point: Vector) -> Array:
+        """A point of the bone frame in the volume's own coordinates [mm]."""
+        return np.asarray(self.direction @ real(point, "point"))
+
+    def box(self, low: Vector, high: Vector) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
+        """First voxel of a box and the one past its last, (z, y, x).
+
+        Parameters
+        ----------
+        low, high : (x, y, z)
+            Two opposite corners of a box along the axes of the volume's own coordinates [mm].
+
+        Raises
+        ------
+        ValueError
+            If no voxel's centre lies in the box.
+        """
+        corners = np.array([checked_point(low, "low"), checked_point(high, "high")])
+        every = np.array([[corners[(i >> k) & 1, k] for k in range(3)] for i in range(8)])
+        places = ((every - self.origin) @ self.direction) / self.spacing
+        first = np.clip(np.ceil(places.min(axis=0) - 1e-6), 0, self.shape[::-1]).astype(int)
+        last = np.clip(np.floor(places.max(axis=0) + 1e-6) + 1, 0, self.shape[::-1]).astype(int)
+        if np.any(first >= last):
+            raise ValueError(
+                f"box from {_point(corners[0])} to {_point(corners[1])} mm holds no voxel of {self.path}, "
+                f"which lies {box_text(self)}"
+            )
+        x, y, z = (int(n) for n in first)
+        u, v, w = (int(n) for n in last)
+        return (z, y, x), (w, v, u)
+
+    def corners(self) -> Array:
+        """Centres of the eight corner voxels in the volume's own coordinates, shape (8, 3) [mm]."""
+        ends = np.array(self.shape[::-1]) - 1
+        bits = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)])
+        return np.asarray(self.origin + (bits * ends * self.spacing) @ self.direction.T)
+
+
+def box_text(grid: OnGrid) -> str:
+    """Between which corners the centres of a volume's voxels lie, in its own coordinates."""
+    corners = grid.corners()
+    return f"between {_point(corners.min(axis=0))} and {_point(corners.max(axis=0))} mm"
+
+
+def slices(shape: Sequence[int], start: Sequence[int], stop: Sequence[int]) -> tuple[slice, slice, slice]:
+    """Of a box of voxels (z, y, x); ValueError unless it lies in the volume and holds a voxel."""
+    box = [(int(a), int(b)) for a, b in zip(start, stop, strict=True)]
+    if len(box) != 3 or not all(0 <= a < b <= n for (a, b), n in zip(box, shape, strict=True)):
+        raise ValueError(
+            f"start and stop must be a box of voxels (z, y, x) in {tuple(shape)}, got {tuple(start)} to {tuple(stop)}"
+        )
+    z, y, x = (slice(a, b) for a, b in box)
+    return z, y, x
+
+
+def same_geometry(first: OnGrid, second: OnGrid) -> bool:
+    """Whether two volumes have the same voxels: as many, and no corner off by more than `SAME` of a voxel."""
+    return _difference(first, second) is None
+
+
+def check_same_geometry(first: OnGrid, second: OnGrid) -> None:
+    """Raises ValueError with what differs unless two volumes have the same voxels."""
+    what = _difference(first, second)
+    if what is not None:
+        raise ValueError(f"{first.path} and {second.path} must have the same geometry: {what}")
+
+
+def _difference(first: OnGrid, second: OnGrid) -> str | None:
+    if first.shape != second.shape:
+        return f"{_sizes(first)} voxels against {_sizes(second)}"
+    if np.any(np.abs(first.spacing - second.spacing) > 1e-3 * np.minimum(first.spacing, second.spacing)):
+        return f"spacing {_point(first.spacing)} against {_point(second.spacing)} mm"
+    off = float(np.linalg.norm(first.corners() - second.corners(), axis=1).max())
+    if off <= SAME * min(first.spacing.min(), second.spacing.min()):
+        return None
+    if np.abs(first.direction - second.direction).max() > 1e-3:
+        turn = [_point(column) for column in (*first.direction.T, *second.direction.T)]
+        return f"directions {', '.join(turn[:3])} against {', '.join(turn[3:])}"
+    if np.linalg.norm(first.origin - second.origin) > 0.5 * off:
+        return f"origin {_point(first.origin)} against {_point(second.origin)} mm"
+    return f"a corner is off by {off:.3g} mm"
+
+
+def _sizes(volume: OnGrid) -> str:
+    return " x ".join(str(n) for n in volume.shape[::-1])
+
+
+def _point(values: Array) -> str:
+    return "(" + ", ".join(f"{v:.6g}" for v in values) + ")"
+
+
+_WHOLE = 1e-3  # of a voxel: by how much a field of view may miss a whole number of voxels, spacing in float32
+
+
+def resampled_shape(
+    shape: tuple[int, int, int], old: Array, new: Array, work: float = 0.0
+) -> tuple[int, int, int]:
+    """Voxels (z, y, x) of spacing `new` (x, y, z) that cover the field of view; ValueError where they are too many.
+
+    `work` bytes a voxel of the old ones are needed besides.
+    """
+    with np.errstate(over="ignore"):
+        sides = np.array(shape, dtype=float) * old[::-1] / new[::-1]
+        counts = np.maximum(np.ceil(sides - _WHOLE), 1.0)
+        voxels = float(np.prod(counts))
+    if not voxels <= MOST_VOXELS:
+        raise ValueError(
+            f"spacing must be coarser or the volume cropped: {new.min():g} mm makes {voxels:.3g} voxels, and "
+            f"{MOST_VOXELS:.3g} are the most"
+        )
+    check_memory(5.0 * voxels + work * math.prod(shape), f"resampling to {voxels:.3g} voxels")
+    z, y, x = (int(n) for n in counts)
+    return z, y, x
+
+
+def resample_linear(
+    values: NDArray[Any],
+    old: Array,
+    new: Array,
+    *,
+    empty_outside: bool = False,
+    kind: Any = np.float32,
+    store: Callable[[NDArray[np.float32]], NDArray[Any]] = lambda plane: plane,
+) -> NDArray[Any]:
+    """Values (z, y, x) at the centres of voxels of spacing `new` (x, y, z) from the same corner.
+
+    Along an axis whose voxels become smaller: linear between the two nearest centres, constant beyond the outermost ones.
+    Along one whose voxels become larger: the mean over the new voxel, old voxels taken as uniform, its part within the volume.
+
+    Parameters
+    ----------
+    values : ndarray, shape (z, y, x)
+    old, new : ndarray, shape (3,)
+        Spacing (x, y, z) [mm].
+    empty_outside : bool
+        A last voxel that reaches beyond the volume gets the part of its value by which it lies within; else the whole.
+    kind : dtype
+        Of the result.
+    store : callable
+        What is done with each plane of float32 before it is stored as `kind`.
+    """
+    shape = resampled_shape(_three(values), old, new, 28.0 if np.any(new > old) else 8.0)  # as measured
+    work = values.astype(np.float32)
+    for axis in range(3):
+        ratio = float(new[2 - axis] / old[2 - axis])
+        if ratio > 1.0 + 1e-9:
+            work = _averaged(work, axis, shape[axis], ratio)
+    (z0, z1, zw), (y0, y1, yw), (x0, x1, xw) = (
+        _neighbours(work.shape[axis], shape[axis], min(float(new[2 - axis] / old[2 - axis]), 1.0))
+        for axis in range(3)
+    )
+    within = [
+        _within(values.shape[axis] * old[2 - axis], shape[axis], new[2 - axis])
+        if empty_outside
+        else np.float32(1)
+        for axis in range(3)
+    ]
+    found = np.empty(shape, dtype=kind)
+    for k in range(shape[0]):  # a plane at a time: no copies of the large volume
+        plane = work[z0[k]] + zw[k] * (work[z1[k]] - work[z0[k]])
+        plane = plane[y0] + yw[:, None] * (plane[y1] - plane[y0])
+        plane = plane[:, x0] + xw * (plane[:, x1] - plane[:, x0])
+        plane[-1] *= within[1]
+        plane[:, -1] *= within[2]
+        found[k] = store(plane if k < shape[0] - 1 else plane * within[0])
+    return found
+
+
+def resample_nearest(labels: NDArray[Any], old: Array, new: Array) -> NDArray[Any]:
+    """Labels (z, y, x) of the old voxel in which the new one's centre lies, the lower of two at a face."""
+    shape = resampled_shape(_three(labels), old, new)
+    places = []
+    for axis in range(3):
+        center = (np.arange(shape[axis]) + 0.5) * (new[2 - axis] / old[2 - axis])
+        places.append(np.clip(np.ceil(center - 1e-9) - 1, 0, labels.shape[axis] - 1).astype(int))
+    return np.asarray(labels[np.ix_(*places)])
+
+
+def _within(extent: float, count: int, spacing: float) -> np.float32:
+    """Part of the last voxel that lies in the volume; 1 where it ends with it but for rounding."""
+    part = extent / spacing - (count - 1)
+    return np.float32(min(part, 1.0) if part < 1.0 - _WHOLE else 1.0)
+
+
+def _three(values: NDArray[Any]) -> tuple[int, int, int]:
+    z, y, x = values.shape
+    return z, y, x
+
+
+def _averaged(values: NDArray[np.float32], axis: int, count: int, ratio: float) -> NDArray[np.float32]:
+    old = values.shape[axis]
+    edges = np.minimum(np.arange(count + 1) * ratio, old)
+    moved = np.moveaxis(values, axis, 0)
+    total = np.zeros((old + 1, *moved.shape[1:]))
+    np.cumsum(moved, axis=0, out=total[1:], dtype=np.float64)
+    whole = np.minimum(edges.astype(int), old - 1)
+    part = (edges - whole).reshape(-1, 1, 1)
+    at_edge = total[whole] + part * (total[whole + 1] - total[whole])
+    means = np.diff(at_edge, axis=0) / np.diff(edges).reshape(-1, 1, 1)
+    return np.asarray(np.moveaxis(means, 0, axis), dtype=np.float32)
+
+
+def _neighbours(
+    old: int, count: int, ratio: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
+    """Of each new centre the two old ones around it, and how far it is from the first, 0..1."""
+    place = np.clip((np.arange(count) + 0.5) * ratio - 0.5, 0, old - 1)
+    first = np.minimum(np.floor(place).astype(np.intp), max(old - 2, 0))
+    return first, np.minimum(first + 1, old - 1), (place - first).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class OccupancyMap:
+    """Occupancy as a piecewise linear function of the grey value, constant below its first point and above its last.
+
+    Parameters
+    ----------
+    greys : tuple of float
+        Grey values, strictly increasing; two or more.
+    occupancies : tuple of float
+        Of each, 0 (empty) to 1 (solid bone); they may rise and fall.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two points or as many greys as occupancies are missing, a grey value is not finite or not above
+        the one before it, or an occupancy is not within 0 to 1.
+
+    Examples
+    --------
+    >>> OccupancyMap.two_point(90, 180).levels(np.array([0, 90, 135, 180, 255]))
+    array([  0,   0, 128, 255, 255], dtype=uint8)
+    """
+
+    greys: tuple[float, ...]
+    occupancies: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        greys = tuple(float(real(g, "greys")) for g in self.greys)
+        occupancies = tuple(float(real(o, "occupancies")) for o in self.occupancies)
+        if len(greys) != len(occupancies) or len(greys) < 2:
+            raise ValueError(
+                f"map must have two points or more, a grey value and an occupancy each, got {len(greys)} and {len(occupancies)}"
+            )
+        if not all(map(math.isfinite, greys)) or any(b <= a for a, b in pairwise(greys)):
+            raise ValueError(f"map must have finite, increasing grey values, got {greys}")
+        if not all(0.0 <= o <= 1.0 for o in occupancies):
+            raise ValueError(f"map must have occupancies within 0 to 1, got {occupancies}")
+        object.__setattr__(self, "greys", greys)
+        object.__setattr__(self, "occupancies", occupancies)
+
+    @classmethod
+    def two_point(cls, empty: float, solid: float) -> OccupancyMap:
+        """0 at the grey value `empty` and below, 1 at `solid` and above; ValueError unless `empty` is below `solid`."""
+        empty, solid = float(real(empty, "map")), float(real(solid, "map"))
+        if not (math.isfinite(empty) and math.isfinite(solid) and empty < solid):
+            raise ValueError(f"map must be LO:HI with LO below HI, got {empty:g}:{solid:g}")
+        return cls((empty, solid), (0.0, 1.0))
+
+    @classmethod
+    def table(cls, greys: Sequence[float], occupancies: Sequence[float]) -> OccupancyMap:
+        """By a table of grey values and the occupancy of each; errors as of the class."""
+        return cls(tuple(greys), tuple(occupancies))
+
+    @classmethod
+    def parse(cls, text: str) -> OccupancyMap:
+        """Of ``LO:HI``, or of ``GREY:OCCUPANCY,GREY:OCCUPANCY,...``; ValueError where it is neither.
+
+        Examples
+        --------
+        >>> OccupancyMap.parse("0:0,300:0.5,1200:1").text
+        '0:0,300:0.5,1200:1'
+        """
+        try:
+            pairs = [tuple(float(number) for number in part.split(":")) for part in text.split(",")]
+        except ValueError:
+            pairs = []
+        if not pairs or any(len(pair) != 2 for pair in pairs):
+            raise ValueError(f"must be LO:HI or GREY:OCCUPANCY,GREY:OCCUPANCY,..., got '{text}'")
+        if len(pairs) == 1:
+            low, high = pairs[0]
+            if not low < high:
+                raise ValueError(f"must be LO:HI with LO below HI, got '{text}'")
+            return cls.two_point(low, high)
+        return cls.table([pair[0] for pair in pairs], [pair[1] for pair in pairs])
+
+    @property
+    def text(self) -> str:
+        """As `parse` reads it."""
+        if self.occupancies == (0.0, 1.0):
+            return f"{_text(self.greys[0])}:{_text(self.greys[1])}"
+        return ",".join(f"{_text(g)}:{_text(o)}" for g, o in zip(self.greys, self.occupancies, strict=True))
+
+    def occupancy(self, values: NDArray[Any]) -> NDArray[np.float32]:
+        """Occupancy of grey values, 0 to 1.
+
+        Raises
+        ------
+        ValueError
+            If a value is not finite.
+        """
+        return np.asarray(self._each(values, np.float32, lambda part: part.astype(np.float32)))
+
+    def levels(self, values: NDArray[Any]) -> NDArray[np.uint8]:
+        """Occupancy of grey values in levels, 0 to 255, rounded to nearest; ValueError if a value is not finite."""
+        return np.asarray(self._each(values, np.uint8, lambda part: np.rint(255.0 * part).astype(np.uint8)))
+
+    def _each(self, values: NDArray[Any], kind: Any, store: Any) -> NDArray[Any]:
+        values = np.asarray(values)
+        if values.dtype.kind in "iu" and values.dtype.itemsize <= 2:  # a table of all values is faster
+            least = int(np.iinfo(values.dtype).min)
+            whole = np.arange(least, int(np.iinfo(values.dtype).max) + 1, dtype=np.float64)
+            entries = store(self._linear(whole))
+            return np.asarray(entries[values.astype(np.int32) - least])
+        found = np.empty(values.shape, dtype=kind)
+        flat, out = values.reshape(-1), found.reshape(-1)
+        for first in range(0, flat.size, 1 << 22):  # bounds what double precision takes
+            part = flat[first : first + (1 << 22)].astype(np.float64)
+            if not np.all(np.isfinite(part)):
+                raise ValueError("values must be finite, got some that are not")
+            out[first : first + part.size] = store(self._linear(part))
+        return found
+
+    def _linear(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        # Not np.interp: written out, in the same order everywhere, so that two machines make the same bone.
+        greys, occupancies = np.array(self.greys), np.array(self.occupancies)
+        place = np.clip(np.searchsorted(greys, values, side="right") - 1, 0, len(greys) - 2)
+        low, high = greys[place], greys[place + 1]
+        part = np.clip((values - low) / (high - low), 0.0, 1.0)
+        return np.asarray(occupancies[place] + part * (occupancies[place + 1] - occupancies[place]))
+
+
+def _text(number: float) -> str:
+    """The shortest that reads back the same."""
+    return repr(number).removesuffix(".0")
+
+
+def occupancy_map(mapping: OccupancyMap | float, solid: float | None = None) -> OccupancyMap:
+    """The map itself, or of two grey values; TypeError where it is neither."""
+    if isinstance(mapping, OccupancyMap) and solid is None:
+        return mapping
+    if isinstance(mapping, OccupancyMap) or solid is None:
+        raise TypeError(f"map must be an OccupancyMap or two grey values, got {mapping!r} and {solid!r}")
+    return OccupancyMap.two_point(mapping, solid)
+
+
+@dataclass(frozen=True, eq=False)
+class Volume(OnGrid):
+    """Grey values on a grid, placed in the volume's own coordinates.
+
+    Parameters
+    ----------
+    values : ndarray, shape (nz, ny, nx)
+        Grey values, finite. Kept as a read-only view.
+    spacing : (x, y, z)
+        Along the voxel axes [mm].
+    origin : (x, y, z)
+        Centre of voxel (0, 0, 0) in the volume's own coordinates, of patients LPS [mm].
+    direction : array_like, shape (3, 3)
+        Columns are the voxel axes in the volume's own coordinates; orthonormal, left-handed allowed. Off by up to 1e-4, as
+        headers round it, it is replaced by the nearest that is.
+    path : str
+        Where it comes from.
+    notes : tuple of str
+        What was assumed or done on the way, in sentences.
+    files : tuple of str
+        Of a DICOM series, in the order of the slices that were read.
+
+    Raises
+    ------
+    ValueError
+        If the values are no numbers in three dimensions or not finite, a spacing is not positive, or the direction not orthonormal.
+    """
+
+    values: NDArray[Any]
+    spacing: Array
+    origin: Array
+    direction: Array
+    path: str
+    notes: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        values = np.asarray(self.values).view()
+        if values.ndim != 3 or values.size == 0 or values.dtype.kind not in "iuf":
+            raise ValueError(
+                f"values must be numbers in three dimensions, got shape {values.shape} of {values.dtype}"
+            )
+        check_finite(values, self.path)
+        values.flags.writeable = False
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "spacing", checked_spacing(self.spacing))
+        object.__setattr__(self, "origin", checked_point(self.origin, f"{self.path}: origin"))
+        object.__setattr__(self, "direction", checked_direction(self.direction, self.path))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Voxels along (z, y, x)."""
+        z, y, x = self.values.shape
+        return z, y, x
+
+    def crop(self, low: Vector, high: Vector) -> Volume:
+        """The voxels whose centres lie in a box.
+
+        Parameters
+        ----------
+        low, high : (x, y, z)
+            Two opposite corners in the volume's own coordinates [mm]. The box is along their axes; in a turned volume the
+            smallest box of voxels that holds it is kept.
+
+        Raises
+        ------
+        ValueError
+            If no voxel lies in the box.
+        """
+        return self.crop_voxels(*self.box(low, high))
+
+    def crop_voxels(self, start: tuple[int, int, int], stop: tuple[int, int, int]) -> Volume:
+        """The voxels from `start` up to but without `stop`, indices (z, y, x); ValueError unless they lie in the volume."""
+        kept = self.values[slices(self.shape, start, stop)]
+        origin = self.origin + self.patient_point(np.array(start[::-1]) * self.spacing)
+        note = f"cropped to voxels {tuple(start)} to {tuple(stop)} (z, y, x) of {self.shape}"
+        return replace(self, values=kept, origin=origin, notes=(*self.notes, note))
+
+    def resample(self, spacing: float | ArrayLike) -> Volume:
+        """The grey values on voxels of another spacing, over the same field of view; float32.
+
+        Trilinear between voxel centres; along an axis whose voxels become larger, the mean over each of them. The grid begins
+        at the same corner, and its last voxel may reach beyond the old ones; there the outermost value holds.
+
+        Parameters
+        ----------
+        spacing : float or (x, y, z)
+            [mm]
+
+        Raises
+        ------
+        ValueError
+            If the spacing is not positive, or makes too many voxels.
+
+        Notes
+        -----
+        This interpolates the grey values. For bone, `to_bone` with a spacing interpolates the occupancy instead.
+        """
+        new = checked_spacing(spacing)
+        if np.allclose(new, self.spacing, rtol=1e-9, atol=0):
+            return self
+        values = resample_linear(self.values, self.spacing, new)
+        note = f"grey values resampled from {_spacing_text(self.spacing)} mm"
+        return replace(
+            self, values=values, spacing=new, origin=self._origin_at(new), notes=(*self.notes, note)
+        )
+
+    def to_bone(
+        self,
+        mapping: OccupancyMap | float,
+        solid: float | None = None,
+        *,
+        spacing: float | ArrayLike | None = None,
+    ) -> VoxelBone:
+        """Bone of the occupancy that a map gives to the grey values.
+
+        Parameters
+        ----------
+        mapping : OccupancyMap or float
+            Or the grey value of empty, with `solid`: a two-point map.
+        solid : float, optional
+            Grey value of solid bone.
+        spacing : float or (x, y, z), optional
+            Of the bone [mm]; default the volume's own. The map acts first, then the occupancy is interpolated as `resample` does
+            it, and rounded to levels once: so the amount of bone stays what the map says. Beyond the volume there is none: a last
+            voxel that reaches out is filled by its part within.
+
+        Raises
+        ------
+        ValueError
+            If `empty` is not below `solid`, the spacing is not positive, or it makes too many voxels.
+        TypeError
+            If the map is neither.
+
+        Examples
+        --------
+        >>> volume = Volume(np.full((4, 4, 4), 180), (0.4, 0.4, 0.4), (0, 0, 0), np.eye(3), "solid")
+        >>> volume.to_bone(90, 180, spacing=0.1).shape
+        (16, 16, 16)
+        """
+        chosen = occupancy_map(mapping, solid)
+        new = self.spacing if spacing is None else checked_spacing(spacing)
+        if np.allclose(new, self.spacing, rtol=1e-9, atol=0):
+            return VoxelBone(
+                chosen.levels(self.values), spacing=self.spacing, origin=self.bone_point(self.origin)
+            )
+        levels = resample_linear(
+            chosen.occupancy(self.values), self.spacing, new, empty_outside=True, kind=np.uint8, store=_levels
+        )
+        return VoxelBone(levels, spacing=new, origin=self.bone_point(self._origin_at(new)))
+
+    def specimen(
+        self,
+        mapping: OccupancyMap | float,
+        solid: float | None = None,
+        *,
+        entry: Vector,
+        axis: Vector,
+        spacing: float | ArrayLike | None = None,
+    ) -> Specimen:
+        """The bone with an axis; immersion counts from the axis' first crossing of occupancy 128.
+
+        Parameters
+        ----------
+        mapping, solid, spacing
+            As for `to_bone`.
+        entry : (x, y, z)
+            Where the axis begins, in the volume's own coordinates [mm].
+        axis : (x, y, z)
+            Direction into the bone, in the volume's own coordinates.
+
+        Raises
+        ------
+        ValueError
+            If the axis meets no bone, the entry lies inside bone or farther away than the volume is wide, or else as `to_bone`.
+        TypeError
+            If the map is none.
+        """
+        chosen = occupancy_map(mapping, solid)
+        bone = self.to_bone(chosen, spacing=spacing)
+        made = {
+            "path": self.path,
+            "map": chosen.text,
+            "volume_spacing_mm": self.spacing.tolist(),
+            "voxel_mm": list(bone.spacing),
+            "origin_mm": self.origin.tolist(),
+            "direction": self.direction.tolist(),
+            "notes": list(self.notes),
+        }
+        of = f"{self.path}, whose grey values are {self.values.min():g} to {self.values.max():g}"
+        return specimen_in(self, bone, entry, axis, made, f"map {chosen.text}", of=of)
+
+    def _origin_at(self, spacing: Array) -> Array:
+        """Centre of the first voxel of another grid from the same corner."""
+        return np.asarray(self.origin + self.patient_point((spacing - self.spacing) / 2))
+
+    def __repr__(self) -> str:
+        sizes = " x ".join(str(n) for n in self.shape[::-1])
+        return f"Volume({sizes} voxels of {_spacing_text(self.spacing)} mm, {self.values.dtype}, {self.path})"
+
+
+def specimen_in(
+    grid: OnGrid,
+    bone: VoxelBone,
+    entry: Vector,
+    axis: Vector,
+    made: dict[str, Any],
+    how: str,
+    *,
+    of: str = "",
+) -> Specimen:
+    """A bone on the voxel axes of a volume, with an axis in the volume's own coordinates; errors as `Volume.specimen`."""
+    direction = np.asarray(grid.direction.T @ unit_vector(axis))
+    at = checked_point(entry, "entry")
+    start = grid.bone_point(at)
+    low, high = grid.corners().min(axis=0), grid.corners().max(axis=0)
+    beyond = math.hypot(*np.maximum(0, np.maximum(low - at, at - high)))
+    # What begins so far away was hardly meant, though its axis may meet bone.
+    if beyond > math.hypot(*(high - low)):
+        raise ValueError(
+            f"entry: {tuple(map(float, entry))} lies {beyond:.0f} mm outside {grid.path}, more than it is wide; "
+            + _place(grid, at)
+        )
+    surface = surface_along(bone, start, direction)
+    if surface is None:
+        raise ValueError(
+            f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in {of or grid.path}; "
+            + _place(grid, at)
+        )
+    if np.array_equal(surface, start):
+        raise ValueError(f"entry: {tuple(map(float, entry))} lies inside bone; begin outside it")
+    where = f"{grid.path}, {how}, entry {tuple(map(float, entry))}, axis {tuple(map(float, axis))}"
+    return Specimen(bone, surface, direction, where, made)
+
+
+def _place(grid: OnGrid, entry: NDArray[Any]) -> str:
+    """Where a volume lies, for one who gave a point elsewhere."""
+    low, high = grid.corners().min(axis=0), grid.corners().max(axis=0)
+    said = f"the volume lies from {_rounded_point(low)} to {_rounded_point(high)} mm, x to the left, y to the back (LPS)"
+    mirrored = entry * (-1, -1, 1)
+    if np.all((low <= mirrored) & (mirrored <= high)) and not np.all((low <= entry) & (entry <= high)):
+        said += (
+            f"; {_rounded_point(mirrored)} lies in it: RAS, as 3D Slicer shows, has x and y of the other sign"
+        )
+    return said
+
+
+def _rounded_point(point: NDArray[Any]) -> str:
+    return "(" + ", ".join(f"{x:g}" for x in np.round(point, 2) + 0.0) + ")"
+
+
+def check_finite(values: NDArray[Any], path: str) -> None:
+    """Raises ValueError for NaN or infinity, with their count and the first index."""
+    if values.dtype.kind != "f":
+        return
+    bad = ~np.isfinite(values)
+    if not (count := int(np.count_nonzero(bad))):
+        return
+    first = tuple(int(i) for i in np.unravel_index(int(np.argmax(bad)), values.shape))
+    raise ValueError(
+        f"{path}: the volume holds values that are not finite: {count} of {values.size}, the first at (z, y, x) = {first}"
+    )
+
+
+def _spacing_text(spacing: Array) -> str:
+    return " x ".join(f"{s:g}" for s in spacing)
+
+
+def _levels(occupancy: NDArray[np.float32]) -> NDArray[np.uint8]:
+    return np.rint(255.0 * occupancy.astype(np.float64)).astype(np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class LabelVolume(OnGrid):
+    """Whole numbers on a grid, one a voxel, placed as a `Volume` is.
+
+    Parameters
+    ----------
+    labels : ndarray, shape (nz, ny, nx)
+        Whole numbers; floats that are whole become integers. Kept as a read-only view.
+    spacing, origin, direction, path, notes, files
+        As for `Volume`.
+    names : mapping of int to str
+        Of labels, as far as the file gives them.
+    colours : mapping of int to (r, g, b)
+        0 to 255, as far as the file gives them.
+    unknown_colours : tuple of mapping
+        Of coloured slices the colours that are in no table, most pixels first, ready for JSON: colour, pixels, the first one's slice, row
+        and column, the nearest structure, and how far that is in colour (root of the sum of squares).
+
+    Raises
+    ------
+    ValueError
+        If the labels are not whole numbers in three dimensions; else as `Volume`.
+    """
+
+    labels: NDArray[Any]
+    spacing: Array
+    origin: Array
+    direction: Array
+    path: str
+    names: dict[int, str] = field(default_factory=dict)
+    colours: dict[int, tuple[int, int, int]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
+    unknown_colours: tuple[Mapping[str, Any], ...] = ()
+
+    def __post_init__(self) -> None:
+        labels = whole_labels(np.asarray(self.labels), self.path).view()
+        labels.flags.writeable = False
+        object.__setattr__(self, "labels", labels)
+        object.__setattr__(self, "spacing", checked_spacing(self.spacing))
+        object.__setattr__(self, "origin", checked_point(self.origin, f"{self.path}: origin"))
+        object.__setattr__(self, "direction", checked_direction(self.direction, self.path))
+        for name in self.names.values():
+            require_type("a name", name, str, "'facial nerve'")
+        object.__setattr__(self, "names", {int(label): name for label, name in self.names.items()})
+        object.__setattr__(self, "colours", _colours(self.colours))
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Voxels along (z, y, x)."""
+        z, y, x = self.labels.shape
+        return z, y, x
+
+    def crop(self, low: Vector, high: Vector) -> LabelVolume:
+        """The voxels whose centres lie in a box, as `Volume.crop`."""
+        return self.crop_voxels(*self.box(low, high))
+
+    def crop_voxels(self, start: tuple[int, int, int], stop: tuple[int, int, int]) -> LabelVolume:
+        """The voxels from `start` up to but without `stop`, indices (z, y, x); ValueError unless they lie in the volume."""
+        kept = self.labels[slices(self.shape, start, stop)]
+        origin = self.origin + self.patient_point(np.array(start[::-1]) * self.spacing)
+        return replace(self, labels=kept, origin=origin)
+
+    def resample(self, spacing: float | ArrayLike) -> LabelVolume:
+        """The labels on voxels of another spacing, each that of the old voxel in which its centre lies.
+
+        Field of view and grid are those of `Volume.resample`. Where voxels become larger, what is thinner than they are can go.
+
+        Parameters
+        ----------
+        spacing : float or (x, y, z)
+            [mm]
+
+        Raises
+        ------
+        ValueError
+            If the spacing is not positive, or makes too many voxels.
+        """
+        new = checked_spacing(spacing)
+        if np.allclose(new, self.spacing, rtol=1e-9, atol=0):
+            return self
+        origin = self.origin + self.patient_point((new - self.spacing) / 2)
+        return replace(
+            self, labels=resample_nearest(self.labels, self.spacing, new), spacing=new, origin=origin
+        )
+
+    def on(self, volume: OnGrid) -> LabelVolume:
+        """The labels on the voxels of a volume: of the voxel in which the centre of each lies, 0 where there is none.
+
+        Segmentations may be finer than their volume, or turned. Structures thinner than a voxel of the volume can go. Where the
+        labels cover a part of the volume, the notes say how much.
+
+        Raises
+        ------
+        ValueError
+            If no voxel of the volume has its centre in the labels.
+        """
+        turn = self.direction.T @ volume.direction
+        start = self.bone_point(volume.origin - self.origin)
+        steps = turn * volume.spacing  # columns: of one voxel of the volume, along the axes here [mm]
+        z, y, x = (np.arange(n) for n in volume.shape)
+        sizes = self.shape[::-1]
+        found, covered = np.zeros(volume.shape, self.labels.dtype), 0
+        for k in z:  # plane by plane: no large arrays of places
+            inside = np.ones((len(y), len(x)), bool)
+            places = []
+            for axis in range(3):
+                along = start[axis] + steps[axis, 0] * x + (steps[axis, 1] * y)[:, None] + steps[axis, 2] * k
+                place = np.ceil(along / self.spacing[axis] - 0.5 - 1e-9).astype(np.int64)
+                inside &= (place >= 0) & (place < sizes[axis])
+                places.append(np.clip(place, 0, sizes[axis] - 1))
+            found[k] = np.where(inside, self.labels[places[2], places[1], places[0]], 0)
+            covered += int(np.count_nonzero(inside))
+        if not covered:
+            raise ValueError(
+                f"labels must overlap the volume: those of {self.path} lie {box_text(self)}, and {volume.path} {box_text(volume)}"
+            )
+        note = f"labels are the nearest of {self.path} on the voxels of {volume.path}"
+        if covered < found.size:
+            note += f", of which they cover {_percent(covered / found.size)}"
+        return replace(
+            self, labels=found, spacing=volume.spacing, origin=volume.origin, direction=volume.direction,
+            notes=(*self.notes, note), files=(),
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        sizes = " x ".join(str(n) for n in self.shape[::-1])
+        apart = " x ".join(f"{s:g}" for s in self.spacing)
+        return f"LabelVolume({sizes} voxels of {apart} mm, {self.labels.dtype}, {self.path})"
+
+
+def whole_labels(labels: NDArray[Any], path: str) -> NDArray[Any]:
+    """Integers of labels, (z, y, x); ValueError where one is not whole."""
+    if labels.ndim != 3 or labels.size == 0 or labels.dtype.kind not in "iufb":
+        raise ValueError(
+            f"{path}: labels must be whole numbers in three dimensions, got shape {labels.shape} of {labels.dtype}"
+        )
+    if labels.dtype.kind == "b":
+        return labels.astype(np.uint8)
+    if labels.dtype.kind != "f":
+        return labels
+    check_finite(labels, path)
+    with np.errstate(invalid="ignore"):  # what is too large becomes the least number
+        found = labels.astype(np.int32)
+    wrong = (found != labels) | (found == -(2**31))
+    if wrong.any():
+        first = tuple(int(i) for i in np.unravel_index(int(np.argmax(wrong)), labels.shape))
+        raise ValueError(
+            f"{path}: labels must be whole numbers below 2^31, got {labels[first]:.10g} at (z, y, x) = {first}"
+        )
+    return found
+
+
+def _percent(part: float) -> str:
+    """Never 0 or 100 where it is neither."""
+    return "less than 1 %" if part < 0.01 else f"{min(100 * part, 99.9):.3g} %"
+
+
+def _colours(colours: Mapping[int, Any]) -> dict[int, tuple[int, int, int]]:
+    found = {}
+    for label, colour in colours.items():
+        r, g, b = (int(channel) for channel in colour)
+        if not all(0 <= channel <= 255 for channel in (r, g, b)):
+            raise ValueError(f"colours must be of channels 0 to 255, got {colour} for label {label}")
+        found[int(label)] = (r, g, b)
+    return found

@@ -1,0 +1,1 @@
+"""The temporal bone that is made, not scanned."""

@@ -1,0 +1,284 @@
+"""Tissues of the phantom, and which of them fills how much of each voxel.
+
+A procedural temporal bone: seeded, at any resolution, for trials that need no patient's data.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from burrlab._core import Material, Tissues, VoxelBone
+from burrlab.bone.image import LabelVolume
+from burrlab.bone.materials import materials
+from burrlab.bone.phantom.air_cells import AirCells, Honeycomb, honeycomb
+from burrlab.bone.phantom.shapes import Grid, Singles, distance_to, ellipsoid, lattice_around, share
+from burrlab.bone.phantom.structures import CELLS_BOX, DURA, Fields, Structures
+from burrlab.bone.tissues import default_tissues
+from burrlab.common.check import check_bone, real
+from burrlab.common.table import by_value
+
+#: Occupancy of nerve, sinus, dura and labyrinth: softer than bone, and yet seen at level 128 (ours, assumed).
+SOFT = 0.6
+
+_NAMES = ("air", "cortex", "mastoid", "facial nerve", "sigmoid sinus", "dura", "labyrinth", "ossicles")
+_AIR, _CORTEX, _MASTOID, _NERVE, _SINUS, _DURA, _LABYRINTH, _OSSICLES = range(8)
+
+
+def phantom_tissues(material: Material = materials["bone"]) -> Tissues:
+    """The tissues of a phantom, as `default_tissues` has them: the values of `material`, assumed for all but bone."""
+    return default_tissues(_NAMES, material=material)
+
+
+def paint(
+    at: Structures, fields: Fields, cells: Honeycomb, grid: Grid, wall: float, width: float
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8], NDArray[np.bool_]]:
+    """Levels, tissue numbers and target of a slab, in the frame of a right ear."""
+    one = np.float32(1.0)
+    numbers = np.full(grid.shape, _CORTEX, dtype=np.uint8)
+    part = fields.on("pneumatised", grid)
+    rooms = fields.on("rooms", grid)
+    inside = (part < np.float32(width)) & (rooms > np.float32(-width))
+    numbers[part < 0] = _MASTOID
+    from_wall = cells.wall_distance(grid, inside, reach=wall / 2 + width)
+    walls = share(from_wall - np.float32(wall / 2), width) - share(from_wall + np.float32(wall / 2), width)
+    held = one - share(part, width) * (one - walls)
+    held *= one - share(rooms, width)
+    cranium = fields.on("cranium", grid)
+    beyond, sheet = share(cranium, width), share(cranium + np.float32(DURA), width)
+    held *= one - beyond
+    held = _lay(held, beyond - sheet, _DURA, numbers)
+    held *= share(fields.on("outside", grid), width)
+    held = _lay(held, share(fields.on("sinus", grid), width), _SINUS, numbers, replace=True)
+    for tubes, number, level in (
+        (at.canals, _LABYRINTH, SOFT),
+        (at.ossicles, _OSSICLES, 1.0),
+        ((at.nerve,), _NERVE, SOFT),
+    ):
+        distance = distance_to(tubes, grid, 2 * width).astype(np.float32)
+        if number == _LABYRINTH:
+            distance = np.minimum(distance, ellipsoid(grid, *at.vestibule).astype(np.float32))
+        held = _lay(held, share(distance, width), number, numbers, level, replace=True)
+    levels = np.rint(np.float32(255) * held).astype(np.uint8)
+    numbers[levels == 0] = _AIR
+    return levels, numbers, fields.on("plan", grid) < 0
+
+
+def _lay(
+    held: Singles,
+    part: Singles,
+    number: int,
+    numbers: NDArray[np.uint8],
+    level: float = SOFT,
+    *,
+    replace: bool = False,
+) -> Singles:
+    """Puts a tissue into its part of each voxel, which is numbered after it if it has half of it or all that is in it."""
+    before = held * (np.float32(1.0) - part) if replace else held
+    added = np.float32(level) * part
+    numbers[(part >= np.float32(0.5)) | (added > before)] = number
+    return np.asarray(before + added)
+
+
+Floats = NDArray[np.float64]
+
+#: Lengths of the default box along x, y, z [mm].
+SIZE = (34.0, 46.0, 47.0)
+#: Corner of the default box of a right ear, least x, y, z [mm].
+CORNER = (-2.0, -14.0, -29.0)
+#: Most voxels of a phantom: some gigabytes while it is made (ours).
+MOST_VOXELS = 4e8
+#: Voxels that are filled at a time, which bounds the memory.
+AT_A_TIME = 1_000_000
+
+
+@by_value
+@dataclass(frozen=True)
+class Phantom:
+    """A temporal bone, what is where in it, and what is to be removed.
+
+    Attributes
+    ----------
+    bone : VoxelBone
+        With tissues. In the bone frame x points to the left of the head, y back and z up (LPS), the origin is the
+        spine of Henle; in a right ear depth grows with x, in a left ear it falls.
+    target : ndarray of bool, shape (z, y, x)
+        The cavity of a planned simple mastoidectomy.
+    landmarks : mapping of str to ndarray, shape (3,)
+        Points (x, y, z) [mm].
+    entry : ndarray, shape (3,)
+        Where the planned cavity opens, on the surface [mm].
+    axis : ndarray, shape (3,)
+        Unit vector from there into the bone, towards the antrum.
+    cells : Honeycomb
+        The air cells, in the frame of a right ear.
+    seed, side
+        As asked for.
+    """
+
+    bone: VoxelBone
+    target: NDArray[np.bool_] = field(repr=False)
+    landmarks: Mapping[str, Floats] = field(repr=False)
+    entry: Floats
+    axis: Floats
+    cells: Honeycomb = field(repr=False)
+    seed: int
+    side: Literal["right", "left"]
+
+    @property
+    def labels(self) -> NDArray[np.uint8]:
+        """Number of the tissue of each voxel, shape (z, y, x); a copy."""
+        numbers = self.bone.tissue_numbers
+        assert numbers is not None
+        return numbers
+
+    @property
+    def target_labels(self) -> LabelVolume:
+        """The planned cavity with its geometry, 1 inside: for `write_volume`, and `burrlab metrics --target`."""
+        origin, spacing = np.array(self.bone.origin), np.array(self.bone.spacing)
+        labels = self.target.astype(np.uint8)
+        return LabelVolume(labels, spacing, origin, np.eye(3), "planned cavity", {1: "planned cavity"})
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON: how to make it again, and where things are [mm]."""
+        return {
+            "seed": self.seed, "side": self.side, "spacing_mm": list(self.bone.spacing),
+            "shape": list(self.bone.shape), "origin_mm": list(self.bone.origin), "digest": self.bone.digest(),
+            "landmarks_mm": {name: point.tolist() for name, point in self.landmarks.items()},
+        }  # fmt: skip
+
+
+def temporal_bone(
+    voxel: float | Sequence[float],
+    *,
+    seed: int,
+    size: Sequence[float] = SIZE,
+    corner: Sequence[float] | None = None,
+    side: Literal["right", "left"] = "right",
+    material: Material = materials["bone"],
+    air_cells: AirCells = AirCells(),  # noqa: B008
+    progress: Callable[[float], object] | None = None,
+) -> Phantom:
+    """A temporal bone with its air cells, nerve, sinus, dura and labyrinth.
+
+    Parameters
+    ----------
+    voxel : float or (x, y, z)
+        Spacing [mm].
+    seed : int
+        Another seed is another ear: its cells, and its structures by some tenths of a millimetre to 2 mm.
+    size : (x, y, z)
+        Of the box [mm]; the default holds the mastoid, the middle and the inner ear.
+    corner : (x, y, z), optional
+        Least coordinates of the box, for a part of the whole [mm].
+    side : {"right", "left"}
+        A left ear is the mirror image of the right one.
+    material : Material
+        Of all tissues.
+    air_cells : AirCells
+    progress : callable, optional
+        Called with the part that is done, 0..1.
+
+    Returns
+    -------
+    Phantom
+
+    Raises
+    ------
+    ValueError
+        If voxel is not 0.02 to 1 mm, size is not positive, the box holds none or too many voxels, the side is neither
+        right nor left, or the seed is not in 0..2^64 - 1.
+
+    Notes
+    -----
+    Everything is a function of (seed, position): voxels of any size show the same ear, and a smaller box is a
+    part of a larger one, bit by bit if both corners are whole voxels from the origin. docs/phantom.md has numbers and sources.
+
+    Examples
+    --------
+    >>> from burrlab.anatomy import temporal_bone
+    >>> phantom = temporal_bone(0.4, seed=1, size=(8, 8, 8), corner=(0, 4, 0))
+    >>> phantom.bone.shape
+    (20, 20, 20)
+    """
+    spacing, grid = _checked_grid(voxel, size, corner, side)
+    seed = operator.index(seed)
+    if not 0 <= seed < 2**64:
+        raise ValueError(f"seed must be in 0..2^64 - 1, got {seed}")
+    at = Structures.of(seed)
+    cells = _cells(seed, air_cells.median_diameter, air_cells.geometric_deviation)
+    mirrored = side == "left"
+    painted = Grid(-grid.x[::-1], grid.y, grid.z) if mirrored else grid
+    fields = Fields.of(at, lattice_around(painted))
+    width = float(np.sqrt(np.mean(spacing**2)))  # of a voxel along a normal, root mean square over directions
+    levels = np.empty(grid.shape, dtype=np.uint8)
+    numbers = np.empty(grid.shape, dtype=np.uint8)
+    target = np.empty(grid.shape, dtype=np.bool_)
+    layers = max(1, AT_A_TIME // (grid.shape[1] * grid.shape[2]))
+    order = slice(None, None, -1 if mirrored else 1)
+    for begin in range(0, grid.shape[0], layers):
+        rows = slice(begin, begin + layers)
+        part = Grid(painted.x, painted.y, painted.z[rows])
+        slab = paint(at, fields, cells, part, air_cells.wall, width)
+        for whole, one in zip((levels, numbers, target), slab, strict=True):
+            whole[rows] = one[:, :, order]
+        if progress is not None:
+            progress(min(1.0, (begin + layers) / grid.shape[0]))
+    bone = VoxelBone(levels, spacing=spacing, origin=[float(c[0]) for c in (grid.x, grid.y, grid.z)])
+    bone.set_tissues(phantom_tissues(material), numbers)
+    flip = np.array([-1.0 if mirrored else 1.0, 1.0, 1.0])
+    landmarks = {name: np.round(point * flip, 6) for name, point in at.landmarks.items()}
+    entry = landmarks["entry"]
+    axis = (landmarks["antrum"] - entry) / np.linalg.norm(landmarks["antrum"] - entry)
+    return Phantom(bone, target, landmarks, entry, axis, cells, seed, side)
+
+
+def _checked_grid(
+    voxel: float | Sequence[float], size: Sequence[float], corner: Sequence[float] | None, side: str
+) -> tuple[Floats, Grid]:
+    spacing = np.broadcast_to(real(voxel, "voxel"), (3,)).copy()
+    if not np.all((spacing >= 0.02) & (spacing <= 1.0)):
+        raise ValueError(f"voxel must be 0.02 to 1 mm, got {voxel!r}")
+    lengths = real(size, "size")
+    if lengths.shape != (3,) or not np.all((lengths > 0) & np.isfinite(lengths)):
+        raise ValueError(f"size must be three positive numbers, got {size!r}")
+    if side not in ("right", "left"):
+        raise ValueError(f"side must be 'right' or 'left', got {side!r}")
+    if corner is None:
+        low = np.array(CORNER)
+        if side == "left":
+            low[0] = -(low[0] + lengths[0])
+    else:
+        low = real(corner, "corner")
+        if low.shape != (3,) or not np.all(np.abs(low) < 1000):
+            raise ValueError(f"corner must be three numbers within 1000 mm, got {corner!r}")
+    first = np.rint(low / spacing).astype(np.int64)
+    count = np.rint(lengths / spacing).astype(np.int64)
+    if not 1 <= count.prod(dtype=float) <= MOST_VOXELS or count.min() < 1:
+        raise ValueError(
+            f"size and voxel must give 1 to {MOST_VOXELS:g} voxels, got {tuple(count.tolist())} along x, y, z"
+        )
+    check_bone(count.prod(dtype=float), 6.0)  # while it is made, as measured
+    x, y, z = ((f + np.arange(n) + 0.5) * s for f, n, s in zip(first, count, spacing, strict=True))
+    return spacing, Grid(x, y, z)
+
+
+@lru_cache(maxsize=4)
+def _cells(seed: int, median_diameter: float, geometric_deviation: float) -> Honeycomb:
+    at = Structures.of(seed)
+    low, high = (np.array(corner) for corner in CELLS_BOX)
+    grid = lattice_around(Grid(*(np.array([a, b]) for a, b in zip(low, high, strict=True))))
+    fields = Fields.of(at, grid)
+
+    def lattice(step: float) -> Floats:
+        fine = Grid(*(np.arange(a + step / 2, b, step) for a, b in zip(low, high, strict=True)))
+        inside = (fields.on("pneumatised", fine) < 0) & (fields.on("rooms", fine) > 0)
+        return fine.points()[inside.ravel()]
+
+    return honeycomb(AirCells(median_diameter, geometric_deviation, wall=0.05), lattice, seed)

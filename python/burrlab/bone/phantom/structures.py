@@ -1,0 +1,285 @@
+"""Where things are in the phantom: surfaces, plates, tubes and their sizes, for a right ear.
+
+The frame has its origin at the spine of Henle, on the bone's surface; x is depth (towards the middle of the head), y points
+back, z up [mm].
+
+The phantom's large surfaces as fields on a lattice: bone, skull, rooms, air cells and the planned cavity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from burrlab.bone.phantom.air_cells import uniform
+from burrlab.bone.phantom.shapes import (
+    Floats,
+    Grid,
+    Singles,
+    Tube,
+    distance_to,
+    ellipsoid,
+    interpolate,
+    smooth_max,
+    smooth_min,
+)
+
+#: Thickness of the dura [mm], assumed.
+DURA = 1.0
+#: Radius of the bony ear canal [mm], assumed; of the sigmoid sinus [mm], assumed.
+CANAL, SINUS = 4.2, 4.5
+
+
+@dataclass(frozen=True, eq=False)
+class Structures:
+    """The anatomy of one seed."""
+
+    nerve: Tube
+    sinus: Tube
+    canals: tuple[Tube, ...]  # of the labyrinth, its cochlea and what joins them
+    vestibule: tuple[Floats, Floats]  # centre and half axes
+    ossicles: tuple[Tube, ...]
+    antrum: tuple[Floats, Floats]
+    aditus: Tube
+    ear_canal: Tube
+    tympanum: tuple[Floats, Floats]
+    tip: Tube
+    tegmen: Floats  # height at (12, 6), its slopes along x and y
+    genu: int  # of the nerve's points
+    fossa: float  # of the plane x + 0.8 y that the posterior fossa begins at
+
+    @classmethod
+    def of(cls, seed: int) -> Structures:
+        """Places and sizes jittered by the seed, so that no two ears are alike."""
+        draw = iter((2.0 * uniform(seed, 2, 64) - 1.0).tolist())
+
+        def jitter(width: float) -> float:
+            return float(round(width * next(draw), 6))
+
+        def shift(width: float) -> Floats:
+            return np.array([jitter(width) for _ in range(3)])
+
+        inner = shift(0.4)  # of the labyrinth, and with it nerve and middle ear
+        nerve_points = np.array(
+            [
+                [33.0, -2.5, 1.5],
+                [26.0, -6.0, 3.0],
+                [22.5, -8.0, 4.2],
+                [19.5, -5.5, 2.8],
+                [17.9, -2.5, 0.9],
+                [16.6, 1.0, -1.0],
+                [15.6, 3.2, -2.4],
+                [15.1, 4.0, -4.2],
+                [14.6, 4.3, -8.0],
+                [14.0, 4.2, -15.5],
+            ]
+        )
+        nerve_points[-3:] += np.array([jitter(0.3), jitter(0.6), 0.0])
+        nerve_points = nerve_points + inner
+        nerve = Tube.along(nerve_points, [0.55, 0.5, 0.7, 0.75, 0.8, 0.85, 0.95, 1.0, 1.0, 1.0])
+        back = np.array([jitter(0.7), 1.0 + jitter(1.5), 0.0])
+        sinus_points = np.array(
+            [
+                [9.5, 46.0, 9.0],
+                [9.0, 34.0, 8.5],
+                [9.3, 26.0, 6.0],
+                [10.6, 20.0, 0.0],
+                [12.7, 16.5, -7.0],
+                [16.5, 14.0, -13.5],
+                [21.0, 10.0, -17.0],
+                [26.0, 5.0, -18.0],
+            ]
+        )
+        sinus = Tube.along(sinus_points + back, SINUS + jitter(0.4), step=2.0)
+        canals, vestibule = _labyrinth(inner)
+        antrum = (
+            np.array([12.0, 6.0, 4.6]) + 0.5 * inner + np.array([0.0, jitter(0.6), 0.0]),
+            np.array([3.5, 7.0, 4.5]) * (1 + jitter(0.08)),
+        )
+        tympanum = (np.array([15.8, -4.0, -2.0]) + inner, np.array([2.1, 4.2, 6.2]))
+        aditus = Tube(
+            np.array([antrum[0] + [0.5, -4.5, -0.2], tympanum[0] + [0.0, 1.5, 5.0]]), np.array([2.0, 1.7])
+        )
+        ear_canal = Tube(
+            np.array([[-6.0, -3.3, -3.6], [14.2, -4.3, -3.6] + inner * [0.0, 1.0, 1.0]]), np.full(2, CANAL)
+        )
+        tip = Tube(
+            np.array([[9.5, 9.0, -9.0], [8.0, 9.0 + jitter(1.0), -22.0 + jitter(1.0)]]), np.array([9.5, 6.0])
+        )
+        return cls(
+            nerve, sinus, canals, vestibule, _ossicles(inner), antrum, aditus, ear_canal, tympanum, tip,
+            tegmen=np.array([11.3 + jitter(0.7), -0.06 + jitter(0.03), 0.03 + jitter(0.04)]),
+            genu=int(np.argmin(np.linalg.norm(nerve.points - nerve_points[6], axis=1))), fossa=28.7 + jitter(0.5),
+        )  # fmt: skip
+
+    @property
+    def tubes(self) -> tuple[Tube, ...]:
+        """All that is too thin for the lattice: nerve, labyrinth, ossicles."""
+        return (self.nerve, *self.canals, *self.ossicles)
+
+    @property
+    def landmarks(self) -> dict[str, Floats]:
+        """Points by name [mm]."""
+        y, z = self.antrum[0][1] + 2.0, self.antrum[0][2] - 5.0
+        surface = surface_depth(Grid(np.zeros(1), np.array([y]), np.array([z])))
+        return {
+            "spine of Henle": np.zeros(3), "entry": np.array([float(surface.ravel()[0]), y, z]),
+            "antrum": self.antrum[0], "second genu": self.nerve.points[self.genu],
+            "stylomastoid foramen": self.nerve.points[-1],
+            "lateral canal": self.canals[0].points[:-1].mean(axis=0),
+            "sigmoid sinus": self.sinus.points[np.argmin(np.abs(self.sinus.points[:, 2]))],
+            "mastoid tip": self.tip.points[1] - [0.0, 0.0, self.tip.radius[1]],
+            "tegmen": np.array([12.0, 6.0, self.tegmen[0]]),
+        }  # fmt: skip
+
+
+def surface_depth(grid: Grid) -> Floats:
+    """x of the bone's lateral surface: a shallow bowl, 0 at the spine of Henle [mm]."""
+    _, y, z = grid.open()
+    return np.asarray(0.004 * (y - 8.0) ** 2 + 0.003 * (z + 6.0) ** 2 - 0.364)
+
+
+def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
+    # Radii of curvature: Spoor and Zonneveld, Yearb. Phys. Anthropol. 1998 (human means 3.2, 3.1 and 2.3 mm).
+    lateral = Tube.ring(shift + [20.2, 1.2, 1.5], [-0.3, 0.3, 1.0], 2.3, 0.6)
+    anterior = Tube.ring(shift + [21.0, 1.0, 4.2], [1.0, -1.0, 0.0], 3.2, 0.55)
+    posterior = Tube.ring(shift + [20.6, 6.0, 0.4], [1.0, 1.0, 0.0], 3.1, 0.55)
+    centre = shift + [22.2, -0.5, -0.4]
+    common = Tube(shift + [[22.9, 3.4, 2.3], [22.4, 1.2, 0.0]], np.full(2, 0.7))
+    low = Tube(shift + [[21.4, 5.2, -2.5], [22.2, 1.0, -1.4]], np.full(2, 0.6))
+    # 2.5 turns, 9.2 mm across and 5.1 mm high, that narrow and rise towards the front and side.
+    axis = np.array([-0.55, -0.8, -0.25])
+    axis /= np.linalg.norm(axis)
+    one = np.cross(axis, [0.0, 0.0, 1.0])
+    one /= np.linalg.norm(one)
+    two = np.cross(axis, one)
+    t = np.linspace(0.0, 1.0, 61)[:, None]
+    angle = 2 * np.pi * 2.5 * t + 0.4
+    radius = 3.9 * (1.0 - 0.75 * t)
+    spiral = (
+        shift + [23.6, -5.0, -2.2] + radius * (np.cos(angle) * one + np.sin(angle) * two) + 3.4 * t * axis
+    )
+    cochlea = Tube(np.round(spiral, 6), np.linspace(1.05, 0.6, 61))
+    start = Tube(np.array([cochlea.points[0], centre]), np.full(2, 1.0))
+    return (lateral, anterior, posterior, common, low, cochlea, start), (centre, np.array([1.9, 2.6, 2.4]))
+
+
+def _ossicles(shift: Floats) -> tuple[Tube, ...]:
+    handle = Tube(shift + [[14.6, -4.2, -4.0], [15.4, -4.6, 1.2]], np.array([0.4, 0.7]))
+    head = Tube(shift + [[15.4, -4.6, 1.2], [15.7, -3.9, 2.0]], np.array([1.2, 1.2]))
+    incus = Tube(shift + [[15.7, -3.0, 2.0], [15.6, -1.0, 1.9]], np.array([1.2, 0.5]))
+    long_process = Tube(shift + [[15.7, -2.9, 1.6], [16.6, -3.2, -2.0]], np.array([0.7, 0.4]))
+    stapes = Tube(shift + [[16.6, -3.2, -2.0], [19.0, -2.6, -1.6]], np.array([0.4, 0.6]))
+    return handle, head, incus, long_process, stapes
+
+
+#: Thickness of the compact bone over the air cells [mm], assumed.
+CORTEX = 2.0
+#: Plates over dura and sinus, and bone around ear canal, nerve and labyrinth that hold no cells [mm], assumed.
+PLATE, AROUND_CANAL, AROUND_NERVE, AROUND_LABYRINTH = 0.8, 1.5, 1.0, 1.5
+#: Margins of the planned cavity from dura, sinus, nerve and labyrinth, and the wall left to the ear canal [mm]; ours.
+MARGINS = {"dura": 1.0, "sigmoid sinus": 1.0, "facial nerve": 1.5, "labyrinth": 2.0, "ear canal": 2.0}
+#: How far the planned cavity reaches out of the bone [mm], so that it holds the voxels that the surface cuts.
+ABOVE = 1.0
+#: Radii of the planned cavity at the surface and at the antrum [mm]; ours.
+OPENING, BOTTOM = 15.0, 7.5
+#: Box that holds the air cells whatever the seed: least and largest (x, y, z) [mm].
+CELLS_BOX = ((-1.0, -9.0, -29.0), (19.0, 28.0, 13.0))
+
+
+@dataclass(frozen=True)
+class Fields:
+    """Signed distances on the lattice, negative inside [mm].
+
+    Attributes
+    ----------
+    outside
+        From the outer surface of the bone.
+    cranium
+        From the inside of the skull.
+    rooms
+        From antrum, aditus, middle ear and ear canal.
+    sinus
+        From the sigmoid sinus.
+    pneumatised
+        From the part that holds air cells; the rooms may cut into it.
+    plan
+        From the cavity of a simple mastoidectomy.
+    """
+
+    lattice: Grid
+    outside: Singles
+    cranium: Singles
+    rooms: Singles
+    sinus: Singles
+    pneumatised: Singles
+    plan: Singles
+
+    @classmethod
+    def of(cls, at: Structures, lattice: Grid) -> Fields:
+        outside, cranium = _outside(at, lattice), _cranium(at, lattice)
+        canal = distance_to([at.ear_canal], lattice, 4.0)
+        near = {
+            "sigmoid sinus": distance_to([at.sinus], lattice, 4.0),
+            "facial nerve": distance_to([at.nerve], lattice, 4.0),
+            "labyrinth": np.minimum(distance_to(at.canals, lattice, 4.0), ellipsoid(lattice, *at.vestibule)),
+            "dura": cranium,
+            "ear canal": canal,
+        }
+        bone = {"sigmoid sinus": PLATE, "facial nerve": AROUND_NERVE, "labyrinth": AROUND_LABYRINTH,
+                "dura": PLATE, "ear canal": AROUND_CANAL}  # fmt: skip
+        cells = np.maximum(_mastoid(lattice, outside), _within(near, bone))
+        plan = np.maximum(_funnel(at, lattice), np.maximum(_within(near, MARGINS), outside - ABOVE))
+        parts = (outside, cranium, _rooms(at, lattice, canal), near["sigmoid sinus"], cells, plan)
+        return cls(lattice, *(part.astype(np.float32) for part in parts))
+
+    def on(self, name: str, grid: Grid) -> Singles:
+        """One of them at the points of a grid."""
+        return interpolate(getattr(self, name), self.lattice, grid)
+
+
+def _within(distance: dict[str, Floats], margin: dict[str, float]) -> Floats:
+    """Negative where all margins are kept."""
+    return np.asarray(np.maximum.reduce([margin[name] - distance[name] for name in margin]))
+
+
+def _outside(at: Structures, grid: Grid) -> Floats:
+    x, y, z = grid.open()
+    below = -12.5 - 0.15 * np.clip(y, 0.0, 20.0) - z  # the skull base beside the mastoid process
+    base = smooth_min(np.broadcast_to(below, grid.shape), distance_to([at.tip], grid, 10.0), 3.0)
+    return smooth_max(np.broadcast_to(surface_depth(grid) - x, grid.shape), base, 2.0)
+
+
+def _cranium(at: Structures, grid: Grid) -> Floats:
+    x, y, z = grid.open()
+    squama = np.broadcast_to(surface_depth(grid) + 4.0 - x, grid.shape)
+    floor = at.tegmen[0] + at.tegmen[1] * (x - 12.0) + at.tegmen[2] * (y - 6.0)
+    middle = smooth_max(np.broadcast_to(floor - z, grid.shape), squama, 4.0)
+    plane = np.broadcast_to((at.fossa - x - 0.8 * y) / np.sqrt(1.64), grid.shape)
+    return smooth_min(middle, smooth_max(plane, squama + 2.0, 4.0), 2.0)
+
+
+def _rooms(at: Structures, grid: Grid, canal: Floats) -> Floats:
+    rooms = smooth_min(ellipsoid(grid, *at.antrum), distance_to([at.aditus], grid, 4.0), 1.0)
+    return np.asarray(np.minimum(smooth_min(rooms, ellipsoid(grid, *at.tympanum), 1.0), canal))
+
+
+def _mastoid(grid: Grid, outside: Floats) -> Floats:
+    """Where cells may be: below the cortex, behind and above the ear canal, lateral to the inner ear."""
+    _, y, z = grid.open()
+    front = np.broadcast_to(np.minimum(2.0, -2.9 - 0.82 * z) - y, grid.shape)
+    body = ellipsoid(grid, [5.0, 8.0, -4.0], [13.0, 20.0, 26.0])
+    return smooth_max(smooth_max(outside + CORTEX, front, 2.0), body, 3.0)
+
+
+def _funnel(at: Structures, grid: Grid) -> Floats:
+    """A cone that narrows from the opening to the antrum, and ends at its far wall."""
+    a, b = at.landmarks["entry"] - [2.0, 0.0, 0.0], at.antrum[0]
+    span = b - a
+    x, y, z = grid.open()
+    t = ((x - a[0]) * span[0] + (y - a[1]) * span[1] + (z - a[2]) * span[2]) / float(span @ span)
+    t = np.clip(t, 0.0, 1.0)
+    dx, dy, dz = x - a[0] - t * span[0], y - a[1] - t * span[1], z - a[2] - t * span[2]
+    across = np.sqrt(dx * dx + dy * dy + dz * dz) - (OPENING + t * (BOTTOM - OPENING))
+    return smooth_max(across, np.broadcast_to(x - (b[0] + at.antrum[1][0]), grid.shape), 2.0)

@@ -1,0 +1,815 @@
+"""The PNG slices of a volume: which files, in which order, and that they belong together.
+
+Colours of slices to labels, sums of two of them, and what becomes of colours that are in no table.
+
+The YAML file that places a stack of slices in the simulator volumetric_drilling (AMBF's description format, ADF).
+
+Volumes as stacks of PNG slices: grey values, or labels as colours.
+"""
+
+from __future__ import annotations
+
+import glob
+import math
+import operator
+import os
+import re
+import struct
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import binary_erosion
+from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
+
+from burrlab._core import Tissues
+from burrlab.bone.dicom import holds_dicom
+from burrlab.bone.header import LPS_ASSUMED
+from burrlab.bone.image import LabelVolume, Volume, checked_spacing
+from burrlab.bone.tissues import VOLUMETRIC_DRILLING, known_tissue, plain_name
+from burrlab.common.check import check_memory, check_packed, shown
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_KINDS = {
+    0: "grey",
+    2: "RGB",
+    3: "palette",
+    4: "grey with alpha",
+    6: "RGBA",
+}  # PNG specification, 11.2.2 IHDR
+_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+#: No slice of a clinical or micro-CT volume is larger; a file that says so is damaged (ours).
+MOST_PIXELS = 16384
+
+
+@dataclass(frozen=True)
+class Slices:
+    """Files of equal size and kind, in the order of their numbers.
+
+    Attributes
+    ----------
+    paths : list of Path
+    columns, rows : int
+        Pixels.
+    bits : int
+        A channel.
+    kind : str
+        grey, RGB, palette or RGBA.
+    """
+
+    paths: list[Path]
+    columns: int
+    rows: int
+    bits: int
+    kind: str
+
+
+def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> Slices:
+    """The slices in a folder, or those that a pattern names.
+
+    Parameters
+    ----------
+    place : path-like
+        A folder, or a pattern with *, ? or [...].
+    prefix : str, optional
+        What comes before the number in the names of the files.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such folder.
+    ValueError
+        If there is no slice, one is missing, there twice, not a PNG file, or of another size or kind than the first.
+    """
+    text = os.fspath(place)
+    if Path(text).is_dir():
+        found = [path for path in Path(text).iterdir() if path.suffix.lower() == ".png"]
+    elif any(sign in text for sign in "*?["):
+        found = [Path(name) for name in glob.glob(text)]
+    else:
+        raise FileNotFoundError(
+            f"{text}: no such folder; a stack of slices is a folder, a pattern or its YAML file"
+        )
+    found = [path for path in found if path.is_file() and not path.name.startswith(".")]
+    if prefix is not None:
+        found = [path for path in found if path.name.startswith(prefix)]
+    if not found:
+        named = "" if prefix is None else f" that begin with {prefix!r}"
+        raise ValueError(f"{text}: there are no PNG slices{named}")
+    first = 0 if prefix is not None else 1  # a description counts from 0
+    paths = _in_order(text, found, latest=first if Path(text).is_dir() else None)
+    return _alike(paths)
+
+
+def pixels(path: Path) -> NDArray[Any]:
+    """The pixels of a slice, (row, column) or (row, column, channel); ValueError where the file is damaged."""
+    from PIL import Image
+
+    try:
+        with warnings.catch_warnings(), Image.open(path) as image:
+            warnings.simplefilter("error")
+            if image.mode in ("P", "RGB"):  # either may make one colour transparent
+                return np.asarray(image.convert("RGBA"))
+            if image.mode.startswith("I"):
+                return np.asarray(image).astype(np.uint16)
+            return np.asarray(image.convert("L") if image.mode == "1" else image)
+    except MemoryError:
+        raise ValueError(
+            f"{path}: the PNG file is damaged, or the machine has too little memory for it"
+        ) from None
+    except Exception as error:  # Pillow raises whatever a damaged chunk leads to
+        raise ValueError(f"{path}: the PNG file is damaged or cut short ({error})") from None
+
+
+def _in_order(place: str, found: list[Path], *, latest: int | None) -> list[Path]:
+    """By the number at the end of the name: slice10 comes after slice9; `latest` is the last number at which a stack may begin."""
+    numbered: dict[int, Path] = {}
+    prefixes: dict[str, Path] = {}
+    for path in sorted(found):
+        match = re.fullmatch(r"(.*?)(\d+)", path.stem, flags=re.ASCII)
+        if match is None:
+            raise ValueError(f"{path}: the name of a slice must end in its number, as slice0012.png")
+        prefixes.setdefault(match[1], path)
+        if len(prefixes) > 1:
+            one, other = (p.name for p in prefixes.values())
+            raise ValueError(
+                f"{place}: slices of more than one volume ({one}, {other}): name one by a pattern, as 'folder/name*.png'"
+            )
+        number = int(match[2])
+        if number in numbered:
+            raise ValueError(f"{place}: slice {number} is there twice ({numbered[number].name}, {path.name})")
+        numbered[number] = path
+    order = sorted(numbered)
+    missing = sorted(set(range(order[0], order[-1] + 1)) - set(order)) if order[-1] - order[0] < 10**6 else []
+    if missing or order[-1] - order[0] >= 10**6:
+        told = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
+        which = f"{len(missing)} are missing ({told})" if missing else "many are missing (numbers far apart)"
+        if len(missing) == 1:
+            which = f"slice {missing[0]} is missing"
+        raise ValueError(f"{place}: of the slices {order[0]} to {order[-1]}, {which}")
+    if latest is not None and order[0] > latest:
+        before = "slice 0 is missing" if order[0] == 1 else f"slices 0 to {order[0] - 1} are missing"
+        raise ValueError(
+            f"{place}: {before}, the first is {numbered[order[0]].name}; a part of a stack is named "
+            "by a pattern"
+        )
+    return [numbered[number] for number in order]
+
+
+def _alike(paths: list[Path]) -> Slices:
+    first = _header(paths[0])
+    for path in paths[1:]:
+        found = _header(path)
+        if found[:2] != first[:2]:
+            raise ValueError(
+                f"{path}: slices must be of one size, this one has {found[0]} x {found[1]} pixels, and {paths[0].name} has "
+                f"{first[0]} x {first[1]}"
+            )
+        if found[2:] != first[2:]:
+            raise ValueError(
+                f"{path}: slices must be of one kind, this one is {found[3]} of {found[2]} bits, and {paths[0].name} is {first[3]} "
+                f"of {first[2]} bits"
+            )
+    columns, rows, bits, kind = first
+    if kind == "grey with alpha":
+        raise ValueError(f"{paths[0]}: grey slices must not be transparent (kind: grey with alpha)")
+    if kind != "grey" and bits == 16:
+        raise ValueError(f"{paths[0]}: colours of labels must have 8 bits a channel, got 16")
+    return Slices(paths, columns, rows, bits, kind)
+
+
+def _header(path: Path) -> tuple[int, int, int, str]:
+    """Columns, rows, bits and kind, from the first chunk."""
+    with path.open("rb") as file:
+        head = file.read(33)
+    if head[:8] != _SIGNATURE or len(head) < 33 or head[12:16] != b"IHDR":
+        raise ValueError(f"{path}: this is no PNG file")
+    columns, rows, bits, kind = struct.unpack(">IIBB", head[16:26])
+    if kind not in _KINDS or not (0 < columns <= MOST_PIXELS and 0 < rows <= MOST_PIXELS):
+        raise ValueError(
+            f"{path}: the PNG file is damaged (its header says {columns} x {rows} pixels, kind {kind})"
+        )
+    size = rows * (1 + columns * bits * _CHANNELS[kind] // 8)
+    check_packed(size, path.stat().st_size, str(path))
+    return columns, rows, bits, _KINDS[kind]
+
+
+Colours = tuple[int, int, int]
+
+#: Which of two structures gets a voxel that both claim, the first of them (ours): the facial nerve, then thin before thick, so
+#: that no structure vanishes in a thicker one, and bone behind all of them, but before what is empty.
+RANKING = (
+    "facial nerve", "chorda tympani", "cochlear nerve", "superior vestibular nerve", "inferior vestibular nerve",
+    "vestibular nerve", "vestibular aqueduct", "stapes", "incus", "malleus", "ossicles", "tympanic membrane",
+    "internal auditory canal", "cochlea", "semicircular canals", "labyrinth", "internal carotid artery", "jugular bulb",
+    "sigmoid sinus", "sinus and dura", "dura", "brain", "temporomandibular joint", "soft tissue",
+    "cortex", "mastoid", "bone", "external auditory canal", "unlabelled", "air",
+)  # fmt: skip
+_EMPTY = ("external auditory canal", "air")  # a guess makes no hole
+_TOLD = 5  # colours in a sentence; `LabelVolume.unknown_colours` has all
+_TWICE = 254  # alpha of the sum of two opaque colours, modulo 256
+_UNCLEAR = 65535  # the place of sums that are not clearly one pair's
+_MOST_PAIRED = 361  # colours whose pairs have places below that
+
+
+class Palette:
+    """A table of colours that keeps count of those which are not in it, and of sums of two of them.
+
+    Parameters
+    ----------
+    rows : iterable of (int, str, (r, g, b))
+        Label, name and colour.
+    unknown, ranking
+        See `read_stack`.
+    critical : iterable of int
+        Labels that no guess makes, nor an ear canal or air.
+
+    Raises
+    ------
+    ValueError
+        If a colour occurs twice or is none, or `unknown` is neither of its words nor a label.
+    """
+
+    def __init__(
+        self,
+        rows: Iterable[tuple[int, str, Any]],
+        unknown: str | int = "refuse",
+        ranking: Sequence[str] | None = None,
+        critical: Iterable[int] = (),
+    ) -> None:
+        self.names: dict[int, str] = {}
+        self.colours: dict[int, Colours] = {}
+        seen: dict[Colours, str] = {}
+        for label, name, given in rows:
+            colour = _colour(name, given)
+            if label == 0:  # transparent and black, whatever the table says
+                self.names[0] = name
+                continue
+            if colour in seen:
+                raise ValueError(
+                    f"palette: colours must differ, {seen[colour]!r} and {name!r} are both {colour}"
+                )
+            if colour == (0, 0, 0):
+                raise ValueError(f"palette: black is label 0 (nothing), got it for {name!r}")
+            seen[colour] = name
+            self.names[label], self.colours[label] = name, colour
+        if not self.colours:
+            raise ValueError("palette must have a colour")
+        self.unknown, self._asked = _checked_unknown(unknown, {0: "", **self.names})
+        self._ranked = None if ranking is None else self._by_rank(ranking)
+        self.dtype = (
+            np.uint8 if max(self.colours) < 256 else np.uint16 if max(self.colours) < 65536 else np.int32
+        )
+        # A place for each colour there is: 0 for black, 1, 2, ... for the table's, the last for all others.
+        if len(self.colours) > 65533:
+            raise ValueError(f"palette must have at most 65533 colours, got {len(self.colours)}")
+        self._strange_place = len(self.colours) + 1
+        self._places = np.full(1 << 24, self._strange_place, np.uint16)
+        self._places[[0, *(_code(np.array(colour)) for colour in self.colours.values())]] = np.arange(
+            self._strange_place
+        )
+        self._labels = np.array([0, *self.colours, 0], self.dtype)
+        self._spare = {*critical, *(i for i in self.colours if _known(self.names[i])[0] in _EMPTY)}
+        self._bones = [i for i in self.colours if _known(self.names[i])[1] and i not in self._spare]
+        self._strange: Counter[int] = Counter()
+        self._first: dict[int, tuple[str, int, int]] = {}  # of each strange colour: slice, row, column
+        self._guessed: dict[int, list[NDArray[Any]]] = {label: [] for label in self._asked}
+        self._spared: Counter[str] = Counter()
+        self._sums: NDArray[np.uint16] | None = None  # a place for each pair, made when alpha 254 is met
+        self._overlaps: Counter[int] = Counter()
+        self._slices = 0
+
+    @classmethod
+    def of(
+        cls,
+        palette: Tissues | Mapping[str, Colours] | None,
+        unknown: str | int,
+        ranking: Sequence[str] | None,
+    ) -> Palette:
+        """The palette of a table of tissues, or of names and colours, or of volumetric_drilling."""
+        # anatomy builds on volumes
+        if isinstance(palette, Tissues):
+            critical = [t.label for t in palette if t.critical]
+            return cls(((t.label, t.name, t.colour) for t in palette), unknown, ranking, critical)
+        named = VOLUMETRIC_DRILLING if palette is None else palette
+        critical = [i for i, name in enumerate(named, 1) if (known := known_tissue(name)) and known.critical]
+        rows = ((i, name, colour) for i, (name, colour) in enumerate(named.items(), start=1))
+        return cls(rows, unknown, ranking, critical)
+
+    def labels(self, image: NDArray[np.uint8], path: Path) -> NDArray[Any]:
+        """Labels of the next slice of RGBA pixels."""
+        codes = _code(image[..., :3].astype(np.uint32))
+        codes[image[..., 3] == 0] = 0
+        places = self._places.take(codes)
+        found: NDArray[Any] = self._labels.take(places)
+        strange = places == self._strange_place
+        twice = image[..., 3] == _TWICE
+        if self._ranked is not None and len(self.colours) <= _MOST_PAIRED and twice.any():
+            self._sums = self._places_of_sums() if self._sums is None else self._sums
+            sums = self._sums.take(codes[twice])
+            pair = (sums > 0) & (sums < _UNCLEAR)
+            found[twice] = np.where(pair, self._winners[np.where(pair, sums, 0)], found[twice])
+            strange[twice] = (strange[twice] & ~pair) | (sums == _UNCLEAR)
+            self._overlaps.update(sums[pair].tolist())
+        if strange.any():
+            found[strange] = self._of_strange(codes, strange, path)
+        self._slices += 1
+        return found
+
+    def unknown_colours(self) -> tuple[dict[str, Any], ...]:
+        """The colours that are in no table, as `LabelVolume.unknown_colours` has them."""
+        order = self._strange.most_common()
+        labels, apart = self._nearest(np.array([code for code, _ in order], np.uint32), list(self.colours))
+        found = []
+        for (code, count), label, distance in zip(order, labels.tolist(), apart.tolist(), strict=True):
+            file, row, column = self._first[code]
+            found.append(
+                {"colour": [code >> 16, (code >> 8) & 255, code & 255], "pixels": count, "slice": file, "row": row,
+                 "column": column, "nearest": self.names[label], "distance": round(distance, 1)}
+            )  # fmt: skip
+        return tuple(found)
+
+    def notes(
+        self, name: str, unknown: Sequence[Mapping[str, Any]], labels: NDArray[Any], apart: NDArray[Any]
+    ) -> list[str]:
+        """What was done with sums and with unknown colours, of labels (slice, row, column); ValueError where these are refused."""
+        notes = []
+        if self._overlaps:
+            told = "; ".join(
+                f"{count} of {self.names[one]} and {self.names[other]} as {self.names[int(self._winners[place])]}"
+                for place, count in self._overlaps.most_common()
+                for one, other in [self._pairs[place - 1]]
+            )
+            notes.append(f"voxels of two structures that overlap, by the sum of their colours: {told}")
+        if not unknown:
+            return notes
+        pixels, kinds = sum(self._strange.values()), len(unknown)
+        many = f"{pixels} pixel{'s' if pixels > 1 else ''} of {kinds} colour{'s' if kinds > 1 else ''} that are in no table"
+        told = "; ".join(
+            f"{tuple(row['colour'])} in {row['slice']}, row {row['row']}, column {row['column']} (count {row['pixels']}, "
+            f"{row['distance']:g} from {row['nearest']})"
+            for row in unknown[:_TOLD]
+        )
+        if kinds > _TOLD:
+            told += f"; and {kinds - _TOLD} more colours (`burrlab tissues --json -` lists them)"
+        if self.unknown == "refuse":
+            raise ValueError(
+                f"{name}: {many}: {told}; sums of structures that overlap, clipped, or blends of scaling? unknown=LABEL "
+                "(--unknown LABEL) takes them as that label, 'nearest' as the nearest colour, but never as a critical structure or empty"
+            )
+        taken = "the nearest colour" if self.unknown == "nearest" else f"label {self.unknown}"
+        notes.append(f"{many} were taken as {taken}: {told}")
+        if self._spared:
+            instead = " or ".join(self.names[i] for i in self._bones) or "label 0: the table has no bone"
+            told = ", ".join(f"{name} {count}" for name, count in self._spared.most_common())
+            notes.append(
+                f"pixels whose nearest colour is a critical structure's, or of what is empty, were taken as {instead} ({told}); "
+                "unknown='nearest:NAME' (--unknown nearest:NAME) takes them as that structure"
+            )
+        return notes + [self._far(label, places, labels, apart) for label, places in self._guessed.items()]
+
+    def _of_strange(self, codes: NDArray[np.uint32], strange: NDArray[np.bool_], path: Path) -> NDArray[Any]:
+        kinds, first, inverse, counts = np.unique(
+            codes[strange], return_index=True, return_inverse=True, return_counts=True
+        )
+        where = np.flatnonzero(strange)
+        for code, place, count in zip(kinds.tolist(), where[first].tolist(), counts.tolist(), strict=True):
+            self._first.setdefault(code, (path.name, *divmod(place, strange.shape[1])))
+            self._strange[code] += count
+        if self.unknown != "nearest":
+            return np.full(inverse.shape, 0 if self.unknown == "refuse" else self.unknown)
+        taken = self._nearest(kinds, list(self.colours))[0]
+        if self._ranked is not None:
+            spared = np.isin(taken, list(self._spare - set(self._asked)))
+            for label, count in zip(taken[spared].tolist(), counts[spared].tolist(), strict=True):
+                self._spared[self.names[label]] += count
+            taken[spared] = self._nearest(kinds[spared], self._bones)[0] if self._bones else 0
+        for label, places in self._guessed.items():
+            here = where[(taken == label)[inverse]]
+            places.append(
+                np.insert(np.stack(divmod(here, strange.shape[1]), axis=-1), 0, self._slices, axis=1)
+            )
+        return np.asarray(taken[inverse])
+
+    def _nearest(self, codes: NDArray[Any], labels: Sequence[int]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Of each colour the nearest of these labels, and how far that is."""
+        own = np.stack([codes >> 16, (codes >> 8) & 255, codes & 255], axis=-1)
+        apart = cdist(own, [self.colours[label] for label in labels])
+        return np.array(labels)[apart.argmin(axis=1)], apart.min(axis=1)
+
+    def _by_rank(self, ranking: Sequence[str]) -> dict[int, tuple[float, int]]:
+        """By label what is least of the structure that gets a voxel; names that are not ranked come just before bone."""
+        order = [_known(name)[0] for name in ranking]
+        rest = next((i for i, name in enumerate(order) if _known(name)[1]), len(order)) - 0.5
+        ranks = {name: float(i) for i, name in enumerate(order)}
+        return {label: (ranks.get(_known(self.names[label])[0], rest), label) for label in self.colours}
+
+    def _places_of_sums(self) -> NDArray[np.uint16]:
+        """For each colour with alpha 254: the pair whose sum it is, from 1; 0 for none; or that it is not clear.
+
+        A pair's sum lies within 1 a channel, modulo 256, and no other pair's, nor one colour of the table, within 2.
+        """
+        assert self._ranked is not None
+        labels, colours = list(self.colours), np.array(list(self.colours.values()))
+        one, other = np.triu_indices(len(labels), 1)
+        self._pairs = [(labels[i], labels[j]) for i, j in zip(one, other, strict=True)]
+        self._winners = np.array([0, *(min(pair, key=self._ranked.__getitem__) for pair in self._pairs)])
+        sums, singles = colours[one] + colours[other], np.vstack([colours, np.zeros((1, 3), int)])
+        small, wide = (np.indices((2 * n + 1,) * 3).reshape(3, -1).T - n for n in (1, 2))
+        near, places = np.zeros((2, 1 << 24), np.uint16)
+        single = np.zeros(1 << 24, bool)
+        for place, colour in enumerate(sums, start=1):
+            near[_code((colour + wide) % 256)] += 1
+            places[_code((colour + small) % 256)] = place
+        for colour in singles:
+            single[_code((colour + wide) % 256)] = True
+        places[(places > 0) & ((near > 1) | single)] = _UNCLEAR
+        exact = _code(singles)
+        places[exact[near[exact] > 0]] = _UNCLEAR
+        return np.asarray(places)
+
+    def _far(self, label: int, places: list[NDArray[Any]], labels: NDArray[Any], apart: NDArray[Any]) -> str:
+        """How far the voxels that were guessed to be a structure lie from the rest of it."""
+        guessed, rest = np.concatenate(places), labels == label
+        rest[tuple(guessed.T)] = False
+        said = f"{len(guessed)} pixels were taken as {self.names[label]} by their nearest colour, as asked"
+        if not (len(guessed) and rest.any()):
+            return f"{said}; {np.count_nonzero(rest)} others are there"
+        surface = np.argwhere(rest & ~binary_erosion(rest))
+        far = np.asarray(cKDTree(surface * apart).query(guessed * apart)[0])
+        return f"{said}: up to {far.max():.3g} mm from the rest of it, {np.count_nonzero(far > 1)} of them beyond 1 mm"
+
+
+def _known(name: str) -> tuple[str, bool]:
+    """The usual name of a structure, in any spelling, and whether it is bone."""
+    known = known_tissue(name)
+    return (plain_name(name), False) if known is None else (known.name, known.bone)
+
+
+def _code(colour: NDArray[Any]) -> Any:
+    return (colour[..., 0] << 16) | (colour[..., 1] << 8) | colour[..., 2]
+
+
+def _colour(name: str, given: Any) -> Colours:
+    try:
+        red, green, blue = (operator.index(part) for part in given)
+    except (TypeError, ValueError):
+        red = -1
+    if red < 0 or not all(0 <= part <= 255 for part in (red, green, blue)):
+        raise ValueError(
+            f"palette: a colour must be three whole numbers from 0 to 255, got {given!r} for {name!r}"
+        )
+    return red, green, blue
+
+
+def _checked_unknown(unknown: str | int, names: Mapping[int, str]) -> tuple[str | int, list[int]]:
+    """The word or label, and the labels that are asked for by name."""
+    if unknown in ("refuse", "nearest") or (not isinstance(unknown, (str, bool)) and unknown in names):
+        return unknown, []
+    if isinstance(unknown, str) and unknown.startswith("nearest:"):
+        wanted = {_known(name)[0] for name in unknown[len("nearest:") :].split(",")}
+        asked = [label for label, name in names.items() if label and _known(name)[0] in wanted]
+        if wanted <= {_known(names[label])[0] for label in asked}:
+            return "nearest", asked
+        have = ", ".join(filter(None, names.values()))
+        raise ValueError(
+            f"unknown='nearest:NAME' must name structures of the palette, {have}, got {unknown!r}"
+        )
+    raise ValueError(
+        f"unknown must be 'refuse', 'nearest' or a label of the palette ({', '.join(map(str, sorted(names)))}), got {unknown!r}"
+    )
+
+
+#: Sides of a volume that are taken for a head or a part of one [mm] (ours).
+PLAUSIBLE = (2.0, 500.0)
+_METRE = 1000.0
+#: Bytes of a description, and keys of one mapping in it; theirs have 2 kB (ours).
+_LONGEST = 300_000
+#: What older files of volumetric_drilling call one unit: 0.049664 m (a comment in them).
+_OLD_UNIT = 49.664
+
+
+@dataclass(frozen=True, eq=False)
+class StackDescription:
+    """What the file says.
+
+    Attributes
+    ----------
+    folder : Path
+        Of the slices.
+    prefix : str
+        Before the number in the slices' names.
+    count : int or None
+        Most slices that the simulator loads.
+    extent : ndarray, shape (3,)
+        Sides of the volume (x, y, z) [mm].
+    """
+
+    folder: Path
+    prefix: str
+    count: int | None
+    extent: NDArray[np.float64]
+
+
+def read_description(path: str | os.PathLike[str], *, unit: float | None = None) -> StackDescription:
+    """Reads the description of a stack.
+
+    Parameters
+    ----------
+    path : path-like
+        A YAML file with a block `VOLUME name` that has `dimensions` (x, y, z), perhaps `scale`, and `images` (path, prefix,
+        format, count), as in LCSR-SICKKIDS/volumetric_drilling.
+    unit : float, optional
+        Of the dimensions [mm]; default a metre, checked for plausibility.
+
+    Raises
+    ------
+    ImportError
+        Without PyYAML (extra `medical`).
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it is no such description, or no head has these sides.
+    """
+    name = os.fspath(path)
+    block = _volume_block(name, _content(name))
+    images = _part(name, block, "images", dict)
+    if str(images.get("format", "png")).lower().lstrip(".") != "png":
+        raise ValueError(f"{name}: images: format must be png, got {shown(images.get('format'))}")
+    folder = Path(name).parent / str(_part(name, images, "path", str, within="images: "))
+    count = images.get("count")
+    if count is not None and (not isinstance(count, int) or isinstance(count, bool) or count < 1):
+        raise ValueError(f"{name}: images: count must be a whole number from 1, got {shown(count)}")
+    dimensions = _part(name, block, "dimensions", dict)
+    sides = np.array([_positive(name, f"dimensions: {axis}", dimensions.get(axis)) for axis in "xyz"])
+    sides *= _positive(name, "scale", block.get("scale", 1.0))
+    if unit is not None:
+        return StackDescription(
+            folder, str(images.get("prefix", "")), count, sides * _positive(name, "unit", unit)
+        )
+    _check_plausible(name, sides)
+    return StackDescription(folder, str(images.get("prefix", "")), count, sides * _METRE)
+
+
+def _content(name: str) -> Any:
+    try:
+        import yaml
+    except ImportError as error:
+        raise ImportError("reading YAML needs PyYAML: pip install 'burrlab[medical]'") from error
+    with open(name, "rb") as file:
+        content = file.read(_LONGEST + 1)
+    if len(content) > _LONGEST:
+        raise ValueError(f"{name}: a description must have at most {_LONGEST} bytes")
+    try:
+        loader = yaml.SafeLoader(content)
+        merge = loader.flatten_mapping
+
+        def bounded(node: Any) -> None:
+            merge(node)
+            if len(node.value) > _LONGEST:
+                raise yaml.YAMLError(f"a mapping must have at most {_LONGEST} keys, merged ones included")
+
+        loader.flatten_mapping = bounded
+        return loader.get_single_data()
+    except (
+        yaml.YAMLError,
+        ValueError,
+        RecursionError,
+        LookupError,
+        TypeError,
+        AttributeError,
+        OverflowError,
+    ) as error:
+        raise ValueError(f"{name}: not a YAML file: {' '.join(str(error).split())}") from None
+
+
+def _volume_block(name: str, content: Any) -> dict[str, Any]:
+    blocks = {}
+    if isinstance(content, dict):
+        blocks = {key: block for key, block in content.items() if str(key).startswith("VOLUME ")}
+    if len(blocks) != 1:
+        found = ", ".join(map(str, blocks))[:200] or "none"
+        raise ValueError(f"{name}: must have one block 'VOLUME name' that describes a stack, got {found}")
+    [(key, block)] = blocks.items()
+    if not isinstance(block, dict):
+        raise ValueError(f"{name}: {str(key)[:200]} must have dimensions and images, got {shown(block)}")
+    return block
+
+
+def _part(name: str, block: dict[str, Any], key: str, kind: type, *, within: str = "") -> Any:
+    value = block.get(key)
+    if not isinstance(value, kind):
+        what = "a block" if kind is dict else "a text"
+        raise ValueError(f"{name}: {within}{key} must be there, {what}, got {shown(value)}")
+    return value
+
+
+def _positive(name: str, what: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
+        raise ValueError(f"{name}: {what} must be a finite number above 0, got {shown(value)}")
+    return float(value)
+
+
+def _check_plausible(name: str, sides: NDArray[np.float64]) -> None:
+    low, high = PLAUSIBLE
+
+    def plausible(unit: float) -> bool:
+        return bool(np.all((sides * unit >= low) & (sides * unit <= high)))
+
+    if plausible(_METRE):
+        return
+    others = [
+        ("millimetres", 1.0),
+        ("centimetres", 10.0),
+        ("units of 0.049664 m, as in older files of the simulator", _OLD_UNIT),
+    ]
+    would = "; ".join(
+        f"in {what} {_sides(sides * unit)} mm (unit={unit:g})" for what, unit in others if plausible(unit)
+    )
+    raise ValueError(
+        f"{name}: dimensions in metres would be {_sides(sides * _METRE)} mm, and a head or a part of one has sides of {low:g} to "
+        f"{high:g} mm; {would or 'in no usual unit it would be one'}: give unit= [mm]"
+    )
+
+
+def _sides(sides: NDArray[np.float64]) -> str:
+    return " x ".join(f"{side:.4g}" for side in sides)
+
+
+#: Note of a volume that was read with `transpose`.
+ROWS_ALONG_X = "rows of the slices lie along x"
+_DESCRIPTIONS = (".yaml", ".yml")
+
+
+def read_stack(
+    path: str | os.PathLike[str],
+    *,
+    spacing: float | ArrayLike | None = None,
+    palette: Tissues | Mapping[str, Colours] | None = None,
+    unknown: str | int = "refuse",
+    unit: float | None = None,
+    transpose: bool | None = None,
+    ranking: Sequence[str] | None = RANKING,
+) -> Volume | LabelVolume:
+    """Reads PNG slices: grey ones as a volume, coloured ones as labels.
+
+    Parameters
+    ----------
+    path : path-like
+        A folder of slices, a pattern ('folder/slice*.png'), or the YAML file that describes them in volumetric_drilling.
+        Slices are in the order of the number that ends their names.
+    spacing : float or (x, y, z), optional
+        Of voxels [mm]; needed unless a YAML file says how large the volume is.
+    palette : Tissues or mapping of str to (r, g, b), optional
+        Colours of labels; a mapping gives the labels 1, 2, ... in its order. Default: the sixteen of volumetric_drilling.
+    unknown : "refuse", "nearest", "nearest:NAME,NAME" or int
+        What becomes of colours that are in no table, as clipped sums or scaling leave them: an error with the largest of them, the
+        label of the nearest colour, or this label. A pixel whose nearest colour is that of a critical structure, the ear canal or air
+        becomes bone (label 0 in a table without bone), but for structures that are named. The notes of the result say how many; `unknown_colours` lists all.
+    unit : float, optional
+        Of the dimensions in a YAML file [mm]; default a metre.
+    transpose : bool, optional
+        True where the number of a pixel's row counts along x and that of its column along y, as the simulator's converter
+        from NRRD writes them. A wrong one mirrors the ear. Default: True of a YAML file, False of slices alone; those must be told
+        where their palette has a colour of the simulator's.
+    ranking : sequence of str, optional
+        Which of two structures gets a voxel that both claim, by their usual names: the first. In volumetric_drilling's stacks such
+        a pixel has the sum of their colours modulo 256, with alpha 254. What is not ranked comes just before bone, the smaller label
+        first. None: such sums are colours in no table, and 'nearest' takes any, as before there was a ranking.
+
+    Returns
+    -------
+    Volume or LabelVolume
+        Grey where the slices are grey, or are RGB(A), opaque and without a colour throughout and no palette is given; else
+        labels. Voxel axes: x along the columns of a slice to the right, y along its rows downwards, z with the number; x and y
+        change places with `transpose`. The centre of the first slice's first pixel is the origin, the direction that of the
+        voxel axes: slices say no orientation, and the notes say so.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no such folder or file.
+    ImportError
+        Without PyYAML (extra `medical`), for a YAML file.
+    ValueError
+        If slices are missing, damaged, or of different sizes or kinds, a colour is in no table, the spacing is unknown or said
+        twice, no head has the sides that the YAML file says, or `transpose` must be told.
+
+    Notes
+    -----
+    Transparent and black pixels are label 0, whatever their colour. Partly transparent ones count by their colour.
+    """
+    name = os.fspath(path)
+    described = _description(name, spacing, unit)
+    slices = (
+        find_slices(path) if described is None else find_slices(described.folder, prefix=described.prefix)
+    )
+    count = len(slices.paths)
+    turned = rows_along_x(name, transpose)
+    shape = (count, slices.columns, slices.rows) if turned else (count, slices.rows, slices.columns)
+    notes = [f"PNG slices say no orientation: {LPS_ASSUMED}", *([ROWS_ALONG_X] if turned else [])]
+    if described is None:
+        assert spacing is not None
+        apart = checked_spacing(spacing)
+    else:
+        apart = described.extent / np.array(shape[::-1])
+        if described.count is not None and described.count != count:
+            if count > described.count:
+                raise ValueError(
+                    f"{name}: images: count must be {count}, the slices in {described.folder}, got {described.count}"
+                )
+            notes.append(
+                f"count in {name} is {described.count}, and {count} slices are there: they share its dimensions, so slices that are "
+                "missing at the end would make the others thicker"
+            )
+    grid: dict[str, Any] = {
+        "spacing": apart, "origin": np.zeros(3), "direction": np.eye(3), "path": name,
+    }  # fmt: skip
+    if slices.kind == "grey" or (palette is None and _without_colour(slices)):
+        if palette is not None:
+            raise ValueError(f"{slices.paths[0]}: a palette is for coloured slices, and these are grey")
+        check_memory(float(np.prod(shape)) * max(slices.bits // 8, 1), f"{name}: the volume")
+        return Volume(_grey(slices, turned), notes=tuple(notes), **grid)
+    colours = Palette.of(palette, unknown, ranking)
+    rows_along_x(name, transpose, colours.colours.values())
+    check_memory(float(np.prod(shape)) * np.dtype(colours.dtype).itemsize, f"{name}: the volume")
+    labels = np.empty(shape, colours.dtype)
+    for k, file in enumerate(slices.paths):
+        plane = colours.labels(pixels(file), file)
+        labels[k] = plane.T if turned else plane
+    strange = colours.unknown_colours()
+    rows = labels.transpose(0, 2, 1) if turned else labels
+    notes.extend(colours.notes(name, strange, rows, apart[[2, 0, 1] if turned else [2, 1, 0]]))
+    return LabelVolume(
+        labels,
+        names=colours.names,
+        colours=colours.colours,
+        notes=tuple(notes),
+        unknown_colours=strange,
+        **grid,
+    )
+
+
+def rows_along_x(name: str, transpose: bool | None, colours: Iterable[Colours] = ()) -> bool:
+    """Whether slices are read transposed: as told, else by their kind.
+
+    ValueError where they must be told: the colours of volumetric_drilling in slices without its YAML file.
+    """
+    described = Path(name).suffix.lower() in _DESCRIPTIONS
+    if transpose is None and not described and not set(VOLUMETRIC_DRILLING.values()).isdisjoint(colours):
+        raise ValueError(
+            f"{name}: slices in colours of volumetric_drilling must be told their axes, a wrong guess mirrors the ear: "
+            "transpose=True (--transpose) where rows lie along x, as its converter writes them, else False (--no-transpose)"
+        )
+    return described if transpose is None else transpose
+
+
+def _description(name: str, spacing: float | ArrayLike | None, unit: float | None) -> StackDescription | None:
+    """What a YAML file says; None where the slices are named themselves, with their spacing."""
+    if Path(name).suffix.lower() in _DESCRIPTIONS:
+        if spacing is not None:
+            raise ValueError(
+                f"spacing must not be given with {name}, which has dimensions (unit= is their unit)"
+            )
+        return read_description(name, unit=unit)
+    if spacing is None:
+        raise ValueError(f"{name}: PNG slices do not say how large they are: give spacing=(x, y, z) [mm]")
+    if unit is not None:
+        raise ValueError("unit goes with a YAML file: spacing is in mm")
+    checked_spacing(spacing)
+    return None
+
+
+def _without_colour(slices: Slices) -> bool:
+    """Whether every pixel is opaque and grey: a grey volume that was written as colours."""
+    for path in slices.paths:
+        image = pixels(path)
+        if np.any(image[..., 3] != 255) or np.any(image[..., :2] != image[..., 1:3]):
+            return False
+    return True
+
+
+def _grey(slices: Slices, transpose: bool) -> NDArray[Any]:
+    values = None
+    for k, path in enumerate(slices.paths):
+        image = pixels(path)
+        plane = image[..., 0] if image.ndim == 3 else image
+        plane = plane.T if transpose else plane
+        if values is None:
+            values = np.empty((len(slices.paths), *plane.shape), plane.dtype)
+        values[k] = plane
+    assert values is not None
+    return values
+
+
+def is_stack(path: str) -> bool:
+    """Whether it is PNG slices: their description, a pattern of names, or a folder of them without DICOM files."""
+    if Path(path).suffix.lower() in (".yaml", ".yml", ".png"):
+        return True
+    return Path(path).is_dir() and any(Path(path).glob("*.[pP][nN][gG]")) and not holds_dicom(path)

@@ -1,0 +1,297 @@
+"""A bone in the middle of its life, kept in a file: present and pristine levels, and how many ticks it has seen."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import operator
+import os
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from burrlab._core import Material, Tissue, Tissues, VoxelBone, __version__
+from burrlab.common.check import DEFLATE, check_memory, check_packed
+from burrlab.common.files import attributes, check_heap, check_walk, new_hdf5, new_part, put_attributes
+from burrlab.common.records import in_one_line
+
+if TYPE_CHECKING:
+    import h5py
+
+
+FORMAT, FORMAT_VERSION = "burrlab bone", 2  # 2: with tissues; a bone without them is written as 1
+
+
+def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, source: str = "") -> None:
+    """Writes a bone and its tick index to an HDF5 file; an older bone of that name is replaced when it is whole.
+
+    Parameters
+    ----------
+    path : path-like
+    bone : VoxelBone
+    tick : int
+        Ticks executed on it so far: part of its state, because the next tick's random numbers follow from it.
+    source : str
+        Where the volume comes from, kept with it.
+
+    Raises
+    ------
+    ValueError
+        If the tick is negative or not below 2^64.
+    TypeError
+        If it is no whole number.
+    FileExistsError
+        If there is a file of that name that holds no bone, as a trace.
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import burrlab, tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> bone = burrlab.VoxelBone.block((1, 1, 1), 0.1)
+    >>> save_bone(folder.name + "/bone.h5", bone, 1000)
+    >>> again, tick = load_bone(folder.name + "/bone.h5")
+    >>> again.digest() == bone.digest(), tick
+    (True, 1000)
+    >>> folder.cleanup()
+    """
+    path = Path(path)
+    check_tick(tick)
+    check_bone_file(path)
+    with new_part(path) as part:
+        with new_hdf5(part) as file:
+            version = 1 if bone.tissues is None else FORMAT_VERSION
+            put_attributes(file, {"format": FORMAT, "format_version": version, "burrlab": __version__})
+            write_bone(file, bone, tick, source=source)
+        part.replace(path)
+
+
+def load_bone(path: str | os.PathLike[str]) -> tuple[VoxelBone, int]:
+    """The bone of a file and its tick index.
+
+    Returns
+    -------
+    bone : VoxelBone
+    tick : int
+        Ticks executed on it so far.
+
+    Raises
+    ------
+    ValueError
+        If the file holds no bone, one of a newer format, or one whose digest is not the one it was saved with.
+    OSError
+        If the file cannot be read.
+    """
+    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file, told_as_damage(path):
+        return read_bone(file)
+
+
+def bone_source(path: str | os.PathLike[str]) -> str:
+    """Where the volume of a bone comes from, as `save_bone` was told; errors as `load_bone`."""
+    with open_hdf5(path, FORMAT, FORMAT_VERSION) as file, told_as_damage(path):
+        return str(attributes(file).get("source", ""))
+
+
+@contextlib.contextmanager
+def told_as_damage(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Whatever the content of a broken file leads to, a ValueError that names the file."""
+    try:
+        yield
+    except (
+        LookupError,
+        OSError,
+        zlib.error,
+        TypeError,
+        ValueError,
+        ArithmeticError,
+        AttributeError,
+        RuntimeError,
+    ) as error:
+        if isinstance(error, ValueError) and str(error).startswith(f"{path} is "):
+            raise
+        raise ValueError(f"{path} is damaged: {in_one_line(error)}") from None
+
+
+def check_bone_file(path: str | os.PathLike[str]) -> None:
+    """FileExistsError if `save_bone` would replace a file that holds no bone."""
+    if not Path(path).exists():
+        return
+    try:
+        open_hdf5(path, FORMAT, FORMAT_VERSION).close()
+    except (ValueError, OSError):
+        raise FileExistsError(f"path must be a new file or a {FORMAT}, {path} is neither") from None
+
+
+def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File:
+    """The open file; ValueError unless it is of this kind and of a version that is known."""
+    import h5py
+
+    with Path(path).open("rb") as raw:  # what is missing or forbidden says so in the system's words
+        start = raw.read(9)
+    if start[:8] != b"\x89HDF\r\n\x1a\n":
+        raise ValueError(f"{path} is not a {kind}: not an HDF5 file")
+    if start[8:] < b"\x03":  # version of the superblock: before HDF5 1.10, no checksums
+        check_walk(path)
+    try:
+        file = h5py.File(path, "r")
+    except OSError as error:
+        if "truncated" in str(error):
+            raise ValueError(f"{path} is damaged: it was cut short") from None
+        raise ValueError(f"{path} is not a {kind}: not an HDF5 file") from None
+    try:
+        with told_as_damage(path):
+            told = attributes(file)
+            found, version = told.get("format"), int(told.get("format_version", 0))
+    except ValueError:
+        file.close()
+        raise
+    if found == kind and 1 <= version <= newest:
+        return file
+    file.close()
+    if found != kind:
+        raise ValueError(f"{path} is not a {kind}")
+    raise ValueError(f"{path} is a {kind} of format {version}, and this version reads up to {newest}")
+
+
+def read_dataset(group: h5py.Group, name: str, rows: int | None = None) -> Any:
+    """A dataset, or its first rows, unpacked within the bounds that its shape, the file and the machine set.
+
+    libhdf5 makes up chunks that are absent, and unpacks of one whatever its stream holds: here either is an error.
+
+    Raises
+    ------
+    ValueError
+        If it is not whole, or more than the machine has memory for.
+    """
+    found = group[name]
+    where = f"its dataset {name}"
+    if found.is_virtual or found.external or (found.dtype.hasobject and found.shape):
+        raise ValueError(f"{where} lies elsewhere")
+    if not found.shape:
+        check_heap(found, found.dtype)
+        return found[()]
+    shape = (len(found) if rows is None else rows, *found.shape[1:])
+    size, stored = math.prod(shape) * found.dtype.itemsize, os.stat(group.file.filename).st_size
+    stored = min(stored, found.id.get_storage_size())
+    check_packed(size, stored if found.chunks else stored / DEFLATE, where)
+    check_memory(size, where)
+    values = np.empty(shape, found.dtype)
+    if found.chunks is None:
+        if size:
+            found.read_direct(values, np.s_[: shape[0]])
+        return values
+    plan, whole, chunks = found.id.get_create_plist(), 0, list[Any]()
+    filters = [plan.get_filter(k)[0] for k in range(plan.get_nfilters())]
+    found.id.chunk_iter(chunks.append)
+    with open(group.file.filename, "rb") as file:
+        for place, at in {chunk.chunk_offset: chunk for chunk in chunks}.items():
+            part = values[tuple(slice(k, k + n) for k, n in zip(place, found.chunks, strict=True))]
+            if not part.size:
+                continue
+            file.seek(at.byte_offset)
+            kept = [one for k, one in enumerate(filters) if not at.filter_mask >> k & 1]
+            content = _unfiltered(file.read(min(at.size, stored)), kept, found, where)
+            part[...] = content[tuple(map(slice, part.shape))]
+            whole += part.size
+    if whole != values.size:
+        raise ValueError(f"{where} is not whole")
+    return values
+
+
+def _unfiltered(content: bytes, filters: list[int], found: h5py.Dataset, where: str) -> NDArray[Any]:
+    """A chunk as it was before these filters: gzip and shuffle."""
+    import h5py
+
+    size, width = math.prod(found.chunks) * found.dtype.itemsize, found.dtype.itemsize
+    chunk: NDArray[Any] = np.frombuffer(content, np.uint8)
+    for one in reversed(filters):
+        if one == h5py.h5z.FILTER_DEFLATE:
+            check_packed(size, len(chunk), where)
+            chunk = np.frombuffer(zlib.decompressobj().decompress(chunk.data, size + 1), np.uint8)
+        elif one != h5py.h5z.FILTER_SHUFFLE:
+            raise ValueError(f"{where} must be packed by gzip and shuffle, got filter {one}")
+        elif len(chunk) == size:  # first bytes of all numbers, then second ones
+            shuffled, chunk = chunk.reshape(width, -1), np.empty(size, np.uint8)
+            for k in range(width):  # three times as fast as a transposed copy
+                chunk[k::width] = shuffled[k]
+    if len(chunk) != size:
+        raise ValueError(f"{where} must have chunks of {size} bytes, got {len(chunk)} or more")
+    return np.asarray(chunk.view(found.dtype).reshape(found.chunks))
+
+
+def write_bone(group: h5py.Group, bone: VoxelBone, tick: int, *, source: str = "") -> None:
+    """Puts a bone into a group: `density`, and `pristine` and `tissue` where there are any, (z, y, x) uint8."""
+    density, pristine = bone.density, bone.pristine
+    packed: dict[str, Any] = {"chunks": _chunk(bone.shape), "compression": "gzip", "compression_opts": 1}
+    group.create_dataset("density", data=density, **packed)
+    if not np.array_equal(density, pristine):
+        group.create_dataset("pristine", data=pristine, **packed)
+    if bone.tissues is not None:
+        group.create_dataset("tissue", data=bone.tissue_numbers, **packed)
+        put_attributes(group, {"tissues": tissues_to_json(bone.tissues)})
+    put_attributes(group, {
+        "spacing_mm": bone.spacing, "origin_mm": bone.origin, "digest": bone.digest(), "tick": np.uint64(tick),
+        "source": source,
+    })  # fmt: skip
+
+
+def read_bone(group: h5py.Group) -> tuple[VoxelBone, int]:
+    """The bone of a group and its tick; ValueError if its digest is another than the one written with it."""
+    told = attributes(group)
+    density = read_dataset(group, "density")
+    pristine = read_dataset(group, "pristine") if "pristine" in group else density
+    bone = VoxelBone(pristine, told["spacing_mm"], told["origin_mm"])
+    if pristine is not density:
+        bone.restore(density)
+    if "tissue" in group:
+        bone.set_tissues(tissues_from_json(told["tissues"]), read_dataset(group, "tissue"))
+    if bone.digest() != told["digest"]:
+        raise ValueError(
+            f"{group.file.filename} is damaged: the bone has digest {bone.digest()}, and was written with "
+            + in_one_line(told["digest"])
+        )
+    return bone, int(told["tick"])
+
+
+def tissues_to_json(tissues: Tissues) -> str:
+    """A table of tissues as text, from which `tissues_from_json` makes an equal one."""
+    m = tissues.material
+    rows = [
+        {"name": t.name, "label": t.label, "c_e_N_per_mm2": t.c_e, "alpha_per_ms": t.alpha, "colour": list(t.colour),
+         "critical": t.critical, "bleeds": t.bleeds, "assumed": t.assumed}
+        for t in tissues
+    ]  # fmt: skip
+    material = {"name": m.name, "c_e_N_per_mm2": m.c_e, "alpha_per_ms": m.alpha, "shape": m.shape.name, "source": m.source}  # fmt: skip
+    return json.dumps({"material": material, "tissues": rows})
+
+
+def tissues_from_json(text: str) -> Tissues:
+    """The table; ValueError, KeyError or TypeError where the text is none."""
+    content = json.loads(text)
+    m = content["material"]
+    material = Material(
+        m["name"], c_e=m["c_e_N_per_mm2"], alpha=m["alpha_per_ms"], shape=m["shape"], source=m["source"]
+    )
+    return Tissues(
+        [
+            Tissue(t["name"], label=t["label"], c_e=t["c_e_N_per_mm2"], alpha=t["alpha_per_ms"], colour=t["colour"],
+                   critical=t["critical"], bleeds=t["bleeds"], assumed=t["assumed"])
+            for t in content["tissues"]
+        ],
+        material,
+    )  # fmt: skip
+
+
+def check_tick(tick: int) -> None:
+    if not 0 <= operator.index(tick) < 2**64:
+        raise ValueError(f"tick must be a whole number from 0 and below 2^64, got {tick}")
+
+
+def _chunk(shape: tuple[int, int, int]) -> tuple[int, ...]:
+    return tuple(min(64, side) for side in shape)

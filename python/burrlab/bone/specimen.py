@@ -1,0 +1,210 @@
+"""What is burred, and where: a bone, a point on its surface and a direction."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from burrlab._core import Burr, VoxelBone
+from burrlab.common.check import check_bone, real
+from burrlab.common.study import stored_as
+from burrlab.common.table import by_value
+
+#: Largest block that `half_space` makes [voxels]: some gigabytes while it is made (ours).
+MOST_VOXELS = 2e8
+
+Vector = Sequence[float] | NDArray[np.float64]
+
+
+def unit_vector(axis: Vector) -> NDArray[np.float64]:
+    """`axis` with length 1; ValueError unless it has three finite values, not all 0."""
+    vector = real(axis, "axis")
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.linalg.norm(vector)
+    if vector.shape != (3,) or not 0.0 < length < np.inf:
+        raise ValueError(f"axis must be three finite numbers, not all zero, got {axis!r}")
+    return np.asarray(vector / length)
+
+
+@stored_as("burrlab.specimen.Specimen")
+@by_value
+@dataclass(frozen=True)
+class Specimen:
+    """A bone with the axis of a descent.
+
+    Parameters
+    ----------
+    bone : VoxelBone
+        A descent works on a copy.
+    surface : ndarray, shape (3,)
+        Point on the axis where immersion is 0, (x, y, z) [mm].
+    axis : ndarray, shape (3,)
+        Unit vector into the bone.
+    source : str
+        What it is, for the provenance of results.
+    made : mapping
+        How it was made, ready for JSON, for the same.
+    """
+
+    bone: VoxelBone
+    surface: NDArray[np.float64]
+    axis: NDArray[np.float64]
+    source: str = ""
+    made: Mapping[str, Any] = field(default_factory=dict)
+
+    def center(self, immersion: float, burr: Burr) -> NDArray[np.float64]:
+        """Burr centre (x, y, z) [mm] when its tip is `immersion` [mm] below the surface."""
+        return np.asarray(self.surface + (immersion - burr.radius) * self.axis)
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Voxels around a descent into the space below a plane, before they are filled.
+
+    Parameters
+    ----------
+    centers : tuple of ndarray
+        Coordinates x, y and z of the voxel centres [mm].
+    fraction : ndarray, shape (z, y, x)
+        Part of each voxel that lies below the plane, 0..1.
+    spacing, surface, axis : ndarray, shape (3,)
+        (x, y, z); see `Specimen`.
+    """
+
+    centers: tuple[NDArray[np.float64], ...]
+    fraction: NDArray[np.float64]
+    spacing: NDArray[np.float64]
+    surface: NDArray[np.float64]
+    axis: NDArray[np.float64]
+
+    def filled(self, levels: NDArray[np.uint8], source: str) -> Specimen:
+        """The specimen with these levels, shape (z, y, x)."""
+        bone = VoxelBone(levels, spacing=self.spacing, origin=[float(c[0]) for c in self.centers])
+        return Specimen(bone, self.surface, self.axis, source)
+
+
+def block_below_plane(
+    burr: Burr, voxel: float | Vector, *, depth: float | None, axis: Vector, offset: Vector
+) -> Block:
+    """The block of `half_space`, with its parameters and errors."""
+    spacing = np.broadcast_to(real(voxel, "voxel"), (3,)).copy()
+    if not (np.all(np.isfinite(spacing)) and np.all(spacing > 0)):
+        raise ValueError(f"voxel must be positive and finite, got {voxel!r}")
+    depth = burr.radius / 3 if depth is None else float(real(depth, "depth"))
+    if not (np.isfinite(depth) and depth > 0):
+        raise ValueError(f"depth must be positive and finite, got {depth!r}")
+    normal = unit_vector(axis)
+    s = spacing.max()
+    reach, bottom = burr.radius + s, depth + 3 * s
+    width = (
+        np.sqrt(max(2 * reach * (depth + s) - (depth + s) ** 2, 0.0)) if depth + s < reach else reach
+    ) + 2 * s
+    shift = real(offset, "offset")
+    shift = shift - (shift @ normal) * normal
+    across = width * np.sqrt(np.maximum(1 - normal**2, 0.0)) + np.abs(shift)
+    low = np.floor((np.minimum(0, bottom * normal) - across) / spacing + 1e-6)
+    high = np.ceil((np.maximum(0, bottom * normal) + across) / spacing - 1e-6)
+    count = float(np.prod(high - low))
+    if count > MOST_VOXELS:
+        raise ValueError(
+            f"voxel must be coarser: a block for R = {burr.radius:g} mm at {spacing.min():g} mm has {count:.3g} voxels, "
+            f"above {MOST_VOXELS:.3g}"
+        )
+    check_bone(count, 26.0)  # while it is made, as measured
+    centers = tuple((np.arange(low[i], high[i]) + 0.5) * spacing[i] for i in range(3))
+    x, y, z = (normal[i] * centers[i] for i in range(3))
+    below = (z[:, None, None] + y[None, :, None] + x[None, None, :]) / np.sqrt(
+        np.sum((spacing * normal) ** 2)
+    )
+    return Block(centers, np.clip(below + 0.5, 0, 1), spacing, np.asarray(shift), normal)
+
+
+def half_space(
+    burr: Burr,
+    voxel: float | Vector,
+    *,
+    depth: float | None = None,
+    axis: Vector = (0.0, 0.0, -1.0),
+    offset: Vector = (0.0, 0.0, 0.0),
+) -> Specimen:
+    """Solid bone below a plane through the origin, as large as a descent to `depth` needs.
+
+    Parameters
+    ----------
+    burr : Burr
+    voxel : float or (x, y, z)
+        Spacing [mm].
+    depth : float, optional
+        Deepest immersion of the burr's tip [mm]; default R/3.
+    axis : (x, y, z)
+        Direction of the descent, perpendicular to the surface. Along a voxel axis the surface is a face of
+        the grid; else the voxels that it cuts are filled by the fraction of them below it.
+    offset : (x, y, z)
+        Where the burr enters, from the origin [mm]; its part along the axis is ignored. A fraction of a voxel
+        moves the burr within the grid.
+
+    Raises
+    ------
+    ValueError
+        If the spacing or depth is not positive, the block too large, or the axis no direction.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> specimen = half_space(burrlab.Burr(3.0), 0.2)
+    >>> float(specimen.bone.density.max()), [float(c) for c in specimen.center(0.0, burrlab.Burr(3.0))]
+    (255.0, [0.0, 0.0, 3.0])
+    """
+    block = block_below_plane(burr, voxel, depth=depth, axis=axis, offset=offset)
+    return block.filled(np.rint(255 * block.fraction).astype(np.uint8), "half-space of solid bone")
+
+
+def surface_along(
+    bone: VoxelBone, entry: Vector, axis: Vector, *, level: float = 128.0
+) -> NDArray[np.float64] | None:
+    """First point along a ray where the occupancy, trilinear between voxel centres, reaches `level`.
+
+    Parameters
+    ----------
+    bone : VoxelBone
+    entry : (x, y, z)
+        Where the ray begins [mm]; it may lie outside the volume.
+    axis : (x, y, z)
+        Its direction.
+
+    Returns
+    -------
+    ndarray, shape (3,), or None
+        [mm]; None where the ray meets no bone. The entry itself where that is inside bone already.
+    """
+    direction, start = unit_vector(axis), real(entry, "entry")
+    if start.shape != (3,) or not np.all(np.isfinite(start)):
+        raise ValueError(f"entry must be three finite numbers, got {entry!r}")
+    spacing, origin = np.asarray(bone.spacing), np.asarray(bone.origin)
+    extent = np.asarray(bone.shape[::-1]) * spacing
+    length = float(np.linalg.norm(extent) + np.linalg.norm(start - (origin + extent / 2)))
+    along = np.arange(0.0, length, 0.1 * spacing.min())
+    points = (start + along[:, None] * direction - origin) / spacing
+    inside = np.all((points > -1) & (points < bone.shape[::-1]), axis=1)
+    if not inside.any():
+        return None
+    first, last = points[inside].min(axis=0), points[inside].max(axis=0)  # the ray's box, with neighbours
+    low = np.maximum(np.floor(first) - 1, 0).astype(int)
+    high = np.minimum(np.ceil(last) + 2, bone.shape[::-1]).astype(int)
+    levels = bone.read(low[::-1].tolist(), (high - low)[::-1].tolist())
+    occupancy = map_coordinates(
+        levels, (points - low)[:, ::-1].T, output=float, order=1, mode="grid-constant", cval=0.0
+    )
+    solid = np.flatnonzero(occupancy >= float(real(level, "level")))
+    if solid.size == 0:
+        return None
+    i = int(solid[0])
+    if i == 0:
+        return start
+    rest = (level - occupancy[i - 1]) / (occupancy[i] - occupancy[i - 1])
+    return np.asarray(start + (along[i - 1] + rest * (along[i] - along[i - 1])) * direction)

@@ -1,0 +1,811 @@
+"""Structures of a temporal bone that the default table knows: their names elsewhere, colours and flags.
+
+Tables of tissues for the labels of a segmentation.
+
+Tables of tissues as CSV text.
+
+Bone with tissues, of grey values and labels, or of labels alone.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+import os
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import correlate1d, maximum_filter
+from scipy.special import ndtr
+
+import burrlab.common.table as csv_text
+from burrlab._core import Material, Tissue, Tissues, VoxelBone
+from burrlab.bone.image import SAME, LabelVolume, OccupancyMap, OnGrid, Volume, check_same_geometry
+from burrlab.bone.materials import materials
+from burrlab.bone.snapshot import tissues_from_json, tissues_to_json
+from burrlab.common.check import shown
+from burrlab.common.records import UNREADABLE, in_one_line
+
+Colour = tuple[int, int, int]
+
+#: Name of the tissue of voxels to which a segmentation gives no structure.
+UNLABELLED = "unlabelled"
+
+
+@dataclass(frozen=True)
+class KnownTissue:
+    """A structure, its names in segmentations, and what the default table says of it.
+
+    Attributes
+    ----------
+    name : str
+    synonyms : tuple of str
+        As `plain_name` writes them.
+    colour : (red, green, blue)
+    critical, bleeds : bool
+        See `Tissue`.
+    bone : bool
+        Bone, for which there is a published pair of c_e and alpha; which of its kinds the density tells.
+    """
+
+    name: str
+    synonyms: tuple[str, ...]
+    colour: Colour
+    critical: bool = True
+    bleeds: bool = False
+    bone: bool = False
+
+
+# Colours of structures with a name of volumetric_drilling are those of its PNG stacks; the others are ours, as
+# is what counts as critical and what bleeds.
+KNOWN = (
+    KnownTissue("air", ("void", "empty", "lumen"), (0, 0, 0), critical=False),
+    KnownTissue(UNLABELLED, ("background", "clear label", "other"), (128, 128, 128), critical=False),
+    KnownTissue("bone", ("temporal bone", "skull"), (255, 249, 219), critical=False, bone=True),
+    KnownTissue("cortex", ("cortical bone", "compact bone"), (240, 230, 200), critical=False, bone=True),
+    KnownTissue(
+        "mastoid",
+        ("mastoid bone", "trabecular bone", "cancellous bone", "spongy bone"),
+        (235, 205, 165),
+        critical=False,
+        bone=True,
+    ),
+    KnownTissue("soft tissue", ("skin", "muscle", "mucosa"), (225, 150, 130), critical=False, bleeds=True),
+    KnownTissue("malleus", (), (233, 0, 255)),
+    KnownTissue("incus", (), (0, 255, 149)),
+    KnownTissue("stapes", (), (63, 0, 255)),
+    KnownTissue("ossicles", ("ossicular chain", "auditory ossicles"), (200, 120, 255)),
+    KnownTissue(
+        "labyrinth", ("bony labyrinth", "vestibule cochlea", "inner ear", "otic capsule"), (91, 123, 91)
+    ),
+    KnownTissue("cochlea", (), (120, 160, 90)),
+    KnownTissue("semicircular canals", ("semicircular canal", "scc"), (60, 110, 60)),
+    KnownTissue(
+        "internal auditory canal",
+        ("iac", "internal acoustic meatus", "internal acoustic canal", "internal auditory meatus"),
+        (244, 142, 52),
+        critical=False,
+    ),
+    KnownTissue("vestibulocochlear nerve", ("cn viii",), (230, 120, 40)),
+    KnownTissue("vestibular nerve", (), (200, 130, 70)),
+    KnownTissue("superior vestibular nerve", (), (255, 191, 135)),
+    KnownTissue("inferior vestibular nerve", (), (121, 70, 24)),
+    KnownTissue("cochlear nerve", (), (219, 244, 52)),
+    KnownTissue("facial nerve", ("facial", "cn vii", "fallopian canal", "facial canal"), (244, 214, 49)),
+    KnownTissue("chorda tympani", ("chorda",), (151, 131, 29)),
+    KnownTissue(
+        "internal carotid artery", ("ica", "carotid", "carotid artery"), (216, 100, 79), bleeds=True
+    ),
+    KnownTissue("sinus and dura", (), (110, 184, 209), bleeds=True),
+    KnownTissue("sigmoid sinus", ("sinus", "transverse sinus"), (70, 90, 200), bleeds=True),
+    KnownTissue("jugular bulb", ("jugular", "jugular vein", "internal jugular vein"), (50, 60, 160), bleeds=True),
+    KnownTissue("dura", ("dura mater",), (120, 200, 220), bleeds=True),
+    KnownTissue("brain", ("temporal lobe", "cerebellum"), (245, 190, 190), bleeds=True),
+    KnownTissue("vestibular aqueduct", (), (91, 98, 123)),
+    KnownTissue(
+        "temporomandibular joint", ("tmj", "mandible", "mandibular condyle", "condyle"), (100, 0, 0),
+        critical=False,
+    ),
+    KnownTissue(
+        "external auditory canal",
+        ("eac", "ear canal", "external acoustic meatus", "external auditory meatus", "external ear canal"),
+        (255, 225, 214),
+        critical=False,
+    ),
+    KnownTissue("tympanic membrane", ("eardrum",), (250, 170, 160)),
+)  # fmt: skip
+
+_UNSAID = frozenset({"and", "the", "of", "left", "right", "l", "r", "lt", "rt"})
+
+
+def plain_name(name: str) -> str:
+    """A structure's name in lower case, without signs, sides and small words: Sinus_+_Dura is sinus dura."""
+    words = re.findall(r"[a-z0-9]+", name.lower())
+    return " ".join(word for word in words if word not in _UNSAID)
+
+
+_BY_NAME = {plain_name(text): known for known in KNOWN for text in (known.name, *known.synonyms)}
+
+
+def known_tissue(name: str) -> KnownTissue | None:
+    """What the default table says of a structure; None where it does not know the name."""
+    return _BY_NAME.get(plain_name(name))
+
+
+#: Of the known tissues, those that are empty where labels alone make a bone.
+EMPTY = ("air", "external auditory canal")
+
+#: The colours of volumetric_drilling's PNG stacks (LCSR-SICKKIDS/volumetric_drilling, its script that makes distance
+#: grids lists them), by its names and in its order, which is that of our labels 1 to 16.
+VOLUMETRIC_DRILLING: dict[str, Colour] = {
+    name: known.colour
+    for name in (
+        "Bone", "Malleus", "Incus", "Stapes", "Bony_Labyrinth", "IAC", "Superior_Vestibular_Nerve",
+        "Inferior_Vestibular_Nerve", "Cochlear_Nerve", "Facial_Nerve", "Chorda_Tympani", "ICA", "Sinus_+_Dura",
+        "Vestibular_Aqueduct", "TMJ", "EAC",
+    )
+    if (known := known_tissue(name)) is not None
+}  # fmt: skip
+
+
+#: Most tissues that a bone holds.
+MOST = 64
+
+
+def default_tissues(
+    labels: LabelVolume | Mapping[int, str] | Sequence[str], *, material: Material = materials["bone"]
+) -> Tissues:
+    """A table for named labels: colour, critical and bleeding by what the structure is, c_e and alpha the bone's.
+
+    Parameters
+    ----------
+    labels : LabelVolume, mapping of int to str, or sequence of str
+        Labels with their names; a sequence gives the labels 0, 1, 2, ... A label volume's own colours are kept.
+        Names are those of common segmentations, in any spelling: Facial_Nerve, "right facial nerve".
+    material : Material
+        The bone: its c_e, alpha and f.
+
+    Returns
+    -------
+    Tissues
+        In the order of the labels. Label 0 without a name is "unlabelled".
+
+    Raises
+    ------
+    ValueError
+        If a name is not known, a label of the volume has no name, or there are more than 64.
+
+    Notes
+    -----
+    No tissue but bone has a published pair of c_e and alpha: all others get the bone's, and are `assumed`.
+
+    Examples
+    --------
+    >>> table = default_tissues(["air", "Bone", "Facial_Nerve"])
+    >>> [(t.name, t.critical, t.assumed) for t in table]
+    [('air', False, True), ('bone', False, False), ('facial nerve', True, True)]
+    """
+    names, counts, colours = _named(labels)
+    check_count(names)
+    unknown = [label for label, name in names.items() if known_tissue(name) is None]
+    if unknown:
+        told = ", ".join(_told(label, names, counts) for label in unknown)
+        known = ", ".join(tissue.name for tissue in KNOWN)
+        raise ValueError(
+            f"the default table does not know {told}; it knows {known}, and their usual synonyms: "
+            "give a table of your own (read_tissues, `burrlab tissues FILE --template table.csv`)"
+        )
+    rows = []
+    taken: set[str] = set()
+    for label, given in sorted(names.items()):
+        tissue = known_tissue(given)
+        assert tissue is not None
+        name = given if tissue.name in taken else tissue.name  # a second side keeps the name of the file
+        taken.add(name)
+        rows.append(
+            Tissue(name, label=label, c_e=material.c_e, alpha=material.alpha,
+                   colour=colours.get(label, tissue.colour), critical=tissue.critical, bleeds=tissue.bleeds,
+                   assumed=not tissue.bone)
+        )  # fmt: skip
+    return Tissues(rows, material)
+
+
+def unlabelled(material: Material) -> Tissue:
+    """The tissue of label 0 where nothing else is said of it: bone's values, assumed."""
+    known = known_tissue(UNLABELLED)
+    assert known is not None
+    return Tissue(UNLABELLED, label=0, c_e=material.c_e, alpha=material.alpha, colour=known.colour)
+
+
+def label_counts(values: NDArray[Any], path: str = "") -> dict[int, int]:
+    """Voxels of each label that is present; a sentence on what is wrong names the path.
+
+    Raises
+    ------
+    ValueError
+        If a label is negative or no whole number.
+    """
+    said = f"{path}: " if path else ""
+    if not np.issubdtype(values.dtype, np.integer):
+        whole = np.rint(values)
+        if not np.array_equal(whole, values):  # NaN too
+            raise ValueError(
+                f"{said}labels must be whole numbers: this is a grey volume, or was interpolated"
+            )
+        values = whole.astype(np.int64)
+    found, counts = _unique(values)
+    if found.size and found[0] < 0:
+        raise ValueError(
+            f"{said}labels must be zero or positive, got {int(found[0])}: is this a grey volume?"
+        )
+    return {int(label): int(count) for label, count in zip(found, counts, strict=True)}
+
+
+def _unique(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    if values.dtype.itemsize > 2 or values.dtype.kind != "u":
+        return np.unique(values, return_counts=True)
+    counts = np.zeros(1 << (8 * values.dtype.itemsize), np.int64)
+    for plane in values.reshape(len(values), -1):  # bincount works in int64: plane by plane
+        counts += np.bincount(plane, minlength=counts.size)
+    found = np.flatnonzero(counts)
+    return found, counts[found]
+
+
+def _named(
+    labels: LabelVolume | Mapping[int, str] | Sequence[str],
+) -> tuple[dict[int, str], dict[int, int] | None, dict[int, Colour]]:
+    """Names by label, voxels by label where there is a volume, and its colours."""
+    if isinstance(labels, str):
+        raise ValueError(f"labels must be a label volume, or names, got the text {labels!r}")
+    if isinstance(labels, Mapping):
+        return {int(label): str(name) for label, name in labels.items()}, None, {}
+    if isinstance(labels, Sequence):
+        return {label: str(name) for label, name in enumerate(labels)}, None, {}
+    counts = label_counts(labels.labels, labels.path)
+    check_count(counts, f"{labels.path}: ")
+    names = {label: labels.names.get(label, UNLABELLED if label == 0 else "") for label in counts}
+    nameless = [label for label, name in names.items() if not name]
+    if nameless:
+        told = ", ".join(f"{label} ({counts[label]} voxels)" for label in nameless)
+        raise ValueError(
+            f"{labels.path}: the labels {told} have no names in the file: give a table of tissues that says what they are "
+            "(read_tissues, `burrlab tissues FILE --template table.csv`)"
+        )
+    for label, name in labels.names.items():  # what is named but empty here may be there in another crop
+        if label not in names and known_tissue(name) is not None and len(names) < MOST:
+            names[label] = name
+    return names, counts, {label: colour for label, colour in labels.colours.items() if label != 0}
+
+
+def check_count(labels: Mapping[int, object], said: str = "") -> None:
+    """ValueError for more labels than a bone has tissues: grey values, or instances."""
+    if len(labels) > MOST:
+        first = ", ".join(str(label) for label in sorted(labels)[:5])
+        raise ValueError(
+            f"{said}a bone has at most {MOST} tissues, and there are {len(labels)} labels ({first}, ...): "
+            "is this a grey volume, or does it hold instances? Merge labels first"
+        )
+
+
+def _told(label: int, names: Mapping[int, str], counts: Mapping[int, int] | None) -> str:
+    count = "" if counts is None else f", {counts.get(label, 0)} voxels"
+    return f"label {label} ({names[label]!r}{count})"
+
+
+COLUMNS = ("label", "name", "colour", "c_e_N_per_mm2", "alpha_per_ms", "critical", "bleeds", "assumed")
+GREY = (128, 128, 128)  # of a structure without a colour
+_WAITS = " (name?)"  # after a name of the file that the default table does not know
+_NEEDED = ("label", "name")
+_WORDS = {"yes": True, "no": False, "true": True, "false": False, "1": True, "0": False}
+
+
+def read_tissues(path: str | os.PathLike[str], *, material: Material | None = None) -> Tissues:
+    """Reads a table of tissues: CSV text with the columns of `write_tissues`.
+
+    Parameters
+    ----------
+    path : path-like
+        Columns `label` and `name` must be there. An empty `colour`, `critical` or `bleeds` is what the default table
+        says of a structure of that name (else grey, no, no). An empty `c_e_N_per_mm2` or `alpha_per_ms` is the
+        material's, and the tissue then counts as assumed, but for bone with both of the material's.
+    material : Material, optional
+        The bone. Default: the one in the file's comments, as `write_tissues` puts it there, else `materials["bone"]`.
+
+    Returns
+    -------
+    Tissues
+
+    Raises
+    ------
+    ValueError
+        If the file is no such table, or a template in which rows wait for a name; the sentence names line and column.
+    OSError
+        If it cannot be read.
+    """
+    name = os.fspath(path)
+    with open(path, "rb") as stream:
+        text = csv_text.decoded(name, stream.read())
+    if material is None:
+        material = _material(name, text)
+    lines = ((n, line.strip()) for n, line in enumerate(io.StringIO(text, newline=None), start=1))
+    table = ((n, _fields(name, n, line)) for n, line in lines if line and not line.startswith("#"))
+    try:
+        number, columns = next(table)
+    except StopIteration:
+        raise ValueError(f"{name}: the file is empty, or holds nothing but comments") from None
+    _check_columns(f"{name}, line {number}", columns)
+    waiting: list[str] = []
+    rows = list(_rows(name, columns, table, material, waiting))
+    if waiting:
+        told = ", ".join(waiting)
+        raise ValueError(f"{name}, {told}, column name: every row needs a name, that of its structure")
+    if not rows:
+        raise ValueError(f"{name}: there is no row below the column names")
+    try:
+        return Tissues(rows, material)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+def write_tissues(path: str | os.PathLike[str], tissues: Tissues) -> None:
+    """Writes a table as CSV text, which `read_tissues` gives back without loss.
+
+    Parameters
+    ----------
+    path : path-like
+    tissues : Tissues
+        Values that are assumed and the material's stay empty in the file.
+
+    Raises
+    ------
+    ValueError
+        If a name has a line break, or space around it.
+    OSError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> import burrlab, tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> from burrlab.anatomy import default_tissues
+    >>> table = default_tissues({1: "bone", 2: "facial nerve"})
+    >>> write_tissues(folder.name + "/table.csv", table)
+    >>> read_tissues(folder.name + "/table.csv") == table
+    True
+    >>> folder.cleanup()
+    """
+    text = tissues_text(tissues)
+    with open(path, "w", encoding="utf-8", newline="") as stream:
+        stream.write(text)
+
+
+def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
+    """The table as `write_tissues` writes it; ValueError where a name has a line break or space around it.
+
+    Of `unnamed` labels, colours that are grey and all that follows from a name stay empty, as their names are still to be given:
+    "structure 3", and what the file says with a mark behind it, are refused by `read_tissues`.
+    """
+    for tissue in tissues:
+        if len(tissue.name.splitlines()) != 1 or tissue.name != tissue.name.strip():
+            raise ValueError(
+                f"name of a tissue must be one line without space around it, got {tissue.name!r}"
+            )
+    stream = io.StringIO()
+    material = json.loads(tissues_to_json(tissues))["material"]
+    stream.write(f"# material: {json.dumps(material)}\n")
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for t in tissues:
+        values = [
+            "" if t.assumed and own == bone else repr(own)
+            for own, bone in ((t.c_e, tissues.material.c_e), (t.alpha, tissues.material.alpha))
+        ]
+        flags = ["yes" if flag else "no" for flag in (t.critical, t.bleeds, t.assumed)]
+        colour = "#{:02x}{:02x}{:02x}".format(*t.colour)
+        if t.label in unnamed:
+            colour, flags = ("" if t.colour == GREY else colour), ["", "", ""]
+        mark = _WAITS if t.label in unnamed and t.name != f"structure {t.label}" else ""
+        writer.writerow([t.label, t.name + mark, colour, *values, *flags])
+    return stream.getvalue()
+
+
+def _material(name: str, text: str) -> Material:
+    for line in text.splitlines():
+        if line.startswith("# material:"):
+            given = line.partition(":")[2].strip()
+            row = '[{"name": "x", "label": 0, "c_e_N_per_mm2": 1, "alpha_per_ms": 0, "colour": [0, 0, 0], '
+            row += '"critical": false, "bleeds": false, "assumed": true}]'
+            try:
+                return tissues_from_json(f'{{"material": {given}, "tissues": {row}}}').material
+            except UNREADABLE as error:
+                told = in_one_line(error)
+                raise ValueError(f"{name}: the material in the comments is none: {told}") from None
+    return materials["bone"]
+
+
+def _fields(name: str, number: int, line: str) -> list[str]:
+    try:
+        return [text.strip() for text in next(csv.reader([line], strict=True, skipinitialspace=True))]
+    except csv.Error as error:
+        raise ValueError(f"{name}, line {number}: not a line of comma-separated fields ({error})") from None
+
+
+def _check_columns(where: str, columns: list[str]) -> None:
+    for column in columns:
+        if column not in COLUMNS:
+            raise ValueError(f"{where}: unknown column {shown(column)}; known are {', '.join(COLUMNS)}")
+        if columns.count(column) > 1:
+            raise ValueError(f"{where}: column {column} is there twice")
+    for column in _NEEDED:
+        if column not in columns:
+            raise ValueError(f"{where}: column {column} is missing")
+
+
+def _rows(
+    file: str, columns: list[str], table: Iterator[tuple[int, list[str]]], material: Material, wait: list[str]
+) -> Iterator[Tissue]:
+    """The rows that have a name; where the others are, in `wait`."""
+    lines: dict[str, int] = {}
+    for number, texts in table:
+        where = f"{file}, line {number}"
+        if len(texts) != len(columns):
+            raise ValueError(
+                f"{where}: {len(columns)} fields are due ({', '.join(columns)}), found {len(texts)}"
+            )
+        row = dict(zip(columns, texts, strict=True))
+        flags = row.get("critical") or row.get("bleeds")
+        if row["name"] in ("", "" if flags else f"structure {row['label']}") or row["name"].endswith(_WAITS):
+            wait.append(f"line {number}" + (f" ({row['name']!r})" if row["name"] else ""))
+            continue
+        for column in _NEEDED:
+            key = f"{column} {row[column]}"
+            if key in lines:
+                raise ValueError(
+                    f"{where}, column {column}: {shown(row[column])} is in line {lines[key]} already"
+                )
+            lines[key] = number
+        yield _tissue(where, row, material)
+
+
+def _tissue(where: str, row: dict[str, str], material: Material) -> Tissue:
+    label, name = row["label"], row["name"]
+    if not (label.isascii() and label.isdecimal() and len(label) < 20 and int(label) < 2**31):
+        raise ValueError(f"{where}, column label: must be a whole number from 0, got {shown(label)}")
+    known = known_tissue(name)
+    c_e = _number(where, "c_e_N_per_mm2", row, "from 1/4096 to 1000", 1 / 4096, 1000.0)
+    alpha = _number(where, "alpha_per_ms", row, "zero or positive", 0.0, math.inf)
+    is_bone = known is not None and known.bone and c_e is None and alpha is None
+    lacking = (c_e is None or alpha is None) and not is_bone
+    assumed = _flag(where, "assumed", row, lacking)
+    if lacking and not assumed:
+        raise ValueError(f"{where}, column assumed: must be yes where c_e or alpha is empty, got 'no'")
+    return Tissue(
+        name, label=int(label), c_e=material.c_e if c_e is None else c_e,
+        alpha=material.alpha if alpha is None else alpha,
+        colour=_colour(where, row.get("colour", ""), known.colour if known else GREY),
+        critical=_flag(where, "critical", row, known is not None and known.critical),
+        bleeds=_flag(where, "bleeds", row, known is not None and known.bleeds), assumed=assumed,
+    )  # fmt: skip
+
+
+def _number(
+    where: str, column: str, row: dict[str, str], rule: str, least: float, most: float
+) -> float | None:
+    text = row.get(column, "")
+    if not text:
+        return None
+    try:
+        value = float(text.replace("_", " "))  # Python's 1_000 is no number to a spreadsheet
+    except ValueError:
+        raise ValueError(f"{where}, column {column}: {shown(text)} is not a number") from None
+    if not (math.isfinite(value) and least <= value <= most):
+        raise ValueError(f"{where}, column {column}: must be {rule}, got {shown(text)}")
+    return value
+
+
+def _flag(where: str, column: str, row: dict[str, str], default: bool) -> bool:
+    text = row.get(column, "")
+    if not text:
+        return default
+    if text.lower() not in _WORDS:
+        raise ValueError(f"{where}, column {column}: must be yes or no, got {shown(text)}")
+    return _WORDS[text.lower()]
+
+
+def _colour(where: str, text: str, default: tuple[int, int, int]) -> tuple[int, int, int]:
+    if not text:
+        return default
+    if re.fullmatch(r"#[0-9a-fA-F]{6}", text) is None:
+        raise ValueError(f"{where}, column colour: must be #rrggbb, got {shown(text)}")
+    red, green, blue = (int(text[i : i + 2], 16) for i in (1, 3, 5))
+    return red, green, blue
+
+
+#: Occupancy from which a voxel counts as bone in notes: half.
+_HALF = 128
+
+#: Of bone of labels alone, by R/voxel: standard deviation of the velocity over 12 places within 0.6 mm [%], least and most of three
+#: kinds of surfaces; as the labels are, and smoothed by two voxels or more. docs/tissues.md says how it was measured.
+LABEL_SCATTER = {10: ((11, 17), (3, 6)), 20: ((6, 15), (3, 5)), 30: ((3, 10), (2, 4))}
+
+
+def label_scatter(ratio: float, smooth: bool = False) -> str:
+    """`LABEL_SCATTER` in words, linear between its rows; beyond them, the last one."""
+    ratio = float(np.clip(ratio, min(LABEL_SCATTER), max(LABEL_SCATTER)))
+    rows = [row[smooth] for row in LABEL_SCATTER.values()]
+    least, most = (np.interp(ratio, list(LABEL_SCATTER), column) for column in zip(*rows, strict=True))
+    return f"{least:.0f} to {most:.0f} % at R/voxel = {ratio:.3g}"
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledBone:
+    """A bone with tissues, and what was assumed on the way.
+
+    Attributes
+    ----------
+    bone : VoxelBone
+    notes : tuple of str
+    """
+
+    bone: VoxelBone
+    notes: tuple[str, ...] = ()
+
+
+def labelled_bone(
+    source: Volume | NDArray[np.uint8] | None,
+    labels: LabelVolume,
+    tissues: Tissues,
+    *,
+    mapping: OccupancyMap | None = None,
+    fill: Mapping[str, float] | None = None,
+    spacing: float | ArrayLike | None = None,
+    empty: Collection[str] = EMPTY,
+    smooth: float | None = None,
+) -> LabelledBone:
+    """Bone whose occupancy is that of grey values and whose tissues are those of labels.
+
+    Parameters
+    ----------
+    source : Volume, ndarray of uint8 or None
+        Grey values, with `mapping`; or levels (z, y, x) on the grid of the labels; or None: label 0 and what is labelled as one
+        of `empty` is empty, and all else is solid.
+    labels : LabelVolume
+        On the voxels of the volume, or on a box of them, as segmentations are often saved: 0 outside it.
+    tissues : Tissues
+        What the labels are. Without a row for label 0, that is "unlabelled", with the bone's values.
+    mapping : OccupancyMap, optional
+        Of the grey values.
+    fill : mapping of str to float, optional
+        By tissue, the least occupancy of its voxels, 0 to 1: nerves and vessels have grey values that a map for bone takes as
+        empty, and what is empty cannot be injured.
+    spacing : float or (x, y, z), optional
+        Of the bone [mm]; default that of the volume. Occupancy is interpolated, labels are the nearest.
+    empty : collection of str
+        Structures that hold no bone where labels are alone, by the name that the default table gives them: air and the ear canal.
+        `fill` makes one solid.
+    smooth : float, optional
+        Of labels alone: standard deviation of a Gaussian over what is solid [mm], 1 to 10 of the finest side of a voxel. The sum of
+        levels stays; critical structures stay full, and what is empty and nearest to one stays empty; an empty voxel that gets a part
+        gets the label of the nearest solid one too. docs/tissues.md says which width, and what it does.
+
+    Returns
+    -------
+    LabelledBone
+        In the bone frame of the volume.
+
+    Raises
+    ------
+    ValueError
+        If the labels are on other voxels, one of them is not in the table, the map is missing, given for nothing, a filled
+        tissue is not in the table, or `smooth` is given with a source or out of its range.
+    TypeError
+        If `source` is none of these.
+
+    Examples
+    --------
+    >>> from burrlab.anatomy import default_tissues
+    >>> labels = LabelVolume(np.array([[[0, 1, 2]]]), 0.2, (0, 0, 0), np.eye(3), "example", {1: "bone", 2: "nerve"})
+    >>> made = labelled_bone(None, labels, default_tissues({1: "bone", 2: "facial nerve"}))
+    >>> made.bone.density.tolist(), [t.name for t in made.bone.tissues]
+    ([[[0, 255, 255]]], ['bone', 'facial nerve', 'unlabelled'])
+    """
+    notes = list(labels.notes)
+    _check_source(source, labels, mapping)
+    if smooth is not None and source is not None:
+        raise ValueError(f"smooth goes with labels alone, got {smooth!r} beside a source")
+    if isinstance(source, Volume):
+        notes[:0] = source.notes
+        labels = placed_on(labels, source)
+    counts = label_counts(labels.labels, labels.path)
+    tissues = _with_background(tissues, counts, labels.path)
+    if spacing is not None:
+        if isinstance(source, np.ndarray):
+            raise ValueError("spacing must not be given with levels, which have that of the labels")
+        labels = labels.resample(spacing)
+    numbers = _numbers(labels.labels, tissues)
+    origin = labels.bone_point(labels.origin)
+    if isinstance(source, Volume):
+        assert mapping is not None
+        grey = source.to_bone(mapping, spacing=spacing)
+        levels, apart, origin = grey.density, np.array(grey.spacing), np.array(grey.origin)
+    else:
+        apart = labels.spacing
+        levels = _of_labels(numbers, tissues, empty) if source is None else source
+        if source is None:
+            where = ", ".join(empty)
+            said = f"; velocities at one place scatter: {', '.join(map(label_scatter, (10, 20, 30)))} (smooth=, --smooth)"
+            if smooth is not None:
+                levels, numbers, said = _smoothed(levels, numbers, tissues, apart[::-1], smooth)
+            notes.append(
+                f"occupancy from labels alone: empty where there is {where} or label 0, else solid{said}"
+            )
+    levels, filled = _filled(levels, numbers, tissues, fill or {})
+    bone = VoxelBone(levels, spacing=apart, origin=origin)
+    bone.set_tissues(tissues, numbers)
+    return LabelledBone(bone, tuple(notes + filled + _said_of_tissues(levels, numbers, tissues)))
+
+
+def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
+    """The labels on all voxels of a volume, of which they may have a box; 0 outside it.
+
+    Raises
+    ------
+    ValueError
+        If they are not on voxels of the volume, with both geometries.
+    """
+    offset = (volume.direction.T @ (labels.origin - volume.origin)) / volume.spacing
+    start = np.rint(offset).astype(int)
+    stop = start + labels.shape[::-1]
+    alike = (
+        np.allclose(labels.spacing, volume.spacing, rtol=1e-3)
+        and np.allclose(labels.direction, volume.direction, atol=1e-3)
+        and np.abs(offset - start).max() <= SAME
+    )
+    if not alike or np.any(start < 0) or np.any(stop > volume.shape[::-1]) or labels.shape == volume.shape:
+        try:
+            check_same_geometry(volume, labels)
+        except ValueError as error:
+            raise ValueError(f"{error}; labels.on(volume) (--onto) takes the nearest label") from None
+        return replace(labels, spacing=volume.spacing, origin=volume.origin, direction=volume.direction)
+    whole = np.zeros(volume.shape, labels.labels.dtype)
+    (x, y, z), (u, v, w) = start, stop
+    whole[z:w, y:v, x:u] = labels.labels
+    placed = replace(
+        labels, labels=whole, spacing=volume.spacing, origin=volume.origin, direction=volume.direction
+    )
+    check_same_geometry(volume, placed)
+    return placed
+
+
+def _check_source(source: Any, labels: LabelVolume, mapping: OccupancyMap | None) -> None:
+    if isinstance(source, Volume):
+        if mapping is None:
+            raise ValueError(f"mapping must be given for the grey values of {source.path}")
+        return
+    if mapping is not None:
+        raise ValueError("mapping must be given with grey values only")
+    if source is None:
+        return
+    if not (isinstance(source, np.ndarray) and source.dtype == np.uint8):
+        raise TypeError(f"source must be a Volume, levels of uint8 or None, got {type(source).__name__}")
+    if source.shape != labels.shape:
+        raise ValueError(f"levels must have the shape of the labels {labels.shape}, got {source.shape}")
+
+
+def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tissues:
+    """The table, with a row for label 0 where that is there and not in it; ValueError for other labels."""
+    known = {tissue.label for tissue in tissues}
+    strange = [label for label in counts if label not in known and label != 0]
+    if strange:
+        told = ", ".join(f"{label} ({counts[label]} voxels)" for label in strange[:10])
+        more = f" and {len(strange) - 10} more" if len(strange) > 10 else ""
+        have = ", ".join(f"{tissue.label} {tissue.name}" for tissue in tissues)
+        raise ValueError(f"{path}: labels that are not in the table: {told}{more}; the table has {have}")
+    if 0 in known or 0 not in counts:
+        return tissues
+    if len(tissues) == MOST:
+        raise ValueError(
+            f"the table must have a row for label 0 ({counts[0]} voxels), or one row less than {MOST}"
+        )
+    names = {tissue.name for tissue in tissues}
+    if UNLABELLED in names:
+        raise ValueError(f"the table must have {UNLABELLED!r} for label 0 only ({counts[0]} voxels)")
+    return Tissues([*tissues, unlabelled(tissues.material)], tissues.material)
+
+
+def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:
+    own = np.array([tissue.label for tissue in tissues])
+    order = np.argsort(own).astype(np.uint8)
+    direct = np.zeros(1 << 16, np.uint8)
+    direct[own[own < direct.size]] = np.flatnonzero(own < direct.size)
+    small = labels.dtype.itemsize <= 2 or labels.max() < direct.size
+    numbers = np.empty(labels.shape, np.uint8)
+    for k, plane in enumerate(labels):  # plane by plane: no large arrays of places
+        numbers[k] = direct[plane] if small else order[np.searchsorted(own, plane, sorter=order)]
+    return numbers
+
+
+def _of_labels(numbers: NDArray[np.uint8], tissues: Tissues, empty: Collection[str]) -> NDArray[np.uint8]:
+    known = [(tissue.label, known_tissue(tissue.name)) for tissue in tissues]
+    hollow = [label == 0 or (found is not None and found.name in empty) for label, found in known]
+    return np.where(hollow, 0, 255).astype(np.uint8)[numbers]
+
+
+def _smoothed(
+    full: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues, apart: NDArray[Any], width: float
+) -> tuple[NDArray[np.uint8], NDArray[np.uint8], str]:
+    """Levels and numbers with a smooth border of solid and empty, and what it does to volumes; `apart` along (z, y, x)."""
+    if not 0.999 <= width / apart.min() <= 10.001:
+        raise ValueError(
+            f"smooth must be 1 to 10 times the finest side of a voxel, {apart.min():g} to {10 * apart.min():g} mm, got {width!r}"
+        )
+    weights = [_gaussian(width / side) for side in apart]
+    part = (full > 0).astype(np.float32)
+    for axis in range(3):  # whole numbers up to 2^24: exact, on every machine
+        correlate1d(part, weights[axis], axis, output=part, mode="reflect")
+    owner = np.where(full > 0, numbers + np.uint8(1), np.uint8(0))
+    for _ in range(max(map(len, weights)) // 2):
+        np.copyto(owner, maximum_filter(owner, 3), where=owner == 0)
+    held = np.array([True, *(tissue.critical for tissue in tissues)])
+    levels, found = np.empty_like(full), numbers.copy()
+    before, after = np.zeros(len(tissues)), np.zeros(len(tissues))
+    for k in range(len(full)):  # plane by plane: no large arrays of float64
+        plane = np.floor((255.0 * part[k] + (1 << 23)) / (1 << 24)).astype(np.uint8)
+        plane = np.where(held[owner[k]], full[k], plane)
+        found[k] = np.where(plane > 0, owner[k] - np.uint8(1), numbers[k])
+        levels[k] = plane
+        before += np.bincount(numbers[k].ravel(), full[k].ravel(), len(tissues))
+        after += np.bincount(found[k].ravel(), plane.ravel(), len(tissues))
+    change = 100 * (after - before) / np.maximum(before, 255)
+    most = int(np.argmax(np.abs(change)))
+    whole = 100 * (after.sum() / max(before.sum(), 1.0) - 1)
+    said = f", smoothed by {width:g} mm: the volume changes by {whole:.2g} %, that of {tissues[most].name} most, by {change[most]:.2g} %"
+    return levels, found, said
+
+
+def _gaussian(deviation: float) -> NDArray[np.float64]:
+    """Whole weights with a sum of 256, the parts of a Gaussian of this standard deviation in each voxel."""
+    edges = np.arange(-np.ceil(4 * deviation), np.ceil(4 * deviation) + 2) - 0.5
+    return np.asarray(np.trim_zeros(np.diff(np.rint(256 * ndtr(edges / deviation)))))
+
+
+def _filled(
+    levels: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues, fill: Mapping[str, float]
+) -> tuple[NDArray[np.uint8], list[str]]:
+    least, notes = np.zeros(len(tissues), np.uint8), []
+    names = [tissue.name for tissue in tissues]
+    for name, occupancy in fill.items():
+        if name not in names:
+            raise ValueError(f"fill must be of tissues of the table ({', '.join(names)}), got {name!r}")
+        if not 0.0 <= occupancy <= 1.0:
+            raise ValueError(f"fill of {name!r} must be an occupancy from 0 to 1, got {occupancy!r}")
+        least[names.index(name)] = round(255 * occupancy)
+        notes.append(f"{name}: occupancy at least {occupancy:g}, as asked")
+    return (np.maximum(levels, least[numbers]) if fill else levels), notes
+
+
+def _said_of_tissues(levels: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues) -> list[str]:
+    """Bone that no label names, and critical structures that hold none."""
+    both = np.zeros(2 * len(tissues), np.int64)
+    for plane, filled in zip(numbers, levels, strict=True):  # bincount works in int64: plane by plane
+        both += np.bincount((2 * plane + (filled >= _HALF)).ravel(), minlength=both.size)
+    held = both[1::2]
+    voxels = both[::2] + held
+    notes = []
+    for number, tissue in enumerate(tissues):
+        if tissue.label == 0 and tissue.name == UNLABELLED and held[number]:
+            notes.append(
+                f"{held[number]} voxels of label 0 hold bone: {UNLABELLED}, with the bone's c_e and alpha"
+            )
+        if tissue.critical and voxels[number] and 2 * held[number] < voxels[number]:
+            part = 100.0 * held[number] / voxels[number]
+            notes.append(
+                f"{tissue.name}: {part:.0f} % of its voxels are half full or more; what is empty cannot be injured (fill=, --fill)"
+            )
+    return notes

@@ -1,0 +1,268 @@
+"""Inhomogeneous bone: a random field of occupancy, a function of seed and position alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+from burrlab._core import Burr
+from burrlab.bone.specimen import Specimen, Vector, block_below_plane
+from burrlab.common.study import stored_as
+
+Floats = NDArray[np.float64]
+
+#: Noise nodes a correlation length: the variance between them then ripples by 2 exp(-2 pi^2), 5e-9.
+NODES_A_LENGTH = 2
+#: Nodes on either side of a point; the Gaussian weight of the first one left out is below 2e-7.
+REACH = 8
+#: Edge of the cubes in which noise is drawn [nodes].
+CUBE = 8
+#: Second key word of the noise, so that no other use of the same seed shares it.
+STREAM = 0xB09EF1E1D
+#: Voxel layers that are filled at a time, which bounds the memory.
+LAYERS = 16
+
+
+@stored_as("burrlab.bone_field.BoneField")
+@dataclass(frozen=True)
+class BoneField:
+    """Bone whose occupancy varies from place to place.
+
+    With g a stationary Gaussian field of mean 0, variance 1 and correlation
+
+        E[g(x) g(x + d)] = exp(-d^2/(2 L^2)),
+
+    the occupancy is B^-1(Phi(g)): Phi the normal distribution function, B^-1 the quantile function of the beta
+    distribution with the mean and standard deviation asked for.
+
+    Parameters
+    ----------
+    mean : float
+        Mean occupancy of solid bone, in (0, 1].
+    contrast : float
+        Standard deviation of the occupancy over its mean; 0 is homogeneous bone.
+    correlation_length : float
+        L [mm]. Places L apart correlate by 0.61, 2 L apart by 0.14.
+
+    Raises
+    ------
+    ValueError
+        If mean is outside (0, 1], contrast is negative or more than an occupancy between 0 and 1 can have,
+        sqrt((1 - mean)/mean), the standard deviation is not 0 but below one of 255 levels, or
+        correlation_length is not positive and finite.
+
+    Notes
+    -----
+    The form of the correlation (the squared exponential of geostatistics) and the beta distribution are ours.
+    A beta distribution lies in 0..1, so nothing is clipped and mean and contrast hold exactly; `realised` says
+    what rounding to levels leaves of them. The occupancy itself correlates by `correlation`.
+
+    g is Gaussian white noise on a lattice of spacing L/2, smoothed by a Gaussian of standard deviation L/sqrt(2) that
+    is evaluated at the voxel centres themselves, and divided by the root of the sum of its squared weights. Thus
+    it is a function of (seed, position): no voxel size, block or interpolation enters, and a larger block
+    continues a smaller one. Weights are products over the axes, so that a block for R = 3 mm at 0.1 mm takes 5 ms; a
+    sum of 1000 random cosines, as independent of the grid, takes 50 times that and is only nearly Gaussian.
+    In one bone (contrast 0.1 and 0.2, L = 0.25 to 1 mm, 0.5 and 2 N) the mean velocity at 0.05, 0.2 and 0.25 mm is
+    within 1.3 % of that at 0.1 mm, which is what homogeneous bone shows too, L = one voxel included.
+    Noise comes from a counter-based generator (Philox, key seed, counter the node's place).
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> from burrlab.bone.uneven import BoneField
+    >>> field = BoneField(mean=0.8, contrast=0.1, correlation_length=0.5)
+    >>> specimen = field.specimen(burrlab.Burr(3.0), 0.2, seed=1)
+    >>> run = burrlab.descend(burrlab.Burr(3.0), burrlab.materials["bone"], 1.0, specimen=specimen, seed=1, ideal=True)
+    >>> run.status
+    'ok'
+    """
+
+    mean: float = 0.8
+    contrast: float = 0.1
+    correlation_length: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not 0 < self.mean <= 1:
+            raise ValueError(f"mean must be above 0 and at most 1, got {self.mean}")
+        most = np.sqrt((1 - self.mean) / self.mean)
+        if not (self.contrast == 0 or 0 < self.contrast < most):
+            raise ValueError(
+                f"contrast must be 0 or between 0 and sqrt((1 - mean)/mean) = {most:.4g}, got {self.contrast}"
+            )
+        if 0 < self.contrast * self.mean * 255 < 1:
+            raise ValueError(
+                f"contrast must be 0 or give a standard deviation of at least one level, 1/(255 mean) = "
+                f"{1 / (255 * self.mean):.4g}, got {self.contrast}"
+            )
+        if not 0 < self.correlation_length < np.inf:
+            raise ValueError(f"correlation_length must be positive and finite, got {self.correlation_length}")
+
+    @property
+    def realised(self) -> tuple[float, float]:
+        """Mean and standard deviation of the occupancy once it is rounded to levels, by its distribution."""
+        level = np.arange(256) / 255
+        if self.contrast == 0:
+            return float(np.rint(255 * self.mean) / 255), 0.0
+        below = special.betainc(*self._beta(), (np.arange(255) + 0.5) / 255)
+        share = np.diff(below, prepend=0.0, append=1.0)
+        mean = float(share @ level)
+        return mean, float(np.sqrt(share @ (level - mean) ** 2))
+
+    def correlation(self, distance: ArrayLike) -> Floats:
+        """Correlation of the occupancy at two places.
+
+        With c_n the coefficients of B^-1(Phi(g)) in normalised Hermite polynomials of g,
+        sum c_n^2 exp(-n d^2/(2 L^2))/sum c_n^2 over n >= 1. It is the correlation of g within 0.02 where
+        the beta distribution is near a normal one, and lower where it is skew.
+
+        Parameters
+        ----------
+        distance : array_like
+            d [mm]
+
+        Returns
+        -------
+        ndarray, shape of distance
+            0..1
+        """
+        rho = np.exp(-0.5 * (np.asarray(distance, dtype=float) / self.correlation_length) ** 2)
+        if self.contrast == 0:
+            return np.asarray(rho)
+        g, step = np.linspace(-8, 8, 3201, retstep=True)
+        weight = np.exp(-0.5 * g**2) / np.sqrt(2 * np.pi) * step
+        value = (special.betaincinv(*self._beta(), special.ndtr(g)) - self.mean) * weight
+        power, before, polynomial = [], np.zeros_like(g), np.ones_like(g)
+        for n in range(1, 33):
+            before, polynomial = polynomial, (g * polynomial - np.sqrt(n - 1) * before) / np.sqrt(n)
+            power.append(float(value @ polynomial) ** 2)
+        powers = rho[..., None] ** np.arange(1, 33)
+        return np.asarray(powers @ np.array(power) / sum(power))
+
+    def levels(self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, seed: int) -> NDArray[np.uint8]:
+        """Levels of the bone at the places of a grid.
+
+        Parameters
+        ----------
+        x, y, z : array_like, shape (n_x,), (n_y,), (n_z,)
+            Coordinates of the grid [mm].
+        seed : int
+            Of the field.
+
+        Returns
+        -------
+        ndarray of uint8, shape (n_z, n_y, n_x)
+            Occupancy, 0..255.
+
+        Raises
+        ------
+        ValueError
+            If the seed is not in 0..2^64 - 1.
+        """
+        if not 0 <= seed < 2**64:
+            raise ValueError(f"seed must be in 0..2^64 - 1, got {seed}")
+        axes = [np.asarray(c, dtype=float) for c in (z, y, x)]
+        out = np.full([len(c) for c in axes], np.rint(255 * self.mean), dtype=np.uint8)
+        if self.contrast == 0 or out.size == 0:
+            return out
+        # A level is reached where g passes its threshold: exact, and no beta quantile a voxel.
+        threshold = special.ndtri(special.betainc(*self._beta(), (np.arange(255) + 0.5) / 255))
+        stencils = [_stencil(c * (NODES_A_LENGTH / self.correlation_length)) for c in axes]
+        low = [int(first.min()) for first, _ in stencils]
+        high = [int(first.max()) + 2 * REACH for first, _ in stencils]
+        noise = _white_noise(low, high, int(seed))
+        (first_z, weight_z), (first_y, weight_y), (first_x, weight_x) = stencils
+        for begin in range(0, len(first_z), LAYERS):
+            rows = slice(begin, begin + LAYERS)
+            g = _smooth(noise, first_z[rows] - low[0], weight_z[:, rows], 0)
+            g = _smooth(g, first_y - low[1], weight_y, 1)
+            g = _smooth(g, first_x - low[2], weight_x, 2)
+            out[rows] = np.searchsorted(threshold, g, side="right")
+        return out
+
+    def specimen(
+        self,
+        burr: Burr,
+        voxel: float | Vector,
+        *,
+        depth: float | None = None,
+        seed: int,
+        axis: Vector = (0.0, 0.0, -1.0),
+        offset: Vector = (0.0, 0.0, 0.0),
+    ) -> Specimen:
+        """This bone below a plane through the origin, in a block as `half_space` makes it.
+
+        Parameters
+        ----------
+        burr, voxel, depth, axis, offset
+            See `half_space`. The field stays where it is when the offset moves the burr.
+        seed : int
+            Of the field; another seed is another bone.
+
+        Returns
+        -------
+        Specimen
+            Voxels hold the occupancy at their centres, times the part of them below the plane.
+
+        Raises
+        ------
+        ValueError
+            If the seed is not in 0..2^64 - 1 or the correlation length below a voxel; else as `half_space`.
+        """
+        block = block_below_plane(burr, voxel, depth=depth, axis=axis, offset=offset)
+        # Centres at a spacing of L leave 0.2 % of g's variance an axis beyond what they can represent.
+        if self.contrast > 0 and self.correlation_length < block.spacing.max():
+            raise ValueError(
+                f"correlation_length must be at least one voxel, {block.spacing.max():g} mm, "
+                f"got {self.correlation_length:g} mm"
+            )
+        levels = self.levels(*block.centers, seed=seed)
+        partial = (block.fraction > 0) & (block.fraction < 1)
+        levels[block.fraction == 0] = 0
+        levels[partial] = np.rint(block.fraction[partial] * levels[partial]).astype(np.uint8)
+        return block.filled(
+            levels,
+            f"half-space of uneven bone, mean {self.mean:g}, contrast {self.contrast:g}, "
+            f"correlation length {self.correlation_length:g} mm, seed {seed}",
+        )
+
+    def _beta(self) -> tuple[float, float]:
+        """Parameters a and b of the beta distribution, by its first two moments."""
+        total = (1 - self.mean) / (self.mean * self.contrast**2) - 1
+        return self.mean * total, (1 - self.mean) * total
+
+
+def _stencil(place: Floats) -> tuple[NDArray[np.int64], Floats]:
+    """First node (n,) and weights (2 REACH, n), with squares that sum to 1, of places in node spacings."""
+    first = np.floor(place).astype(np.int64) - (REACH - 1)
+    distance = place - (first + np.arange(2 * REACH)[:, None])
+    # The kernel has a variance of L^2/2, here NODES_A_LENGTH^2/2; its square's correlation is that of g.
+    weight = np.exp(-((distance / NODES_A_LENGTH) ** 2))
+    return first, weight / np.sqrt(np.sum(weight**2, axis=0))
+
+
+def _smooth(field: Floats, first: NDArray[np.int64], weight: Floats, axis: int) -> Floats:
+    """Weighted sums along an axis, in an order of their own: the same bits in every block, unlike a BLAS."""
+    shape = [1, 1, 1]
+    shape[axis] = len(first)
+    total = weight[0].reshape(shape) * np.take(field, first, axis=axis)
+    for k in range(1, len(weight)):
+        total += weight[k].reshape(shape) * np.take(field, first + k, axis=axis)
+    return np.asarray(total)
+
+
+def _white_noise(low: list[int], high: list[int], seed: int) -> Floats:
+    """Standard normal draws at the nodes low..high - 1 (z, y, x), each a function of seed and node alone."""
+    begin = [i // CUBE for i in low]
+    count = [-(-j // CUBE) - i for i, j in zip(begin, high, strict=True)]
+    raw = np.empty([CUBE * n for n in count], dtype=np.uint64)
+    key = np.array([seed, STREAM], dtype=np.uint64)
+    for cube in np.ndindex(*count):
+        at = [(i + b) % 2**64 for i, b in zip(cube, begin, strict=True)]
+        draws = np.random.Philox(key=key, counter=np.array([0, *at], dtype=np.uint64)).random_raw(CUBE**3)
+        raw[tuple(slice(CUBE * i, CUBE * (i + 1)) for i in cube)] = draws.reshape(CUBE, CUBE, CUBE)
+    inside = tuple(slice(i - CUBE * b, j - CUBE * b) for i, j, b in zip(low, high, begin, strict=True))
+    uniform = ((raw[inside] >> np.uint64(12)).astype(float) + 0.5) * 2.0**-52
+    return np.asarray(special.ndtri(uniform))

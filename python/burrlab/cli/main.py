@@ -1,0 +1,87 @@
+"""The parser of `burrlab COMMAND`, and what runs a command."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
+
+import burrlab
+from burrlab.cli.bone import add_tissues_command
+from burrlab.cli.descent import add_descent_commands, add_fit_command
+from burrlab.cli.experiment import add_experiment_commands
+from burrlab.cli.options import SIGNED, NotKept, Options, add_output_options, check_outputs, deliver, sentence
+from burrlab.cli.session import add_session_commands, add_trace_commands
+from burrlab.cli.view import add_view_command
+from burrlab.common.files import NO_ROOM
+from burrlab.common.provenance import provenance
+from burrlab.starting import started
+
+
+class _Parser(argparse.ArgumentParser):
+    def __init__(self, **options: Any) -> None:
+        """Whole names only: what a script abbreviates today may mean another option tomorrow."""
+        super().__init__(allow_abbrev=False, **options)
+
+    def error(self, message: str) -> NoReturn:
+        """One line that names the option, exit status 2."""
+        self.exit(2, f"{self.prog}: {message}\n")
+
+
+def _version(options: Options) -> int:
+    deliver(options, {"version": burrlab.__version__, **provenance()}, f"burrlab {burrlab.__version__}")
+    return 0
+
+
+def join_vectors(arguments: Sequence[str]) -> list[str]:
+    """`--entry -1,2,3` as `--entry=-1,2,3`: argparse takes a leading minus for an option."""
+    joined: list[str] = []
+    for text in arguments:
+        if joined and joined[-1] in SIGNED and re.match(r"-[\d.]", text):
+            joined[-1] += f"={text}"
+        else:
+            joined.append(text)
+    return joined
+
+
+def command_parser() -> argparse.ArgumentParser:
+    """With all commands."""
+    parser = _Parser(
+        prog="burrlab", description="Virtual bone-burring experiments. Units: mm, N, s; dt in ms."
+    )
+    parser.add_argument("--version", action="version", version=f"burrlab {burrlab.__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def command(name: str, run: Callable[[Options], int], text: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=text, description=text)
+        sub.set_defaults(run=run)
+        return sub
+
+    add_descent_commands(command)
+    add_fit_command(command)
+    add_session_commands(command)
+    add_trace_commands(command)
+    add_view_command(command)
+    add_experiment_commands(command)
+    add_tissues_command(command)
+    add_output_options(command("version", _version, "Version and what it runs on."), plot=False)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command; 0 done (a run without a number too), 1 different or failed, 2 wrong input, 3 done and not kept
+    as asked, 130 interrupted."""
+    started()
+    options = argparse.Namespace(command="")
+    try:
+        options = command_parser().parse_args(join_vectors(sys.argv[1:] if arguments is None else arguments))
+        check_outputs(options)
+        return int(options.run(options))
+    except (ValueError, OSError, ImportError) as error:
+        print(f"burrlab {options.command}: {sentence(error)}", file=sys.stderr)
+        return 3 if isinstance(error, NotKept) or getattr(error, "errno", None) in NO_ROOM else 2
+    except KeyboardInterrupt:
+        print(f"burrlab {options.command}: interrupted", file=sys.stderr)
+        return 130

@@ -1,0 +1,1 @@
+"""What knows nothing of bone: checks, files, tables, records, studies."""

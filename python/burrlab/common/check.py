@@ -1,0 +1,134 @@
+"""Checks of what the public functions are given.
+
+What a file, or a number of voxels, may take of the machine: told before it is taken.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import operator
+import os
+import re
+import reprlib
+import zlib
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def require_type(name: str, value: object, kind: type, example: str) -> None:
+    """TypeError in one sentence unless `value` is a `kind`."""
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} must be a {kind.__name__}, such as {example}, got {value!r}")
+
+
+def real(value: object, name: str) -> NDArray[np.float64]:
+    """A copy in float64; ValueError in one sentence for what is not real: complex numbers, flags, bytes, 10**400."""
+    try:
+        found = np.asarray(value)
+        if found.dtype.kind in "iufUO":
+            return np.array(found, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise ValueError(f"{name} must be of real numbers that a float holds, got {reprlib.repr(value)}")
+
+
+def whole(name: str, value: object, end: int, end_text: str) -> int:
+    """ValueError in one sentence unless it is a whole number from 0 and below `end`; True and False are none."""
+    try:
+        number = -1 if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        number = -1
+    if not 0 <= number < end:
+        raise ValueError(f"{name} must be a whole number from 0 and below {end_text}, got {value!r}")
+    return number
+
+
+#: Deflate makes at most so many bytes of one: two bits can stand for 258 bytes.
+DEFLATE = 1032
+#: What may follow the values in a packed stream (ours) [bytes].
+_BEHIND = 1 << 20
+
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 2, 120, 120
+
+
+def shown(value: object) -> str:
+    """A value as a refusal shows it: short, and at no cost, however much it holds."""
+    text = _SHORT.repr(value)
+    return text if len(text) <= 200 else f"{text[:200]}..."
+
+
+def available_memory() -> float:
+    """What the machine, or its container, still has [bytes]; infinity where it does not say."""
+    found = [math.inf]
+    with contextlib.suppress(OSError, ValueError, AttributeError):
+        found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    with contextlib.suppress(OSError):
+        told = re.search(r"^MemAvailable: *(\d+) kB", Path("/proc/meminfo").read_text(), re.MULTILINE)
+        found.append(1024 * int(told[1]) if told else math.inf)
+    with contextlib.suppress(OSError, ValueError):  # "max" where there is no limit
+        found.append(int(Path("/sys/fs/cgroup/memory.max").read_text()))
+    return min(found)
+
+
+def check_memory(size: float, what: str) -> None:
+    """ValueError where something takes more than the machine has [bytes]."""
+    if size > (there := available_memory()):
+        raise ValueError(f"{what} needs {size / 1e9:.3g} GB of memory, and {there / 1e9:.3g} GB are there")
+
+
+def check_bone(voxels: float, each: float) -> None:
+    """ValueError where the machine has no memory for a bone of so many voxels, of so many bytes each; C++ asks too."""
+    check_memory(voxels * each, f"a bone of {voxels:.3g} voxels")
+
+
+def check_packed(size: float, packed: float, name: str) -> None:
+    """ValueError where a file says that its packed bytes hold more than they can."""
+    if size > DEFLATE * packed:
+        raise ValueError(
+            f"{name}: the file is cut short: {packed:.0f} packed bytes cannot hold {size} of values"
+        )
+
+
+def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDArray[np.uint8], bytes]:
+    """From here on, at most `size` bytes, unpacked if they are packed; and what else the packed stream holds.
+
+    A packed stream is one of zlib or gzip. The file is left behind it, and its checksum has been looked at.
+
+    Raises
+    ------
+    ValueError
+        If it is damaged, holds far more, or less than `size` by all that is known, or the machine has not as much memory.
+    """
+    left = max(os.fstat(file.fileno()).st_size - file.tell(), 0)
+    if packed:
+        check_packed(size, left, name)
+    check_memory(size if packed else min(size, left), f"{name}: the file")
+    if not packed:
+        return np.fromfile(file, np.uint8, min(size, left)), b""
+    values, have, rest = np.empty(size, np.uint8), 0, b""
+    stream, chunk = zlib.decompressobj(32 + zlib.MAX_WBITS), b""
+    while len(rest) <= _BEHIND:
+        chunk = chunk or file.read(1 << 18)
+        try:
+            piece = stream.decompress(chunk, 1 << 22)
+        except zlib.error as error:
+            raise ValueError(f"{name}: the compressed data is cut short or damaged ({error})") from None
+        taken = min(len(piece), size - have)
+        values[have : have + taken] = np.frombuffer(piece, np.uint8, taken)
+        have, rest = have + taken, rest + piece[taken:]
+        if not stream.eof:
+            if not (chunk or piece):
+                raise ValueError(f"{name}: the compressed data is cut short or damaged (it has no end)")
+            chunk = stream.unconsumed_tail
+            continue
+        chunk = stream.unused_data + file.read(2)
+        if not chunk.startswith(b"\x1f\x8b"):  # no further part, as some gzip files have
+            file.seek(-len(chunk), os.SEEK_CUR)
+            return values[:have], rest
+        stream = zlib.decompressobj(32 + zlib.MAX_WBITS)
+    raise ValueError(f"{name}: the compressed data must hold {size} bytes, as the header says, got far more")

@@ -1,0 +1,38 @@
+"""Faces of packages: the names in a stub and the modules, each imported when it is first asked for."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+_LINE = re.compile(r"^from (\S+) import (\w+) as (\w+)$", re.MULTILINE)
+
+
+def face(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """`__getattr__`, `__dir__` and `__all__` of a package whose `__init__.pyi` says where its public names are.
+
+    Parameters
+    ----------
+    package, file : str
+        Its `__name__` and `__file__`.
+    """
+    stub = Path(file).with_suffix(".pyi").read_text(encoding="utf-8")
+    places = {name: (module, known) for module, known, name in _LINE.findall(stub)}
+
+    def ask(name: str) -> Any:
+        module, known = places.get(name, (package, name))
+        if module != package:
+            found = getattr(importlib.import_module(module), known)
+        elif name.startswith("__") or importlib.util.find_spec(f"{package}.{name}") is None:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        else:
+            found = importlib.import_module(f"{package}.{name}")
+        setattr(importlib.import_module(package), name, found)
+        return found
+
+    public = sorted(places)
+    return ask, lambda: public, public

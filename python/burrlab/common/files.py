@@ -1,0 +1,307 @@
+"""Files and folders that are made anew: where, and that a folder appears when it is whole.
+
+HDF5 files: new ones, where a full disk is an OSError and no more; and what hangs libhdf5 in damaged ones.
+
+What a reader of a bone or trace asks libhdf5 for, in a process of its own: a file that hangs or crashes it does so here.
+
+Files that one process at a time writes, to the disk.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import io
+import itertools
+import os
+import secrets
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import h5py
+
+
+#: What a write says where the disk is full, a quota or limit is met, or the disk fails.
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+
+
+def check_folder(target: Path) -> None:
+    """FileNotFoundError or PermissionError where nothing can be made beside a path, before there is anything to lose."""
+    folder = target.resolve().parent
+    if not folder.is_dir():
+        raise FileNotFoundError(f"folder must exist, got {folder}")
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(f"folder must be writable, got {folder}")
+
+
+def kept_elsewhere(path: str, name: str, write: Callable[[str], object]) -> str | None:
+    """Where else something could be written: beside its path, or under a name among temporary files; None: nowhere."""
+    beside, folder = f"{path}{Path(name).suffix}", ""
+    if not os.path.lexists(beside) and (
+        os.path.isfile(path) or not os.path.exists(path)
+    ):  # not beside a device
+        try:
+            write(beside)
+            return beside
+        except OSError:
+            Path(beside).unlink(missing_ok=True)
+    try:
+        folder = tempfile.mkdtemp(prefix="burrlab-")
+        write(place := os.path.join(folder, name))
+        return place
+    except OSError:
+        shutil.rmtree(folder, ignore_errors=True)
+        return None
+
+
+def lock(file: int, taken: str, *, wait: bool = False) -> None:
+    """Takes the lock of an open file or folder; it ends when that is closed, and with the process, however that ends.
+
+    Raises
+    ------
+    BlockingIOError
+        If another has it, unless told to wait; `taken` says so.
+    """
+    import fcntl
+
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except BlockingIOError:
+        raise BlockingIOError(taken) from None
+
+
+@contextlib.contextmanager
+def new_part(target: Path, ending: str = "") -> Iterator[Path]:
+    """A new, empty file beside a path, of a name that nobody else has, to be moved there once it is whole; else it is gone.
+
+    A kill leaves it behind, and it stands in nobody's way. OSError where it cannot be made.
+    """
+    check_folder(target)
+    part = target.with_name(f".{target.name[:40]}.{os.getpid()}-{secrets.token_hex(4)}.part{ending}")
+    try:
+        os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _NO_LINK, 0o666))
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, os.fspath(target)) from None
+    try:
+        yield part
+    finally:
+        part.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def new_folder(target: Path) -> Iterator[Path]:
+    """A folder to be filled, which gets its name at the end, and is gone after an error; OSError where it cannot be made."""
+    part = target.with_name(f".{target.name}.part")
+    part.mkdir(exist_ok=True)
+    descriptor = os.open(part, os.O_RDONLY | _NO_LINK)
+    try:
+        if os.fstat(descriptor).st_uid != os.geteuid():  # who could put links into it meanwhile
+            raise PermissionError(f"{part} is another user's")
+        taken = f"{target} is being written by another process"
+        lock(descriptor, taken)
+        if not _is_at(descriptor, part):  # it got its name meanwhile
+            raise BlockingIOError(taken)
+        try:
+            for left in part.iterdir():  # by a process that was killed
+                left.unlink()
+            yield part
+            os.rename(part, target)
+        except BaseException:
+            shutil.rmtree(part, ignore_errors=True)
+            raise
+    finally:
+        os.close(descriptor)
+
+
+def _is_at(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def write_synced(path: Path, content: bytes) -> None:
+    """Writes a file and waits until it is on disk."""
+    with path.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+_PATIENCE = 30.0  # with libhdf5 in a file without checksums, on a busy machine [s]
+
+
+@contextlib.contextmanager
+def new_hdf5(path: str | os.PathLike[str], **options: Any) -> Iterator[h5py.File]:
+    """A new file, or an older one emptied, on disk at the end; OSError where it cannot be written.
+
+    Notes
+    -----
+    libhdf5 writes much of a file when it is closed, and where that fails, leaves its memory in disorder: processes crash at
+    once or at their end. So it is told of no error, and the first is raised when it has done.
+
+    The format of HDF5 1.10 has checksums on all that describes the data but texts of no fixed length: `put_attributes`.
+    """
+    import h5py
+
+    check_folder(Path(path))
+    with _Disk(path) as disk:
+        try:
+            with h5py.File(disk, "w", libver=("v110", "v110"), **options) as file:
+                yield file
+        except (OSError, RuntimeError):
+            if disk.failure is None:
+                raise
+        if disk.failure is not None:
+            raise OSError(disk.failure.errno, disk.failure.strerror, os.fspath(path)) from None
+        os.fsync(disk.fileno())
+
+
+def put_attributes(item: h5py.Group | h5py.Dataset, values: Mapping[str, Any]) -> None:
+    """Attributes, texts with a fixed length: the heap of the others has no checksum, and zeros in it hang libhdf5 for ever."""
+    import h5py
+
+    for name, value in values.items():
+        if isinstance(value, str):
+            content = value.encode("utf-8", "surrogateescape")
+            item.attrs.create(name, content, dtype=h5py.string_dtype("utf-8", max(1, len(content))))
+        else:
+            item.attrs[name] = value
+
+
+def attributes(item: h5py.Group | h5py.Dataset) -> dict[str, Any]:
+    """All of them, texts of a fixed length or not as str."""
+    for name in item.attrs:
+        check_heap(item, item.attrs.get_id(name).dtype)
+    return {
+        name: value.decode("utf-8", "surrogateescape") if isinstance(value, bytes) else value
+        for name, value in item.attrs.items()
+    }
+
+
+def check_heap(item: h5py.Group | h5py.Dataset, dtype: Any) -> None:
+    """ValueError where a value of no fixed length hangs or crashes libhdf5, in a file whose other parts have checksums."""
+    if dtype.hasobject and item.file.id.get_create_plist().get_version()[0] > 2:
+        check_walk(item.file.filename)
+
+
+def check_walk(path: str | os.PathLike[str]) -> None:
+    """ValueError where libhdf5 hangs or crashes in a file, as it does in damaged ones without checksums."""
+    command = [sys.executable, "-P", str(Path(__file__).with_name("hdf5_walk.py")), os.fspath(path)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        if not subprocess.run(
+            command, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            timeout=_PATIENCE, check=False,
+        ).returncode:  # fmt: skip
+            return
+    raise ValueError(f"{path} is damaged: the HDF5 library hangs or crashes reading it")
+
+
+class _Disk(io.FileIO):
+    """A new file that cannot fail to be written; `failure` is the first error that it was not told."""
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        super().__init__(path, "w+")
+        self.failure: OSError | None = None
+
+    def write(self, content: Any, /) -> int:
+        left = memoryview(content).cast("B")
+        size, begin = len(left), self.tell()
+        try:
+            while self.failure is None and len(left):
+                left = left[super().write(left) :]
+        except OSError as error:
+            self.failure = error
+        if self.failure is not None:
+            self.seek(begin + size)
+        return size
+
+    def truncate(self, size: int | None = None, /) -> int:
+        try:
+            return super().truncate(size)
+        except OSError as error:
+            self.failure = self.failure or error
+            return self.tell() if size is None else size
+
+
+_MEMORY, _TIME = 4 << 30, 2  # that the process may have [bytes], and of the processor [s]
+
+
+def walk(item: Any, depth: int = 0) -> None:
+    """Attributes, members, and where each chunk lies; values of what is small."""
+    dict(item.attrs.items())
+    if hasattr(item, "keys"):
+        for name in ["none", *itertools.islice(item, 1000 if depth < 4 else 0)]:
+            if name in item:
+                walk(item[name], depth + 1)
+    elif item.chunks:
+        item.id.chunk_iter(lambda chunk: None)
+    elif item.shape is not None:
+        item[:1] if item.shape else item[()]
+
+
+if __name__ == "__main__":
+    import h5py
+
+    with contextlib.suppress(ImportError):
+        import resource
+
+        for what, most in ((resource.RLIMIT_AS, _MEMORY), (resource.RLIMIT_CPU, _TIME)):
+            given = resource.getrlimit(what)[1]  # more than that nobody may set
+            least = most if given == resource.RLIM_INFINITY else min(most, given)
+            resource.setrlimit(what, (least, least))
+    with contextlib.suppress(Exception), h5py.File(sys.argv[1], "r") as file:  # the reader says it better
+        walk(file)
+
+
+def lock_run(file: int, path: Path, *, wait: bool = False) -> None:
+    """The lock of a run's open file; BlockingIOError if another process has it, unless told to wait."""
+    lock(file, f"{path}: another process has this run open", wait=wait)
+
+
+@contextmanager
+def locked(file: int, path: Path, *, wait: bool = False) -> Iterator[None]:
+    """Within, the lock of an open file is held; then the file is closed."""
+    try:
+        lock_run(file, path, wait=wait)
+        yield
+    finally:
+        os.close(file)
+
+
+def synced_write(file: int, path: Path, text: bytes) -> None:
+    """All of the text behind what is there, on the disk, or none of it.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    before = os.fstat(file).st_size
+    try:
+        if (written := os.write(file, text)) < len(text):
+            raise OSError(f"{path} took {written} of {len(text)} bytes: is the disk full?")
+        os.fsync(file)
+    except OSError as error:
+        os.ftruncate(file, before)
+        if error.filename is None and error.errno is not None:  # a disk that is full does not say where
+            raise OSError(error.errno, error.strerror, os.fspath(path)) from None
+        raise
+
+
+def sync_folder(folder: Path) -> None:
+    """So that the names of new files outlive a power cut."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

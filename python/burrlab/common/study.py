@@ -1,0 +1,540 @@
+"""Results on disk, each under a key that says what made it, so that a study can go on where it was ended.
+
+Many independent items of work: on threads, processes or a cluster, and resumed from a store.
+"""
+
+from __future__ import annotations
+
+import base64
+import dataclasses
+import hashlib
+import json
+import math
+import os
+import queue
+import reprlib
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, Generic, TypeAlias, TypeVar
+
+import numpy as np
+
+from burrlab._core import Burr, Material, Shape, VoxelBone, __version__
+from burrlab.common.records import UNREADABLE, parsed
+
+#: What a study takes for a store: one, or the path of its file.
+StorePath: TypeAlias = "Store | str | os.PathLike[str]"
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+Thing = TypeVar("Thing")
+
+#: Of keys and lines together: a store of another format is refused.
+FORMAT = 1
+_NAME = "burrlab store, format"
+_STORED_AS = "_stored_as"
+_HEADER = json.dumps({_NAME: FORMAT}).encode()
+_SYNC = 1.0  # a result is forced to the disk unless the last one was less than this ago [s] (ours)
+_NUMBERS = "biufc"  # kinds of NumPy's numbers that are nothing but their bytes
+
+_PARTS: dict[type, tuple[str, ...]] = {
+    Burr: ("radius",),
+    Material: ("name", "c_e", "alpha", "shape", "source"),
+    Shape: ("name",),
+}
+
+
+def stored_as(name: str) -> Callable[[Thing], Thing]:
+    """Decorator: stores know a function or dataclass by this name, wherever it stands, so that their keys stay valid."""
+
+    def named(thing: Thing) -> Thing:
+        setattr(thing, _STORED_AS, name)
+        return thing
+
+    return named
+
+
+def _name(thing: Any) -> str:
+    return str(getattr(thing, "__dict__", {}).get(_STORED_AS, f"{thing.__module__}.{thing.__qualname__}"))
+
+
+def _identity(value: Any) -> Any:
+    """What tells `value` from every other one, as JSON can hold it: floats to the bit, types named."""
+    if value is None or type(value) in (bool, int, str):
+        return value
+    if isinstance(value, np.float64) or type(value) is float:
+        return ["float", float(value).hex()]
+    if (type(value) is np.ndarray or isinstance(value, np.generic)) and value.dtype.kind in _NUMBERS:
+        array = np.asarray(value)
+        return ["array", array.dtype.str, list(array.shape), hashlib.sha256(array.tobytes()).hexdigest()]
+    if type(value) in (tuple, list):
+        return ["sequence", [_identity(part) for part in value]]
+    if type(value) is dict and all(type(key) is str for key in value):
+        return ["dict", [[key, _identity(value[key])] for key in sorted(value)]]
+    if isinstance(value, VoxelBone):
+        return ["bone", value.digest()]
+    for kind, parts in _PARTS.items():
+        if isinstance(value, kind):
+            return [kind.__name__, [_identity(getattr(value, part)) for part in parts]]
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        fields = [field.name for field in dataclasses.fields(value) if field.compare]
+        return [_name(type(value)), [[name, _identity(getattr(value, name))] for name in fields]]
+    raise TypeError(
+        "item must be made of None, bool, int, float, str, tuples, lists, dicts with str keys, NumPy numbers and arrays, "
+        f"burrs, materials, shapes, bones and dataclasses of these, got {value!r}"
+    )
+
+
+def key_of(function: Callable[..., Any], item: Any) -> str:
+    """Key of a result: sha256 of the function's name, the item, the package version and the format of stores.
+
+    Parameters
+    ----------
+    function : callable
+        A function of a module. Its name counts, not what it does: after a change it needs another name or store.
+    item : object
+        Floats count to the bit; of a dataclass, the fields that take part in its comparison; of a bone, its digest.
+
+    Raises
+    ------
+    TypeError
+        If the function is none of a module, or the item holds something else than described there.
+
+    Examples
+    --------
+    >>> key_of(round, 0.1) == key_of(round, 0.1), key_of(round, 0.1) == key_of(round, 0.1 + 2e-17)
+    (True, False)
+    """
+    if "<" in getattr(function, "__qualname__", "<"):  # <lambda>, <locals>, functools.partial
+        raise TypeError(
+            f"function must be one of a module, which a store knows by its name, got {function!r}"
+        )
+    parts = [FORMAT, __version__, _name(function), _identity(item)]
+    return hashlib.sha256(json.dumps(parts, separators=(",", ":")).encode()).hexdigest()
+
+
+def _encode(value: Any) -> Any:
+    if value is None or type(value) in (bool, int, str):
+        return value
+    if type(value) is float:
+        return value if math.isfinite(value) else {"float": repr(value)}
+    if type(value) is list:
+        return [_encode(part) for part in value]
+    if type(value) is tuple:
+        return {"tuple": [_encode(part) for part in value]}
+    if type(value) is dict and all(type(key) is str for key in value):
+        return {"dict": {key: _encode(part) for key, part in value.items()}}
+    if type(value) is np.ndarray or isinstance(value, np.generic):
+        array = np.asarray(value)
+        if array.dtype.kind in _NUMBERS:
+            kind = "array" if type(value) is np.ndarray else "number"
+            return {kind: [array.dtype.str, list(array.shape), base64.b64encode(array.tobytes()).decode()]}
+    raise TypeError(
+        "a result that is stored must be made of None, bool, int, float, str, tuples, lists, dicts with str keys, NumPy "
+        f"numbers and arrays of numbers, got {value!r}"
+    )
+
+
+def _decode(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_decode(part) for part in value]
+    if not isinstance(value, dict):
+        return value
+    ((kind, content),) = value.items()
+    if kind == "float":
+        return float(content)
+    if kind == "tuple":
+        return tuple(_decode(part) for part in content)
+    if kind == "dict":
+        return {key: _decode(part) for key, part in content.items()}
+    dtype, shape, data = content
+    if kind not in ("array", "number") or np.dtype(dtype).kind not in _NUMBERS:
+        raise ValueError(f"a result holds no {kind!r} of {dtype!r}")
+    array = np.frombuffer(base64.b64decode(data), dtype).reshape(shape).copy()
+    return array if kind == "array" else array[()]
+
+
+class Store:
+    """Results of a study in a file, one line of JSON each, only ever appended to.
+
+    A line is written at once, so that a kill loses at most the result it came with, and that processes of one
+    machine may write into the same file. What a process finds is what was there when it opened the store, and its own.
+
+    Parameters
+    ----------
+    path : path-like
+        Made if it does not exist.
+
+    Raises
+    ------
+    ValueError
+        If the file is no store, or one of another format.
+    OSError
+        If the file cannot be read and written.
+
+    Notes
+    -----
+    A result may hold None, bool, int, float, str, tuples, lists, dicts with str keys, NumPy numbers and arrays of
+    numbers; it comes back the same to the bit and type. Every write is the system's at once, so that it outlives the
+    process; it is forced to the disk once a second at most, so that a power cut may cost the last second.
+    A line that a kill has torn is left out; `repr` tells how many.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> store = Store(folder.name + "/study.jsonl")
+    >>> store.add(key_of(round, 1.5), (0.1, float("nan")))
+    >>> key_of(round, 1.5) in Store(store.path), Store(store.path).get(key_of(round, 1.5))
+    (True, (0.1, nan))
+    >>> folder.cleanup()
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self._results: dict[str, str] = {}  # as JSON: what is handed out can be changed without harm
+        self._torn = 0
+        self._synced = -math.inf
+        with self.path.open("ab") as file:  # also shows early that it can be written
+            new = file.tell() == 0
+        if new:
+            self._append(_HEADER + b"\n")
+        elif self._load(self.path.read_bytes()):
+            self._append(b"\n" + _HEADER + b"\n")
+
+    def _load(self, data: bytes) -> bool:
+        """Reads the lines; True if there is nothing yet but a torn header."""
+        lines = [line for line in data.split(b"\n") if line]
+        while lines and lines[0] != _HEADER and _HEADER.startswith(lines[0]):
+            self._torn += 1
+            del lines[0]
+        if not lines:
+            return True
+        try:
+            found = json.loads(lines[0])[_NAME]
+        except UNREADABLE:
+            raise ValueError(
+                f"store must be a file of burrlab results or a new one, got {self.path}"
+            ) from None
+        if found != FORMAT:
+            raise ValueError(
+                f"store must be of format {FORMAT}, got {self.path} of format {reprlib.repr(found)}"
+            )
+        for line in lines[1:]:
+            if line == _HEADER:  # two processes made the file at once
+                continue
+            try:
+                entry = json.loads(line)
+                self._results[entry["key"]] = json.dumps(entry["result"])
+            except UNREADABLE:
+                self._torn += 1
+        return False
+
+    def _append(self, text: bytes) -> None:
+        # Opened anew each time: on a network file system closing hands the text to the server.
+        file = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+        try:
+            written = os.write(file, text)
+            if written < len(text):
+                raise OSError(f"store: {self.path} took {written} of {len(text)} bytes: is the disk full?")
+            if time.monotonic() - self._synced > _SYNC:
+                os.fsync(file)
+                self._synced = time.monotonic()
+        finally:
+            os.close(file)
+
+    def add(self, key: str, result: Any) -> None:
+        """Appends a result; one that is there already is kept as it is.
+
+        Raises
+        ------
+        TypeError
+            If it holds a type that a store does not.
+        OSError
+            If it cannot be written.
+        """
+        if key in self._results:
+            return
+        text = json.dumps(_encode(result), allow_nan=False)
+        # The newline comes first, so that what another process left torn stays a line of its own.
+        self._append(f'\n{{"key": {json.dumps(key)}, "result": {text}}}'.encode())
+        self._results[key] = text
+
+    def get(self, key: str) -> Any:
+        """The result under a key.
+
+        Raises
+        ------
+        KeyError
+            If there is none.
+        ValueError
+            If the file holds something else under it than `add` writes.
+        """
+        return parsed(str(self.path), self._results[key], "a store's result", _decode, finite=False)
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._results
+
+    def __len__(self) -> int:
+        return len(self._results)
+
+    def __repr__(self) -> str:
+        torn = f", {self._torn} torn lines left out" if self._torn else ""
+        return f"Store({str(self.path)!r}, {len(self)} results{torn})"
+
+
+_LOOK = 0.2  # time between looks at `cancel` while nothing arrives [s]
+_here = threading.local()
+
+
+class StudyInterrupted(RuntimeError):
+    """The executor died before all items were done."""
+
+
+def cancel_event() -> threading.Event | None:
+    """Set once the study is over whose item this thread works on; None in another process.
+
+    A function whose items take long looks at it, and raises KeyboardInterrupt once it is set.
+
+    Examples
+    --------
+    >>> cancel_event() is None
+    True
+    """
+    return getattr(_here, "event", None)
+
+
+Work = tuple[list[Any], BaseException | None, str]  # results, the error that ended them, its traceback
+
+
+def _work(function: Callable[[Any], Any], items: Sequence[Any], event: threading.Event | None) -> Work:
+    """Results of a chunk up to the first error, which comes with them: none that is finished is lost."""
+    results: list[Any] = []
+    _here.event = event
+    try:
+        for item in items:
+            if event is not None and event.is_set():
+                break
+            results.append(function(item))
+    except (Exception, KeyboardInterrupt) as error:
+        return results, error, traceback.format_exc()
+    finally:
+        _here.event = None
+    return results, None, ""
+
+
+def _is_dask(kind: type) -> bool:
+    return kind.__module__.partition(".")[0] == "distributed"  # without importing it
+
+
+def _has_died(error: BaseException) -> bool:
+    """Whether an error is the executor's end rather than something that could not be sent."""
+    return isinstance(error, BrokenExecutor | CancelledError) or _is_dask(
+        type(error)
+    )  # KilledWorker and others
+
+
+def cores() -> int:
+    """Cores that this process may use: a batch system often gives fewer than the machine has."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class Study(Generic[Item, Result]):
+    """The items of a study while it runs: iterate to run it, once; see `run_items` for the parameters.
+
+    Attributes
+    ----------
+    results : dict
+        What is done, by the item's place; complete after iteration, partial after an interrupt.
+    """
+
+    def __init__(
+        self,
+        function: Callable[[Item], Result],
+        items: Sequence[Item],
+        *,
+        executor: Executor | None = None,
+        store: StorePath | None = None,
+        chunk: int | None = None,
+        cancel: threading.Event | None = None,
+    ) -> None:
+        if executor is not None and not isinstance(executor, Executor):
+            raise TypeError(
+                "executor must be a concurrent.futures.Executor, of a dask client its client.get_executor(), "
+                f"got {executor!r}"
+            )
+        if chunk is not None and not (isinstance(chunk, int) and chunk >= 1):
+            raise ValueError(f"chunk must be a whole number from 1, got {chunk!r}")
+        self.results: dict[int, Result] = {}
+        self._function, self._items = function, items
+        self._executor, self._chunk, self._cancel = executor, chunk or 1, cancel
+        self._store = store if store is None or isinstance(store, Store) else Store(store)
+        self._keys = [] if self._store is None else [key_of(function, item) for item in items]
+        self._open: dict[Future[Work], list[int]] = {}
+        self._finished: queue.SimpleQueue[Future[Work]] = queue.SimpleQueue()
+
+    def __iter__(self) -> Iterator[int]:
+        """Yields the place of each item as it is done: first those that the store knows."""
+        missing = []
+        for i in range(len(self._items)):
+            if self._store is not None and self._keys[i] in self._store:
+                self.results[i] = self._store.get(self._keys[i])
+                yield i
+            else:
+                missing.append(i)
+        if not missing:
+            return
+        own = ThreadPoolExecutor(min(cores(), len(missing))) if self._executor is None else None
+        over = threading.Event()
+        ended = False
+        try:
+            self._submit(self._executor or own, missing, over)
+            while self._open:
+                yield from self._take(self._next())
+            ended = True
+        finally:
+            for future in self._open:
+                future.cancel()
+            over.set()
+            if own is not None:
+                own.shutdown(wait=True)
+            if not ended:
+                self._keep_finished()
+
+    def _submit(self, executor: Executor | None, missing: list[int], over: threading.Event) -> None:
+        assert executor is not None
+        # Dask would know a task by its arguments, and answer with a failure that it remembers.
+        options: dict[str, Any] = {"pure": False} if _is_dask(type(executor)) else {}
+        event = over if isinstance(executor, ThreadPoolExecutor) else None
+        for first in range(0, len(missing), self._chunk):
+            places = missing[first : first + self._chunk]
+            try:
+                future = executor.submit(
+                    _work, self._function, [self._items[i] for i in places], event, **options
+                )
+            except Exception as error:
+                if not (isinstance(error, RuntimeError) or _has_died(error)):  # broken, or shut down
+                    raise
+                raise self._interrupted(error) from error
+            self._open[future] = places
+            future.add_done_callback(self._finished.put)
+
+    def _next(self) -> Future[Work]:
+        while True:
+            if self._cancel is not None and self._cancel.is_set():
+                raise KeyboardInterrupt
+            try:
+                return self._finished.get(timeout=_LOOK)
+            except queue.Empty:
+                # What was on its way when a dask client lost its scheduler never arrives.
+                client = getattr(self._executor, "_client", None)
+                if getattr(client, "status", None) == "closed":
+                    raise self._interrupted(ConnectionError("the client is closed")) from None
+
+    def _take(self, future: Future[Work]) -> Iterator[int]:
+        error = CancelledError() if future.cancelled() else future.exception()
+        if error is not None:
+            del self._open[future]
+            if not _has_died(error):
+                raise error
+            raise self._interrupted(error) from error
+        results, failure, trace = future.result()
+        places = self._open[future][: len(results)]
+        for i, result in zip(places, results, strict=True):
+            self._keep(i, result)
+        del self._open[future]  # not before: Ctrl-C may come in between
+        yield from places
+        if failure is not None:
+            if failure.__traceback__ is None:  # it came from another process
+                failure.add_note(trace)
+            raise failure
+
+    def _keep(self, i: int, result: Result) -> None:
+        self.results[i] = result
+        if self._store is not None:
+            self._store.add(self._keys[i], result)
+
+    def _keep_finished(self) -> None:
+        """What has arrived and was not taken yet, when the study ends early."""
+        for future, places in list(self._open.items()):
+            if future.done() and not future.cancelled() and future.exception() is None:
+                for i, result in zip(places, future.result()[0], strict=False):
+                    self._keep(i, result)
+
+    def _interrupted(self, error: BaseException) -> StudyInterrupted:
+        self._keep_finished()
+        cause = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        if self._store is None:
+            rest = "with a store, what is finished is kept, and running again goes on from there"
+        else:
+            rest = f"what was finished is in {self._store.path}, run again with the same store to go on"
+        return StudyInterrupted(
+            f"the executor died after {len(self.results)} of {len(self._items)} items ({cause}); {rest}"
+        )
+
+
+def run_items(
+    function: Callable[[Item], Result],
+    items: Sequence[Item],
+    *,
+    executor: Executor | None = None,
+    store: StorePath | None = None,
+    progress: Callable[[int, int], object] | None = None,
+    chunk: int | None = None,
+    cancel: threading.Event | None = None,
+) -> list[Result]:
+    """function(item) of every item, in the order of the items.
+
+    Results do not depend on the executor, the number of workers or the order of completion, as long as an item
+    alone, with the seed in it, determines its result.
+
+    Parameters
+    ----------
+    function : callable
+        Of a module; picklable.
+    items : sequence
+        Small and picklable, such as frozen dataclasses.
+    executor : concurrent.futures.Executor, optional
+        Threads, processes, or a dask client's ``client.get_executor()``. Default: threads over the cores, which
+        serve where the work is the core's. It is not shut down.
+    store : Store or path, optional
+        Keeps every result as it arrives. What it knows is not run again.
+    progress : callable, optional
+        Called with the number of items done, those of the store too, and their total.
+    chunk : int, optional
+        Items sent at once, for items so cheap that sending them counts; default 1.
+    cancel : threading.Event, optional
+        Ends the study as Ctrl-C does.
+
+    Returns
+    -------
+    list
+
+    Raises
+    ------
+    TypeError
+        If the executor is none; with a store, if an item or result holds what a store does not.
+    ValueError
+        If chunk is below 1, or the store's file is no store.
+    StudyInterrupted
+        If the executor died.
+    KeyboardInterrupt
+        After Ctrl-C or `cancel`. Nothing more is begun, threads are told to end, and what is finished is kept
+        in the store; as in every other case.
+
+    Examples
+    --------
+    >>> run_items(abs, [-1, 2, -3])
+    [1, 2, 3]
+    """
+    study = Study(function, items, executor=executor, store=store, chunk=chunk, cancel=cancel)
+    for done, _ in enumerate(study, start=1):
+        if progress is not None:
+            progress(done, len(items))
+    return [study.results[i] for i in range(len(items))]

@@ -1,0 +1,1 @@
+"""Virtual descents: the rig, the record, sweeps and the scatter of uneven bone."""

@@ -1,0 +1,381 @@
+"""The descent experiment: a burr that sinks into bone at constant force.
+
+The two ways to run a descent: force held exactly, and controller with rig.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from burrlab._core import Burr, BurrContact, ForceController, Material
+from burrlab.bone.specimen import Specimen, Vector, half_space
+from burrlab.common.check import real, require_type
+from burrlab.common.provenance import provenance
+from burrlab.descent.result import Descent, Series, evaluate
+from burrlab.descent.rig import Rig, RigReading, VirtualRig
+from burrlab.theory.closed_forms import contact_stiffness
+
+
+def descend(
+    burr: Burr,
+    material: Material | None,
+    force: float,
+    *,
+    voxel: float | Vector = 0.1,
+    dt: float = 1.0,
+    seed: int | None = None,
+    scheme: str = "layer",
+    ideal: bool = False,
+    specimen: Specimen | None = None,
+    rig: Rig | None = None,
+    controller: ForceController | None = None,
+    stop: float | None = None,
+    max_duration: float = 120.0,
+    progress: Progress | None = None,
+    cancel: threading.Event | None = None,
+) -> Descent:
+    """Sinks a burr at constant force and measures its penetration velocity.
+
+    Parameters
+    ----------
+    burr : Burr
+    material : Material or None
+        What is burred. None only with a `rig` of your own: gains then follow the first contact.
+    force : float
+        Set-point of the axial force [N].
+    voxel : float or (x, y, z)
+        Voxel spacing of the block that is burred [mm]; not used with a specimen or rig.
+    dt : float
+        Tick [ms]; a rig has its own period.
+    seed : int, optional
+        Not used with a rig of your own. Of erosion, load cell noise, and the burr's place within a voxel of the block. None draws one and
+        records it.
+    scheme : {"layer", "cell"}
+        See `BurrContact`.
+    ideal : bool
+        Hold the force exactly, the position solved every tick, without rig and controller.
+    specimen : Specimen, optional
+        Default: a half-space of solid bone. A copy is burred.
+    rig : Rig, optional
+        Default: a `VirtualRig` with its default imperfections.
+    controller : ForceController, optional
+        With fixed gains. Default: gains that follow the stiffness of the contact.
+    stop : float, optional
+        Immersion at which the run ends [mm]; default R/3.
+    max_duration : float
+        Time after which a run that has not come to the stop is called stalled [s].
+    progress : callable, optional
+        Called now and then with the fraction of the way to the stop.
+    cancel : threading.Event, optional
+        Ends the run with status ``interrupted``, as Ctrl-C does.
+
+    Returns
+    -------
+    Descent
+        With a status; any but ``ok`` comes with its reason and no velocity.
+
+    Raises
+    ------
+    TypeError
+        If burr or material is something else.
+    ValueError
+        If the force is not positive or above the rig's range, dt, stop or max_duration not positive, max_duration of too many
+        ticks, the seed out of range, the burr below 4 voxels, or `material` missing.
+
+    Notes
+    -----
+    In a specimen with tissues force and erosion are those of the tissues that the burr meets. What is expected
+    beforehand (static immersion and the window that it begins, phi, default gains) is computed with the c_e and
+    alpha of `material`: where the tissues differ much from it, give a controller, and read velocities with care.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> burr, bone = burrlab.Burr(3.0), burrlab.materials["bone"]
+    >>> run = burrlab.descend(burr, bone, 2.0, voxel=0.2, seed=1, ideal=True)
+    >>> run.status, 2.6 < run.penetration_velocity < 2.9
+    ('ok', True)
+    """
+    require_type("burr", burr, Burr, "Burr(3.0)")
+    if specimen is not None:
+        require_type("specimen", specimen, Specimen, "half_space(burr, 0.1)")
+    if material is not None:
+        require_type("material", material, Material, "materials['bone']")
+    stop = burr.radius / 3 if stop is None else float(real(stop, "stop"))
+    for name, value in {"force": force, "dt": dt, "stop": stop, "max_duration": max_duration}.items():
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name} must be positive and finite, got {value}")
+    period = dt if rig is None or ideal else rig.period
+    if not max_duration * 1e3 / period < 2**63:
+        raise ValueError(f"max_duration must be below 2^63 ticks of {period:g} ms, got {max_duration:g} s")
+    if seed is None:
+        seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+    if not 0 <= seed < 2**64:
+        raise ValueError(f"seed must be in 0..2^64 - 1, got {seed}")
+    if material is None and (rig is None or ideal):
+        raise ValueError("material must be given unless a rig of your own is")
+    if ideal and rig is not None:
+        raise ValueError("ideal and rig exclude one another: the exact mode has no rig")
+
+    contact: BurrContact | None = None
+    if rig is None:
+        assert material is not None
+        if specimen is None:
+            spacing = np.broadcast_to(real(voxel, "voxel"), (3,))
+            place = np.random.default_rng([seed & 0xFFFFFFFF, seed >> 32, 1]).uniform(-0.5, 0.5, 3)
+            specimen = half_space(burr, voxel, depth=stop, offset=place * spacing)
+        specimen = replace(specimen, bone=specimen.bone.copy())
+        contact = BurrContact(specimen.bone, burr, material, seed=seed, scheme=scheme)
+        if not ideal:
+            rig = VirtualRig(contact, specimen, period=dt, clearance=free_clearance(contact, specimen, burr))
+    watch = Watch(stop, progress, cancel)
+    acted: int | None = seed
+    if rig is None:
+        assert contact is not None
+        assert specimen is not None
+        series, ending = hold(contact, specimen, force, stop, dt, max_duration, watch)
+    else:
+        if force > rig.force_limit:
+            raise ValueError(
+                f"force must be within the rig's range of {rig.force_limit:g} N, got {force:g} N"
+            )
+        dt = rig.period
+        series, ending = control(rig, burr, material, force, controller, stop, max_duration, watch)
+        if contact is None:  # the caller's rig: its seed and bone acted, if it has them
+            contact = rig.contact if isinstance(rig, VirtualRig) else None
+            specimen = rig.specimen if isinstance(rig, VirtualRig) else None
+            acted = None if contact is None else contact.seed
+    parameters: dict[str, Any] = {
+        "seed": acted,
+        "dt_ms": dt,
+        "mode": "exact" if ideal else "rig",
+        "stop_mm": stop,
+    }
+    if contact is not None:
+        parameters |= {
+            "scheme": contact.scheme,
+            "spacing_mm": list(contact.bone.spacing),
+            "digest": contact.bone.digest(),
+        }
+    if specimen is not None:
+        parameters |= {
+            "specimen": specimen.source,
+            "surface_mm": specimen.surface.tolist(),
+            "axis": specimen.axis.tolist(),
+        }
+        if specimen.made:
+            parameters["volume"] = dict(specimen.made)
+    return evaluate(burr, material, force, stop, series, ending, provenance(**parameters))
+
+
+#: Speed of the approach [mm/s] (ours).
+APPROACH_SPEED = 1.0
+#: Default gains from the stiffness k [N/mm] of the contact: Kp = 60/k [mm/s/N], Ti = 30 ms (ours).
+LOOP_BANDWIDTH, INTEGRAL_TIME = 60.0, 0.03
+#: Longest way without contact of a rig that does not know the surface, and longest retreat [mm] (ours).
+LONGEST_APPROACH, RETREAT = 20.0, 5.0
+#: Part of the set-point from which the integral of the default gains acts (ours).
+ARRIVED = 0.95
+_CHUNK = 256  # ticks between looks at progress and interrupts
+
+Progress = Callable[[float], object]
+
+
+class Watch:
+    """Progress and interrupts of one run."""
+
+    def __init__(self, stop: float, progress: Progress | None, cancel: threading.Event | None) -> None:
+        self.stop, self.progress, self.cancel = stop, progress, cancel
+
+    def interrupted(self, immersion: float) -> bool:
+        if self.progress is not None:
+            self.progress(min(max(immersion / self.stop, 0.0), 1.0))
+        return self.cancel is not None and self.cancel.is_set()
+
+
+def free_clearance(contact: BurrContact, specimen: Specimen, burr: Burr) -> float:
+    """Distance of the tip from the surface at which a run begins out of contact [mm]."""
+    for clearance in np.arange(0.2, 4 * burr.radius, 0.2):
+        if not contact.probe(specimen.center(-clearance, burr)).touching:
+            return float(clearance)
+    raise ValueError("the burr touches bone all along its approach: choose another entry or axis")
+
+
+def hold(
+    contact: BurrContact,
+    specimen: Specimen,
+    force: float,
+    stop: float,
+    dt: float,
+    max_duration: float,
+    watch: Watch,
+) -> tuple[Series, str]:
+    """The exact mode: every tick acts where the force is as asked."""
+    burr = contact.burr
+    start = specimen.center(0.0, burr)
+    immersion = -free_clearance(contact, specimen, burr)
+    limit = int(np.ceil(max_duration * 1e3 / dt))
+    positions, forces, removed = [], [], []
+    done, ending, ambiguous, faint = 0, "stalled", 0, 0
+    try:
+        while done < limit:
+            part = contact.hold(
+                force,
+                start,
+                specimen.axis,
+                from_=immersion,
+                travel=stop,
+                dt=dt,
+                ticks=min(_CHUNK, limit - done),
+            )
+            positions.append(part.position)
+            forces.append(part.force)
+            removed.append(part.removed)
+            done += len(part.position)
+            ambiguous += part.ambiguous
+            faint += part.faint
+            immersion = float(part.position[-1]) if len(part.position) else immersion
+            if part.reached:
+                ending = "stop" if done else _without_hold(contact, specimen, stop)
+                break
+            if watch.interrupted(immersion):
+                ending = "interrupted"
+                break
+    except KeyboardInterrupt:
+        ending = "interrupted"
+    return Series(
+        time=np.arange(done, dtype=np.float64) * (1e-3 * dt),
+        immersion=np.concatenate(positions) if positions else np.empty(0),
+        force=np.concatenate(forces) if forces else np.empty(0),
+        command=np.full(done, np.nan),
+        exact=True,
+        ambiguous=ambiguous,
+        faint=faint,
+    ), ending
+
+
+def _without_hold(contact: BurrContact, specimen: Specimen, stop: float) -> str:
+    depths = np.linspace(0.0, stop, 50)
+    touched = any(contact.probe(specimen.center(h, contact.burr)).touching for h in depths)
+    return "overloaded" if touched else "never-touched"
+
+
+def control(
+    rig: Rig,
+    burr: Burr,
+    material: Material | None,
+    force: float,
+    controller: ForceController | None,
+    stop: float,
+    max_duration: float,
+    watch: Watch,
+) -> tuple[Series, str]:
+    """Approach, then force control, until the stop."""
+    scheduled = controller is None
+    pid = controller if controller is not None else ForceController(0.0)
+    c_e = None if material is None else material.c_e
+    surface = rig.surface
+    rows: list[tuple[float, float, float]] = []
+    command, engaged, arrived, ending = APPROACH_SPEED, False, False, "stalled"
+    limit = int(np.ceil(max_duration * 1e3 / rig.period))
+    first: float | None = None
+    try:
+        rig.command(command)
+        for tick in range(limit):
+            reading = rig.read()
+            _check_reading(reading, tick, force)
+            rows.append((reading.position, reading.force, command))
+            first = reading.position if first is None else first
+            if reading.force >= rig.force_limit:
+                ending = "overloaded"
+                break
+            travelled = reading.position - first
+            if travelled < -RETREAT or (surface is None and travelled > LONGEST_APPROACH):
+                ending = "stalled" if engaged else "never-touched"
+                break
+            if not engaged:
+                threshold = _contact_threshold(force, rows)
+                if c_e is not None and surface is not None:
+                    engaged = reading.force >= threshold
+                elif reading.force >= max(0.3 * force, threshold):
+                    found_c_e, found_surface = _first_contact(rows, 0.1 * force, burr.radius)
+                    c_e = found_c_e if c_e is None else c_e
+                    surface = found_surface if surface is None else surface
+                    engaged = True
+                if engaged:
+                    pid.reset(integral=APPROACH_SPEED)
+            immersion = reading.position - (surface if surface is not None else np.inf)
+            if engaged:
+                assert c_e is not None
+                if scheduled:
+                    kp = LOOP_BANDWIDTH / contact_stiffness(c_e, burr.radius, force, immersion)
+                    # The integral keeps its preset until the force arrives: else it winds up in the impact.
+                    arrived = arrived or reading.force >= ARRIVED * force
+                    pid.set_gains(kp, kp / INTEGRAL_TIME if arrived else 0.0)
+                command = pid.update(force, reading.force, rig.period)
+                rig.command(command)
+            if immersion >= stop:
+                ending = "stop" if engaged or getattr(rig, "touched", False) else "never-touched"
+                break
+            if tick % 64 == 0 and watch.interrupted(max(immersion, 0.0)):
+                ending = "interrupted"
+                break
+    except KeyboardInterrupt:
+        ending = "interrupted"
+    finally:
+        rig.command(0.0)
+    table = np.array(rows, dtype=float).reshape(-1, 3)
+    zero = surface if surface is not None else (first or 0.0)
+    return Series(
+        time=np.arange(len(table), dtype=np.float64) * (1e-3 * rig.period),
+        immersion=table[:, 0] - zero,
+        force=table[:, 1],
+        command=table[:, 2],
+        exact=False,
+        noise=float(getattr(rig, "noise", 0.0)),
+        ambiguous=int(getattr(rig, "ambiguous", 0)),
+        faint=int(getattr(rig, "faint", 0)),
+    ), ending
+
+
+def _check_reading(reading: RigReading, tick: int, setpoint: float) -> None:
+    """ValueError on a reading that no command may follow; the rig is stopped then."""
+    if not (np.isfinite(reading.position) and np.isfinite(reading.force)):
+        raise ValueError(
+            f"the rig's reading must be finite, got {tuple(reading)} at sample {tick}; it was stopped"
+        )
+    if reading.force < -max(0.5 * setpoint, 0.1):
+        raise ValueError(
+            f"the rig's force must be positive where bone pushes the burr out, got {reading.force:.4g} N at sample "
+            f"{tick}; it was stopped"
+        )
+
+
+def _contact_threshold(force: float, rows: list[tuple[float, float, float]]) -> float:
+    """Measured force that counts as contact [N]: a tenth of the set-point, and out of the cell's noise."""
+    if len(rows) < 20:
+        return max(0.1 * force, 0.05)
+    recent = np.array([row[1] for row in rows[:200]])
+    return max(0.1 * force, 5 * float(np.std(recent[: max(len(recent) // 2, 10)])))
+
+
+def _first_contact(
+    rows: list[tuple[float, float, float]], above: float, radius: float
+) -> tuple[float, float]:
+    """c_e [N/mm^2] and surface position [mm] from the approach: F^(2/3) = (c_e sqrt(R))^(2/3) (x - x_0)."""
+    table = np.array(rows)
+    first = int(np.argmax(table[:, 1] > above))
+    pressed = table[first:]
+    if np.ptp(pressed[:, 0]) == 0:  # within one step of the encoder: from the step before it
+        before = np.flatnonzero(table[:first, 0] < pressed[0, 0])
+        if before.size == 0:
+            raise ValueError("the rig's position must change before its force rises; it was stopped")
+        pressed = table[before[-1] :]
+    slope, intercept = np.polyfit(pressed[:, 0], np.maximum(pressed[:, 1], 0.0) ** (2 / 3), 1)
+    slope = max(float(slope), 1e-3)
+    return slope**1.5 / np.sqrt(radius), float(-intercept / slope)

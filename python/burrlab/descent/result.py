@@ -1,0 +1,417 @@
+"""What a descent gives: series, window, velocity, status."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from burrlab._core import Burr, Material
+from burrlab.bone.header import assumed, told_notes
+from burrlab.bone.tissues import label_scatter
+from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, new_figure, tidy
+from burrlab.common.records import parsed, record
+from burrlab.common.table import by_value
+from burrlab.theory.closed_forms import (
+    FEWEST_TICKS,
+    Array,
+    layer_thickness,
+    penetration_velocity_between,
+    samples_between,
+    settled_immersion,
+    static_immersion,
+)
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+@by_value
+@dataclass(frozen=True)
+class Series:
+    """The record of a descent, one row a sample."""
+
+    time: Array  #: [s]
+    immersion: Array  #: [mm], as read
+    force: Array  #: axial [N], as measured
+    command: Array  #: velocity commanded [mm/s], NaN in the exact mode
+    exact: bool
+    noise: float = 0.0  #: of the load cell [N]
+    ambiguous: int = 0  #: ticks whose contact had no direction
+    faint: int = 0  #: ticks with over 5 % of the contact in voxels with pristine level below 32
+
+
+@dataclass(frozen=True)
+class Descent:
+    """A burr's descent at constant force.
+
+    Attributes
+    ----------
+    status : str
+        ``ok``, ``overloaded``, ``never-touched``, ``never-settled``, ``window-too-short``, ``stalled`` or
+        ``interrupted``; any but ``ok`` has a `reason` and no `penetration_velocity`.
+    penetration_velocity : float or None
+        Least-squares slope of immersion over time in `window` [mm/s].
+    window : (float, float) or None
+        Immersions [mm] between which it was measured. Velocity falls with depth: a number without its window
+        means nothing.
+    velocity_fall : float or None
+        Velocity in the first third of the window over that in its last third.
+    layer_resolution : float or None
+        Thickness of the cutting layer over the voxel spacing, delta_0/s.
+    warnings : tuple of str
+        What to bear in mind: coarse voxels, faint bone, contact without a direction.
+    phases : dict of str to (float, float)
+        Begin and end [s] of approach, impact, settling, steady; a phase that never came is missing.
+    time, immersion, force, command : ndarray, shape (n,)
+        [s], [mm], [N], [mm/s]
+    """
+
+    burr: Burr
+    material: Material | None
+    setpoint: float
+    stop: float
+    status: str
+    reason: str
+    penetration_velocity: float | None
+    window: tuple[float, float] | None
+    velocity_fall: float | None
+    layer_resolution: float | None
+    phases: dict[str, tuple[float, float]]
+    warnings: tuple[str, ...]
+    series: Series = field(repr=False)
+    provenance: dict[str, Any] = field(repr=False)
+
+    @property
+    def time(self) -> Array:
+        return self.series.time
+
+    @property
+    def immersion(self) -> Array:
+        return self.series.immersion
+
+    @property
+    def force(self) -> Array:
+        return self.series.force
+
+    @property
+    def command(self) -> Array:
+        return self.series.command
+
+    @property
+    def velocity(self) -> Array:
+        """Slope of immersion over 51 samples around each [mm/s]; fewer in a shorter record."""
+        n = len(self.time)
+        if n < 3:
+            return np.full(n, np.nan)
+        span = min(51, n if n % 2 else n - 1)
+        return np.asarray(
+            savgol_filter(self.immersion, span, 1, deriv=1, delta=float(self.time[1] - self.time[0]))
+        )
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return float(self.time[-1]) if len(self.time) else 0.0
+
+    def velocity_over(self, start: float, end: float) -> float | None:
+        """Penetration velocity between two immersions [mm] of the record [mm/s]; None without two samples."""
+        return penetration_velocity_between(self.time, self.immersion, start, end)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result without its series, ready for JSON."""
+        material = self.material
+        return {
+            "status": self.status,
+            "reason": self.reason,
+            "penetration_velocity_mm_s": self.penetration_velocity,
+            "window_mm": list(self.window) if self.window else None,
+            "velocity_fall": self.velocity_fall,
+            "force_N": self.setpoint,
+            "radius_mm": self.burr.radius,
+            "duration_s": self.duration,
+            "stop_mm": self.stop,
+            "layer_resolution": self.layer_resolution,
+            "warnings": list(self.warnings),
+            "phases_s": {name: list(span) for name, span in self.phases.items()},
+            "material": None
+            if material is None
+            else {
+                "name": material.name,
+                "c_e": material.c_e,
+                "alpha": material.alpha,
+                "shape": material.shape.name,
+                "source": material.source,
+            },
+            "seed": self.provenance.get("seed"),
+            "version": self.provenance["burrlab"],
+            "provenance": self.provenance,
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Writes result and series as JSON, without loss."""
+        columns = {
+            name: getattr(self.series, name).tolist() for name in ("time", "immersion", "force", "command")
+        }
+        kinds = ("exact", "noise", "ambiguous", "faint")
+        text = {
+            **self.to_dict(),
+            "series": columns,
+            "record": {name: getattr(self.series, name) for name in kinds},
+        }
+        Path(path).write_text(json.dumps(text))
+
+    @staticmethod
+    def load(path: str | Path) -> Descent:
+        """Reads what `save` wrote; ValueError with one sentence where the file is something else."""
+        return parsed(str(path), Path(path).read_bytes(), "the JSON of a descent", Descent._of, finite=False)
+
+    @staticmethod
+    def _of(data: dict[str, Any]) -> Descent:
+        made = data["material"]
+        material = None
+        if made is not None:
+            name = made.pop("name")
+            material = Material(name, **made)
+        columns = {name: np.array(values, dtype=float) for name, values in data["series"].items()}
+        series = record(Series, **columns, **data["record"])
+        if len({values.shape for values in columns.values()}) > 1 or series.time.ndim != 1:
+            raise ValueError("its series differ in length")
+        fields = ("status", "reason", "velocity_fall", "layer_resolution")
+        numbers = ("force_N", "stop_mm", "penetration_velocity_mm_s", *fields[2:])
+        if not all(np.isfinite(data[name]) for name in numbers if data[name] is not None):
+            raise ValueError("a number is not finite")
+        return record(
+            Descent,
+            burr=Burr(data["radius_mm"]),
+            material=material,
+            setpoint=data["force_N"],
+            stop=data["stop_mm"],
+            penetration_velocity=data["penetration_velocity_mm_s"],
+            window=tuple(map(float, data["window_mm"])) if data["window_mm"] else None,
+            phases={name: (float(span[0]), float(span[1])) for name, span in data["phases_s"].items()},
+            warnings=tuple(map(str, data["warnings"])),
+            series=series,
+            provenance=dict(data["provenance"]),
+            **{name: data[name] for name in fields},
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """The series as a pandas frame, columns with units; ImportError with one sentence without pandas."""
+        try:
+            import pandas as pd
+        except ImportError as error:
+            raise ImportError("to_frame needs pandas: pip install 'burrlab[pandas]'") from error
+        return pd.DataFrame(
+            {
+                "time_s": self.time,
+                "immersion_mm": self.immersion,
+                "force_N": self.force,
+                "velocity_mm_s": self.velocity,
+                "command_mm_s": self.command,
+            }
+        )
+
+    def plot(self, figure: Figure | None = None) -> list[Axes]:
+        """Force, position and velocity over time, as the paper's Fig. 4; returns the three Axes."""
+        return plot_descent(self, figure)
+
+    def _repr_html_(self) -> str:
+        rows = [(key, value) for key, value in self.to_dict().items() if key != "provenance"]
+        return (
+            "<table>"
+            + "".join(f"<tr><th>{key}</th><td>{value}</td></tr>" for key, value in rows)
+            + "</table>"
+        )
+
+    def _said(self) -> str:
+        return "".join(f"; {text}" for text in self.warnings)
+
+    def __repr__(self) -> str:
+        name = "unknown material" if self.material is None else self.material.name
+        head = f"Descent({name}, {self.setpoint:g} N, R = {self.burr.radius:g} mm: {self.status}"
+        if self.penetration_velocity is None or self.window is None:
+            return f"{head}, {self.reason}{self._said()})"
+        return (
+            f"{head}, {self.penetration_velocity:.4g} mm/s between {self.window[0]:.3f} and {self.window[1]:.3f} mm, "
+            f"{self.velocity_fall or float('nan'):.2f} times faster in its first third than in its last{self._said()})"
+        )
+
+
+def evaluate(
+    burr: Burr,
+    material: Material | None,
+    setpoint: float,
+    stop: float,
+    series: Series,
+    ending: str,
+    provenance: dict[str, Any],
+) -> Descent:
+    """Window, velocity and status of a recorded descent."""
+    h, force = series.immersion, series.force
+    static = None if material is None else static_immersion(burr, material, setpoint)
+    span = 101 if series.noise > 0.1 * setpoint else 51
+    settled: float | None
+    if series.exact:
+        settled = float(h[0]) if len(h) else None
+    else:
+        begun = int(np.argmax(force >= 0.1 * setpoint)) if np.any(force >= 0.1 * setpoint) else len(h)
+        settled = settled_immersion(h[begun:], force[begun:], setpoint, span=span)
+
+    status, reason, window, velocity = ending, "", None, None
+    if ending == "interrupted":
+        reason = f"interrupted at an immersion of {h[-1] if len(h) else 0.0:.3f} mm"
+    elif ending == "overloaded" or (static is not None and static >= stop and ending != "never-touched"):
+        status = "overloaded"
+        bound = (
+            ""
+            if material is None
+            else f"; static contact carries at most {material.c_e * burr.radius**2 * (stop / burr.radius) ** 1.5:.4g} N there"
+        )
+        if static is None or static < stop:
+            bound = f"; the force reached {float(force.max(initial=0.0)):.4g} N"
+        reason = f"the set-point of {setpoint:g} N is not reached by static contact above the stop at {stop:.3f} mm{bound}"
+    elif ending == "stalled":
+        deepest = f"{h[-1]:.3f}" if len(h) else "no"
+        reason = f"at {deepest} mm of {stop:.3f} mm after {series.time[-1] if len(h) else 0.0:.4g} s, when the run was given up"
+    elif ending == "never-touched":
+        reason = "the burr met no bone on its way"
+    elif settled is None:
+        status = "never-settled"
+        reason = f"the mean of {span} samples of the force left {setpoint:g} N by over 5 % up to the stop"
+    else:
+        start = max(burr.radius / 6, settled)
+        rows = samples_between(h, start, stop)
+        ticks = len(h[rows])
+        if start >= stop or (series.exact and ticks < FEWEST_TICKS):
+            status = "window-too-short"
+            reason = f"{max(ticks, 0)} ticks between {start:.3f} mm and the stop; {FEWEST_TICKS} are needed"
+        elif not series.exact and stop - start < burr.radius / 15:
+            status = "window-too-short"
+            reason = f"settled at {start:.3f} mm, less than R/15 = {burr.radius / 15:.3f} mm before the stop"
+        else:
+            status, window = "ok", (float(start), float(stop))
+            velocity = penetration_velocity_between(series.time, h, start, stop)
+    fall, resolution = None, None
+    if window is not None and velocity is not None:
+        third = (window[1] - window[0]) / 3
+        early = penetration_velocity_between(series.time, h, window[0], window[0] + third)
+        late = penetration_velocity_between(series.time, h, window[1] - third, window[1])
+        fall = early / late if early and late else None
+        if material is not None and velocity > 0 and "spacing_mm" in provenance:
+            thickness = layer_thickness(burr, material, velocity)
+            resolution = None if thickness is None else thickness / max(provenance["spacing_mm"])
+    return Descent(
+        burr, material, float(setpoint), float(stop), status, reason, velocity, window, fall, resolution,
+        _phases(series, setpoint, settled), _warnings(burr, series, provenance), series, provenance,
+    )  # fmt: skip
+
+
+def _warnings(burr: Burr, series: Series, provenance: dict[str, Any]) -> tuple[str, ...]:
+    found = []
+    if "spacing_mm" in provenance and burr.radius / max(provenance["spacing_mm"]) < 7.5:
+        found.append(
+            f"coarse: the radius is {burr.radius / max(provenance['spacing_mm']):.3g} voxels, below 7.5"
+        )
+    alone = (provenance.get("volume") or {}).get("labels_alone")
+    if alone is not None:
+        smooth = (alone["smooth_mm"] or 0.0) >= 1.999 * alone["voxel_mm"]
+        ratio = burr.radius / alone["voxel_mm"]
+        told = f"{label_scatter(ratio, smooth)} (here {ratio:.3g}), as measured on made-up surfaces"
+        found.append(f"labels alone: velocities at one place scatter by {told}")
+    for name, text in (
+        ("faint", "over 5 % of the contact in voxels of pristine level below 32"),
+        ("ambiguous", "no direction of contact"),
+    ):
+        ticks = getattr(series, name)
+        if ticks:
+            found.append(f"{name}: {text} in {ticks} of {len(series.time)} ticks")
+    return tuple(found)
+
+
+def _phases(series: Series, setpoint: float, settled: float | None) -> dict[str, tuple[float, float]]:
+    time, force = series.time, series.force
+    if len(time) == 0:
+        return {}
+    if series.exact:
+        return {"steady": (float(time[0]), float(time[-1]))}
+    end = float(time[-1])
+
+    def first(condition: Any) -> float:
+        return float(time[np.argmax(condition)]) if np.any(condition) else end
+
+    contact = first(force >= 0.1 * setpoint)
+    reached = first(force >= 0.95 * setpoint)
+    steady = end if settled is None else first((series.immersion >= settled) & (time >= reached))
+    edges = {
+        "approach": (0.0, contact),
+        "impact": (contact, reached),
+        "settling": (reached, steady),
+        "steady": (steady, end),
+    }
+    return {name: edge for name, edge in edges.items() if edge[1] > edge[0]}
+
+
+def plot_descent(run: Descent, figure: Figure | None = None) -> list[Axes]:
+    """Force, immersion and velocity over time with the window shaded (the paper's Fig. 4)."""
+    figure = new_figure(6.4, 6.4) if figure is None else figure
+    top, middle, bottom = figure.subplots(3, 1, sharex=True)
+    name = "unknown material" if run.material is None else run.material.name
+    top.plot(run.time, run.force, color=FORCE, linewidth=0.8)
+    top.axhline(run.setpoint, color=REFERENCE, linewidth=0.8, linestyle="--")
+    top.annotate(f"set-point {run.setpoint:g} N", (0.99, run.setpoint), xycoords=("axes fraction", "data"),
+                 xytext=(0, 3), textcoords="offset points", ha="right", color=REFERENCE, fontsize=8)  # fmt: skip
+    top.set_ylabel("force [N]")
+    top.set_ylim(
+        bottom=min(0.0, float(run.force.min(initial=0.0))),
+        top=1.35 * max(run.setpoint, run.force.max(initial=0.0) / 1.2),
+    )
+    middle.plot(run.time, run.immersion, color=POSITION, linewidth=1.2)
+    middle.axhline(0, color=REFERENCE, linewidth=0.8, linestyle=":")
+    middle.set_ylabel("immersion [mm]")
+    middle.invert_yaxis()
+    light: dict[str, float] = {"linewidth": 1.2} if run.series.exact else {"linewidth": 0.7, "alpha": 0.6}
+    bottom.plot(run.time, run.velocity, color=VELOCITY, label="slope over 51 samples", **light)
+    bottom.set_ylabel("velocity [mm/s]")
+    bottom.set_xlabel("time [s]")
+    if len(run.time):
+        shown = samples_between(run.immersion, *run.window) if run.window is not None else slice(None)
+        steady = run.velocity[shown]
+        bottom.set_ylim(0, 1.2 * max(float(steady.max(initial=0.0)), 1e-6) if run.series.exact else None)
+    if run.window is not None and run.penetration_velocity is not None:
+        rows = samples_between(run.immersion, *run.window)
+        t = run.time[rows]
+        if not run.series.exact and len(t) > 2 * 51:
+            # The rig reads positions in steps: a longer slope shows the velocity under their ripple.
+            span = max(51, len(t) // 8) | 1
+            slope = savgol_filter(run.immersion[rows], span, 2, deriv=1, delta=float(t[1] - t[0]))
+            bottom.plot(t, slope, color=VELOCITY, linewidth=1.6, label=f"over {span} samples")
+            bottom.legend(fontsize=8, frameon=False)
+        for axes in (top, middle, bottom):
+            axes.axvspan(t[0], t[-1], color="0.93", zorder=0)
+        line = run.immersion[rows].mean() + run.penetration_velocity * (t - t.mean())
+        middle.plot(t, line, color=REFERENCE, linewidth=1.0, linestyle="--")
+        middle.annotate(f"{run.penetration_velocity:.3g} mm/s", (t.mean(), line.mean()), xytext=(8, 8),
+                        textcoords="offset points", color=REFERENCE, fontsize=9)  # fmt: skip
+    for phase, (begin, end) in run.phases.items():
+        if end - begin > 0.04 * max(run.duration, 1e-9):
+            top.annotate(
+                phase,
+                ((begin + end) / 2, 0.97),
+                xycoords=("data", "axes fraction"),
+                ha="center",
+                va="top",
+                fontsize=8,
+            )
+        top.axvline(begin, color="0.75", linewidth=0.6)
+    said = "".join(f"; {text.split(':')[0]}" for text in run.warnings)
+    said += f"; {note}" if (note := assumed(told_notes(run.provenance.get("volume")))) else ""
+    kind = "force held exactly" if run.series.exact else "controller and rig"
+    top.set_title(f"{name}, R = {run.burr.radius:g} mm, {kind}{said}", fontsize=10)
+    return [tidy(axes) for axes in (top, middle, bottom)]

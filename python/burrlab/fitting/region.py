@@ -1,0 +1,253 @@
+"""The likelihood of a fit on a grid over its joint region, and the region that new data would leave of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from burrlab.fitting.intervals import LEVELS
+from burrlab.fitting.likelihood import MODEL_ERROR
+from burrlab.fitting.observations import Calibration, Floats, Rows, Scatter
+from burrlab.fitting.profile import C_E, Domain
+from burrlab.fitting.record import FitRecord
+from burrlab.fitting.search import Box
+
+_STEP = 0.055  # between the alphas of a row, over the half width of the region, close to its middle
+_COARSE, _ROWS, _ZOOMS = 400, 200, 3  # values of c_e
+_FAR_ROWS = 12  # further c_e, which only show whether c_e has an upper end
+_BLOCK = 8  # truths at once, so that their tables stay in the cache
+_EXCLUDED = 1e9  # rise of -2 log L of what is impossible; finite, so that it can be interpolated
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Rises of -2 log L at 95 %."""
+
+    joint: float  #: that bounds the joint region
+    c_e: float  #: and c_e's interval
+
+    @classmethod
+    def of(cls, calibration: Calibration) -> Limits:
+        return cls(calibration.limit(LEVELS["95"]), calibration.limit(LEVELS["95"], C_E))
+
+
+@dataclass(frozen=True)
+class NewData:
+    """n repeats of a logarithm with a scatter."""
+
+    n: int
+    scatter: float
+    own: bool = False  #: nothing else in the fit shares the scatter, which is estimated from the n alone
+
+    def rise(self, d: Floats) -> Floats:
+        """-2 log L over its minimum of a prediction that is off by d; overwrites d.
+
+        With a scatter of their own the sum of squares about a prediction is (n - 1) scatter^2 + n d^2, on
+        average, and it is judged as `Likelihood` does.
+        """
+        d *= d
+        if not self.own:
+            d *= self.n / self.scatter**2
+            return d
+        d /= (self.n - 1) / self.n * self.scatter**2 + MODEL_ERROR**2
+        return self.n * np.log1p(d, out=d)
+
+    def limits(self, old: Calibration) -> Limits:
+        """Limits of a fit with these data, which tell of c_e alone, besides; those of the fit if nothing is new."""
+        if not self.own:
+            return Limits.of(old)
+        share = np.array([[self.n / (self.scatter**2 + MODEL_ERROR**2), 0.0], [0.0, 0.0]])
+        total = old.total + share
+        inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))
+        new = Scatter("force", self.n, False, float(np.trace(inverse @ share)), self.scatter)
+        scatters = tuple(
+            replace(s, parameters=float(np.trace(inverse @ part)))
+            for s, part in zip(old.scatters, old.shares, strict=True)
+        )
+        return Limits.of(
+            Calibration((*scatters, new), total, np.concatenate([old.shares, share[None]]), old.monte_carlo)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class NewRegion:
+    """What is left after new data, for each of several truths, shape (t,)."""
+
+    log_area: Floats  #: of the joint 95 % region, in (log c_e, log alpha)
+    ratio: Floats  #: upper over lower end of c_e's 95 % interval; infinite where one is open
+
+
+@dataclass(frozen=True, eq=False)
+class RegionGrid:
+    """-2 log L over (log c_e, log alpha), wherever a new region may come to lie.
+
+    The rows' alphas lie about the best one at their c_e, closest there.
+    """
+
+    log_c_e: Floats  # shape (m,)
+    log_alpha: Floats  # shape (m, a)
+    minus2: Floats  # shape (m, a), above its minimum
+    width: Floats  # of each row in log c_e, shape (m,); 0 for the far ones
+    calibration: Calibration
+    limits: Limits
+    farthest: float  # rise up to which truths are drawn
+    low_hard: bool
+    high_hard: bool
+
+    @classmethod
+    def of(cls, fit: FitRecord) -> RegionGrid:
+        """The grid of a fit, up to the upper bound of its search where the region is open."""
+        calibration = fit._evidence().calibration
+        (low, high), alpha = fit.bounds["c_e"], fit.bounds["alpha"]
+        domain = Domain.of(
+            fit.likelihood, Box((low, alpha[0]), (high, alpha[1])), dict.fromkeys(fit.given_bounds)
+        )
+        limit, farthest = calibration.limit(LEVELS["95"]), calibration.limit(LEVELS["99.7"])
+        # the truth itself stays possible, so that a new region holds no point further than this
+        reach = limit + farthest
+        end = min(domain.high, high)
+        c_e = np.geomspace(domain.low, end, _COARSE)
+        for _ in range(_ZOOMS):
+            c_e = np.unique(np.append(c_e, np.clip(fit.c_e, c_e[0], c_e[-1])))
+            height = _profile(fit, domain, c_e)
+            inside = np.flatnonzero(height <= height.min() + reach)
+            ends = c_e[[max(inside[0] - 1, 0), min(inside[-1] + 1, len(c_e) - 1)]]
+            c_e = np.geomspace(ends[0], ends[1], _ROWS)
+        rows = _ROWS
+        if c_e[-1] == end and domain.high > end:
+            c_e = np.append(c_e, np.geomspace(end, domain.high, _FAR_ROWS + 1)[1:])
+        log_alpha, minus2 = _columns(fit, domain, c_e, limit, reach)
+        minus2 = np.where(np.isfinite(minus2), minus2 - np.nanmin(minus2), _EXCLUDED)
+        step = np.diff(np.log(c_e[:rows]))
+        width = np.zeros(len(c_e))
+        width[: rows - 1] += step / 2
+        width[1:rows] += step / 2
+        return cls(
+            np.log(c_e),
+            log_alpha,
+            minus2,
+            width,
+            calibration,
+            Limits.of(calibration),
+            farthest,
+            domain.low_hard,
+            domain.high_hard,
+        )
+
+    @property
+    def log_area(self) -> float:
+        """Logarithm of the area of the joint 95 % region of the fit."""
+        return float(np.log(self._area(self.minus2[None], self.limits.joint)[0]))
+
+    def truths(self, n: int, random: np.random.Generator) -> tuple[Rows, Rows]:
+        """Rows and columns of n points drawn by exp(-rise/2), flat in (log c_e, log alpha), within 99.7 %.
+
+        Systematically: each stands for the same weight, in the order of c_e.
+        """
+        across = np.gradient(self.log_alpha, axis=1)
+        weight = np.exp(-self.minus2 / 2) * across * self.width[:, None]
+        weight[self.minus2 > self.farthest] = 0.0
+        total = np.cumsum(weight)
+        places = np.searchsorted(total, (np.arange(n) + random.random()) / n * total[-1])
+        row, column = np.unravel_index(places, weight.shape)
+        return row, column
+
+    def after(self, log_outcome: Floats, new: NewData, truth: tuple[Rows, Rows]) -> NewRegion:
+        """The region with new data that come out as expected at each truth.
+
+        Parameters
+        ----------
+        log_outcome : ndarray, shape (m, a) or (m, 1)
+            Logarithm of the outcome that every point of the grid predicts; NaN where it has none.
+        new : NewData
+        truth : pair of ndarray, shape (t,)
+            Rows and columns; every truth must have an outcome.
+        """
+        row, column = truth
+        predicted = np.broadcast_to(log_outcome, self.minus2.shape)
+        impossible = np.isnan(predicted)
+        old = np.where(impossible, _EXCLUDED, self.minus2)
+        y = np.where(impossible, 0.0, predicted)
+        limits = new.limits(self.calibration)
+        found = []
+        for begin in range(0, len(row), _BLOCK):
+            block = slice(begin, begin + _BLOCK)
+            table = y - predicted[row[block], column[block]][:, None, None]
+            table = new.rise(table)
+            table += old
+            found.append(self._region(table, limits, self.high_hard))
+        return NewRegion(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+    def below(self, ceiling: float) -> NewRegion:
+        """The region after an overloaded run, which needs c_e [N/mm^2] below `ceiling`; shape (1,)."""
+        excluded = self.log_c_e[:, None] >= np.log(ceiling)
+        return NewRegion(*self._region(np.where(excluded, _EXCLUDED, self.minus2)[None], self.limits, True))
+
+    def _region(self, table: Floats, limits: Limits, high_hard: bool) -> tuple[Floats, Floats]:
+        """Log area and ratio of c_e's interval, of tables of -2 log L of shape (t, m, a)."""
+        profile = table.min(axis=2)
+        base = profile.min(axis=1)
+        table -= base[:, None, None]
+        return np.log(self._area(table, limits.joint)), self._ratio(
+            profile - base[:, None], limits.c_e, high_hard
+        )
+
+    def _area(self, rise: Floats, limit: float) -> Floats:
+        """Area where the rise is below its limit, between the columns by linear interpolation."""
+        one, other = rise[..., :-1], rise[..., 1:]
+        low = np.minimum(one, other)
+        part = np.clip((limit - low) / (np.abs(one - other) + 1e-12), 0.0, 1.0)
+        lengths = np.einsum("tma,ma->tm", part, np.diff(self.log_alpha, axis=1))
+        return np.asarray(lengths @ self.width)
+
+    def _ratio(self, rise: Floats, limit: float, high_hard: bool) -> Floats:
+        inside = rise <= limit
+        every, last_row = np.arange(len(rise)), rise.shape[1] - 1
+        first, last = inside.argmax(axis=1), last_row - inside[:, ::-1].argmax(axis=1)
+
+        def crossing(at: Rows, beyond: Rows) -> Floats:
+            part = (limit - rise[every, at]) / (rise[every, beyond] - rise[every, at] + 1e-12)
+            x = self.log_c_e
+            return np.asarray(x[at] + np.where(at == beyond, 0.0, part) * (x[beyond] - x[at]))
+
+        upper = crossing(last, np.minimum(last + 1, last_row))
+        lower = crossing(first, np.maximum(first - 1, 0))
+        is_open = (last == last_row) & (not high_hard) | (first == 0) & (not self.low_hard)
+        return np.where(is_open, np.inf, np.exp(upper - lower))
+
+
+def _profile(fit: FitRecord, domain: Domain, c_e: Floats) -> Floats:
+    slices = fit.likelihood.at(c_e)
+    height = slices.minus2(np.clip(slices.best_alpha, max(domain.alpha[0], 1e-300), domain.alpha[1]))
+    return np.where(np.isfinite(height), height, np.inf)
+
+
+def _columns(
+    fit: FitRecord, domain: Domain, c_e: Floats, limit: float, reach: float
+) -> tuple[Floats, Floats]:
+    """Logarithms of the alphas at each c_e, and -2 log L there.
+
+    The step grows with the distance from the best alpha: few points have heavy tails, which would leave the
+    region itself between two columns of an even grid.
+    """
+    slices = fit.likelihood.at(c_e)
+    lowest = max(domain.alpha[0], fit.bounds["alpha"][0])
+    base = float(_profile(fit, domain, c_e).min())
+    best = np.log(np.clip(slices.best_alpha, lowest, domain.alpha[1]))
+
+    def reached(rise: float) -> tuple[Floats, Floats]:
+        ends = (np.clip(end, lowest, domain.alpha[1]) for end in slices.alpha_below(base + rise))
+        low, high = (np.where(np.isfinite(end), np.log(end) - best, 0.0) for end in ends)
+        return np.minimum(low, 0.0), np.maximum(high, 0.0)
+
+    low, high = reached(limit)
+    core = float(np.max(high - low)) / 2
+    # a row out of reach keeps a width, so that its columns stay in order
+    low, high = (end / core for end in reached(reach))
+    ends = np.arcsinh(np.minimum(low, -1e-3)), np.arcsinh(np.maximum(high, 1e-3))
+    columns = 1 + int(np.ceil(np.max(ends[1] - ends[0]) / _STEP))
+    t = np.linspace(*ends, columns, axis=1)
+    log_alpha = best[:, None] + core * np.sinh(t)
+    minus2 = np.stack([slices.minus2(column) for column in np.exp(log_alpha).T], axis=1)
+    return log_alpha, minus2

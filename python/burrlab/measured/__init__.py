@@ -1,0 +1,1 @@
+"""What was measured: curves, indentations, depth traces; and synthetic ones."""

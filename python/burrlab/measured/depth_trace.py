@@ -1,0 +1,524 @@
+"""Depth-time records of descents at constant force.
+
+Depth-time records as CSV text.
+
+Penetration velocities along one descent, segment by segment, and how well the record tells each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import IO, TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.signal import lfilter
+
+import burrlab.common.table as csv_text
+import burrlab.common.table as dataset
+from burrlab.common.check import real
+from burrlab.common.figures import POSITION, VELOCITY, axes_or_new, tidy
+from burrlab.common.table import Floats, Path
+from burrlab.theory.closed_forms import FEWEST_TICKS, penetration_velocity_between, samples_between
+from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+#: Parts of the window by which the record may fall short of its end, and fall back once in it (ours).
+_SHORTFALL, _RETREAT = 0.05, 0.25
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class DepthTrace(dataset.DataSet):
+    """Immersion over time of one run at constant force, evenly sampled, from contact to stop.
+
+    Where a single penetration velocity says how fast the burr sank on average, the record also says how the
+    velocity fell on the way, at one and the same force. It ends with the run: what a rig does after the stop
+    is not part of it. Every array is copied and read-only.
+
+    Parameters
+    ----------
+    time : array_like, shape (n,)
+        [s], rising from row to row.
+    immersion : array_like, shape (n,)
+        Depth H of the burr's tip below the untouched surface [mm], as read.
+    force : float
+        Set-point F [N], > 0.
+    radius : float
+        Burr radius R [mm], > 0.
+    start_mm, end_mm : float, optional
+        Immersions [mm] between which the force was held: by default max(R/6, first immersion) and
+        min(R/3, deepest immersion).
+    source : str
+        Where the record comes from, one line.
+    provenance : mapping
+        What made it: versions, parameters, seed.
+
+    Raises
+    ------
+    ValueError
+        If lengths differ, a number breaks its rule, or the record does not rise through its window with ten
+        samples in it.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> burr, bone = burrlab.Burr(3.0), burrlab.materials["bone"]
+    >>> trace = burrlab.synthetic_trace(burr, bone, 1.0, seed=1)
+    >>> trace.segments(3).velocity.round(2)
+    array([0.89, 0.53, 0.36])
+    """
+
+    time: Floats
+    immersion: Floats
+    force: float
+    radius: float
+    start_mm: float
+    end_mm: float
+    source: str = ""
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __init__(
+        self,
+        time: ArrayLike,
+        immersion: ArrayLike,
+        force: float,
+        radius: float,
+        start_mm: float | None = None,
+        end_mm: float | None = None,
+        source: str = "",
+        provenance: Mapping[str, Any] | None = None,
+    ) -> None:
+        for name, values in zip(COLUMNS, (time, immersion), strict=True):
+            object.__setattr__(self, name, dataset.frozen(name, values))
+        object.__setattr__(self, "force", float(real(force, "force")))
+        object.__setattr__(self, "radius", float(real(radius, "radius")))
+        self._check_record()
+        if start_mm is None:
+            start_mm = max(WINDOW_START * self.radius, float(self.immersion[0]))
+        if end_mm is None:
+            end_mm = min(WINDOW_STOP * self.radius, float(self.immersion.max()))
+        object.__setattr__(self, "start_mm", float(start_mm))
+        object.__setattr__(self, "end_mm", float(end_mm))
+        object.__setattr__(self, "source", " ".join(str(source).split()))
+        object.__setattr__(self, "provenance", csv_text.json_mapping(provenance or {}))
+        self._check_window()
+
+    def _check_record(self) -> None:
+        for name, unit in (("force", "N"), ("radius", "mm")):
+            problem = csv_text.positive_problem(getattr(self, name), unit)
+            if problem:
+                raise ValueError(f"{name} {problem}")
+        if len(self.time) != len(self.immersion):
+            raise ValueError(
+                f"immersion must have {len(self.time)} values, one a time: got {len(self.immersion)}"
+            )
+        if len(self.time) < FEWEST_TICKS:
+            raise ValueError(f"a depth trace needs at least {FEWEST_TICKS} samples: got {len(self.time)}")
+        bad = np.flatnonzero(~(np.isfinite(self.time) & np.isfinite(self.immersion)))
+        if bad.size:
+            row = {"time": float(self.time[bad[0]]), "immersion": float(self.immersion[bad[0]])}
+            found = problem_in_row(row)
+            assert found is not None
+            raise ValueError(f"row {bad[0]}, {found[0]}: {found[1]}")
+        late = np.flatnonzero(np.diff(self.time) <= 0)
+        if late.size:
+            before, time = self.time[late[0] : late[0] + 2].tolist()
+            raise ValueError(
+                f"row {late[0] + 1}, time: must be above the {before!r} s of the row before: got {time!r}"
+            )
+
+    def _check_window(self) -> None:
+        start, end = self.start_mm, self.end_mm
+        if not 0 < start < end <= self.radius:
+            raise ValueError(f"the window must have 0 < start_mm < end_mm <= R: got {start!r} and {end!r}")
+        deepest = float(self.immersion.max())
+        if deepest < end - _SHORTFALL * (end - start):
+            raise ValueError(
+                f"end_mm must not lie beyond the deepest immersion of {deepest:.6g} mm: got {end!r}"
+            )
+        entry = int(np.argmax(self.immersion >= start))
+        inside = self.immersion[entry:]
+        fall = np.maximum.accumulate(inside) - inside
+        if fall.max() > _RETREAT * (end - start):
+            raise ValueError(
+                f"immersion must rise from start_mm on: at {self.time[entry + int(fall.argmax())]:.6g} s it lies "
+                f"{fall.max():.4g} mm above what it had reached"
+            )
+        samples = len(self.time[samples_between(self.immersion, start, end)])
+        if samples < FEWEST_TICKS:
+            raise ValueError(
+                f"a depth trace needs at least {FEWEST_TICKS} samples in its window, {start:.6g} to {end:.6g} mm: "
+                f"got {samples}"
+            )
+
+    @classmethod
+    def from_descent(cls, run: Any) -> DepthTrace:
+        """The record of a descent: its set-point, radius and, where it has one, its window.
+
+        Parameters
+        ----------
+        run : Descent
+
+        Returns
+        -------
+        DepthTrace
+
+        Raises
+        ------
+        ValueError
+            If the descent did not rise through a window.
+
+        Examples
+        --------
+        >>> import burrlab
+        >>> run = burrlab.descend(burrlab.Burr(3.0), burrlab.materials["bone"], 1.0, voxel=0.4, ideal=True, seed=1)
+        >>> DepthTrace.from_descent(run)
+        DepthTrace(1022 samples, 1 N, R = 3 mm, 0.5..1 mm, 'descent, bone')
+        """
+        start, end = (None, None) if run.window is None else run.window
+        name = "unknown material" if run.material is None else run.material.name
+        return cls(
+            run.time, run.immersion, run.setpoint, run.burr.radius, start, end,
+            source=f"descent, {name}", provenance=run.provenance,
+        )  # fmt: skip
+
+    @classmethod
+    def from_csv(
+        cls, file: Path | IO[str] | IO[bytes], *, force: float | None = None, radius: float | None = None
+    ) -> DepthTrace:
+        """Read a record from a CSV file.
+
+        Columns, in any order: ``time_s, immersion_mm``. Lines that begin with ``#`` are comments;
+        ``# force_N:``, ``# radius_mm:``, ``# window_mm:`` with the window's two ends, ``# source:`` and
+        ``# provenance:`` above the column names are kept.
+
+        Parameters
+        ----------
+        file : path or open file
+        force, radius : float, optional
+            Set-point [N] and burr radius [mm], for a file that does not say them.
+
+        Returns
+        -------
+        DepthTrace
+
+        Raises
+        ------
+        ValueError
+            If the file is not such a table, or its force or radius is unknown or not the one given; one
+            sentence with the file, and the line and column where there is one.
+        OSError
+            If the file cannot be read.
+
+        Examples
+        --------
+        >>> import io
+        >>> rows = "".join(f"{i / 10},{0.5 + i / 20}\\n" for i in range(11))
+        >>> DepthTrace.from_csv(io.StringIO("time_s,immersion_mm\\n" + rows), force=1, radius=3)
+        DepthTrace(11 samples, 1 N, R = 3 mm, 0.5..1 mm, 'CSV text')
+        """
+        name, arguments = read(file, force, radius)
+        try:
+            return cls(**arguments)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+
+    def to_csv(self, file: Path | IO[str]) -> None:
+        """Write a CSV file that `from_csv` reads back without loss.
+
+        Parameters
+        ----------
+        file : path or open text file
+        """
+        write(self, file)
+
+    def segments(self, n: int = 5) -> TraceSegments:
+        """Penetration velocities between start_mm and end_mm, in n segments of equal depth.
+
+        The model's value for a segment is `penetration_velocity(burr, material, force, start_mm, end_mm)`.
+
+        Parameters
+        ----------
+        n : int
+            How many.
+
+        Returns
+        -------
+        TraceSegments
+            Depths, velocities and the standard errors of ln(velocity).
+
+        Raises
+        ------
+        ValueError
+            If n is below 1, or leaves a segment with fewer than six samples or one that does not rise.
+
+        Notes
+        -----
+        Slopes are those of every penetration velocity here, of the record made monotone (see
+        `burrlab.measured.depth_trace.rising`), which is the record itself where it has neither noise nor steps. A
+        burr stopped at the first reading of end_mm has been half a step less deep: with steps of 10 um and
+        R = 3 mm the last of five segments is 0.6 % too fast. The standard error is that of
+        `burrlab.measured.depth_trace.slope_error`, over the velocity.
+        """
+        return cut(self, n)
+
+    def plot(self, ax: Axes | None = None, *, n: int = 5) -> Axes:
+        """Draw immersion, downwards, over time, and the slopes of n segments, each second one shaded.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+        n : int
+            Segments.
+
+        Returns
+        -------
+        matplotlib Axes
+        """
+        ax = axes_or_new(ax)
+        segments = self.segments(n)
+        ax.plot(
+            self.time, self.immersion, color=POSITION, linewidth=1.2, label=dataset.data_label(self.source)
+        )
+        level = rising(self.immersion)
+        for i, (start, end) in enumerate(zip(segments.start_mm, segments.end_mm, strict=True)):
+            rows = samples_between(level, start, end)
+            t = self.time[rows]
+            if i % 2 == 0:
+                ax.axvspan(t[0], t[-1], color="0.93", zorder=0)
+            line = level[rows].mean() + segments.velocity[i] * (t - t.mean())
+            ax.plot(t, line, color=VELOCITY, linewidth=1.4)
+        ax.set(xlabel="time [s]", ylabel="immersion [mm]")
+        if not ax.yaxis_inverted():
+            ax.invert_yaxis()
+        return tidy(ax)
+
+    def _table(self) -> Mapping[str, Sequence[Any]]:
+        return table(self)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __repr__(self) -> str:
+        source = f", {self.source!r}" if self.source else ""
+        window = f"{self.start_mm:g}..{self.end_mm:g} mm"
+        return f"DepthTrace({len(self)} samples, {self.force:g} N, R = {self.radius:g} mm, {window}{source})"
+
+    def _repr_html_(self) -> str:
+        rows = samples_between(self.immersion, self.start_mm, self.end_mm)
+        summary = {
+            "force_N": self.force,
+            "radius_mm": self.radius,
+            "window_start_mm": self.start_mm,
+            "window_end_mm": self.end_mm,
+            "duration_s": float(self.time[-1] - self.time[0]),
+            "samples": len(self),
+            "samples in window": len(self.time[rows]),
+        }
+        return dataset.html_table(repr(self), {name: [value] for name, value in summary.items()})
+
+
+COLUMNS = {"time": "time_s", "immersion": "immersion_mm"}
+UNITS = {"time": "s", "immersion": "mm"}
+
+
+def problem_in_row(row: Mapping[str, float]) -> csv_text.Problem:
+    """The first rule that a row of numbers breaks, as (name, sentence); None where it breaks none."""
+    for name, value in row.items():
+        if not math.isfinite(value):
+            return name, f"must be a finite number, in {UNITS[name]}: got {value!r}"
+    return None
+
+
+_LAYOUT = csv_text.Layout(
+    columns=COLUMNS, filled={"time": "a time", "immersion": "an immersion"}, problem=problem_in_row
+)
+
+
+def read(
+    file: csv_text.Path | IO[str] | IO[bytes], force: float | None, radius: float | None
+) -> tuple[str, dict[str, Any]]:
+    """The file's name and the arguments of a DepthTrace. See `DepthTrace.from_csv`."""
+    name, comments, columns = csv_text.read(file, _LAYOUT)
+    start, end = _window(name, comments)
+    return name, {
+        **columns,
+        "force": csv_text.agreed_number(name, comments, "force_N", "force", force),
+        "radius": csv_text.agreed_number(name, comments, "radius_mm", "radius", radius),
+        "start_mm": start,
+        "end_mm": end,
+        **csv_text.origin(name, comments),
+    }
+
+
+def write(trace: DepthTrace, file: csv_text.Path | IO[str]) -> None:
+    """Write a record as CSV text. See `DepthTrace.to_csv`."""
+    comments = csv_text.origin_comments(
+        trace.source, trace.provenance, force_N=trace.force, radius_mm=trace.radius
+    )
+    comments["window_mm"] = f"{trace.start_mm!r} {trace.end_mm!r}"
+    csv_text.write(file, comments, table(trace))
+
+
+def table(trace: DepthTrace) -> dict[str, list[float]]:
+    """The record's columns by their names in the CSV file."""
+    return {column: getattr(trace, name).tolist() for name, column in COLUMNS.items()}
+
+
+def _window(file: str, comments: Mapping[str, str]) -> tuple[float | None, float | None]:
+    if "window_mm" not in comments:
+        return None, None
+    try:
+        start, end = map(float, comments["window_mm"].split())
+    except ValueError:
+        raise ValueError(
+            f"{file}: window_mm in the comments must be two numbers, start and end: "
+            f"got {comments['window_mm']!r}"
+        ) from None
+    return start, end
+
+
+Counts: TypeAlias = NDArray[np.int64]
+
+#: Fewest samples in a segment: three serve the quadratic, and as many its residuals (ours).
+FEWEST_SAMPLES = 6
+#: Largest correlation of neighbouring residuals is 1 - 3/n: no more memory than a third of the segment (ours).
+_LONGEST_MEMORY = 3.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TraceSegments:
+    """What `DepthTrace.segments` gives, one row a segment; arrays are read-only.
+
+    Attributes
+    ----------
+    start_mm, end_mm : ndarray, shape (n,)
+        Immersions between which the velocity was taken [mm].
+    velocity : ndarray, shape (n,)
+        Least-squares slope of immersion over time [mm/s].
+    log_sigma : ndarray, shape (n,)
+        Standard error of ln(velocity) from the residuals of the record alone: it knows nothing of what makes
+        one run differ from another.
+    samples : ndarray of int, shape (n,)
+        Samples in each.
+    """
+
+    start_mm: Floats
+    end_mm: Floats
+    velocity: Floats
+    log_sigma: Floats
+    samples: Counts
+
+    def __post_init__(self) -> None:
+        for values in vars(self).values():
+            values.flags.writeable = False
+
+    def __len__(self) -> int:
+        return len(self.velocity)
+
+    def __repr__(self) -> str:
+        velocities = ", ".join(f"{v:.3g}" for v in self.velocity)
+        return (
+            f"TraceSegments({len(self)} between {self.start_mm[0]:.3f} and {self.end_mm[-1]:.3f} mm: "
+            f"{velocities} mm/s)"
+        )
+
+
+def cut(trace: DepthTrace, n: int) -> TraceSegments:
+    """Velocities in n segments of equal depth. See `DepthTrace.segments`."""
+    if n < 1:
+        raise ValueError(f"n must be at least 1: got {n!r}")
+    edges = np.linspace(trace.start_mm, trace.end_mm, n + 1)
+    level = rising(trace.immersion)
+    velocities, errors, counts = [], [], []
+    for start, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        rows = samples_between(level, start, end)
+        time, immersion = trace.time[rows], trace.immersion[rows]
+        if len(time) < FEWEST_SAMPLES:
+            raise ValueError(
+                f"n must leave at least {FEWEST_SAMPLES} samples in each segment, there are {len(time)} "
+                f"between {start:.4g} and {end:.4g} mm: got {n!r}"
+            )
+        velocity = penetration_velocity_between(trace.time, level, start, end)
+        if not velocity:
+            raise ValueError(
+                f"n must leave segments in which the immersion rises, it stands still between {start:.4g} "
+                f"and {end:.4g} mm: got {n!r}"
+            )
+        velocities.append(velocity)
+        errors.append(slope_error(time, immersion) / velocity)
+        counts.append(len(time))
+    return TraceSegments(
+        edges[:-1].copy(), edges[1:].copy(), np.array(velocities), np.array(errors), np.array(counts)
+    )
+
+
+def rising(immersion: Floats) -> Floats:
+    """The record made monotone: its readings in rising order, steps of the encoder joined by straight lines.
+
+    As many samples lie before a depth as read less. Without noise and steps it is the record itself, but for
+    its ends. Noise would let the first sample at a depth come early, by several standard deviations in a slow
+    descent, and steps would move the ends of a segment by up to half a step: 1 % to 3 % in the velocity of a
+    segment of 0.1 mm in a burr of 3 mm. Here both average out. The first and the last reading are steps cut
+    off by the record's ends, so that their middles say nothing: the record goes on there as the mirror image
+    of what lies inside.
+    """
+    readings, counts = np.unique(immersion, return_counts=True)
+    middle = np.cumsum(counts) - (counts + 1) / 2
+    whole = (readings > immersion[0]) & (readings < immersion[-1])
+    if np.count_nonzero(whole) > 2:
+        readings, middle = _mirrored(readings[whole]), _mirrored(middle[whole])
+    return np.interp(np.arange(len(immersion)), middle, readings)
+
+
+def _mirrored(x: Floats) -> Floats:
+    """x continued on both sides by its point reflections about its ends."""
+    return np.concatenate([2 * x[0] - x[:0:-1], x, 2 * x[-1] - x[-2::-1]])
+
+
+def slope_error(time: Floats, immersion: Floats) -> float:
+    """Standard error of the least-squares slope of immersion over time [mm/s].
+
+    Residuals about a quadratic are taken as a first-order autoregression, which gives the variance of the
+    slope and so the effective number of samples:
+
+        var(b) = s^2 sum_ij w_i rho^|i-j| w_j,    w_i = (t_i - t_mean)/sum (t - t_mean)^2
+
+    Notes
+    -----
+    rho is the residuals' lag-one correlation plus its bias, (3 + 5 rho)/n for residuals about a quadratic
+    [1]_, not below 0; s^2 makes up for what the quadratic took from correlated noise. Without the two, the
+    error is a quarter too small at rho = 0.9 and 200 samples. 1.96 errors cover the slope in 95 % of the
+    cases of white noise, in 94 % at rho = 0.9 and 1000 samples, in 91 % at rho = 0.9 and 200.
+
+    Readings in steps without noise have residuals that cancel period by period, which a first-order model
+    does not know: with ten steps of 10 um a segment it says 2 %, where the velocity is known to 0.3 % if a
+    step holds ten samples. With noise of a fifth of a step the error is up to 40 % too large.
+
+    References
+    ----------
+    .. [1] F. H. C. Marriott, J. A. Pope, Bias in the estimation of autocorrelations, Biometrika 41, 1954. It
+       is (1 + 3 rho)/n about a mean; about a quadratic we take the series on and check it by simulation.
+    """
+    n = len(time)
+    centred = time - time.mean()
+    basis = np.linalg.qr(np.vander(centred / np.abs(centred).max(), 3))[0]
+    residual = immersion - basis @ (basis.T @ immersion)
+    square = float(residual @ residual)
+    if square == 0:
+        return 0.0
+    found = float(residual[1:] @ residual[:-1]) / square
+    rho = min(max(found + (3 + 5 * found) / n, 0.0), 1 - _LONGEST_MEMORY / n)
+    variance = square / (n - sum(_form(column, rho) for column in basis.T))
+    return math.sqrt(variance * _form(centred, rho)) / float(centred @ centred)
+
+
+def _form(x: Floats, rho: float) -> float:
+    """sum_ij x_i rho^|i-j| x_j"""
+    return float(2 * (x @ lfilter([1.0], [1.0, -rho], x)) - x @ x)

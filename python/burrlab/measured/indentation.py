@@ -1,0 +1,223 @@
+"""Static indentation: force against depth of a burr that does not turn, pressed into intact bone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import IO, TYPE_CHECKING, Any
+
+from numpy.typing import ArrayLike
+
+import burrlab.common.table as csv_text
+import burrlab.common.table as dataset
+from burrlab.common.check import real
+from burrlab.common.figures import axes_or_new, tidy
+from burrlab.common.table import Floats, Path
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+COLUMNS = {"force": "force_N", "depth": "depth_mm", "sigma": "sigma_N"}
+_UNITS = {"force": "N", "depth": "mm", "sigma": "N"}
+
+
+@dataclass(frozen=True, init=False, eq=False, repr=False)
+class Indentation(dataset.DataSet):
+    """Force against depth of a stopped burr in intact bone, one row a reading.
+
+        F = c_e R^2 (h/R)^(3/2)    (Eqs. 2 and 3)
+
+    Nothing is eroded, so the rows tell c_e alone. Under a flat surface the penetration depth h of Eq. 2 is the
+    depth of the burr's tip. Every array is copied and read-only.
+
+    Parameters
+    ----------
+    force : array_like, shape (n,)
+        Axial force F [N], > 0.
+    depth : array_like, shape (n,)
+        Penetration depth h [mm], > 0 and below 2R.
+    radius : float
+        Burr radius R [mm].
+    sigma : array_like, shape (n,), optional
+        Standard uncertainty of `force` [N], > 0; NaN where unknown.
+    source : str
+        Where the numbers come from, one line.
+    provenance : mapping
+        What made them: versions, parameters, seed.
+
+    Raises
+    ------
+    ValueError
+        If there is no row, lengths differ, or a number breaks its rule; the sentence names row and column.
+
+    References
+    ----------
+    Agus et al., Physics-based burr haptic simulation: tuning and evaluation, HAPTICS 2004.
+
+    Examples
+    --------
+    >>> Indentation([0.36, 1.02], [0.05, 0.1], 5.0, source="two readings")
+    Indentation(2 rows, R = 5 mm, 0.36..1.02 N at 0.05..0.1 mm, 'two readings')
+    """
+
+    force: Floats
+    depth: Floats
+    radius: float
+    sigma: Floats | None = None
+    source: str = ""
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __init__(
+        self,
+        force: ArrayLike,
+        depth: ArrayLike,
+        radius: float,
+        sigma: ArrayLike | None = None,
+        source: str = "",
+        provenance: Mapping[str, Any] | None = None,
+    ) -> None:
+        for name, values in zip(COLUMNS, (force, depth, sigma), strict=True):
+            object.__setattr__(self, name, None if values is None else dataset.frozen(name, values))
+        object.__setattr__(self, "radius", float(real(radius, "radius")))
+        object.__setattr__(self, "source", " ".join(str(source).split()))
+        object.__setattr__(self, "provenance", csv_text.json_mapping(provenance or {}))
+        self._check()
+
+    def _check(self) -> None:
+        if len(self.force) == 0:
+            raise ValueError("an indentation needs at least one row")
+        problem = csv_text.positive_problem(self.radius, "mm")
+        if problem:
+            raise ValueError(f"radius {problem}")
+        columns = {name: getattr(self, name) for name in COLUMNS if getattr(self, name) is not None}
+        for name, values in columns.items():
+            if len(values) != len(self.force):
+                raise ValueError(f"{name} must have {len(self.force)} values, one a force: got {len(values)}")
+        for i in range(len(self.force)):
+            found = _problem_in_row({name: float(values[i]) for name, values in columns.items()})
+            if found:
+                raise ValueError(f"row {i}, {found[0]}: {found[1]}")
+            if not self.depth[i] < 2 * self.radius:
+                raise ValueError(
+                    f"row {i}, depth: must be below 2R = {2 * self.radius:g} mm: got {float(self.depth[i])!r}"
+                )
+
+    @classmethod
+    def from_csv(cls, file: Path | IO[str] | IO[bytes], *, radius: float | None = None) -> Indentation:
+        """Read an indentation from a CSV file.
+
+        Columns, in any order: ``force_N, depth_mm[, sigma_N]``. Lines that begin with ``#`` are comments;
+        ``# source:``, ``# radius_mm:`` and ``# provenance:`` above the column names are kept.
+
+        Parameters
+        ----------
+        file : path or open file
+        radius : float, optional
+            Burr radius [mm], for a file that does not say it.
+
+        Returns
+        -------
+        Indentation
+
+        Raises
+        ------
+        ValueError
+            If the file is not such a table, or its radius is unknown or not the one given; one sentence with
+            the file, and the line and column where there is one.
+        OSError
+            If the file cannot be read.
+
+        Examples
+        --------
+        >>> import io
+        >>> Indentation.from_csv(io.StringIO("depth_mm,force_N\\n0.05,0.36\\n"), radius=5).force
+        array([0.36])
+        """
+        name, comments, columns = csv_text.read(file, _LAYOUT)
+        radius = csv_text.agreed_number(name, comments, "radius_mm", "radius", radius)
+        try:
+            return cls(**columns, radius=radius, **csv_text.origin(name, comments))
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+
+    def to_csv(self, file: Path | IO[str]) -> None:
+        """Write a CSV file that `from_csv` reads back without loss.
+
+        Parameters
+        ----------
+        file : path or open text file
+
+        Examples
+        --------
+        >>> import sys
+        >>> Indentation([0.36], [0.05], 5, source="one reading").to_csv(sys.stdout)
+        # source: one reading
+        # radius_mm: 5.0
+        force_N,depth_mm
+        0.36,0.05
+        """
+        comments = csv_text.origin_comments(self.source, self.provenance, radius_mm=self.radius)
+        csv_text.write(file, comments, self._table())
+
+    def plot(self, ax: Axes | None = None, *, log: bool = False) -> Axes:
+        """Draw the forces as squares over the depth, with error bars where sigma is known.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw; a new figure by default.
+        log : bool
+            Both axes logarithmic. Eq. 3 is a straight line of slope 3/2 there.
+
+        Returns
+        -------
+        matplotlib Axes
+        """
+        ax = axes_or_new(ax)
+        if self.sigma is not None:
+            ax.errorbar(
+                self.depth, self.force, self.sigma, fmt="none", ecolor="black", elinewidth=0.8, zorder=3
+            )
+        label = dataset.data_label(self.source)
+        ax.plot(
+            self.depth, self.force, "s", color="black", mfc="white", ms=4.5, mew=0.9, label=label, zorder=3
+        )
+        if log:
+            ax.set(xscale="log", yscale="log")
+            dataset.log_ticks(ax.xaxis)
+            dataset.log_ticks(ax.yaxis)
+        ax.set(xlabel="depth [mm]", ylabel="force [N]")
+        return tidy(ax)
+
+    def _table(self) -> dict[str, list[float]]:
+        values = {column: getattr(self, name) for name, column in COLUMNS.items()}
+        return {column: array.tolist() for column, array in values.items() if array is not None}
+
+    def __len__(self) -> int:
+        return len(self.force)
+
+    def __repr__(self) -> str:
+        source = f", {self.source!r}" if self.source else ""
+        spans = [f"{a.min():.3g}..{a.max():.3g}" for a in (self.force, self.depth)]
+        return f"Indentation({len(self)} rows, R = {self.radius:g} mm, {spans[0]} N at {spans[1]} mm{source})"
+
+    def _repr_html_(self) -> str:
+        return dataset.html_table(repr(self), self._table())
+
+
+def _problem_in_row(row: Mapping[str, float]) -> csv_text.Problem:
+    """The first rule that a row breaks; NaN stands for "no number", which only a sigma may be."""
+    for name, value in row.items():
+        if name == "sigma" and math.isnan(value):
+            continue
+        problem = csv_text.positive_problem(value, _UNITS[name])
+        if problem:
+            return name, problem
+    return None
+
+
+_LAYOUT = csv_text.Layout(
+    columns=COLUMNS, filled={"force": "a force", "depth": "a depth"}, problem=_problem_in_row
+)

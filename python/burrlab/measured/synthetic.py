@@ -1,0 +1,252 @@
+"""Synthetic data sets, labelled as such."""
+
+from __future__ import annotations
+
+import secrets
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from burrlab._core import Burr, Material
+from burrlab.common.check import real, whole
+from burrlab.common.provenance import provenance
+from burrlab.common.table import Floats
+from burrlab.measured.curve import VelocityCurve
+from burrlab.measured.depth_trace import DepthTrace
+from burrlab.measured.indentation import Indentation
+from burrlab.theory.continuum import MasterCurve, mean_field_descent
+
+
+def synthetic_curve(
+    burr: Burr,
+    material: Material,
+    forces: ArrayLike,
+    *,
+    repeats: int = 3,
+    scatter: float = 0.08,
+    seed: int | None = None,
+) -> VelocityCurve:
+    """A velocity-force curve from the mean-field engine with log-normal scatter.
+
+        v = v_mean_field(F) exp(scatter z),  z standard normal
+
+    Parameters
+    ----------
+    burr : Burr
+        The burr.
+    material : Material
+        What it sinks into.
+    forces : array_like
+        Constant forces [N]. A force that leaves no window gives a row without velocity, status "overloaded".
+    repeats : int
+        Rows a force.
+    scatter : float
+        Standard deviation of ln v; 0.08 is 8 %.
+    seed : int or None
+        None draws one, which the curve records. Row k of force i depends on (seed, i, k) alone.
+
+    Returns
+    -------
+    VelocityCurve
+        Over the default window; its source begins with "synthetic".
+
+    Raises
+    ------
+    ValueError
+        If a force is not positive and finite, repeats is below 1, or scatter is negative or not finite.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> burrlab.synthetic_curve(burrlab.Burr(3.0), burrlab.materials["bone"], [0.5, 1.0], seed=1)
+    VelocityCurve(6 rows, 6 with a velocity, 0.5..1 N, 'synthetic, seed 1: bone, mean-field, scatter 8 %')
+    """
+    force = np.atleast_1d(real(forces, "forces"))
+    if force.ndim != 1 or not (np.isfinite(force).all() and (force > 0).all()):
+        raise ValueError(f"forces must be finite and above 0 N: got {forces!r}")
+    _check_repeats(repeats)
+    _check_not_negative("scatter", scatter)
+    seed = _seed(seed)
+
+    phi = force / (material.c_e * burr.radius**2)
+    mean = 1e3 * material.alpha * burr.radius * MasterCurve(material.shape).velocity_ratio(phi)
+    velocity = _scattered(np.asarray(mean), repeats, scatter, seed)
+    status = ["ok" if np.isfinite(v) else "overloaded" for v in velocity]
+    return VelocityCurve(
+        np.repeat(force, repeats),
+        velocity,
+        status=None if np.isfinite(velocity).all() else status,
+        source=f"synthetic, seed {seed}: {material.name}, mean-field, scatter {100 * scatter:g} %",
+        radius=burr.radius,
+        provenance=_provenance(burr, material, seed, repeats=repeats, scatter=scatter),
+    )
+
+
+def synthetic_indentation(
+    burr: Burr,
+    material: Material,
+    depths: ArrayLike,
+    *,
+    repeats: int = 1,
+    scatter: float = 0.1,
+    seed: int | None = None,
+) -> Indentation:
+    """Static indentation by Eq. 3 with log-normal scatter of the force.
+
+        F = c_e R^2 (h/R)^(3/2) exp(scatter z),  z standard normal
+
+    Parameters
+    ----------
+    burr : Burr
+        The burr, not turning.
+    material : Material
+        What it is pressed into.
+    depths : array_like
+        Penetration depths h [mm], below 2R.
+    repeats : int
+        Rows a depth.
+    scatter : float
+        Standard deviation of ln F; 0.1 is 10 %.
+    seed : int or None
+        None draws one, which the data set records. Row k of depth i depends on (seed, i, k) alone.
+
+    Returns
+    -------
+    Indentation
+        Its source begins with "synthetic".
+
+    Raises
+    ------
+    ValueError
+        If a depth is not finite, above 0 and below 2R, repeats is below 1, or scatter is negative or not
+        finite.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> burrlab.synthetic_indentation(burrlab.Burr(5.0), burrlab.materials["bone"], [0.05, 0.1], seed=1)
+    Indentation(2 rows, R = 5 mm, 0.0555..0.16 N at 0.05..0.1 mm, 'synthetic, seed 1: bone, Eq. 3, scatter 10 %')
+    """
+    depth = np.atleast_1d(real(depths, "depths"))
+    if depth.ndim != 1 or not ((depth > 0) & (depth < 2 * burr.radius)).all():
+        raise ValueError(f"depths must be above 0 and below 2R = {2 * burr.radius:g} mm: got {depths!r}")
+    _check_repeats(repeats)
+    _check_not_negative("scatter", scatter)
+    seed = _seed(seed)
+
+    force = material.c_e * burr.radius**2 * (depth / burr.radius) ** 1.5  # Eq. 3
+    return Indentation(
+        _scattered(force, repeats, scatter, seed),
+        np.repeat(depth, repeats),
+        burr.radius,
+        source=f"synthetic, seed {seed}: {material.name}, Eq. 3, scatter {100 * scatter:g} %",
+        provenance=_provenance(burr, material, seed, repeats=repeats, scatter=scatter),
+    )
+
+
+def synthetic_trace(
+    burr: Burr,
+    material: Material,
+    force: float,
+    *,
+    run_scatter: float = 0.08,
+    noise: float = 0.002,
+    step: float = 0.01,
+    sample_ms: float = 1.0,
+    seed: int | None = None,
+) -> DepthTrace:
+    """The record of a mean-field descent, with a rate of its own, noise of position, and read in steps.
+
+        H(t) = step round((H_mean_field(t exp(-run_scatter z)) + noise e(t))/step),  z, e standard normal
+
+    Parameters
+    ----------
+    burr : Burr
+        The burr.
+    material : Material
+        What it sinks into.
+    force : float
+        Constant force [N].
+    run_scatter : float
+        Standard deviation of the logarithm of the run's duration; 0.08 is 8 %.
+    noise : float
+        Standard deviation of a position before it is read [mm].
+    step : float
+        To which positions are read [mm]; 0 reads them exactly.
+    sample_ms : float
+        Time between samples [ms].
+    seed : int or None
+        None draws one, which the record keeps.
+
+    Returns
+    -------
+    DepthTrace
+        From static contact to R/3; its source begins with "synthetic".
+
+    Raises
+    ------
+    ValueError
+        If run_scatter, noise or step is negative or not finite, sample_ms is not positive and finite, fewer
+        than ten samples lie in the window, or the force is not one of a `mean_field_descent`.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> burrlab.synthetic_trace(burrlab.Burr(3.0), burrlab.materials["bone"], 1.0, seed=1).immersion[::200]
+    array([0.42, 0.64, 0.76, 0.85, 0.93, 1.  ])
+    """
+    for name, value in (("run_scatter", run_scatter), ("noise", noise), ("step", step)):
+        _check_not_negative(name, value)
+    if not (np.isfinite(sample_ms) and sample_ms > 0):
+        raise ValueError(f"sample_ms must be finite and above 0: got {sample_ms!r}")
+    descent = mean_field_descent(burr, material, force)
+    seed = _seed(seed)
+
+    random = np.random.default_rng(seed)
+    stretched = descent.time * np.exp(run_scatter * random.standard_normal())
+    time = np.arange(0.0, stretched[-1], 1e-3 * sample_ms)
+    immersion = np.interp(time, stretched, descent.immersion) + noise * random.standard_normal(len(time))
+    return DepthTrace(
+        time,
+        step * np.round(immersion / step) if step > 0 else immersion,
+        force,
+        burr.radius,
+        source=f"synthetic, seed {seed}: {material.name}, mean-field, {force:g} N",
+        provenance=_provenance(
+            burr, material, seed, run_scatter=run_scatter, noise_mm=noise, step_mm=step, sample_ms=sample_ms
+        ),
+    )
+
+
+def _check_repeats(repeats: int) -> None:
+    if whole("repeats", repeats, 2**31, "2^31") < 1:
+        raise ValueError(f"repeats must be at least 1: got {repeats!r}")
+
+
+def _check_not_negative(name: str, value: float) -> None:
+    if not (np.isfinite(value) and value >= 0):
+        raise ValueError(f"{name} must be finite and not negative: got {value!r}")
+
+
+def _seed(seed: int | None) -> int:
+    return secrets.randbits(32) if seed is None else int(seed)
+
+
+def _scattered(values: Floats, repeats: int, scatter: float, seed: int) -> Floats:
+    """Each value `repeats` times with log-normal scatter, z of row k of value i from (seed, i, k)."""
+    rows = [(i, k) for i in range(len(values)) for k in range(repeats)]
+    z = np.array([np.random.default_rng([seed, i, k]).standard_normal() for i, k in rows])
+    return np.repeat(values, repeats) * np.exp(scatter * z)
+
+
+def _provenance(burr: Burr, material: Material, seed: int, **parameters: float) -> dict[str, Any]:
+    return provenance(
+        synthetic=True,
+        c_e=material.c_e,
+        alpha=material.alpha,
+        shape=material.shape.name,
+        radius_mm=burr.radius,
+        **parameters,
+        seed=seed,
+    )

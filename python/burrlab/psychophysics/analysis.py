@@ -1,0 +1,587 @@
+"""An analysis in words and tables.
+
+One row a subject and task, for other programs.
+
+The results of an experiment, to be read, kept and drawn.
+
+From answers to what they say.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from html import escape
+from pathlib import Path
+from typing import IO, Any, Self, TypeAlias
+
+from burrlab.common.check import shown
+from burrlab.common.provenance import provenance
+from burrlab.common.records import UNREADABLE, in_one_line, plain, restored
+from burrlab.common.table import (
+    NOTHING,
+    Column,
+    interval_text,
+    json_mapping,
+    p_text,
+    table_html,
+    tables_lines,
+    tsv_text,
+    two_decimals,
+    wrapped_lines,
+)
+from burrlab.psychophysics.answers import Answers, ExperimentFolder, read_folder
+from burrlab.psychophysics.group import probability_text
+from burrlab.psychophysics.protocol import AnalysisSettings, Protocol
+from burrlab.psychophysics.rules import Counts, rule_of
+from burrlab.psychophysics.scored_task import (
+    CORRECTION,
+    CountsBySubject,
+    CountsByTask,
+    Progress,
+    ScoredTask,
+    SubjectResult,
+    TaskData,
+    design_text,
+    of_answers,
+    of_counts,
+    with_selection,
+)
+from burrlab.psychophysics.threshold_task import SubjectThreshold, ThresholdTask
+
+Task: TypeAlias = ScoredTask | ThresholdTask
+
+_COUNTED = {"same-different": '"different"', "abx": '"first"', "2ifc": '"first"'}
+_CORRECTIONS = {"log-linear": "half an answer more in each cell (log-linear)"}
+
+
+def text(analysis: Analysis, width: int | None = None) -> str:
+    """See `Analysis.report`."""
+    lines = wrapped_lines([head(analysis), *analysis.notes], width)
+    for task in analysis.tasks:
+        lines += wrapped_lines(["", heading(task), *(f"  ! {line}" for line in warnings(task))], width)
+        if task.subjects:
+            lines += ["", *tables_lines(columns(task), width)]
+            lines += wrapped_lines([*(f"  {line}" for line in legend(task)), "", *group_lines(task)], width)
+    return "\n".join(lines)
+
+
+def html(analysis: Analysis) -> str:
+    """The same for notebooks."""
+    parts = [f"<h3>{escape(head(analysis))}</h3>", *(f"<p>{escape(line)}</p>" for line in analysis.notes)]
+    for task in analysis.tasks:
+        parts += [
+            f"<h4>{escape(heading(task))}</h4>",
+            *(f"<p><b>{escape(line)}</b></p>" for line in warnings(task)),
+        ]
+        if task.subjects:
+            parts.append(table_html(columns(task)))
+            parts.append(f"<p><small>{escape(' '.join(legend(task)))}</small></p>")
+            parts += [f"<p>{escape(line)}</p>" for line in group_lines(task)]
+    return "".join(parts)
+
+
+def head(analysis: Analysis) -> str:
+    name = f"Experiment {analysis.name}" if analysis.name else "Analysis"
+    return f"{name}, SIMULATED SUBJECTS" if analysis.simulated else name
+
+
+def heading(task: Task) -> str:
+    """Name, kind, what is compared, trials, chance."""
+    kind = task.design.get("design", task.task)
+    parts = [f"{task.name}: {kind}" if task.name != kind else str(kind)]
+    parts += [about] if (about := design_text(task.design)) else []
+    if isinstance(task, ThresholdTask):
+        parts.append(f"chance {task.chance:g}")
+        parts += [str(task.design["held"])] if "held" in task.design else []
+    elif task.trials:
+        parts.append(f"{task.trials} trials, chance {task.chance * task.trials:g}")
+    elif task.subjects:
+        parts.append(f"trials differ between subjects, chance {task.chance:g}")
+    return ", ".join(parts)
+
+
+def warnings(task: Task) -> list[str]:
+    """What a reader must know before the numbers."""
+    found = ["SIMULATED SUBJECTS: nobody felt anything"] if task.simulated else []
+    if task.selected:
+        found += _selection(task)
+    if task.left_out:
+        found.append(f"left out, as their runs are incomplete: {', '.join(task.left_out)}")
+    partly = [one for one in task.subjects if not one.complete]
+    if partly:
+        said = [f"{one.subject} ({one.trials} of {one.planned} trials)" for one in partly]
+        found.append(f"incomplete, and taken in on request: {', '.join(said)}")
+    if not task.subjects:
+        found.append("no complete run")
+    return found
+
+
+def _selection(task: Task) -> list[str]:
+    """What selection does to what is below."""
+    n, by = len(task.subjects), f" ({task.selected_by})" if task.selected_by else ""
+    partly = n != task.chosen
+    whom = f"{n} subjects, of how many is not known"
+    if task.of:
+        whom = f"{task.chosen} of {task.of} subjects{f', of whom {n} are here' if partly else ''}"
+    lines = [f"SELECTED{by}: {whom}. Others may differ, and p values and intervals below do not allow for it"]
+    effect = task.selection if isinstance(task, ScoredTask) else None
+    if effect is not None and isinstance(task, ScoredTask) and task.score is not None:
+        mean = task.score.mean
+        # The probability is that of a mean of all who were selected.
+        as_good = "" if partly else f", and {mean:.2f} or more with {probability_text(effect.p_value(mean))}"
+        lines.append(
+            f"if selected by this very score: the best {task.chosen} of {task.of} guessing have {effect.expected:.2f} of "
+            f"{effect.trials} on average, {effect.excess:.2f} above chance{as_good}"
+        )
+    return lines
+
+
+def columns(task: Task) -> list[Column]:
+    """The table of the subjects."""
+    if isinstance(task, ThresholdTask):
+        return _threshold_columns(task)
+    ones, counted = task.subjects, _COUNTED[task.task]
+    found: list[Column] = [
+        ("", "subject", [one.subject for one in ones]),
+        ("", "score", [f"{one.counts.score}/{one.counts.trials}" for one in ones]),
+        ("binomial", "p", [p_text(one.p_value) for one in ones]),
+        ("binomial", "Holm", [p_text(one.holm) for one in ones]),
+        (counted, "hits", [f"{one.counts.hits}/{one.counts.signals}" for one in ones]),
+        (counted, "f.a.", [f"{one.counts.false_alarms}/{one.counts.noises}" for one in ones]),
+    ]
+    for rule in task.rules:
+        d, group = [one.of_rule(rule) for one in ones], f"d', {rule}"
+        found += [
+            (group, "d'", [two_decimals(one.estimate) for one in d]),
+            (group, f"{100 * task.level:g} %", ["unknown" if one.undetermined else interval_text(one.interval) for one in d]),
+            (group, "s.e.", ["" if one.standard_error is None else two_decimals(one.standard_error) for one in d]),
+            (group, "crit.", [two_decimals(one.criterion) for one in d]),
+            (group, "corr.", [two_decimals(one.corrected) for one in d]),
+        ]  # fmt: skip
+    return found
+
+
+def _threshold_columns(task: ThresholdTask) -> list[Column]:
+    thresholds = ["" if one.threshold is None else f"{one.threshold:.3f}" for one in task.subjects]
+    found: list[Column] = [
+        ("", "subject", [one.subject for one in task.subjects]),
+        ("", "trials", [str(one.trials) for one in task.subjects]),
+        ("", "threshold", thresholds),
+    ]
+    intervals = [
+        "" if one.interval is None else "{:.3f} to {:.3f}".format(*one.interval) for one in task.subjects
+    ]
+    return [*found, ("", f"{100 * task.level:g} %", intervals)] if any(intervals) else found
+
+
+def legend(task: Task) -> list[str]:
+    """What the columns are."""
+    if isinstance(task, ThresholdTask):
+        return ["threshold: ratio of the comparison's parameter to the reference's"]
+    method = task.subjects[0].d_prime[0].method
+    lines = [
+        "p: exact binomial test of the score against chance, one-sided; Holm: the same, corrected for all subjects of the task",
+        f"d': of greatest likelihood, with its {method} interval on [0, inf), open where the answers set no upper limit; "
+        "s.e. only where 0 is excluded",
+        f"corr.: d' after {_CORRECTIONS[CORRECTION]}, which is finite also after perfect answers",
+    ]
+    lines += [f"crit., {one.rule}: {one.criterion_meaning}" for one in task.subjects[0].d_prime]
+    return lines
+
+
+def group_lines(task: Task) -> list[str]:
+    """Of the group, the subject as the unit."""
+    if isinstance(task, ThresholdTask):
+        return _threshold_lines(task)
+    lines = []
+    if task.score is not None:
+        lines += str(task.score).splitlines()
+        if task.score.interval is not None:
+            low, high = task.score.interval
+            lines.append(f"mean score, {100 * task.level:g} %: {low:.2f} to {high:.2f}")
+    else:
+        lines.append("One subject: nothing is said of a group.")
+    for part in (*task.group_d_prime, *task.equivalence, *task.checks):
+        lines += str(part).splitlines()
+    for place in range(len(task.checks)):
+        single = min(task.subjects, key=lambda one: one.checks[place].p_value if one.checks else math.inf)
+        if single.checks and single.checks[place].p_value <= 0.05:
+            lines.append(
+                f"subject {single.subject}: {single.checks[place]} (smallest of {len(task.subjects)} subjects)"
+            )
+    return lines
+
+
+def _threshold_lines(task: ThresholdTask) -> list[str]:
+    lines = [f"{one.subject}: {line}" for one in task.subjects for line in one.said.splitlines()]
+    if not any(one.threshold for one in task.subjects):
+        for one in task.subjects:
+            shares = ", ".join(f"{correct}/{trials} at {level:g}" for level, correct, trials in one.levels)
+            lines.append(f"{one.subject}: {shares}")
+    if (group := task.group_threshold) is not None:
+        lines.append(
+            f"group: {group[0]:.3f}, {100 * task.level:g} % {group[1]:.3f} to {group[2]:.3f} (geometric mean of |ln ratio|, by t, "
+            f"the subject as the unit)"
+        )
+    return lines
+
+
+def subject_table(analysis: Analysis) -> str:
+    """See `Analysis.to_tsv`."""
+    rows = [
+        {"task": task.name, "design": task.design.get("design", task.task), **_fields(one)}
+        for task in analysis.tasks
+        for one in task.subjects
+    ]
+    rows.sort(key=lambda row: "threshold" in row)  # columns of scores first; the order within is kept
+    columns = list(dict.fromkeys(column for row in rows for column in row))
+    lines = [columns, *([tsv_text(row.get(column)) for column in columns] for row in rows)]
+    return "".join("\t".join(line) + "\n" for line in lines)
+
+
+def _fields(one: SubjectResult | SubjectThreshold) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        "subject": one.subject,
+        "simulated": "yes" if one.simulated else "no",
+        "trials": one.trials,
+        "planned": one.planned,
+    }
+    if isinstance(one, SubjectThreshold):
+        low, high = one.interval or (None, None)
+        return found | {"threshold": one.threshold, "threshold_low": low, "threshold_high": high}
+    c = one.counts
+    found |= {
+        "score": c.score, "hits": c.hits, "signals": c.signals, "false_alarms": c.false_alarms, "noises": c.noises,
+        "proportion_low": one.score_interval[0], "proportion_high": one.score_interval[1],
+        "p_value": one.p_value, "p_holm": one.holm,
+    }  # fmt: skip
+    for d in one.d_prime:
+        name = f"d_prime_{d.rule.replace('-', '_')}"
+        found |= {
+            name: d.estimate, f"{name}_low": d.interval[0], f"{name}_high": d.interval[1],
+            f"{name}_standard_error": d.standard_error, f"{name}_criterion": d.criterion, f"{name}_corrected": d.corrected,
+        }  # fmt: skip
+    return found
+
+
+_KIND = "burrlab analysis"
+FORMAT = 1
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Analysis:
+    """The results of an experiment, made by `analyse`.
+
+    Attributes
+    ----------
+    name : str
+        Of the experiment.
+    tasks : tuple of ScoredTask and ThresholdTask
+    notes : tuple of str
+        What is said above the tasks.
+    provenance : mapping
+        Versions and settings.
+    """
+
+    name: str
+    tasks: tuple[ScoredTask | ThresholdTask, ...]
+    notes: tuple[str, ...]
+    provenance: Mapping[str, Any]
+
+    def __getitem__(self, name: str) -> ScoredTask | ThresholdTask:
+        """A task by its name.
+
+        Raises
+        ------
+        KeyError
+            If there is none.
+        """
+        for task in self.tasks:
+            if task.name == name:
+                return task
+        raise KeyError(f"task must be one of {', '.join(task.name for task in self.tasks)}, got {name!r}")
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any subject was."""
+        return any(task.simulated for task in self.tasks)
+
+    def report(self, *, width: int | None = None) -> str:
+        """All of it as text.
+
+        Parameters
+        ----------
+        width : int, optional
+            Of the screen, in characters: wider tables are parted between their groups of columns, sentences between words. By
+            default lines are as long as they are.
+        """
+        return text(self, width)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON and `from_dict`; infinite numbers, as the end of an open interval, are spelt "inf"."""
+        return {_KIND: FORMAT, **plain(self)}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """What `to_dict` gave.
+
+        Raises
+        ------
+        ValueError
+            If it is something else.
+        """
+        if values.get(_KIND) != FORMAT:
+            raise ValueError(f"{_KIND!r} must be {FORMAT}, got {shown(values.get(_KIND))}")
+        made = restored(cls, values)
+        if not (isinstance(made.tasks, tuple) and all(not isinstance(task, Mapping) for task in made.tasks)):
+            raise ValueError("tasks must be a list of tasks with all that they hold")
+        return made
+
+    def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
+        """Write to a file that `from_json` reads back without loss."""
+        _write(file, json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+
+    @classmethod
+    def from_json(cls, file: str | os.PathLike[str] | IO[str]) -> Self:
+        """Read what `to_json` wrote.
+
+        Raises
+        ------
+        ValueError
+            If the file is something else.
+        OSError
+            If it cannot be read.
+        """
+        named = isinstance(file, (str, os.PathLike))
+        name = os.fspath(file) if isinstance(file, (str, os.PathLike)) else str(getattr(file, "name", "JSON"))
+        try:
+            values = json.loads(Path(name).read_bytes() if named else file.read())  # type: ignore[union-attr]
+        except (ValueError, RecursionError):
+            raise ValueError(f"{name}: this is not JSON in UTF-8") from None
+        if not isinstance(values, dict):
+            raise ValueError(f"{name}: an analysis must be a JSON object, got {type(values).__name__}")
+        try:
+            return cls.from_dict(values)
+        except UNREADABLE as error:
+            told = in_one_line(error)
+            raise ValueError(f"{name}: this is no analysis that was written here: {told}") from None
+
+    def to_tsv(self, file: str | os.PathLike[str] | IO[str]) -> None:
+        """One row a subject and task, tab-separated; n/a for nothing, inf for an open end."""
+        _write(file, subject_table(self))
+
+    def __eq__(self, other: object) -> bool:
+        # A criterion may be NaN, which as a number differs from itself.
+        return isinstance(other, Analysis) and self.to_dict() == other.to_dict()
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        kind = "simulated subjects, " if self.simulated else ""
+        tasks = ", ".join(f"{task.name} (n = {len(task.subjects)})" for task in self.tasks)
+        return f"Analysis({self.name!r}, {kind}{tasks})" if self.name else f"Analysis({kind}{tasks})"
+
+    def _repr_html_(self) -> str:
+        return html(self)
+
+
+def _write(file: str | os.PathLike[str] | IO[str], text: str) -> None:
+    if isinstance(file, (str, os.PathLike)):
+        Path(file).write_text(text, encoding="utf-8")
+    else:
+        file.write(text)
+
+
+def analyse(
+    data: Protocol | CountsBySubject | CountsByTask | Iterable[Answers] | str | os.PathLike[str],
+    *,
+    rules: Sequence[str] | None = None,
+    delta: float | None = None,
+    level: float | None = None,
+    subjects: Sequence[str] | None = None,
+    selected_from: int | None = None,
+    selected_by: str = "",
+    incomplete: bool = False,
+    simulated: bool = False,
+    progress: Progress | None = None,
+) -> Analysis:
+    """Analyse an experiment, task by task, subject by subject and with the subject as the unit.
+
+    Parameters
+    ----------
+    data : Protocol, path, answers, or mapping
+        A protocol or its TOML file; a folder of answers; what `read_answers` gave; or counts of one's own,
+        subject -> Counts or task -> subject -> Counts.
+    rules : sequence of str, optional
+        Decision rules that d' is given under; by default those of the protocol, or both.
+    delta : float, optional
+        d' below which two stimuli count as not told apart, set before the answers were seen: asks for an equivalence
+        test. By default the protocol's.
+    level : float, optional
+        Of all intervals; by default the protocol's, or 0.95.
+    subjects : sequence of str, optional
+        Only these. That is a selection, and the result says so.
+    selected_from : int, optional
+        Number of subjects that those analysed were selected from.
+    selected_by : str
+        What they were selected by, such as "score of task 1".
+    incomplete : bool
+        Whether runs that did not come to their end are taken in; else they are listed.
+    simulated : bool
+        Of counts of one's own: whether the subjects were simulated. Files say it themselves.
+    progress : callable, optional
+        Called with the names of task and subject, as the analysis comes to each: a subject takes up to a second, or two with
+        a psychometric function.
+
+    Returns
+    -------
+    Analysis
+
+    Raises
+    ------
+    ValueError
+        If a file is not right (see `Protocol.read` and `read_answers`), there is no subject, a subject or rule is
+        unknown, the level not in [0.5, 1), delta not above 0, or there are more subjects than they were selected from.
+    TypeError
+        If the data are none of these, a subject has neither Counts nor Answers, or subjects are one text.
+    OSError
+        If a file cannot be read.
+
+    Examples
+    --------
+    >>> from burrlab.psychophysics.rules import Counts
+    >>> one, two = Counts("abx", 5, 5, 1, 5), Counts("abx", 4, 5, 0, 5)
+    >>> analyse({"01": one, "02": two})
+    Analysis(abx (n = 2))
+    """
+    if isinstance(data, (str, os.PathLike)) and (Path(data).suffix == ".toml" or Path(data).is_file()):
+        data = Protocol.read(data)
+    settings, notes = AnalysisSettings(), []
+    if isinstance(data, Protocol):
+        settings = data.analysis
+        name, tasks = data.name, _of_folder(data.folder)
+        tasks.sort(key=lambda task: (*data.tasks, task.name).index(task.name))
+        notes += _missing(data, tasks)
+    elif isinstance(data, (str, os.PathLike)):
+        name, tasks = Path(data).resolve().name, _of_folder(data)
+    elif isinstance(data, Mapping):
+        name, tasks = "", of_counts(data, simulated=simulated)
+    elif isinstance(data, Counts) or not isinstance(data, Iterable):
+        raise TypeError(
+            f"data must be a protocol, a path, answers, or counts by subject, got {type(data).__name__}"
+        )
+    else:
+        name, tasks = "", of_answers(data)
+    if not tasks:
+        raise ValueError("data must hold answers, got none")
+    settings = _settled(settings, rules, delta, level)
+    if any(one.answers for task in tasks for one in task.subjects):
+        notes.append("Practice trials are left out.")
+    runs = [(f"{one.subject} of {task.name}", one.answers) for task in tasks for one in task.subjects]
+    repeats = [(sum(row.repeats or 0 for row in found.rows), run) for run, found in runs if found]
+    if told := ", ".join(f"{count} of {run}" for count, run in repeats if count):
+        notes.append(f"Trials that were repeated, as the loop had stalled: {told}.")
+    if settings.delta is not None:
+        notes.append(_origin_of_delta(settings.delta, data, tasks))
+    chosen = [_selected(task, subjects, selected_from, selected_by) for task in tasks]
+    made = provenance(
+        rules=list(settings.rules), delta=settings.delta, level=settings.level,
+        subjects=None if subjects is None else list(subjects), incomplete=incomplete,
+    )  # fmt: skip
+    results = tuple(_result(task, settings, incomplete, progress) for task in chosen)
+    return Analysis(name, results, tuple(notes), json_mapping(made))
+
+
+def _of_folder(folder: str | os.PathLike[str]) -> list[TaskData]:
+    entries = ExperimentFolder(folder, "").participants()
+    by = {subject: entry.get("selected_by", NOTHING) for subject, entry in entries.items()}
+    texts = {subject: text for subject, text in by.items() if text != NOTHING}
+    return with_selection(of_answers(read_folder(folder)), texts)
+
+
+def _missing(protocol: Protocol, tasks: Sequence[TaskData]) -> list[str]:
+    """Who has not begun what, and what is there of others."""
+    there = {task.name: {one.subject for one in task.subjects} for task in tasks}
+    notes = []
+    for name in protocol.tasks:
+        absent = [subject for subject in protocol.subjects if subject not in there.get(name, ())]
+        if absent:
+            notes.append(f"No run of {name} yet: {', '.join(absent)}.")
+    for task in tasks:
+        others = [one.subject for one in task.subjects if one.subject not in protocol.subjects]
+        if task.name not in protocol.tasks:
+            notes.append(f"Task {task.name} is in the folder and not in the protocol.")
+        elif others:
+            notes.append(f"In the folder and not in the protocol, of {task.name}: {', '.join(others)}.")
+    return notes
+
+
+def _origin_of_delta(delta: float, data: object, tasks: Sequence[TaskData]) -> str:
+    """Whether it was set before the runs began: each run's side-car has the protocol of that day."""
+    counts = "it counts only if it was set before the answers were seen"
+    if not isinstance(data, Protocol) or delta != data.analysis.delta:
+        return f"Delta = {delta:g}, given to the analysis: {counts}."
+    before: dict[str, list[str]] = {}
+    for task in tasks:
+        for one in task.subjects:
+            car = None if one.answers is None else one.answers.side_car
+            was = None if car is None else car.protocol.get("analysis", {}).get("delta")
+            if was != delta:
+                runs = before.setdefault("none" if was is None else f"{was:g}", [])
+                runs.append(f"{one.subject} of {task.name}")
+    if not before:
+        return f"Delta = {delta:g}, as the protocol has it."
+    changed = "; ".join(f"{was} when {', '.join(runs)} began" for was, runs in before.items())
+    return f"Delta = {delta:g}, as the protocol has it now, and it was {changed}: {counts}."
+
+
+def _settled(
+    settings: AnalysisSettings, rules: Sequence[str] | None, delta: float | None, level: float | None
+) -> AnalysisSettings:
+    """Those of the protocol, with what was given in their place."""
+    if rules is not None:
+        if not rules:
+            raise ValueError("rules must hold one at least, got none")
+        named = tuple(rule_of("same-different", rule).name for rule in dict.fromkeys(rules))
+        settings = replace(settings, rules=named)
+    if delta is not None:
+        if not 0.0 < delta < math.inf:
+            raise ValueError(f"delta must be a d' above 0, got {delta!r}")
+        settings = replace(settings, delta=float(delta))
+    if level is not None:
+        if not 0.5 <= level < 1.0:
+            raise ValueError(f"level must be in [0.5, 1), got {level!r}")
+        settings = replace(settings, level=float(level))
+    return settings
+
+
+def _selected(
+    task: TaskData, subjects: Sequence[str] | None, selected_from: int | None, selected_by: str
+) -> TaskData:
+    known = [one.subject for one in task.subjects]
+    if isinstance(subjects, str):
+        raise TypeError(f"subjects must be a list of labels, such as [{subjects!r}], got {subjects!r}")
+    unknown = [name for name in subjects or () if name not in known]
+    if unknown or subjects == []:
+        raise ValueError(f"subjects must be of {', '.join(known)}, got {', '.join(unknown) or 'none'}")
+    chosen = task.select(subjects, selected_from or 0, selected_by)
+    if selected_from is not None and selected_from < len(chosen.subjects):
+        raise ValueError(
+            f"selected_from must be at least the {len(chosen.subjects)} subjects of task {task.name}, got {selected_from}"
+        )
+    return chosen
+
+
+def _result(
+    task: TaskData, settings: AnalysisSettings, incomplete: bool, progress: Progress | None
+) -> ScoredTask | ThresholdTask:
+    if any(one.levels for one in task.subjects):
+        return ThresholdTask.of_data(task, level=settings.level, incomplete=incomplete, progress=progress)
+    return ScoredTask.of_data(
+        task, rules=settings.rules, delta=settings.delta, level=settings.level, incomplete=incomplete,
+        progress=progress,
+    )  # fmt: skip

@@ -1,0 +1,793 @@
+"""The answers of one subject in one task.
+
+Reading answers: one file, a folder, or what a resumed run goes on from.
+
+Writing answers: each is on disk before the next trial, and nothing is ever overwritten.
+
+The folder of an experiment, as BIDS 1.10.0 has behavioural data.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+import burrlab.common.table as tsv_text
+from burrlab._core import __version__
+from burrlab.common.files import lock_run, locked, new_part, sync_folder, synced_write, write_synced
+from burrlab.common.records import in_one_line
+from burrlab.common.table import DataSet, html_table
+from burrlab.psychophysics.rules import TASKS, Counts, TaskName
+from burrlab.psychophysics.side_car import (
+    ANSWERS,
+    COUNTED,
+    REQUIRED,
+    Answer,
+    Row,
+    RowReader,
+    SideCar,
+    as_text,
+    columns_of,
+    read_side_car,
+    side_car_path,
+)
+from burrlab.psychophysics.trial import Order, Trial
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Answers(DataSet):
+    """The answers of one subject in one task.
+
+    Attributes
+    ----------
+    subject : str
+        BIDS label, without "sub-".
+    name : str
+        Of the task in the protocol, a BIDS label.
+    task : {"same-different", "abx", "2ifc"}
+    rows : tuple of Row
+        One an answer, practice included, in order.
+    side_car : SideCar or None
+        None for a file of another program.
+    notes : tuple of str
+        What the reader should know, such as a last line that was broken off.
+    source : str
+        The file.
+    """
+
+    subject: str
+    name: str
+    task: TaskName
+    rows: tuple[Row, ...]
+    side_car: SideCar | None = None
+    notes: tuple[str, ...] = ()
+    source: str = ""
+
+    @property
+    def main(self) -> tuple[Row, ...]:
+        """The rows of the main phase."""
+        return tuple(row for row in self.rows if row.phase == "main")
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the subject was; False where the file does not say."""
+        return self.side_car is not None and self.side_car.simulated is not None
+
+    @property
+    def trials(self) -> int | None:
+        """Of the whole run, practice included, of a staircase at most; None where the file does not say."""
+        return None if self.side_car is None else self.side_car.trials
+
+    def counts(self) -> Counts:
+        """Hits and false alarms of the main phase, with those of each trial type.
+
+        Raises
+        ------
+        ValueError
+            If there is no answer of the main phase.
+        """
+        rows, answers, counted = self.main, ANSWERS[self.task], COUNTED[self.task]
+        if not rows:
+            raise ValueError(f"{self}: there is no answer of the main phase to count")
+        given = np.array([row.response == counted for row in rows])
+        signal = np.array([row.correct_answer(answers) == counted for row in rows])
+        kinds = np.array([row.trial_type for row in rows])
+        return Counts(
+            self.task,
+            hits=int((given & signal).sum()),
+            signals=int(signal.sum()),
+            false_alarms=int((given & ~signal).sum()),
+            noises=int((~signal).sum()),
+            by_type={
+                str(kind): (int(given[kinds == kind].sum()), int((kinds == kind).sum()))
+                for kind in np.unique(kinds)
+            },
+        )
+
+    def _table(self) -> Mapping[str, Sequence[Any]]:
+        rows = [row.fields() for row in self.rows]
+        columns = [column for column in columns_of(self.task) if not rows or column in rows[0]]
+        return {column: [row[column] for row in rows] for column in columns}
+
+    def __repr__(self) -> str:
+        kind = "a simulated subject" if self.simulated else "subject"
+        practice = len(self.rows) - len(self.main)
+        text = f"Answers({kind} {self.subject}, task {self.name} ({self.task}), {len(self.main)} answers"
+        text += f" and {practice} in practice" if practice else ""
+        return text + "".join(f"; {note}" for note in self.notes) + ")"
+
+    def _repr_html_(self) -> str:
+        table = {
+            name: ["" if value is None else value for value in values]
+            for name, values in self._table().items()
+        }
+        return html_table(repr(self), table)
+
+
+_LABELS = re.compile(r"sub-([A-Za-z0-9]+)_(?:.*_)?task-([A-Za-z0-9]+)(?:_.*)?\.tsv")
+_PARTICIPANT = "participant_id"
+
+
+def read_answers(
+    path: str | os.PathLike[str],
+    *,
+    task: str | None = None,
+    answers: Sequence[str] | None = None,
+    subject: str | None = None,
+    name: str | None = None,
+) -> Answers:
+    """The answers in a TSV, of this program or another.
+
+    Parameters
+    ----------
+    path : path
+        Columns onset, duration [s], trial_type, response, correct (1 or 0), response_time [s] and trial; the others that
+        this program writes may be missing. n/a where there is nothing.
+    task : {"same-different", "abx", "2ifc"}, optional
+        What the task is; by default as the side-car has it.
+    answers : (str, str), optional
+        What the file calls the answers, in the order "same", "different" or "first", "second"; by default these.
+    subject, name : str, optional
+        Labels of subject and task; by default as the side-car or the file's name, sub-LABEL_task-LABEL_..., has them.
+
+    Returns
+    -------
+    Answers
+        A last line without its end, from a run that was killed, is left out; the notes say so.
+
+    Raises
+    ------
+    ValueError
+        If the file is not text in UTF-8, is empty, lacks a column or has one that is unknown; a field is not what it
+        must be; a trial is there twice, missing or out of order; a correct flag contradicts trial type and
+        response; two subjects are in it; or what it must say is said neither there nor here: with the line where there is one.
+    OSError
+        If the file cannot be read.
+    """
+    file, content = os.fspath(path), Path(path).read_bytes()
+    car = read_side_car(path)
+    given = {"subject": subject, "name": name, "task": task}
+    labels = _labels(file, car, given)
+    if labels["task"] not in TASKS:
+        raise ValueError(f"task must be one of {', '.join(TASKS)}, got {labels['task']!r}")
+    if answers is not None and not (
+        isinstance(answers, (list, tuple))
+        and len(answers) == len(set(answers)) == 2
+        and all(isinstance(one, str) for one in answers)
+    ):
+        raise ValueError(f"answers must be two that differ, in the order of their keys, got {answers!r}")
+    if car is None:
+        # Another program's last line may lack its end and be whole.
+        rows, torn = read_rows(file, content, labels["task"], answers), b""
+    else:
+        rows, content, torn = read_own_rows(file, content, car.task)
+        _check_stimuli(file, rows, car)
+    notes = (f"the last line of {file} was broken off and is left out",) if torn else ()
+    labels["subject"] = _one_subject(file, content, labels["subject"])
+    return Answers(**labels, rows=tuple(row for _, row in rows), side_car=car, notes=notes, source=file)
+
+
+def read_rows(
+    file: str, content: bytes, task: TaskName, answers: Sequence[str] | None = None
+) -> list[tuple[int, Row]]:
+    """The checked rows of a file with their lines. See `read_answers`."""
+    table = tsv_text.parse(file, content)
+    known = (*columns_of(task), _PARTICIPANT)
+    for column in table.columns:
+        if column not in known:
+            raise ValueError(f"{file}, line 1: unknown column {column!r}; known are {', '.join(known)}")
+    for column in REQUIRED:
+        if column not in table.columns:
+            raise ValueError(f"{file}, line 1: column {column} is missing")
+    reader, rows = RowReader(task, answers), []
+    for number, fields in table.rows:
+        try:
+            row = reader.parse(fields)
+        except ValueError as error:
+            raise ValueError(f"{file}, line {number}, {error}") from None
+        reader.add(number, row)
+        rows.append((number, row))
+    return rows
+
+
+def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[list[tuple[int, Row]], bytes, bytes]:
+    """The rows of a file of this program, the bytes that they stand in, and what was broken off behind them.
+
+    A last line that lacks nothing but its end is whole: no ending of an interval begins another, and repeats, the last column, have one digit.
+    """
+    lines, torn = tsv_text.split_torn(content)
+    rows = read_rows(file, lines, task)
+    if torn:
+        try:
+            return read_rows(file, content + b"\n", task), content + b"\n", b""
+        except ValueError:
+            pass
+    return rows, lines, torn
+
+
+def _check_stimuli(file: str, rows: Sequence[tuple[int, Row]], car: SideCar) -> None:
+    """That a trial's type says what its intervals were, where the type alone decides: each is written down twice."""
+    names = {
+        key: str(value["name"])
+        for key, value in car.design.items()
+        if isinstance(value, Mapping) and "name" in value
+    }
+    for line, row in rows:
+        if car.task == "same-different":
+            due = [names[letter.lower()] for letter in row.trial_type]
+        elif car.task == "abx":
+            due = [names["reference"], *(names[{"A": "match", "B": "foil"}[one]] for one in row.trial_type)]
+        else:
+            continue
+        for place, (found, name) in enumerate(zip(row.stimuli, due, strict=False), start=1):
+            if found is not None and found != name:
+                raise ValueError(
+                    f"{file}, line {line}, column stimulus_{place}: {row.trial_type} has {name!r} there, got {found!r}"
+                )
+
+
+def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
+    """All answers of an experiment: sub-*/beh/*_events.tsv, by task and subject.
+
+    Parameters
+    ----------
+    folder : path
+        Of the data.
+
+    Returns
+    -------
+    tuple of Answers
+
+    Raises
+    ------
+    ValueError
+        If there is no file, one is not right (see `read_answers`), a subject has two for one task, or simulated
+        subjects are among others, or a task was not the same for all.
+    OSError
+        If a file cannot be read.
+    """
+    found: dict[tuple[str, str], Answers] = {}
+    for path in sorted(Path(folder).glob("sub-*/beh/*_events.tsv")):
+        one = read_answers(path)
+        if (label := path.parents[1].name) != f"sub-{one.subject}":
+            raise ValueError(f"{path}: the answers are of subject {one.subject}, the folder is {label}")
+        if (key := (one.name, one.subject)) in found:
+            raise ValueError(
+                f"{path}: subject {one.subject} has another file for task {one.name}, {found[key].source}"
+            )
+        _check_alike(one, next((other for other in found.values() if other.name == one.name), None))
+        found[key] = one
+    if not found:
+        raise ValueError(f"{os.fspath(folder)}: there is no file of answers, sub-*/beh/*_events.tsv")
+    for kind in (False, True):
+        if not any(one.simulated == kind for one in found.values()):
+            break
+    else:
+        simulated = next(one.source for one in found.values() if one.simulated)
+        raise ValueError(f"{os.fspath(folder)}: a simulated subject is among others: {simulated}")
+    return tuple(found[key] for key in sorted(found))
+
+
+def _check_alike(one: Answers, other: Answers | None) -> None:
+    """That two subjects had the same task."""
+    if other is None or one.side_car is None or other.side_car is None:
+        return
+    if changes := other.side_car.differences_across_subjects(one.side_car):
+        raise ValueError(f"{one.source}: the task was another one in {other.source}: {'; '.join(changes)}")
+
+
+def replay(file: str, rows: Sequence[tuple[int, Row]], order: Order) -> None:
+    """Feeds the responses of a file to an order, each checked against the trial that the order gives.
+
+    Parameters
+    ----------
+    file : str
+        Its name, for the sentence.
+    rows : sequence of (int, Row)
+        With their lines.
+    order : Order
+        At its beginning.
+
+    Raises
+    ------
+    ValueError
+        If a row is not the answer to the order's trial: with the line.
+    """
+    for line, row in rows:
+        trial = order.next()
+        if trial is None:
+            raise ValueError(f"{file}, line {line}: the run has no trial left that this could answer")
+        for column, found, due in _compared(row, trial):
+            if found != due:
+                raise ValueError(
+                    f"{file}, line {line}, column {column}: {found!r} where {row.phase} trial {row.trial} has {due!r}: made "
+                    "with another seed or protocol"
+                )
+        order.answer(row.response)
+
+
+def _compared(row: Row, trial: Trial) -> Iterator[tuple[str, object, object]]:
+    seeds = tuple(interval.seed for interval in trial.intervals)
+    stimuli = tuple(interval.stimulus.name for interval in trial.intervals)
+    yield "phase", row.phase, trial.phase
+    yield "trial", row.trial, trial.number
+    yield "block", row.block, trial.block
+    yield "trial_type", row.trial_type, trial.trial_type
+    yield "level", row.level, trial.level
+    yield "correct", row.correct, row.response == trial.correct
+    for name, found, due in (("stimulus", row.stimuli, stimuli), ("seed", row.seeds, seeds)):
+        for place, expected in enumerate(due, start=1):
+            yield f"{name}_{place}", found[place - 1] if len(found) == len(due) else None, expected
+
+
+def _labels(file: str, car: SideCar | None, given: Mapping[str, str | None]) -> dict[str, Any]:
+    """Subject, name and task: given, or of the side-car, or, of another program's file, of its name."""
+    match = _LABELS.fullmatch(os.path.basename(file))
+    named: dict[str, str | None] = dict(
+        zip(("subject", "name"), match.groups() if match else (None, None), strict=True)
+    )
+    labels: dict[str, Any] = {}
+    for key, value in given.items():
+        known = named.get(key) if car is None else getattr(car, key)
+        if value is not None and known is not None and value != known:
+            raise ValueError(f"{file}: {key} must be {known!r}, as the file says, got {value!r}")
+        labels[key] = known if value is None else value
+    if car is not None:
+        for key, value in named.items():
+            if value is not None and value != labels[key]:
+                raise ValueError(
+                    f"{file}: {key} is {value!r} in the file's name and {labels[key]!r} in {side_car_path(file).name}"
+                )
+    if labels["task"] is None:
+        raise ValueError(f"{file}: what the task is is unknown: give task=, one of {', '.join(TASKS)}")
+    labels["name"] = labels["name"] or labels["task"]
+    return labels
+
+
+def _one_subject(file: str, content: bytes, subject: str | None) -> str:
+    """The subject, where a column says it too."""
+    for line, fields in tsv_text.parse(file, content).rows:
+        found = fields.get(_PARTICIPANT, "").removeprefix("sub-")
+        if found and subject is not None and found != subject:
+            raise ValueError(
+                f"{file}, line {line}, column {_PARTICIPANT}: {found!r} in a file of subject {subject!r}"
+            )
+        subject = subject or found or None
+    if subject is None:
+        raise ValueError(
+            f"{file}: the subject is unknown: name the file sub-LABEL_task-LABEL_events.tsv or give subject="
+        )
+    return subject
+
+
+class AnswerFile:
+    """A file that the answers of one run go to; make one by `create` or `open`.
+
+    While it is open no other process can open it.
+
+    Attributes
+    ----------
+    path : Path
+    side_car : SideCar
+        As it was at the start of the run.
+    notes : tuple of str
+        What the experimenter should know: a last line that was broken off and cut.
+    end : float
+        Of the last answer, from the start of the run [s].
+    """
+
+    def __init__(
+        self, path: Path, file: int, side_car: SideCar, end: float, reader: RowReader, lines: int,
+        columns: Sequence[str] = (),
+    ) -> None:  # fmt: skip
+        self.path, self.side_car = path, side_car
+        self.notes: tuple[str, ...] = ()
+        self._file: int | None = file
+        self._reader, self._lines = reader, lines
+        self._columns = columns or columns_of(side_car.task)
+        # The wall clock may have been set back since the start: onsets never go back.
+        started = datetime.fromisoformat(side_car.started)
+        self.end = end
+        self._zero = time.monotonic() - max((datetime.now(UTC) - started).total_seconds(), end)
+
+    @classmethod
+    def create(cls, path: str | os.PathLike[str], side_car: SideCar) -> Self:
+        """A new file with its side-car, for the first trial; the folder is made.
+
+        Parameters
+        ----------
+        path : path
+            Ends in .tsv.
+        side_car : SideCar
+
+        Raises
+        ------
+        FileExistsError
+            If the file, or one where its side-car belongs, is there.
+        ValueError
+            If the path does not end in .tsv.
+        OSError
+            If it cannot be written.
+        """
+        path = Path(path)
+        if path.suffix != ".tsv":
+            raise ValueError(f"path must end in .tsv, got {path}")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if side_car_path(path).exists():
+            raise FileExistsError(f"path must be a new file, {side_car_path(path)} exists")
+        try:
+            file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_EXCL, 0o666)
+        except FileExistsError:
+            raise FileExistsError(f"path must be a new file, {path} exists: resume the run") from None
+        with _closed_on_error(file):
+            lock_run(file, path)
+            return cls._begin(path, file, side_car)
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str], order: Order, side_car: SideCar) -> Self:
+        """The file of a run that was ended early, for its next trial.
+
+        Parameters
+        ----------
+        path : path
+        order : Order
+            At its beginning; it is fed with the answers that are there, and its next trial is the one to be asked.
+        side_car : SideCar
+            Of the same run, as the protocol has it now.
+
+        Returns
+        -------
+        AnswerFile
+            A last line that was broken off is cut, and the notes say so; one that lacks its end alone gets it.
+
+        Raises
+        ------
+        FileNotFoundError
+            If there is no such file.
+        BlockingIOError
+            If another process has it open.
+        ValueError
+            If the protocol was changed since the start, with what; the columns were, or a row is not right (see
+            `read_answers`) or not the answer to the order's trial, with its line.
+        OSError
+            If it cannot be read and written.
+        """
+        path = Path(path)
+        try:
+            file = os.open(path, os.O_RDWR | os.O_APPEND)
+        except FileNotFoundError:
+            raise FileNotFoundError(f"{path}: there is no such run to resume") from None
+        with _closed_on_error(file):
+            lock_run(file, path)
+            first = read_side_car(path)
+            if first is None:
+                return cls._begin_again(path, file, side_car)
+            if changes := first.differences(side_car):
+                told = in_one_line("; ".join(changes), 2000)
+                raise ValueError(f"{path}: the protocol was changed since the run began: {told}")
+            found = path.read_bytes()
+            rows, content, torn = read_own_rows(os.fspath(path), found, first.task)
+            columns = _checked_columns(path, content, first)
+            replay(os.fspath(path), rows, order)
+            reader = RowReader(first.task)
+            for line, row in rows:
+                reader.add(line, row)
+            end = max((_end(row) for _, row in rows), default=0.0)
+            result = cls(path, file, first, end, reader, content.count(b"\n"), columns)
+            if len(content) > len(found):
+                synced_write(file, path, content[len(found) :])
+            if torn:
+                os.ftruncate(file, len(content))
+                os.fsync(file)
+                result.notes = (
+                    f"{path}: the last line was broken off after {len(torn)} bytes and is cut; its trial is asked again",
+                )
+        return result
+
+    @classmethod
+    def _begin(cls, path: Path, file: int, side_car: SideCar) -> Self:
+        """Column names first: whoever finds them without a side-car knows that no trial was asked."""
+        synced_write(file, path, _head(side_car))
+        text = json.dumps(side_car.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+        with new_part(side_car_path(path)) as part:
+            write_synced(part, text.encode())
+            part.rename(side_car_path(path))
+        sync_folder(path.parent)
+        return cls(path, file, side_car, 0.0, RowReader(side_car.task), 1)
+
+    @classmethod
+    def _begin_again(cls, path: Path, file: int, side_car: SideCar) -> Self:
+        """A run that was killed while its files were made, or no run of this program."""
+        if not _head(side_car).startswith(path.read_bytes()) or side_car_path(path).exists():
+            raise ValueError(
+                f"{path}: this is no run of this program, its side-car {side_car_path(path).name} is missing"
+            )
+        os.ftruncate(file, 0)
+        return cls._begin(path, file, side_car)
+
+    def elapsed(self) -> float:
+        """Time since the start of the run [s], across resumptions; for the onset of an answer."""
+        return time.monotonic() - self._zero
+
+    def append(self, answer: Answer) -> None:
+        """Writes an answer; when it returns, the answer is on the disk.
+
+        Parameters
+        ----------
+        answer : Answer
+            To the trial that follows those in the file.
+
+        Raises
+        ------
+        ValueError
+            If it is no answer of the task, not of the trial that is due, or the file is closed.
+        OSError
+            If it cannot be written; the file is then as it was.
+        """
+        if self._file is None:
+            raise ValueError(f"{self.path} is closed")
+        task = self.side_car.task
+        line = as_text(Row.of(answer), task, self._columns)
+        fields = line.decode().rstrip("\n").split("\t")
+        try:
+            # As it will be read: what cannot be read back is not written.
+            row = self._reader.parse(dict(zip(self._columns, fields, strict=True)))
+        except ValueError as error:
+            raise ValueError(f"answer: {error}") from None
+        synced_write(self._file, self.path, line)
+        self._lines += 1
+        self._reader.add(self._lines, row)
+        self.end = max(self.end, _end(row))
+
+    def close(self) -> None:
+        """Ends writing; another process may open the file."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        state = "closed" if self._file is None else "open"
+        return f"AnswerFile({os.fspath(self.path)!r}, {self._lines - 1} answers, {state})"
+
+
+def _end(row: Row) -> float:
+    """Of an answer, from the start of the run [s]."""
+    return row.onset + (row.duration or 0.0) + (row.response_time or 0.0)
+
+
+def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str, ...]:
+    """ValueError unless the columns are those that `append` writes: a row goes to the end, by its place."""
+    due, found = columns_of(side_car.task), tsv_text.parse(os.fspath(path), content).columns
+    if found == due[:-1]:  # begun when there were no repeats
+        return found
+    if found != due:
+        place = next(
+            (i for i, (one, other) in enumerate(zip(due, found, strict=False)) if one != other),
+            min(len(due), len(found)),
+        )
+        one, other = (repr(names[place]) if place < len(names) else "none" for names in (due, found))
+        raise ValueError(
+            f"{path}, line 1: to go on, the columns must be as they were written: column {place + 1} was {one}, is now {other}"
+        )
+    return found
+
+
+def _head(side_car: SideCar) -> bytes:
+    return tsv_text.line(columns_of(side_car.task))
+
+
+@contextlib.contextmanager
+def _closed_on_error(file: int) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:
+        os.close(file)
+        raise
+
+
+BIDS_VERSION = "1.10.0"
+
+_COLUMNS = ("participant_id", "simulated", "selected_by")
+_PARTICIPANTS: Mapping[str, Any] = {
+    "participant_id": {"Description": "Label of the subject"},
+    "simulated": {
+        "Description": "Whether the subject is a program",
+        "Levels": {"yes": "a simulated subject", "no": "a person"},
+    },
+    "selected_by": {
+        "Description": "How the subject was chosen by the outcome of an earlier experiment, if so"
+    },
+}
+
+
+class ExperimentFolder:
+    """Where everything of an experiment lies; files are made where they are missing, and none is replaced.
+
+    Parameters
+    ----------
+    path : path
+    name : str
+        Of the experiment.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], name: str) -> None:
+        self.path, self.name = Path(path), name
+
+    def answers(self, subject: str, task: str) -> Path:
+        """The file of answers of a subject in a task; its side-car lies beside it."""
+        return self.path / f"sub-{subject}" / "beh" / f"sub-{subject}_task-{task}_events.tsv"
+
+    def log(self, subject: str, task: str) -> Path:
+        """What the experimenter sees of it."""
+        return self._source(subject) / f"sub-{subject}_task-{task}_log.txt"
+
+    def trace(self, subject: str, task: str, phase: str, trial: int, interval: int) -> Path:
+        """The trace of an interval."""
+        stem = f"sub-{subject}_task-{task}_{phase}-{trial:03d}_interval-{interval}"
+        return self._source(subject) / f"{stem}_trace.h5"
+
+    def _source(self, subject: str) -> Path:
+        # Not of a form that BIDS knows: it leaves what is in sourcedata alone.
+        return self.path / "sourcedata" / f"sub-{subject}" / "beh"
+
+    def prepare(self) -> None:
+        """The files that describe the folder, where they are missing.
+
+        Raises
+        ------
+        OSError
+            If they cannot be written.
+        """
+        self.path.mkdir(parents=True, exist_ok=True)
+        described = {
+            "Name": self.name,
+            "BIDSVersion": BIDS_VERSION,
+            "DatasetType": "raw",
+            "GeneratedBy": [{"Name": "burrlab", "Version": __version__}],
+        }
+        readme = (
+            f"{self.name}\n\nAnswers of a psychophysical experiment with virtual bone burring, made by burrlab "
+            f"{__version__}.\nOne file a subject and task: sub-LABEL/beh/sub-LABEL_task-LABEL_events.tsv, with what the run was "
+            "in the\nJSON beside it.\n"
+        )
+        for file, text in (
+            ("dataset_description.json", json.dumps(described, indent=1, ensure_ascii=False) + "\n"),
+            ("participants.json", json.dumps(_PARTICIPANTS, indent=1) + "\n"),
+            ("README", readme),
+        ):
+            try:
+                stream = (self.path / file).open("x", encoding="utf-8", newline="")
+            except FileExistsError:
+                continue
+            try:
+                with stream:
+                    stream.write(text)
+            except OSError as error:
+                (
+                    self.path / file
+                ).unlink()  # a part of it would stay, as whoever has written it would not again
+                raise OSError(error.errno, error.strerror, os.fspath(self.path / file)) from None
+
+    def add(self, subject: str, *, simulated: bool, selected_by: str | None = None) -> None:
+        """Enters a subject in participants.tsv, unless it is there.
+
+        Raises
+        ------
+        ValueError
+            If simulated subjects would be among others, the subject is entered as something else, or the file is not right.
+        OSError
+            If it cannot be written.
+        """
+        self.prepare()
+        path = self.path / "participants.tsv"
+        row = dict(
+            zip(
+                _COLUMNS,
+                (f"sub-{subject}", "yes" if simulated else "no", selected_by or tsv_text.NOTHING),
+                strict=True,
+            )
+        )
+        file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
+        with locked(file, path, wait=True):
+            columns = _mend(file, path, row)
+            for other, entry in _participants(path).items():
+                if entry["simulated"] != row["simulated"]:
+                    raise ValueError(
+                        f"{path}: simulated subjects and people do not go into one folder: sub-{other} has simulated "
+                        f"{entry['simulated']}, sub-{subject} {row['simulated']}"
+                    )
+                if other == subject:
+                    return
+            # A laboratory adds columns of its own, such as age, or moves ours.
+            synced_write(file, path, tsv_text.line([row.get(column, tsv_text.NOTHING) for column in columns]))
+
+    def participants(self) -> dict[str, dict[str, str]]:
+        """What participants.tsv says of each subject, by label; empty without the file.
+
+        Raises
+        ------
+        ValueError
+            If the file is not right: with the line.
+        """
+        path = self.path / "participants.tsv"
+        return _participants(path) if path.exists() else {}
+
+
+def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
+    """The columns of participants.tsv, written where they are not; what a kill broke off is cut.
+
+    A last line that lacks its end alone, as an editor may leave it, gets it.
+    """
+    found = path.read_bytes()
+    content, torn = tsv_text.split_torn(found)
+    own = tsv_text.line(_COLUMNS)
+    if torn and not content and own.startswith(torn):
+        os.ftruncate(file, 0)
+    elif torn:
+        columns = tsv_text.parse(os.fspath(path), content or torn).columns
+        *before, last = torn.decode(errors="replace").split("\t")
+        whole = row.get(columns[-1], tsv_text.NOTHING)
+        if not content or (
+            len(before) == len(columns) - 1 and not (last != whole and whole.startswith(last))
+        ):
+            synced_write(file, path, b"\n")
+            return columns
+        os.ftruncate(file, len(content))
+    if content:
+        return tsv_text.parse(os.fspath(path), content).columns
+    synced_write(file, path, own)
+    return _COLUMNS
+
+
+def _participants(path: Path) -> dict[str, dict[str, str]]:
+    table = tsv_text.parse(os.fspath(path), path.read_bytes())
+    for column in _COLUMNS[:2]:
+        if column not in table.columns:
+            raise ValueError(f"{path}, line 1: column {column} is missing")
+    found: dict[str, dict[str, str]] = {}
+    for line, fields in table.rows:
+        subject = fields["participant_id"].removeprefix("sub-")
+        if subject in found:
+            raise ValueError(f"{path}, line {line}: subject {subject} is there twice")
+        if fields["simulated"] not in ("yes", "no"):
+            raise ValueError(
+                f"{path}, line {line}, column simulated: must be yes or no, got {fields['simulated']!r}"
+            )
+        found[subject] = {**fields, "participant_id": subject}
+    return found

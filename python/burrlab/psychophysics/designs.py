@@ -1,0 +1,679 @@
+"""Checks of what designs are given, and how they are written down.
+
+Orders of trials: balanced, random, and a function of (seed, subject, design) alone.
+
+The draws use NumPy's `SeedSequence` and `PCG64`, whose streams are the same in every version of NumPy, and a shuffle
+of our own: NumPy's may change, and a run that was interrupted must resume with the same trials.
+
+A reference and a comparison with one parameter changed, in two intervals: which has more?
+
+Match to sample: a reference, then two alternatives, of which one matches it.
+
+Same or different: two intervals, two materials.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, ClassVar, Literal, TypeAlias, TypeVar
+
+import numpy as np
+
+from burrlab._core import Material
+from burrlab.common.check import require_type
+from burrlab.psychophysics.power import design_power
+from burrlab.psychophysics.trial import MODES, Design, Interval, Mode, Order, Phase, Stimulus, Trial
+
+
+def whole(name: str, value: int, *, at_least: int, multiple: int = 1, why: str = "") -> int:
+    """An int, or one sentence."""
+    number = operator.index(value)
+    if number < at_least:
+        raise ValueError(f"{name} must be at least {at_least}, got {number}")
+    if number % multiple:
+        raise ValueError(f"{name} must be a multiple of {multiple}{why}, got {number}")
+    return number
+
+
+def balanced_trials(trials: int, blocks: int, practice: int, *, multiple: int, types: str) -> None:
+    """One sentence unless the types of trials can be equally often, in blocks of one size."""
+    whole("trials", trials, at_least=multiple, multiple=multiple, why=f" ({types} equally often)")
+    whole("blocks", blocks, at_least=1)
+    whole("trials", trials, at_least=multiple, multiple=blocks, why=", the number of blocks")
+    whole("practice", practice, at_least=0)
+
+
+def seconds(name: str, value: float) -> float:
+    """A time [s] above 0, or one sentence."""
+    if not (math.isfinite(value) and value > 0):
+        raise ValueError(f"{name} must be a time above 0 [s], got {value}")
+    return float(value)
+
+
+def one_of(name: str, value: str, choices: Sequence[str]) -> None:
+    if value not in choices:
+        raise ValueError(f"{name} must be one of {', '.join(choices)}, got {value!r}")
+
+
+def rendered(name: str, stimulus: Stimulus) -> None:
+    """One sentence unless the stimulus has a material."""
+    require_type(name, stimulus, Stimulus, "Stimulus('bone', materials['bone'])")
+    if stimulus.material is None:
+        raise ValueError(
+            f"{name} must have a material to be rendered, got the real specimen {stimulus.name!r}"
+        )
+
+
+def stimulus_dict(stimulus: Stimulus) -> dict[str, Any]:
+    """For JSON; units in the names."""
+    material = stimulus.material
+    if material is None:
+        return {"name": stimulus.name, "real": True}
+    return {
+        "name": stimulus.name,
+        "material": material.name,
+        "c_e_N_per_mm2": material.c_e,
+        "alpha_per_ms": material.alpha,
+        "shape": material.shape.name,
+    }
+
+
+def checked_answers(levels: Sequence[float], correct: Sequence[bool]) -> tuple[list[float], list[bool]]:
+    """Levels and answers of trials, one each.
+
+    Raises
+    ------
+    ValueError
+        If there are not as many of one as of the other, or a level is no ratio above 0 other than 1.
+    """
+    if len(levels) != len(correct):
+        raise ValueError(f"levels and correct must be equally many, got {len(levels)} and {len(correct)}")
+    return [checked_level("level", level) for level in levels], [bool(right) for right in correct]
+
+
+def checked_level(name: str, level: float) -> float:
+    """A ratio above 0 that is not 1, or one sentence."""
+    value = float(level)
+    if not (math.isfinite(value) and value > 0.0):
+        raise ValueError(f"{name} must be a ratio above 0, got {value}")
+    if value == 1.0:
+        raise ValueError(f"{name} must differ from 1, got 1: two alike intervals have no correct answer")
+    return value
+
+
+T = TypeVar("T")
+
+_WORDS = 8  # of 32 bits, of a SHA-256 digest
+
+
+class Draws:
+    """Random draws of one subject in one design.
+
+    Parameters
+    ----------
+    seed : int
+        Of the experiment, at least 0.
+    subject : str
+        The name; another name gives other draws.
+    design : mapping
+        As the design's `to_dict` has it; another design gives other draws.
+
+    Raises
+    ------
+    ValueError
+        If the seed is negative or the subject has no name.
+    TypeError
+        If the seed is not whole or the name not a text.
+
+    Examples
+    --------
+    >>> Draws(1, "01", {}).shuffled("abcd")
+    ['d', 'a', 'b', 'c']
+    """
+
+    def __init__(self, seed: int, subject: str, design: Mapping[str, Any]) -> None:
+        if not isinstance(subject, str):
+            raise TypeError(f"subject must be a str, such as '01', got {subject!r}")
+        if not subject:
+            raise ValueError("subject must have a name, got ''")
+        if (seed := operator.index(seed)) < 0:
+            raise ValueError(f"seed must be at least 0, got {seed}")
+        # Python's own hash differs from one process to the next.
+        text = json.dumps([subject, design], sort_keys=True, allow_nan=False)
+        words = np.frombuffer(hashlib.sha256(text.encode()).digest(), dtype="<u4")
+        entropy = [seed, *(int(word) for word in words[:_WORDS])]
+        self._bits = np.random.PCG64(np.random.SeedSequence(entropy))
+        self._seeds: set[int] = set()
+
+    def below(self, end: int) -> int:
+        """A whole number from 0 to end - 1, each equally likely."""
+        most = (1 << 64) - (1 << 64) % end
+        while (bits := int(self._bits.random_raw())) >= most:
+            pass
+        return bits % end
+
+    def shuffled(self, values: Sequence[T]) -> list[T]:
+        """The values in an order of which all are equally likely (Fisher and Yates)."""
+        result = list(values)
+        for last in range(len(result) - 1, 0, -1):
+            other = self.below(last + 1)
+            result[last], result[other] = result[other], result[last]
+        return result
+
+    def interval_seed(self) -> int:
+        """A seed of 64 bits that this subject did not have in this design."""
+        while (seed := int(self._bits.random_raw())) in self._seeds:
+            pass
+        self._seeds.add(seed)
+        return seed
+
+    def balanced(self, groups: Sequence[Sequence[T]], trials: int, blocks: int = 1) -> list[list[T]]:
+        """Types of trials in random order, equally often in all and as nearly as can be in each block.
+
+        Parameters
+        ----------
+        groups : sequence of sequences
+            The types; groups of equal size, such as pairs that are the same and pairs that differ. In a block that is
+            no multiple of all types the groups are as often as one another, within one.
+        trials : int
+            A multiple of `blocks`. If it is one of the types too, all types are equally often.
+        blocks : int, optional
+
+        Returns
+        -------
+        list of lists
+            A list a block. Where the size of a block is a multiple of the types, each is as often in it as the others;
+            else as often within one.
+        """
+        size = trials // blocks
+        # One type of each group in turn: any consecutive few hold each at most once and the groups alike.
+        turn = [
+            value
+            for together in zip(*(self.shuffled(group) for group in self.shuffled(groups)), strict=True)
+            for value in together
+        ]
+        whole, rest = divmod(size, len(turn))
+        extras = [[turn[(block * rest + i) % len(turn)] for i in range(rest)] for block in range(blocks)]
+        return [self.shuffled(turn * whole + extra) for extra in self.shuffled(extras)]
+
+
+class FixedOrder(Order):
+    """Trials that do not depend on the answers.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+    answers : tuple of str
+        The set that a response is from.
+    """
+
+    def __init__(self, trials: Sequence[Trial], answers: tuple[str, ...]) -> None:
+        self.trials = tuple(trials)
+        self.answered = []
+        self._answers = answers
+
+    @property
+    def total(self) -> int:
+        return len(self.trials)
+
+    def next(self) -> Trial | None:
+        done = len(self.answered)
+        return self.trials[done] if done < len(self.trials) else None
+
+    def answer(self, response: str) -> None:
+        self.answered.append((checked_trial(self.next(), response, self._answers), response))
+
+
+def fixed_order(
+    draws: Draws,
+    groups: Sequence[Sequence[T]],
+    make: Callable[[T, int, Phase, int], Trial],
+    *,
+    trials: int,
+    blocks: int,
+    practice: int,
+    answers: tuple[str, ...],
+) -> FixedOrder:
+    """Practice, then blocks, each balanced (`Draws.balanced`); `make` is given type, number, phase and block."""
+    first = draws.balanced(groups, practice)[0]
+    order = [make(kind, number, "practice", 0) for number, kind in enumerate(first, 1)]
+    number = 0
+    for block, kinds in enumerate(draws.balanced(groups, trials, blocks), 1):
+        for kind in kinds:
+            number += 1
+            order.append(make(kind, number, "main", block))
+    return FixedOrder(order, answers)
+
+
+def checked_trial(trial: Trial | None, response: str, answers: tuple[str, ...]) -> Trial:
+    """The trial that a response answers.
+
+    Raises
+    ------
+    ValueError
+        If the response is not one of the answers, or there is no trial left.
+    """
+    if trial is None:
+        raise ValueError(f"there is no trial left to answer, got {response!r}")
+    if response not in answers:
+        raise ValueError(f"response must be one of {', '.join(answers)}, got {response!r}")
+    return trial
+
+
+def counterbalanced(names: Sequence[T], subject_index: int) -> list[T]:
+    """The order of tasks for one subject, from Williams' Latin squares.
+
+    Over every n subjects (n tasks) each task is equally often in each place; over every n (n even) or 2 n (n odd)
+    each also follows each other equally often.
+
+    Parameters
+    ----------
+    names : sequence
+    subject_index : int
+        From 0, in the order of the protocol's list.
+
+    Raises
+    ------
+    ValueError
+        If there is no name, a name is there twice, or the index is negative.
+
+    References
+    ----------
+    E. J. Williams, Experimental designs balanced for the estimation of residual effects of treatments, Australian
+    Journal of Scientific Research A 2 (1949) 149-168.
+
+    Examples
+    --------
+    >>> [counterbalanced(["probing", "drilling"], subject) for subject in range(3)]
+    [['probing', 'drilling'], ['drilling', 'probing'], ['probing', 'drilling']]
+    """
+    n = len(names)
+    if n == 0:
+        raise ValueError("names must hold at least one, got none")
+    if any(name in names[:i] for i, name in enumerate(names)):
+        raise ValueError(f"names must differ, got {list(names)!r}")
+    if (subject := operator.index(subject_index)) < 0:
+        raise ValueError(f"subject_index must be at least 0, got {subject}")
+    # 0, 1, n-1, 2, n-2, ...: all differences of neighbours occur once
+    first = [(i + 1) // 2 if i % 2 else (n - i // 2) % n for i in range(n)]
+    row = [names[(place + subject) % n] for place in first]
+    return row[::-1] if n % 2 and subject // n % 2 else row
+
+
+Parameter: TypeAlias = Literal["c_e", "alpha"]
+Hold: TypeAlias = Literal["other", "sinking speed"]
+
+#: Of a parameter.
+UNITS = {"c_e": "N/mm^2", "alpha": "1/ms"}
+STIFFER = "In which interval was the material stiffer, the first or the second?"
+FASTER = "In which interval did the burr sink faster, the first or the second?"
+
+
+@dataclass(frozen=True)
+class Comparison(Design):
+    """What designs have in common that vary c_e or alpha around a reference, in two intervals (2ifc).
+
+    A `level` is the comparison's parameter as its ratio to the reference's. What is asked follows from what is varied:
+
+    * c_e with the burr off: which is stiffer, and c_e alone is felt;
+    * c_e drilled, alpha held (`hold="other"`): in which the burr sinks faster, which is that of *less* c_e; the
+      stiffness changes as well;
+    * c_e drilled, alpha/c_e^p held (`hold="sinking speed"`): which is stiffer. p = 4 (k + 1)/3 for an f with a zero of
+      order k: 8/3 for the parabolic. The speed stays at forces below 0.068 c_e R^2: bone with a burr of 3 mm at 1 N within
+      1 % for levels of 0.75 to 1.3 (mean-field), at 2 N 10 % faster to 17 % slower;
+    * alpha drilled: in which the burr sinks faster, that of more alpha.
+
+    Parameters
+    ----------
+    reference : Stimulus
+        With a material.
+    parameter : {"c_e", "alpha"}
+        What is varied.
+    mode : {"probing", "drilling"}
+        With the burr off, or on.
+    hold : {"other", "sinking speed"}
+        What stays: the other parameter, or the speed at which the burr sinks.
+    interval : float
+        Length of an interval [s].
+    practice : int
+        Trials before the first block; they do not count.
+    blocks : int
+        With a break between them.
+
+    Attributes
+    ----------
+    question : str
+    chance : float
+        Proportion correct of a subject who guesses.
+    """
+
+    reference: Stimulus
+    parameter: Parameter
+    _: KW_ONLY
+    mode: Mode = "probing"
+    hold: Hold = "other"
+    interval: float = 20.0
+    practice: int = 0
+    blocks: int = 1
+
+    task = "2ifc"
+    answers = ("first", "second")
+    chance = 0.5
+
+    def __post_init__(self) -> None:
+        rendered("reference", self.reference)
+        one_of("parameter", self.parameter, ("c_e", "alpha"))
+        one_of("mode", self.mode, MODES)
+        one_of("hold", self.hold, ("other", "sinking speed"))
+        if self.parameter == "alpha" and self.mode == "probing":
+            raise ValueError(
+                "mode must be 'drilling' for parameter 'alpha', got 'probing': alpha alone changes nothing with the burr off"
+            )
+        if self.hold == "sinking speed" and self.parameter == "alpha":
+            raise ValueError(
+                "hold must be 'other' for parameter 'alpha', got 'sinking speed': alpha is felt by that speed alone"
+            )
+        if self.hold == "sinking speed" and self.mode == "probing":
+            raise ValueError(
+                "hold must be 'other' for mode 'probing', got 'sinking speed': nothing sinks with the burr off"
+            )
+        for name in ("c_e", "alpha"):
+            if getattr(self._material, name) == 0.0:
+                raise ValueError(f"reference must have {name} above 0, got 0")
+        object.__setattr__(self, "interval", seconds("interval", self.interval))
+        whole("practice", self.practice, at_least=0)
+        whole("blocks", self.blocks, at_least=1)
+        object.__setattr__(self, "question", FASTER if self._asks_speed else STIFFER)
+
+    @property
+    def _material(self) -> Material:
+        assert self.reference.material is not None
+        return self.reference.material
+
+    @property
+    def _asks_speed(self) -> bool:
+        return self.mode == "drilling" and self.hold == "other"
+
+    @property
+    def held(self) -> str:
+        """What stays the same between reference and comparison, in words."""
+        material = self._material
+        if self.parameter == "alpha":
+            return f"c_e is held at {material.c_e:g} N/mm^2"
+        if self.hold == "sinking speed":
+            return f"alpha/c_e^{self._exponent:.3g} is held, and with it the sinking speed at forces below 0.068 c_e R^2"
+        held = f"alpha is held at {material.alpha:g} /ms"
+        return held if self.mode == "probing" else f"{held}; stiffness and sinking speed both change"
+
+    @property
+    def what(self) -> str:
+        """What is varied around what and what is held, in words."""
+        return f"{self.parameter} around {self.reference.name} ({self.mode}; {self.held}), chance {self.chance:g}"
+
+    @property
+    def _exponent(self) -> float:
+        """p of v ~ alpha/c_e^p at small forces: 4 (k + 1)/3 for an f with a zero of order k at r = R."""
+        return 4.0 * (self._material.shape.order + 1.0) / 3.0
+
+    def comparison(self, level: float) -> Stimulus:
+        """The stimulus of a level."""
+        level = checked_level("level", level)
+        c_e, alpha = self._material.c_e, self._material.alpha
+        if self.parameter == "alpha":
+            alpha *= level
+        else:
+            c_e *= level
+            if self.hold == "sinking speed":
+                alpha *= level**self._exponent
+        name = f"{self.reference.name} {self.parameter} x{level:.6g}"
+        source = f"{self._material.name} with {self.parameter} times {level:.17g}; {self.held}"
+        return Stimulus(name, Material(name, c_e=c_e, alpha=alpha, shape=self._material.shape, source=source))
+
+    def trial(self, kind: str, level: float, number: int, phase: Phase, block: int, draws: Draws) -> Trial:
+        """Reference and comparison in the order of `kind`, RC or CR."""
+        shown = {"R": self.reference, "C": self.comparison(level)}
+        intervals = tuple(Interval(shown[x], draws.interval_seed(), self.interval) for x in kind)
+        # A comparison of more c_e sinks more slowly.
+        slower = self._asks_speed and self.parameter == "c_e"
+        more = "C" if (level > 1.0) != slower else "R"
+        return Trial(number, phase, block, kind, intervals, self.answers[kind.index(more)], level)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "reference": stimulus_dict(self.reference),
+            "parameter": self.parameter,
+            "mode": self.mode,
+            "hold": self.hold,
+            "held": self.held,
+            "question": self.question,
+            "chance": self.chance,
+            "interval_s": self.interval,
+            "practice": self.practice,
+            "blocks": self.blocks,
+        }
+
+
+@dataclass(frozen=True)
+class ABX(Design):
+    """The reference first, then a match and a foil: which of the two is as the reference? The paper's Task 3.
+
+    The match (A) is first (AB) as often as second (BA), in random order. In each block too where its size is even; else
+    within one.
+
+    Parameters
+    ----------
+    reference : Stimulus
+        Rendered, or a real specimen (no material).
+    foil : Stimulus
+        The alternative that is not to be taken for the reference.
+    match : Stimulus, optional
+        The alternative that is correct: by default the reference itself. Must be given for a real specimen.
+    trials : int
+        Even, and a multiple of `blocks`.
+    interval : float
+        Length of the intervals of the two alternatives [s].
+    reference_interval : float, optional
+        That of the reference [s]; None: until the subject ends it.
+    mode : {"probing", "drilling"}
+        With the burr off, or on.
+    practice : int
+        Trials before the first block, balanced as far as they go; they do not count.
+    blocks : int
+        With a break between them.
+
+    Attributes
+    ----------
+    chance : float
+        Proportion correct of a subject who guesses.
+
+    Raises
+    ------
+    ValueError
+        If the match of a real reference is not given, match or foil is a real specimen, they have one name, `trials` is
+        odd or no multiple of `blocks`, a number is out of range or the mode unknown.
+    TypeError
+        If a stimulus is no Stimulus, or a number of trials is not whole.
+
+    Examples
+    --------
+    >>> from burrlab import materials
+    >>> pettigrew, pvc = (Stimulus(name, materials[name]) for name in ("pettigrew", "pvc"))
+    >>> task = ABX(Stimulus("real Pettigrew"), foil=pvc, match=pettigrew)
+    >>> trial = task.order(seed=1, subject="01").next()
+    >>> trial.trial_type, [interval.stimulus.name for interval in trial.intervals], trial.correct
+    ('BA', ['real Pettigrew', 'pvc', 'pettigrew'], 'second')
+    """
+
+    reference: Stimulus
+    foil: Stimulus
+    _: KW_ONLY
+    match: Stimulus | None = None
+    trials: int = 10
+    interval: float = 10.0
+    reference_interval: float | None = None
+    mode: Mode = "drilling"
+    practice: int = 0
+    blocks: int = 1
+
+    task = "abx"
+    question = "After the reference came two: which of them felt like the reference?"
+    answers = ("first", "second")
+    chance: ClassVar[float] = 0.5
+
+    def __post_init__(self) -> None:
+        require_type("reference", self.reference, Stimulus, "Stimulus('real Pettigrew')")
+        if self.match is None:
+            if self.reference.material is None:
+                raise ValueError(
+                    f"match must be given, as the reference {self.reference.name!r} is a real specimen"
+                )
+            object.__setattr__(self, "match", self.reference)
+        rendered("match", self.matching)
+        rendered("foil", self.foil)
+        if self.matching.name == self.foil.name:
+            raise ValueError(f"match and foil must have different names, got {self.foil.name!r} twice")
+        balanced_trials(self.trials, self.blocks, self.practice, multiple=2, types="AB and BA")
+        object.__setattr__(self, "interval", seconds("interval", self.interval))
+        if self.reference_interval is not None:
+            length = seconds("reference_interval", self.reference_interval)
+            object.__setattr__(self, "reference_interval", length)
+        one_of("mode", self.mode, MODES)
+
+    @property
+    def matching(self) -> Stimulus:
+        """The alternative that is correct."""
+        return self.reference if self.match is None else self.match
+
+    def order(self, *, seed: int, subject: str) -> FixedOrder:
+        draws = Draws(seed, subject, self.to_dict())
+
+        def make(kind: str, number: int, phase: Phase, block: int) -> Trial:
+            pair = [self.matching if letter == "A" else self.foil for letter in kind]
+            intervals = (
+                Interval(self.reference, draws.interval_seed(), self.reference_interval),
+                *(Interval(stimulus, draws.interval_seed(), self.interval) for stimulus in pair),
+            )
+            return Trial(number, phase, block, kind, intervals, self.answers[kind.index("A")])
+
+        return fixed_order(
+            draws, (("AB",), ("BA",)), make,
+            trials=self.trials, blocks=self.blocks, practice=self.practice, answers=self.answers,
+        )  # fmt: skip
+
+    def power(self, subjects: int = 1) -> str:
+        what = (
+            f"reference {self.reference.name}, then match {self.matching.name} and foil {self.foil.name} for "
+            f"{self.interval:g} s each ({self.mode}), chance {self.chance:g}"
+        )
+        return f"{what}\n{design_power(self.task, trials=self.trials, subjects=subjects)}"
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "design": "abx",
+            "reference": stimulus_dict(self.reference),
+            "match": stimulus_dict(self.matching),
+            "foil": stimulus_dict(self.foil),
+            "chance": self.chance,
+            "trials": self.trials,
+            "interval_s": self.interval,
+            "reference_interval_s": self.reference_interval,
+            "mode": self.mode,
+            "practice": self.practice,
+            "blocks": self.blocks,
+        }
+
+
+@dataclass(frozen=True)
+class SameDifferent(Design):
+    """Two intervals with a or b in each; was it the same material twice, or two? The paper's Tasks 1 and 2.
+
+    AA, AB, BA and BB are equally often, in random order. In each block they are too where its size is a multiple of
+    four; else as often as one another within one, with as many pairs that differ as are the same, within one.
+
+    Parameters
+    ----------
+    a, b : Stimulus
+        With a material each, and different names.
+    trials : int
+        A multiple of 4, and of `blocks`.
+    interval : float
+        Length of an interval [s].
+    mode : {"probing", "drilling"}
+        With the burr off, or on.
+    practice : int
+        Trials before the first block, balanced as far as they go; they do not count.
+    blocks : int
+        With a break between them.
+
+    Raises
+    ------
+    ValueError
+        If a or b is a real specimen, they have one name, `trials` is no multiple of 4 or of `blocks`, a number is out of
+        range or the mode unknown.
+    TypeError
+        If a or b is no Stimulus, or a number of trials is not whole.
+
+    Examples
+    --------
+    >>> from burrlab import materials
+    >>> bone, pvc = (Stimulus(name, materials[name]) for name in ("bone", "pvc"))
+    >>> order = SameDifferent(bone, pvc).order(seed=1, subject="01")
+    >>> [trial.trial_type for trial in order.trials]
+    ['BA', 'BA', 'AB', 'BB', 'AA', 'AB', 'BA', 'AA', 'BB', 'AA', 'AB', 'BB']
+    """
+
+    a: Stimulus
+    b: Stimulus
+    _: KW_ONLY
+    trials: int = 12
+    interval: float = 20.0
+    mode: Mode = "probing"
+    practice: int = 0
+    blocks: int = 1
+
+    task = "same-different"
+    question = "Was it the same material twice, or two different ones?"
+    answers = ("same", "different")
+
+    def __post_init__(self) -> None:
+        rendered("a", self.a)
+        rendered("b", self.b)
+        if self.a.name == self.b.name:
+            raise ValueError(f"a and b must have different names, got {self.a.name!r} twice")
+        balanced_trials(self.trials, self.blocks, self.practice, multiple=4, types="AA, AB, BA, BB")
+        object.__setattr__(self, "interval", seconds("interval", self.interval))
+        one_of("mode", self.mode, MODES)
+
+    def order(self, *, seed: int, subject: str) -> FixedOrder:
+        draws = Draws(seed, subject, self.to_dict())
+
+        def make(kind: str, number: int, phase: Phase, block: int) -> Trial:
+            pair = [self.a if letter == "A" else self.b for letter in kind]
+            intervals = tuple(Interval(stimulus, draws.interval_seed(), self.interval) for stimulus in pair)
+            return Trial(number, phase, block, kind, intervals, "same" if kind[0] == kind[1] else "different")
+
+        return fixed_order(
+            draws, (("AA", "BB"), ("AB", "BA")), make,
+            trials=self.trials, blocks=self.blocks, practice=self.practice, answers=self.answers,
+        )  # fmt: skip
+
+    def power(self, subjects: int = 1) -> str:
+        what = f"{self.a.name} or {self.b.name} in two intervals of {self.interval:g} s ({self.mode}), chance 0.5"
+        return f"{what}\n{design_power(self.task, trials=self.trials, subjects=subjects)}"
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "design": "same-different",
+            "a": stimulus_dict(self.a),
+            "b": stimulus_dict(self.b),
+            "trials": self.trials,
+            "interval_s": self.interval,
+            "mode": self.mode,
+            "practice": self.practice,
+            "blocks": self.blocks,
+        }

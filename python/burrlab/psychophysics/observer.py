@@ -1,0 +1,475 @@
+"""Simulated hands that probe or drill as a subject would.
+
+What an interval tells of its material: stiffness and force by probing, sinking speed by drilling.
+
+A subject made of noise and a rule: to rehearse an experiment, not to explain people.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from burrlab._core import Burr, HandDevice, Material
+from burrlab.psychophysics.interval import Block, Rendered, render
+from burrlab.psychophysics.rules import RuleName, TaskName, rule_of
+from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
+
+PROBING_PUSH = 1.5  # [N] at a press's height; ours
+PRESSES = 0.5  # a second: ten in 20 s; ours
+DRILLING_PUSH = 0.3  # [N]; ours: at 1 N the softest material would be drilled through in a second
+STROKE = 5.0  # [mm] from end to end; ours
+STROKES = 1.4  # full turns a second; ours
+CLEARANCE = 0.5  # [mm] above the surface at the start
+
+
+def probing_hand(
+    burr: Burr, *, push: float = PROBING_PUSH, presses: float = PRESSES, clearance: float = CLEARANCE
+) -> HandDevice:
+    """A hand that presses a burr that does not turn into the bone, again and again at one place.
+
+    Parameters
+    ----------
+    burr : Burr
+    push : float
+        At a press's height [N].
+    presses : float
+        A second, from the first contact on.
+    clearance : float
+        Of the burr above the surface z = 0 at the start [mm].
+
+    Returns
+    -------
+    HandDevice
+
+    Raises
+    ------
+    ValueError
+        If a number is out of the range that `HandDevice` has.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> probing_hand(burrlab.Burr(3.0)).position
+    array([0. , 0. , 3.5])
+    """
+    return HandDevice((0.0, 0.0, burr.radius + clearance), push=push, presses=presses, strokes=0.0, on=False)
+
+
+def drilling_hand(
+    burr: Burr,
+    *,
+    push: float = DRILLING_PUSH,
+    stroke: float = STROKE,
+    strokes: float = STROKES,
+    clearance: float = CLEARANCE,
+) -> HandDevice:
+    """A hand that moves a turning burr to and fro along x with a steady push.
+
+    Parameters
+    ----------
+    burr : Burr
+    push : float
+        [N]
+    stroke : float
+        From end to end [mm].
+    strokes : float
+        Full turns a second.
+    clearance : float
+        Of the burr above the surface z = 0 at the start [mm].
+
+    Returns
+    -------
+    HandDevice
+
+    Raises
+    ------
+    ValueError
+        If a number is out of the range that `HandDevice` has.
+    """
+    start = (0.0, 0.0, burr.radius + clearance)
+    return HandDevice(start, push=push, amplitude=0.5 * stroke, strokes=strokes)
+
+
+CueName: TypeAlias = Literal["stiffness", "force", "sinking"]
+
+CUES: tuple[CueName, ...] = ("stiffness", "force", "sinking")
+CUES_OF: dict[Mode, tuple[CueName, ...]] = {"probing": ("stiffness", "force"), "drilling": ("sinking",)}
+
+IMMERSION = 0.2  # [mm] at which the force is felt; ours
+
+# A press begins above the one part of the interval's largest force, and ends below the other.
+_BEGIN, _END = 0.5, 0.2
+
+
+@dataclass(frozen=True)
+class Cues:
+    """Natural logarithms of an interval's cues; NaN where the mode, or what happened, does not have it.
+
+    Attributes
+    ----------
+    stiffness : float
+        Of the force at a press's height over the penetration there, mean over presses [N/mm].
+    force : float
+        Of the force at 0.2 mm immersion on the way in, mean over presses [N].
+    sinking : float
+        Of the depth of the tip below the untouched surface, at its deepest, a second of contact [mm/s].
+    presses : int
+        That were found; 0 by drilling.
+    """
+
+    stiffness: float = math.nan
+    force: float = math.nan
+    sinking: float = math.nan
+    presses: int = 0
+
+    def to_dict(self) -> dict[str, float | int | None]:
+        """For JSON; None where there is no value."""
+        return {k: None if math.isnan(v) else v for k, v in asdict(self).items()}
+
+
+def interval_cues(rendered: Rendered) -> Cues:
+    """The cues of what was rendered.
+
+    Parameters
+    ----------
+    rendered : Rendered
+        By a simulated hand or by a person.
+
+    Returns
+    -------
+    Cues
+        By probing stiffness and force, by drilling sinking speed.
+
+    Notes
+    -----
+    Force and penetration are the model's, at the burr; friction and inertia of the hand are not in them. A press is a
+    time in which the force exceeds half of the interval's largest and has not yet fallen below a fifth of it.
+    """
+    depth, force = rendered.immersion, np.linalg.norm(rendered.ticks["force"], axis=1)
+    if rendered.mode == "drilling":
+        if rendered.contact <= 0.0 or not depth.max() > 0.0:
+            return Cues()
+        return Cues(sinking=math.log(float(depth.max()) / rendered.contact))
+    stiffness, at_depth = [], []
+    before = 0
+    for start, end in _presses(force):
+        peak = start + int(np.argmax(force[start:end]))
+        stiffness.append(force[peak] / rendered.ticks["penetration"][peak])
+        at_depth.append(_force_on_the_way(depth[before : peak + 1], force[before : peak + 1]))
+        before = end
+    return Cues(stiffness=_log_mean(stiffness), force=_log_mean(at_depth), presses=len(stiffness))
+
+
+def closed_form_cues(material: Material, *, burr: Burr) -> Cues:
+    """The cues that the equations give without voxels, hands or time.
+
+    Parameters
+    ----------
+    material : Material
+    burr : Burr
+
+    Returns
+    -------
+    Cues
+        Stiffness at `PROBING_PUSH` and force at 0.2 mm on a flat surface, where h = H:
+        F = c_e R^2 (h/R)^{3/2} (Eq. 3). Sinking is ln(alpha R phi^{8/3}), phi = F/(c_e R^2), at `DRILLING_PUSH`: the law
+        of small forces and thin layers, up to a factor that all materials share. Only differences of it mean something.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> a, b = (closed_form_cues(burrlab.materials[name], burr=burrlab.Burr(3.0)) for name in ("bone", "pvc"))
+    >>> print(f"{a.stiffness - b.stiffness:.3f} {a.force - b.force:.3f} {b.sinking - a.sinking:.3f}")
+    1.024 1.535 5.173
+    """
+    scale = material.c_e * burr.radius**2
+    penetration = burr.radius * (PROBING_PUSH / scale) ** (2.0 / 3.0)
+    return Cues(
+        stiffness=math.log(PROBING_PUSH / penetration),
+        force=math.log(scale * (IMMERSION / burr.radius) ** 1.5),
+        sinking=math.log(material.alpha * burr.radius) + 8.0 / 3.0 * math.log(DRILLING_PUSH / scale)
+        if material.alpha > 0.0
+        else -math.inf,
+    )
+
+
+@functools.lru_cache(maxsize=512)
+def rendered_cues(
+    material: Material, mode: Mode, *, burr: Burr, bone: Block, duration: float = 20.0, seed: int = 1
+) -> Cues:
+    """The cues of an interval that the simulated hand of this mode felt on the virtual clock; kept for the next call.
+
+    Parameters
+    ----------
+    material : Material
+    mode : {"probing", "drilling"}
+    burr : Burr
+    bone : Block
+    duration : float
+        [s]
+    seed : int
+        Of the erosion.
+
+    Returns
+    -------
+    Cues
+
+    Raises
+    ------
+    ValueError
+        As `render`.
+    """
+    hand = probing_hand(burr) if mode == "probing" else drilling_hand(burr)
+    interval = Interval(Stimulus(material.name, material), seed, duration)
+    return interval_cues(render(interval, hand, burr=burr, bone=bone, mode=mode, wall_clock=False))
+
+
+def _presses(force: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
+    """(first tick, tick after the last) of each press."""
+    largest = float(force.max(initial=0.0))
+    if largest <= 0.0:
+        return
+    above, below = force >= _BEGIN * largest, force < _END * largest
+    at = 0
+    while at < len(force) and above[at:].any():
+        start = at + int(np.argmax(above[at:]))
+        at = start + int(np.argmax(below[start:])) if below[start:].any() else len(force)
+        yield start, at
+
+
+def _force_on_the_way(depth: NDArray[np.float64], force: NDArray[np.float64]) -> float:
+    """Where the burr last came past the immersion on its way in; NaN where it was deeper all the time."""
+    crossings = np.flatnonzero((depth[:-1] < IMMERSION) & (depth[1:] >= IMMERSION))
+    if not len(crossings):
+        return math.nan
+    i = int(crossings[-1])
+    part = (IMMERSION - depth[i]) / (depth[i + 1] - depth[i])
+    return float(force[i] + part * (force[i + 1] - force[i]))
+
+
+def _log_mean(values: list[float]) -> float:
+    there = [value for value in values if value > 0.0]
+    return math.log(sum(there) / len(there)) if there else math.nan
+
+
+Decision: TypeAlias = Literal["differencing", "covert"]
+Floats: TypeAlias = NDArray[np.float64]
+
+DECISIONS: tuple[Decision, ...] = ("differencing", "covert")
+LAPSE = 0.02  # of the answers, at random; ours
+
+
+@dataclass(frozen=True)
+class SimulatedSubject:
+    """Feels the logarithms of some cues, each with Gaussian noise drawn once an interval, and decides by a rule.
+
+    Parameters
+    ----------
+    weber : float or mapping of cue to float
+        Standard deviation of the noise of a cue's logarithm in one interval: the Weber fraction (burrlab.psychophysics.observer).
+        Twenty seconds do not average it away. None is published for the sinking speed.
+    cues : sequence of {"stiffness", "force", "sinking"}
+        That the subject attends to.
+    decision : {"differencing", "covert"}
+        Compare the intervals with one another, or take each as one of two known materials and compare these.
+    criterion : float, optional
+        Of "different" by differencing in same-different: the distance of the two observations, in standard deviations of
+        one. Without it the one that an unbiased observer has.
+    lapse : float
+        Part of the answers that is random.
+    memory : float
+        Standard deviation of what the first interval's logarithms have become when the last is over, besides.
+    known : (Cues, Cues), optional
+        Of the two materials of the task, as `taught` has them.
+
+    Raises
+    ------
+    ValueError
+        If a cue or the decision is unknown, a number out of range, a cue has no Weber fraction, or a criterion is given for
+        covert decisions.
+
+    Notes
+    -----
+    Several cues become one by optimal linear weights: cue i has weight D_i/s_i^2, D_i the difference of its logarithm
+    between the two known materials and s_i^2 = weber_i^2 + memory^2/2; then d'^2 = sum D_i^2/s_i^2. The subject has
+    learned the D_i, and where the unbiased criterion is, before the first trial.
+
+    In same-different, differencing answers "different" where the two are further apart than the criterion, covert where
+    they lie on two sides of the middle of the known ones. In ABX, differencing chooses the alternative closer to the
+    reference; covert the one that is more on the reference's side of the middle. In two intervals both choose the one with
+    more: stiffer by probing, faster sinking by drilling; who has not been taught gives several cues the weights 1/s_i^2.
+    Without memory noise these are the rules of `rule_of`.
+
+    Examples
+    --------
+    >>> subject = SimulatedSubject(weber=0.36).taught(Cues(stiffness=1.01), Cues(stiffness=-0.01))
+    >>> f"{subject.d_prime:.3f}"
+    '2.833'
+    """
+
+    weber: float | Mapping[CueName, float]
+    cues: Sequence[CueName] = ("stiffness",)
+    decision: Decision = "differencing"
+    criterion: float | None = None
+    lapse: float = LAPSE
+    memory: float = 0.0
+    known: tuple[Cues, Cues] | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        cues = tuple(self.cues)
+        if not cues or any(cue not in CUES for cue in cues) or len(set(cues)) < len(cues):
+            raise ValueError(f"cues must be some of {', '.join(CUES)}, each once, got {cues!r}")
+        given = self.weber if isinstance(self.weber, Mapping) else dict.fromkeys(cues, self.weber)
+        for cue in cues:
+            if cue not in given:
+                raise ValueError(f"weber must have a fraction for each cue, {cue} has none")
+            if not 0.0 < given[cue] < math.inf:
+                raise ValueError(f"weber of {cue} must be positive and finite, got {given[cue]!r}")
+        if self.decision not in DECISIONS:
+            raise ValueError(f"decision must be one of {', '.join(DECISIONS)}, got {self.decision!r}")
+        if self.criterion is not None and self.decision == "covert":
+            raise ValueError(f"criterion must be None for covert decisions, got {self.criterion!r}")
+        if self.criterion is not None and not 0.0 <= self.criterion < math.inf:
+            raise ValueError(f"criterion must be zero or positive and finite, got {self.criterion!r}")
+        if not 0.0 <= self.lapse <= 1.0:
+            raise ValueError(f"lapse must be from 0 to 1, got {self.lapse!r}")
+        if not 0.0 <= self.memory < math.inf:
+            raise ValueError(f"memory must be zero or positive and finite, got {self.memory!r}")
+        object.__setattr__(self, "cues", cues)
+        object.__setattr__(self, "weber", {cue: float(given[cue]) for cue in cues})
+
+    @property
+    def rule(self) -> RuleName:
+        """That an analysis should find."""
+        return "differencing" if self.decision == "differencing" else "independent-observations"
+
+    def taught(self, a: Cues, b: Cues) -> SimulatedSubject:
+        """The same subject, who knows these two materials.
+
+        Raises
+        ------
+        ValueError
+            If one of the subject's cues has no value in them.
+        """
+        self._values((a, b))
+        return replace(self, known=(a, b))
+
+    @property
+    def d_prime(self) -> float:
+        """Distance of the known materials in standard deviations of one observation, memory noise shared by both.
+
+        Raises
+        ------
+        ValueError
+            If the subject has not been taught.
+        """
+        return float(np.sqrt((self._difference() ** 2 / self._variance()).sum()))
+
+    def respond(self, trial: Trial, cues: Sequence[Cues], rng: np.random.Generator) -> str:
+        """An answer.
+
+        Parameters
+        ----------
+        trial : Trial
+            Only its kind is looked at: same-different, ABX or two intervals.
+        cues : sequence of Cues
+            One an interval, in order.
+        rng : numpy.random.Generator
+            Every call takes the same number of draws of it.
+
+        Returns
+        -------
+        str
+            One of the task's answers.
+
+        Raises
+        ------
+        ValueError
+            If there is not one `Cues` an interval, a cue has no value, or the subject has not been taught (which two
+            intervals do not need).
+        """
+        task = task_of(trial)
+        if len(cues) != len(trial.intervals):
+            raise ValueError(f"cues must be one an interval, {len(trial.intervals)}, got {len(cues)}")
+        values = self._values(cues)
+        lapse, choice = rng.random(2)
+        noise = rng.standard_normal(values.shape) * self._weber_array()
+        noise[0] += self.memory * rng.standard_normal(len(self.cues))
+        first, second = ("same", "different") if task == "same-different" else ("first", "second")
+        if lapse < self.lapse:
+            return first if choice < 0.5 else second
+        return self._decide(task, self._combine(values + noise, task))
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "cues": list(self.cues), "weber": dict(self._fractions()), "decision": self.decision,
+            "criterion_sd": self.criterion, "lapse": self.lapse, "memory": self.memory,
+        }  # fmt: skip
+
+    def _decide(self, task: TaskName, x: Floats) -> str:
+        """From observations with a standard deviation of 1, 0 in the middle of the known materials."""
+        if task == "2ifc":
+            return "first" if x[0] > x[1] else "second"
+        if task == "same-different":
+            if self.decision == "covert":
+                return "different" if x[0] * x[1] < 0.0 else "same"
+            k = self.criterion
+            if k is None:
+                k = float(rule_of(task, "differencing").unbiased(self.d_prime))
+            return "different" if abs(x[0] - x[1]) > k else "same"
+        reference, a, b = x
+        if self.decision == "covert":
+            return "first" if (a - b) * reference > 0.0 else "second"
+        return "first" if abs(a - reference) < abs(b - reference) else "second"
+
+    def _combine(self, observed: Floats, task: TaskName) -> Floats:
+        variance = self._variance()
+        if task == "2ifc":
+            # More of each cue is more of what is asked for, and nothing has to be known but how much each counts.
+            size = np.ones(len(self.cues)) if self.known is None else np.abs(self._difference())
+            return np.asarray(observed @ (size / variance))
+        difference = self._difference()
+        middle = self._values(self.known or ()).mean(axis=0)
+        scale = math.sqrt(float((difference**2 / variance).sum()))
+        return np.asarray((observed - middle) @ (difference / variance) / scale)
+
+    def _difference(self) -> Floats:
+        if self.known is None:
+            raise ValueError("the subject must be taught the two materials first (taught, teach)")
+        a, b = self._values(self.known)
+        if np.array_equal(a, b):
+            raise ValueError("the two known materials must differ in a cue")
+        return np.asarray(a - b)
+
+    def _variance(self) -> Floats:
+        return np.asarray(self._weber_array() ** 2 + 0.5 * self.memory**2)
+
+    def _fractions(self) -> Mapping[CueName, float]:
+        assert isinstance(self.weber, Mapping)
+        return self.weber
+
+    def _weber_array(self) -> Floats:
+        return np.array([self._fractions()[cue] for cue in self.cues])
+
+    def _values(self, cues: Sequence[Cues]) -> Floats:
+        values = np.array([[getattr(c, cue) for cue in self.cues] for c in cues], dtype=np.float64)
+        for i, cue in enumerate(self.cues):
+            if not np.isfinite(values[:, i]).all():
+                raise ValueError(f"cue {cue} must have a value in every interval: stiffness and force come by probing, "
+                                 "sinking by drilling")  # fmt: skip
+        return values
+
+
+def task_of(trial: Trial) -> TaskName:
+    """The task that a trial belongs to."""
+    if trial.correct in ("same", "different"):
+        return "same-different"
+    return "abx" if len(trial.intervals) == 3 else "2ifc"

@@ -1,0 +1,89 @@
+"""Figures of an analysis: scores, intervals, d' by rule."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from burrlab.common.figures import FORCE, REFERENCE, VELOCITY, axes_or_new
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+#: Of an estimate: lower end, estimate, upper end; the last two may be infinite.
+Span: TypeAlias = tuple[float, float, float]
+
+COLOURS = {"independent-observations": FORCE, "differencing": VELOCITY}
+MARKERS = {"independent-observations": "o", "differencing": "s"}
+_LOWEST = 4.0  # end of a d' axis at least, where all that is drawn ends below
+
+
+def wrapped(title: str) -> str:
+    """In lines that fit over a figure of one column."""
+    return textwrap.fill(title, 52)
+
+
+def room_for(ax: Axes | None, rows: float) -> Axes:
+    """The given axes, or those of a new figure as tall as the rows need."""
+    ax, new = axes_or_new(ax), ax is None
+    if new and rows > 13 and isinstance(ax.figure, Figure):
+        ax.figure.set_figheight(1.2 + 0.19 * rows)
+    return ax
+
+
+def end_of(spans: Sequence[Span]) -> float:
+    """Of the d' axis: all that is finite lies inside."""
+    finite = [value for span in spans for value in span if math.isfinite(value)]
+    return 1.15 * max(_LOWEST, *finite, 0.0)
+
+
+def draw(
+    ax: Axes, spans: Sequence[Span], rows: np.ndarray[tuple[int], np.dtype[np.float64]], end: float,
+    colour: str, marker: str, label: str | None,
+) -> None:  # fmt: skip
+    """Intervals as lines, those open above as arrows; an infinite estimate as a hollow mark at the axis' end."""
+    for (low, estimate, high), row in zip(spans, rows, strict=True):
+        if math.isinf(high):
+            ax.annotate("", (0.995 * end, row), (low, row), annotation_clip=False,
+                        arrowprops={"arrowstyle": "->", "color": colour, "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0})  # fmt: skip
+            ax.plot([low, low], [row - 0.11, row + 0.11], color=colour, linewidth=1.2)
+        else:
+            ax.errorbar(0.5 * (low + high), row, xerr=0.5 * (high - low), fmt="none", ecolor=colour,
+                        elinewidth=1.2, capsize=2.5)  # fmt: skip
+        if math.isinf(estimate):
+            ax.plot(0.96 * end, row, marker, color=colour, mfc="white", markersize=5, zorder=4)
+        else:
+            ax.plot(estimate, row, marker, color=colour, markersize=4.5, zorder=4, clip_on=False)
+    if label is not None:
+        ax.plot([], [], marker, linestyle="-", color=colour, markersize=4.5, linewidth=1.2, label=label)
+
+
+def say_infinite(ax: Axes, spans: Sequence[Span]) -> None:
+    if any(math.isinf(estimate) for _, estimate, _ in spans):
+        ax.plot([], [], "o", color=REFERENCE, mfc="white", markersize=5, label="estimate infinite")
+
+
+def name_rows(
+    ax: Axes,
+    names: Sequence[str],
+    what: str,
+    rows: np.ndarray[tuple[int], np.dtype[np.float64]] | None = None,
+) -> None:
+    at = np.arange(len(names)) if rows is None else rows
+    ax.set_yticks(at, names, fontsize=8 if len(names) < 25 else 6)
+    ax.set_ylim(at[-1] + 0.7, -0.7)
+    ax.set_ylabel(what)
+
+
+def legend_above(ax: Axes, title: str) -> None:
+    """Between title and frame: intervals fill the frame."""
+    handles, labels = ax.get_legend_handles_labels()
+    ax.legend(handles, labels, frameon=False, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0),
+              ncols=min(3, len(labels)), columnspacing=1.2, handletextpad=0.5)  # fmt: skip
+    ax.set_title(wrapped(title), fontsize=10, pad=22 if len(labels) <= 3 else 36)

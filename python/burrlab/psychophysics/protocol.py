@@ -1,0 +1,837 @@
+"""Tables of a TOML file, read key by key, each mistake in one sentence.
+
+Designs from the tables of a protocol.
+
+The tables of a protocol, each with its rules.
+
+An experiment as its TOML file has it.
+
+A protocol to begin with.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import os
+import tomllib
+import types
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import burrlab.common.table as csv_text
+from burrlab._core import Burr, Material
+from burrlab.bone.image import OccupancyMap, checked_point
+from burrlab.bone.materials import materials as paper
+from burrlab.bone.recipe import VolumeRecipe
+from burrlab.bone.specimen import MOST_VOXELS, unit_vector
+from burrlab.common.check import shown
+from burrlab.common.table import json_mapping
+from burrlab.psychophysics.answers import AnswerFile, ExperimentFolder
+from burrlab.psychophysics.designs import ABX, SameDifferent, counterbalanced
+from burrlab.psychophysics.interval import Block, VolumeBlock
+from burrlab.psychophysics.rules import RULES, RuleName
+from burrlab.psychophysics.side_car import SideCar, digest
+from burrlab.psychophysics.staircase import AdaptiveStaircase, ConstantStimuli, Staircase
+from burrlab.psychophysics.trial import Design, Order, Stimulus
+from burrlab.session.exchange import parse_device
+
+_REQUIRED = object()
+
+
+class Table:
+    """One table; what is wrong with it is said with file, table and key.
+
+    Parameters
+    ----------
+    file : str
+    name : str
+        Of the table; empty for the whole file.
+    values : mapping
+    """
+
+    def __init__(self, file: str, name: str, values: Mapping[str, Any]) -> None:
+        self.file, self.name, self._values = file, name, values
+        self._known: list[str] = []
+
+    @property
+    def where(self) -> str:
+        return f"{self.file}, [{self.name}]" if self.name else self.file
+
+    def text(self, key: str, default: Any = _REQUIRED, *, choices: Sequence[str] = ()) -> Any:
+        """A text that is not empty, of the choices where there are any."""
+        value = self.value(key, default)
+        if key in self and not (isinstance(value, str) and value):
+            raise self.error(f"{key} must be a text, got {shown(value)}")
+        if key in self and choices and value not in choices:
+            raise self.error(f"{key} must be one of {', '.join(choices)}, got {shown(value)}")
+        return value
+
+    def number(self, key: str, default: Any = _REQUIRED) -> Any:
+        """A finite number."""
+        value = self.value(key, default)
+        return self._number(key, value) if key in self else value
+
+    def numbers(self, key: str, default: Any = _REQUIRED) -> Any:
+        """A list of finite numbers."""
+        value = self.value(key, default)
+        if key not in self:
+            return value
+        if not isinstance(value, list):
+            raise self.error(f"{key} must be a list of numbers, got {shown(value)}")
+        return [self._number(key, one) for one in value]
+
+    def whole(self, key: str, default: Any = _REQUIRED, *, most: int = 2**63 - 1) -> Any:
+        """A whole number from 0."""
+        value = self.value(key, default)
+        if key in self and not (type(value) is int and 0 <= value <= most):
+            raise self.error(f"{key} must be a whole number from 0 to {most}, got {shown(value)}")
+        return value
+
+    def flag(self, key: str, default: Any = _REQUIRED) -> Any:
+        """true or false."""
+        value = self.value(key, default)
+        if key in self and type(value) is not bool:
+            raise self.error(f"{key} must be true or false, got {shown(value)}")
+        return value
+
+    def table(self, key: str, *, needed: bool = True) -> Table:
+        """A table in this one."""
+        name = f"{self.name}.{key}" if self.name else key
+        value = self.value(key, _REQUIRED if needed else {}, what=f"the table [{name}]")
+        if not isinstance(value, dict):
+            raise self.error(f"{key} must be a table, [{name}], got {shown(value)}")
+        return Table(self.file, name, value)
+
+    def tables(self) -> Mapping[str, Table]:
+        """All that is in this one."""
+        return {key: self.table(key) for key in self._values}
+
+    def value(self, key: str, default: Any = _REQUIRED, *, what: str | None = None) -> Any:
+        """As the file has it."""
+        self._known.append(key)
+        if key not in self and default is _REQUIRED:
+            raise self.error(f"{what or key} is missing")
+        return self._values.get(key, default)
+
+    def done(self) -> None:
+        """Raises ValueError where a key was not asked for."""
+        for key in self._values:
+            if key not in self._known:
+                raise self.error(f"unknown key {shown(key)}; known are {', '.join(self._known)}")
+
+    def error(self, sentence: object) -> ValueError:
+        """With the place before the sentence."""
+        return ValueError(f"{self.where}: {sentence}")
+
+    @contextmanager
+    def errors(self) -> Iterator[None]:
+        """What is raised within is said to be of this table."""
+        try:
+            yield
+        except (ValueError, TypeError) as error:
+            raise self.error(error) from None
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._values
+
+    def _number(self, key: str, value: Any) -> float:
+        try:
+            number = float(value) if type(value) in (int, float) else math.nan
+        except OverflowError:  # TOML's whole numbers have no end
+            number = math.inf
+        if not math.isfinite(number):
+            raise self.error(f"{key} must be a finite number, got {shown(value)}")
+        return number
+
+
+def read_toml(name: str, content: bytes) -> Table:
+    """The whole of a TOML file.
+
+    Raises
+    ------
+    ValueError
+        If it is no TOML in UTF-8: with the line; a table or key that is there twice is none.
+    """
+    text = csv_text.decoded(name, content)
+    try:
+        return Table(name, "", tomllib.loads(text))
+    except ValueError as error:  # TOMLDecodeError is one, and so is a number of thousands of digits
+        raise ValueError(f"{name}: this is not TOML: {error}") from None
+    except RecursionError:
+        raise ValueError(f"{name}: lists or tables are nested too deeply") from None
+
+
+DESIGNS: Mapping[str, type[Design]] = {
+    "same-different": SameDifferent,
+    "abx": ABX,
+    "constant-stimuli": ConstantStimuli,
+    "staircase": Staircase,
+    "adaptive": AdaptiveStaircase,
+}
+#: Parameters in seconds, whose keys say so.
+_SECONDS = ("interval", "reference_interval")
+
+#: Of anything that is counted, such as trials: more than one person answers. All orders are made before the first trial.
+_MOST = 10_000
+_LONGEST = 86400.0  # [s], a day
+
+
+def design_of(table: Table, stimuli: Mapping[str, Stimulus]) -> Design:
+    """The design of a table: its keys are the parameters of the design's class, times with _s behind them.
+
+    Raises
+    ------
+    ValueError
+        If a key is unknown, missing or of another type, a material is unknown, or the design refuses a value.
+    """
+    kind = DESIGNS[table.text("design", choices=tuple(DESIGNS))]
+    hints = get_type_hints(kind)
+    given: dict[str, Any] = {}
+    for name, parameter in inspect.signature(kind).parameters.items():
+        key = key_of(name)
+        needed = parameter.default is inspect.Parameter.empty
+        value = _read(table, key, hints[name], stimuli, needed=needed)
+        if key in table:
+            given[name] = value
+    table.done()
+    try:
+        return kind(**given)
+    except (ValueError, TypeError) as error:
+        name, space, rest = str(error).partition(" ")
+        raise table.error(f"{key_of(name)}{space}{rest}") from None
+
+
+def key_of(name: str) -> str:
+    """The key of a design's parameter."""
+    return f"{name}_s" if name in _SECONDS else name
+
+
+def stimuli_of(table: Table) -> dict[str, Stimulus]:
+    """The paper's materials by name, and those of the table [materials].
+
+    Raises
+    ------
+    ValueError
+        If a name is one of the paper's or has other characters than letters, digits, _ and -, a key is unknown, missing or
+        of another type, or the values are no material.
+    """
+    stimuli = {name: Stimulus(name, material) for name, material in paper.items()}
+    for name, one in table.tables().items():
+        if name in paper:
+            raise table.error(f"{name!r} is a material of the paper: choose another name")
+        if not (name.isascii() and name.replace("_", "").replace("-", "").isalnum()):
+            raise table.error(f"a material's name must be of letters, digits, _ and -, got {name!r}")
+        stimuli[name] = Stimulus(name, None if one.flag("real", False) else _material(name, one))
+        one.done()
+    return stimuli
+
+
+def _material(name: str, table: Table) -> Material:
+    values: dict[str, Any] = {"c_e": table.number("c_e"), "alpha": table.number("alpha")}
+    for key in ("shape", "source"):
+        if (value := table.text(key, None)) is not None:
+            values[key] = value
+    with table.errors():
+        return Material(name, **values)
+
+
+def _read(table: Table, key: str, kind: Any, stimuli: Mapping[str, Stimulus], *, needed: bool) -> Any:
+    """A value of the type that the design's parameter has."""
+    default = () if needed else (None,)
+    if get_origin(kind) in (Union, types.UnionType):
+        kind = next(one for one in get_args(kind) if one is not type(None))
+    if kind is Stimulus:
+        name = table.text(key, *default)
+        if name is not None and name not in stimuli:
+            raise table.error(f"{key} must be a material, one of {', '.join(stimuli)}, got {name!r}")
+        return stimuli.get(name)
+    if get_origin(kind) is Literal:
+        return table.text(key, *default, choices=get_args(kind))
+    if kind is int:
+        return table.whole(key, *default, most=_MOST)
+    readers = {float: table.number, bool: table.flag, str: table.text}
+    value = readers.get(kind, table.numbers)(key, *default)
+    if key.endswith("_s") and key in table and value > _LONGEST:
+        raise table.error(f"{key} must be at most {_LONGEST:g} [s], got {value!r}")
+    return value
+
+
+_MOST_SUBJECTS = 9999
+# [s], a day: waiting has an end
+
+
+@dataclass(frozen=True)
+class AnalysisSettings:
+    """What was settled beforehand about the analysis.
+
+    Attributes
+    ----------
+    rules : tuple of str
+        Decision rules that d' is estimated under.
+    delta : float or None
+        d' below which two materials count as alike in the equivalence test; None: no such test.
+    level : float
+        Of the intervals.
+    """
+
+    rules: tuple[RuleName, ...] = RULES
+    delta: float | None = None
+    level: float = 0.95
+
+
+def subjects_of(table: Table) -> tuple[str, ...]:
+    """Labels of the subjects of [experiment]."""
+    value = table.value("subjects")
+    if type(value) is int:
+        if not 1 <= value <= _MOST_SUBJECTS:
+            raise table.error(f"subjects must be 1 to {_MOST_SUBJECTS}, or a list of names, got {value}")
+        digits = max(2, len(str(value)))
+        return tuple(f"{number:0{digits}}" for number in range(1, value + 1))
+    if not (isinstance(value, list) and value and all(isinstance(one, str) for one in value)):
+        raise table.error(f"subjects must be a number or a list of names, got {shown(value)}")
+    _check_labels(table, "a subject", value)
+    return tuple(value)
+
+
+def _check_labels(table: Table, what: str, labels: list[str]) -> None:
+    """Names that go into names of files, on any file system."""
+    seen: dict[str, str] = {}
+    for label in labels:
+        if not (label.isascii() and label.isalnum()):
+            raise table.error(
+                f"{what}'s name must be of letters and digits, as BIDS labels are, got {shown(label)}"
+            )
+        if (other := seen.get(label.lower())) is not None:
+            raise table.error(f"{what}'s name must be there once, got {shown(other)} and {label!r}")
+        seen[label.lower()] = label
+
+
+def device_of(table: Table, folder: Path) -> str:
+    """The device of [experiment], a script's file in the folder."""
+    text = table.text("device", "hand")
+    try:
+        device = parse_device(text)
+    except ValueError as error:
+        raise table.error(f"device {error}") from None
+    return f"scripted:{folder / device.file}" if device.kind == "scripted" else str(text)
+
+
+def network_of(table: Table) -> tuple[float, int | None]:
+    """Of [experiment]: age of a lost position [ms], and the port to publish on."""
+    lost_after = float(table.number("lost_after_ms", 100.0))
+    if lost_after <= 0:
+        raise table.error(f"lost_after_ms must be positive, got {shown(lost_after)}")
+    publish: int | None = table.value("publish", None)
+    if publish is not None and not (type(publish) is int and 0 < publish < 65536):
+        raise table.error(f"publish must be a port, 1 to 65535, got {shown(publish)}")
+    return lost_after, publish
+
+
+def without_folder(device: str) -> str:
+    """A device's text that is the same on every machine."""
+    kind, _, file = device.partition(":")
+    return f"scripted:{Path(file).name}" if kind == "scripted" else device
+
+
+def selection_of(table: Table) -> str | None:
+    """The selection of [experiment], which goes into a file of tabs."""
+    text: str | None = table.text("selected_by", None)
+    if text is not None and any(mark in text for mark in '\t\r\n"'):
+        raise table.error(
+            f"selected_by must be without tabs, line breaks and quotation marks, got {shown(text)}"
+        )
+    return text
+
+
+def selected_from_of(table: Table, subjects: int) -> int | None:
+    """Of how many the subjects were selected, of [experiment]."""
+    if table.value("selected_from", None) is None:
+        return None
+    number = table.whole("selected_from")
+    if number <= subjects:
+        raise table.error(f"selected_from must be more than the {subjects} subjects, got {number}")
+    return int(number)
+
+
+def seconds_of(table: Table, key: str, default: float) -> float:
+    """A time from 0 to a day [s]."""
+    value = float(table.number(key, default))
+    if value < 0:
+        raise table.error(f"{key} must be at least 0, got {shown(value)}")
+    if value > _LONGEST:
+        raise table.error(f"{key} must be at most {_LONGEST:g} [s], got {shown(value)}")
+    return value
+
+
+def burr_and_bone_of(file: Table, folder: Path) -> tuple[Burr, Block]:
+    """[burr] and [bone], which must fit one another; a volume's file in the folder."""
+    table = file.table("burr")
+    with table.errors():
+        burr = Burr(table.number("radius_mm"))
+    table.done()
+    table = file.table("bone")
+    size, voxel = table.numbers("size_mm"), table.number("voxel_mm")
+    volume = _volume_of(table, folder)
+    table.done()
+    # Side by side: a cube of a length near the ends of double is 0 or too large.
+    if voxel > 0 and (voxels := math.prod(side / voxel for side in size)) > MOST_VOXELS:
+        raise table.error(f"the block has {voxels:.3g} voxels, and {MOST_VOXELS:.3g} are the most")
+    with table.errors():
+        bone = Block(tuple(size), voxel) if volume is None else VolumeBlock(tuple(size), voxel, **volume)
+        bone.check_burr(burr)
+        if isinstance(bone, VolumeBlock):
+            try:
+                bone.fresh()  # a volume that cannot be read is no surprise in the first trial
+            except OSError as error:
+                raise ValueError(str(error)) from None
+    return burr, bone
+
+
+def _volume_of(table: Table, folder: Path) -> dict[str, Any] | None:
+    """What makes a `VolumeBlock` of [bone], where it names a volume."""
+    keys = ("map", "entry_mm", "axis", "spacing_mm", "series", "crop_mm", "volume_voxel_mm", "transpose")
+    path = table.text("volume", None)
+    text, entry, axis = table.text("map", None), table.numbers("entry_mm", None), table.numbers("axis", None)
+    spacing, series = table.numbers("spacing_mm", None), table.text("series", None)
+    crop, voxel = table.value("crop_mm", None), table.number("volume_voxel_mm", None)
+    transpose = table.flag("transpose", None)
+    if path is None:
+        for key in keys:
+            if key in table:
+                raise table.error(f"{key} goes with volume")
+        return None
+    for key in keys[:3]:
+        if key not in table:
+            raise table.error(f"{key} is missing: volume needs it")
+    if crop is not None and not (isinstance(crop, list) and len(crop) == 2):
+        raise table.error(f"crop_mm must be two corners, [[x, y, z], [x, y, z]], got {shown(crop)}")
+    with table.errors():
+        return {
+            "volume": VolumeRecipe(
+                str(folder / path),
+                OccupancyMap.parse(text),
+                spacing,
+                series,
+                None if crop is None else (crop[0], crop[1]),
+                voxel,
+                transpose,
+            ),
+            "entry": tuple(checked_point(entry, "entry_mm").tolist()),
+            "axis": tuple(unit_vector(axis).tolist()),
+        }
+
+
+def designs_of(file: Table) -> Mapping[str, Design]:
+    """[tasks], with the stimuli of [materials], in the order of the file."""
+    stimuli = stimuli_of(file.table("materials", needed=False))
+    table = file.table("tasks")
+    tables = table.tables()
+    if not tables:
+        raise table.error("there must be at least one task, [tasks.NAME]")
+    _check_labels(table, "a task", list(tables))
+    tasks: dict[str, Design] = {}
+    for name, one in tables.items():
+        tasks[name] = design_of(one, stimuli)
+        for other, design in tasks.items():
+            if other != name and design.to_dict() == tasks[name].to_dict():
+                raise one.error(
+                    f"this is task {other} again, trial by trial: give one of them more trials or blocks"
+                )
+    return MappingProxyType(tasks)
+
+
+def analysis_of(table: Table) -> AnalysisSettings:
+    """[analysis]."""
+    rules = table.value("rules", list(RULES))
+    if not (
+        isinstance(rules, list)
+        and rules
+        and all(rule in RULES for rule in rules)
+        and len({*rules}) == len(rules)
+    ):
+        raise table.error(
+            f"rules must be a list of {', '.join(RULES)}, each once at most, got {shown(rules)}"
+        )
+    delta, level = table.number("delta", None), table.number("level", 0.95)
+    if delta is not None and delta <= 0:
+        raise table.error(f"delta must be a d' above 0, got {shown(delta)}")
+    if not 0.5 <= level < 1:
+        raise table.error(f"level must be from 0.5 to below 1, got {shown(level)}")
+    table.done()
+    return AnalysisSettings(tuple(rules), delta, level)
+
+
+__all__ = ["AnalysisSettings", "Protocol"]
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """An experiment: subjects, tasks, what is burred with what, and where its files go.
+
+    Attributes
+    ----------
+    path : Path
+        Of the TOML file.
+    name : str
+    seed : int
+        Of all orders and intervals.
+    subjects : tuple of str
+        BIDS labels.
+    tasks : mapping of str to Design
+        In the order of the file.
+    burr : Burr
+    bone : Block
+        Fresh for each interval.
+    device : str
+        As for `burrlab session --device`; a script's file is relative to the TOML file.
+    lost_after : float
+        A position over the network that old is a lost device [ms].
+    publish : int or None
+        Port on which each interval is published over OpenIGTLink.
+    folder : Path
+        Of the data.
+    trace : bool
+        Whether the trace of each interval is kept.
+    feedback : bool
+        Whether the subject is told in practice if the answer was right.
+    pause : float
+        After an interval [s].
+    rest : float
+        Between blocks and between tasks, at least [s].
+    selected_by : str or None
+        How the subjects were chosen by the outcome of an earlier experiment; None if they were not.
+    selected_from : int or None
+        How many they were chosen from; None if they were not, or it is not known.
+    analysis : AnalysisSettings
+    """
+
+    path: Path
+    name: str
+    seed: int
+    subjects: tuple[str, ...]
+    tasks: Mapping[str, Design]
+    burr: Burr
+    bone: Block
+    device: str
+    lost_after: float
+    publish: int | None
+    folder: Path
+    trace: bool
+    feedback: bool
+    pause: float
+    rest: float
+    selected_by: str | None
+    selected_from: int | None
+    analysis: AnalysisSettings
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Protocol:
+        """A protocol from TOML. docs/experiment.md has the keys.
+
+        Parameters
+        ----------
+        path : path
+
+        Returns
+        -------
+        Protocol
+
+        Raises
+        ------
+        ValueError
+            If the file is no TOML in UTF-8, a key is unknown, missing, of another type or out of range, a material is unknown,
+            a name is there twice, or subject and task names are not of letters and digits: with file, table and key.
+        OSError
+            If the file cannot be read.
+        """
+        path = Path(path)
+        file = read_toml(os.fspath(path), path.read_bytes())
+        experiment = file.table("experiment")
+        name = experiment.text("name")
+        seed = experiment.whole("seed")
+        subjects = subjects_of(experiment)
+        folder = path.parent / experiment.text("folder", "data")
+        device = device_of(experiment, path.parent)
+        lost_after, publish = network_of(experiment)
+        trace, feedback = experiment.flag("trace", False), experiment.flag("feedback", False)
+        pause, rest = (
+            seconds_of(experiment, key, value) for key, value in (("pause_s", 1.0), ("break_s", 60.0))
+        )
+        selected_by = selection_of(experiment)
+        selected_from = selected_from_of(experiment, len(subjects))
+        experiment.done()
+        burr, bone = burr_and_bone_of(file, path.parent)
+        tasks = designs_of(file)
+        analysis = analysis_of(file.table("analysis", needed=False))
+        file.done()
+        return cls(
+            path, name, seed, subjects, tasks, burr, bone, device, lost_after, publish, folder, trace, feedback, pause,
+            rest, selected_by, selected_from, analysis,
+        )  # fmt: skip
+
+    def tasks_of(self, subject: str) -> tuple[str, ...]:
+        """The order in which a subject has the tasks, counterbalanced over the subjects as the file lists them.
+
+        Raises
+        ------
+        ValueError
+            If the protocol has no such subject.
+        """
+        return tuple(counterbalanced(tuple(self.tasks), self.subjects.index(self._checked(subject))))
+
+    def order(self, subject: str, task: str) -> Order:
+        """The trials of a subject in a task, at their beginning.
+
+        Raises
+        ------
+        ValueError
+            If the protocol has no such subject or task.
+        """
+        # Two tasks of one design have orders of their own.
+        return self._design(task).order(seed=self.seed, subject=f"{self._checked(subject)} {task}")
+
+    @property
+    def data(self) -> ExperimentFolder:
+        """Where the files go."""
+        return ExperimentFolder(self.folder, self.name)
+
+    def side_car(
+        self,
+        subject: str,
+        task: str,
+        *,
+        device: str | None = None,
+        simulated: Mapping[str, Any] | None = None,
+    ) -> SideCar:
+        """What is known of a run before its first trial.
+
+        Parameters
+        ----------
+        subject, task : str
+        device : str, optional
+            By default the protocol's.
+        simulated : mapping, optional
+            What simulates the subject.
+
+        Raises
+        ------
+        ValueError
+            If the protocol has no such subject or task.
+        """
+        design, order = self._design(task), self.order(subject, task)
+        return SideCar(
+            subject, task, design.task, design.question, design.to_dict(), self.to_dict(), self.seed,
+            without_folder(device or self.device), order.total, simulated,
+        )  # fmt: skip
+
+    def begin(
+        self,
+        subject: str,
+        task: str,
+        *,
+        device: str | None = None,
+        simulated: Mapping[str, Any] | None = None,
+    ) -> tuple[AnswerFile, Order]:
+        """A new file of answers for a run, and its trials; the subject is entered in participants.tsv.
+
+        Raises
+        ------
+        FileExistsError
+            If the run was begun before.
+        ValueError
+            If the protocol has no such subject or task, or simulated subjects would be among others.
+        OSError
+            If a file cannot be written.
+        """
+        car = self.side_car(subject, task, device=device, simulated=simulated)
+        self.data.add(subject, simulated=simulated is not None, selected_by=self.selected_by)
+        return AnswerFile.create(self.data.answers(subject, task), car), self.order(subject, task)
+
+    def resume(
+        self,
+        subject: str,
+        task: str,
+        *,
+        device: str | None = None,
+        simulated: Mapping[str, Any] | None = None,
+    ) -> tuple[AnswerFile, Order]:
+        """The file of answers of a run that was ended early, and its trials, fed with the answers that are there.
+
+        Raises
+        ------
+        FileNotFoundError
+            If the run was not begun.
+        BlockingIOError
+            If another process has it open.
+        ValueError
+            If the protocol has no such subject or task, was changed since the run began, or the file is not right.
+        OSError
+            If the file cannot be written.
+        """
+        order = self.order(subject, task)
+        car = self.side_car(subject, task, device=device, simulated=simulated)
+        return AnswerFile.open(self.data.answers(subject, task), order, car), order
+
+    def to_dict(self) -> dict[str, Any]:
+        """The whole protocol, as JSON; where it lies on the disk is not in it."""
+        return json_mapping(
+            {
+                "experiment": {
+                    "name": self.name,
+                    "seed": self.seed,
+                    "subjects": list(self.subjects),
+                    "device": without_folder(self.device),
+                    "lost_after_ms": self.lost_after,
+                    "publish": self.publish,
+                    "trace": self.trace,
+                    "feedback": self.feedback,
+                    "pause_s": self.pause,
+                    "break_s": self.rest,
+                    "selected_by": self.selected_by,
+                    "selected_from": self.selected_from,
+                },
+                "burr": {"radius_mm": self.burr.radius},
+                "bone": self.bone.plain(),
+                "tasks": {name: design.to_dict() for name, design in self.tasks.items()},
+                "analysis": {
+                    "rules": list(self.analysis.rules),
+                    "delta": self.analysis.delta,
+                    "level": self.analysis.level,
+                },
+            }
+        )
+
+    @property
+    def digest(self) -> str:
+        """sha256 of `to_dict`."""
+        return digest(self.to_dict())
+
+    def __repr__(self) -> str:
+        tasks = ", ".join(self.tasks)
+        return f"Protocol({self.name!r}, {len(self.subjects)} subjects, tasks {tasks}, digest {self.digest[:12]})"
+
+    def _checked(self, subject: str) -> str:
+        if subject not in self.subjects:
+            raise ValueError(
+                f"{self.path}: there is no subject {subject!r}; there are {', '.join(self.subjects)}"
+            )
+        return subject
+
+    def _design(self, task: str) -> Design:
+        if task not in self.tasks:
+            raise ValueError(f"{self.path}: there is no task {task!r}; there are {', '.join(self.tasks)}")
+        return self.tasks[task]
+
+
+_TEMPLATE = """\
+# An experiment of burrlab: `burrlab experiment run FILE --subject 01`. docs/experiment.md explains every key.
+# Examples that are switched off begin with # and no space after it.
+
+[experiment]
+name = "Bone and PVC, probed and drilled"
+seed = 1                    # of all orders and intervals
+subjects = 12               # a number (01, 02, ...) or a list of names of letters and digits
+folder = "data"             # for the answers, beside this file
+device = "hand"             # hand (simulated), igtl:HOST:PORT, or scripted:FILE
+#lost_after_ms = 100.0      # a position over the network that old is a lost device
+#publish = 18945            # port at which igtl's peer takes the force; without it there is none
+trace = false               # true keeps a complete trace of every interval
+feedback = false            # true tells the subject in practice whether the answer was right
+pause_s = 1.0               # after an interval
+break_s = 60.0              # at least, between blocks
+#selected_by = "score in an earlier experiment"   # if the subjects were: the report warns of it
+#selected_from = 20         # of how many
+
+[burr]
+radius_mm = 3.0
+
+[bone]                      # a block with its top at z = 0, fresh for each interval
+size_mm = [30.0, 30.0, 20.0]
+voxel_mm = 0.1
+
+# Known are bone, pettigrew, pvc and expert, the paper's. Others, by name:
+#[materials.soft]
+#c_e = 1.9                  # [N/mm^2]
+#alpha = 0.087              # [1/ms], for the shape
+#shape = "parabolic"
+
+# A real specimen, outside the program:
+#[materials.specimen]
+#real = true
+
+# Each subject has all tasks, in counterbalanced order. This is the paper's Task 1.
+[tasks.probing]
+design = "same-different"   # AA, AB, BA, BB equally often
+a = "bone"
+b = "pvc"
+mode = "probing"            # the burr does not turn
+trials = 12                 # a multiple of 4
+interval_s = 20.0
+practice = 0                # trials before, which do not count
+blocks = 1                  # with breaks between them
+
+[tasks.drilling]
+design = "same-different"
+a = "bone"
+b = "pvc"
+mode = "drilling"
+trials = 12
+interval_s = 20.0
+
+# The paper's Task 3: the real specimen as long as the subject likes, then two simulated ones. Which felt like it?
+#[tasks.match]
+#design = "abx"
+#reference = "specimen"
+#match = "pettigrew"        # the correct answer; without it the reference itself
+#foil = "pvc"
+#trials = 10
+#interval_s = 10.0          # reference_interval_s = 10.0 would end the reference too
+
+# How much stiffer must it be? Ratios of c_e to the reference's, each equally often.
+#[tasks.levels]
+#design = "constant-stimuli"
+#reference = "bone"
+#parameter = "c_e"
+#levels = [1.05, 1.1, 1.2, 1.4, 1.8]
+#repeats = 20
+#interval_s = 5.0
+
+# The same by a staircase, two correct answers down and one wrong up: 70.7 % correct.
+#[tasks.staircase]
+#design = "staircase"
+#reference = "bone"
+#parameter = "c_e"
+#start = 2.0
+#down = 2
+#interval_s = 5.0
+
+# The width of alpha by a Bayesian staircase; with the burr off alpha alone changes nothing.
+#[tasks.adaptive]
+#design = "adaptive"
+#reference = "bone"
+#parameter = "alpha"
+#mode = "drilling"
+#trials = 60
+#interval_s = 5.0
+
+[analysis]                  # settled before the first subject; it goes into every file
+rules = ["independent-observations", "differencing"]
+level = 0.95
+#delta = 1.5                # d' below which the two count as alike: an equivalence test
+"""
+
+
+def template() -> str:
+    """TOML of the paper's Task 1, with examples of every other design switched off.
+
+    Examples
+    --------
+    >>> print(template().splitlines()[3])
+    [experiment]
+    """
+    return _TEMPLATE

@@ -1,0 +1,449 @@
+"""What a published mean +- standard error of scores shows, and what it does not.
+
+Two one-sided t tests: is a signed quantity within +-delta?
+
+What selection by the outcome does to a mean score: the best of many chance performers are above chance.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from dataclasses import asdict, dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+from scipy.special import ndtr
+from scipy.stats import chi2
+from scipy.stats import t as student
+
+from burrlab.psychophysics.group import check_level, finite_values, probability_text
+from burrlab.psychophysics.power import WANTED_POWER, decision_text
+from burrlab.psychophysics.rules import RULES, Floats, TaskName, rule_of
+
+
+@dataclass(frozen=True)
+class PublishedScore:
+    """A mean score re-analysed. Pairs are (low, high).
+
+    Attributes
+    ----------
+    task : {"same-different", "abx", "2ifc"}
+    mean, sem, rounding : float
+        As printed, and half a unit of the last digit.
+    n, trials : int
+        Subjects, and trials of each.
+    t, p_value : float
+        One-sided, above chance, over subjects.
+    t_range : tuple of float
+        Over all means and standard errors that are printed so.
+    interval : tuple of float
+        Of the mean score.
+    level : float
+    d_prime : dict of str to (float, float, float)
+        By rule: of the mean and of the interval's ends, (estimate, low, high), IF all subjects are alike and unbiased.
+    spread, binomial_spread : float
+        Standard deviation of scores over subjects, and of one subject's score by chance at this mean.
+    spread_p_value : float
+        Of so large a spread if all subjects are alike.
+    spread_p_range : tuple of float
+        Over all means and standard errors that are printed so.
+    guessers : float
+        The share of subjects at chance, all others being alike, that gives this mean and spread.
+    """
+
+    task: TaskName
+    mean: float
+    sem: float
+    rounding: float
+    n: int
+    trials: int
+    t: float
+    p_value: float
+    t_range: tuple[float, float]
+    interval: tuple[float, float]
+    level: float
+    d_prime: dict[str, tuple[float, float, float]]
+    spread: float
+    binomial_spread: float
+    spread_p_value: float
+    spread_p_range: tuple[float, float]
+    guessers: float
+
+    def __str__(self) -> str:
+        level = f"{100 * self.level:.4g} %"
+        low, high = self.interval
+        lines = [
+            f"{self.mean:g} +- {self.sem:g} of {self.trials}, {self.n} subjects ({self.task})",
+            f"above chance: t({self.n - 1}) = {self.t:.1f} ({self.t_range[0]:.1f} to {self.t_range[1]:.1f} by rounding), {probability_text(self.p_value)}",
+            f"mean score, {level}: {low:.2f} to {high:.2f}",
+        ]
+        for rule, (estimate, bottom, top) in self.d_prime.items():
+            lines.append(
+                f"d' if all are alike and unbiased ({rule}): {estimate:.2f} ({bottom:.2f} to {top:.2f})"
+            )
+        lines.append(
+            f"spread {self.spread:.2f}, by chance alone {self.binomial_spread:.2f}: {probability_text(self.spread_p_value)} "
+            f"({self.spread_p_range[0]:.2g} to {self.spread_p_range[1]:.2g} by rounding); {self._heterogeneity()}"
+        )
+        lines.append(
+            f"Not shown: how many subjects can tell. {100 * self.guessers:.0f} % guessing, the rest alike, fits mean and spread. "
+            "Not shown either: bias, and so d' of each."
+        )
+        return "\n".join(lines)
+
+    def _heterogeneity(self) -> str:
+        low, high = self.spread_p_range
+        if high < 0.05:
+            return "subjects differ, in d' or in bias"
+        return "whether subjects differ depends on the rounding" if low < 0.05 else "subjects may be alike"
+
+    def to_dict(self) -> dict[str, Any]:
+        out = asdict(self)
+        out["d_prime"] = {
+            rule: [d if math.isfinite(d) else None for d in values] for rule, values in self.d_prime.items()
+        }
+        return out
+
+
+def group_score_from(
+    *,
+    mean: float,
+    sem: float,
+    n: int,
+    trials: int,
+    task: TaskName = "same-different",
+    level: float = 0.95,
+    rounding: float = 0.05,
+) -> PublishedScore:
+    """What can be said from a printed mean score, its standard error and the number of subjects alone.
+
+    Parameters
+    ----------
+    mean, sem : float
+        Of correct answers, over subjects.
+    n, trials : int
+        Subjects, and trials of each.
+    task : {"same-different", "abx", "2ifc"}
+    level : float, optional
+    rounding : float, optional
+        Half a unit of the last printed digit.
+
+    Raises
+    ------
+    ValueError
+        If the mean is not between 0 and the trials, sem is not above the rounding, there are less than 2 subjects or trials, the
+        task is unknown, rounding is negative, or the level is not in [0.5, 1).
+
+    Notes
+    -----
+    Chance within a subject has variance T p (1 - p) if every trial has the same p; trials of unequal difficulty have less, so the
+    test of the spread is cautious. A spread that is larger is of subjects with different p: unlike criteria do that at one d' too. A part w of guessers among subjects of one p gives the spread's excess for
+    w = v/(v + (p - 1/2)^2), v the variance of p over subjects.
+
+    Examples
+    --------
+    >>> paper = group_score_from(mean=9.3, sem=0.4, n=20, trials=12)
+    >>> print(f"t = {paper.t:.2f}, spread {paper.spread:.2f} against {paper.binomial_spread:.2f}")
+    t = 8.25, spread 1.79 against 1.45
+    """
+    check_level(level)
+    if n < 2 or trials < 2:
+        raise ValueError(f"n and trials must be at least 2, got {n} and {trials}")
+    if not 0.0 < mean < trials:
+        raise ValueError(f"mean must be between 0 and {trials}, got {mean}")
+    if not 0.0 <= rounding < sem < math.inf:
+        raise ValueError(f"sem must be above rounding, which is at least 0, got {sem} and {rounding}")
+    chance, freedom = 0.5 * trials, n - 1
+    t = (mean - chance) / sem
+    corners = [
+        (mean + a * rounding - chance) / (sem + b * rounding) for a in (-1.0, 1.0) for b in (-1.0, 1.0)
+    ]
+    wide = float(student.ppf(0.5 + 0.5 * level, freedom)) * sem
+    interval = (max(0.0, mean - wide), min(float(trials), mean + wide))
+    p = mean / trials
+    noise, spread = trials * p * (1.0 - p), sem * math.sqrt(n)
+    between = max(0.0, spread**2 - noise) / (trials * (trials - 1))
+    return PublishedScore(
+        task=task,
+        mean=mean,
+        sem=sem,
+        rounding=rounding,
+        n=n,
+        trials=trials,
+        t=t,
+        p_value=float(student.sf(t, freedom)),
+        t_range=(min(corners), max(corners)),
+        interval=interval,
+        level=level,
+        d_prime={rule: _of_scores(task, rule, np.array([mean, *interval]) / trials) for rule in RULES},
+        spread=spread,
+        binomial_spread=math.sqrt(noise),
+        spread_p_value=_spread_p(spread, noise, n),
+        spread_p_range=_spread_p_range(mean, sem, rounding, n, trials),
+        guessers=between / (between + (p - 0.5) ** 2) if between > 0.0 else 0.0,
+    )
+
+
+def unbiased_d_prime(task: str, rule: str, proportion: float) -> float:
+    """The d' of an unbiased observer with this proportion of correct answers: 0 at 1/2 or below, inf at 1."""
+    decision = rule_of(task, rule)
+    if proportion <= 0.5:
+        return 0.0
+    if proportion >= 1.0:
+        return math.inf
+    low, high = 0.0, 75.0
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        enough = float(decision.proportion_correct(middle)) > proportion
+        low, high = (low, middle) if enough else (middle, high)
+    return low
+
+
+def _of_scores(task: str, rule: str, proportions: Floats) -> tuple[float, float, float]:
+    estimate, low, high = (unbiased_d_prime(task, rule, float(p)) for p in proportions)
+    return estimate, low, high
+
+
+def _spread_p_range(mean: float, sem: float, rounding: float, n: int, trials: int) -> tuple[float, float]:
+    # Chance's variance is largest at the mean nearest to the middle, and smallest at one of the ends.
+    ends = mean - rounding, mean + rounding
+    noises = [max(0.0, x * (1.0 - x / trials)) for x in (*ends, min(max(0.5 * trials, ends[0]), ends[1]))]
+    return (
+        _spread_p((sem + rounding) * math.sqrt(n), min(noises), n),
+        _spread_p((sem - rounding) * math.sqrt(n), max(noises), n),
+    )
+
+
+def _spread_p(spread: float, noise: float, n: int) -> float:
+    if noise == 0.0:  # only at a mean of all or nothing, where there is no chance
+        return 0.0
+    return float(chi2.sf((n - 1) * spread**2 / noise, n - 1))
+
+
+_QUANTILES = 2000
+
+
+@dataclass(frozen=True)
+class SignedEquivalence:
+    """The outcome of two one-sided t tests.
+
+    Attributes
+    ----------
+    delta, level : float
+    n : int
+        Subjects.
+    mean, sem : float
+    interval : tuple of float
+        Of level 1 - 2 (1 - level): within +-delta exactly where the tests reject.
+    p_value : float
+        The larger of the two.
+    equivalent : bool
+    power : float
+        Probability of that at a mean of 0, if the scatter is as seen.
+    decidable_delta : float
+        The smallest delta that would have a power of 80 %.
+    """
+
+    delta: float
+    level: float
+    n: int
+    mean: float
+    sem: float
+    interval: tuple[float, float]
+    p_value: float
+    equivalent: bool
+    power: float
+    decidable_delta: float
+
+    @property
+    def sentence(self) -> str:
+        """The outcome in plain words."""
+        low, high = self.interval
+        ends = (
+            f"{low:.3g} to {high:.3g} at {100 * (2 * self.level - 1):.4g} %, {probability_text(self.p_value)}"
+        )
+        if self.equivalent:
+            return f"Equivalent: within +-{self.delta:g} ({ends})."
+        return f"Not shown to be equivalent: beyond +-{self.delta:g} is possible ({ends}). That does not show a difference."
+
+    @property
+    def design_sentence(self) -> str:
+        """What so many subjects could decide."""
+        size = f"{self.n} subjects"
+        return decision_text(size, self.delta, self.power, self.decidable_delta, quantity="the mean")
+
+    def __str__(self) -> str:
+        return f"{self.sentence}\n{self.design_sentence}"
+
+    def to_dict(self) -> dict[str, Any]:
+        return asdict(self) | {"sentence": self.sentence, "design_sentence": self.design_sentence}
+
+
+def tost(values: ArrayLike, *, delta: float, level: float = 0.95) -> SignedEquivalence:
+    """Whether the mean of signed values, one a subject, is within +-delta: biases, log ratios of thresholds.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+        Two at least.
+    delta : float
+        In the values' unit, set before the first answer, > 0.
+    level : float, optional
+        1 - the error rate.
+
+    Raises
+    ------
+    ValueError
+        If there are less than two values, one is not finite, they have no scatter, delta is not above 0, or the level is not in [0.5, 1).
+
+    References
+    ----------
+    Schuirmann, J. Pharmacokinet. Biopharm. 15, 657 (1987).
+
+    Examples
+    --------
+    >>> print(tost([0.1, -0.2, 0.05, 0.0, 0.15, -0.1], delta=0.2).sentence)
+    Equivalent: within +-0.2 (-0.107 to 0.107 at 90 %, p = 0.0066).
+    """
+    check_level(level)
+    x = finite_values(values)
+    if len(x) < 2:
+        raise ValueError(f"values must hold at least 2, got {len(x)}")
+    if not 0.0 < delta < math.inf:
+        raise ValueError(f"delta must be a number above 0, got {delta}")
+    n, mean, sem = len(x), float(np.mean(x)), float(np.std(x, ddof=1)) / math.sqrt(len(x))
+    if sem == 0.0:
+        raise ValueError("values must differ, got the same one for all")
+    p_value = float(max(student.sf((mean + delta) / sem, n - 1), student.cdf((mean - delta) / sem, n - 1)))
+    wide = float(student.ppf(level, n - 1)) * sem
+    low, high = 0.0, 1.0
+    while _power(high, n, level) < WANTED_POWER:
+        high *= 2.0
+    while high - low > 1e-6 * high:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if _power(middle, n, level) >= WANTED_POWER else (middle, high)
+    return SignedEquivalence(
+        delta=float(delta),
+        level=level,
+        n=n,
+        mean=mean,
+        sem=sem,
+        interval=(mean - wide, mean + wide),
+        p_value=p_value,
+        equivalent=p_value <= 1.0 - level,
+        power=_power(delta / sem, n, level),
+        decidable_delta=high * sem,
+    )
+
+
+def _power(delta: float, n: int, level: float) -> float:
+    """At a mean of 0, delta in true standard errors: the mean over the sample's standard error of P(|mean| < delta - t s)."""
+    room = delta - float(student.ppf(level, n - 1)) * _errors(n)
+    return float(np.mean(np.where(room > 0.0, 2.0 * ndtr(room) - 1.0, 0.0)))
+
+
+@lru_cache
+def _errors(n: int) -> Floats:
+    """Quantiles of a sample's standard error over the true one."""
+    steps = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
+    errors = np.sqrt(chi2.ppf(steps, n - 1) / (n - 1))
+    errors.flags.writeable = False
+    return np.asarray(errors)
+
+
+@dataclass(frozen=True)
+class SelectionEffect:
+    """Mean score of the best `kept` of `of` subjects who all answer at random.
+
+    Parameters
+    ----------
+    kept, of : int
+        Subjects selected; subjects they were selected from.
+    trials : int
+        That each of them answered.
+    chance : float
+        Probability of a correct answer in one.
+
+    Raises
+    ------
+    ValueError
+        If `kept` is below 1 or above `of`, there is no trial, or `chance` is not in (0, 1).
+    TypeError
+        If `kept`, `of` or `trials` is not whole.
+
+    Notes
+    -----
+    Exact. With M_t subjects of the `of` at t or more correct answers, the sum of the best `kept` is the sum over t >= 1 of
+    min(kept, M_t), and M_t is binomial.
+
+    Examples
+    --------
+    >>> effect = SelectionEffect(kept=12, of=20, trials=12)
+    >>> print(f"{effect.expected:.2f} of 12, {effect.excess:.2f} above chance")
+    7.06 of 12, 1.06 above chance
+    """
+
+    kept: int
+    of: int
+    trials: int
+    chance: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("kept", "of", "trials"):
+            object.__setattr__(self, name, operator.index(getattr(self, name)))
+        if not 1 <= self.kept <= self.of:
+            raise ValueError(f"kept must be in 1..of, 1..{self.of}, got {self.kept}")
+        if self.trials < 1:
+            raise ValueError(f"trials must be at least 1, got {self.trials}")
+        if not 0.0 < self.chance < 1.0:
+            raise ValueError(f"chance must be in (0, 1), got {self.chance!r}")
+
+    @property
+    def expected(self) -> float:
+        """Mean score of those selected."""
+        reaching = stats.binom.sf(np.arange(self.trials), self.trials, self.chance)
+        m = np.arange(self.of + 1)
+        share = stats.binom.pmf(m, self.of, reaching[:, None])
+        return float((share * np.minimum(m, self.kept)).sum() / self.kept)
+
+    @property
+    def excess(self) -> float:
+        """`expected` over the score of chance: what selection alone adds."""
+        return self.expected - self.chance * self.trials
+
+    def p_value(self, mean: float) -> float:
+        """Probability that chance performers so selected have at least this mean score."""
+        # A mean that was a division lies a rounding off the sum it came from.
+        total = int(np.ceil(mean * self.kept - 1e-9))
+        return float(min(1.0, self.distribution[max(0, total) :].sum()))
+
+    @cached_property
+    def distribution(self) -> NDArray[np.float64]:
+        """Probability of each sum of scores of those selected, 0..kept trials."""
+        # Given the score t of the last one selected, a subjects lie above it, alike and independent, and kept - a have t.
+        length = self.kept * self.trials + 1
+        scores = np.arange(self.trials + 1)
+        p = stats.binom.pmf(scores, self.trials, self.chance)
+        turn = np.exp(-2j * np.pi * np.arange(length // 2 + 1) / length)
+        above = np.arange(self.kept)
+        spectrum = np.zeros(len(turn), dtype=np.complex128)
+        for t in scores:
+            tail = p[t + 1 :].sum()
+            at_or_below = max(1.0 - tail, p[t])
+            at_t = min(p[t] / at_or_below, 1.0)
+            weight = stats.binom.pmf(above, self.of, tail)
+            weight *= stats.binom.sf(self.kept - above - 1, self.of - above, at_t)
+            higher = np.zeros(length)
+            higher[t + 1 : self.trials + 1] = p[t + 1 :] / tail if tail > 0 else 0.0
+            one = np.fft.rfft(higher)
+            # Horner: sum over a of weight_a one^a turn^((kept - a) t)
+            step = turn ** int(t)
+            part = np.zeros_like(spectrum)
+            for a in above[::-1]:
+                part = part * one + weight[a] * step ** int(self.kept - a)
+            spectrum += part
+        return np.clip(np.fft.irfft(spectrum, length), 0.0, 1.0)

@@ -1,0 +1,666 @@
+"""A whole experiment with simulated subjects, in seconds.
+
+What a simulated subject would make of two materials, before anybody has rendered a trial.
+
+The paper's Task 1 by simulated subjects: which cue, with how much noise, gives which score.
+
+A simulated subject in the place of a person.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from burrlab._core import Burr, Material
+from burrlab.bone.materials import materials
+from burrlab.psychophysics.designs import ABX, Draws
+from burrlab.psychophysics.interval import Block, Rendered
+from burrlab.psychophysics.observer import (
+    CUES,
+    CUES_OF,
+    DECISIONS,
+    LAPSE,
+    CueName,
+    Cues,
+    Decision,
+    SimulatedSubject,
+    closed_form_cues,
+    interval_cues,
+    rendered_cues,
+)
+from burrlab.psychophysics.power import DesignPower, design_power, subjects_needed, trials_needed
+from burrlab.psychophysics.rules import Counts, RuleName, TaskName, rule_of
+from burrlab.psychophysics.seat import Seat
+from burrlab.psychophysics.trial import MODES, Design, Interval, Mode, Order, Trial
+from burrlab.psychophysics.weber import COMPLIANCE_WITHOUT_SURFACE
+
+REPLICATES = 3  # seeds of the erosion that a material is drilled with; probing erodes nothing and needs one
+SELF_PACED = 10.0  # [s] that a simulated hand takes where the subject ends the interval; ours
+
+
+def rehearse(
+    design: Design,
+    subject: SimulatedSubject,
+    *,
+    subjects: int = 20,
+    seed: int,
+    burr: Burr | None = None,
+    bone: Block | None = None,
+) -> list[Counts]:
+    """The counts of subjects who are alike, from one seed.
+
+    Parameters
+    ----------
+    design : Design
+        Each subject gets an order of its own. A real specimen is felt as the material that matches it.
+    subject : SimulatedSubject
+        Who has not been taught is taught by `teach` first.
+    subjects : int
+    seed : int
+        Of orders, noise and lapses.
+    burr : Burr, optional
+        Default R = 3 mm.
+    bone : Block, optional
+        Default `Block()`.
+
+    Returns
+    -------
+    list of Counts
+        One a subject, of the main phase.
+
+    Raises
+    ------
+    ValueError
+        If there is no subject, the design's intervals do not have the subject's cues, or the design asks for stiffness by
+        drilling, which has no cue for it.
+
+    Notes
+    -----
+    Each material is rendered once by probing, and with three seeds by drilling; an interval takes one of the three by its
+    own seed. So the erosion's scatter is in it (a standard deviation of 0.0001 to 0.0002 of the logarithm at 0.1 mm: nothing
+    beside the noise), and a rehearsal of 20 subjects takes seconds rather than an hour. `burrlab experiment run --simulated`
+    renders every interval.
+    """
+    if operator.index(subjects) < 1:
+        raise ValueError(f"subjects must be at least 1, got {subjects}")
+    names = [f"{number:02d}" for number in range(1, subjects + 1)]
+    taught = subject if subject.known is not None else teach(subject, design, burr=burr, bone=bone)
+    orders = (rehearsed_order(design, taught, name=name, seed=seed, burr=burr, bone=bone) for name in names)
+    return [counts_of(design.task, order.answered) for order in orders]
+
+
+def rehearsed_order(
+    design: Design,
+    subject: SimulatedSubject,
+    *,
+    name: str = "01",
+    seed: int,
+    burr: Burr | None = None,
+    bone: Block | None = None,
+) -> Order:
+    """The order of one subject with all its answers, where counts are not enough: levels of a staircase.
+
+    Parameters and errors are those of `rehearse`; `name` is the subject's.
+    """
+    check_rehearsable(design)
+    burr, bone = burr or Burr(3.0), bone or Block()
+    taught = subject if subject.known is not None else teach(subject, design, burr=burr, bone=bone)
+    rng = np.random.default_rng([operator.index(seed), *name.encode()])
+    order = design.order(seed=seed, subject=name)
+    while (trial := order.next()) is not None:
+        felt = [_felt(design, interval, burr, bone) for interval in stood_in(trial)]
+        order.answer(taught.respond(trial, felt, rng))
+    return order
+
+
+def teach(
+    subject: SimulatedSubject, design: Design, *, burr: Burr | None = None, bone: Block | None = None
+) -> SimulatedSubject:
+    """The subject who knows the design's two materials; in two-interval tasks unchanged.
+
+    Raises
+    ------
+    ValueError
+        If the design does not have two materials, or its intervals do not have the subject's cues.
+    """
+    if design.task == "2ifc":
+        return subject
+    burr, bone = burr or Burr(3.0), bone or Block()
+    found: dict[Material, Interval] = {}
+    order = design.order(seed=0, subject="taught")
+    while len(found) < 2 and (trial := order.next()) is not None:
+        for interval in stood_in(trial):
+            assert interval.stimulus.material is not None
+            found.setdefault(interval.stimulus.material, interval)
+        order.answer(design.answers[0])
+    if len(found) != 2:
+        raise ValueError(f"design must have two materials, got {len(found)}")
+    a, b = (_felt(design, interval, burr, bone) for interval in found.values())
+    return subject.taught(a, b)
+
+
+def check_rehearsable(design: Design) -> None:
+    """ValueError for a design whose answers depend on what simulated subjects do not feel."""
+    if design.mode == "drilling" and getattr(design, "hold", "other") == "sinking speed":
+        raise ValueError(
+            "design must not hold the sinking speed, the only cue that simulated subjects have by drilling"
+        )
+
+
+def stood_in(trial: Trial) -> tuple[Interval, ...]:
+    """The intervals with the matching alternative in a real reference's place, and a length for self-paced ones [s]."""
+    intervals = []
+    for interval in trial.intervals:
+        stimulus = interval.stimulus
+        if stimulus.material is None:
+            stimulus = trial.intervals[1 if trial.correct == "first" else 2].stimulus
+        duration = SELF_PACED if interval.duration is None else interval.duration
+        intervals.append(Interval(stimulus, interval.seed, duration))
+    return tuple(intervals)
+
+
+def counts_of(task: TaskName, answered: Sequence[tuple[Trial, str]]) -> Counts:
+    """The main phase's answers, counted as `Rule` has them: "different", or "first"."""
+    answer = "different" if task == "same-different" else "first"
+    main = [(trial, response == answer) for trial, response in answered if trial.phase == "main"]
+    by_type: dict[str, tuple[int, int]] = {}
+    for trial, given in main:
+        times, trials = by_type.get(trial.trial_type, (0, 0))
+        by_type[trial.trial_type] = (times + given, trials + 1)
+    signal = [given for trial, given in main if trial.correct == answer]
+    noise = [given for trial, given in main if trial.correct != answer]
+    return Counts(task, sum(signal), len(signal), sum(noise), len(noise), by_type)
+
+
+def _felt(design: Design, interval: Interval, burr: Burr, bone: Block) -> Cues:
+    material, duration = interval.stimulus.material, interval.duration
+    assert material is not None
+    assert duration is not None
+    seed = 1 if design.mode == "probing" else 1 + interval.seed % REPLICATES
+    return rendered_cues(material, design.mode, burr=burr, bone=bone, duration=duration, seed=seed)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """d' and score of a simulated subject, and what it takes to show them. Prints as a few lines.
+
+    Attributes
+    ----------
+    task : {"same-different", "abx", "2ifc"}
+    mode : {"probing", "drilling"}
+    rule : {"differencing", "independent-observations"}
+        The subject's.
+    differences : dict
+        Of each cue's logarithm, a minus b.
+    by_cue : dict
+        d' of each cue alone.
+    d_prime : float
+        Of all of the subject's cues together.
+    trials, subjects : int
+        Of the experiment; trials of each subject.
+    score : float
+        Expected of one subject.
+    lapse : float
+    power : DesignPower
+        Of one subject's binomial test, and of the group's t test where there is more than one.
+    trials_needed, subjects_needed : int or None
+        For 80 % power: trials of a single subject; subjects of so many trials each. None where no reasonable number does.
+    """
+
+    task: TaskName
+    mode: Mode
+    rule: RuleName
+    differences: dict[CueName, float]
+    by_cue: dict[CueName, float]
+    d_prime: float
+    trials: int
+    subjects: int
+    score: float
+    lapse: float
+    power: DesignPower
+    trials_needed: int | None
+    subjects_needed: int | None
+
+    def __str__(self) -> str:
+        parts = ", ".join(
+            f"{cue} {d:.2f} (ln ratio {self.differences[cue]:+.3f})" for cue, d in self.by_cue.items()
+        )
+        needed = [
+            f"{'no reasonable number' if number is None else number} {what}"
+            for number, what in (
+                (self.trials_needed, "trials of one subject"),
+                (self.subjects_needed, f"subjects of {self.trials} trials"),
+            )
+        ]
+        row = self.power.rows[0]
+        group = "" if row.group is None else f", of {self.subjects} subjects {100 * row.group:.0f} %"
+        return "\n".join([
+            f"{self.task} by {self.mode}, {self.rule}: d' {self.d_prime:.2f}: {parts}",
+            f"expected score {self.score:.1f} of {self.trials} ({100 * self.lapse:g} % lapses); power of one subject {100 * row.subject:.0f} %{group}",
+            f"80 % power needs {needed[0]}, or {needed[1]}",
+        ])  # fmt: skip
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {**vars(self), "power": self.power.to_dict()}
+
+
+def predicted_d_prime(
+    a: Material,
+    b: Material,
+    mode: Mode,
+    subject: SimulatedSubject,
+    *,
+    task: TaskName = "same-different",
+    trials: int = 12,
+    subjects: int = 1,
+    duration: float = 20.0,
+    closed_form: bool = False,
+    burr: Burr | None = None,
+    bone: Block | None = None,
+) -> Prediction:
+    """d' of a pair of materials for a simulated subject, with the score and the size of the experiment that follow.
+
+    Parameters
+    ----------
+    a, b : Material
+    mode : {"probing", "drilling"}
+    subject : SimulatedSubject
+        What it was taught before does not matter.
+    task : {"same-different", "abx", "2ifc"}
+    trials, subjects : int
+        Of the experiment; trials of each subject.
+    duration : float
+        Of an interval [s].
+    closed_form : bool
+        Take cues from `closed_form_cues` instead of rendering two intervals. For the sinking speed that is another
+        thing: the speed at one depth, not the depth after a time (docs/simulated_subject.md).
+    burr : Burr, optional
+        Default R = 3 mm.
+    bone : Block, optional
+        Default `Block()`.
+
+    Returns
+    -------
+    Prediction
+
+    Raises
+    ------
+    ValueError
+        If the mode is unknown or does not have the subject's cues, the subject has a criterion of its own, the materials
+        are alike, or `trials` or `subjects` is out of range.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> m, subject = burrlab.materials, SimulatedSubject(weber=0.36)
+    >>> print(predicted_d_prime(m["bone"], m["pvc"], "probing", subject, closed_form=True))
+    same-different by probing, differencing: d' 2.84: stiffness 2.84 (ln ratio +1.024)
+    expected score 9.3 of 12 (2 % lapses); power of one subject 48 %
+    80 % power needs 24 trials of one subject, or 4 subjects of 12 trials
+    """
+    if mode not in MODES:
+        raise ValueError(f"mode must be one of {', '.join(MODES)}, got {mode!r}")
+    for cue in subject.cues:
+        if cue not in CUES_OF[mode]:
+            raise ValueError(f"cues must be of the mode, {mode} has {', '.join(CUES_OF[mode])}, got {cue!r}")
+    if subject.criterion is not None:
+        raise ValueError(f"criterion must be None for a prediction, got {subject.criterion!r}")
+    burr, bone = burr or Burr(3.0), bone or Block()
+
+    def felt(material: Material) -> Cues:
+        if closed_form:
+            return closed_form_cues(material, burr=burr)
+        return rendered_cues(material, mode, burr=burr, bone=bone, duration=duration)
+
+    pair = felt(a), felt(b)
+    taught = subject.taught(*pair)
+    d_prime, rule = taught.d_prime, rule_of(task, subject.rule)
+    settings: dict[str, Any] = {"rule": subject.rule, "d_prime": d_prime, "lapse": subject.lapse}
+    return Prediction(
+        task=task,
+        mode=mode,
+        rule=subject.rule,
+        differences={cue: getattr(pair[0], cue) - getattr(pair[1], cue) for cue in subject.cues},
+        by_cue={cue: _alone(taught, cue) for cue in subject.cues},
+        d_prime=d_prime,
+        trials=trials,
+        subjects=subjects,
+        score=trials * float(rule.proportion_correct(d_prime, lapse=subject.lapse)),
+        lapse=subject.lapse,
+        power=design_power(
+            task, trials=trials, subjects=subjects, rules=(subject.rule,), d_primes=(d_prime,), lapse=subject.lapse
+        ),
+        trials_needed=trials_needed(task, **settings),
+        subjects_needed=subjects_needed(task, trials=trials, **settings),
+    )  # fmt: skip
+
+
+def _alone(subject: SimulatedSubject, cue: CueName) -> float:
+    assert subject.known is not None
+    a, b = (getattr(cues, cue) for cues in subject.known)
+    return 0.0 if math.isclose(a, b) else replace(subject, cues=(cue,)).d_prime
+
+
+NOISES = (0.07, 0.10, 0.15, 0.22, 0.36, 0.45, 0.70, 1.00)
+PAIRS = (("bone", "pvc"), ("bone", "pettigrew"), ("pvc", "pettigrew"))
+TRIALS = 12
+SUBJECTS = 20
+#: Mean scores that the paper gives for bone and PVC, by probing and by drilling.
+PUBLISHED = {"probing": 9.3, "drilling": 9.6}
+
+_Z = 1.959964  # of 95 %
+_NAMES: dict[str, tuple[CueName, ...]] = {
+    "probing stiffness": ("stiffness",), "probing force": ("force",), "sinking speed": ("sinking",), "all": CUES,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class TaskOneRow:
+    """One cell of the table.
+
+    Attributes
+    ----------
+    cue, pair, decision : str
+    noise : float
+        Weber fraction of each cue.
+    d_prime : float
+    score : float
+        Expected, of 12.
+    low, high : float
+        Where the mean score of 20 such subjects lies in 95 % of experiments.
+    """
+
+    cue: str
+    pair: str
+    decision: Decision
+    noise: float
+    d_prime: float
+    score: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, repr=False)
+class TaskOneTable:
+    """Expected scores of Task 1; `to_dict` has it for JSON.
+
+    Attributes
+    ----------
+    rows : tuple of TaskOneRow
+    differences : dict
+        pair -> cue -> difference of the logarithm between the two materials.
+    noise_of_published : dict
+        (cue, decision) -> the noise at which the first pair, bone and PVC, gives the paper's mean: 9.3 for the probing cues,
+        9.6 for sinking speed and for all. None where no noise does.
+    source : str
+        Of the differences: "rendered" or "closed form".
+    lapse : float
+    """
+
+    rows: tuple[TaskOneRow, ...]
+    differences: dict[str, dict[str, float]]
+    noise_of_published: dict[tuple[str, str], float | None]
+    source: str
+    lapse: float
+
+    def row(self, cue: str, pair: str, decision: str, noise: float) -> TaskOneRow:
+        """Raises ValueError if the table does not have it."""
+        for row in self.rows:
+            if (row.cue, row.pair, row.decision) == (cue, pair, decision) and math.isclose(row.noise, noise):
+                return row
+        raise ValueError(f"the table has no row {cue}, {pair}, {decision}, {noise!r}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "rows": [vars(row) for row in self.rows], "ln_differences": self.differences, "lapse": self.lapse,
+            "noise_of_published": [
+                {"cue": cue, "decision": decision, "noise": noise}
+                for (cue, decision), noise in self.noise_of_published.items()
+            ],
+            "source": self.source, "trials": TRIALS, "subjects": SUBJECTS,
+        }  # fmt: skip
+
+    def __str__(self) -> str:
+        noises = sorted({row.noise for row in self.rows})
+        lines = [
+            f"Score of {TRIALS}, differences {self.source}, lapse {self.lapse:g}; the mean of {SUBJECTS} subjects lies within +- the second number in 95 %"
+        ]
+        for decision in dict.fromkeys(row.decision for row in self.rows):
+            lines += ["", f"{decision:<36}" + "".join(f"{100 * noise:>12.0f} %" for noise in noises)]
+            for cue in dict.fromkeys(row.cue for row in self.rows):
+                for pair in self.differences:
+                    cells = [self.row(cue, pair, decision, noise) for noise in noises]
+                    lines.append(
+                        f"{cue:<18}{pair:<18}"
+                        + "".join(f"{c.score:>8.1f} +- {0.5 * (c.high - c.low):.1f}" for c in cells)
+                    )
+        lines.append("")
+        for (cue, rule), noise in self.noise_of_published.items():
+            there = "no noise" if noise is None else f"a noise of {100 * noise:.0f} %"
+            lines.append(f"{cue}, {rule}: {there} gives the paper's {_published(cue)} for bone and PVC")
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"TaskOneTable({len(self.rows)} rows, differences {self.source})"
+
+
+def task1_table(
+    *,
+    differences: str | Mapping[str, Mapping[str, float]] = "rendered",
+    noises: Sequence[float] = NOISES,
+    lapse: float = LAPSE,
+    burr: Burr | None = None,
+    bone: Block | None = None,
+) -> TaskOneTable:
+    """Scores of 12 that unbiased observers who differ in nothing but chance would have.
+
+    Parameters
+    ----------
+    differences : {"rendered", "closed form"} or mapping
+        Of the cues' logarithms: measured in intervals that the simulated hands felt, `closed_form_cues`, or
+        pair -> cue -> value, a pair named as "bone-pvc".
+    noises : sequence of float
+        Weber fractions, each for every cue.
+    lapse : float
+    burr : Burr, optional
+        Default R = 3 mm.
+    bone : Block, optional
+        Default `Block()`.
+
+    Returns
+    -------
+    TaskOneTable
+
+    Raises
+    ------
+    ValueError
+        If `differences` is another string, or a noise is not positive.
+
+    Notes
+    -----
+    Exact: d' = difference/noise (several cues: the root of the sum of squares) and the rates of `rule_of`, no simulation.
+    The width is that of the mean of 20 independent scores, each the sum of 6 + 6 answers. "all" combines cues that no
+    interval of the paper has together, and so is an upper limit.
+    """
+    found = _differences(differences, burr or Burr(3.0), bone or Block())
+    for noise in noises:
+        if not 0.0 < noise < math.inf:
+            raise ValueError(f"noises must be positive and finite, got {noise!r}")
+    rows = [
+        _row(name, pair, decision, noise, _distance(found[pair], cues), lapse)
+        for name, cues in _NAMES.items()
+        for pair in found
+        for decision in DECISIONS
+        for noise in noises
+    ]
+    first = next(iter(found))
+    published: dict[tuple[str, str], float | None] = {
+        (name, decision): noise_for_score(_published(name), _distance(found[first], cues), decision, lapse=lapse)
+        for name, cues in _NAMES.items()
+        for decision in DECISIONS
+    }  # fmt: skip
+    source = differences if isinstance(differences, str) else "given"
+    return TaskOneTable(tuple(rows), found, published, source, lapse)
+
+
+def noise_for_score(
+    score: float, difference: float, decision: Decision, *, lapse: float = LAPSE
+) -> float | None:
+    """The noise at which the expected score of 12 is this; None outside what an observer with lapses can have.
+
+    Parameters
+    ----------
+    score : float
+        Of 12.
+    difference : float
+        Of the cue's logarithm.
+    decision : {"differencing", "covert"}
+    lapse : float
+
+    Returns
+    -------
+    float or None
+    """
+    rule = rule_of("same-different", SimulatedSubject(1.0, decision=decision).rule)
+
+    def excess(d_prime: float) -> float:
+        return TRIALS * float(rule.proportion_correct(d_prime, lapse=lapse)) - score
+
+    low, high = 0.01, 50.0
+    if difference == 0.0 or excess(low) >= 0.0 or excess(high) <= 0.0:
+        return None
+    return float(abs(difference) / brentq(excess, low, high))
+
+
+def _differences(
+    source: str | Mapping[str, Mapping[str, float]], burr: Burr, bone: Block
+) -> dict[str, dict[str, float]]:
+    if not isinstance(source, str):
+        return {pair: dict(values) for pair, values in source.items()}
+    names = sorted({name for pair in PAIRS for name in pair})
+    if source == "closed form":
+        cues = {name: closed_form_cues(materials[name], burr=burr) for name in names}
+    elif source == "rendered":
+        cues = {name: _rendered(name, burr, bone) for name in names}
+    else:
+        raise ValueError(f"differences must be 'rendered', 'closed form' or a mapping, got {source!r}")
+    return {
+        f"{a}-{b}": {cue: getattr(cues[a], cue) - getattr(cues[b], cue) for cue in CUES} for a, b in PAIRS
+    }
+
+
+def _rendered(name: str, burr: Burr, bone: Block) -> Cues:
+    found = {
+        cue: getattr(rendered_cues(materials[name], mode, burr=burr, bone=bone), cue)
+        for mode, cues in CUES_OF.items()
+        for cue in cues
+    }
+    return Cues(**found)
+
+
+def _distance(differences: Mapping[str, float], cues: Sequence[str]) -> float:
+    return math.sqrt(sum(differences[cue] ** 2 for cue in cues))
+
+
+def _published(cue: str) -> float:
+    return PUBLISHED["probing" if cue.startswith("probing") else "drilling"]
+
+
+def _row(cue: str, pair: str, decision: Decision, noise: float, distance: float, lapse: float) -> TaskOneRow:
+    rule = rule_of("same-different", SimulatedSubject(1.0, decision=decision).rule)
+    d_prime = distance / noise
+    rates = np.array([float(rate) for rate in rule.rates(d_prime)])
+    hit, false_alarm = (1.0 - lapse) * rates + 0.5 * lapse
+    half = 0.5 * TRIALS
+    score = half * (hit + 1.0 - false_alarm)
+    spread = math.sqrt(half * (hit * (1.0 - hit) + false_alarm * (1.0 - false_alarm)) / SUBJECTS)
+    return TaskOneRow(cue, pair, decision, noise, d_prime, score, score - _Z * spread, score + _Z * spread)
+
+
+def default_subject(
+    mode: Mode, *, weber: float = COMPLIANCE_WITHOUT_SURFACE, decision: Decision = "differencing"
+) -> SimulatedSubject:
+    """Feels stiffness by probing, sinking speed by drilling; a Weber fraction for the speed is not published."""
+    return SimulatedSubject(weber=weber, cues=CUES_OF[mode][:1], decision=decision)
+
+
+class SimulatedSeat(Seat):
+    """Feels each rendered interval's cues, and answers by a rule.
+
+    Parameters
+    ----------
+    subject : SimulatedSubject
+        Is taught the two materials of a same-different or ABX task first.
+    design : Design
+    burr : Burr
+    bone : Block
+    seed : int
+        Of the experiment.
+    name : str
+        Of the subject; with seed, design and trial it determines the answer.
+    on_progress : callable, optional
+        Called with the progress line of each trial, for whoever waits.
+
+    Notes
+    -----
+    The alternative that matches stands for a real specimen.
+    """
+
+    wall_clock = False
+    simulated = True
+
+    def __init__(
+        self, subject: SimulatedSubject, design: Design, *, burr: Burr, bone: Block, seed: int, name: str,
+        on_progress: Callable[[str], object] | None = None,
+    ) -> None:  # fmt: skip
+        self._on_progress = on_progress
+        check_rehearsable(design)
+        self._seed, self._name, self._design = seed, name, design
+        self._subject = teach(subject, design, burr=burr, bone=bone)
+
+    def stand_in(self, interval: Interval) -> Interval:
+        stimulus = interval.stimulus
+        if stimulus.material is None and isinstance(self._design, ABX):
+            stimulus = self._design.matching
+        duration = SELF_PACED if interval.duration is None else interval.duration
+        return replace(interval, stimulus=stimulus, duration=duration)
+
+    def ask(
+        self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
+    ) -> tuple[str, float | None]:
+        cues = [Cues() if one is None else interval_cues(one) for one in rendered]
+        what: dict[str, Any] = {**design.to_dict(), "phase": trial.phase, "trial": trial.number}
+        draws = Draws(self._seed, self._name, {"simulated": what})
+        return self._subject.respond(trial, cues, np.random.default_rng(draws.interval_seed())), None
+
+    def progress(self, text: str) -> None:
+        """Only who waits reads it."""
+        if self._on_progress is not None:
+            self._on_progress(text)
+
+    def ready(self, text: str) -> None:
+        """Nobody reads it, here and below."""
+
+    def show(self, text: str) -> None: ...
+
+    def begins(self, text: str) -> None: ...
+
+    def ends(self, text: str, pause: float) -> None: ...
+
+    def done(self) -> bool:
+        return False
+
+    def tell(self, text: str) -> None: ...
+
+    def rest(self, text: str, seconds: float) -> None: ...
+
+    def close(self, text: str) -> None: ...

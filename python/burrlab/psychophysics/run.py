@@ -1,0 +1,561 @@
+"""One subject through one task: intervals, question, answer on disk, next trial.
+
+A subject's tasks in a row, each with its files.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import burrlab
+from burrlab._core import Burr, Device, HandDevice, ReplayDevice, ScriptedDevice
+from burrlab.psychophysics.interval import (
+    Block,
+    Clock,
+    Rendered,
+    VirtualClock,
+    WallClock,
+    render,
+    wait_until_lifted,
+)
+from burrlab.psychophysics.observer import drilling_hand, probing_hand
+from burrlab.psychophysics.protocol import Protocol
+from burrlab.psychophysics.seat import Experimenter, Seat
+from burrlab.psychophysics.side_car import Answer
+from burrlab.psychophysics.trial import Design, Interval, Mode, Order, Stimulus, Trial
+from burrlab.session.exchange import parse_device
+
+MANY_LATE = 0.01  # of an interval's ticks
+_LOOK = 0.01  # [s] between two looks at the keys while a real specimen is felt
+_SIMULATED = (HandDevice, ScriptedDevice, ReplayDevice)
+_STALLED = "the loop stalled"  # how a session begins to say that it ended for that
+_REPEATS = 1  # of a trial
+_SILENT = "no tick yet"  # how a session begins to say that its device gives no position
+
+_NAMES = {
+    "same-different": ("First interval", "Second interval"),
+    "2ifc": ("First interval", "Second interval"),
+    "abx": ("Reference", "First after the reference", "Second after the reference"),
+}
+_DO = {
+    "probing": "Press the burr on the material. It does not turn.",
+    "drilling": "Drill into the material.",
+}
+_BEFORE = {
+    "same-different": "Each trial has two intervals. Then you are asked whether the material was the same in both.",
+    "2ifc": "Each trial has two intervals. Then you are asked to compare them.",
+    "abx": "Each trial has three intervals: a reference, and then two of which one is to be taken for the reference.",
+}
+
+
+class DeviceLost(RuntimeError):
+    """The device was lost during an interval: the trial was not asked, and comes again when the run is resumed."""
+
+
+class LoopStalled(DeviceLost):
+    """The loop stalled, in a trial that had been repeated for that already."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What all intervals of an experiment share.
+
+    Attributes
+    ----------
+    burr : Burr
+    bone : Block
+        Fresh for each interval.
+    device : callable
+        Gives a new device for an interval of a mode, or the same one again if it may serve another session.
+    pause : float
+        After an interval [s].
+    rest : float
+        Between blocks, at least [s].
+    feedback : bool
+        In practice the subject is told whether the answer was right.
+    trace : callable, optional
+        The new file for the trace of a trial's interval, numbered from 1.
+    live : bool
+        The device is in a hand: an interval does not begin before the burr is lifted.
+    publish : int, optional
+        Port on which each interval is published over OpenIGTLink.
+    render : callable
+        As `burrlab.psychophysics.render`.
+    """
+
+    burr: Burr
+    bone: Block
+    device: Callable[[Mode], Device]
+    pause: float = 1.0
+    rest: float = 60.0
+    feedback: bool = False
+    trace: Callable[[Trial, int], Path] | None = None
+    live: bool = False
+    publish: int | None = None
+    render: Callable[..., Rendered] = render
+
+
+@dataclass(frozen=True)
+class _Felt:
+    """An interval that was felt; `rendered` is None of a real specimen. Times are the run's [s]."""
+
+    rendered: Rendered | None
+    ended: str
+    began: float
+    over: float
+
+
+class Runner:
+    """Takes one subject through what is left of one task.
+
+    Parameters
+    ----------
+    design : Design
+    order : Order
+        With what was answered before.
+    keep : callable
+        Puts an answer on disk before it returns.
+    seat : Seat
+        Where the subject sits.
+    experimenter : Experimenter
+    rig : Rig
+    clock : Clock
+        Of the run.
+
+    Notes
+    -----
+    An answer is given to `keep` first and to the order afterwards, and the next trial comes after both: a run that is
+    killed at any moment has lost the trial it was in, no other, and that one was not answered.
+    """
+
+    def __init__(
+        self,
+        design: Design,
+        order: Order,
+        keep: Callable[[Answer], None],
+        seat: Seat,
+        experimenter: Experimenter,
+        rig: Rig,
+        *,
+        clock: Clock,
+    ) -> None:
+        self._design, self._order, self._keep = design, order, keep
+        self._seat, self._experimenter, self._rig, self._clock = seat, experimenter, rig, clock
+        self._heard: set[str] = set()  # sentences of sessions that need no second saying
+        self._silent = False
+        self._before = len(order.answered)
+        self.repeated = 0  # trials, as the loop had stalled
+
+    def run(self) -> int:
+        """Until the order has no more trials; how many were answered now.
+
+        Raises
+        ------
+        DeviceLost
+            If the device was lost during an interval, or the loop stalled twice in one trial (`LoopStalled`).
+        KeyboardInterrupt
+            If the subject or the experimenter ended the run.
+        """
+        self._before = len(self._order.answered)
+        if self._order.next() is not None:
+            self._welcome()
+        while (trial := self._order.next()) is not None:
+            self._rest_before(trial)
+            self._announce(trial)
+            felt, repeats = self._feel(trial)
+            response, response_time = self._seat.ask(self._design, trial, [one.rendered for one in felt])
+            onset, endings = felt[0].began, tuple(one.ended for one in felt)
+            self._keep(Answer(trial, onset, felt[-1].over - onset, response, response_time, endings, repeats))
+            self._order.answer(response)
+            self._after(trial, response, response_time, endings)
+        return len(self._order.answered) - self._before
+
+    def _feel(self, trial: Trial, repeats: int = 0) -> tuple[list[_Felt], int]:
+        """The trial's intervals, all of them again where the loop stalled in one, and how often it did."""
+        try:
+            return [self._interval(trial, number + 1) for number in range(len(trial.intervals))], repeats
+        except LoopStalled:
+            if repeats == _REPEATS:
+                raise
+        self.repeated += 1
+        self._experimenter.say(f"trial {trial.number} is repeated from its first interval")
+        self._seat.ready("Please lift the burr. This one is repeated, from its beginning.")
+        return self._feel(trial, repeats + 1)
+
+    def _welcome(self) -> None:
+        keys = " or ".join(f"{key} for {answer}" for key, answer in enumerate(self._design.answers, start=1))
+        again = "You go on where you stopped. " if self._order.answered else ""
+        self._seat.progress("")
+        self._seat.ready(
+            f"{again}{_BEFORE[self._design.task]} {self._lengths()}\n\nAnswer with the keys: {keys}. "
+            "If you are not sure, choose what seems more likely."
+        )
+
+    def _lengths(self) -> str:
+        """How long the intervals are, as the first trial left has them: all trials are alike in that."""
+        trial = self._order.next()
+        assert trial is not None  # there is a welcome only where a trial is left
+        texts = [
+            "as long as you like" if i.duration is None else f"{i.duration:g} s" for i in trial.intervals
+        ]
+        if len(set(texts)) == 1:
+            return f"Each lasts {texts[0]}; a beep tells its start and its end."
+        return f"They last {', '.join(texts[:-1])} and {texts[-1]}; a beep tells start and end."
+
+    def _rest_before(self, trial: Trial) -> None:
+        """A break where a block ends; whoever has just sat down needs none."""
+        if not self._order.answered:
+            return
+        last, _ = self._order.answered[-1]
+        if (last.phase, last.block) == (trial.phase, trial.block):
+            return
+        self._seat.progress("")
+        if last.phase == "practice":
+            self._seat.ready("That was practice. Now it counts.")
+        elif len(self._order.answered) > self._before:
+            self._experimenter.say(f"break of {self._rig.rest:g} s before block {trial.block}")
+            self._seat.rest("Take a break.", self._rig.rest)
+
+    def _announce(self, trial: Trial) -> None:
+        number, total = len(self._order.answered) + 1, self._order.total
+        place = "practice" if trial.phase == "practice" else f"block {trial.block}"
+        self._seat.progress(f"Trial {number} of {total}, {place}")
+        level = "" if trial.level is None else f", level {trial.level:g}"
+        stimuli = ", ".join(_described(interval.stimulus) for interval in trial.intervals)
+        self._experimenter.say(
+            f"trial {trial.number} ({place}), {trial.trial_type}{level}: {stimuli}; right is {trial.correct}"
+        )
+
+    def _interval(self, trial: Trial, number: int) -> _Felt:
+        interval, name = trial.intervals[number - 1], _NAMES[self._design.task][number - 1]
+        real = interval.stimulus.material is None
+        do = "Take the real specimen." if real else "Lift the burr clear of the material."
+        self._seat.ready(f"Next: {name.lower()}.\n\n{do}")
+        if self._rig.live and not real:
+            self._lift(trial)
+        to_end = "\n\nPress the space bar when you have felt enough." if interval.duration is None else ""
+        self._seat.begins(f"{name}.\n\n{_DO[self._design.mode]}{to_end}")
+        began = self._clock.now()
+        if real and not self._seat.simulated:
+            felt = _Felt(None, self._real(interval), began, self._clock.now())
+        else:
+            rendered = self._render(trial, number)
+            self._clock.rendered(rendered.duration)
+            felt = _Felt(rendered, rendered.ended, began, self._clock.now())
+        self._seat.ends(f"Stop: end of the {name.lower()}.\n\nLift the burr.", self._rig.pause)
+        if felt.ended in ("break-through", "wall"):
+            self._experimenter.say(
+                f"{name.lower()} of trial {trial.number} ended by {felt.ended} after {felt.over - began:.2f} s"
+            )
+        return felt
+
+    def _real(self, interval: Interval) -> str:
+        end = None if interval.duration is None else time.monotonic() + interval.duration
+        while not self._seat.done():
+            if end is not None and time.monotonic() >= end:
+                return "time"
+            time.sleep(_LOOK)
+        return "subject"
+
+    def _render(self, trial: Trial, number: int) -> Rendered:
+        """An interval on fresh bone and a new device; DeviceLost if the device did not last to its end."""
+        interval = self._seat.stand_in(trial.intervals[number - 1])
+        self._silent = False
+        rendered = self._rig.render(
+            interval,
+            self._rig.device(self._design.mode),
+            burr=self._rig.burr,
+            bone=self._rig.bone,
+            mode=self._design.mode,
+            wall_clock=self._seat.wall_clock,
+            record=None if self._rig.trace is None else self._rig.trace(trial, number),
+            publish=self._rig.publish,
+            on_message=self._hear,
+            stop=self._stop_of(interval),
+        )
+        if rendered.failed or self._silent:
+            raise self._lost(trial, "during an interval", rendered.reason)
+        self._tell_of(rendered, number, trial)
+        return rendered
+
+    def _tell_of(self, rendered: Rendered, number: int, trial: Trial) -> None:
+        """What may make an interval another one than was meant."""
+        ticks, which = rendered.ticks, f"interval {number} of trial {trial.number}"
+        if self._rig.live and len(ticks) and ticks["touching"][0]:
+            force = float(np.linalg.norm(ticks["force"][0]))
+            self._experimenter.say(f"{which} began in contact, at {force:.2f} N")
+        late = int((ticks["periods"] > 1).sum())
+        if late > MANY_LATE * len(ticks):
+            self._experimenter.say(f"{which} had {late} late ticks of {len(ticks)}")
+
+    def _lift(self, trial: Trial) -> None:
+        """Until the burr is off the material; DeviceLost if the device did not last so long."""
+
+        def ask() -> None:
+            self._seat.show("Lift the burr clear of the material.\n\nThe interval begins by itself then.")
+            self._experimenter.say(f"trial {trial.number} waits until the burr is lifted")
+
+        self._silent = False
+        device = self._rig.device(self._design.mode)
+        if isinstance(device, _SIMULATED):
+            return  # it begins anew in each interval, where it is told to
+        lifted, reason = wait_until_lifted(
+            device, self._rig.burr, on_wait=ask, stop=lambda: self._silent, on_message=self._hear
+        )
+        if not lifted:
+            raise self._lost(trial, "before an interval", reason)
+
+    def _lost(self, trial: Trial, when: str, reason: str) -> DeviceLost:
+        if reason.startswith(_STALLED) and not self._silent:
+            self._experimenter.say(f"trial {trial.number} was broken off {when}: {reason}")
+            return LoopStalled(f"{reason}, {when} of trial {trial.number}")
+        reason = "it gives no position" if self._silent else reason
+        self._experimenter.say(f"trial {trial.number} was not asked: device lost: {reason}")
+        return DeviceLost(f"the device was lost {when}: {reason}")
+
+    def _stop_of(self, interval: Interval) -> Callable[[], bool]:
+        if interval.duration is None:
+            return lambda: self._silent or self._seat.done()
+        return lambda: self._silent
+
+    def _hear(self, text: str) -> None:
+        """Sentences of a session go to the experimenter, once."""
+        self._silent = self._silent or text.startswith(_SILENT)
+        if text not in self._heard:
+            self._heard.add(text)
+            self._experimenter.say(text)
+
+    def _after(
+        self, trial: Trial, response: str, response_time: float | None, endings: tuple[str, ...]
+    ) -> None:
+        right = response == trial.correct
+        main = [(t, r) for t, r in self._order.answered if t.phase == "main"]
+        score = sum(r == t.correct for t, r in main)
+        taken = "" if response_time is None else f" in {response_time:.2f} s"
+        self._experimenter.say(
+            f"trial {trial.number} ended by {', '.join(endings)}; answered {response}{taken}, "
+            f"{'right' if right else 'wrong'}; {score} of {len(main)} right"
+        )
+        if self._rig.feedback and trial.phase == "practice":
+            self._seat.tell("Right." if right else "Not right.")
+
+
+def _described(stimulus: Stimulus) -> str:
+    if stimulus.material is None:
+        return f"{stimulus.name} (real)"
+    return f"{stimulus.name} (c_e {stimulus.material.c_e:g} N/mm^2, alpha {stimulus.material.alpha:g} /ms)"
+
+
+_DRIVER = "driver"  # what a side-car says of a device of one's own
+_NO_FORCE = "no force goes back over the network: [experiment] publish says no port"
+
+
+class Sitting:
+    """One subject, from the first trial that is left to the last.
+
+    Parameters
+    ----------
+    protocol : Protocol
+    subject : str
+    tasks : sequence of str, optional
+        By default all, in the subject's own order.
+    device : str, Device or callable, optional
+        hand, scripted:FILE or igtl:HOST:PORT, by default the protocol's; or a device of one's own that serves
+        one interval after the other, such as a `MailboxDevice` (examples/experiment_driver.py), or what gives one for an
+        interval of a mode ("probing" or "drilling"), asked twice: until the burr is lifted, and to be felt. Both are
+        "driver" in the side-car.
+    simulated : mapping, optional
+        What simulates the subject, for the side-car.
+    once : bool
+        Each material is rendered once a task, whatever the seeds: for a simulated subject in a hurry.
+    view : path, optional
+        Where the experimenter's lines are shown too (`Experimenter`).
+    again : str
+        How the run goes on when it was ended early, for the experimenter.
+
+    Raises
+    ------
+    ValueError
+        If the protocol has no such subject or task, or the device's text is wrong.
+    OSError
+        If the device's script cannot be read.
+    """
+
+    def __init__(
+        self,
+        protocol: Protocol,
+        subject: str,
+        *,
+        tasks: Sequence[str] | None = None,
+        device: str | Device | Callable[[Mode], Device] | None = None,
+        simulated: Mapping[str, Any] | None = None,
+        once: bool = False,
+        view: str | Path | None = None,
+        again: str = "",
+    ) -> None:
+        self.protocol, self.subject = protocol, subject
+        due = protocol.tasks_of(subject) if tasks is None else tuple(tasks)
+        for task in due:
+            protocol.order(subject, task)
+        # Subjects or tasks that were added move a subject's order: what was begun is gone on with first.
+        self.tasks = tuple(sorted(due, key=lambda task: not self._file(task).exists()))
+        self._text = _DRIVER
+        if isinstance(device, Device):
+            self._device = _always(device)
+        elif callable(device):
+            self._device = device
+        else:
+            self._text = device or protocol.device
+            self._device = device_maker(self._text, protocol)
+        self._live = self._text.partition(":")[0] in (_DRIVER, "igtl")
+        self._simulated, self._once, self._view, self._again = simulated, once, view, again
+        self._tried = False
+
+    @property
+    def begun(self) -> tuple[str, ...]:
+        """Tasks that have a file of answers."""
+        return tuple(task for task in self.tasks if self._file(task).exists())
+
+    def run(self, seat: Callable[[str], Seat]) -> int:
+        """Through all tasks: those that were begun go on, the others begin. How many answers were given now.
+
+        Parameters
+        ----------
+        seat : callable
+            Gives the seat for a task.
+
+        Raises
+        ------
+        DeviceLost, KeyboardInterrupt
+            As `Runner.run`; what was answered is on disk.
+        BlockingIOError, FileNotFoundError, ValueError, OSError
+            As `Protocol.begin` and `Protocol.resume`.
+        """
+        given = 0
+        for task in self.tasks:
+            given += self._run_task(task, seat(task), rest=given > 0)
+        return given
+
+    def _run_task(self, task: str, seat: Seat, *, rest: bool) -> int:
+        enter = self.protocol.resume if self._file(task).exists() else self.protocol.begin
+        file, order = enter(self.subject, task, device=self._text, simulated=self._simulated)
+        with file, Experimenter(self.protocol.data.log(self.subject, task), self._view) as experimenter:
+            if order.next() is None:
+                return 0
+            kind = "simulated subject" if seat.simulated else "subject"
+            done = f", {len(order.answered)} trials were answered before" if order.answered else ""
+            experimenter.say(
+                f"{datetime.now():%Y-%m-%d}: {kind} {self.subject}, task {task}, at most {order.total} trials{done}"
+            )
+            if self._text.startswith("igtl:") and self.protocol.publish is None:
+                experimenter.say(_NO_FORCE)
+            for note in file.notes:
+                experimenter.say(note)
+            if not (self._tried or seat.simulated):
+                self._tried = True
+                experimenter.say(try_loop(self.protocol.burr, self.protocol.bone))
+            if rest:
+                seat.progress("")
+                seat.rest("That was one task. Take a break.", self.protocol.rest)
+            clock: Clock = VirtualClock(file.end) if seat.simulated else WallClock(file.elapsed)
+            runner = Runner(
+                self.protocol.tasks[task],
+                order,
+                file.append,
+                seat,
+                experimenter,
+                self._rig(task),
+                clock=clock,
+            )
+            try:
+                given = runner.run()
+            except BaseException as error:
+                on = f"; {self._again} goes on" if self._again else ""
+                experimenter.say(
+                    f"ended early, {type(error).__name__}: {len(order.answered)} trials are answered{on}"
+                )
+                raise
+            finally:
+                if runner.repeated:
+                    experimenter.say(f"trials repeated as the loop had stalled: {runner.repeated}")
+            experimenter.say(f"task {task} is over, {len(order.answered)} trials were answered")
+            return given
+
+    def _rig(self, task: str) -> Rig:
+        protocol = self.protocol
+        return Rig(
+            protocol.burr, protocol.bone, self._device, pause=protocol.pause, rest=protocol.rest,
+            feedback=protocol.feedback, live=self._live, publish=None if self._simulated else protocol.publish,
+            trace=(lambda trial, number: self._trace(task, trial, number)) if protocol.trace else None,
+            render=_rendered_once() if self._once else render,
+        )  # fmt: skip
+
+    def _trace(self, task: str, trial: Trial, number: int) -> Path:
+        """A new file: an interval that was broken off has left one, and is felt again."""
+        first = self.protocol.data.trace(self.subject, task, trial.phase, trial.number, number)
+        first.parent.mkdir(parents=True, exist_ok=True)
+        path, attempt = first, 1
+        while path.exists():
+            attempt += 1
+            path = first.with_name(first.name.replace("_trace", f"_attempt-{attempt}_trace"))
+        return path
+
+    def _file(self, task: str) -> Path:
+        return self.protocol.data.answers(self.subject, task)
+
+
+def try_loop(burr: Burr, bone: Block) -> str:
+    """How a loop runs on this machine now, by a simulated hand that drills for a second: a sentence."""
+    interval = Interval(Stimulus("trial run", burrlab.materials["bone"]), 0, 1.0)
+    felt = render(interval, drilling_hand(burr), burr=burr, bone=bone, mode="drilling")
+    late = int((felt.ticks["periods"] > 1).sum())
+    text = f"before the first trial {late} of {len(felt.ticks)} ticks were late{', and the loop stalled' * felt.failed}"
+    if felt.failed or late > MANY_LATE * len(felt.ticks):
+        return f"THE MACHINE HAS TOO MUCH TO DO: {text}; at most {100 * MANY_LATE:g} % should be"
+    return text
+
+
+def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
+    """What makes a device for an interval of a mode.
+
+    Raises
+    ------
+    ValueError
+        If the text is wrong, or the script is.
+    OSError
+        If the script cannot be read.
+    """
+    try:
+        device = parse_device(text)
+    except ValueError as error:
+        raise ValueError(f"device {error}") from None
+    if device.kind == "hand":
+        return lambda mode: (probing_hand if mode == "probing" else drilling_hand)(protocol.burr)
+    if device.kind == "scripted":
+        script = burrlab.read_script(device.file)
+        return lambda mode: script
+    return lambda mode: burrlab.IgtlDevice(device.host, device.port, lost_after=protocol.lost_after)
+
+
+def _always(device: Device) -> Callable[[Mode], Device]:
+    return lambda mode: device
+
+
+def _rendered_once() -> Callable[..., Rendered]:
+    """`render` that remembers what became of a material."""
+    kept: dict[tuple[Any, ...], Rendered] = {}
+
+    def once(interval: Interval, device: Device, **options: Any) -> Rendered:
+        key = (interval.stimulus, interval.duration)
+        if key not in kept:
+            kept[key] = render(interval, device, **options)
+        return kept[key]
+
+    return once

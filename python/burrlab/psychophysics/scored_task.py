@@ -1,0 +1,725 @@
+"""Answers of a task, subject by subject, as an analysis takes them in.
+
+What the result of a scored task and that of one with thresholds have in common.
+
+What one subject's answers in one task say.
+
+A task with a score, same-different or ABX: its subjects, and the group.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeAlias, TypeVar, cast
+
+import numpy as np
+from matplotlib.ticker import FixedLocator, MaxNLocator
+from scipy import stats
+
+from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
+from burrlab.psychophysics.answers import Answers
+from burrlab.psychophysics.group import GroupDPrime, GroupScore, group_d_prime, group_score
+from burrlab.psychophysics.pairs import PairCheck, pair_checks
+from burrlab.psychophysics.plots import (
+    COLOURS,
+    MARKERS,
+    draw,
+    end_of,
+    legend_above,
+    name_rows,
+    room_for,
+    say_infinite,
+    wrapped,
+)
+from burrlab.psychophysics.power import Equivalence, equivalence
+from burrlab.psychophysics.published import PublishedScore, SelectionEffect
+from burrlab.psychophysics.rules import Counts, RuleName, TaskName
+from burrlab.psychophysics.sensitivity import DPrime, binomial_test, d_prime, score_interval
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+#: Subject -> counts, or task -> subject -> counts.
+CountsBySubject: TypeAlias = Mapping[str, Counts | Answers]
+CountsByTask: TypeAlias = Mapping[str, CountsBySubject]
+
+#: Told of task and subject as an analysis comes to them.
+Progress: TypeAlias = Callable[[str, str], object]
+
+_OF = re.compile(r"\bbest (\d+) of (\d+)\b", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class SubjectData:
+    """Main trials of one subject in one task.
+
+    Attributes
+    ----------
+    subject : str
+    counts : Counts or None
+        None before the first answer.
+    planned : int or None
+        Main trials of the design; None where it is not known, or the answers decide.
+    simulated : bool
+    levels : tuple of (float, int, int)
+        Level, correct answers, trials, by level: of tasks that vary a parameter.
+    answers : Answers or None
+        Where the counts are from.
+    """
+
+    subject: str
+    counts: Counts | None
+    planned: int | None = None
+    simulated: bool = False
+    levels: tuple[tuple[float, int, int], ...] = ()
+    answers: Answers | None = field(default=None, compare=False)
+
+    @property
+    def trials(self) -> int:
+        """Answered."""
+        return 0 if self.counts is None else self.counts.trials
+
+    @property
+    def complete(self) -> bool:
+        """Whether all planned trials were answered."""
+        return self.trials > 0 and (self.planned is None or self.trials >= self.planned)
+
+
+@dataclass(frozen=True)
+class TaskData:
+    """A task and those who did it.
+
+    Attributes
+    ----------
+    name : str
+    task : {"same-different", "abx", "2ifc"}
+    subjects : tuple of SubjectData
+    design : mapping
+        As `Design.to_dict` has it; empty where the counts came alone.
+    of : int
+        Subjects that those here were selected from; 0 without selection.
+    selected_by : str
+        What they were selected by, if that is known.
+    chosen : int
+        Subjects that were selected, where more were than did the task so far; 0: those here.
+    """
+
+    name: str
+    task: TaskName
+    subjects: tuple[SubjectData, ...]
+    design: Mapping[str, Any] = field(default_factory=dict)
+    of: int = 0
+    selected_by: str = ""
+    chosen: int = 0
+
+    def select(self, subjects: Sequence[str] | None, pool: int, by: str) -> TaskData:
+        """Those of these subjects, by default all, who did the task; `pool` as `of`, where it is known."""
+        kept = tuple(one for one in self.subjects if subjects is None or one.subject in subjects)
+        several = len(kept) < len(self.subjects)
+        of = pool or self.of or (len(self.subjects) if several else 0)
+        # Some of those who were selected are no smaller selection of the same number.
+        chosen = (self.chosen or len(self.subjects)) if self.of and not pool else 0
+        return replace(
+            self,
+            subjects=kept,
+            of=of if of > len(kept) else 0,
+            selected_by=by or self.selected_by,
+            chosen=chosen,
+        )
+
+
+def of_answers(found: Iterable[Answers]) -> list[TaskData]:
+    """The tasks in files of answers, in the order in which they come.
+
+    Raises
+    ------
+    ValueError
+        If one task is of two kinds or designs, or a subject has it twice.
+    TypeError
+        If something else is among them.
+    """
+    tasks: dict[str, TaskData] = {}
+    for one in found:
+        if not isinstance(one, Answers):
+            raise TypeError(
+                f"data must hold Answers, or be a mapping of subjects to Counts, got {type(one).__name__}"
+            )
+        design = {} if one.side_car is None else dict(one.side_car.design)
+        new = TaskData(one.name, one.task, (), design)
+        task = tasks.setdefault(one.name, new)
+        if (task.task, task.design) != (new.task, new.design):
+            raise ValueError(
+                f"task {one.name} of subject {one.subject} has another design than that of subject {task.subjects[0].subject}"
+            )
+        if any(other.subject == one.subject for other in task.subjects):
+            raise ValueError(f"subject {one.subject} has task {one.name} twice")
+        tasks[one.name] = replace(task, subjects=(*task.subjects, _subject(one)))
+    return list(tasks.values())
+
+
+def of_counts(data: CountsBySubject | CountsByTask, *, simulated: bool = False) -> list[TaskData]:
+    """The tasks in a mapping, by name.
+
+    Raises
+    ------
+    ValueError
+        If the mapping is empty, one task is of two kinds, or a name does not belong to its answers.
+    TypeError
+        If a value is neither Counts nor Answers.
+    """
+    if not data:
+        raise ValueError("data must hold a subject, got none")
+    if all(isinstance(value, Mapping) for value in data.values()):
+        tasks = cast(CountsByTask, data)
+        return [_of_one(str(name), subjects, simulated) for name, subjects in tasks.items()]
+    return [_of_one("", cast(CountsBySubject, data), simulated)]
+
+
+def _of_one(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
+    if not subjects:
+        raise ValueError(f"task {name} must hold a subject, got none")
+    found, designs, kinds = [], [], set()
+    for subject, value in subjects.items():
+        if isinstance(value, Answers):
+            found.append(replace(_subject(value), subject=str(subject)))
+            designs.append({} if value.side_car is None else dict(value.side_car.design))
+        elif isinstance(value, Counts):
+            found.append(SubjectData(str(subject), value, simulated=simulated))
+        else:
+            raise TypeError(f"subject {subject} must have Counts or Answers, got {type(value).__name__}")
+        kinds.add(value.task)
+    if len(kinds) > 1:
+        raise ValueError(f"task {name} must be of one kind, got {', '.join(sorted(kinds))}")
+    if any(design != designs[0] for design in designs):
+        raise ValueError(f"task {name} must have one design, got several")
+    (task,) = kinds
+    return TaskData(name or task, task, tuple(found), designs[0] if designs else {})
+
+
+def _subject(one: Answers) -> SubjectData:
+    design = {} if one.side_car is None else one.side_car.design
+    planned = None if one.trials is None else one.trials - int(design.get("practice", 0))
+    by_level: dict[float, tuple[int, int]] = {}
+    for row in one.main:
+        if row.level is not None:
+            correct, trials = by_level.get(row.level, (0, 0))
+            by_level[row.level] = (correct + row.correct, trials + 1)
+    levels = tuple((level, *by_level[level]) for level in sorted(by_level))
+    return SubjectData(one.subject, one.counts() if one.main else None, planned, one.simulated, levels, one)
+
+
+def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) -> list[TaskData]:
+    """The same, with what participants were selected by, subject -> text.
+
+    The protocol in the side-cars says how many they were selected from (`selected_from`), or else a text such as "best 12
+    of 20" does.
+    """
+    found = []
+    for task in tasks:
+        texts = dict.fromkeys(selected_by.get(one.subject, "") for one in task.subjects)
+        text = "; ".join(text for text in texts if text)
+        numbers = _OF.search(text)
+        chosen, of = (int(numbers[1]), int(numbers[2])) if numbers else (0, 0)
+        chosen, of = _settled_selection(task) or (chosen, of)
+        n = len(task.subjects)
+        found.append(
+            replace(task, selected_by=text, of=of if of > n else 0, chosen=chosen if n <= chosen < of else 0)
+        )
+    return found
+
+
+def _settled_selection(task: TaskData) -> tuple[int, int] | None:
+    """How many the protocol's subjects are, and of how many they were selected; None if it does not say."""
+    found = []
+    for one in task.subjects:
+        car = None if one.answers is None else one.answers.side_car
+        settled = {} if car is None else car.protocol.get("experiment", {})
+        if (of := settled.get("selected_from")) is not None:
+            found.append((len(settled["subjects"]), of))
+    # Subjects may have been added while the experiment ran.
+    return max(found, default=None)
+
+
+def design_text(design: Mapping[str, Any]) -> str:
+    """What is compared with what, how: one line; "" of no design."""
+    mode = f", {design['mode']}" if "mode" in design else ""
+
+    def name(part: str) -> str:
+        return str(design[part]["name"])
+
+    kind = design.get("design")
+    if kind == "same-different":
+        return f"{name('a')} (A) against {name('b')} (B){mode}"
+    if kind == "abx":
+        match = "" if name("match") == name("reference") else f", match {name('match')}"
+        return f"reference {name('reference')}{match}, foil {name('foil')}{mode}"
+    if "parameter" in design and "reference" in design:
+        return f"{design['parameter']} around {name('reference')}{mode}"
+    return ""
+
+
+def left_out_text(one: SubjectData) -> str:
+    """A subject with how far the run came."""
+    if one.trials == 0:
+        return f"{one.subject} (none of the main trials)"
+    return f"{one.subject} ({one.trials} of {one.planned} trials)"
+
+
+def told(task: str, progress: Progress | None) -> Callable[[str], None]:
+    """Tells of the subjects of a task, if anybody wants to know."""
+
+    def tell(subject: str) -> None:
+        if progress is not None:
+            progress(task, subject)
+
+    return tell
+
+
+class OneSubject(Protocol):
+    """One subject's result, whatever the task."""
+
+    @property
+    def subject(self) -> str: ...
+    @property
+    def simulated(self) -> bool: ...
+
+
+Subject = TypeVar("Subject", bound=OneSubject)
+
+
+@dataclass(frozen=True)
+class TaskResult(Generic[Subject]):
+    """A task, who did it, and what its title must tell; the kinds of tasks add what was found.
+
+    Attributes
+    ----------
+    name : str
+    design : mapping
+        As `Design.to_dict` has it; empty where the counts came alone.
+    level : float
+        Of all intervals.
+    subjects : tuple
+    left_out : tuple of str
+        Subjects whose run is incomplete, with how far they came.
+    of : int
+        Subjects that those here were selected from; 0 without selection, or where it is not known.
+    chosen : int
+        Subjects that were selected: more than those here while some are still to come; 0 as above.
+    selected_by : str
+    """
+
+    name: str
+    design: Mapping[str, Any]
+    level: float
+    subjects: tuple[Subject, ...]
+    left_out: tuple[str, ...]
+    of: int
+    chosen: int
+    selected_by: str
+
+    @property
+    def chance(self) -> float:
+        """Proportion correct of a subject who guesses; all tasks have two answers."""
+        return 0.5
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any subject was."""
+        return any(one.simulated for one in self.subjects)
+
+    @property
+    def selected(self) -> bool:
+        """Whether the subjects are some of those who took part."""
+        return bool(self.of or self.selected_by)
+
+    @property
+    def title(self) -> str:
+        """Of figures: name, what was compared, and what must not be overlooked of the subjects."""
+        about = design_text(self.design)
+        text = f"{self.name}: {about}" if about else self.name
+        said = ["simulated subjects"] if self.simulated else []
+        if self.selected:
+            said.append(self.selected_text if self.of else "selected subjects")
+        return f"{text} ({'; '.join(said)})" if said else text
+
+    @property
+    def selected_text(self) -> str:
+        """How many, of how many that were selected, of how many."""
+        n = len(self.subjects)
+        return (
+            f"{n} selected of {self.of}"
+            if n == self.chosen
+            else f"{n} of {self.chosen} selected of {self.of}"
+        )
+
+    def subject(self, name: str) -> Subject:
+        """One subject's result.
+
+        Raises
+        ------
+        ValueError
+            If there is none of that name.
+        """
+        for one in self.subjects:
+            if one.subject == name:
+                return one
+        raise ValueError(
+            f"subject must be one of {', '.join(one.subject for one in self.subjects)}, got {name!r}"
+        )
+
+
+@dataclass(frozen=True)
+class SubjectResult:
+    """One subject in one task; attributes in the order of the report.
+
+    Attributes
+    ----------
+    subject : str
+    counts : Counts
+        Of the main trials.
+    planned : int or None
+        Main trials of the design; None where it is not known.
+    simulated : bool
+    score_interval : tuple of float
+        Of the proportion correct, exact.
+    p_value : float
+        Exact binomial test of the score against chance, one-sided.
+    holm : float
+        The same with Holm's correction for all subjects of the task.
+    d_prime : tuple of DPrime
+        One a rule.
+    checks : tuple of PairCheck
+        Of the types of trials against one another, where the types were counted.
+    """
+
+    subject: str
+    counts: Counts
+    planned: int | None
+    simulated: bool
+    score_interval: tuple[float, float]
+    p_value: float
+    holm: float
+    d_prime: tuple[DPrime, ...]
+    checks: tuple[PairCheck, ...]
+
+    @property
+    def trials(self) -> int:
+        """Answered in the main phase."""
+        return self.counts.trials
+
+    @property
+    def complete(self) -> bool:
+        """Whether all planned trials were answered."""
+        return self.planned is None or self.trials >= self.planned
+
+    def of_rule(self, rule: str) -> DPrime:
+        """d' under a rule.
+
+        Raises
+        ------
+        ValueError
+            If the analysis does not have it.
+        """
+        for one in self.d_prime:
+            if one.rule == rule:
+                return one
+        raise ValueError(f"rule must be one of {', '.join(one.rule for one in self.d_prime)}, got {rule!r}")
+
+    def span(self, rule: str) -> tuple[float, float, float]:
+        """Lower end, estimate and upper end of d'."""
+        found = self.of_rule(rule)
+        return found.interval[0], found.estimate, found.interval[1]
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """p values times the number of tests that are left, from the smallest up, never falling (Holm 1979).
+
+    Examples
+    --------
+    >>> holm([0.01, 0.04, 0.03])
+    [0.03, 0.06, 0.06]
+    """
+    p = np.asarray(p_values, dtype=np.float64)
+    order = np.argsort(p, kind="stable")
+    stepped = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
+    corrected = np.empty_like(p)
+    corrected[order] = np.minimum(stepped, 1.0)
+    return [float(value) for value in corrected]
+
+
+CORRECTION: Literal["log-linear"] = "log-linear"
+
+
+@dataclass(frozen=True)
+class ScoredTask(TaskResult[SubjectResult]):
+    """One task: its subjects, and the group with the subject as the unit; beside what every `TaskResult` has:
+
+    Attributes
+    ----------
+    subjects : tuple of SubjectResult
+    task : {"same-different", "abx", "2ifc"}
+    rules : tuple of str
+        Decision rules that d' is given under.
+    delta : float or None
+        d' that the equivalence test asks about.
+    score : GroupScore or None
+        None of a single subject.
+    group_d_prime : tuple of GroupDPrime
+        One a rule; none of a single subject.
+    equivalence : tuple of Equivalence
+        One a rule; none without a delta.
+    checks : tuple of PairCheck
+        Of the types of trials against one another, all subjects together; none where a subject's types were not counted.
+    """
+
+    subjects: tuple[SubjectResult, ...]  # again, since a record is read back by the declared types
+    task: TaskName
+    rules: tuple[RuleName, ...]
+    delta: float | None
+    score: GroupScore | None
+    group_d_prime: tuple[GroupDPrime, ...]
+    equivalence: tuple[Equivalence, ...]
+    checks: tuple[PairCheck, ...]
+
+    @classmethod
+    def of_data(
+        cls, data: TaskData, *, rules: Sequence[RuleName], delta: float | None, level: float, incomplete: bool,
+        progress: Progress | None = None,
+    ) -> ScoredTask:  # fmt: skip
+        """All of it; of incomplete runs only on request."""
+        used = [one for one in data.subjects if one.counts and (incomplete or one.complete)]
+        # Both rules are one with two intervals.
+        rules = tuple(rules[:1] if data.task == "2ifc" else rules)
+        counts = [one.counts for one in used if one.counts is not None]
+        several = len(used) > 1
+        return cls(
+            name=data.name,
+            task=data.task,
+            design=data.design,
+            level=level,
+            rules=rules,
+            delta=delta,
+            subjects=_results(used, rules, level, told(data.name, progress)),
+            left_out=tuple(left_out_text(one) for one in data.subjects if one not in used),
+            of=data.of,
+            chosen=(data.chosen or len(data.subjects)) if data.of else 0,
+            selected_by=data.selected_by,
+            score=group_score(counts, level=level) if several else None,
+            group_d_prime=tuple(group_d_prime(counts, rule=rule, level=level) for rule in rules if several),
+            equivalence=tuple(
+                equivalence(counts, rule=rule, delta=delta, level=level)
+                for rule in rules
+                if counts and delta is not None
+            ),
+            checks=tuple(pair_checks(counts)) if counts and all(map(_has_types, counts)) else (),
+        )
+
+    @property
+    def trials(self) -> int | None:
+        """Of each subject; None where they differ."""
+        numbers = {one.counts.trials for one in self.subjects}
+        return numbers.pop() if len(numbers) == 1 else None
+
+    @property
+    def selection(self) -> SelectionEffect | None:
+        """What selection by this very score does to the mean; None without selection, or where it cannot be said."""
+        if not self.subjects or self.trials is None or self.of <= self.chosen:
+            return None
+        return SelectionEffect(self.chosen, self.of, self.trials, self.chance)
+
+    def plot_scores(self, ax: Axes | None = None, *, published: PublishedScore | None = None) -> Axes:
+        """Histogram of the scores, with that expected at chance and mean ± s.e.m. (the paper's Figs. 7 and 8).
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+        published : PublishedScore, optional
+            A mean ± s.e.m. to be marked beside the subjects' own.
+
+        Raises
+        ------
+        ValueError
+            If there is no subject, subjects answered unequally many trials, or the published score is of another number.
+        """
+        self._some()
+        return plot_scores(self, ax, published)
+
+    def plot_intervals(self, ax: Axes | None = None, *, rule: str | None = None) -> Axes:
+        """Each subject's proportion correct with its interval, and the chance line.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+        rule : {"independent-observations", "differencing"}, optional
+            Draws d' under this rule instead; an interval that is open above is an arrow.
+
+        Raises
+        ------
+        ValueError
+            If there is no subject, or the analysis does not have the rule.
+        """
+        self._some()
+        return plot_intervals(self, ax, rule)
+
+    def plot_d_prime(self, ax: Axes | None = None) -> Axes:
+        """Each subject's d' under all rules, side by side, and the group's.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+
+        Raises
+        ------
+        ValueError
+            If there is no subject.
+        """
+        self._some()
+        return plot_d_prime(self, ax)
+
+    def _some(self) -> None:
+        if not self.subjects:
+            raise ValueError(f"task {self.name} must hold a complete run to be drawn, got none")
+
+    def __repr__(self) -> str:
+        kind = "simulated subjects" if self.simulated else "subjects"
+        mean = (
+            "" if self.score is None else f", {self.score.mean:.1f} +- {self.score.sem:.1f} of {self.trials}"
+        )
+        return f"ScoredTask({self.name!r}, {self.task}, {len(self.subjects)} {kind}{mean})"
+
+
+def _results(
+    used: Sequence[SubjectData], rules: Sequence[RuleName], level: float, tell: Callable[[str], None]
+) -> tuple[SubjectResult, ...]:
+    p_values = [binomial_test(one.counts) for one in used if one.counts is not None]
+    found = []
+    for one, p, corrected in zip(used, p_values, holm(p_values), strict=True):
+        if one.counts is None:
+            continue
+        tell(one.subject)
+        found.append(
+            SubjectResult(
+                subject=one.subject,
+                counts=one.counts,
+                planned=one.planned,
+                simulated=one.simulated,
+                score_interval=score_interval(one.counts, level),
+                p_value=p,
+                holm=corrected,
+                d_prime=tuple(_d_prime(one.counts, rule, level) for rule in rules),
+                checks=tuple(pair_checks(one.counts)) if _has_types(one.counts) else (),
+            )
+        )
+    return tuple(found)
+
+
+def _d_prime(counts: Counts, rule: RuleName, level: float) -> DPrime:
+    bare = counts.task, counts.hits, counts.signals, counts.false_alarms, counts.noises
+    return replace(_of_outcome(*bare, rule, level), counts=counts)
+
+
+@lru_cache(maxsize=4096)  # an exact interval takes 0.1 s, and subjects with equal counts are many
+def _of_outcome(
+    task: TaskName, hits: int, signals: int, false_alarms: int, noises: int, rule: RuleName, level: float
+) -> DPrime:
+    counts = Counts(task, hits, signals, false_alarms, noises)
+    return d_prime(counts, rule=rule, level=level, correction=CORRECTION)
+
+
+def _has_types(counts: Counts) -> bool:
+    """Whether the types of trials can be compared: a position always can, pairs where all four were counted."""
+    return counts.task != "same-different" or set(counts.by_type) >= {"AA", "AB", "BA", "BB"}
+
+
+def plot_scores(task: ScoredTask, ax: Axes | None, published: PublishedScore | None) -> Axes:
+    """See `ScoredTask.plot_scores`."""
+    trials = task.trials
+    if trials is None:
+        raise ValueError(
+            "a histogram of scores needs equally many trials a subject, "
+            f"got {', '.join(str(one.counts.trials) for one in task.subjects)}"
+        )
+    if published is not None and published.trials != trials:
+        raise ValueError(f"published must be of {trials} trials, as the task, got {published.trials}")
+    ax = axes_or_new(ax)
+    score = np.arange(trials + 1)
+    scores = np.array([one.counts.score for one in task.subjects])
+    n = len(scores)
+    counts = np.bincount(scores, minlength=trials + 1)
+    ax.bar(score, counts, width=0.9, color=FORCE, alpha=0.75, label=f"subjects, n = {n}")
+    expected = n * stats.binom.pmf(score, trials, 0.5)
+    ax.stairs(expected, np.arange(trials + 2) - 0.5, color=REFERENCE, linewidth=1.2, baseline=None,
+              label="expected of chance performers")  # fmt: skip
+    top = max(counts.max(), expected.max())
+    if task.score is not None:
+        mean, sem = task.score.mean, task.score.sem
+        ax.errorbar(mean, 1.09 * top, xerr=sem, fmt="D", color=VELOCITY, markersize=5, capsize=3,
+                    label=f"mean ± s.e.m., {mean:.1f} ± {sem:.1f}")  # fmt: skip
+    if published is not None:
+        mean, sem = published.mean, published.sem
+        ax.errorbar(mean, 1.2 * top, xerr=sem, fmt="s", color="black", mfc="white", markersize=5, capsize=3,
+                    label=f"published, {mean:g} ± {sem:g}, n = {published.n}")  # fmt: skip
+    ax.set(xlabel=f"score [correct answers of {trials}]", ylabel="subjects", xlim=(-0.6, trials + 0.6))
+    ax.set_ylim(0, (1.5 if published is None else 1.75) * top)
+    ax.yaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
+    ax.xaxis.set_major_locator(
+        FixedLocator(range(trials + 1)) if trials <= 14 else MaxNLocator(nbins=13, integer=True)
+    )
+    ax.legend(frameon=False, fontsize=8, loc="upper left")
+    ax.set_title(wrapped(task.title), fontsize=10)
+    return tidy(ax)
+
+
+def plot_intervals(task: ScoredTask, ax: Axes | None, rule: str | None) -> Axes:
+    """See `ScoredTask.plot_intervals`."""
+    ax = room_for(ax, len(task.subjects))
+    names = [one.subject for one in task.subjects]
+    if rule is None:
+        spans = [
+            (100 * one.score_interval[0], 100 * one.counts.score / one.counts.trials, 100 * one.score_interval[1])
+            for one in task.subjects
+        ]  # fmt: skip
+        end = 100.0
+        draw(ax, spans, np.arange(len(names), dtype=np.float64), end, POSITION, "o", None)
+        ax.axvline(50, color=REFERENCE, linestyle="--", linewidth=1, label="chance")
+        ax.set(xlim=(0, 102), xlabel=f"correct [%], {100 * task.level:g} % interval")
+    else:
+        spans = [one.span(rule) for one in task.subjects]
+        end = end_of(spans)
+        draw(ax, spans, np.arange(len(names), dtype=np.float64), end, COLOURS[rule], MARKERS[rule], None)
+        ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
+        say_infinite(ax, spans)
+        ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd], {rule}, {100 * task.level:g} % interval")
+    name_rows(ax, names, "subject")
+    legend_above(ax, task.title)
+    return tidy(ax)
+
+
+def plot_d_prime(task: ScoredTask, ax: Axes | None) -> Axes:
+    """See `ScoredTask.plot_d_prime`."""
+    ax = room_for(ax, 1.5 * len(task.subjects))
+    names = [one.subject for one in task.subjects]
+    rows = np.arange(len(names), dtype=np.float64)
+    all_spans = {rule: [one.span(rule) for one in task.subjects] for rule in task.rules}
+    for group in task.group_d_prime:
+        all_spans[group.rule].append((group.interval[0], group.estimate, group.interval[1]))
+    if task.group_d_prime:
+        names.append("all")
+        rows = np.append(rows, len(rows) + 0.4)
+        ax.axhline(len(rows) - 1.1, color="0.8", linewidth=0.8)
+    end = end_of([span for spans in all_spans.values() for span in spans])
+    for i, (rule, spans) in enumerate(all_spans.items()):
+        shift = 0.36 * (i - 0.5 * (len(all_spans) - 1))
+        draw(ax, spans, rows + shift, end, COLOURS[rule], MARKERS[rule], rule)
+    ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
+    if task.delta is not None:
+        ax.axvline(task.delta, color="black", linestyle=":", linewidth=1, label=f"Δ = {task.delta:g}")
+    say_infinite(ax, [span for spans in all_spans.values() for span in spans])
+    ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd], {100 * task.level:g} % interval")
+    name_rows(ax, names, "subject", rows)
+    legend_above(ax, task.title)
+    return tidy(ax)

@@ -1,0 +1,362 @@
+"""Where a subject sits: what a run shows and asks, of a person at a terminal or of a simulated subject.
+
+The subject's screen and keys in a terminal.
+
+What the experimenter sees of a run, and the subject does not.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import select
+import shutil
+import stat
+import sys
+import textwrap
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from types import TracebackType
+from typing import TextIO
+
+from burrlab.psychophysics.interval import Rendered
+from burrlab.psychophysics.trial import Design, Interval, Trial
+
+
+class Seat(ABC):
+    """What a run shows and asks. Nothing that it is given tells a material, a pair type or a score.
+
+    Attributes
+    ----------
+    wall_clock : bool
+        Intervals last as long as they say; else they go as fast as they can.
+    simulated : bool
+        Nobody sits here.
+    """
+
+    wall_clock: bool = True
+    simulated: bool = False
+
+    def stand_in(self, interval: Interval) -> Interval:
+        """What is rendered for an interval: itself, unless nobody is here who could feel a real specimen."""
+        return interval
+
+    @abstractmethod
+    def progress(self, text: str) -> None:
+        """The line that stays on the screen from now on."""
+
+    @abstractmethod
+    def ready(self, text: str) -> None:
+        """Shows the text until the subject wants to go on."""
+
+    @abstractmethod
+    def show(self, text: str) -> None:
+        """Shows the text until something else is shown."""
+
+    @abstractmethod
+    def begins(self, text: str) -> None:
+        """An interval begins."""
+
+    @abstractmethod
+    def ends(self, text: str, pause: float) -> None:
+        """The interval has ended; for so long nothing happens [s]."""
+
+    @abstractmethod
+    def done(self) -> bool:
+        """Whether the subject has ended the interval, since it began."""
+
+    @abstractmethod
+    def ask(
+        self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
+    ) -> tuple[str, float | None]:
+        """(one of the design's answers, time from the question to it [s]; None where no key was pressed)."""
+
+    @abstractmethod
+    def tell(self, text: str) -> None:
+        """A sentence for a moment."""
+
+    @abstractmethod
+    def rest(self, text: str, seconds: float) -> None:
+        """A break, at least so long [s], and until the subject wants to go on."""
+
+    @abstractmethod
+    def close(self, text: str) -> None:
+        """The last words; the seat is as it was found."""
+
+
+SPACE = " "
+
+_LOOK = 0.25  # the longest wait without a look for a signal [s]
+_CLOSED = "the subject's terminal was closed"
+_MOMENT = 1.5  # that a sentence stays [s]
+# Keys such as Home, Delete or F5 send digits after an escape: they are no answers.
+_ESCAPED = re.compile(rb"\x1b(?:[\[O][0-9;?]*[ -/]*[@-~]|.)?", re.DOTALL)
+# The same, not yet at its end: a slow line hands it over in parts. Who presses Escape and then a digit is slower.
+_BEGUN = re.compile(rb"\x1b(?:[\[O][0-9;?]*[ -/]*)?\Z")
+_PART = 0.1  # the longest wait for the next part [s]
+
+
+class Keyboard:
+    """Keys of a terminal, one by one and without an echo, while it is entered; Ctrl-C stays an interrupt.
+
+    Parameters
+    ----------
+    stream : text stream, optional
+        A terminal; by default standard input.
+
+    Raises
+    ------
+    ValueError
+        If the stream is no terminal, or the system has none.
+    """
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        try:
+            import termios
+        except ImportError:
+            raise ValueError("answers are read from a terminal, which this system does not have") from None
+        stream = sys.stdin if stream is None else stream
+        try:
+            self._file = stream.fileno()
+            self._before = termios.tcgetattr(self._file)
+        except (OSError, ValueError, AttributeError, termios.error):
+            raise ValueError("answers are read from a terminal: standard input is a pipe or a file") from None
+        self._termios = termios
+
+    def __enter__(self) -> Keyboard:
+        keys = self._termios
+        mode = keys.tcgetattr(self._file)
+        mode[3] &= ~(keys.ICANON | keys.ECHO)
+        mode[6][keys.VMIN], mode[6][keys.VTIME] = 1, 0
+        # A subject who stops or dumps the program by a slip would leave an interval behind that nobody ends.
+        for name in ("VSUSP", "VQUIT", "VSTOP"):
+            mode[6][getattr(keys, name)] = b"\0"
+        keys.tcsetattr(self._file, keys.TCSADRAIN, mode)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        # Not drained: a terminal that is not read any more must not keep the program. One that is gone has no settings.
+        with contextlib.suppress(self._termios.error):
+            self._termios.tcsetattr(self._file, self._termios.TCSANOW, self._before)
+
+    def flush(self) -> None:
+        """Forgets the keys pressed so far.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If the terminal was closed.
+        """
+        try:
+            self._termios.tcflush(self._file, self._termios.TCIFLUSH)
+        except self._termios.error:
+            raise KeyboardInterrupt(_CLOSED) from None
+
+    def _read(self) -> bytes:
+        try:
+            typed = os.read(self._file, 1024)
+        except OSError:
+            typed = b""
+        if not typed:
+            raise KeyboardInterrupt(_CLOSED)
+        return typed
+
+    def pressed(self, keys: str, seconds: float | None = None) -> str | None:
+        """The first of these keys that is pressed, at most after so long [s]; None if there is none.
+
+        Raises
+        ------
+        KeyboardInterrupt
+            If the terminal was closed: nobody is there any more.
+        """
+        end = None if seconds is None else time.monotonic() + seconds
+        while True:
+            left = _LOOK if end is None else max(0.0, min(_LOOK, end - time.monotonic()))
+            if select.select([self._file], [], [], left)[0]:
+                typed = self._read()
+                while _BEGUN.search(typed) and select.select([self._file], [], [], _PART)[0]:
+                    typed += self._read()
+                for key in _ESCAPED.sub(b"", _BEGUN.sub(b"", typed)).decode(errors="ignore"):
+                    if key in keys:
+                        return key
+            if end is not None and time.monotonic() >= end:
+                return None
+
+
+class TerminalSeat(Seat):
+    """A person at a terminal. To be entered: its settings are restored when it is left, whatever happens.
+
+    Parameters
+    ----------
+    keyboard : Keyboard, optional
+        By default of standard input.
+    screen : text stream, optional
+        By default standard output, which must be a terminal.
+
+    Raises
+    ------
+    ValueError
+        If standard input or output is no terminal.
+    """
+
+    def __init__(self, keyboard: Keyboard | None = None, screen: TextIO | None = None) -> None:
+        self._keyboard = Keyboard() if keyboard is None else keyboard
+        self._screen = sys.stdout if screen is None else screen
+        if screen is None and not self._screen.isatty():
+            raise ValueError("the subject needs a screen: standard output is a pipe or a file")
+        self._plain = os.environ.get("TERM", "") in ("", "dumb")
+        self._progress = ""
+
+    def __enter__(self) -> TerminalSeat:
+        self._keyboard.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._keyboard.__exit__(kind, error, trace)
+
+    def progress(self, text: str) -> None:
+        self._progress = text
+
+    def ready(self, text: str) -> None:
+        self._wait_for_space(f"{text}\n\nPress the space bar to go on.")
+
+    def show(self, text: str) -> None:
+        self._page(text)
+
+    def begins(self, text: str) -> None:
+        self._keyboard.flush()
+        self._page(text, beep=True)
+
+    def ends(self, text: str, pause: float) -> None:
+        self._page(text, beep=True)
+        time.sleep(pause)
+
+    def done(self) -> bool:
+        return self._keyboard.pressed(SPACE, 0.0) is not None
+
+    def ask(
+        self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
+    ) -> tuple[str, float | None]:
+        keys = {str(number): answer for number, answer in enumerate(design.answers, start=1)}
+        choices = "\n".join(f"{key}   {answer}" for key, answer in keys.items())
+        self._keyboard.flush()
+        self._page(f"{design.question}\n\n{choices}")
+        shown = time.monotonic()
+        key = self._keyboard.pressed("".join(keys))
+        assert key is not None  # it waits without an end
+        return keys[key], time.monotonic() - shown
+
+    def tell(self, text: str) -> None:
+        self._page(text)
+        time.sleep(_MOMENT)
+
+    def rest(self, text: str, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            minutes, rest = divmod(int(left) + 1, 60)
+            self._page(f"{text}\n\nIt goes on in {minutes}:{rest:02d} min.")
+            time.sleep(min(1.0, left))
+        self._wait_for_space(f"{text}\n\nPress the space bar when you are ready.", beep=seconds > 0)
+
+    def close(self, text: str) -> None:
+        self._progress = ""
+        self._page(text)
+
+    def _wait_for_space(self, text: str, *, beep: bool = False) -> None:
+        self._keyboard.flush()  # what was pressed before the text could be read
+        self._page(text, beep=beep)
+        self._keyboard.pressed(SPACE)
+
+    def _page(self, text: str, *, beep: bool = False) -> None:
+        """The whole screen: the progress line, and the text in the middle, bold."""
+        width, height = shutil.get_terminal_size()
+        room = max(20, min(60, width - 4))
+        lines = [part for line in text.split("\n") for part in textwrap.wrap(line, room) or [""]]
+        if self._plain:
+            page = "\n".join(["", self._progress, *lines, ""])
+        else:
+            left = " " * max(0, (width - max(len(line) for line in lines)) // 2)
+            above = "\n" * max(1, (height - len(lines)) // 2 - 2)
+            body = "\n".join(f"{left}\x1b[1m{line}\x1b[0m" for line in lines)
+            page = f"\x1b[2J\x1b[H{self._progress}\n{above}{body}\n"
+        try:
+            self._screen.write(page + ("\a" if beep else ""))
+            self._screen.flush()
+        except OSError:
+            raise KeyboardInterrupt("the subject's screen was closed") from None
+
+
+class Experimenter:
+    """Lines for the experimenter: kept in a log, and shown elsewhere too if asked for.
+
+    Parameters
+    ----------
+    log : path
+        Appended to; its folder is made.
+    view : path, optional
+        A file, a fifo that is being read, or another terminal. One that is not read any more loses lines, the run goes on.
+
+    Raises
+    ------
+    ValueError
+        If the view is the subject's own terminal, or a fifo that nobody reads.
+    OSError
+        If one of them cannot be written.
+    """
+
+    def __init__(self, log: str | os.PathLike[str], view: str | os.PathLike[str] | None = None) -> None:
+        self._view = None if view is None else _open_view(Path(view))
+        Path(log).parent.mkdir(parents=True, exist_ok=True)
+        self._log = open(log, "a", encoding="utf-8")  # noqa: SIM115, closed by close
+
+    def say(self, text: str) -> None:
+        """A line, with the time of day."""
+        line = f"{datetime.now():%H:%M:%S} {' '.join(text.split())}\n"
+        self._log.write(line)
+        self._log.flush()
+        if self._view is not None:
+            with contextlib.suppress(OSError):
+                os.write(self._view, line.encode())
+
+    def __enter__(self) -> Experimenter:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._log.close()
+        if self._view is not None:
+            os.close(self._view)
+            self._view = None
+
+
+def _open_view(path: Path) -> int:
+    """Never blocks: neither here nor when nobody reads."""
+    kind = path.stat().st_mode if path.exists() else 0
+    if stat.S_ISCHR(kind) and _is_own_terminal(path):
+        raise ValueError(f"the experimenter's view must not be the subject's terminal, {path}")
+    flags = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | getattr(os, "O_NOCTTY", 0)
+    if not stat.S_ISFIFO(kind) and not stat.S_ISCHR(kind):
+        flags |= os.O_CREAT
+    try:
+        return os.open(path, flags, 0o666)
+    except OSError:
+        if stat.S_ISFIFO(kind):
+            raise ValueError(f"the experimenter's view is a fifo that nobody reads: {path}") from None
+        raise
+
+
+def _is_own_terminal(path: Path) -> bool:
+    own = [stream for stream in (sys.__stdin__, sys.__stdout__) if stream is not None and stream.isatty()]
+    if path.resolve() == Path("/dev/tty"):  # another name of the terminal that a program has
+        return bool(own)
+    return any(os.path.samestat(os.fstat(stream.fileno()), path.stat()) for stream in own)

@@ -1,0 +1,511 @@
+"""The likelihood of d' with the criterion left free, for one subject or for all that could have come out.
+
+Intervals of d' from an exact test, over everything that could have come out.
+
+How well one subject tells two stimuli apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import chdtri, gammaln, xlogy
+from scipy.stats import binomtest
+
+from burrlab.common.provenance import provenance
+from burrlab.psychophysics.rules import Counts, Floats, Rule, RuleName, TaskName, rule_of
+
+CorrectionName: TypeAlias = Literal["none", "log-linear", "half"]
+
+LARGEST = 40.0  # d' at which both answers of every rule are certain to a double
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+_SECTIONS = 32  # leave 2e-7 of the range of criteria, 1e-11 of the likelihood at its flat top
+_HALVINGS = 40  # of LARGEST: 4e-11
+
+
+@dataclass(frozen=True, eq=False)
+class Outcomes:
+    """Numbers of answers, as arrays of one shape.
+
+    Attributes
+    ----------
+    hits, signals, false_alarms, noises : ndarray of float
+        As in `Counts`.
+    """
+
+    hits: Floats
+    signals: Floats
+    false_alarms: Floats
+    noises: Floats
+
+    @classmethod
+    def of(cls, counts: Counts) -> Outcomes:
+        """The one outcome that was observed; arrays of no dimension."""
+        values = (counts.hits, counts.signals, counts.false_alarms, counts.noises)
+        return cls(*(np.asarray(value, dtype=np.float64) for value in values))
+
+    @classmethod
+    def all(cls, signals: int, noises: int) -> Outcomes:
+        """Everything that can come out, in (signals + 1)(noises + 1) elements; false alarms vary fastest."""
+        hits, alarms = np.meshgrid(np.arange(signals + 1.0), np.arange(noises + 1.0), indexing="ij")
+        full = np.ones(hits.size)
+        return cls(hits.ravel(), signals * full, alarms.ravel(), noises * full)
+
+    @property
+    def rates(self) -> tuple[Floats, Floats]:
+        """Hit rate and false-alarm rate; of trials that were not, a half."""
+        with np.errstate(invalid="ignore"):
+            return (
+                np.where(self.signals > 0, self.hits / self.signals, 0.5),
+                np.where(self.noises > 0, self.false_alarms / self.noises, 0.5),
+            )
+
+    @property
+    def undetermined(self) -> NDArray[np.bool_]:
+        """Where any d' is as likely as any other: one answer always, or no trial of one kind."""
+        given, trials = self.hits + self.false_alarms, self.signals + self.noises
+        return np.asarray((given == 0) | (given == trials) | (self.signals == 0) | (self.noises == 0))
+
+    def estimate(self, rule: Rule) -> tuple[Floats, Floats]:
+        """Of greatest likelihood: d' in [0, inf], and the criterion.
+
+        Where H <= F, d' is 0 and the criterion that of the pooled rate. Where undetermined, d' is 0 too, the smallest
+        of all that are likeliest.
+        """
+        h, f = self.rates
+        pooled = (self.hits + self.false_alarms) / (self.signals + self.noises)
+        d, criterion = rule.invert(h, f)
+        zero = (h <= f) | self.undetermined
+        return np.where(zero, 0.0, d), np.where(zero, rule.criterion_of(0.0, pooled), criterion)
+
+    def log_likelihood(self, hit: Floats, miss: Floats, alarm: Floats, rejection: Floats) -> Floats:
+        """Of the logarithms of the four rates; the number of orders of the trials left out."""
+        total = np.zeros(np.broadcast_shapes(self.hits.shape, hit.shape))
+        for times, log_rate in (
+            (self.hits, hit),
+            (self.signals - self.hits, miss),
+            (self.false_alarms, alarm),
+            (self.noises - self.false_alarms, rejection),
+        ):
+            total = total + np.where(times > 0, times * np.where(times > 0, log_rate, 0.0), 0.0)
+        return np.asarray(total)
+
+    def greatest(self) -> Floats:
+        """The log-likelihood at the estimate."""
+        h, f = self.rates
+        given, trials = self.hits + self.false_alarms, self.signals + self.noises
+        apart = xlogy(self.hits, h) + xlogy(self.signals - self.hits, 1.0 - h)
+        apart = apart + xlogy(self.false_alarms, f) + xlogy(self.noises - self.false_alarms, 1.0 - f)
+        pooled = xlogy(given, given / trials) + xlogy(trials - given, 1.0 - given / trials)
+        return np.asarray(np.where((h > f) | self.undetermined, apart, pooled))
+
+    def deviance(self, rule: Rule, d_prime: ArrayLike) -> Floats:
+        """-2 log of the likelihood at d', with the best criterion there, over the greatest: 0 at the estimate.
+
+        The likelihood is concave in the criterion, which a golden section finds.
+        """
+        d = np.asarray(d_prime, dtype=np.float64)
+        low, high = np.broadcast_arrays(*rule.criterion_range(d, *self.rates))
+        one, two = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        at_one = self.log_likelihood(*rule.log_rates(d, one))
+        at_two = self.log_likelihood(*rule.log_rates(d, two))
+        best = np.maximum(at_one, at_two)
+        for _ in range(_SECTIONS):
+            left = at_one > at_two
+            low, high = np.where(left, low, one), np.where(left, two, high)
+            new = np.where(left, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
+            at_new = self.log_likelihood(*rule.log_rates(d, new))
+            one, two = np.where(left, new, two), np.where(left, one, new)
+            at_one, at_two = np.where(left, at_new, at_two), np.where(left, at_one, at_new)
+            best = np.maximum(best, at_new)
+        return np.asarray(np.where(self.undetermined, 0.0, np.maximum(2.0 * (self.greatest() - best), 0.0)))
+
+    def standard_error(self, rule: Rule) -> Floats:
+        """Of d', from the information at the estimate; nan where the estimate is 0, inf or at a rate of 0 or 1."""
+        h, f = self.rates
+        d, criterion = self.estimate(rule)
+        inner = (h > f) & (h < 1.0) & (f > 0.0) & ~self.undetermined
+        hit_d, hit_c, alarm_d, alarm_c = rule.slopes(np.where(inner, d, 1.0), np.where(inner, criterion, 1.0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            variance = (
+                alarm_c**2 * h * (1.0 - h) / self.signals + hit_c**2 * f * (1.0 - f) / self.noises
+            ) / (hit_d * alarm_c - hit_c * alarm_d) ** 2
+        return np.where(inner, np.sqrt(variance), np.nan)
+
+    def corrected(self, correction: CorrectionName) -> tuple[Floats, Floats]:
+        """Hit rate and false-alarm rate after a correction of perfect scores and empty cells."""
+        if correction == "log-linear":
+            return (self.hits + 0.5) / (self.signals + 1.0), (self.false_alarms + 0.5) / (self.noises + 1.0)
+        if correction == "half":
+            half = [np.where(n > 0, 0.5 / np.maximum(n, 1.0), 0.5) for n in (self.signals, self.noises)]
+            h, f = (np.clip(rate, x, 1.0 - x) for rate, x in zip(self.rates, half, strict=True))
+            return h, f
+        return self.rates
+
+    def profile_interval(self, rule: Rule, level: float) -> tuple[Floats, Floats]:
+        """The d' in [0, inf) whose deviance is at most the chi-square quantile of one degree of freedom.
+
+        Where 0 is in it, so at the lower end; where it has no upper end, inf.
+        """
+        limit = float(chdtri(1.0, 1.0 - level))
+        middle = np.minimum(self.estimate(rule)[0], LARGEST)
+        none, most = np.zeros_like(middle), np.full_like(middle, LARGEST)
+
+        def beyond(d: Floats) -> NDArray[np.bool_]:
+            return np.asarray(self.deviance(rule, d) > limit)
+
+        low = np.where(beyond(none), halving(beyond, none, middle), 0.0)
+        high = np.where(beyond(most), halving(beyond, most, middle), np.inf)
+        return low, high
+
+
+def halving(beyond: Callable[[Floats], NDArray[np.bool_]], outside: Floats, inside: Floats) -> Floats:
+    """Where a limit lies between two arrays of d', one on either side of it."""
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (outside + inside)
+        is_outside = beyond(middle)
+        outside, inside = np.where(is_outside, middle, outside), np.where(is_outside, inside, middle)
+    return np.asarray(0.5 * (outside + inside))
+
+
+_CRITERIA = 241  # at which the p value is calculated; 2401 raise it by less than 0.002
+_RAREST = 1e-6  # rate at which the range of criteria ends
+_TIE = 1e-7  # deviances closer than this are one
+_SCANNED = 33  # d' of a first look, between 0 and a deviance that no test keeps
+_MOST = 4_000_000  # outcomes; a test takes seconds there, and some fifty are made
+_TEST_HALVINGS = 16  # of what lies between two of them: 1e-5 of d'
+
+
+def binomial(trials: int, log_rate: Floats, log_other: Floats) -> Floats:
+    """Probabilities of 0 to `trials` answers in rows, one for each rate."""
+    k = np.arange(trials + 1.0)
+    ways = gammaln(trials + 1.0) - gammaln(k + 1.0) - gammaln(trials - k + 1.0)
+    # at most one of a rate's logarithms is -inf, and times 0 it is 0
+    log_rate, log_other = (np.maximum(x, -1e300)[..., None] for x in (log_rate, log_other))
+    return np.asarray(np.exp(ways + k * log_rate + (trials - k) * log_other))
+
+
+def exact_p_values(rule: Rule, signals: int, noises: int, d_prime: float) -> Floats:
+    """Of d', for every outcome, in the order of `Outcomes.all`.
+
+    p(x) = max over the criterion of P(deviance(X) >= deviance(x) | d', criterion), X all outcomes.
+
+    The likelihood-ratio test with its own distribution in place of chi-square's, at the worst criterion: an interval of
+    the d' with p > 1 - level holds the truth at least as often as it says, whatever the criterion.
+    """
+    deviance = Outcomes.all(signals, noises).deviance(rule, d_prime)
+    of_hits, of_alarms = _probabilities(rule, signals, noises, d_prime)
+    # from the least likely outcome to the likeliest
+    order = np.argsort(-deviance)
+    p = (of_hits[:, :, None] * of_alarms[:, None, :]).reshape(len(of_hits), -1)[:, order]
+    beyond = np.cumsum(p, axis=1).max(axis=0)
+    last = np.searchsorted(-deviance[order], _TIE - deviance, side="right") - 1
+    return np.asarray(np.minimum(beyond[last], 1.0))
+
+
+def exact_p_value(counts: Counts, rule: Rule, d_prime: float) -> float:
+    """Of d', for the outcome that was observed: one of `exact_p_values`."""
+    shape = counts.signals + 1, counts.noises + 1
+    deviance = Outcomes.all(counts.signals, counts.noises).deviance(rule, d_prime).reshape(shape)
+    beyond = deviance >= deviance[counts.hits, counts.false_alarms] - _TIE
+    of_hits, of_alarms = _probabilities(rule, counts.signals, counts.noises, d_prime)
+    return min(float(np.max(np.sum((of_hits @ beyond) * of_alarms, axis=1))), 1.0)
+
+
+def exact_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, float]:
+    """From the smallest to the largest d' in [0, inf) that the exact test keeps; inf where it has no upper end."""
+    outcomes = (counts.signals + 1) * (counts.noises + 1)
+    if outcomes > _MOST:
+        raise ValueError(
+            f"counts must have at most {_MOST} possible outcomes for method 'exact', got {outcomes}: take 'profile'"
+        )
+    observed, error = Outcomes.of(counts), 1.0 - level
+    if bool(observed.undetermined):
+        return 0.0, math.inf
+    is_open = exact_p_value(counts, rule, LARGEST) > error
+    # A deviance this large has a p value below any error rate: the chance of each of the outcomes is below exp(-deviance/2).
+    far = 2.0 * math.log((counts.signals + 1) * (counts.noises + 1) / error)
+    grid = np.linspace(0.0, LARGEST, 401)
+    near = grid[np.asarray(observed.deviance(rule, grid)) <= far]
+    first, last = max(float(near[0]) - 0.1, 0.0), float(near[-1]) + 0.1
+    if is_open:
+        last = min(last, float(observed.profile_interval(rule, level)[0]) + 1.0)
+    scanned = np.linspace(first, last, _SCANNED)
+    estimate = float(observed.estimate(rule)[0])
+    scanned = np.unique(np.append(scanned, min(estimate, last)))
+    kept = np.flatnonzero([exact_p_value(counts, rule, d) > error for d in scanned])
+    low = (
+        0.0 if scanned[kept[0]] == 0.0 else _end(counts, rule, error, scanned[kept[0] - 1], scanned[kept[0]])
+    )
+    if is_open:
+        return low, math.inf
+    return low, _end(counts, rule, error, scanned[kept[-1] + 1], scanned[kept[-1]])
+
+
+def proportion_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, float]:
+    """Clopper and Pearson's interval of the proportion correct, carried to d' of an observer without bias."""
+    test = binomtest(counts.score, counts.trials).proportion_ci(level, method="exact")
+    low, high = rule.invert([test.low, test.high], [1.0 - test.low, 1.0 - test.high])[0]
+    return float(low), float(high)
+
+
+def _probabilities(rule: Rule, signals: int, noises: int, d_prime: float) -> tuple[Floats, Floats]:
+    """Of the numbers of hits and of false alarms, in rows, one for each criterion."""
+    criteria = np.linspace(*rule.criterion_range(d_prime, _RAREST, 1.0 - _RAREST), _CRITERIA)
+    hit, miss, alarm, rejection = rule.log_rates(d_prime, criteria)
+    return binomial(signals, hit, miss), binomial(noises, alarm, rejection)
+
+
+def _end(counts: Counts, rule: Rule, error: float, outside: float, inside: float) -> float:
+    for _ in range(_TEST_HALVINGS):
+        middle = 0.5 * (outside + inside)
+        if exact_p_value(counts, rule, middle) > error:
+            inside = middle
+        else:
+            outside = middle
+    return float(outside)
+
+
+MethodName: TypeAlias = Literal["exact", "profile", "proportion"]
+
+METHODS: tuple[MethodName, ...] = get_args(MethodName)
+CORRECTIONS: tuple[CorrectionName, ...] = get_args(CorrectionName)
+
+_CRITERION_TEXTS = {
+    ("same-different", "differencing"): "k [sd]: observations further apart than k are different",
+    ("same-different", "independent-observations"): "c [z]: 0 is unbiased, above 0 favours same",
+    ("abx", "differencing"): "c [z]: 0 is unbiased, above 0 favours second",
+    ("abx", "independent-observations"): "c [z]: 0 is unbiased, above 0 favours second",
+    ("2ifc", "differencing"): "c [z]: 0 is unbiased, above 0 favours second",
+    ("2ifc", "independent-observations"): "c [z]: 0 is unbiased, above 0 favours second",
+}
+
+
+@dataclass(frozen=True)
+class DPrime:
+    """d' of one subject under one rule.
+
+    Attributes
+    ----------
+    task, rule : str
+        As `rule_of` has them.
+    estimate : float
+        Of greatest likelihood, in [0, inf]: 0 where there are no more hits than false alarms, inf where the likelihood
+        rises without end.
+    interval : (float, float)
+        Its ends in [0, inf]; inf is an open end.
+    level : float
+        Of the interval.
+    method : {"exact", "profile", "proportion"}
+        Of the interval.
+    standard_error : float or None
+        From the information at the estimate; None unless the interval excludes 0 and the estimate is finite.
+    criterion : float
+        At the estimate; infinite where a rate is 0 or 1, nan where both are, in a perfect score.
+    criterion_meaning : str
+        Its name, unit and direction.
+    corrected : float
+        d' of the rates after `correction`; with "none" it is the estimate. The interval takes no correction.
+    correction : {"none", "log-linear", "half"}
+    undetermined : bool
+        Any d' fits as well as any other (one answer always, or no trial of one kind): estimate 0, interval [0, inf).
+    counts : Counts
+    """
+
+    task: TaskName
+    rule: RuleName
+    estimate: float
+    interval: tuple[float, float]
+    level: float
+    method: MethodName
+    standard_error: float | None
+    criterion: float
+    criterion_meaning: str
+    corrected: float
+    correction: CorrectionName
+    undetermined: bool
+    counts: Counts
+
+    @property
+    def open_above(self) -> bool:
+        """The answers set no upper limit."""
+        return math.isinf(self.interval[1])
+
+    @property
+    def excludes_zero(self) -> bool:
+        return self.interval[0] > 0.0
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        above = "open)" if self.open_above else f"{high:.2f}]"
+        lines = [
+            f"d' {self.estimate:.2f}, {100 * self.level:g} % [{low:.2f}, {above} ({self.rule}, {self.method})"
+        ]
+        if self.undetermined:
+            lines.append(
+                "the answers say nothing of d': one answer was always given, or one kind of trial is missing"
+            )
+        if self.standard_error is not None:
+            lines.append(f"standard error {self.standard_error:.2f}")
+        if self.correction != "none":
+            lines.append(f"corrected d' {self.corrected:.2f} ({self.correction})")
+        name, meaning = self.criterion_meaning.split(" ", 1)
+        lines.append(f"criterion {name} {self.criterion:.2f} {meaning}")
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON: infinite values as None, with `open_above` beside them; with provenance."""
+
+        def finite(value: float) -> float | None:
+            return value if math.isfinite(value) else None
+
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "counts"}
+        for name in ("estimate", "corrected", "criterion"):
+            values[name] = finite(values[name])
+        return {
+            **values,
+            "interval": [finite(end) for end in self.interval],
+            "infinite": math.isinf(self.estimate),
+            "open_above": self.open_above,
+            "counts": {
+                **{
+                    name: getattr(self.counts, name) for name in ("hits", "signals", "false_alarms", "noises")
+                },
+                "by_type": {name: list(both) for name, both in self.counts.by_type.items()},
+            },
+            "provenance": provenance(),
+        }
+
+
+def d_prime(
+    counts: Counts,
+    *,
+    rule: str,
+    level: float = 0.95,
+    method: str = "exact",
+    correction: str = "none",
+) -> DPrime:
+    """Estimate d' with an interval on [0, inf).
+
+    hits ~ Binomial(signals, H(d', c)), false alarms ~ Binomial(noises, F(d', c)), the criterion c free.
+
+    Parameters
+    ----------
+    counts : Counts
+    rule : {"independent-observations", "differencing"}
+    level : float, default 0.95
+        Of the interval, in (0, 1).
+    method : {"exact", "profile", "proportion"}, default "exact"
+        "exact": the d' that the likelihood-ratio test keeps, with its exact distribution at the worst criterion. It
+        holds the truth at least as often as it says.
+        "profile": the same with chi-square's distribution; fast, but short where all or nearly all answers are correct.
+        "proportion" (ABX, two intervals): Clopper and Pearson's interval of the proportion correct, carried to d'. It
+        takes the observer as unbiased, and both kinds of trial together.
+    correction : {"none", "log-linear", "half"}, default "none"
+        "log-linear": half an answer more in each cell (Hautus 1995). "half": rates of 0 and 1 alone become 1/(2n) and
+        1 - 1/(2n) (Macmillan and Kaplan 1985). For `corrected` alone.
+
+    Returns
+    -------
+    DPrime
+
+    Raises
+    ------
+    ValueError
+        If the rule, method or correction is unknown, the level not in (0, 1), "proportion" asked of same-different, or
+        "exact" of more than 4 million possible outcomes (2000 trials of each kind).
+
+    Notes
+    -----
+    In same-different and ABX d' has no sign: 0 is a boundary, where the information is 0, and an interval of the kind
+    estimate +- 1.96 standard errors fails (see `docs/psychophysics.md`). "exact" includes 0 unless an exact one-sided
+    test at 1 - level rejects it, "profile" at about half of that.
+
+    References
+    ----------
+    M. J. Hautus, Behavior Research Methods, Instruments, and Computers 27, 46-51, 1995.
+    N. A. Macmillan, H. L. Kaplan, Psychological Bulletin 98, 185-199, 1985.
+
+    Examples
+    --------
+    >>> counts = Counts("same-different", hits=5, signals=6, false_alarms=2, noises=6)
+    >>> print(d_prime(counts, rule="differencing"))
+    d' 2.73, 95 % [0.00, 4.61] (differencing, exact)
+    criterion k 1.37 [sd]: observations further apart than k are different
+    """
+    law = rule_of(counts.task, rule)
+    check_level(level)
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    if correction not in CORRECTIONS:
+        raise ValueError(f"correction must be one of {', '.join(CORRECTIONS)}, got {correction!r}")
+    outcome = Outcomes.of(counts)
+    estimate, criterion = (float(x) for x in outcome.estimate(law))
+    if method == "exact":
+        interval = exact_interval(counts, law, level)
+    elif method == "profile":
+        low, high = outcome.profile_interval(law, level)
+        interval = float(low), float(high)
+    elif counts.task == "same-different":
+        raise ValueError("method must be exact or profile for same-different, got 'proportion'")
+    else:
+        interval = proportion_interval(counts, law, level)
+    error = float(outcome.standard_error(law))
+    return DPrime(
+        task=counts.task,
+        rule=law.name,
+        estimate=estimate,
+        interval=interval,
+        level=level,
+        method=method,
+        standard_error=error if interval[0] > 0.0 and math.isfinite(error) else None,
+        criterion=criterion,
+        criterion_meaning=_CRITERION_TEXTS[counts.task, law.name],
+        corrected=estimate if correction == "none" else float(law.invert(*outcome.corrected(correction))[0]),
+        correction=correction,
+        undetermined=bool(outcome.undetermined),
+        counts=counts,
+    )
+
+
+def score_interval(counts: Counts, level: float = 0.95) -> tuple[float, float]:
+    """Clopper and Pearson's exact interval of the proportion of correct answers.
+
+    Raises
+    ------
+    ValueError
+        If the level is not in (0, 1).
+
+    Examples
+    --------
+    >>> low, high = score_interval(Counts("abx", hits=5, signals=5, false_alarms=1, noises=5))
+    >>> print(f"{low:.3f} {high:.3f}")
+    0.555 0.997
+    """
+    check_level(level)
+    interval = binomtest(counts.score, counts.trials).proportion_ci(level, method="exact")
+    return float(interval.low), float(interval.high)
+
+
+def binomial_test(counts: Counts) -> float:
+    """The probability of this score or more by chance, 1/2 a trial: an exact one-sided p value.
+
+    It holds at any bias where both kinds of trial are equally frequent. Where they are not, an observer who always gives
+    the more frequent answer is above 1/2.
+
+    Examples
+    --------
+    >>> print(f"{binomial_test(Counts('abx', hits=5, signals=5, false_alarms=1, noises=5)):.4f}")
+    0.0107
+    """
+    return float(binomtest(counts.score, counts.trials, 0.5, alternative="greater").pvalue)
+
+
+def check_level(level: float) -> None:
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level must be above 0 and below 1, got {level}")

@@ -1,0 +1,627 @@
+"""One answer as a row of a file, and the rules that rows obey.
+
+The JSON beside a file of answers: what a run is, before its first trial.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import platform
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import burrlab.common.table as tsv_text
+from burrlab._core import __version__
+from burrlab.common.check import shown
+from burrlab.common.provenance import provenance
+from burrlab.common.table import json_mapping
+from burrlab.psychophysics.design_record import design_of_dict
+from burrlab.psychophysics.interval import ENDINGS
+from burrlab.psychophysics.rules import TASKS, TaskName
+from burrlab.psychophysics.trial import Phase, Trial
+
+#: Answers in the order of their keys 1, 2.
+ANSWERS: Mapping[TaskName, tuple[str, str]] = {
+    "same-different": ("same", "different"),
+    "abx": ("first", "second"),
+    "2ifc": ("first", "second"),
+}
+#: The answer that hits and false alarms are of, see `Rule`.
+COUNTED: Mapping[TaskName, str] = {"same-different": "different", "abx": "first", "2ifc": "first"}
+INTERVALS: Mapping[TaskName, int] = {"same-different": 2, "abx": 3, "2ifc": 2}
+#: Types of trials and, where the type alone decides, the correct answer.
+TYPES: Mapping[TaskName, Mapping[str, str | None]] = {
+    "same-different": {"AA": "same", "AB": "different", "BA": "different", "BB": "same"},
+    "abx": {"AB": "first", "BA": "second"},
+    "2ifc": {"RC": None, "CR": None},
+}
+PHASES: tuple[Phase, ...] = ("practice", "main")
+
+REQUIRED = ("onset", "duration", "trial_type", "response", "correct", "response_time", "trial")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a subject answered, and when.
+
+    Attributes
+    ----------
+    trial : Trial
+    onset : float
+        Of the first interval, from the start of the run [s].
+    duration : float
+        From there to the end of the last interval [s].
+    response : str
+        One of the design's answers.
+    response_time : float or None
+        From the question [s]; None for a simulated subject.
+    endings : tuple of str
+        Of each interval: "time", "break-through", "wall", "subject" or "device".
+    repeats : int
+        How often the trial was broken off before, as the loop had stalled.
+
+    Notes
+    -----
+    Times are kept to the microsecond.
+    """
+
+    trial: Trial
+    onset: float
+    duration: float
+    response: str
+    response_time: float | None
+    endings: tuple[str, ...]
+    repeats: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("onset", "duration", "response_time"):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, round(float(value), 6))
+        object.__setattr__(self, "endings", tuple(self.endings))
+
+    @property
+    def correct(self) -> bool:
+        return self.response == self.trial.correct
+
+
+@dataclass(frozen=True)
+class Row:
+    """One answer, as a file has it; None where it has n/a or no such column.
+
+    Attributes
+    ----------
+    onset : float
+        Of the first interval, from the start of the run [s].
+    duration : float or None
+        From there to the end of the last interval [s].
+    trial_type, response : str
+    correct : bool
+    response_time : float or None
+        From the question [s].
+    trial : int
+        In its phase, from 1.
+    phase : {"practice", "main"}
+    block : int
+        From 1; practice is block 0.
+    level : float or None
+        Of the comparison, as its ratio to the reference's.
+    stimuli : tuple of str
+        One an interval; empty where the file has none.
+    seeds : tuple of int or None
+    endings : tuple of str or None
+    repeats : int or None
+        How often the trial was broken off before, as the loop had stalled.
+    """
+
+    onset: float
+    duration: float | None
+    trial_type: str
+    response: str
+    correct: bool
+    response_time: float | None
+    trial: int
+    phase: Phase = "main"
+    block: int = 1
+    level: float | None = None
+    stimuli: tuple[str | None, ...] = ()
+    seeds: tuple[int | None, ...] = ()
+    endings: tuple[str | None, ...] = ()
+    repeats: int | None = None
+
+    @classmethod
+    def of(cls, answer: Answer) -> Row:
+        """The row of an answer."""
+        trial = answer.trial
+        return cls(
+            answer.onset, answer.duration, trial.trial_type, answer.response, answer.correct, answer.response_time,
+            trial.number, trial.phase, trial.block, trial.level,
+            tuple(interval.stimulus.name for interval in trial.intervals),
+            tuple(interval.seed for interval in trial.intervals),
+            answer.endings, answer.repeats,
+        )  # fmt: skip
+
+    def fields(self) -> dict[str, Any]:
+        """Values by column."""
+        named = {
+            "onset": self.onset, "duration": self.duration, "trial_type": self.trial_type, "response": self.response,
+            "correct": int(self.correct), "response_time": self.response_time, "trial": self.trial,
+            "phase": self.phase, "block": self.block, "level": self.level,
+        }  # fmt: skip
+        for name, values in (("stimulus", self.stimuli), ("seed", self.seeds), ("ended", self.endings)):
+            named |= {f"{name}_{place}": value for place, value in enumerate(values, start=1)}
+        return {**named, "repeats": self.repeats}
+
+    def correct_answer(self, answers: Sequence[str]) -> str:
+        """The answer that was correct, of the two."""
+        return self.response if self.correct else next(one for one in answers if one != self.response)
+
+
+def columns_of(task: TaskName) -> tuple[str, ...]:
+    """All columns of a file, in order."""
+    places = range(1, INTERVALS[task] + 1)
+    numbered = [f"{name}_{place}" for name in ("stimulus", "seed", "ended") for place in places]
+    return (*REQUIRED, "phase", "block", "level", *numbered, "repeats")
+
+
+def as_text(row: Row, task: TaskName, columns: Sequence[str] = ()) -> bytes:
+    """The line of a row in a file with these columns, by default all."""
+    fields = row.fields()
+    values = [fields.get(column) for column in columns or columns_of(task)]
+    return tsv_text.line([tsv_text.NOTHING if value is None else _text(value) for value in values])
+
+
+class RowReader:
+    """Rows of one file, one after the other, each checked by itself and against those before.
+
+    Parameters
+    ----------
+    task : {"same-different", "abx", "2ifc"}
+    answers : (str, str)
+        What the file calls the task's answers, in the order of their keys.
+    """
+
+    def __init__(self, task: TaskName, answers: Sequence[str] | None = None) -> None:
+        self.task = task
+        self._answers = dict(zip(answers or ANSWERS[task], ANSWERS[task], strict=True))
+        self._before: list[tuple[int, Row]] = []
+
+    def add(self, line: int, row: Row) -> None:
+        """A row that those to come are checked against."""
+        self._before.append((line, row))
+
+    def parse(self, fields: Mapping[str, str]) -> Row:
+        """The row of a line's fields, which follows those that were added.
+
+        Raises
+        ------
+        ValueError
+            If a field is not what it must be, or contradicts another or a row before: with the column.
+        """
+        places = range(1, INTERVALS[self.task] + 1)
+
+        def all_of(name: str, convert: Callable[[str], Any]) -> tuple[Any, ...]:
+            if not any(f"{name}_{place}" in fields for place in places):
+                return ()
+            return tuple(_field(fields, f"{name}_{place}", convert, None) for place in places)
+
+        row = Row(
+            onset=_field(fields, "onset", _filled(tsv_text.number_or_none)),
+            duration=_field(fields, "duration", _duration),
+            trial_type=_field(fields, "trial_type", _one_of(tuple(TYPES[self.task]))),
+            response=self._answers[_field(fields, "response", _one_of(tuple(self._answers)))],
+            correct=_field(fields, "correct", _one_of(("0", "1"))) == "1",
+            response_time=_field(fields, "response_time", _duration),
+            trial=_field(fields, "trial", _filled(tsv_text.whole)),
+            phase=_field(fields, "phase", _one_of(PHASES), "main"),
+            block=_field(fields, "block", _filled(tsv_text.whole), 1),
+            level=_field(fields, "level", _level, None),
+            stimuli=all_of("stimulus", lambda text: None if text == tsv_text.NOTHING else text),
+            seeds=all_of("seed", lambda text: tsv_text.whole(text, below=2**64)),
+            endings=all_of(
+                "ended", lambda text: None if text == tsv_text.NOTHING else _one_of(ENDINGS)(text)
+            ),
+            repeats=_field(fields, "repeats", lambda text: tsv_text.whole(text, below=10), None),
+        )
+        for line, one in self._before:
+            if (one.phase, one.trial) == (row.phase, row.trial):
+                raise ValueError(
+                    f"column trial: {row.phase} trial {row.trial} is answered in line {line} already"
+                )
+        _check_place(row, self._before[-1][1] if self._before else None)
+        self._check_correct(row)
+        return row
+
+    def _check_correct(self, row: Row) -> None:
+        due = TYPES[self.task][row.trial_type]
+        answer = row.correct_answer(ANSWERS[self.task])
+        if due is not None and answer != due:
+            raise ValueError(
+                f"column correct: after {row.trial_type} the correct answer is {due!r}, and the response "
+                f"{row.response!r} is called {'correct' if row.correct else 'wrong'}"
+            )
+        if due is not None:
+            return
+        for line, one in self._before:
+            other = _side(one, one.correct_answer(ANSWERS[self.task]))
+            if None not in (other, side := _side(row, answer)) and other != side:
+                raise ValueError(
+                    f"column correct: the response {row.response!r} is called {'correct' if row.correct else 'wrong'} "
+                    f"after {row.trial_type}, which contradicts line {line}"
+                )
+
+
+def _side(row: Row, answer: str) -> bool | None:
+    """Whether more of the parameter is more of what is asked; a comparison that equals the reference does not tell."""
+    if row.level is None or row.level == 1.0:
+        return None
+    comparison = (answer == "first") == (row.trial_type == "CR")
+    return comparison == (row.level > 1.0)
+
+
+def _check_place(row: Row, before: Row | None) -> None:
+    """That trials follow one another."""
+    if row.trial < 1:
+        raise ValueError(f"column trial: must be at least 1, got {row.trial}")
+    if row.phase == "main" and row.block < 1:
+        raise ValueError(f"column block: must be at least 1 after practice, got {row.block}")
+    last = before.trial if before is not None and before.phase == row.phase else 0
+    if before is not None and before.phase == "main" and row.phase == "practice":
+        raise ValueError("column phase: practice comes before the main phase")
+    if row.trial != last + 1:
+        raise ValueError(f"column trial: {row.phase} trial {last + 1} is due, got {row.trial}")
+    if before is not None and row.onset < before.onset:
+        raise ValueError(
+            f"column onset: must not be before the last trial's {before.onset!r}, got {row.onset!r}"
+        )
+    if before is not None and last and row.block < before.block:
+        raise ValueError(f"column block: must not be before the last trial's {before.block}, got {row.block}")
+
+
+_ABSENT = object()
+
+
+def _field(
+    fields: Mapping[str, str], column: str, convert: Callable[[str], Any], default: Any = _ABSENT
+) -> Any:
+    if column not in fields and default is not _ABSENT:
+        return default
+    try:
+        return convert(fields[column])
+    except ValueError as error:
+        raise ValueError(f"column {column}: {error}") from None
+
+
+def _filled(convert: Callable[[str], Any]) -> Callable[[str], Any]:
+    def filled(text: str) -> Any:
+        if (value := convert(text)) is None:
+            raise ValueError(f"every row needs a number, got {text!r}")
+        return value
+
+    return filled
+
+
+def _one_of(choices: Sequence[str]) -> Callable[[str], str]:
+    def chosen(text: str) -> str:
+        if text not in choices:
+            raise ValueError(f"must be one of {', '.join(choices)}, got {text!r}")
+        return text
+
+    return chosen
+
+
+def _duration(text: str) -> float | None:
+    value = tsv_text.number_or_none(text)
+    if value is not None and value < 0:
+        raise ValueError(f"must be at least 0 [s], got {text!r}")
+    return value
+
+
+def _level(text: str) -> float | None:
+    value = tsv_text.number_or_none(text)
+    if value is not None and value <= 0:
+        raise ValueError(f"must be a ratio above 0, got {text!r}")
+    return value
+
+
+def _text(value: str | int | float) -> str:
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            raise ValueError(f"a number must be finite, got {value!r}")
+        return repr(value)
+    return str(value)
+
+
+_FORMAT = 1
+_KEY = "BurrlabRun"
+#: Of the tables of a protocol, those whose change makes another run; of [experiment], these keys.
+_TABLES = ("burr", "bone")
+_EXPERIMENT = ("seed", "feedback", "pause_s", "break_s")
+
+_KINDS: Mapping[type, str] = {str: "a text", int: "a whole number", bool: "true or false", dict: "an object"}
+
+_ENDED = {
+    "time": "after its time",
+    "break-through": "the burr came out below the bone",
+    "wall": "the burr reached the side of the bone",
+    "subject": "by the subject",
+    "device": "the device was lost",
+}
+_DESCRIBED: Mapping[TaskName, str] = {
+    "same-different": "Two intervals of virtual bone burring: was the material the same?",
+    "abx": "A reference and two intervals of virtual bone burring: which of the two is as the reference?",
+    "2ifc": "Two intervals of virtual bone burring: which has more of what is asked?",
+}
+_TYPES: Mapping[TaskName, str] = {
+    "same-different": "The materials A and B of the two intervals, in order",
+    "abx": "The alternatives A and B in the order in which they follow the reference",
+    "2ifc": "Reference (R) and comparison (C) in order",
+}
+
+
+@dataclass(frozen=True)
+class SideCar:
+    """What is known of a run before its first trial.
+
+    Attributes
+    ----------
+    subject : str
+        BIDS label, without "sub-".
+    name : str
+        Of the task in the protocol, a BIDS label.
+    task : {"same-different", "abx", "2ifc"}
+    question : str
+        Put to the subject.
+    design : mapping
+        As its `to_dict` has it.
+    protocol : mapping
+        The whole protocol, as JSON.
+    seed : int
+        Of the protocol.
+    device : str
+        As given to `burrlab session --device`.
+    trials : int
+        In all, practice included; of a staircase, at most.
+    simulated : mapping or None
+        What simulates the subject; None for a person.
+    started : str
+        Wall clock (ISO 8601, UTC) to which onsets count.
+    provenance : mapping
+    """
+
+    subject: str
+    name: str
+    task: TaskName
+    question: str
+    design: Mapping[str, Any]
+    protocol: Mapping[str, Any]
+    seed: int
+    device: str
+    trials: int
+    simulated: Mapping[str, Any] | None = None
+    started: str = field(default_factory=lambda: datetime.now(UTC).isoformat())
+    provenance: Mapping[str, Any] = field(default_factory=lambda: json_mapping(provenance()))
+
+    def __post_init__(self) -> None:
+        for name in ("design", "protocol", "provenance"):
+            object.__setattr__(self, name, json_mapping(getattr(self, name)))
+        if self.simulated is not None:
+            object.__setattr__(self, "simulated", json_mapping(self.simulated))
+
+    @property
+    def answers(self) -> tuple[str, str]:
+        """In the order of their keys."""
+        return ANSWERS[self.task]
+
+    @property
+    def digest(self) -> str:
+        """sha256 of the protocol."""
+        return digest(self.protocol)
+
+    def differences(self, other: SideCar) -> tuple[str, ...]:
+        """What another run of this subject and task would change: sentences, empty where nothing matters.
+
+        Neither the list of subjects, folder, traces, the settings of the analysis and other tasks, nor the address of a
+        device count.
+        """
+        mine, others = (
+            {"subject": one.subject, "simulated subject": one.simulated, **one._shared()}
+            for one in (self, other)
+        )
+        return _changes("", mine, others)
+
+    def differences_across_subjects(self, other: SideCar) -> tuple[str, ...]:
+        """The same for another subject's run of this task, which may differ in who the subject is."""
+        return _changes("", self._shared(), other._shared())
+
+    def _shared(self) -> dict[str, Any]:
+        experiment = self.protocol.get("experiment", {})
+        return {
+            "task": self.name,
+            "experiment": {key: experiment.get(key) for key in _EXPERIMENT} | {"seed": self.seed},
+            "device": self.device.partition(":")[0],
+            # Over the network it is whether a hand feels anything; which port is nobody's business.
+            "force is published": experiment.get("publish") is not None,
+            **{key: self.protocol.get(key) for key in _TABLES},
+            f"tasks.{self.name}": self.design,
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """As the file has it, with the columns described."""
+        return {
+            "TaskName": self.name,
+            "TaskDescription": _DESCRIBED[self.task],
+            "Instructions": self.question,
+            "StimulusPresentation": {
+                "OperatingSystem": f"{platform.system()} {platform.release()}",
+                "SoftwareName": "burrlab",
+                "SoftwareVersion": __version__,
+            },
+            _KEY: _FORMAT,
+            "Subject": self.subject,
+            "Task": self.task,
+            "Answers": list(self.answers),
+            "Simulated": self.simulated is not None,
+            "SimulatedSubject": self.simulated,
+            "Started": self.started,
+            "Seed": self.seed,
+            "Device": self.device,
+            "Trials": self.trials,
+            "Design": self.design,
+            "Protocol": self.protocol,
+            "ProtocolDigest": self.digest,
+            "Provenance": self.provenance,
+            **descriptions(self.task),
+        }
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> SideCar:
+        """What `to_dict` described.
+
+        Raises
+        ------
+        ValueError
+            If a key is missing or not what it must be.
+        """
+        if values.get(_KEY) != _FORMAT:
+            raise ValueError(f"{_KEY} must be {_FORMAT}, got {shown(values.get(_KEY))}")
+        text = {
+            key: _typed(values, key, str)
+            for key in ("Subject", "TaskName", "Instructions", "Started", "Device")
+        }
+        task = _typed(values, "Task", str)
+        if task not in TASKS:
+            raise ValueError(f"Task must be one of {', '.join(TASKS)}, got {task!r}")
+        simulated = _typed(values, "SimulatedSubject", dict) if _typed(values, "Simulated", bool) else None
+        try:
+            if datetime.fromisoformat(text["Started"]).tzinfo is None:
+                raise ValueError
+        except ValueError:
+            raise ValueError(f"Started must be a time with its zone, got {text['Started']!r}") from None
+        car = cls(
+            text["Subject"], text["TaskName"], task, text["Instructions"], _typed(values, "Design", dict),
+            _typed(values, "Protocol", dict), _typed(values, "Seed", int), text["Device"], _typed(values, "Trials", int),
+            simulated, text["Started"], _typed(values, "Provenance", dict),
+        )  # fmt: skip
+        if values.get("ProtocolDigest") != car.digest:
+            raise ValueError(
+                "ProtocolDigest does not belong to the Protocol beside it: one of them was changed"
+            )
+        car._check_against_protocol()
+        return car
+
+    def _check_against_protocol(self) -> None:
+        """ValueError if what is told of the Protocol once more, for readers, is told otherwise: the digest is of it alone."""
+        experiment, tasks = (self.protocol.get(key, {}) for key in ("experiment", "tasks"))
+        if not (isinstance(experiment, dict) and isinstance(tasks, dict)):
+            raise ValueError("Protocol must have tables of the experiment and its tasks")
+        for key, found, due in (
+            ("Design", self.design, tasks.get(self.name)),
+            ("Seed", self.seed, experiment.get("seed")),
+        ):
+            if found != due:
+                raise ValueError(f"{key} is not that of the Protocol beside it: one of them was changed")
+        made = design_of_dict(self.design)
+        due = made.order(seed=self.seed, subject=f"{self.subject} {self.name}").total
+        if (self.task, self.trials) != (made.task, due):
+            raise ValueError(
+                f"Task and Trials must be {made.task!r} and {due}, those of the Design, got {self.task!r} and {self.trials}"
+            )
+
+
+def side_car_path(path: str | os.PathLike[str]) -> Path:
+    """Of the JSON beside a TSV."""
+    return Path(path).with_suffix(".json")
+
+
+def read_side_car(path: str | os.PathLike[str]) -> SideCar | None:
+    """The side-car beside a file of answers; None where there is none, or another program's.
+
+    Raises
+    ------
+    ValueError
+        If it is no JSON, or one of this program with a key that is missing or not what it must be.
+    """
+    file = side_car_path(path)
+    if not file.exists():
+        return None
+    try:
+        values = json.loads(file.read_bytes())
+    except (ValueError, RecursionError):
+        raise ValueError(f"{file}: this is not JSON in UTF-8") from None
+    if not isinstance(values, dict) or _KEY not in values:
+        return None
+    try:
+        return SideCar.from_dict(values)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
+
+
+def digest(protocol: Mapping[str, Any]) -> str:
+    """sha256 of a protocol's JSON, keys in order."""
+    text = json.dumps(json_mapping(protocol), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def descriptions(task: TaskName) -> dict[str, Any]:
+    """Of the columns, as BIDS has them: unit or levels."""
+    what = {
+        "onset": ("Start of the first interval, from the start of the run", "s"),
+        "duration": ("From the onset to the end of the last interval", "s"),
+        "response_time": ("From the question to the key", "s"),
+        "trial": ("Number of the trial in its phase, from 1", None),
+        "repeats": ("How often the trial was broken off and begun anew, as the loop had stalled", None),
+        "block": ("Number of the block, from 1; practice is block 0", None),
+        "level": ("The comparison's parameter over the reference's", "1"),
+    }
+    described: dict[str, Any] = {
+        name: {"Description": text, **({"Units": unit} if unit else {})}
+        for name, (text, unit) in what.items()
+    }
+    described["trial_type"] = {
+        "Description": _TYPES[task],
+        "Levels": {one: f"correct answer: {due}" if due else one for one, due in TYPES[task].items()},
+    }
+    described["response"] = {
+        "Description": "The subject's answer",
+        "Levels": {answer: f"key {key}" for key, answer in enumerate(ANSWERS[task], start=1)},
+    }
+    described["correct"] = {
+        "Description": "Whether the response was correct",
+        "Levels": {"1": "correct", "0": "wrong"},
+    }
+    described["phase"] = {
+        "Description": "Part of the run",
+        "Levels": {"practice": "not analysed", "main": "analysed"},
+    }
+    for place in range(1, INTERVALS[task] + 1):
+        described[f"stimulus_{place}"] = {"Description": f"Material of interval {place}"}
+        described[f"seed_{place}"] = {"Description": f"Seed of the erosion in interval {place}, 64 bits"}
+        described[f"ended_{place}"] = {"Description": f"How interval {place} ended", "Levels": _ENDED}
+    return {column: described[column] for column in columns_of(task)}
+
+
+def _typed(values: Mapping[str, Any], key: str, kind: type) -> Any:
+    if key not in values:
+        raise ValueError(f"{key} is missing")
+    if type(values[key]) is not kind:
+        raise ValueError(f"{key} must be {_KINDS[kind]}, got {shown(values[key])}")
+    return values[key]
+
+
+def _changes(where: str, was: Any, now: Any) -> tuple[str, ...]:
+    if isinstance(was, dict) and isinstance(now, dict):
+        keys = [*was, *(key for key in now if key not in was)]
+        return tuple(
+            change
+            for key in keys
+            for change in _changes(f"{where}.{key}" if where else key, was.get(key), now.get(key))
+        )
+    return (
+        () if was == now and type(was) is type(now) else (f"{where} was {shown(was)}, is now {shown(now)}",)
+    )

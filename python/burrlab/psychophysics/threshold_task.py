@@ -1,0 +1,230 @@
+"""A task that varies a parameter around a reference: each subject's threshold, and the group's."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, TypeAlias
+
+import numpy as np
+from scipy import stats
+
+from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, tidy
+from burrlab.psychophysics.design_record import design_of_dict
+from burrlab.psychophysics.plots import legend_above, name_rows, room_for, wrapped
+from burrlab.psychophysics.psychometric import PosteriorThreshold, PsychometricFit, psychometric_function
+from burrlab.psychophysics.scored_task import Progress, SubjectData, TaskData, TaskResult, left_out_text, told
+from burrlab.psychophysics.staircase import AdaptiveStaircase, ConstantStimuli, Staircase, StaircaseThreshold
+from burrlab.psychophysics.trial import Design
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+Estimate: TypeAlias = StaircaseThreshold | PosteriorThreshold | PsychometricFit
+
+
+@dataclass(frozen=True)
+class SubjectThreshold:
+    """One subject.
+
+    Attributes
+    ----------
+    subject : str
+    simulated : bool
+    trials : int
+        Answered in the main phase.
+    planned : int or None
+        Main trials of the design; None where the answers end it, or it is not known.
+    levels : tuple of (float, int, int)
+        Ratio to the reference's parameter, correct answers, trials.
+    threshold : float or None
+        Ratio to the reference's parameter.
+    interval : (float, float) or None
+        Of the threshold, where the method has one.
+    said : str
+        The estimate in words.
+    estimate : StaircaseThreshold, PosteriorThreshold, PsychometricFit or None
+        All of it; None where nothing could be fitted.
+    """
+
+    subject: str
+    simulated: bool
+    trials: int
+    planned: int | None
+    levels: tuple[tuple[float, int, int], ...]
+    threshold: float | None
+    interval: tuple[float, float] | None
+    said: str
+    estimate: Estimate | None
+
+    @property
+    def complete(self) -> bool:
+        """Whether all planned trials were answered."""
+        return self.planned is None or self.trials >= self.planned
+
+
+@dataclass(frozen=True)
+class ThresholdTask(TaskResult[SubjectThreshold]):
+    """Constant stimuli or a staircase: a `TaskResult` whose subjects are SubjectThreshold."""
+
+    subjects: tuple[SubjectThreshold, ...]  # again, since a record is read back by the declared types
+
+    task: ClassVar[str] = "2ifc"
+
+    @classmethod
+    def of_data(
+        cls, data: TaskData, *, level: float, incomplete: bool, progress: Progress | None = None
+    ) -> ThresholdTask:
+        """All of it; of incomplete runs only on request."""
+        design = design_of_dict(data.design) if data.design else None
+        tell, results = told(data.name, progress), []
+        for one in data.subjects:
+            if one.counts:
+                tell(one.subject)
+                results.append(_threshold(one, design, level))
+        used = tuple(result for result in results if incomplete or result.complete)
+        names = [result.subject for result in used]
+        return cls(
+            name=data.name,
+            design=data.design,
+            level=level,
+            subjects=used,
+            left_out=tuple(left_out_text(one) for one in data.subjects if one.subject not in names),
+            of=data.of,
+            chosen=(data.chosen or len(data.subjects)) if data.of else 0,
+            selected_by=data.selected_by,
+        )
+
+    @property
+    def group_threshold(self) -> tuple[float, float, float] | None:
+        """Threshold of the group with the ends of its interval, the subject as the unit; None of fewer than two.
+
+        The geometric mean of the differences |ln ratio|, by t; None also where thresholds lie on both sides of 1, or do
+        not differ at all.
+        """
+        logs = [math.log(one.threshold) for one in self.subjects if one.threshold not in (None, 1.0)]
+        if len(logs) < 2 or len({x > 0 for x in logs}) > 1 or len(set(logs)) == 1:
+            return None
+        side, values = math.copysign(1.0, logs[0]), np.log(np.abs(logs))
+        mean, error = float(values.mean()), float(stats.sem(values))
+        wide = float(stats.t.ppf(0.5 + 0.5 * self.level, len(values) - 1)) * error
+        found = [math.exp(side * math.exp(x)) for x in (mean, mean - wide, mean + wide)]
+        return found[0], found[1], found[2]
+
+    def plot_psychometric(self, ax: Axes | None = None, *, subject: str | None = None) -> Axes:
+        """A subject's proportion correct over the ratio, with the fitted psychometric function.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+        subject : str, optional
+            By default the only one.
+
+        Raises
+        ------
+        ValueError
+            If there is no such subject, none is given and there are several, or no psychometric function was fitted.
+        """
+        if subject is None and len(self.subjects) != 1:
+            raise ValueError(
+                f"subject must be given, one of {', '.join(one.subject for one in self.subjects)}"
+            )
+        one = self.subjects[0] if subject is None else self.subject(subject)
+        if not isinstance(one.estimate, PsychometricFit):
+            raise ValueError(f"subject {one.subject} has no psychometric function: {one.said}")
+        axes = one.estimate.plot(ax)
+        axes.set_title(wrapped(f"{self.title}, subject {one.subject}"), fontsize=10)
+        return axes
+
+    def plot_thresholds(self, ax: Axes | None = None) -> Axes:
+        """Each subject's threshold, with its interval where there is one, and the group's.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+
+        Raises
+        ------
+        ValueError
+            If no subject has a threshold.
+        """
+        if not any(one.threshold for one in self.subjects):
+            raise ValueError(f"task {self.name} must hold a threshold to be drawn, got none")
+        return plot_thresholds(self, ax)
+
+    def __repr__(self) -> str:
+        kind = "simulated subjects" if self.simulated else "subjects"
+        return f"ThresholdTask({self.name!r}, {self.design.get('design', self.task)}, {len(self.subjects)} {kind})"
+
+
+def _threshold(one: SubjectData, design: Design | None, level: float) -> SubjectThreshold:
+    rows = [] if one.answers is None else [row for row in one.answers.main if row.level is not None]
+    levels = [row.level for row in rows if row.level is not None]
+    correct = [row.correct for row in rows]
+    planned = one.planned
+    threshold: float | None
+    interval: tuple[float, float] | None = None
+    estimate: Estimate | None
+    if isinstance(design, Staircase):
+        estimate = reversals = design.threshold(levels, correct)
+        # It may end before its last trial.
+        planned = None if reversals.complete else planned
+        threshold, said = reversals.level, str(reversals)
+    elif isinstance(design, AdaptiveStaircase):
+        estimate = posterior = design.threshold(levels, correct, level=level)
+        threshold, interval, said = posterior.level, posterior.interval, str(posterior)
+    else:
+        estimate, said = _fitted(one, design, level)
+        threshold = None if estimate is None else estimate.threshold
+        interval = None if estimate is None else estimate.interval
+        if estimate is not None and estimate.side == "below":
+            threshold, interval = (
+                1.0 / estimate.threshold,
+                (1.0 / estimate.interval[0], 1.0 / estimate.interval[1]),
+            )
+    return SubjectThreshold(
+        one.subject, one.simulated, one.trials, planned, one.levels, threshold, interval, said, estimate
+    )
+
+
+def _fitted(one: SubjectData, design: Design | None, level: float) -> tuple[PsychometricFit | None, str]:
+    """The psychometric function, or none and why."""
+    known = {}
+    if isinstance(design, ConstantStimuli):
+        known = {
+            "parameter": design.parameter,
+            "reference": getattr(design.reference.material, design.parameter),
+        }
+    ratios, correct, trials = zip(*one.levels, strict=True)
+    try:
+        fit = psychometric_function(ratios, correct, trials, level=level, **known)
+    except (ImportError, ValueError) as error:
+        return None, f"no psychometric function: {error}"
+    return fit, str(fit)
+
+
+def plot_thresholds(task: ThresholdTask, ax: Axes | None) -> Axes:
+    """See `ThresholdTask.plot_thresholds`."""
+    ax = room_for(ax, len(task.subjects))
+    found = [(one.subject, one.threshold, one.interval) for one in task.subjects if one.threshold is not None]
+    names, rows = [name for name, *_ in found], np.arange(len(found), dtype=np.float64)
+    for (_, threshold, interval), at in zip(found, rows, strict=True):
+        if interval is not None:
+            ax.plot(interval, [at, at], "|-", color=POSITION, linewidth=1.2, markersize=5)
+        ax.plot(threshold, at, "o", color=POSITION, markersize=4.5)
+    if (group := task.group_threshold) is not None:
+        row = len(rows) + 0.4
+        names, rows = [*names, "all"], np.append(rows, row)
+        ax.axhline(row - 0.7, color="0.8", linewidth=0.8)
+        ax.plot(group[1:], [row, row], "|-", color=VELOCITY, linewidth=1.2, markersize=5)
+        ax.plot(group[0], row, "D", color=VELOCITY, markersize=5)
+    ax.axvline(1.0, color=REFERENCE, linestyle="--", linewidth=1, label="the reference")
+    some = any(interval is not None for *_, interval in found) or group is not None
+    said = f", {100 * task.level:g} % interval" if some else ""
+    ax.set_xlabel(
+        f"threshold, ratio of {task.design.get('parameter', 'the parameter')} to the reference{said}"
+    )
+    name_rows(ax, names, "subject", rows)
+    legend_above(ax, task.title)
+    return tidy(ax)

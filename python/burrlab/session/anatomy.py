@@ -1,0 +1,222 @@
+"""A session's part that looks at tissues: what was removed of each, and what a watch saw.
+
+What a replica did, and what it saw near critical structures.
+
+What a trace's burrs did near critical structures: it is executed again and watched.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import burrlab._core as _core
+from burrlab._core import Burr, Follower, Material, Replica, VoxelBone
+from burrlab.anatomy.events import EVENT_DTYPE, AnatomyEvent, Watched
+from burrlab.anatomy.report import AnatomyReport, nothing_watched
+from burrlab.anatomy.watch import Watch, critical_structures
+from burrlab.common.records import UNREADABLE, in_one_line
+from burrlab.session.replay import inputs
+from burrlab.session.trace import Trace, check_trace
+
+
+class SessionAnatomy:
+    """Asks a follower what it saw; says each event once.
+
+    Parameters
+    ----------
+    bone : VoxelBone
+        Before the first tick.
+    follower : Follower
+        Not yet started.
+    tools : sequence of (Burr, Material)
+    watch : Watch or None
+    period : float
+        Of the loop [ms].
+
+    Raises
+    ------
+    ValueError
+        If the watch is of another bone.
+    """
+
+    def __init__(
+        self,
+        bone: VoxelBone,
+        follower: Follower,
+        tools: Sequence[tuple[Burr, Material]],
+        watch: Watch | None,
+        period: float,
+    ) -> None:
+        self.watch = watch
+        self._follower, self._burrs, self._period = follower, len(tools), period
+        self._tissues, self._voxel_volume = bone.tissues, float(np.prod(bone.spacing))
+        self._before = _core.tissue_levels(bone)
+        self._told = 0
+        if watch is not None:
+            follower.set_watch(watch.core([burr.radius for burr, _ in tools]))
+
+    def watched(self, known: int = 0) -> Watched:
+        """What was seen until now; of the events all but the first `known`."""
+        removed = self._before - np.asarray(self._follower.tissue_levels(), dtype=np.int64)
+        if self.watch is None:
+            return nothing_watched(self._burrs, removed)
+        return Watched.of(self._follower.watched(known), removed)
+
+    def news(self) -> tuple[NDArray[np.void], list[str]]:
+        """(events since the last call, what to say of them): the end of a nearness is kept, and not said."""
+        if self.watch is None:
+            return np.zeros(0, EVENT_DTYPE), []
+        rows = self.watched(self._told).events
+        self._told += len(rows)
+        events = [AnatomyEvent.of(row, self.watch.structures, self._voxel_volume) for row in rows]
+        return rows, [str(event) for event in events if event.kind != "away"]
+
+    def report(self) -> AnatomyReport | None:
+        """None without tissues."""
+        if self._tissues is None:
+            return None
+        settings = {} if self.watch is None else self.watch.settings
+        return AnatomyReport.of(self.watched(), self._tissues, settings, self._period, self._voxel_volume)
+
+
+_TOLD = 5  # faults and divergences told, the last ones
+
+
+def status_text(status: Mapping[str, Any], *, interrupted: bool = False) -> str:
+    """What a replica did, for a reader: where it ended, what it compared, how it was connected.
+
+    Parameters
+    ----------
+    status : mapping
+        `Replica.status` with the bone's `digest`.
+    interrupted : bool
+        By its user.
+    """
+    how = "interrupted" if interrupted else "failed" if status["failed"] else "ended"
+    why = "" if interrupted else f" ({status['reason']})"
+    lines = [
+        f"{how}{why}: tick {status['tick']}, digest {status['digest']}",
+        f"the leader's digests: {status['digests_equal']} equal, {status['digests_different']} different; "
+        f"ticks with another result: {status['differing_ticks']}",
+        f"connections: {status['connections']} made, {status['faults']} given up; went on by missing ticks "
+        f"{status['by_ticks']}, by bricks {status['by_bricks']} times",
+    ]
+    if dropped := {reason: count for reason, count in status["dropped"].items() if count}:
+        lines.append(
+            f"messages dropped: {', '.join(f'{count} {reason}' for reason, count in dropped.items())}"
+        )
+    for tick, _, reason in status["last_faults"][-_TOLD:]:
+        lines.append(f"  connection given up at tick {tick}: {reason}")
+    for one in status["divergences"][-_TOLD:]:
+        lines.append(
+            f"  bone not the leader's at tick {one['tick']}: {one['what']}, {len(one['bricks'])} bricks replaced"
+        )
+    return "\n".join(lines)
+
+
+def replica_events(replica: Replica, known: int = 0) -> list[AnatomyEvent]:
+    """What happened near watched structures but for the first `known` events; none without a watch."""
+    settings = json.loads(replica.hello).get("watch")
+    if not settings:
+        return []
+    names = [row["name"] for row in settings["structures"]]
+    rows = replica.watched(known)["events"].view(EVENT_DTYPE)
+    return [AnatomyEvent.of(row, names, settings["voxel_volume_mm3"]) for row in rows]
+
+
+def replica_report(replica: Replica) -> AnatomyReport | None:
+    """What the burrs of a leader did near its watched structures, as a replica saw it.
+
+    Parameters
+    ----------
+    replica : Replica
+        That `follow` gave.
+
+    Returns
+    -------
+    AnatomyReport or None
+        None where the bone has no tissues. It equals the leader's where the replica saw every tick and the bone was
+        whole before the first: `removed` counts from the bone's pristine state, for a replica may come later.
+
+    Raises
+    ------
+    TypeError
+        If `replica` is none.
+    """
+    if not isinstance(replica, Replica):
+        raise TypeError(f"replica must be a Replica, got {type(replica).__name__}")
+    bone, _ = replica.snapshot()
+    if bone.tissues is None:
+        return None
+    hello = json.loads(replica.hello)
+    settings = dict(hello.get("watch") or {})
+    voxel_volume = float(np.prod(bone.spacing))
+    volumes = np.array([bone.removed_of(number) for number in range(len(bone.tissues))])
+    removed = np.rint(volumes * (255.0 / voxel_volume)).astype(np.int64)
+    if settings:
+        watched = Watched.of(replica.watched(), removed)
+    else:
+        watched = nothing_watched(len(hello["tools"]), removed)
+    return AnatomyReport.of(watched, bone.tissues, settings, 1e3 / float(hello["rate_Hz"]), voxel_volume)
+
+
+_BATCH = 2000  # ticks between two looks at the keyboard
+
+
+def anatomy_report(
+    trace: Trace, *, watch: Watch | None = None, progress: Callable[[float], object] | None = None
+) -> AnatomyReport:
+    """Executes a trace again and watches: what the session recorded, to the bit, or what another watch would have seen.
+
+    Parameters
+    ----------
+    trace : Trace
+        On a bone with tissues.
+    watch : Watch, optional
+        Made of `trace.bone()`; default: the session's own, or, without one, all critical structures.
+    progress : callable, optional
+        Called with the part done, 0 to 1.
+
+    Returns
+    -------
+    AnatomyReport
+
+    Raises
+    ------
+    ValueError
+        If the bone has no tissues, the watch is of another bone, or the trace holds what no session executes.
+    TypeError
+        If `trace` is not a trace.
+    """
+    check_trace(trace)
+    bone = trace.bone()
+    tissues = bone.tissues
+    if tissues is None:
+        raise ValueError("trace must be of a bone with tissues, got one of a single material")
+    if watch is None and trace.watch:
+        try:
+            watch = Watch.of_settings(bone, trace.watch)
+        except UNREADABLE as error:
+            said = in_one_line(repr(error))
+            raise ValueError(f"{trace.path} is damaged: its watch cannot be set up ({said})") from None
+    elif watch is None and critical_structures(bone):
+        watch = Watch(bone)
+    executor = _core.TickExecutor(
+        bone, list(trace.tools), trace.seed, period=trace.period, scheme=trace.scheme, tick=trace.first_tick
+    )
+    core = None if watch is None else watch.core([burr.radius for burr, _ in trace.tools])
+    executor.set_watch(core)
+    before = _core.tissue_levels(bone)
+    for start in range(0, len(trace), _BATCH):
+        executor.execute(inputs(trace.ticks[start : start + _BATCH]))
+        if progress is not None:
+            progress(min(start + _BATCH, len(trace)) / len(trace))
+    removed = before - _core.tissue_levels(bone)
+    watched = nothing_watched(trace.burrs, removed) if core is None else Watched.of(core.seen(), removed)
+    settings = {} if watch is None else watch.settings
+    return AnatomyReport.of(watched, tissues, settings, trace.period, trace.voxel_volume)

@@ -1,0 +1,362 @@
+"""Scripts for a burr's way, as CSV text.
+
+What moves a burr, in one word of text: of the command line and of protocols.
+
+A trace in the layout that the open temporal-bone simulator volumetric_drilling records.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+import burrlab.common.table as csv_text
+from burrlab._core import ScriptedDevice, TickExecutor, VoxelBone
+from burrlab.bone.kept import stack_slices
+from burrlab.bone.slices import is_stack
+from burrlab.common.files import new_hdf5
+from burrlab.session.replay import inputs
+from burrlab.session.trace import Trace, check_trace
+
+if TYPE_CHECKING:
+    import h5py
+
+
+def _problem_in_row(row: Mapping[str, float]) -> csv_text.Problem:
+    for name, value in row.items():
+        if name == "on" and value not in (0.0, 1.0):
+            return name, f"must be 0 or 1: got {value!r}"
+        if not math.isfinite(value):
+            return name, f"must be a finite number: got {value!r}"
+    return None
+
+
+_LAYOUT = csv_text.Layout(
+    columns={"time": "time_s", "x": "x_mm", "y": "y_mm", "z": "z_mm", "on": "on"},
+    filled={"time": "a time", "x": "a position", "y": "a position", "z": "a position"},
+    problem=_problem_in_row,
+)
+
+
+def read_script(file: csv_text.Path | IO[str] | IO[bytes]) -> ScriptedDevice:
+    """A device that follows the way in a CSV file.
+
+    Parameters
+    ----------
+    file : path or file object
+        Columns time_s (increasing), x_mm, y_mm, z_mm (centre of the burr, bone frame) and, optional, on (1: the burr
+        turns from this row to the next; without the column it always does). Lines that begin with # above the
+        column names are comments.
+
+    Returns
+    -------
+    ScriptedDevice
+
+    Raises
+    ------
+    ValueError
+        If a column is missing, a field is no finite number, `on` is not 0 or 1, or the times do not increase: with
+        the file, and the line and column where there is one.
+    OSError
+        If the file cannot be opened.
+    """
+    name, _, columns = csv_text.read(file, _LAYOUT)
+    position = np.column_stack([columns["x"], columns["y"], columns["z"]])
+    on = np.asarray(columns["on"]) > 0 if "on" in columns else None
+    try:
+        return ScriptedDevice(np.asarray(columns["time"]), position, on)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+DeviceKind = Literal["hand", "scripted", "igtl"]
+
+
+@dataclass(frozen=True)
+class DeviceText:
+    """hand, scripted:FILE or igtl:HOST:PORT, taken apart.
+
+    Attributes
+    ----------
+    kind : {"hand", "scripted", "igtl"}
+    file : str
+        Of a script.
+    host : str
+    port : int
+        Of an OpenIGTLink server.
+    """
+
+    kind: DeviceKind
+    file: str = ""
+    host: str = ""
+    port: int = 0
+
+
+def parse_device(text: str) -> DeviceText:
+    """A device from its text.
+
+    Raises
+    ------
+    ValueError
+        If the text is none of these.
+
+    Examples
+    --------
+    >>> parse_device("igtl:localhost:18944")
+    DeviceText(kind='igtl', file='', host='localhost', port=18944)
+    """
+    kind, _, rest = text.partition(":")
+    if text == "hand":
+        return DeviceText("hand")
+    if kind == "scripted" and rest:
+        return DeviceText("scripted", file=rest)
+    if kind == "igtl" and rest:
+        try:
+            host, port = parse_address(rest)
+        except ValueError as error:
+            raise ValueError(f"igtl: {error}") from None
+        return DeviceText("igtl", host=host, port=port)
+    raise ValueError(f"must be hand, scripted:FILE or igtl:HOST:PORT, got '{text}'")
+
+
+def parse_address(text: str) -> tuple[str, int]:
+    """Host and port.
+
+    Raises
+    ------
+    ValueError
+        If the text is no HOST:PORT with a port of 1 to 65535.
+    """
+    host, colon, port = text.rpartition(":")
+    if not colon or not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise ValueError(f"must be HOST:PORT, got '{text}'")
+    return host.strip("[]"), int(port)
+
+
+_DATA_EVERY = 20  # [ms] between the rows of `data`, the layout's synchronised stream of about 50 Hz
+_GROUP = 20  # ticks whose voxels share a time stamp
+_NO_TURN = (0.0, 0.0, 0.0, 1.0)  # quaternion (x, y, z, w)
+_QUARTER = (0.0, 0.0, 0.5**0.5, 0.5**0.5)  # about z, from x to y
+#: Where the groups of the old layout lie in the new one.
+_NEW = {
+    "metadata": "metadata_v3", "data": "vision_data/continuous_data",
+    "voxels_removed": "physics_data/intermittent_data/voxels_removed",
+    "burr_change": "physics_data/intermittent_data/burr_change",
+    "drill_force_feedback": "physics_data/intermittent_data/drill_force_feedback",
+    "high_frequency_poses/mastoidectomy_drill": "physics_data/continuous_data/high_frequency_poses/mastoidectomy_drill_pose",
+}  # fmt: skip
+
+_README = """All positions are in metres unless specified otherwise.
+Quaternions are [qx, qy, qz, qw].
+Poses are T_world_obj; the world is the bone's own frame (voxel axes, LPS).
+Written by burrlab from a trace: no camera, no images, no orientation of the drill (its quaternion is 0, 0, 0, 1).
+"""
+_OWN_AXES = "They count along the axes of the bone, which was not made of slices."
+_STACK_AXES = "Of the slices that the bone was made of: x is the pixel's column, y its row counted from the lowest, z the slice, all from 0."
+_VOXEL_README = """voxel_time_stamp: when a group of voxels was removed [s since epoch].
+voxel_removed: (group, x, y, z), indices of the voxels of each group. {axes}
+voxel_color: (group, r, g, b, a), 0 to 255; of the voxel's tissue, without tissues grey of its occupancy before the session.
+A voxel counts as removed when less than half of its level before the session is left.
+"""
+
+
+def export_volumetric_drilling(
+    trace: Trace,
+    path: str | os.PathLike[str],
+    *,
+    burr: int = 0,
+    layout: Literal["new", "old"] = "new",
+    progress: Callable[[float], object] | None = None,
+) -> None:
+    """Writes a trace as the recorder of volumetric_drilling (`data_record.py`) would have recorded it.
+
+    The trace is executed again to find which voxels went when.
+
+    Parameters
+    ----------
+    trace : Trace
+    path : path-like
+        The HDF5 file; one of that name is overwritten.
+    burr : int
+        The burr that is the drill; bone removed by another is in the voxels too.
+    layout : {"new", "old"}
+        `metadata_v3`, `vision_data` and `physics_data`, as the recorder writes since 2025, or that of its earlier recordings.
+    progress : callable, optional
+        Called with the part done, 0 to 1.
+
+    Raises
+    ------
+    ValueError
+        If there is no such burr or layout, or the path is the trace's own.
+    TypeError
+        If `trace` is not a trace.
+    OSError
+        If the file cannot be written, or the slices of which the bone is a box are not there.
+
+    Notes
+    -----
+    Groups after the repository LCSR-SICKKIDS/volumetric_drilling ("New Data Structure Format" and "Old Data Structure Format").
+    Voxels have the colour of their tissue, without tissues the grey of their occupancy. Of a bone made of PNG slices their indices
+    are those of that simulator: column, row counted from the lowest, slice; and the volume's pose turns its axes into the
+    bone's, where the slices were read with `transpose`. Else they are mirror images of one another, which no pose says.
+    Of any other bone the indices are its own (x, y, z).
+    Without a counterpart, and left out: stereo images, depth, segmentation, camera poses, intrinsics, extrinsics and
+    baseline, torques (zeros), the drill's orientation. `burr_size` is the diameter in whole millimetres, as there.
+    """
+    check_trace(trace)
+    if layout not in ("new", "old"):
+        raise ValueError(f"layout must be 'new' or 'old', got {layout!r}")
+    if Path(path).exists() and Path(path).samefile(trace.path):
+        raise ValueError(f"path must be another file than the trace, got {path}")
+    center = trace.array("center_mm", burr) / 1000.0
+    start = float(trace.provenance["started_unix_s"])
+    stamps = start + trace.time()
+    pose = np.hstack([center, np.tile(_NO_TURN, (len(trace), 1))])
+    grid = _Grid.of(trace)
+    with new_hdf5(path) as file:
+
+        def group(name: str) -> h5py.Group:
+            return file.create_group(_NEW[name] if layout == "new" else name)
+
+        if layout == "new":
+            file.create_group("vision_data/intermittent_data")  # empty there too
+        _write_metadata(group("metadata"), trace)
+        _write_data(group("data"), trace, grid, pose, stamps)
+        drill = group("high_frequency_poses/mastoidectomy_drill")
+        _put(drill, "time_stamp", stamps)
+        _put(drill, "pose", pose)
+        force = group("drill_force_feedback")
+        wrench = np.zeros((len(trace), 6))
+        wrench[:, :3] = trace.array("sent_force_N", burr)
+        _put(force, "time_stamp", stamps)
+        _put(force, "wrench", wrench)
+        size = group("burr_change")
+        _put(size, "time_stamp", np.array([start]))
+        whole = np.int64 if layout == "new" else np.int32
+        _put(size, "burr_size", np.array([int(2 * trace.tools[burr][0].radius)], dtype=whole))
+        _write_voxels(group("voxels_removed"), trace, grid, stamps, progress)
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """The voxels of that simulator: those of the slices that a bone was made of, or the bone's own."""
+
+    turned: bool | None  # the slices were transposed; None of no slices
+    sizes: NDArray[np.int64]  # of all slices (x, y, z), as they were read
+    first: NDArray[np.int64]  # place of the bone's first voxel there
+
+    @classmethod
+    def of(cls, trace: Trace) -> _Grid:
+        bone = trace.bone()
+        sizes, first = np.array(bone.shape[::-1]), np.zeros(3, np.int64)
+        try:
+            told = json.loads(trace.source)
+            told = told.get("grey", told)  # on whose voxels the bone is
+            path = str(told.get("path") or told.get("labels") or "")
+        except (ValueError, AttributeError, RecursionError):
+            return cls(None, sizes, first)
+        if "transpose" not in told and not (path and is_stack(path)):
+            return cls(None, sizes, first)
+        turned = bool(told.get("transpose", False))
+        if "crop_mm" in told and "voxel_mm" not in told and (slices := stack_slices(path)) is not None:
+            first = np.rint(np.array(bone.origin) / bone.spacing).astype(np.int64)
+            sides = (slices.rows, slices.columns) if turned else (slices.columns, slices.rows)
+            sizes = np.array([*sides, len(slices.paths)])
+        return cls(turned, sizes, first)
+
+    def indices(self, found: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(x, y, z) there of places (z, y, x) in the bone, shape (n, 3)."""
+        x, y, z = (found[:, ::-1] + self.first).T
+        if self.turned is None:
+            return np.column_stack([x, y, z])
+        across, down, rows = (y, x, self.sizes[0]) if self.turned else (x, y, self.sizes[1])
+        return np.column_stack([across, rows - 1 - down, z])
+
+
+def _put(group: h5py.Group, name: str, values: NDArray[np.generic]) -> None:
+    group.create_dataset(name, data=values, compression="gzip" if len(values) else None)
+
+
+def _write_metadata(group: h5py.Group, trace: Trace) -> None:
+    volume = group.create_dataset("voxel_volume", data=trace.voxel_volume)
+    volume.attrs["units"] = "mm^3, millimeters cubed"
+    group.create_dataset("README", data=_README)
+
+
+def _write_data(
+    group: h5py.Group, trace: Trace, grid: _Grid, pose: NDArray[np.float64], stamps: NDArray[np.float64]
+) -> None:
+    bone = trace.bone()
+    extent = (grid.sizes - 1) / 2.0 - grid.first
+    middle = (np.array(bone.origin) + extent * np.array(bone.spacing)) / 1000.0
+    rows = np.arange(0, len(trace), max(1, round(_DATA_EVERY / trace.period)))
+    _put(group, "time", stamps[rows])
+    _put(group, "pose_mastoidectomy_drill", pose[rows])
+    turn = _QUARTER if grid.turned else _NO_TURN
+    _put(group, "pose_mastoidectomy_volume", np.tile([*middle, *turn], (len(rows), 1)))
+
+
+def _write_voxels(
+    out: h5py.Group, trace: Trace, grid: _Grid, stamps: NDArray[np.float64],
+    progress: Callable[[float], object] | None,
+) -> None:  # fmt: skip
+    bone = trace.bone()
+    before, numbers = bone.density, bone.tissue_numbers
+    table = np.array([tissue.colour for tissue in bone.tissues or ()], dtype=float)
+    executor = TickExecutor(
+        bone, list(trace.tools), trace.seed, period=trace.period, scheme=trace.scheme, tick=trace.first_tick
+    )
+    gone = np.zeros(bone.shape, dtype=bool)
+    times: list[float] = []
+    voxels: list[NDArray[np.float64]] = []
+    colors: list[NDArray[np.float64]] = []
+    for first in range(0, len(trace), _GROUP):
+        rows = trace.ticks[first : first + _GROUP]
+        executor.execute(inputs(rows))
+        found = _newly_gone(bone, before, gone, trace, rows)
+        if len(found):
+            group, opaque = np.full((len(found), 1), float(len(times))), np.full((len(found), 1), 255.0)
+            at = tuple(found.T)
+            color = np.tile(before[at].astype(float)[:, None], 3) if numbers is None else table[numbers[at]]
+            voxels.append(np.hstack([group, grid.indices(found)]))
+            colors.append(np.hstack([group, color, opaque]))
+            times.append(stamps[first + len(rows) - 1])
+        if progress is not None:
+            progress((first + len(rows)) / len(trace))
+    _put(out, "voxel_time_stamp", np.array(times))
+    _put(out, "voxel_removed", np.vstack(voxels) if voxels else np.zeros((0, 4)))
+    _put(out, "voxel_color", np.vstack(colors) if colors else np.zeros((0, 5)))
+    axes = _OWN_AXES if grid.turned is None else _STACK_AXES
+    out.create_dataset("README", data=_VOXEL_README.format(axes=axes))
+
+
+def _newly_gone(
+    bone: VoxelBone, before: NDArray[np.uint8], gone: NDArray[np.bool_], trace: Trace, rows: NDArray[np.void]
+) -> NDArray[np.int64]:
+    """(n, 3) indices (z, y, x) of voxels that fell below half within these ticks; marks them in `gone`."""
+    spacing, origin = np.array(bone.spacing), np.array(bone.origin)
+    found = []
+    for burr, (tool, _) in enumerate(trace.tools):
+        if not rows["burr"]["removed_levels"][:, burr].any():
+            continue
+        center = rows["burr"]["center_mm"][:, burr]
+        reach = tool.radius + spacing
+        low = np.floor((center.min(axis=0) - reach - origin) / spacing).astype(int)[::-1]
+        high = np.ceil((center.max(axis=0) + reach - origin) / spacing).astype(int)[::-1] + 1
+        low, high = np.clip(low, 0, bone.shape), np.clip(high, 0, bone.shape)
+        if (high <= low).any():
+            continue
+        box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
+        now = bone.read(tuple(int(a) for a in low), tuple(int(n) for n in high - low))
+        new = (2 * now.astype(np.int16) < before[box]) & ~gone[box]
+        gone[box] |= new
+        found.append(np.argwhere(new) + low)
+    return np.vstack(found) if found else np.zeros((0, 3), dtype=np.int64)

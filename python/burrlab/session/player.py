@@ -1,0 +1,394 @@
+"""Levels of a bone's bricks at key ticks, so that any of these states can be had again.
+
+A recorded session at any of its moments: the bone, the burrs, force and depth.
+"""
+
+from __future__ import annotations
+
+import bisect
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from burrlab._core import TickExecutor, VoxelBone, read_bricks, restore_bricks, take_changed_bricks
+from burrlab.session.replay import inputs
+from burrlab.session.trace import Trace, check_trace
+
+
+class BrickHistory:
+    """States of a bone, each kept as the bricks that changed since the one before.
+
+    Where they take more room than `memory` every second one is given up, as often as needed: what is left goes back to
+    the beginning all the same, in wider steps. Safe to use from several threads.
+
+    Parameters
+    ----------
+    initial : VoxelBone
+        The bone at tick 0; kept, not copied, and never changed.
+    memory : int
+        For levels [bytes].
+    """
+
+    def __init__(self, initial: VoxelBone, memory: int) -> None:
+        self._initial, self._memory = initial, memory
+        self._ticks = [0]
+        self._bricks: list[NDArray[np.uint32]] = [np.empty(0, np.uint32)]
+        self._levels: list[NDArray[np.uint8]] = [np.empty((0, 512), np.uint8)]
+        self._bytes = self.thinned = 0
+        self.lock = threading.RLock()  # for several calls on one set of states
+        self._bits = np.zeros(int(np.prod([-(-n // 8) for n in initial.shape])), bool)
+
+    def __len__(self) -> int:
+        """Number of states, the initial one included."""
+        return len(self._ticks)
+
+    @property
+    def bytes(self) -> int:
+        """That the kept levels take."""
+        return self._bytes
+
+    @property
+    def last(self) -> int:
+        """Tick of the newest state."""
+        return self._ticks[-1]
+
+    def at_or_before(self, tick: int) -> int:
+        """Tick of the newest state that is not after a tick."""
+        with self.lock:
+            return self._ticks[bisect.bisect_right(self._ticks, tick) - 1]
+
+    def after(self, tick: int) -> int | None:
+        """Tick of the first state after a tick; None if there is none."""
+        with self.lock:
+            i = bisect.bisect_right(self._ticks, tick)
+            return self._ticks[i] if i < len(self._ticks) else None
+
+    def add(self, tick: int, bricks: NDArray[np.uint32], bone: VoxelBone) -> None:
+        """Keeps the state at a tick. `bricks` are all that changed since the newest one; another's state is no news."""
+        with self.lock:
+            if tick <= self.last:
+                return
+            self._append(tick, bricks, read_bricks(bone, bricks))
+            while self._bytes > self._memory and len(self._ticks) > 2:
+                self._thin()
+
+    def changed_between(self, one: int, other: int) -> NDArray[np.uint32]:
+        """Bricks that may differ between the bone at two ticks, in order; up to the newest state."""
+        low, high = min(one, other), max(one, other)
+        with self.lock:
+            first = bisect.bisect_right(self._ticks, low)
+            last = bisect.bisect_left(self._ticks, high) + 1
+            return _union(self._bricks[first:last])
+
+    def levels(self, bricks: NDArray[np.uint32], tick: int) -> NDArray[np.uint8]:
+        """Levels of bricks in the state at a tick, shape (n, 512)."""
+        levels = np.empty((len(bricks), 512), np.uint8)
+        with self.lock:
+            wanted, left = self._bits, len(bricks)
+            wanted[bricks] = True
+            i = bisect.bisect_right(self._ticks, tick) - 1
+            while left and i > 0:  # newest first: the first that holds a brick is right
+                kept = self._bricks[i]
+                rows = np.flatnonzero(wanted[kept])
+                if len(rows):
+                    levels[np.searchsorted(bricks, kept[rows])] = self._levels[i][rows]
+                    wanted[kept[rows]] = False
+                    left -= len(rows)
+                i -= 1
+            rest = wanted[bricks]
+            wanted[bricks] = False
+        levels[rest] = read_bricks(self._initial, bricks[rest])
+        return levels
+
+    def _append(self, tick: int, bricks: NDArray[np.uint32], levels: NDArray[np.uint8]) -> None:
+        self._ticks.append(tick)
+        self._bricks.append(bricks)
+        self._levels.append(levels)
+        self._bytes += levels.nbytes
+
+    def _thin(self) -> None:
+        """Gives up every second state; never the newest, to which the changes since then refer."""
+        ticks, bricks, levels = self._ticks, self._bricks, self._levels
+        self._ticks, self._bricks, self._levels, self._bytes = ticks[:1], bricks[:1], levels[:1], 0
+        self.thinned += 1
+        for i in range(1 + len(ticks) % 2, len(ticks), 2):
+            if i == 1:
+                self._append(ticks[1], bricks[1], levels[1])
+                continue
+            only = ~np.isin(bricks[i - 1], bricks[i])
+            both = np.concatenate([bricks[i - 1][only], bricks[i]])
+            order = np.argsort(both)
+            merged = np.concatenate([levels[i - 1][only], levels[i]])[order]
+            self._append(ticks[i], both[order], merged)
+
+
+def _union(parts: list[NDArray[np.uint32]]) -> NDArray[np.uint32]:
+    """Sorted, each once."""
+    return np.unique(np.concatenate([*parts, np.empty(0, np.uint32)]))
+
+
+_BATCH = 250  # ticks between two looks at the keyboard
+
+
+@dataclass(frozen=True, eq=False)
+class Burrs:
+    """The burrs at one moment.
+
+    Attributes
+    ----------
+    centers : ndarray, shape (n, 3)
+        Bone frame [mm]; NaN where the trace has no tick.
+    radii : ndarray, shape (n,)
+        [mm]
+    on, touching : ndarray, shape (n,), bool
+        The burr turns; bone lies in the sphere.
+    """
+
+    centers: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    on: NDArray[np.bool_]
+    touching: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """What the burrs met, tick by tick, for charts.
+
+    Attributes
+    ----------
+    time : ndarray, shape (ticks,)
+        At the end of each tick [s].
+    force, depth : ndarray, shape (ticks, burrs)
+        Magnitude of the model's force [N], penetration h [mm].
+    """
+
+    time: NDArray[np.float64]
+    force: NDArray[np.float64]
+    depth: NDArray[np.float64]
+
+
+class TracePlayer:
+    """Random access to a trace: its bone at any moment, to the bit.
+
+    Ticks are executed as `replay` does it. On the way the bone's state is kept every so often, as the bricks that
+    changed, so that a seek costs what `every` costs to execute, and a copy of what differs.
+
+    Parameters
+    ----------
+    trace : Trace
+    every : float
+        Between kept states [s].
+    memory : float
+        For kept states [MB]; where it does not suffice they lie further apart.
+
+    Raises
+    ------
+    TypeError
+        If `trace` is not a trace.
+    ValueError
+        If `every` or `memory` is not positive.
+    """
+
+    def __init__(self, trace: Trace, *, every: float = 0.25, memory: float = 256.0) -> None:
+        check_trace(trace)
+        for name, value in (("every", every), ("memory", memory)):
+            if not 0 < value < float("inf"):
+                raise ValueError(f"{name} must be positive, got {value!r}")
+        self.trace = trace
+        times = trace.time()
+        burr = trace.ticks["burr"]
+        self.history = History(times, np.linalg.norm(burr["force_N"], axis=2), burr["penetration_mm"])
+        self._every = max(1, round(every * 1000.0 / trace.period))
+        self._kept = BrickHistory(trace._bone, int(memory * 1e6))  # which never changes: no copy
+        self._walk = _Walk(trace, self._kept, self._every)
+
+    @property
+    def bone(self) -> VoxelBone:
+        """As it is at `time`; the same object throughout, changed by `seek`."""
+        return self._walk.bone
+
+    @property
+    def duration(self) -> float:
+        """Of the trace [s]."""
+        return self.trace.duration
+
+    @property
+    def ticks(self) -> int:
+        """In the trace."""
+        return len(self.trace)
+
+    @property
+    def done(self) -> int:
+        """Ticks of the trace executed at this moment."""
+        return self._walk.done
+
+    @property
+    def tick(self) -> int:
+        """Index of the next tick, as in `Trace.digests`."""
+        return self.trace.first_tick + self.done
+
+    @property
+    def time(self) -> float:
+        """Since the trace's start [s]."""
+        return float(self.history.time[self.done - 1]) if self.done else 0.0
+
+    @property
+    def burrs(self) -> Burrs:
+        """After the last executed tick; before the first one where it will begin."""
+        radii = np.array([burr.radius for burr, _ in self.trace.tools])
+        if not self.ticks:
+            none = np.zeros(len(radii), bool)
+            return Burrs(np.full((len(radii), 3), np.nan), radii, none, none)
+        row = self.trace.ticks["burr"][max(self.done - 1, 0)]
+        ran = self.done > 0
+        return Burrs(row["center_mm"].copy(), radii, ran & (row["on"] > 0), ran & (row["touching"] > 0))
+
+    @property
+    def force(self) -> NDArray[np.float64]:
+        """Of the model in the last executed tick [N], shape (burrs, 3)."""
+        return self._last("force_N", (self.trace.burrs, 3))
+
+    @property
+    def depth(self) -> NDArray[np.float64]:
+        """Penetration h in the last executed tick [mm], shape (burrs,)."""
+        return self._last("penetration_mm", (self.trace.burrs,))
+
+    @property
+    def events(self) -> tuple[Any, ...]:
+        """Of the whole trace, as it recorded them; empty where it has none."""
+        return tuple(getattr(self.trace, "events", ()))
+
+    @property
+    def prepared(self) -> float:
+        """Part of the trace whose states are kept, 0 to 1: seeking there is fast."""
+        with self._kept.lock:
+            step = self._every << self._kept.thinned
+            return min(1.0, (self._kept.last + step) / max(self.ticks, 1))
+
+    @property
+    def kept(self) -> tuple[int, int]:
+        """(states, bytes) kept."""
+        return len(self._kept), self._kept.bytes
+
+    def seek(self, seconds: float) -> NDArray[np.uint32]:
+        """Goes to a time: all ticks that end until then are executed.
+
+        Parameters
+        ----------
+        seconds : float
+            0 to `duration` [s].
+
+        Returns
+        -------
+        ndarray, shape (n,), uint32
+            Numbers of the bricks that changed since the last call, in order.
+
+        Raises
+        ------
+        ValueError
+            If the time is not in the trace.
+        """
+        if not 0 <= seconds <= self.duration + 1e-9:
+            raise ValueError(f"seconds must be from 0 to {self.duration:g}, got {seconds!r}")
+        half = 0.5e-3 * self.trace.period  # sums of periods are not exact
+        return self._walk.go(int(np.searchsorted(self.history.time, seconds + min(half, 1e-6), side="right")))
+
+    def seek_tick(self, tick: int) -> NDArray[np.uint32]:
+        """Goes to before the tick of this index, as `tick`, `Trace.digests` and `Companion.first_tick` count. As `seek`;
+        ValueError if the trace does not reach it."""
+        first = self.trace.first_tick
+        if not first <= tick <= first + self.ticks:
+            raise ValueError(f"tick must be from {first} to {first + self.ticks}, got {tick!r}")
+        return self._walk.go(tick - first)
+
+    def prepare(
+        self, progress: Callable[[float], object] | None = None, *, cancel: threading.Event | None = None
+    ) -> bool:
+        """Executes the whole trace once on a bone of its own, so that every later seek is fast.
+
+        May run in a thread beside seeks. What it needs besides the kept states is one more bone, until it returns.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called with the part done, 0 to 1.
+        cancel : threading.Event, optional
+            Ends it early once set.
+
+        Returns
+        -------
+        bool
+            Whether it came to the end.
+        """
+        scout = _Walk(self.trace, self._kept, self._every)
+        while scout.done < self.ticks:
+            if cancel is not None and cancel.is_set():
+                return False
+            scout.go(min(max(self._kept.last, scout.done) + self._every, self.ticks))
+            if progress is not None:
+                progress(scout.done / self.ticks)
+        return True
+
+    def _last(self, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+        if not self.done:
+            return np.zeros(shape)
+        values: NDArray[np.float64] = self.trace.ticks["burr"][name][self.done - 1].copy()
+        return values
+
+    def __repr__(self) -> str:
+        states, size = self.kept
+        return f"TracePlayer({self.time:.3f} of {self.duration:.3f} s; {states} states, {size / 1e6:.1f} MB)"
+
+
+class _Walk:
+    """One bone that goes to and fro in a trace, and leaves kept states where it is the first."""
+
+    def __init__(self, trace: Trace, kept: BrickHistory, every: int) -> None:
+        self._trace, self._kept, self._every = trace, kept, every
+        self.bone = trace.bone()
+        self.done = 0
+        self._executor = self._new_executor()
+        self._since: list[NDArray[np.uint32]] = []  # changed since a state at or before the newest one
+        take_changed_bricks(self.bone)
+
+    def go(self, done: int) -> NDArray[np.uint32]:
+        """To where so many ticks are executed; returns the bricks that changed."""
+        changed: list[NDArray[np.uint32]] = []
+        with self._kept.lock:  # another walk may give up states
+            key = self._kept.at_or_before(done)
+            if done < self.done or key > self.done:
+                between = self._kept.changed_between(key, self.done)
+                bricks = np.unique(np.concatenate([between, *self._since]))
+                restore_bricks(self.bone, bricks, self._kept.levels(bricks, key))
+                self.done, self._since = key, []
+                self._executor = self._new_executor()
+                changed.append(take_changed_bricks(self.bone))
+        while self.done < done:
+            changed.append(self._execute(done))
+        return np.unique(np.concatenate([*changed, np.empty(0, np.uint32)]))
+
+    def _execute(self, done: int) -> NDArray[np.uint32]:
+        """Up to `done` or the next kept state, whichever comes first."""
+        step = self._every << self._kept.thinned
+        key = self._kept.after(self.done)
+        if key is None:
+            key = max(self._kept.last, self.done + 1 - step) + step
+        end = min(done, key, self.done + _BATCH)
+        self._executor.execute(inputs(self._trace.ticks[self.done : end]))
+        self.done = end
+        changed = take_changed_bricks(self.bone)
+        self._since.append(changed)
+        if end == key:
+            self._kept.add(end, np.unique(np.concatenate(self._since)), self.bone)
+            self._since = []
+        return changed
+
+    def _new_executor(self) -> TickExecutor:
+        trace = self._trace
+        return TickExecutor(
+            self.bone, list(trace.tools), trace.seed, period=trace.period, scheme=trace.scheme, tick=trace.first_tick + self.done
+        )  # fmt: skip

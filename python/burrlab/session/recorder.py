@@ -1,0 +1,407 @@
+"""Recording: a thread that takes the loop's records and writes them into a trace, as bytes at known places."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from burrlab._core import Burr, Material, VoxelBone
+from burrlab.anatomy.events import Watched, WatchWriter
+from burrlab.bone.snapshot import check_tick
+from burrlab.common.files import kept_elsewhere, new_part
+from burrlab.session.trace import DIGEST_DTYPE, ENDED_LENGTH, Header, create, make_compact, row_dtype, to_rows
+
+DEFAULT_DURATION = 4 * 3600.0  # [s] of ticks there is room for
+_INTERVAL = 0.02  # [s] between two looks at the ring
+_MOST = 20_000  # records taken at once
+_OVERWRITTEN = "was overwritten"
+
+
+class Reader(Protocol):
+    """What records come from: a `RecordReader` of a loop."""
+
+    def take(self, most: int = ...) -> tuple[NDArray[np.void], bool]:
+        """(records since the last call, whether some were lost before the next)"""
+
+
+class TraceWriter:
+    """Records a session into a trace; also a context manager that starts and stops.
+
+    Parameters
+    ----------
+    path : path-like
+        A file that does not exist yet.
+    reader : RecordReader
+        Made before the loop was started.
+    bone : VoxelBone
+        The bone before the first tick; it is written at once, and not used later.
+    tools : list of (Burr, Material)
+        One a burr, in index order.
+    seed : int
+        Of the session.
+    period : float
+        Of the loop [ms].
+    scheme : {"layer", "cell"}
+    first_tick : int
+        Ticks executed on this bone before.
+    devices : sequence of str
+        Names, one a burr.
+    source : str
+        Where the volume comes from.
+    note : mapping, optional
+        What else is worth keeping, as safety parameters; JSON.
+    watch : mapping, optional
+        Settings of a watch; JSON. Its bone has tissues.
+    duration : float
+        Length that there is room for, at one tick a period [s]; recording stops there.
+    digest_every : float
+        Between digests that there is room for [s].
+    on_end : callable, optional
+        Called with the reason, from the writer's thread, at once when recording ends by itself: the ring was overrun,
+        the disk is full or fails, there is no room left; and when the file was deleted, replaced or overwritten.
+
+    Raises
+    ------
+    ValueError
+        If there are not one or two tools, a seed, tick, period, duration or digest_every is out of range, or the note
+        is not JSON.
+    FileExistsError
+        If the file exists.
+    OSError
+        If it cannot be written.
+
+    Notes
+    -----
+    The file is finished before the first tick but for its rows. Every 20 ms the rows that came are written at their
+    place, and after them their count: whatever moment the process is killed at, the rows that the count speaks of are
+    whole. `docs/trace.md` says what holds and what does not.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        reader: Reader,
+        bone: VoxelBone,
+        tools: Sequence[tuple[Burr, Material]],
+        *,
+        seed: int,
+        period: float = 1.0,
+        scheme: str = "layer",
+        first_tick: int = 0,
+        devices: Sequence[str] = (),
+        source: str = "",
+        note: Mapping[str, Any] | None = None,
+        watch: Mapping[str, Any] | None = None,
+        duration: float = DEFAULT_DURATION,
+        digest_every: float = 1.0,
+        on_end: Callable[[str], object] | None = None,
+    ) -> None:
+        self.path = Path(path)
+        _check(
+            tools, seed, first_tick, {"period": period, "duration": duration, "digest_every": digest_every}
+        )
+        header = Header(
+            tools,
+            seed,
+            period,
+            scheme,
+            first_tick,
+            devices,
+            source,
+            _json(note),
+            _json(watch) if watch else "",
+        )
+        rows, digests = (
+            max(1, math.ceil(duration * 1000.0 / period)),
+            math.ceil(duration / min(digest_every, 1.0)) + 16,
+        )
+        if self.path.exists():
+            raise FileExistsError(f"path must be a new file, {self.path} exists")
+        with new_part(self.path) as part:  # a kill while the file is made leaves none of this name
+            try:
+                self._places = create(part, header, bone, capacity=rows, digest_capacity=digests)
+            except (RuntimeError, ValueError) as error:  # as HDF5 says that a limit is too small
+                raise OSError(f"{self.path} could not be made: {error}") from None
+            except OSError as error:
+                if error.filename != os.fspath(part):
+                    raise
+                raise type(error)(error.errno, error.strerror, os.fspath(self.path)) from None
+            _name(part, self.path)
+        self._reader: Reader | None = reader
+        self._burrs, self._first, self._on_end = len(tools), first_tick, on_end
+        self._row_bytes = row_dtype(self._burrs).itemsize
+        self._recorded = self._digests_recorded = 0
+        self._ended, self._warning = "", ""
+        #: Where the content of a file is that was deleted or replaced while it was written; empty where none was.
+        self.rescued = ""
+        self._complete = False
+        self._pending: list[tuple[int, str]] = []
+        self._watch = None if self._places.watch is None else WatchWriter(self._places.watch)
+        self._lock, self._wake = threading.Lock(), threading.Event()
+        self._stopping: str | None = None
+        self._thread = threading.Thread(target=self._run, name="burrlab trace", daemon=True)
+        self._file = os.open(self.path, os.O_RDWR)
+        self._head = os.pread(self._file, min(1024, self._places.recorded), 0)  # never written again
+
+    @property
+    def recorded(self) -> int:
+        """Ticks in the file."""
+        return self._recorded
+
+    @property
+    def ended(self) -> str:
+        """Why recording ended; empty while it goes on."""
+        return self._ended
+
+    @property
+    def complete(self) -> bool:
+        """Whether recording ended with the session, every tick in the file, and the file is where it was made."""
+        return self._complete
+
+    @property
+    def warning(self) -> str:
+        """Why the finished file could not be compacted, or what became of it; empty where all is well."""
+        return self._warning
+
+    def add_digest(self, tick: int, digest: str) -> None:
+        """Keeps the digest that the bone had after `tick` executed ticks; from any thread.
+
+        Raises
+        ------
+        ValueError
+            If it is not 32 hexadecimal digits.
+        """
+        if len(digest) != 32 or any(c not in "0123456789abcdef" for c in digest):
+            raise ValueError(f"digest must be 32 hexadecimal digits, got '{digest}'")
+        with self._lock:
+            self._pending.append((tick, digest))
+
+    def add_events(self, events: NDArray[np.void]) -> None:
+        """Keeps events of a watch, in their order; from any thread. ValueError if the trace has none."""
+        if self._watch is None:
+            raise ValueError("events must be of a trace with a watch")
+        self._watch.add(events)
+
+    def set_watched(self, watched: Watched) -> None:
+        """What a watch saw in all, to be written by `stop`. ValueError if the trace has none."""
+        if self._watch is None:
+            raise ValueError("what was watched must be of a trace with a watch")
+        self._watch.set_sums(watched)
+
+    def start(self) -> None:
+        """Once, before `stop`; ValueError else."""
+        if self._stopping is not None or self._thread.ident is not None:
+            raise ValueError("recording must be started once: it has been started or stopped")
+        self._thread.start()
+
+    def stop(self, reason: str = "stopped") -> None:
+        """Takes what is left in the ring, closes the file and compacts it. Further calls do nothing."""
+        if self._stopping is None:
+            self._stopping = reason
+            self._wake.set()
+            if self._thread.ident is not None:
+                self._thread.join()
+            else:
+                self._run()
+            self._finish_file()
+            self._on_end = None  # a session's own method: the two would keep each other, and two bones, alive
+
+    def __enter__(self) -> TraceWriter:
+        self.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        self.stop("stopped" if kind is None else f"stopped by {kind.__name__}")
+
+    def __repr__(self) -> str:
+        return f"TraceWriter({str(self.path)!r}, {self._recorded} ticks{f', {self._ended}' if self._ended else ''})"
+
+    def _run(self) -> None:
+        lost = ""
+        try:
+            while not self._ended:
+                if not lost and (lost := self._lost()) and self._on_end is not None:
+                    self._on_end(f"{self.path} {lost} while the session is recorded")
+                if lost == _OVERWRITTEN:  # what is there now is another's, and left alone
+                    self._ended = lost
+                    break
+                last = self._stopping is not None  # before the ring is emptied
+                self._empty_ring(last)
+                self._write_digests()
+                self._write_watch(last)
+                if last and not self._ended:
+                    self._end(self._stopping or "stopped", complete=True)
+                elif not self._ended:
+                    self._wake.wait(_INTERVAL)
+        except Exception as error:  # a thread must not die in silence: the session is told
+            self._end(f"recording failed: {error}")
+        finally:
+            self._reader = None  # a loop on a virtual clock would wait for it
+        if not self._complete and self._on_end is not None and lost != _OVERWRITTEN:
+            self._on_end(self._ended)
+
+    def _empty_ring(self, last: bool) -> None:
+        while not self._ended and self._reader is not None:
+            records, lost = self._reader.take(_MOST)
+            if len(records):
+                self._write_ticks(records)
+            if lost:
+                self._end("the ring was overrun: the disk or the processor was too slow")
+            if len(records) < (1 if last else _MOST):  # a fast loop always has a few more
+                return
+
+    def _write_ticks(self, records: NDArray[np.void]) -> None:
+        expected = self._first + self._recorded + np.arange(len(records), dtype=np.uint64)
+        whole = int(np.argmin(np.append(records["index"] == expected, False)))
+        room = min(whole, self._places.capacity - self._recorded)
+        written, why = self._write_rows(to_rows(records[:room], self._burrs))
+        failed = self._write_count(self._places.recorded, self._recorded + written) if written else ""
+        if not failed:
+            self._recorded += written
+        why = why or failed
+        if why:
+            self._end(why)
+        elif whole < len(records):
+            self._end(f"the record of the next tick is missing, tick {records['index'][whole]} came")
+        elif room < whole:
+            self._end("the file has no room for more ticks: its duration is over")
+
+    def _write_rows(self, rows: NDArray[np.void]) -> tuple[int, str]:
+        """(whole rows written, why no more)"""
+        data, done = memoryview(rows.tobytes()), 0
+        at = self._places.ticks + self._recorded * self._row_bytes
+        try:
+            while done < len(data):
+                done += _write(self._file, data[done:], at + done)
+        except OSError as error:
+            return done // self._row_bytes, f"the file could not be written: {error.strerror or error}"
+        return len(rows), ""
+
+    def _write_count(self, at: int, count: int) -> str:
+        try:
+            _write(self._file, np.uint64(count).tobytes(), at)
+        except OSError as error:
+            return f"the file could not be written: {error.strerror or error}"
+        return ""
+
+    def _write_digests(self) -> None:
+        """Digests of bones whose ticks are in the file; the others wait."""
+        with self._lock:
+            ready = [d for d in self._pending if d[0] <= self._first + self._recorded]
+            self._pending = [d for d in self._pending if d[0] > self._first + self._recorded]
+        ready = ready[: self._places.digest_capacity - self._digests_recorded]
+        if not ready or self._ended:
+            return
+        table = np.array([(tick, digest.encode()) for tick, digest in ready], DIGEST_DTYPE)
+        at = self._places.digests + self._digests_recorded * DIGEST_DTYPE.itemsize
+        try:
+            if _write(self._file, table.tobytes(), at) < table.nbytes:
+                raise OSError(0, "the disk took only a part")
+        except OSError as error:
+            self._end(f"the file could not be written: {error.strerror}")
+            return
+        self._digests_recorded += len(ready)
+        self._write_count(self._places.digests_recorded, self._digests_recorded)
+
+    def _write_watch(self, last: bool) -> None:
+        if self._watch is None or self._ended:
+            return
+        try:
+            self._watch.write(self._file, self._first + self._recorded)
+            if last:
+                self._watch.finish(self._file)
+        except OSError as error:
+            self._end(f"the file could not be written: {error.strerror or error}")
+
+    def _end(self, reason: str, *, complete: bool = False) -> None:
+        self._complete = complete
+        text = reason
+        if not complete:
+            text = f"recording ended before tick {self._first + self._recorded}: {reason}"
+        try:  # these pages exist since the file was made; where a file system wants room even so, `ended` still says it
+            _write(self._file, text.encode()[:ENDED_LENGTH].ljust(ENDED_LENGTH, b"\0"), self._places.ended)
+            _write(self._file, np.uint8(complete).tobytes(), self._places.complete)
+        except OSError:
+            pass
+        self._ended = text
+
+    def _lost(self) -> str:
+        """What others did to the file; empty where it is where it was made and begins as it was made."""
+        try:
+            if not os.path.samestat(os.fstat(self._file), os.stat(self.path)):
+                return "was replaced"
+        except OSError:
+            return "was deleted or moved"
+        return "" if os.pread(self._file, len(self._head), 0) == self._head else _OVERWRITTEN
+
+    def _finish_file(self) -> None:
+        """Compacts the file, or what is still open of it where another is in its place."""
+        try:
+            if lost := self._lost():
+                self._complete = False
+                if lost != _OVERWRITTEN:
+                    self.rescued = kept_elsewhere(os.fspath(self.path), "trace.h5", self._rescue) or ""
+                kept = f"kept as {self.rescued}" if self.rescued else "lost"
+                self._ended = f"{self.path} {lost} during the session: what was recorded is {kept}"
+                self._warning = self._ended
+            else:
+                with new_part(self.path) as part:
+                    make_compact(self.path, part)
+                    part.replace(self.path)
+        except (OSError, RuntimeError, ValueError, KeyError) as error:
+            why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else error
+            self._warning = f"{self.path} stays as it was recorded, it could not be compacted: {why}"
+        finally:
+            os.close(self._file)
+
+    def _rescue(self, place: str) -> None:
+        with new_part(Path(place)) as part, os.fdopen(os.dup(self._file), "rb") as raw:
+            try:
+                make_compact(raw, part)
+            except (RuntimeError, ValueError, KeyError) as error:
+                raise OSError(f"{place} could not be made: {error}") from None
+            _name(part, Path(place))
+
+
+def _write(file: int, data: bytes | memoryview, at: int) -> int:
+    return os.pwrite(file, data, at)
+
+
+def _name(part: Path, path: Path) -> None:
+    """Gives a file its name, unless another has it by now."""
+    try:
+        os.link(part, path)
+    except FileExistsError:
+        raise FileExistsError(f"path must be a new file, {path} exists") from None
+    except OSError:  # a file system without hard links
+        part.rename(path)
+    else:
+        part.unlink()
+
+
+def _json(note: Mapping[str, Any] | None) -> str:
+    try:
+        return json.dumps(dict(note or {}), allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"note must be what JSON holds: {error}") from None
+
+
+def _check(
+    tools: Sequence[tuple[Burr, Material]], seed: int, first_tick: int, spans: Mapping[str, float]
+) -> None:
+    if not 1 <= len(tools) <= 2:
+        raise ValueError(f"number of tools must be 1 or 2, got {len(tools)}")
+    if not 0 <= seed < 2**64:
+        raise ValueError(f"seed must be a whole number from 0 and below 2^64, got {seed}")
+    check_tick(first_tick)
+    for name, value in spans.items():
+        if not (math.isfinite(value) and value > 0):
+            raise ValueError(f"{name} must be positive, got {value}")

@@ -1,0 +1,131 @@
+"""Closed forms of the descent at constant force: static contact, stiffness, layer thickness.
+
+The window of a descent and the penetration velocity in it (definitions: docs/descent.md).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from burrlab._core import Burr, Material
+
+
+def relative_force(burr: Burr, material: Material, force: float) -> float:
+    """phi = F/(c_e R^2), the one number besides f that a descent depends on."""
+    return force / (material.c_e * burr.radius**2)
+
+
+def static_immersion(burr: Burr, material: Material, force: float) -> float:
+    """Depth of the tip at which intact bone alone carries the force, R phi^(2/3) (Eqs. 2, 3) [mm].
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> round(static_immersion(burrlab.Burr(3.0), burrlab.materials["bone"], 1.0), 4)
+    0.4169
+    """
+    return float(burr.radius * relative_force(burr, material, force) ** (2 / 3))
+
+
+def contact_stiffness(c_e: float, radius: float, force: float, immersion: float) -> float:
+    """k = dF/dH at force F in a hole of depth H [N/mm].
+
+    k = 1.5 c_e sqrt(u) (2 R H - H^2) / (R (2u - u^2)), u = (F/(c_e R^2))^(2/3). It grows as F falls in a hole.
+
+    Parameters
+    ----------
+    c_e : float
+        [N/mm^2]
+    radius, immersion : float
+        R, H [mm]; H is taken at least at the static contact.
+    force : float
+        F [N]
+    """
+    u = min((force / (c_e * radius**2)) ** (2 / 3), 1.0)
+    depth = min(max(immersion, u * radius), radius)
+    area = 2 * radius * depth - depth**2  # wetted, projected on the axis, over pi
+    return float(1.5 * c_e * math.sqrt(u) * area / (radius * (2 * u - u * u)))
+
+
+def layer_thickness(burr: Burr, material: Material, velocity: float) -> float | None:
+    """Thickness of the layer in which the burr cuts, delta_0 = sqrt(2 pi R v/(kappa alpha))/2 [mm].
+
+    kappa = -f'(1): 2 for the parabolic, 1 for the linear shape; None for an f whose zero is not simple.
+
+    Parameters
+    ----------
+    velocity : float
+        v [mm/s]
+    """
+    kappa = {"parabolic": 2.0, "linear": 1.0}.get(material.shape.name)
+    if kappa is None or material.alpha == 0.0:
+        return None
+    return float(0.5 * np.sqrt(2 * np.pi * burr.radius * velocity / (kappa * 1e3 * material.alpha)))
+
+
+Array = NDArray[np.float64]
+
+#: Half width of the band around the set-point that counts as settled, relative (ours).
+SETTLED_BAND = 0.05
+#: Fewest ticks in a window whose force is held exactly (ours).
+FEWEST_TICKS = 10
+
+
+def settled_immersion(immersion: Array, force: Array, setpoint: float, *, span: int = 51) -> float | None:
+    """Immersion from which the force stays settled until the end of the record.
+
+    Parameters
+    ----------
+    immersion, force : ndarray, shape (n,)
+        [mm], [N]
+    setpoint : float
+        [N]
+    span : int
+        Length of the centred mean [samples], odd.
+
+    Returns
+    -------
+    float or None
+        [mm]; None if the centred mean of the force leaves the set-point by 5 % up to the end.
+    """
+    if len(force) < span:
+        return None
+    half = span // 2
+    mean = uniform_filter1d(force, span)[half : len(force) - half]
+    outside = np.flatnonzero(np.abs(mean - setpoint) > SETTLED_BAND * setpoint)
+    first = int(outside[-1]) + 1 if outside.size else 0
+    return float(immersion[first + half]) if first < len(mean) else None
+
+
+def samples_between(immersion: Array, start: float, end: float) -> slice:
+    """Samples from the first at `start` [mm] to the last before `end` [mm] is passed."""
+    first = int(np.argmax(immersion >= start)) if np.any(immersion >= start) else len(immersion)
+    beyond = np.flatnonzero(immersion[first:] > end)
+    return slice(first, first + int(beyond[0]) if beyond.size else len(immersion))
+
+
+def penetration_velocity_between(time: Array, immersion: Array, start: float, end: float) -> float | None:
+    """Least-squares slope of immersion over time between two immersions [mm/s].
+
+    Parameters
+    ----------
+    time, immersion : ndarray, shape (n,)
+        [s], [mm]
+    start, end : float
+        [mm]
+
+    Returns
+    -------
+    float or None
+        [mm/s]; None with fewer than two samples there.
+    """
+    rows = samples_between(immersion, start, end)
+    t, h = time[rows], immersion[rows]
+    if len(t) < 2:
+        return None
+    t = t - t.mean()
+    return float(t @ (h - h.mean()) / (t @ t))

@@ -1,0 +1,15 @@
+from burrlab.session.player import Burrs as Burrs
+from burrlab.session.player import History as History
+from burrlab.session.player import TracePlayer as TracePlayer
+from burrlab.view.camera import Viewpoint as Viewpoint
+from burrlab.view.camera import surgeon_view as surgeon_view
+from burrlab.view.film import TraceView as TraceView
+from burrlab.view.film import write_video as write_video
+from burrlab.view.live import LiveView as LiveView
+from burrlab.view.pictures import depth_map as depth_map
+from burrlab.view.pictures import plot_depth_map as plot_depth_map
+from burrlab.view.pictures import plot_slices as plot_slices
+from burrlab.view.scene import Scene as Scene
+from burrlab.view.surface import Surface as Surface
+from burrlab.view.surface import SurfaceBlock as SurfaceBlock
+from burrlab.view.surface import surface_blocks as surface_blocks

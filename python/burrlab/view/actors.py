@@ -1,0 +1,625 @@
+"""Surface blocks as VTK actors, one a block, so that a changed block is one small upload.
+
+Burrs as VTK actors: balls, and the outline of what bone hides of them.
+
+Dust, blood and water as little spheres, coloured by what they hold.
+
+What names and measures the scene: legend of tissues, scale bar.
+
+Force and depth over time, in the lower left of the view.
+
+Slices through the three planes, in panels of their own beside the view.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from burrlab._core import VoxelBone
+from burrlab.view.pictures import PLANES, SliceImage, slice_image
+from burrlab.view.surface import Block, Surface, SurfaceBlock
+
+
+def polydata(block: SurfaceBlock, palette: NDArray[np.uint8]) -> Any:
+    """A block as vtkPolyData with normals and colours; its arrays are shared, not copied, where types allow."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+
+    points = vtkPoints()
+    points.SetData(numpy_to_vtk(block.points))
+    cells = vtkCellArray()
+    cells.SetData(3, numpy_to_vtkIdTypeArray(block.triangles.astype(np.int64).ravel(), deep=True))
+    mesh = vtkPolyData()
+    mesh.SetPoints(points)
+    mesh.SetPolys(cells)
+    mesh.GetPointData().SetNormals(numpy_to_vtk(block.normals))
+    colours = numpy_to_vtk(block.colours(palette), deep=True)
+    colours.SetName("colour")
+    mesh.GetPointData().SetScalars(colours)
+    return mesh
+
+
+class BlockActors:
+    """The actors of a surface in a renderer.
+
+    Parameters
+    ----------
+    renderer : vtkRenderer
+    palette : ndarray, shape (tissues, 3), uint8
+    """
+
+    def __init__(self, renderer: Any, palette: NDArray[np.uint8]) -> None:
+        from vtkmodules.vtkRenderingCore import vtkProperty
+
+        self.renderer, self.palette = renderer, palette
+        self.actors: dict[Block, Any] = {}
+        self.property = vtkProperty()
+        self.property.SetInterpolationToPhong()
+        self.property.SetAmbient(0.16)
+        self.property.SetDiffuse(0.86)
+        self.property.SetSpecular(0.18)
+        self.property.SetSpecularPower(18.0)
+
+    def replace(self, surface: Surface, blocks: Iterable[Block]) -> None:
+        """Takes over these blocks of the surface; those that are gone there go here."""
+        from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
+
+        for block in blocks:
+            made = surface.blocks.get(block)
+            actor = self.actors.get(block)
+            if made is None:
+                if actor is not None:
+                    self.renderer.RemoveActor(self.actors.pop(block))
+                continue
+            if actor is None:
+                actor = self.actors[block] = vtkActor()
+                actor.SetMapper(vtkPolyDataMapper())
+                actor.SetProperty(self.property)
+                self.renderer.AddActor(actor)
+            actor.GetMapper().SetInputData(polydata(made, self.palette))
+
+
+ON, OFF = (0.78, 0.80, 0.84), (0.50, 0.52, 0.56)
+_OUTLINE = (0.30, 0.78, 1.0)
+_DASHES = 36
+_IN_FRONT = -66000.0  # of VTK's offset of depths: before all else
+
+
+class BurrActors:
+    """The burrs of a plotter.
+
+    Parameters
+    ----------
+    plotter : pyvista.Plotter
+    module : module
+        pyvista.
+    radii : sequence of float
+        [mm]
+    outline : bool
+        Draw the rim of each as a dashed line through whatever lies before it.
+    """
+
+    def __init__(self, plotter: Any, module: Any, radii: Sequence[float], *, outline: bool) -> None:
+        self.plotter, self.radii = plotter, tuple(radii)
+        self.centers = np.full((len(self.radii), 3), np.nan)
+        self.balls = [self._add_ball(module, radius) for radius in self.radii]
+        self.rims = [_Rim(plotter.renderer) for _ in self.radii] if outline else []
+
+    def _add_ball(self, module: Any, radius: float) -> Any:
+        sphere = module.Sphere(radius=radius, theta_resolution=48, phi_resolution=48)
+        actor = self.plotter.add_mesh(
+            sphere, color=OFF, smooth_shading=True, ambient=0.15, diffuse=0.7, specular=0.9,
+            specular_power=40, render=False, reset_camera=False,
+        )  # fmt: skip
+        actor.SetVisibility(False)  # until its place is known
+        return actor
+
+    def place(self, centers: NDArray[np.float64], on: Sequence[bool] | None) -> None:
+        """Puts the centres (burrs, 3) [mm]; those that do not turn are darker."""
+        self.centers = centers
+        for i, (actor, center) in enumerate(zip(self.balls, centers, strict=True)):
+            known = bool(np.isfinite(center).all())
+            actor.SetVisibility(known)
+            if known:
+                actor.SetPosition(*center)
+            actor.prop.color = ON if on is None or on[i] else OFF
+
+    def fit(self) -> None:
+        """Turns the outlines to the camera."""
+        eye = np.array(self.plotter.camera.position)
+        for rim, center, radius in zip(self.rims, self.centers, self.radii, strict=bool(self.rims)):
+            rim.fit(eye, center, radius)
+
+
+class _Rim:
+    """The circle in which a ball is seen, dashed, before all else."""
+
+    def __init__(self, renderer: Any) -> None:
+        from vtkmodules.vtkCommonCore import vtkPoints
+        from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+        from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
+
+        self.points, lines, self.mesh = vtkPoints(), vtkCellArray(), vtkPolyData()
+        self.points.SetNumberOfPoints(4 * _DASHES)
+        for dash in range(_DASHES):  # three points each, and a gap of one step
+            lines.InsertNextCell(3)
+            for k in range(3):
+                lines.InsertCellPoint(4 * dash + k)
+        self.mesh.SetPoints(self.points)
+        self.mesh.SetLines(lines)
+        mapper = vtkPolyDataMapper()
+        mapper.SetInputData(self.mesh)
+        mapper.SetResolveCoincidentTopologyToPolygonOffset()
+        mapper.SetRelativeCoincidentTopologyLineOffsetParameters(0.0, _IN_FRONT)
+        self.actor = vtkActor()
+        self.actor.SetMapper(mapper)
+        look = self.actor.GetProperty()
+        look.SetLighting(False)
+        look.SetColor(*_OUTLINE)
+        look.SetLineWidth(1.5)
+        self.actor.SetVisibility(False)
+        renderer.AddActor(self.actor)
+
+    def fit(self, eye: NDArray[np.float64], center: NDArray[np.float64], radius: float) -> None:
+        away = eye - center
+        distance = float(np.linalg.norm(away))
+        shown = bool(np.isfinite(distance)) and distance > radius
+        self.actor.SetVisibility(shown)
+        if not shown:
+            return
+        away /= distance
+        side = np.cross(away, np.eye(3)[np.argmin(np.abs(away))])
+        side /= np.linalg.norm(side)
+        turn = np.linspace(0.0, 2 * np.pi, 4 * _DASHES, endpoint=False)[:, None]
+        share = radius / distance
+        ring = center + radius * share * away
+        ring = ring + radius * np.sqrt(1 - share**2) * (
+            np.cos(turn) * side + np.sin(turn) * np.cross(away, side)
+        )
+        for i, point in enumerate(ring):
+            self.points.SetPoint(i, *point)
+        self.points.Modified()
+        self.mesh.Modified()
+
+
+FIELDS = ("position", "radius", "dust", "blood", "water")
+_COLOURS = {"dust": (240, 226, 200), "blood": (168, 12, 18), "water": (150, 200, 236)}
+_STRENGTH = {"dust": 1.0, "blood": 3.0, "water": 0.5}  # blood colours what it mixes with, water barely
+
+
+def parcel_colours(parcels: NDArray[np.void]) -> NDArray[np.uint8]:
+    """Red, green, blue of every parcel, (n, 3): the mean of what it holds, blood weighing most.
+
+    Raises
+    ------
+    ValueError
+        If the array has no fields position, radius, dust, blood and water.
+    """
+    check_parcels(parcels)
+    weights = np.stack([_STRENGTH[name] * parcels[name].astype(float) for name in _COLOURS], axis=1)
+    total = weights.sum(axis=1, keepdims=True)
+    weights = np.divide(weights, total, out=np.full_like(weights, 1 / 3), where=total > 0)
+    mixed: NDArray[np.uint8] = np.rint(weights @ np.array(list(_COLOURS.values()), float)).astype(np.uint8)
+    return mixed
+
+
+def check_parcels(parcels: NDArray[np.void]) -> None:
+    """ValueError unless it is an array with the fields that are drawn."""
+    names = parcels.dtype.names or ()
+    missing = [name for name in FIELDS if name not in names]
+    if missing:
+        raise ValueError(f"parcels must have the fields {', '.join(FIELDS)}; {', '.join(missing)} is missing")
+
+
+#: A disc that is darker towards its rim, as a ball lit from the eye.
+_BALL = """//VTK::Color::Impl
+float away = dot(offsetVCVSOutput.xy, offsetVCVSOutput.xy);
+if (away > 1.0) discard;
+float facing = 0.4 + 0.6 * sqrt(1.0 - away);
+ambientColor *= facing;
+diffuseColor *= facing;
+"""
+
+
+class ParcelActor:
+    """Points drawn as shaded discs that face the eye, so that 20 000 cost one upload."""
+
+    def __init__(self, renderer: Any) -> None:
+        from vtkmodules.vtkRenderingCore import vtkActor, vtkPointGaussianMapper
+
+        self.mapper = vtkPointGaussianMapper()
+        self.mapper.SetScaleArray("radius")
+        self.mapper.SetScaleFactor(1.0)
+        self.mapper.SetEmissive(False)
+        # of the shape in which a disc of radius 1 lies; a triangle before VTK 9.6
+        bound = getattr(self.mapper, "SetBoundScale", None)
+        if bound is not None:
+            bound(1.0)
+        else:
+            self.mapper.SetTriangleScale(2.0)
+        self.mapper.SetSplatShaderCode(_BALL)
+        self.actor = vtkActor()
+        self.actor.SetMapper(self.mapper)
+        self.actor.SetVisibility(False)
+        renderer.AddActor(self.actor)
+
+    def replace(self, parcels: NDArray[np.void] | None) -> None:
+        """Draws these instead; None or an empty array: nothing."""
+        if parcels is None or len(parcels) == 0:
+            if parcels is not None:
+                check_parcels(parcels)
+            self.actor.SetVisibility(False)
+            return
+        from vtkmodules.util.numpy_support import numpy_to_vtk
+        from vtkmodules.vtkCommonCore import vtkPoints
+        from vtkmodules.vtkCommonDataModel import vtkPolyData
+
+        colours = numpy_to_vtk(parcel_colours(parcels), deep=True)
+        points = vtkPoints()
+        points.SetData(numpy_to_vtk(np.ascontiguousarray(parcels["position"], np.float32), deep=True))
+        radii = numpy_to_vtk(np.ascontiguousarray(parcels["radius"], np.float32), deep=True)
+        radii.SetName("radius")
+        mesh = vtkPolyData()
+        mesh.SetPoints(points)
+        mesh.GetPointData().AddArray(radii)
+        mesh.GetPointData().SetScalars(colours)
+        self.mapper.SetInputData(mesh)
+        self.actor.SetVisibility(True)
+
+
+_TEXT = (0.92, 0.93, 0.95)
+_LENGTHS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # [mm]
+
+
+def shown_tissues(bone: VoxelBone, surface: Surface) -> list[int]:
+    """Numbers of the tissues that hold bone, critical ones or those at the surface."""
+    if bone.tissues is None:
+        return []
+    at_surface: set[int] = set()
+    for block in surface.blocks.values():
+        at_surface.update(np.unique(block.tissues).tolist())
+    return [
+        number
+        for number, tissue in enumerate(bone.tissues)
+        if bone.mass_of(number) + bone.removed_of(number) > 0 and (tissue.critical or number in at_surface)
+    ]
+
+
+class Legend:
+    """Colour and name of every tissue, at the upper left; nothing without tissues."""
+
+    def __init__(self, renderer: Any, bone: VoxelBone, surface: Surface) -> None:
+        from vtkmodules.vtkRenderingCore import vtkTextActor
+
+        self.renderer, self.ground, self.rows = renderer, Ground(renderer), []
+        table = bone.tissues
+        for number in shown_tissues(bone, surface):
+            assert table is not None
+            tissue, box, text = table[number], vtkTextActor(), vtkTextActor()
+            colour = [part / 255 for part in tissue.colour]
+            box.SetInput("M")  # a box: the letter cannot be told from what lies behind it
+            text.SetInput(tissue.name + (" (critical)" if tissue.critical else ""))
+            box.GetTextProperty().SetBackgroundColor(*colour)
+            box.GetTextProperty().SetBackgroundOpacity(1.0)
+            for actor, tone in ((box, colour), (text, _TEXT)):
+                actor.GetTextProperty().SetColor(*tone)
+                actor.GetTextProperty().SetVerticalJustificationToCentered()
+                renderer.AddViewProp(actor)
+            self.rows.append((box, text))
+
+    def fit(self) -> None:
+        """Follows the window's size."""
+        height = self.renderer.GetSize()[1]
+        size = font_size(height)
+        pitch, left, widest = 1.6 * size, 1.2 * size, 0.0
+        for i, (box, text) in enumerate(self.rows):
+            y = height - 1.2 * size - (i + 0.5) * pitch
+            for actor, x in ((box, left), (text, left + 1.7 * size)):
+                actor.GetTextProperty().SetFontSize(size)
+                actor.SetPosition(x, y)
+            bounds = [0.0, 0.0]
+            text.GetSize(self.renderer, bounds)
+            widest = max(widest, bounds[0])
+        if self.rows:
+            low = height - 1.2 * size - len(self.rows) * pitch
+            self.ground.place(0.5 * size, low - 0.4 * size, left + 2.5 * size + widest, height - 0.6 * size)
+
+
+def font_size(height: int) -> int:
+    """Of all words in a view of this height [pixel]."""
+    return max(11, int(height / 52))
+
+
+class Ground:
+    """A dark, translucent rectangle behind words, in pixels."""
+
+    def __init__(self, renderer: Any) -> None:
+        from vtkmodules.vtkCommonCore import vtkPoints
+        from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+        from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D
+
+        self.points, cells, self.mesh = vtkPoints(), vtkCellArray(), vtkPolyData()
+        self.points.SetNumberOfPoints(4)
+        cells.InsertNextCell(4)
+        for i in range(4):
+            self.points.SetPoint(i, 0.0, 0.0, 0.0)
+            cells.InsertCellPoint(i)
+        self.mesh.SetPoints(self.points)
+        self.mesh.SetPolys(cells)
+        mapper = vtkPolyDataMapper2D()
+        mapper.SetInputData(self.mesh)
+        actor = vtkActor2D()
+        actor.SetMapper(mapper)
+        actor.GetProperty().SetColor(0.04, 0.05, 0.07)
+        actor.GetProperty().SetOpacity(0.62)
+        actor.SetLayerNumber(0)
+        renderer.AddViewProp(actor)
+
+    def place(self, left: float, low: float, right: float, high: float) -> None:
+        """Its edges."""
+        for i, (x, y) in enumerate(((left, low), (right, low), (right, high), (left, high))):
+            self.points.SetPoint(i, x, y, 0.0)
+        self.points.Modified()
+        self.mesh.Modified()
+
+
+class ScaleBar:
+    """A bar of a round length, true at the distance of what the camera looks at; above it a note on the bone, if there is one."""
+
+    def __init__(self, renderer: Any, note: str = "") -> None:
+        from vtkmodules.vtkCommonCore import vtkPoints
+        from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+        from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D, vtkTextActor
+
+        self.renderer, self.ground, self.note = renderer, Ground(renderer), note
+        self.points, lines, self.mesh = vtkPoints(), vtkCellArray(), vtkPolyData()
+        self.points.SetNumberOfPoints(6)
+        for a, b in ((0, 1), (2, 3), (4, 5)):
+            lines.InsertNextCell(2)
+            lines.InsertCellPoint(a)
+            lines.InsertCellPoint(b)
+        self.mesh.SetPoints(self.points)
+        self.mesh.SetLines(lines)
+        mapper = vtkPolyDataMapper2D()
+        mapper.SetInputData(self.mesh)
+        self.bar, self.text = vtkActor2D(), vtkTextActor()
+        self.bar.SetMapper(mapper)
+        self.bar.GetProperty().SetColor(*_TEXT)
+        self.bar.GetProperty().SetLineWidth(2.0)
+        self.text.GetTextProperty().SetColor(*_TEXT)
+        self.text.GetTextProperty().SetJustificationToCentered()
+        renderer.AddViewProp(self.bar)
+        renderer.AddViewProp(self.text)
+
+    def fit(self, plotter: Any) -> None:
+        """Follows the camera."""
+        width, height = self.renderer.GetSize()
+        camera = plotter.camera
+        seen = 2 * camera.distance * np.tan(np.deg2rad(camera.view_angle) / 2)  # [mm] from bottom to top
+        length = scale_length(0.22 * width * seen / max(height, 1))
+        pixels = length * height / seen
+        right, low, tick = 0.97 * width, 0.045 * height, 0.008 * height
+        left = right - pixels
+        for i, place in enumerate((
+            (left, low), (right, low), (left, low - tick), (left, low + tick), (right, low - tick), (right, low + tick)
+        )):  # fmt: skip
+            self.points.SetPoint(i, *place, 0.0)
+        self.points.Modified()
+        self.mesh.Modified()
+        self.text.SetInput(f"{self.note}\n{length:g} mm".lstrip())
+        size = font_size(height)
+        self.text.GetTextProperty().SetFontSize(size)
+        self.text.SetPosition((left + right) / 2, low + 1.2 * tick)
+        self.ground.place(
+            left - size, low - 2.4 * tick, right + size, low + 2.4 * tick + (2.6 if self.note else 1.3) * size
+        )
+
+
+def scale_length(most: float) -> float:
+    """The longest of the round lengths, 0.1 to 100 mm, that is not above `most` [mm]."""
+    return max((length for length in _LENGTHS if length <= most), default=_LENGTHS[0])
+
+
+_SPAN = 10.0  # of the time axis [s]
+
+
+class SceneChart:
+    """Two small charts over each other; hidden until there are values.
+
+    Parameters
+    ----------
+    plotter : pyvista.Plotter
+    module : module
+        pyvista.
+    """
+
+    def __init__(self, plotter: Any, module: Any) -> None:
+        self.charts, self.lines = [], []
+        for row, (label, colour) in enumerate((("force [N]", "#4EA5E0"), ("depth [mm]", "#3CC49A"))):
+            chart = module.Chart2D(
+                size=(0.30, 0.155),
+                loc=(0.008, 0.17 - 0.16 * row),
+                x_label="time [s]" if row else "",
+                y_label=label,
+            )
+            chart.background_color = (0.04, 0.05, 0.07, 0.72)
+            chart.border_color = (1.0, 1.0, 1.0, 0.0)
+            for axis in (chart.x_axis, chart.y_axis):
+                axis.label_size = axis.tick_label_size = 11
+                axis.grid = False
+                axis.pen.color = axis.tick_label_color = _TEXT
+                axis.GetTitleProperties().SetColor(*_TEXT)
+                axis.GetLabelProperties().SetColor(*_TEXT)
+                axis.GetTitleProperties().SetBold(False)
+            self.lines.append(chart.line([0.0, 1.0], [0.0, 0.0], color=colour, width=1.6))
+            chart.visible = False
+            plotter.add_chart(chart)
+            self.charts.append(chart)
+
+    def replace(self, time: ArrayLike, force: ArrayLike, depth: ArrayLike) -> None:
+        """The last ten seconds of these values; nothing where there are fewer than two."""
+        t = np.asarray(time, float)
+        kept = t >= (t[-1] - _SPAN if len(t) else 0.0)
+        shown = int(np.count_nonzero(kept)) > 1
+        for chart, line, values, least in zip(
+            self.charts, self.lines, (force, depth), (0.5, 0.1), strict=True
+        ):
+            chart.visible = shown
+            if not shown:
+                continue
+            y = np.asarray(values, float)[kept]
+            line.update(t[kept], y)
+            chart.x_range = (float(t[kept][0]), float(max(t[-1], t[kept][0] + 1e-3)))
+            most = max(least, float(np.nanmax(y, initial=0.0)))
+            chart.y_range = (0.0, 1.15 * most)
+            mark = round_value(most)  # VTK would leave only the zero in a low chart
+            chart.y_axis.tick_locations = [0.0, mark]
+            chart.y_axis.tick_labels = ["0", f"{mark:g}"]
+
+
+def round_value(most: float) -> float:
+    """The largest of 1, 2 and 5 times a power of ten that is not above a positive value."""
+    power = 10.0 ** np.floor(np.log10(most))
+    return float(power * max(step for step in (1, 2, 5) if step * power <= most * (1 + 1e-12)))
+
+
+_SHARE = 0.26  # of the window's width
+_BURR, _CROSS, _SLICE_TEXT = (0.2, 0.73, 0.93), (0.85, 0.87, 0.9), (0.92, 0.93, 0.95)
+
+
+class SlicePanels:
+    """Three renderers at the right of a plotter's window; the view makes room."""
+
+    def __init__(self, plotter: Any) -> None:
+        self.plotter = plotter
+        self.point = np.zeros(3)
+        self.panels = [_Panel(plotter, plane, row) for row, plane in enumerate(PLANES)]
+        plotter.renderer.SetViewport(0.0, 0.0, 1 - _SHARE, 1.0)
+
+    main_share = 1 - _SHARE  # of the window's width, that the view has left
+
+    def cut(self, bone: VoxelBone, point: ArrayLike) -> None:
+        """Slices of the bone through a point [mm]."""
+        images = [slice_image(bone, point, plane) for plane in PLANES]
+        self.point = np.asarray(point, float)
+        for panel, image in zip(self.panels, images, strict=True):
+            panel.show(image, self.point)
+
+    def refresh(self, bone: VoxelBone) -> None:
+        """The same slices of the bone as it is now."""
+        self.cut(bone, self.point)
+
+    def move_burrs(self, centers: NDArray[np.float64], radii: Sequence[float]) -> None:
+        """Outlines of the burrs where they meet the planes."""
+        for panel in self.panels:
+            panel.outline(centers, radii)
+
+    def remove(self) -> None:
+        """Gives the view the whole window again."""
+        for panel in self.panels:
+            self.plotter.render_window.RemoveRenderer(panel.renderer)
+        self.plotter.renderer.SetViewport(0.0, 0.0, 1.0, 1.0)
+
+
+class _Panel:
+    def __init__(self, plotter: Any, plane: str, row: int) -> None:
+        from vtkmodules.vtkRenderingCore import (
+            vtkActor,
+            vtkImageActor,
+            vtkPolyDataMapper,
+            vtkRenderer,
+            vtkTextActor,
+        )
+
+        self.plane = plane
+        self.image: SliceImage | None = None
+        self.renderer = vtkRenderer()
+        self.renderer.SetViewport(1 - _SHARE, 1 - (row + 1) / 3, 1.0, 1 - row / 3)
+        self.renderer.SetBackground(0.03, 0.035, 0.045)
+        self.renderer.InteractiveOff()
+        self.picture, self.lines, self.text = vtkImageActor(), vtkActor(), vtkTextActor()
+        self.circles = vtkActor()
+        for actor, colour in ((self.lines, _CROSS), (self.circles, _BURR)):
+            actor.SetMapper(vtkPolyDataMapper())
+            actor.GetProperty().SetColor(*colour)
+            actor.GetProperty().SetLighting(False)
+        self.lines.GetProperty().SetOpacity(0.45)
+        self.circles.GetProperty().SetLineWidth(2.0)
+        for actor in (self.picture, self.lines, self.circles, self.text):
+            self.renderer.AddViewProp(actor)
+        self.picture.InterpolateOff()
+        self.picture.GetMapper().BorderOn()  # whole voxels at the rim, and slices of one row
+        self.text.GetTextProperty().SetColor(*_SLICE_TEXT)
+        self.text.GetTextProperty().SetFontSize(max(11, plotter.window_size[1] // 56))
+        self.text.SetPosition(8, 6)
+        plotter.render_window.AddRenderer(self.renderer)
+
+    def show(self, image: SliceImage, point: NDArray[np.float64]) -> None:
+        from vtkmodules.util.numpy_support import numpy_to_vtk
+        from vtkmodules.vtkCommonDataModel import vtkImageData
+
+        self.image = image
+        left, right, bottom, top = image.extent
+        rows, columns = image.levels.shape
+        data = vtkImageData()
+        data.SetDimensions(columns, rows, 1)
+        step = (right - left) / columns, (top - bottom) / rows
+        data.SetSpacing(*step, 1.0)
+        data.SetOrigin(left + step[0] / 2, bottom + step[1] / 2, 0.0)
+        data.GetPointData().SetScalars(numpy_to_vtk(image.pixels.reshape(-1, 3), deep=True))
+        self.picture.SetInputData(data)
+        across, along, up = PLANES[self.plane]
+        u, v = float(point[along]), float(point[up])
+        self.lines.GetMapper().SetInputData(
+            _polylines([np.array([[left, v], [right, v]]), np.array([[u, bottom], [u, top]])])
+        )
+        self.text.SetInput(
+            f"{'xyz'[across]} = {image.position:.1f} mm ({'xyz'[along]} right, {'xyz'[up]} up)"
+        )
+        camera = self.renderer.GetActiveCamera()
+        camera.ParallelProjectionOn()
+        middle = (left + right) / 2, (bottom + top) / 2
+        camera.SetViewUp(0.0, 1.0, 0.0)
+        width, height = self.renderer.GetSize()
+        aspect = width / height if height else 1.0
+        # the words have a strip of their own below
+        strip = min(2.2 * self.text.GetTextProperty().GetFontSize() / max(height, 1), 0.4)
+        scale = 0.51 * max((top - bottom) / (1 - strip), (right - left) / aspect)
+        camera.SetParallelScale(scale)
+        low = middle[1] - scale * strip
+        camera.SetFocalPoint(middle[0], low, 0.0)
+        camera.SetPosition(middle[0], low, 100.0)
+        self.renderer.ResetCameraClippingRange()
+
+    def outline(self, centers: NDArray[np.float64], radii: Sequence[float]) -> None:
+        if self.image is None:
+            return
+        _, along, up = PLANES[self.plane]
+        turn = np.linspace(0, 2 * np.pi, 65)
+        circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+        rings = []
+        for center, radius in zip(centers, radii, strict=True):
+            cut = self.image.burr_radius(center, radius) if np.isfinite(center).all() else 0.0
+            if cut > 0:
+                rings.append(np.array([center[along], center[up]]) + cut * circle)
+        self.circles.GetMapper().SetInputData(_polylines(rings))
+
+
+def _polylines(lines: Sequence[NDArray[np.float64]]) -> Any:
+    """Lines of (x, y) just in front of the picture."""
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+
+    points, cells, mesh = vtkPoints(), vtkCellArray(), vtkPolyData()
+    for line in lines:
+        cells.InsertNextCell(len(line))
+        for x, y in line:
+            cells.InsertCellPoint(points.InsertNextPoint(float(x), float(y), 0.1))
+    mesh.SetPoints(points)
+    mesh.SetLines(cells)
+    return mesh

@@ -1,0 +1,269 @@
+"""A recorded session seen: a scene at any of its moments, and a film of it.
+
+Pictures as a film: MP4 by ffmpeg, GIF by Pillow.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from burrlab.bone.header import assumed
+from burrlab.common.files import new_part
+from burrlab.effects.effects import Effects
+from burrlab.session.player import TracePlayer
+from burrlab.session.trace import Trace
+from burrlab.view.camera import approach_view, trace_approach
+from burrlab.view.page_source import ParcelHistory
+from burrlab.view.scene import Scene
+
+_CURVE_POINTS = 600
+
+
+class TraceView:
+    """A scene that follows a player.
+
+    Parameters
+    ----------
+    trace : Trace or TracePlayer
+    effects : Effects, optional
+        Of the trace's initial bone, without a frame yet: dust, blood and water, made here from the trace's beginning to
+        its end.
+    slices : bool
+        Show slices through the first burr's centre.
+    **options
+        Of the `Scene`, but that burrs are outlined.
+
+    Attributes
+    ----------
+    player : TracePlayer
+    scene : Scene
+
+    Raises
+    ------
+    TypeError
+        If `trace` is neither.
+    """
+
+    def __init__(
+        self,
+        trace: Trace | TracePlayer,
+        *,
+        effects: Effects | None = None,
+        slices: bool = False,
+        **options: Any,
+    ) -> None:
+        self.player = trace if isinstance(trace, TracePlayer) else TracePlayer(trace)
+        self._parcels = None if effects is None else ParcelHistory(self.player.trace, effects)
+        if self._parcels is not None:
+            self._parcels.make()
+        self.slices = slices
+        radii = self.player.burrs.radii.tolist()
+        self.scene = Scene(
+            self.player.bone, radii, **{"outline": True, "note": assumed(self.player.trace.notes), **options}
+        )
+        self.scene.look(approach_view(self.player.bone, trace_approach(self.player)))
+        self.go(self.player.time)
+
+    def go(self, seconds: float) -> int:
+        """Shows a time of the trace [s]; returns the number of blocks that were made anew. ValueError if it has no such time."""
+        player, scene = self.player, self.scene
+        blocks = scene.update(player.bone, player.seek(seconds))
+        burrs = player.burrs
+        scene.move_burrs(burrs.centers, burrs.on.tolist())
+        if self.slices and len(burrs.centers) and np.isfinite(burrs.centers[0]).all():
+            scene.set_slices(burrs.centers[0])
+        history, done = player.history, player.done
+        first = int(np.searchsorted(history.time, player.time - 10.0))
+        rows = slice(first, done, max((done - first) // _CURVE_POINTS, 1))
+        if history.force.shape[1]:
+            scene.set_curves(history.time[rows], history.force[rows, 0], history.depth[rows, 0])
+        if self._parcels is not None:
+            scene.set_parcels(self._parcels.at(player.time))
+        return blocks
+
+    def frames(
+        self,
+        *,
+        fps: float = 20.0,
+        speed: float = 1.0,
+        start: float = 0.0,
+        stop: float | None = None,
+        stereo: bool = False,
+    ) -> Iterator[NDArray[np.uint8]]:
+        """Pictures for a film.
+
+        Parameters
+        ----------
+        fps : float
+            [1/s]
+        speed : float
+            Of the trace's time over the film's.
+        start, stop : float
+            Part of the trace [s]; default: all.
+        stereo : bool
+            Both eyes side by side.
+
+        Raises
+        ------
+        ValueError
+            If fps or speed is not positive, or the part does not lie in the trace.
+        """
+        for name, value in (("fps", fps), ("speed", speed)):
+            if not (np.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be positive and finite, got {value}")
+        end = self.player.duration if stop is None else stop
+        if not 0 <= start <= end <= self.player.duration + 1e-9:
+            raise ValueError(
+                f"start and stop must lie from 0 to {self.player.duration:g}, got {start:g} and {end:g}"
+            )
+        for k in range(int(np.floor((end - start) * fps / speed + 1e-9)) + 1):
+            self.go(min(start + k * speed / fps, self.player.duration))
+            yield self.scene.stereo_picture() if stereo else self.scene.picture()
+
+    def close(self) -> None:
+        """Frees window and memory."""
+        self.scene.close()
+
+
+_MOST_FPS = {".mp4": 240, ".gif": 50}  # browsers show a GIF's frames for 20 ms or more
+
+
+def write_video(
+    path: str | os.PathLike[str], frames: Iterable[NDArray[np.uint8]], *, fps: float = 20.0
+) -> int:
+    """Writes pictures as a film, by the file's ending: .mp4 (H.264) or .gif.
+
+    Parameters
+    ----------
+    path : path-like
+    frames : iterable of ndarray, shape (height, width, 3), uint8
+        All of one size; taken one by one, so that a film need not fit into memory. GIF keeps them all.
+    fps : float
+        Frames a second [1/s], from 1 to 240, or to 50 for GIF, which counts in 0.01 s.
+
+    Returns
+    -------
+    int
+        Frames written.
+
+    Raises
+    ------
+    ValueError
+        If the ending is another, fps is out of range, there is no frame, or they differ in size.
+    OSError
+        If there is no ffmpeg for an MP4, or it fails; no file is left then.
+    """
+    file = Path(path)
+    check_film(file, fps)
+    write = _write_mp4 if file.suffix.lower() == ".mp4" else _write_gif
+    with new_part(file, file.suffix) as part:
+        count = write(part, _of_one_size(frames), fps)
+        if count == 0:
+            raise ValueError("a film needs at least one frame")
+        part.replace(file)
+    return count
+
+
+def check_film(file: Path, fps: float) -> None:
+    """ValueError for an ending or a number of frames a second that no film has."""
+    most = _MOST_FPS.get(file.suffix.lower())
+    if most is None:
+        raise ValueError(f"a film must end in .mp4 or .gif, got {file.name}")
+    if not 1 <= fps <= most:
+        raise ValueError(f"fps must be from 1 to {most} for {file.suffix.lower()}, got {fps:g}")
+
+
+def ffmpeg() -> str:
+    """The program ffmpeg: the system's, else that of the Python package imageio-ffmpeg.
+
+    Raises
+    ------
+    OSError
+        If there is neither.
+    """
+    found = shutil.which("ffmpeg")
+    if found:
+        return found
+    with contextlib.suppress(ImportError, RuntimeError):
+        import imageio_ffmpeg
+
+        program: str = imageio_ffmpeg.get_ffmpeg_exe()
+        return program
+    raise OSError(
+        "an MP4 needs ffmpeg: apt-get install ffmpeg, or pip install imageio-ffmpeg; a film that ends in .gif needs neither"
+    )
+
+
+def _of_one_size(frames: Iterable[NDArray[np.uint8]]) -> Iterable[NDArray[np.uint8]]:
+    first = None
+    for frame in frames:
+        if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8:
+            raise ValueError(
+                f"a frame must be uint8 of the shape (height, width, 3), got {frame.dtype} {frame.shape}"
+            )
+        first = frame.shape if first is None else first
+        if frame.shape != first:
+            raise ValueError(f"frames must have one size, got {first} and {frame.shape}")
+        yield frame
+
+
+def _write_mp4(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> int:
+    program, count = ffmpeg(), 0
+    encoder: subprocess.Popen[bytes] | None = None
+    with tempfile.TemporaryFile() as said:
+        try:
+            for frame in frames:
+                # H.264 takes even sizes only
+                even = np.ascontiguousarray(frame[: frame.shape[0] // 2 * 2, : frame.shape[1] // 2 * 2])
+                if encoder is None:
+                    encoder = subprocess.Popen(
+                        [
+                            program, "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24",
+                            "-s", f"{even.shape[1]}x{even.shape[0]}", "-r", f"{fps:g}", "-i", "-", "-an",
+                            "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "18", "-movflags", "+faststart", str(path),
+                        ],
+                        stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=said,
+                    )  # fmt: skip
+                assert encoder.stdin is not None
+                try:
+                    encoder.stdin.write(even.tobytes())
+                except BrokenPipeError:
+                    break  # its exit status and what it said follow
+                count += 1
+        except BaseException:
+            if encoder is not None:
+                encoder.kill()
+                encoder.communicate()
+            raise
+        if encoder is None:
+            return 0
+        encoder.communicate()
+        if encoder.returncode:
+            said.seek(0)
+            words = said.read().decode(errors="replace").strip().splitlines()
+            raise OSError(f"ffmpeg failed: {words[-1] if words else encoder.returncode}")
+    return count
+
+
+def _write_gif(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> int:
+    from PIL import Image
+
+    # the median cut would spend its colours on the bone, and a nerve or its name in the legend would turn grey
+    pictures = [Image.fromarray(frame).quantize(256, Image.Quantize.MAXCOVERAGE) for frame in frames]
+    if pictures:
+        # whole hundredths of a second, some one longer than others, so that the film lasts as long as it should
+        ends = 10 * np.rint(100 / fps * np.arange(len(pictures) + 1)).astype(int)
+        shown = np.diff(ends).tolist()  # [ms]
+        duration = shown if len(shown) > 1 else shown[0]
+        pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=duration, loop=0)
+    return len(pictures)

@@ -1,0 +1,16 @@
+from burrlab.bone.dicom import write_dicom as write_dicom
+from burrlab.bone.formats import read_labels as read_labels
+from burrlab.bone.formats import read_volume as read_volume
+from burrlab.bone.formats import write_volume as write_volume
+from burrlab.bone.image import LabelVolume as LabelVolume
+from burrlab.bone.image import OccupancyMap as OccupancyMap
+from burrlab.bone.image import Volume as Volume
+from burrlab.bone.image import check_same_geometry as check_same_geometry
+from burrlab.bone.image import same_geometry as same_geometry
+from burrlab.bone.kept import DrilledVolume as DrilledVolume
+from burrlab.bone.kept import load_drilled as load_drilled
+from burrlab.bone.kept import save_drilled as save_drilled
+from burrlab.bone.recipe import DrilledRecipe as DrilledRecipe
+from burrlab.bone.recipe import VolumeRecipe as VolumeRecipe
+from burrlab.bone.recipe import cut_block as cut_block
+from burrlab.bone.slices import read_stack as read_stack

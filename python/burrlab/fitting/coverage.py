@@ -1,9 +1,4 @@
-"""An experiment to be simulated: which forces and depths, how often, with which burrs.
-
-The table of a coverage study: how often intervals held the truth, closed and open ones apart.
-
-Coverage: how often the intervals of a fit hold the truth, by synthetic data sets of one experiment.
-"""
+"""How often the intervals of a fit hold the truth, by synthetic data sets of one experiment."""
 
 from __future__ import annotations
 

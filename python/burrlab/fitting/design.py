@@ -1,7 +1,4 @@
-"""Ranked candidates for the next measurement.
-
-The next measurement: which candidate is expected to shrink the joint region of c_e and alpha most.
-"""
+"""The next measurement: which candidate is expected to shrink the joint region of c_e and alpha most."""
 
 from __future__ import annotations
 

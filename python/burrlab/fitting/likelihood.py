@@ -1,9 +1,7 @@
-"""The mean-field engine of a fit: the scaling law.
+"""The likelihood of c_e and alpha under the scaling law, and its information.
 
-The likelihood of c_e and alpha, and its information.
-
-Velocities of curves, and of the runs of traces, share one scatter; the segments within the runs have another,
-the pressed rows a third. A scatter is estimated unless sigma is given.
+Velocities of curves, and of the runs of traces, share one scatter. The segments within the runs have another,
+the rows of indentations a third. A scatter is estimated unless sigma is given.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""What a fit compares: the numbers of one or several data sets, as rows.
-
-How far -2 log L may rise: limits of intervals and regions, and p-values.
-"""
+"""What a fit compares: the numbers of all data sets as rows, and how far -2 log L may rise over them."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""What a fit keeps: parameters, evidence, every start's end, residuals, data and provenance.
-
-A fit as plain objects, and back without loss.
-
-What the data say about c_e and alpha, put together once for the result.
-"""
+"""What a fit keeps: parameters, evidence, residuals, data and provenance; and its JSON."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The result of a fit: what can be asked of it, and its figures.
-
-Figures of a fit.
-"""
+"""The result of a fit: what can be asked of it, and its figures."""
 
 from __future__ import annotations
 

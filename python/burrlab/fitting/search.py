@@ -1,4 +1,4 @@
-"""The search for the best point: nlopt, a global stage and then local ones from several starts."""
+"""The search for the best point by nlopt: a global stage, then local ones from several starts."""
 
 from __future__ import annotations
 

@@ -1,9 +1,4 @@
-"""The result of a comparison of erosion shapes.
-
-A comparison of erosion shapes as text, HTML and plain objects.
-
-Figures of a comparison of erosion shapes.
-"""
+"""The result of a comparison of erosion shapes: its report, figures and JSON."""
 
 from __future__ import annotations
 

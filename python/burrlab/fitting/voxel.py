@@ -1,7 +1,4 @@
-"""One descent of the voxel engine of a fit.
-
-The voxel engine of a fit: descents at the forces of the data, tabulated over c_e.
-"""
+"""The voxel engine of a fit: descents at the forces of the data, tabulated over c_e."""
 
 from __future__ import annotations
 

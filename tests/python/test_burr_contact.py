@@ -57,16 +57,6 @@ def test_what_it_is_made_of() -> None:
     assert contact_on(bone).scheme == "layer"
 
 
-def test_no_bone() -> None:
-    with pytest.raises(ValueError, match="bone must be a VoxelBone, got None"):
-        contact_on(None)  # type: ignore[arg-type]
-
-
-def test_radius_zero() -> None:
-    with pytest.raises(ValueError, match="radius must be positive and finite, got 0"):
-        contact_on(block(), radius=0.0)
-
-
 def test_too_few_voxels_names_a_spacing_that_would_do() -> None:
     text = "radius must be at least 4 voxels, got 3.75; a spacing of 0.2 mm or finer would do"
     with pytest.raises(ValueError, match=text):
@@ -77,86 +67,66 @@ def test_too_few_voxels_names_a_spacing_that_would_do() -> None:
         contact_on(anisotropic)
 
 
-def test_unknown_scheme() -> None:
-    with pytest.raises(ValueError, match="scheme must be layer or cell, got 'both'"):
-        contact_on(block(), scheme="both")
-
-
-def test_index_out_of_range() -> None:
-    with pytest.raises(ValueError, match=r"index must be below 2\^31, got 2147483648"):
-        contact_on(block(), index=2**31)
-
-
-# --- Bad input --------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("center", "dt", "text"),
-    [
-        ((0, 0, np.nan), 1.0, "center must be finite, got nan"),
-        ((np.inf, 0, 0), 1.0, "center must be finite, got inf"),
-        (ABOVE, -1.0, "dt must be positive and finite, got -1"),
-        (ABOVE, 0.0, "dt must be positive and finite, got 0"),
-        (ABOVE, np.nan, "dt must be positive and finite, got nan"),
-    ],
-)
-@pytest.mark.parametrize("burr_on", [True, False])
-def test_refused_steps_leave_no_trace(center: Any, dt: float, text: str, burr_on: bool) -> None:
-    bone = block()
-    contact, digest = contact_on(bone), bone.digest()
-    with pytest.raises(ValueError, match=text):
-        contact.step(center, dt, burr_on=burr_on)
-    assert (contact.tick, bone.digest()) == (0, digest)
-
-
-def test_probe_of_a_bad_centre() -> None:
-    with pytest.raises(ValueError, match="center must be finite, got nan"):
-        contact_on(block()).probe((np.nan, 0, 0))
-
-
-@pytest.mark.parametrize(
-    ("path", "dt", "text"),
-    [
-        (np.zeros(3), 1.0, r"path must have shape \(n, 3\), points \(x, y, z\) \[mm\], got \(3,\)"),
-        (np.zeros((4, 2)), 1.0, r"path must have shape \(n, 3\).*got \(4, 2\)"),
-        (np.zeros((2, 2, 3)), 1.0, r"path must have shape \(n, 3\).*got \(2, 2, 3\)"),
-        ([ABOVE, (0, np.nan, 0)], 1.0, "every point of path must be finite, got nan"),
-        ([ABOVE], 0.0, "dt must be positive and finite, got 0"),
-        ([ABOVE], -2.0, "dt must be positive and finite, got -2"),
-    ],
-)
-def test_refused_runs_erode_nothing(path: Any, dt: float, text: str) -> None:
-    bone = block()
-    contact, digest = contact_on(bone), bone.digest()
-    with pytest.raises(ValueError, match=text):
-        contact.run(path, dt)
-    assert (contact.tick, bone.digest()) == (0, digest)
-
-
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        ({"force": 0.0}, "force must be positive and finite, got 0"),
-        ({"dt": -1.0}, "dt must be positive and finite, got -1"),
-        ({"axis": (0, 0, -2)}, "length of axis must be 1, got 2"),
-        ({"start": (0, 0, np.nan)}, "center must be finite, got nan"),
-        ({"from_": np.nan}, "from must be finite, got nan"),
-        ({"travel": np.inf}, "travel must be finite, got inf"),
+        ({"bone": None}, "bone must be a VoxelBone, got None"),
+        ({"radius": 0.0}, "radius must be positive and finite, got 0"),
+        ({"scheme": "both"}, "scheme must be layer or cell, got 'both'"),
+        ({"index": 2**31}, r"index must be below 2\^31, got 2147483648"),
     ],
 )
-def test_refused_holds(change: dict[str, Any], text: str) -> None:
-    arguments = {
-        "force": 1.0,
-        "start": (0, 0, 1.6),
-        "axis": (0, 0, -1),
-        "from_": 0.0,
-        "travel": 1.0,
-        "dt": 1.0,
-    }
-    contact = contact_on(block())
+def test_refused_constructions(change: dict[str, Any], text: str) -> None:
     with pytest.raises(ValueError, match=text):
-        contact.hold(**(arguments | change), ticks=10)
-    assert contact.tick == 0
+        contact_on(**({"bone": block()} | change))
+
+
+HOLD = {
+    "force": 1.0,
+    "start": (0, 0, 1.6),
+    "axis": (0, 0, -1),
+    "from_": 0.0,
+    "travel": 1.0,
+    "dt": 1.0,
+    "ticks": 10,
+}
+POINTS = r"path must have shape \(n, 3\), points \(x, y, z\) \[mm\], got "
+
+
+@pytest.mark.parametrize(
+    ("call", "arguments", "text"),
+    [
+        ("step", ((0, 0, np.nan), 1.0), "center must be finite, got nan"),
+        ("step", ((np.inf, 0, 0), 1.0), "center must be finite, got inf"),
+        ("step", (ABOVE, -1.0), "dt must be positive and finite, got -1"),
+        ("step", (ABOVE, 0.0), "dt must be positive and finite, got 0"),
+        ("step", (ABOVE, np.nan), "dt must be positive and finite, got nan"),
+        ("step", (ABOVE, 1e10), "alpha dt must be at most 1000, got 870000000"),
+        ("probe", ((np.nan, 0, 0),), "center must be finite, got nan"),
+        ("erode", (ABOVE, np.inf), "dt must be positive and finite, got inf"),
+        ("erode", ((2.0, 2.0, -np.inf), 1.0), "center must be finite, got -inf"),
+        ("erode", (ABOVE, 1001.0 / materials["bone"].alpha), "alpha dt must be at most 1000, got 1001"),
+        ("run", (np.zeros(3), 1.0), POINTS + r"\(3,\)"),
+        ("run", (np.zeros((4, 2)), 1.0), POINTS + r"\(4, 2\)"),
+        ("run", (np.zeros((2, 2, 3)), 1.0), POINTS + r"\(2, 2, 3\)"),
+        ("run", ([ABOVE, (0, np.nan, 0)], 1.0), "every point of path must be finite, got nan"),
+        ("run", ([ABOVE], 0.0), "dt must be positive and finite, got 0"),
+        ("hold", HOLD | {"force": 0.0}, "force must be positive and finite, got 0"),
+        ("hold", HOLD | {"dt": -1.0}, "dt must be positive and finite, got -1"),
+        ("hold", HOLD | {"axis": (0, 0, -2)}, "length of axis must be 1, got 2"),
+        ("hold", HOLD | {"start": (0, 0, np.nan)}, "center must be finite, got nan"),
+        ("hold", HOLD | {"from_": np.nan}, "from must be finite, got nan"),
+        ("hold", HOLD | {"travel": np.inf}, "travel must be finite, got inf"),
+    ],
+)
+def test_refused_calls_leave_no_trace(call: str, arguments: Any, text: str) -> None:
+    bone = block()
+    contact, digest = contact_on(bone), bone.digest()
+    places, names = ((), arguments) if call == "hold" else (arguments, {})
+    for more in ({}, {"burr_on": False}) if call == "step" else (names,):
+        with pytest.raises(ValueError, match=text):
+            getattr(contact, call)(*places, **more)
+    assert (contact.tick, bone.digest()) == (0, digest)
 
 
 # --- Runs and replay --------------------------------------------------------------------------------------
@@ -364,10 +334,3 @@ def test_a_run_releases_the_interpreter() -> None:
     done.set()
     watcher.join()
     assert any(0 < tick < len(path) for tick in seen)
-
-
-def test_a_tick_without_end_is_refused():
-    bone = VoxelBone.block((3, 3, 3), 0.2)
-    contact = BurrContact(bone, Burr(1.5), Material("x", c_e=1, alpha=1e300), seed=1)
-    with pytest.raises(ValueError, match="alpha dt must be at most 1000, got inf"):
-        contact.step((1.0, 1.0, 1.0), 1e10)

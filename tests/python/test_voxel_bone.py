@@ -77,18 +77,6 @@ def test_input_is_copied() -> None:
     assert bone.digest() == before
 
 
-@pytest.mark.parametrize("shape", [(8,), (2, 4), (2, 2, 2, 1)])
-def test_rank(shape: tuple[int, ...]) -> None:
-    with pytest.raises(ValueError, match=rf"dimensions of density must be 3 \(z, y, x\), got {len(shape)}"):
-        VoxelBone(np.ones(shape, dtype=np.uint8), 0.1)
-
-
-@pytest.mark.parametrize("shape", [(0, 2, 2), (2, 0, 2), (2, 2, 0)])
-def test_size_zero(shape: tuple[int, int, int]) -> None:
-    with pytest.raises(ValueError, match="every side of the volume must be at least one voxel, got 0"):
-        VoxelBone(np.ones(shape, dtype=np.uint8), 0.1)
-
-
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("dtype", FLOATS)
 def test_values_that_are_not_finite(dtype: str, value: float) -> None:
@@ -110,39 +98,26 @@ def test_values_out_of_range(dtype: str, value: float) -> None:
         VoxelBone(values, 0.1, range=(0, 100))
 
 
-@pytest.mark.parametrize("bounds", [(1, 0), (1, 1), (np.nan, 1), (0, np.inf)])
-def test_bad_range(bounds: tuple[float, float]) -> None:
-    with pytest.raises(ValueError, match="range must be two finite values, empty below solid"):
-        VoxelBone(SOLID, 0.1, range=bounds)
-
-
-@pytest.mark.parametrize("dtype", ["complex128", "<U1", "datetime64[s]"])
-def test_types_that_are_no_density(dtype: str) -> None:
-    with pytest.raises(ValueError, match="density must be an array of integers or floats, got "):
-        VoxelBone(np.zeros((2, 2, 2), dtype=dtype), 0.1, range=(0, 1))
-
-
 @pytest.mark.parametrize(
-    ("spacing", "got"),
+    ("given", "text"),
     [
-        (0.0, "0"),
-        (-0.1, "-0.1"),
-        (np.nan, "nan"),
-        (np.inf, "inf"),
-        ((0.1, 0.0, 0.1), "0"),
-        ((0.1, 0.1, -2), "-2"),
+        *(({"density": np.ones(shape, np.uint8)}, rf"dimensions of density must be 3 \(z, y, x\), got {len(shape)}")
+          for shape in ((8,), (2, 4), (2, 2, 2, 1))),
+        *(({"density": np.ones(shape, np.uint8)}, "every side of the volume must be at least one voxel, got 0")
+          for shape in ((0, 2, 2), (2, 0, 2), (2, 2, 0))),
+        *(({"range": bounds}, "range must be two finite values, empty below solid")
+          for bounds in ((1, 0), (1, 1), (np.nan, 1), (0, np.inf))),
+        *(({"density": np.zeros((2, 2, 2), kind), "range": (0, 1)}, "density must be an array of integers or floats, got ")
+          for kind in ("complex128", "<U1", "datetime64[s]")),
+        *(({"spacing": spacing}, f"spacing must be positive and finite, got {got}$")
+          for spacing, got in ((0.0, "0"), (-0.1, "-0.1"), (np.nan, "nan"), (np.inf, "inf"), ((0.1, 0.0, 0.1), "0"),
+                               ((0.1, 0.1, -2), "-2"))),
+        ({"origin": (0, np.nan, 0)}, "origin must be finite, got nan"),
     ],
-)
-def test_bad_spacing(spacing: Any, got: str) -> None:
-    with pytest.raises(ValueError, match=f"spacing must be positive and finite, got {got}$"):
-        VoxelBone(SOLID, spacing)
-    with pytest.raises(ValueError, match=f"spacing must be positive and finite, got {got}$"):
-        VoxelBone.block((1, 1, 1), spacing)
-
-
-def test_bad_origin() -> None:
-    with pytest.raises(ValueError, match="origin must be finite, got nan"):
-        VoxelBone(SOLID, 0.1, origin=(0, np.nan, 0))
+)  # fmt: skip
+def test_refused(given: dict[str, Any], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        VoxelBone(**({"density": SOLID, "spacing": 0.1} | given))
 
 
 def test_geometry() -> None:
@@ -162,6 +137,8 @@ def test_block() -> None:
     assert np.all(bone.density == 100)
     with pytest.raises(ValueError, match="size must be positive and finite, got 0"):
         VoxelBone.block((1, 0, 1), 0.1)
+    with pytest.raises(ValueError, match=r"spacing must be positive and finite, got -2$"):
+        VoxelBone.block((1, 1, 1), (0.1, 0.1, -2))
     with pytest.raises(ValueError, match="level must be 0 to 255, got 256"):
         VoxelBone.block((1, 1, 1), 0.1, level=256)
     with pytest.raises(ValueError, match="voxels along a side must be below 1000000"):

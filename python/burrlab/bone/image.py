@@ -76,7 +76,7 @@ class OnGrid(ABC):
 
     @staticmethod
     @abstractmethod
-    def _resampling(voxels: NDArray[Any], old: Array, new: Array) -> NDArray[Any]:
+    def _resampling(voxels: NDArray[Any], old: Array, new: Array, /) -> NDArray[Any]:
         """The voxels on a grid of another spacing."""
 
     @property

@@ -1,11 +1,4 @@
-"""The PNG slices of a volume: which files, in which order, and that they belong together.
-
-Colours of slices to labels, sums of two of them, and what becomes of colours that are in no table.
-
-The YAML file that places a stack of slices in the simulator volumetric_drilling (AMBF's description format, ADF).
-
-Volumes as stacks of PNG slices: grey values, or labels as colours.
-"""
+"""Volumes as stacks of PNG slices: their files and order, their colours as labels, the YAML file that describes them."""
 
 from __future__ import annotations
 
@@ -36,14 +29,8 @@ from burrlab.bone.tissues import VOLUMETRIC_DRILLING, known_tissue, plain_name
 from burrlab.common.check import check_memory, check_packed, shown
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_KINDS = {
-    0: "grey",
-    2: "RGB",
-    3: "palette",
-    4: "grey with alpha",
-    6: "RGBA",
-}  # PNG specification, 11.2.2 IHDR
-_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+# PNG specification, 11.2.2 IHDR: name and channels.
+_KINDS = {0: ("grey", 1), 2: ("RGB", 3), 3: ("palette", 1), 4: ("grey with alpha", 2), 6: ("RGBA", 4)}
 #: No slice of a clinical or micro-CT volume is larger; a file that says so is damaged (ours).
 MOST_PIXELS = 16384
 
@@ -146,10 +133,11 @@ def _in_order(place: str, found: list[Path], *, latest: int | None) -> list[Path
             raise ValueError(f"{place}: slice {number} is there twice ({numbered[number].name}, {path.name})")
         numbered[number] = path
     order = sorted(numbered)
-    missing = sorted(set(range(order[0], order[-1] + 1)) - set(order)) if order[-1] - order[0] < 10**6 else []
-    if missing or order[-1] - order[0] >= 10**6:
+    far = order[-1] - order[0] >= 10**6
+    missing = [] if far else sorted(set(range(order[0], order[-1] + 1)) - set(order))
+    if missing or far:
         told = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
-        which = f"{len(missing)} are missing ({told})" if missing else "many are missing (numbers far apart)"
+        which = "many are missing (numbers far apart)" if far else f"{len(missing)} are missing ({told})"
         if len(missing) == 1:
             which = f"slice {missing[0]} is missing"
         raise ValueError(f"{place}: of the slices {order[0]} to {order[-1]}, {which}")
@@ -195,9 +183,9 @@ def _header(path: Path) -> tuple[int, int, int, str]:
         raise ValueError(
             f"{path}: the PNG file is damaged (its header says {columns} x {rows} pixels, kind {kind})"
         )
-    size = rows * (1 + columns * bits * _CHANNELS[kind] // 8)
-    check_packed(size, path.stat().st_size, str(path))
-    return columns, rows, bits, _KINDS[kind]
+    name, channels = _KINDS[kind]
+    check_packed(rows * (1 + columns * bits * channels // 8), path.stat().st_size, str(path))
+    return columns, rows, bits, name
 
 
 Colours = tuple[int, int, int]
@@ -549,12 +537,11 @@ def read_description(path: str | os.PathLike[str], *, unit: float | None = None)
     dimensions = _part(name, block, "dimensions", dict)
     sides = np.array([_positive(name, f"dimensions: {axis}", dimensions.get(axis)) for axis in "xyz"])
     sides *= _positive(name, "scale", block.get("scale", 1.0))
-    if unit is not None:
-        return StackDescription(
-            folder, str(images.get("prefix", "")), count, sides * _positive(name, "unit", unit)
-        )
-    _check_plausible(name, sides)
-    return StackDescription(folder, str(images.get("prefix", "")), count, sides * _METRE)
+    if unit is None:
+        _check_plausible(name, sides)
+        unit = _METRE
+    extent = sides * _positive(name, "unit", unit)
+    return StackDescription(folder, str(images.get("prefix", "")), count, extent)
 
 
 def _content(name: str) -> Any:
@@ -735,7 +722,7 @@ def read_stack(
         if palette is not None:
             raise ValueError(f"{slices.paths[0]}: a palette is for coloured slices, and these are grey")
         check_memory(float(np.prod(shape)) * max(slices.bits // 8, 1), f"{name}: the volume")
-        return Volume(_grey(slices, turned), notes=tuple(notes), **grid)
+        return Volume(_grey(slices, shape, turned), notes=tuple(notes), **grid)
     colours = Palette.of(palette, unknown, ranking)
     rows_along_x(name, transpose, colours.colours.values())
     check_memory(float(np.prod(shape)) * np.dtype(colours.dtype).itemsize, f"{name}: the volume")
@@ -795,16 +782,12 @@ def _without_colour(slices: Slices) -> bool:
     return True
 
 
-def _grey(slices: Slices, transpose: bool) -> NDArray[Any]:
-    values = None
+def _grey(slices: Slices, shape: tuple[int, int, int], transpose: bool) -> NDArray[Any]:
+    values = np.empty(shape, np.uint16 if slices.bits == 16 else np.uint8)
     for k, path in enumerate(slices.paths):
         image = pixels(path)
         plane = image[..., 0] if image.ndim == 3 else image
-        plane = plane.T if transpose else plane
-        if values is None:
-            values = np.empty((len(slices.paths), *plane.shape), plane.dtype)
-        values[k] = plane
-    assert values is not None
+        values[k] = plane.T if transpose else plane
     return values
 
 

@@ -10,6 +10,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -138,13 +139,12 @@ EMPTY = ("air", "external auditory canal")
 #: The colours of volumetric_drilling's PNG stacks (LCSR-SICKKIDS/volumetric_drilling, its script that makes distance
 #: grids lists them), by its names and in its order, which is that of our labels 1 to 16.
 VOLUMETRIC_DRILLING: dict[str, Colour] = {
-    name: known.colour
+    name: _BY_NAME[plain_name(name)].colour
     for name in (
         "Bone", "Malleus", "Incus", "Stapes", "Bony_Labyrinth", "IAC", "Superior_Vestibular_Nerve",
         "Inferior_Vestibular_Nerve", "Cochlear_Nerve", "Facial_Nerve", "Chorda_Tympani", "ICA", "Sinus_+_Dura",
         "Vestibular_Aqueduct", "TMJ", "EAC",
     )
-    if (known := known_tissue(name)) is not None
 }  # fmt: skip
 
 
@@ -189,7 +189,10 @@ def default_tissues(
     check_count(names)
     unknown = [label for label, name in names.items() if known_tissue(name) is None]
     if unknown:
-        told = ", ".join(_told(label, names, counts) for label in unknown)
+        told = ", ".join(
+            f"label {label} ({names[label]!r}{'' if counts is None else f', {counts.get(label, 0)} voxels'})"
+            for label in unknown
+        )
         known = ", ".join(tissue.name for tissue in KNOWN)
         raise ValueError(
             f"the default table does not know {told}; it knows {known}, and their usual synonyms: "
@@ -198,8 +201,7 @@ def default_tissues(
     rows = []
     taken: set[str] = set()
     for label, given in sorted(names.items()):
-        tissue = known_tissue(given)
-        assert tissue is not None
+        tissue = _BY_NAME[plain_name(given)]
         name = given if tissue.name in taken else tissue.name  # a second side keeps the name of the file
         taken.add(name)
         rows.append(
@@ -212,9 +214,8 @@ def default_tissues(
 
 def unlabelled(material: Material) -> Tissue:
     """The tissue of label 0 where nothing else is said of it: bone's values, assumed."""
-    known = known_tissue(UNLABELLED)
-    assert known is not None
-    return Tissue(UNLABELLED, label=0, c_e=material.c_e, alpha=material.alpha, colour=known.colour)
+    colour = _BY_NAME[UNLABELLED].colour
+    return Tissue(UNLABELLED, label=0, c_e=material.c_e, alpha=material.alpha, colour=colour)
 
 
 def label_counts(values: NDArray[Any], path: str = "") -> dict[int, int]:
@@ -233,22 +234,19 @@ def label_counts(values: NDArray[Any], path: str = "") -> dict[int, int]:
                 f"{said}labels must be whole numbers: this is a grey volume, or was interpolated"
             )
         values = whole.astype(np.int64)
-    found, counts = _unique(values)
+    if values.dtype.itemsize > 2 or values.dtype.kind != "u":
+        found, counts = np.unique(values, return_counts=True)
+    else:
+        every = np.zeros(1 << (8 * values.dtype.itemsize), np.int64)
+        for plane in values.reshape(len(values), -1):  # bincount works in int64: plane by plane
+            every += np.bincount(plane, minlength=every.size)
+        found = np.flatnonzero(every)
+        counts = every[found]
     if found.size and found[0] < 0:
         raise ValueError(
             f"{said}labels must be zero or positive, got {int(found[0])}: is this a grey volume?"
         )
-    return {int(label): int(count) for label, count in zip(found, counts, strict=True)}
-
-
-def _unique(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    if values.dtype.itemsize > 2 or values.dtype.kind != "u":
-        return np.unique(values, return_counts=True)
-    counts = np.zeros(1 << (8 * values.dtype.itemsize), np.int64)
-    for plane in values.reshape(len(values), -1):  # bincount works in int64: plane by plane
-        counts += np.bincount(plane, minlength=counts.size)
-    found = np.flatnonzero(counts)
-    return found, counts[found]
+    return dict(zip(found.tolist(), counts.tolist(), strict=True))
 
 
 def _named(
@@ -285,11 +283,6 @@ def check_count(labels: Mapping[int, object], said: str = "") -> None:
             f"{said}a bone has at most {MOST} tissues, and there are {len(labels)} labels ({first}, ...): "
             "is this a grey volume, or does it hold instances? Merge labels first"
         )
-
-
-def _told(label: int, names: Mapping[int, str], counts: Mapping[int, int] | None) -> str:
-    count = "" if counts is None else f", {counts.get(label, 0)} voxels"
-    return f"label {label} ({names[label]!r}{count})"
 
 
 GREY = (128, 128, 128)  # of a structure without a colour
@@ -423,8 +416,7 @@ def write_tissues(path: str | os.PathLike[str], tissues: Tissues) -> None:
     >>> folder.cleanup()
     """
     text = tissues_text(tissues)
-    with open(path, "w", encoding="utf-8", newline="") as stream:
-        stream.write(text)
+    Path(path).write_text(text, encoding="utf-8", newline="")
 
 
 def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
@@ -594,8 +586,12 @@ def labelled_bone(
         levels, apart, origin = grey.density, np.array(grey.spacing), np.array(grey.origin)
     else:
         apart = labels.spacing
-        levels = _of_labels(numbers, tissues, empty) if source is None else source
-        if source is None:
+        if source is not None:
+            levels = source
+        else:
+            known = [(tissue.label, known_tissue(tissue.name)) for tissue in tissues]
+            hollow = [label == 0 or (found is not None and found.name in empty) for label, found in known]
+            levels = np.where(hollow, 0, 255).astype(np.uint8)[numbers]
             where = ", ".join(empty)
             said = f"; velocities at one place scatter: {', '.join(map(label_scatter, (10, 20, 30)))} (smooth=, --smooth)"
             if smooth is not None:
@@ -687,12 +683,6 @@ def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:
     for k, plane in enumerate(labels):  # plane by plane: no large arrays of places
         numbers[k] = direct[plane] if small else order[np.searchsorted(own, plane, sorter=order)]
     return numbers
-
-
-def _of_labels(numbers: NDArray[np.uint8], tissues: Tissues, empty: Collection[str]) -> NDArray[np.uint8]:
-    known = [(tissue.label, known_tissue(tissue.name)) for tissue in tissues]
-    hollow = [label == 0 or (found is not None and found.name in empty) for label, found in known]
-    return np.where(hollow, 0, 255).astype(np.uint8)[numbers]
 
 
 def _smoothed(

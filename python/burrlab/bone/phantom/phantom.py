@@ -1,7 +1,4 @@
-"""Tissues of the phantom, and which of them fills how much of each voxel.
-
-A procedural temporal bone: seeded, at any resolution, for trials that need no patient's data.
-"""
+"""A procedural temporal bone: seeded, at any resolution, for trials that need no patient's data."""
 
 from __future__ import annotations
 
@@ -217,9 +214,7 @@ def temporal_bone(
     painted = Grid(-grid.x[::-1], grid.y, grid.z) if mirrored else grid
     fields = Fields.of(at, lattice_around(painted))
     width = float(np.sqrt(np.mean(spacing**2)))  # of a voxel along a normal, root mean square over directions
-    levels = np.empty(grid.shape, dtype=np.uint8)
-    numbers = np.empty(grid.shape, dtype=np.uint8)
-    target = np.empty(grid.shape, dtype=np.bool_)
+    levels, numbers, target = (np.empty(grid.shape, dtype=kind) for kind in (np.uint8, np.uint8, np.bool_))
     layers = max(1, AT_A_TIME // (grid.shape[1] * grid.shape[2]))
     order = slice(None, None, -1 if mirrored else 1)
     for begin in range(0, grid.shape[0], layers):

@@ -1,9 +1,7 @@
-"""Where things are in the phantom: surfaces, plates, tubes and their sizes, for a right ear.
+"""Where things are in the phantom: surfaces, plates, tubes and their sizes, as fields on a lattice, for a right ear.
 
 The frame has its origin at the spine of Henle, on the bone's surface; x is depth (towards the middle of the head), y points
 back, z up [mm].
-
-The phantom's large surfaces as fields on a lattice: bone, skull, rooms, air cells and the planned cavity.
 """
 
 from __future__ import annotations

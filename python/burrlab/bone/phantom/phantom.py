@@ -214,7 +214,8 @@ def temporal_bone(
     painted = Grid(-grid.x[::-1], grid.y, grid.z) if mirrored else grid
     fields = Fields.of(at, lattice_around(painted))
     width = float(np.sqrt(np.mean(spacing**2)))  # of a voxel along a normal, root mean square over directions
-    levels, numbers, target = (np.empty(grid.shape, dtype=kind) for kind in (np.uint8, np.uint8, np.bool_))
+    levels, numbers = np.empty((2, *grid.shape), dtype=np.uint8)
+    target = np.empty(grid.shape, dtype=np.bool_)
     layers = max(1, AT_A_TIME // (grid.shape[1] * grid.shape[2]))
     order = slice(None, None, -1 if mirrored else 1)
     for begin in range(0, grid.shape[0], layers):

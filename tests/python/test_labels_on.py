@@ -99,5 +99,3 @@ def test_finer_labels_of_a_volume(tmp_path: Path) -> None:
     assert any("labels are the nearest of" in note for note in recipe.notes())
     assert LabelledRecipe.of(recipe.plain()) == recipe
     assert make_bone(recipe.plain()).digest() == expected.digest()
-    with pytest.raises(ValueError, match="onto goes with a grey volume"):
-        LabelledRecipe("x.nrrd", TABLE, onto=True)

@@ -32,12 +32,19 @@ def test_recipe_through_json(tmp_path):
     direct = burrlab.read_volume(tmp_path / "ct.nrrd").crop(*crop).to_bone(table, spacing=(0.2, 0.2, 0.3))
     assert bone.digest() == direct.digest() == again.bone().digest()
     assert again.at(tmp_path / "ct.nrrd") == again
-    with pytest.raises(ValueError, match="voxel must be a positive number or three"):
-        volume_recipe("v.nrrd", 0, 1, voxel=0)
-    with pytest.raises(ValueError, match="crop must be three finite numbers"):
-        volume_recipe("v.nrrd", 0, 1, crop=((1, 2), (3, 4, 5)))
-    with pytest.raises(TypeError, match="map must be an OccupancyMap or two grey values"):
-        volume_recipe("v.nrrd", 0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "kind", "match"),
+    [
+        ((0, 1), {"voxel": 0}, ValueError, "voxel must be a positive number or three"),
+        ((0, 1), {"crop": ((1, 2), (3, 4, 5))}, ValueError, "crop must be three finite numbers"),
+        ((0,), {}, TypeError, "map must be an OccupancyMap or two grey values"),
+    ],
+)
+def test_parameters_that_are_wrong(arguments, options, kind, match):
+    with pytest.raises(kind, match=match):
+        volume_recipe("v.nrrd", *arguments, **options)
 
 
 @pytest.mark.parametrize(

@@ -49,11 +49,6 @@ def _float(text: str) -> float:
     return float(text.replace("_", " "))  # Python's 1_000 is no number to a spreadsheet
 
 
-def anything(value: Any, unit: str) -> str | None:
-    """The check of a column that takes any value."""
-    return None
-
-
 def finite(value: float, unit: str, rule: str = "", fine: bool = True) -> str | None:
     """The sentence on a number that is not finite, or not fine."""
     if math.isfinite(value) and fine:
@@ -74,11 +69,6 @@ def positive_or_nan(value: float, unit: str) -> str | None:
 def not_negative_or_nan(value: float, unit: str) -> str | None:
     """The sentence on a number that is neither NaN, nor finite and at least 0."""
     return None if math.isnan(value) else finite(value, unit, " at least 0", value >= 0)
-
-
-def no_rule(row: Mapping[str, Any]) -> Problem:
-    """The rule of a table whose columns do not depend on one another."""
-    return None
 
 
 @dataclass(frozen=True)
@@ -103,7 +93,7 @@ class Column:
     name: str
     unit: str = ""
     type: Callable[[str], Any] = number
-    check: Callable[[Any, str], str | None] = anything
+    check: Callable[[Any, str], str | None] = lambda value, unit: None
     optional: bool = False
     due: str = ""
 
@@ -128,7 +118,7 @@ class Table:
 
     columns: tuple[Column, ...]
     pairs: tuple[tuple[str, str], ...] = ()
-    rule: Callable[[Mapping[str, Any]], Problem] = no_rule
+    rule: Callable[[Mapping[str, Any]], Problem] = lambda row: None
 
     @cached_property
     def named(self) -> dict[str, Column]:
@@ -278,24 +268,22 @@ def agreed_number(
 ) -> float:
     """What a data set cannot do without: from the comment `key` or the argument `name`, which must agree."""
     noted = number_in_comments(file, comments, key)
-    if noted is None and argument is None:
-        raise ValueError(f"{file}: the {name} is unknown: add the comment '# {key}: ...' or give {name}=")
-    if noted is not None and argument is not None and noted != argument:
+    if noted is None:
+        if argument is None:
+            raise ValueError(f"{file}: the {name} is unknown: add the comment '# {key}: ...' or give {name}=")
+        return float(argument)
+    if argument not in (None, noted):
         raise ValueError(
             f"{file}: {name} must be the {noted!r} of the comment '# {key}:' in the file: got {shown(argument)}"
         )
-    value = argument if noted is None else noted
-    assert value is not None
-    return float(value)
+    return noted
 
 
 def json_mapping(provenance: Mapping[str, Any]) -> dict[str, Any]:
     """A mapping as JSON would give it back: NumPy's numbers and arrays, and tuples, as plain ones."""
 
-    def without_numpy(value: Any) -> Any:
-        return value.tolist() if hasattr(value, "tolist") else str(value)
-
-    result: dict[str, Any] = json.loads(json.dumps(dict(provenance), default=without_numpy))
+    text = json.dumps(dict(provenance), default=lambda v: v.tolist() if hasattr(v, "tolist") else str(v))
+    result: dict[str, Any] = json.loads(text)
     return result
 
 
@@ -564,7 +552,11 @@ def frame(columns: Mapping[str, Sequence[Any]], what: str = "to_frame") -> panda
 
 def html_table(title: str, columns: Mapping[str, Sequence[Any]]) -> str:
     """A title and a table for notebooks."""
-    cells = [("", name, [_cell(value) for value in values]) for name, values in columns.items()]
+
+    def cell(value: object) -> str:
+        return str(value) if not isinstance(value, float) else "" if math.isnan(value) else f"{value:.5g}"
+
+    cells = [("", name, list(map(cell, values))) for name, values in columns.items()]
     return f"<p>{html.escape(title)}</p>{table_html(cells)}"
 
 
@@ -600,12 +592,6 @@ def _same(a: object, b: object) -> bool:
     if isinstance(a, list | tuple) and type(a) is type(b):
         return len(a) == len(b) and all(map(_same, a, b))
     return a is b if a is None or b is None else bool(a == b)
-
-
-def _cell(value: object) -> str:
-    if isinstance(value, float):
-        return "" if np.isnan(value) else f"{value:.5g}"
-    return str(value)
 
 
 #: What a column of a report belongs to, its name, its cells.

@@ -45,7 +45,7 @@ def checked_point(point: ArrayLike, what: str) -> Array:
 
 
 def checked_direction(direction: ArrayLike, what: str = "direction") -> Array:
-    """The nearest orthonormal matrix, left-handed ones too; ValueError where that is further than `ORTHONORMAL`."""
+    """The nearest orthonormal matrix, left-handed or not; ValueError if it is further away than `ORTHONORMAL`."""
     found = real(direction, what)
     if found.shape != (3, 3) or not np.all(np.isfinite(found)):
         raise ValueError(
@@ -85,13 +85,13 @@ class OnGrid(ABC):
         return found
 
     def _moved(self, voxels: NDArray[Any], note: str, **grid: Array) -> Self:
-        """Other voxels of the volume, with what changes of its grid, and a note on grey values."""
+        """The volume with other voxels and a changed grid; grey values get a note."""
         told = {"notes": (*self.notes, note)} if self._ARRAY == "values" else {}
         moved: Self = replace(cast(Any, self), **{self._ARRAY: voxels}, **told, **grid)
         return moved
 
     def _check(self, voxels: NDArray[Any]) -> None:
-        """Keeps a read-only view of the voxels, and the geometry as arrays; ValueError where that is none."""
+        """Keeps a read-only view of the voxels, and the geometry as arrays; ValueError if the geometry is wrong."""
         kept = voxels.view()
         kept.flags.writeable = False
         object.__setattr__(self, self._ARRAY, kept)
@@ -216,7 +216,7 @@ class OnGrid(ABC):
 
 
 def box_text(grid: OnGrid) -> str:
-    """Between which corners the centres of a volume's voxels lie, in its own coordinates."""
+    """The corners between which the centres of a volume's voxels lie, in its own coordinates, as text."""
     corners = grid.corners()
     return f"between {_point(corners.min(axis=0))} and {_point(corners.max(axis=0))} mm"
 
@@ -332,7 +332,7 @@ def resample_linear(
 
 
 def resample_nearest(labels: NDArray[Any], old: Array, new: Array) -> NDArray[Any]:
-    """Labels (z, y, x) of the old voxel in which the new one's centre lies, the lower of two at a face."""
+    """Labels (z, y, x) on a new grid. Each is that of the old voxel at its centre; at a face, of the lower voxel."""
     shape = resampled_shape(labels.shape, old, new)
     places = []
     for axis in range(3):
@@ -357,7 +357,7 @@ def _averaged(values: NDArray[np.float32], axis: int, count: int, ratio: float) 
 def _neighbours(
     old: int, count: int, ratio: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
-    """Of each new centre the two old ones around it, and how far it is from the first, 0..1."""
+    """For each new centre: the two old centres around it, and its distance from the first of them, 0..1."""
     place = np.clip((np.arange(count) + 0.5) * ratio - 0.5, 0, old - 1)
     first = np.minimum(np.floor(place).astype(np.intp), max(old - 2, 0))
     return first, np.minimum(first + 1, old - 1), (place - first).astype(np.float32)
@@ -413,12 +413,12 @@ class OccupancyMap:
 
     @classmethod
     def table(cls, greys: Sequence[float], occupancies: Sequence[float]) -> OccupancyMap:
-        """By a table of grey values and the occupancy of each; errors as of the class."""
+        """A map from a table of grey values and the occupancy of each; errors as of the class."""
         return cls(tuple(greys), tuple(occupancies))
 
     @classmethod
     def parse(cls, text: str) -> OccupancyMap:
-        """Of ``LO:HI``, or of ``GREY:OCCUPANCY,GREY:OCCUPANCY,...``; ValueError where it is neither.
+        """A map from the text ``LO:HI`` or ``GREY:OCCUPANCY,GREY:OCCUPANCY,...``; ValueError for any other text.
 
         Examples
         --------
@@ -440,7 +440,7 @@ class OccupancyMap:
 
     @property
     def text(self) -> str:
-        """As `parse` reads it."""
+        """The map as text, which `parse` reads."""
         if self.occupancies == (0.0, 1.0):
             return f"{_text(self.greys[0])}:{_text(self.greys[1])}"
         return ",".join(f"{_text(g)}:{_text(o)}" for g, o in zip(self.greys, self.occupancies, strict=True))
@@ -485,12 +485,12 @@ class OccupancyMap:
 
 
 def _text(number: float) -> str:
-    """The shortest that reads back the same."""
+    """The shortest text that reads back as the same number."""
     return repr(number).removesuffix(".0")
 
 
 def occupancy_map(mapping: OccupancyMap | float, solid: float | None = None) -> OccupancyMap:
-    """The map itself, or of two grey values; TypeError where it is neither."""
+    """A map, given as such or as two grey values; TypeError for anything else."""
     if isinstance(mapping, OccupancyMap) and solid is None:
         return mapping
     if isinstance(mapping, OccupancyMap) or solid is None:
@@ -553,7 +553,7 @@ class Volume(OnGrid):
         *,
         spacing: float | ArrayLike | None = None,
     ) -> VoxelBone:
-        """Bone of the occupancy that a map gives to the grey values.
+        """Bone with the occupancy that a map gives to the grey values.
 
         Parameters
         ----------
@@ -667,7 +667,7 @@ def specimen_in(
 
 
 def _place(grid: OnGrid, entry: NDArray[Any]) -> str:
-    """Where a volume lies, for one who gave a point elsewhere."""
+    """A sentence that says where a volume lies, for a caller whose point lies elsewhere."""
     low, high = grid.corners().min(axis=0), grid.corners().max(axis=0)
     said = f"the volume lies from {_rounded_point(low)} to {_rounded_point(high)} mm, x to the left, y to the back (LPS)"
     mirrored = entry * (-1, -1, 1)
@@ -751,7 +751,7 @@ class LabelVolume(OnGrid):
         object.__setattr__(self, "colours", colours)
 
     def on(self, volume: OnGrid) -> LabelVolume:
-        """The labels on the voxels of a volume: of the voxel in which the centre of each lies, 0 where there is none.
+        """The labels on the voxels of a volume. Each voxel gets the label at its centre, 0 where there is none.
 
         Segmentations may be finer than their volume, or turned. Structures thinner than a voxel of the volume can go. Where the
         labels cover a part of the volume, the notes say how much.
@@ -792,7 +792,7 @@ class LabelVolume(OnGrid):
 
 
 def whole_labels(labels: NDArray[Any], path: str) -> NDArray[Any]:
-    """Integers of labels, (z, y, x); ValueError where one is not whole."""
+    """Labels (z, y, x) as integers; ValueError if one is not a whole number."""
     if labels.ndim != 3 or labels.size == 0 or labels.dtype.kind not in "iufb":
         raise ValueError(
             f"{path}: labels must be whole numbers in three dimensions, got shape {labels.shape} of {labels.dtype}"

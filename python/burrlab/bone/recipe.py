@@ -62,7 +62,7 @@ def _key(
     omitted: object = None,
     before: object = MISSING,
 ) -> dict[str, Any]:
-    """Under which key a field stands in JSON; not where it is `omitted`. JSON without the key means `before`, or the default."""
+    """How JSON holds a field: its key, reader and writer, the value that is omitted, and the value that a missing key means."""
     return {"key": key, "read": read, "write": write, "omitted": omitted, "before": before}
 
 
@@ -73,9 +73,9 @@ class BoneRecipe(ABC):
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> Self:
-        """Of what `plain` gave, through JSON too; KeyError, TypeError or ValueError where it is not that.
+        """A recipe from what `plain` gave, through JSON too; KeyError, TypeError or ValueError for anything else.
 
-        Slices without a word on `transpose`, as versions before it wrote, are not transposed.
+        Slices of a recipe that does not say `transpose`, as earlier versions wrote it, are not transposed.
         """
         found = {}
         for each in fields(cast(Any, cls)):
@@ -87,7 +87,7 @@ class BoneRecipe(ABC):
         return cls(**found)
 
     def plain(self) -> dict[str, Any]:
-        """Ready for JSON; what is not given is left out."""
+        """The recipe ready for JSON, without what is not given."""
         found: dict[str, Any] = {"kind": self._KIND}
         for each in fields(cast(Any, self)):
             value = getattr(self, each.name)
@@ -97,7 +97,7 @@ class BoneRecipe(ABC):
 
     @abstractmethod
     def at(self, path: str | os.PathLike[str]) -> Self:
-        """The same of a volume that lies elsewhere."""
+        """The same recipe for a volume that lies elsewhere."""
 
     @abstractmethod
     def bone(self) -> VoxelBone:
@@ -105,10 +105,10 @@ class BoneRecipe(ABC):
 
 
 class _FileRecipe(BoneRecipe):
-    """A recipe of a bone that comes from the file which its first field names, and perhaps others."""
+    """A recipe whose bone comes from files; its first field names the main one."""
 
     def plain(self) -> dict[str, Any]:
-        """Ready for JSON; what is not given is left out."""
+        """The recipe ready for JSON, without what is not given."""
         found = super().plain()
         if not (found.get("transpose", True) or is_stack(getattr(self, self._file))):
             del found["transpose"]
@@ -119,7 +119,7 @@ class _FileRecipe(BoneRecipe):
         return fields(cast(Any, self))[0].name
 
     def at(self, path: str | os.PathLike[str]) -> Self:
-        """The same of a file that lies elsewhere."""
+        """The same recipe for a file that lies elsewhere."""
         moved: Self = replace(cast(Any, self), **{self._file: os.fspath(path)})
         return moved
 
@@ -270,7 +270,7 @@ class VolumeRecipe(_FileRecipe):
 
 
 def absolute(path: str | os.PathLike[str]) -> str:
-    """The path from the root; ".." after a link goes where the system takes it. ValueError where no refusal may quote it."""
+    """The absolute path; ".." behind a link is resolved as the system does. ValueError if it holds control characters."""
     if re.search(r"[\0-\x1f\x7f]", os.fspath(path)):
         raise ValueError(f"path must hold no control characters, got {os.fspath(path)!r}")
     return os.path.realpath(path) if ".." in Path(path).parts else os.path.abspath(path)
@@ -405,7 +405,7 @@ class LabelledRecipe(_FileRecipe):
             object.__setattr__(self, "ranking", None)  # a file's labels do not overlap
 
     def at(self, path: str | os.PathLike[str]) -> Self:
-        """The same of a volume (labels, if they are alone) that lies elsewhere, with labels of the same name beside it."""
+        """The same recipe for a volume (or labels alone) that lies elsewhere; labels of the same name may lie beside it."""
         if self.grey is None:
             return super().at(path)
         beside = Path(path).parent / Path(self.labels).name
@@ -434,7 +434,7 @@ class LabelledRecipe(_FileRecipe):
 
     @property
     def mapping(self) -> OccupancyMap | None:
-        """Of the grey values; None of labels alone."""
+        """The map of the grey values; None for labels alone."""
         return None if self.grey is None else self.grey.mapping
 
     def like(self) -> Volume | LabelVolume:
@@ -540,11 +540,11 @@ class DrilledRecipe(_FileRecipe):
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> DrilledRecipe:
-        """Of what `plain` gave, through JSON too; KeyError or TypeError where it is not that."""
+        """A recipe from what `plain` gave, through JSON too; KeyError or TypeError for anything else."""
         return cls(os.fspath(plain["path"]), str(plain["digest"]))
 
     def plain(self) -> dict[str, Any]:
-        """Ready for JSON; with the digest, since a file that is drilled on holds another bone the next day."""
+        """The recipe ready for JSON. It has the digest, since a file that is drilled further holds another bone later."""
         told = {"transpose": self.drilled().transpose} if is_stack(self.path) else {}
         return {"kind": "drilled volume", "path": self.path, "digest": self.drilled().bone.digest(), **told}
 
@@ -571,7 +571,7 @@ class DrilledRecipe(_FileRecipe):
 
     @property
     def mapping(self) -> OccupancyMap | None:
-        """Of the volume's grey values."""
+        """The map of the volume's grey values."""
         return self.drilled().mapping
 
     def bone(self) -> VoxelBone:
@@ -579,7 +579,7 @@ class DrilledRecipe(_FileRecipe):
         return self.drilled().bone.copy()
 
     def notes(self) -> tuple[str, ...]:
-        """On what was saved, and what its volume does not say."""
+        """Notes on the ticks before, and on what was assumed when the volume was read."""
         before = f"{self.path} has been burred for {self.tick} ticks before"
         notes = told_notes(bone_source(self.path)) if _holds_bone(self.path) else self.like().notes
         return (before, *(note for note in notes if assumed([note])))
@@ -625,7 +625,7 @@ class BlockRecipe(BoneRecipe):
     level: int = field(metadata=_key("level", functools.partial(whole_number, most=255)))
 
     def at(self, path: str | os.PathLike[str]) -> Self:
-        """The same: no volume lies anywhere."""
+        """The recipe itself: it needs no file."""
         return self
 
     def bone(self) -> VoxelBone:
@@ -649,7 +649,7 @@ class VolumeBlockRecipe(BoneRecipe):
     axis: Triple = field(metadata=_key("axis", _triple))
 
     def at(self, path: str | os.PathLike[str]) -> Self:
-        """The same of a volume that lies elsewhere."""
+        """The same recipe for a volume that lies elsewhere."""
         return replace(self, volume=self.volume.at(path))
 
     def bone(self) -> VoxelBone:

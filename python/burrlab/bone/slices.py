@@ -115,7 +115,7 @@ def pixels(path: Path) -> NDArray[Any]:
 
 
 def _in_order(place: str, found: list[Path], *, latest: int | None) -> list[Path]:
-    """By the number at the end of the name: slice10 comes after slice9; `latest` is the last number at which a stack may begin."""
+    """Files in the order of the numbers that end their names; `latest` is the largest number that may be the first."""
     numbered: dict[int, Path] = {}
     prefixes: dict[str, Path] = {}
     for path in sorted(found):
@@ -326,7 +326,7 @@ class Palette:
     def notes(
         self, name: str, unknown: Sequence[Mapping[str, Any]], labels: NDArray[Any], apart: NDArray[Any]
     ) -> list[str]:
-        """What was done with sums and with unknown colours, of labels (slice, row, column); ValueError where these are refused."""
+        """Notes on sums and unknown colours in labels (slice, row, column); ValueError if unknown colours are refused."""
         notes = []
         if self._overlaps:
             told = "; ".join(
@@ -386,20 +386,20 @@ class Palette:
         return np.asarray(taken[inverse])
 
     def _nearest(self, codes: NDArray[Any], labels: Sequence[int]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Of each colour the nearest of these labels, and how far that is."""
+        """For each colour the nearest of these labels, and its distance."""
         own = np.stack([codes >> 16, (codes >> 8) & 255, codes & 255], axis=-1)
         apart = cdist(own, [self.colours[label] for label in labels])
         return np.array(labels)[apart.argmin(axis=1)], apart.min(axis=1)
 
     def _by_rank(self, ranking: Sequence[str]) -> dict[int, tuple[float, int]]:
-        """By label what is least of the structure that gets a voxel; names that are not ranked come just before bone."""
+        """A rank for each label: the lower of two gets the voxel. Names without a rank come just before bone."""
         order = [_known(name)[0] for name in ranking]
         rest = next((i for i, name in enumerate(order) if _known(name)[1]), len(order)) - 0.5
         ranks = {name: float(i) for i, name in enumerate(order)}
         return {label: (ranks.get(_known(self.names[label])[0], rest), label) for label in self.colours}
 
     def _places_of_sums(self) -> NDArray[np.uint16]:
-        """For each colour with alpha 254: the pair whose sum it is, from 1; 0 for none; or that it is not clear.
+        """For each colour with alpha 254 the number of the pair whose sum it is, from 1; 0 for none; `_UNCLEAR` for several.
 
         A pair's sum lies within 1 a channel, modulo 256, and no other pair's, nor one colour of the table, within 2.
         """
@@ -457,7 +457,7 @@ def _colour(name: str, given: Any) -> Colours:
 
 
 def _checked_unknown(unknown: str | int, names: Mapping[int, str]) -> tuple[str | int, list[int]]:
-    """The word or label, and the labels that are asked for by name."""
+    """`unknown` as a word or label, and the labels that it asks for by name."""
     if unknown in ("refuse", "nearest") or (not isinstance(unknown, (str, bool)) and unknown in names):
         return unknown, []
     if isinstance(unknown, str) and unknown.startswith("nearest:"):
@@ -485,7 +485,7 @@ _OLD_UNIT = 49.664
 
 @dataclass(frozen=True, eq=False)
 class StackDescription:
-    """What the file says.
+    """What the YAML file of a stack says.
 
     Attributes
     ----------
@@ -744,7 +744,7 @@ def read_stack(
 
 
 def rows_along_x(name: str, transpose: bool | None, colours: Iterable[Colours] = ()) -> bool:
-    """Whether slices are read transposed: as told, else by their kind.
+    """Whether slices are read transposed: as the caller says, else True for a description and False for slices alone.
 
     ValueError where they must be told: the colours of volumetric_drilling in slices without its YAML file.
     """
@@ -758,7 +758,7 @@ def rows_along_x(name: str, transpose: bool | None, colours: Iterable[Colours] =
 
 
 def _description(name: str, spacing: float | ArrayLike | None, unit: float | None) -> StackDescription | None:
-    """What a YAML file says; None where the slices are named themselves, with their spacing."""
+    """What the YAML file says; None if the path names the slices themselves."""
     if Path(name).suffix.lower() in _DESCRIPTIONS:
         if spacing is not None:
             raise ValueError(
@@ -792,7 +792,7 @@ def _grey(slices: Slices, shape: tuple[int, int, int], transpose: bool) -> NDArr
 
 
 def is_stack(path: str) -> bool:
-    """Whether it is PNG slices: their description, a pattern of names, or a folder of them without DICOM files."""
+    """Whether a path names PNG slices: their description, a pattern, or a folder that holds them and no DICOM files."""
     if Path(path).suffix.lower() in (".yaml", ".yml", ".png"):
         return True
     return Path(path).is_dir() and any(Path(path).glob("*.[pP][nN][gG]")) and not holds_dicom(path)

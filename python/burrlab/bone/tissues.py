@@ -219,7 +219,7 @@ def unlabelled(material: Material) -> Tissue:
 
 
 def label_counts(values: NDArray[Any], path: str = "") -> dict[int, int]:
-    """Voxels of each label that is present; a sentence on what is wrong names the path.
+    """Number of voxels of each label that is present; a refusal names the path.
 
     Raises
     ------
@@ -252,7 +252,7 @@ def label_counts(values: NDArray[Any], path: str = "") -> dict[int, int]:
 def _named(
     labels: LabelVolume | Mapping[int, str] | Sequence[str],
 ) -> tuple[dict[int, str], dict[int, int] | None, dict[int, Colour]]:
-    """Names by label, voxels by label where there is a volume, and its colours."""
+    """Names by label; of a label volume the number of voxels by label too, and its colours."""
     if isinstance(labels, str):
         raise ValueError(f"labels must be a label volume, or names, got the text {labels!r}")
     if isinstance(labels, Mapping):
@@ -486,7 +486,7 @@ LABEL_SCATTER = {10: ((11, 17), (3, 6)), 20: ((6, 15), (3, 5)), 30: ((3, 10), (2
 
 
 def label_scatter(ratio: float, smooth: bool = False) -> str:
-    """`LABEL_SCATTER` in words, linear between its rows; beyond them, the last one."""
+    """`LABEL_SCATTER` in words, interpolated between its rows; beyond them the nearest row."""
     ratio = float(np.clip(ratio, min(LABEL_SCATTER), max(LABEL_SCATTER)))
     rows = [row[smooth] for row in LABEL_SCATTER.values()]
     least, most = (np.interp(ratio, list(LABEL_SCATTER), column) for column in zip(*rows, strict=True))
@@ -606,7 +606,7 @@ def labelled_bone(
 
 
 def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
-    """The labels on all voxels of a volume, of which they may have a box; 0 outside it.
+    """The labels on all voxels of a volume; labels that cover a box of it are 0 outside the box.
 
     Raises
     ------
@@ -653,7 +653,7 @@ def _check_source(source: Any, labels: LabelVolume, mapping: OccupancyMap | None
 
 
 def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tissues:
-    """The table, with a row for label 0 where that is there and not in it; ValueError for other labels."""
+    """The table, with a row for label 0 if the labels need one; ValueError if it lacks any other label."""
     known = {tissue.label for tissue in tissues}
     strange = [label for label in counts if label not in known and label != 0]
     if strange:
@@ -688,7 +688,7 @@ def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:
 def _smoothed(
     full: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues, apart: NDArray[Any], width: float
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], str]:
-    """Levels and numbers with a smooth border of solid and empty, and what it does to volumes; `apart` along (z, y, x)."""
+    """Levels and numbers with smoothed borders, and a text on how volumes change; `apart` along (z, y, x) [mm]."""
     if not 0.999 <= width / apart.min() <= 10.001:
         raise ValueError(
             f"smooth must be 1 to 10 times the finest side of a voxel, {apart.min():g} to {10 * apart.min():g} mm, got {width!r}"
@@ -718,7 +718,7 @@ def _smoothed(
 
 
 def _gaussian(deviation: float) -> NDArray[np.float64]:
-    """Whole weights with a sum of 256, the parts of a Gaussian of this standard deviation in each voxel."""
+    """A Gaussian's weights in each voxel as whole numbers with the sum 256; its standard deviation is in voxels."""
     edges = np.arange(-np.ceil(4 * deviation), np.ceil(4 * deviation) + 2) - 0.5
     return np.asarray(np.trim_zeros(np.diff(np.rint(256 * ndtr(edges / deviation)))))
 
@@ -739,7 +739,7 @@ def _filled(
 
 
 def _said_of_tissues(levels: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues) -> list[str]:
-    """Bone that no label names, and critical structures that hold none."""
+    """Notes on bone without a label, and on critical structures without bone."""
     both = np.zeros(2 * len(tissues), np.int64)
     for plane, filled in zip(numbers, levels, strict=True):  # bincount works in int64: plane by plane
         both += np.bincount((2 * plane + (filled >= _HALF)).ravel(), minlength=both.size)

@@ -50,7 +50,7 @@ def _float(text: str) -> float:
 
 
 def finite(value: float, unit: str, rule: str = "", fine: bool = True) -> str | None:
-    """The sentence on a number that is not finite, or not fine."""
+    """The sentence on a number that is not finite, or breaks a further rule."""
     if math.isfinite(value) and fine:
         return None
     return f"must be a finite number{rule}{unit and f', in {unit}'}: got {shown(value)}"
@@ -156,7 +156,7 @@ class Table:
     def rows(
         self, name: str, text: str, comments: dict[str, str] | None = None
     ) -> Iterator[tuple[str, dict[str, str]]]:
-        """Of each row its place ("file, line 3") and its texts by the names of the columns; fills `comments`."""
+        """For each row its place ("file, line 3") and its texts by column name; fills `comments`."""
         lines = _lines(text, {} if comments is None else comments)
         line, header = next(lines, (0, ""))
         if not line:
@@ -174,7 +174,7 @@ class Table:
             raise ValueError(f"{name}: there is no row below the column names")
 
     def values(self, where: str, texts: Mapping[str, str]) -> dict[str, Any]:
-        """The values of the texts of a row; ValueError with place and column where a text has none."""
+        """The values of a row's texts by column name; ValueError with place and column for a text without a value."""
         found = {}
         for name, text in texts.items():
             column = self.named[name]
@@ -209,7 +209,7 @@ class Table:
 
 
 def decoded(name: str, content: bytes) -> str:
-    """The text of a file; ValueError where it is none in UTF-8."""
+    """The text of a file; ValueError if it is no text in UTF-8."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -237,7 +237,7 @@ def write(file: Path | IO[str], comments: Mapping[str, object], columns: Mapping
 
 
 def origin(file: str, comments: Mapping[str, str]) -> dict[str, Any]:
-    """Source, by default the file's name, and provenance, where the comments hold one."""
+    """Source, by default the file's name, and the provenance if the comments hold one."""
     kept: dict[str, Any] = {"source": comments.get("source", os.path.basename(file))}
     if "provenance" in comments:
         try:
@@ -266,7 +266,7 @@ def number_in_comments(file: str, comments: Mapping[str, str], key: str) -> floa
 def agreed_number(
     file: str, comments: Mapping[str, str], key: str, name: str, argument: float | None
 ) -> float:
-    """What a data set cannot do without: from the comment `key` or the argument `name`, which must agree."""
+    """A number that a data set needs, from the comment `key` or the argument `name`; both must agree."""
     noted = number_in_comments(file, comments, key)
     if noted is None:
         if argument is None:
@@ -345,7 +345,7 @@ class TextTable:
 
 
 def split_torn(content: bytes) -> tuple[bytes, bytes]:
-    """The whole lines, and what stands behind the last of them: where writing was broken off."""
+    """The whole lines, and the rest: a line whose writing was broken off."""
     end = content.rfind(b"\n") + 1
     return content[:end], content[end:]
 
@@ -530,7 +530,7 @@ class TableData(DataSet):
 
 
 def by_value(kind: type[Made]) -> type[Made]:
-    """Of a dataclass with arrays: its objects are equal where all fields are, as data sets."""
+    """Makes objects of a dataclass with arrays equal if all their fields are."""
     kind.__eq__ = DataSet.__eq__  # type: ignore[method-assign, assignment]
     kind.__hash__ = None  # type: ignore[assignment]
     return kind
@@ -561,7 +561,7 @@ def html_table(title: str, columns: Mapping[str, Sequence[Any]]) -> str:
 
 
 def data_label(source: str) -> str:
-    """The name of data in a legend, which says where they were not measured."""
+    """The name of data in a legend; it says if they are synthetic or simulated."""
     return next((f"{kind} data" for kind in ("synthetic", "simulated") if source.startswith(kind)), "data")
 
 
@@ -599,7 +599,7 @@ ReportColumn: TypeAlias = tuple[str, str, list[str]]
 
 
 def tables_lines(columns: Sequence[ReportColumn], width: int | None = None) -> list[str]:
-    """One table, or as many as a screen of this width needs: parted between groups of columns, each with the first column."""
+    """The lines of one table, or of as many as fit the width; each begins with the first column and keeps groups together."""
     if width is None:
         return table_lines(columns)
     first = columns[0]
@@ -616,7 +616,7 @@ def tables_lines(columns: Sequence[ReportColumn], width: int | None = None) -> l
 
 
 def wrapped_lines(lines: Sequence[str], width: int | None) -> list[str]:
-    """Sentences parted between words, what follows further in."""
+    """Sentences wrapped between words to the width; lines that continue one are indented."""
     if width is None:
         return list(lines)
     found: list[str] = []
@@ -629,7 +629,7 @@ def wrapped_lines(lines: Sequence[str], width: int | None) -> list[str]:
 
 
 def table_lines(columns: Sequence[ReportColumn]) -> list[str]:
-    """Columns aligned under their heads; a head over those that belong together."""
+    """The lines of a table: columns under their heads, with a common head over columns that belong together."""
     widths = [max(len(head), *map(len, cells), 1) for _, head, cells in columns]
     above = ""
     for first, last in _groups(columns):
@@ -658,7 +658,7 @@ def _groups(columns: Sequence[ReportColumn]) -> list[tuple[int, int]]:
 
 
 def table_html(columns: Sequence[ReportColumn]) -> str:
-    """The same for notebooks."""
+    """The table as HTML for notebooks."""
     heads = "".join(
         f"<th>{html.escape(f'{group}: {head}' if group else head)}</th>" for group, head, _ in columns
     )
@@ -670,7 +670,7 @@ def table_html(columns: Sequence[ReportColumn]) -> str:
 
 
 def two_decimals(value: float) -> str:
-    """Two decimals, no negative zero; inf as a word, NaN as nothing."""
+    """The number with two decimals, without a negative zero; infinity as inf, NaN as an empty text."""
     if math.isnan(value):
         return ""
     if math.isinf(value):
@@ -679,13 +679,13 @@ def two_decimals(value: float) -> str:
 
 
 def interval_text(ends: tuple[float, float]) -> str:
-    """Closed, or open above."""
+    """An interval as text, closed or open above."""
     low, high = ends
     return f"[{low:.2f}, inf)" if math.isinf(high) else f"[{low:.2f}, {high:.2f}]"
 
 
 def p_text(p: float) -> str:
-    """Two digits."""
+    """A p value with two digits."""
     return f"{p:.2g}" if p >= 1e-4 else f"{p:.0e}"
 
 

@@ -152,7 +152,7 @@ def synthetic_trace(
     sample_ms: float = 1.0,
     seed: int | None = None,
 ) -> DepthTrace:
-    """The record of a mean-field descent, with a rate of its own, noise of position, and read in steps.
+    """The record of a mean-field descent with its own rate, noise of position, and readings in steps.
 
         H(t) = step round((H_mean_field(t exp(-run_scatter z)) + noise e(t))/step),  z, e standard normal
 
@@ -225,7 +225,7 @@ def _seed(seed: int | None) -> int:
 
 
 def _scattered(values: Floats, repeats: int, scatter: float, seed: int) -> Floats:
-    """Each value `repeats` times with log-normal scatter, z of row k of value i from (seed, i, k); both are checked."""
+    """Each value `repeats` times with log-normal scatter; z of row k of value i depends on (seed, i, k). Checks both."""
     if whole("repeats", repeats, 2**31, "2^31") < 1:
         raise ValueError(f"repeats must be at least 1: got {repeats!r}")
     _check_not_negative("scatter", scatter)

@@ -76,7 +76,7 @@ def _lay(
     *,
     replace: bool = False,
 ) -> Singles:
-    """Puts a tissue into its part of each voxel, which is numbered after it if it has half of it or all that is in it."""
+    """Puts a tissue into its part of each voxel. The voxel gets its number if the tissue has half of it, or most of what is in it."""
     before = held * (np.float32(1.0) - part) if replace else held
     added = np.float32(level) * part
     numbers[(part >= np.float32(0.5)) | (added > before)] = number
@@ -98,7 +98,7 @@ AT_A_TIME = 1_000_000
 @by_value
 @dataclass(frozen=True)
 class Phantom:
-    """A temporal bone, what is where in it, and what is to be removed.
+    """A temporal bone, the places of its structures, and the cavity that is to be drilled.
 
     Attributes
     ----------

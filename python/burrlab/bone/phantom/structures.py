@@ -130,7 +130,7 @@ class Structures:
 
     @property
     def tubes(self) -> tuple[Tube, ...]:
-        """All that is too thin for the lattice: nerve, labyrinth, ossicles."""
+        """The structures that are too thin for the lattice: nerve, labyrinth, ossicles."""
         return (self.nerve, *self.canals, *self.ossicles)
 
     @property
@@ -238,12 +238,12 @@ class Fields:
         return cls(lattice, *(part.astype(np.float32) for part in parts))
 
     def on(self, name: str, grid: Grid) -> Singles:
-        """One of them at the points of a grid."""
+        """The field of this name at the points of a grid."""
         return interpolate(getattr(self, name), self.lattice, grid)
 
 
 def _within(distance: dict[str, Floats], margin: dict[str, float]) -> Floats:
-    """Negative where all margins are kept."""
+    """A field that is negative where all margins are kept."""
     return np.asarray(np.maximum.reduce([margin[name] - distance[name] for name in margin]))
 
 

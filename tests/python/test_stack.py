@@ -15,7 +15,7 @@ from PIL import Image
 from burrlab import materials
 from burrlab._core import Tissue, Tissues
 from burrlab.bone.image import LabelVolume, OccupancyMap, Volume
-from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe
+from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe, labels_of
 from burrlab.bone.slices import ROWS_ALONG_X, read_stack
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues
 
@@ -139,6 +139,20 @@ def test_slices_in_the_simulators_colours_must_be_told_their_axes(tmp_path: Path
         own, spacing=0.1, palette={"nerve": (*NERVE[:2], 7), "bone": (255, 249, 220)}, unknown=2
     )
     assert found.shape == (3, 4, 5)  # as before: y down the rows
+
+
+def test_a_map_of_coloured_slices_and_labels_of_grey_ones_are_refused(tmp_path: Path) -> None:
+    grey_ones, mapping = save(tmp_path / "grey", grey((3, 4, 5))), OccupancyMap.two_point(0, 255)
+    bone = VolumeRecipe(str(grey_ones), mapping, spacing=(0.5, 0.5, 1)).bone()
+    np.testing.assert_array_equal(bone.density, grey((3, 4, 5)))
+    assert bone.spacing == (0.5, 0.5, 1.0)
+    recipe = VolumeRecipe(
+        str(save(tmp_path / "s", coloured())), mapping, spacing=(0.5, 0.5, 1), transpose=False
+    )
+    with pytest.raises(ValueError, match="the slices are coloured labels, and a map is of grey values"):
+        recipe.bone()
+    with pytest.raises(ValueError, match="the slices are grey, and labels are coloured ones"):
+        labels_of(grey_ones, spacing=(1, 1, 1))
 
 
 @needs_yaml

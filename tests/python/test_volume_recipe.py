@@ -64,21 +64,6 @@ def test_recipe_that_cannot_be_read(change):
         make_bone({"kind": "volume", "path": "v.nrrd", "map": [0, 1], **change})
 
 
-def test_a_stack_of_slices_as_a_recipe(tmp_path):
-    image = pytest.importorskip("PIL.Image")
-    folder = tmp_path / "slices"
-    folder.mkdir()
-    for k in range(4):
-        image.fromarray(np.full((5, 6), 60 * k, np.uint8)).save(folder / f"slice{k}.png")
-    bone = VolumeRecipe(folder, OccupancyMap.two_point(0, 255), spacing=(0.5, 0.5, 1)).bone()
-    np.testing.assert_array_equal(bone.density[:, 0, 0], [0, 60, 120, 180])
-    assert bone.spacing == (0.5, 0.5, 1.0)
-    for k in range(4):
-        image.fromarray(np.full((5, 6, 3), (0, 9, 60 * k), np.uint8)).save(folder / f"slice{k}.png")
-    with pytest.raises(ValueError, match=r"colour|labels"):
-        VolumeRecipe(folder, OccupancyMap.two_point(0, 255), spacing=0.5).bone()
-
-
 def test_a_picture_among_dicom_slices_makes_no_stack_of_them(tmp_path):
     image = pytest.importorskip("PIL.Image")
     values = np.full((3, 4, 5), 100, np.int16)

@@ -80,7 +80,9 @@ class BoneRecipe(ABC):
         found = {}
         for each in fields(cast(Any, cls)):
             told = each.metadata
-            if (value := plain.get(told["key"])) is not None:
+            value = plain.get(told["key"])
+            # null is as good as no key where a field may be None, else the reader refuses it.
+            if value is not None or (told["key"] in plain and None not in (each.default, told["before"])):
                 found[each.name] = told["read"](value)
             elif told["before"] is not MISSING:
                 found[each.name] = told["before"]

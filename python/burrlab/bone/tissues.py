@@ -304,6 +304,7 @@ def _colour(text: str) -> Colour | None:
 
 
 def _number(text: str, rule: str, least: float, most: float) -> float | None:
+    # NaN is a number beyond the limits here, not a wrong way to leave the field empty.
     value = csv_text.number("" if text.lower().strip("+-") == "nan" else text)
     if text and not (math.isfinite(value) and least <= value <= most):
         raise ValueError(f"must be {rule}, got {shown(text)}")

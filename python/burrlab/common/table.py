@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import IO, TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar
+from typing import IO, TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -453,7 +453,10 @@ class DataSet(ABC):
         return frame(self._table())
 
     def __eq__(self, other: object) -> bool:
-        return equal(self, other) if type(other) is type(self) else NotImplemented
+        if type(other) is not type(self):
+            return NotImplemented
+        names = (f.name for f in fields(cast(Any, self)) if f.compare)
+        return all(_same(getattr(self, name), getattr(other, name)) for name in names)
 
     __hash__ = None  # type: ignore[assignment]  # it holds arrays
 
@@ -536,11 +539,6 @@ def by_value(kind: type[Made]) -> type[Made]:
     return kind
 
 
-def equal(one: Any, other: Any) -> bool:
-    """Whether all fields of two data sets of one class are the same; NaN is the same as NaN."""
-    return all(_same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one) if f.compare)
-
-
 def frame(columns: Mapping[str, Sequence[Any]], what: str = "to_frame") -> pandas.DataFrame:
     """The columns as a pandas DataFrame; ImportError with one sentence without pandas."""
     try:
@@ -583,6 +581,7 @@ def log_ticks(axis: Axis) -> None:
 
 
 def _same(a: object, b: object) -> bool:
+    """Whether two values of a field are the same; NaN is the same as NaN."""
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return np.array_equal(a, b, equal_nan=True)
     if isinstance(a, VoxelBone) and isinstance(b, VoxelBone):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -109,20 +110,27 @@ def test_a_session_touches_what_is_there(tmp_path: Path) -> None:
     ]  # the dura lies 3 mm below, and was seen in the sums
 
 
-def test_wrong_recipes(files: Path) -> None:
-    with pytest.raises(ValueError, match="crop and voxel must be those of the grey volume"):
-        LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP), voxel=(0.1, 0.1, 0.1))
-    with pytest.raises(ValueError, match="smooth goes with labels alone"):
-        LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP), smooth=0.3)
-    with pytest.raises(
-        ValueError, match=r"radius of the burr must be at least 4 voxels of 0\.4 mm, got 1 mm"
-    ):
-        LabelledRecipe("a.seg.nrrd", TABLE).check_burr(Burr(1))
-    with pytest.raises(ValueError, match=r"radius of the burr must be at least 4 voxels of 0\.25 mm"):
-        LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP)).check_burr(Burr(0.9))
-    for plain in ({"labels": "x"}, {"labels": "x", "tissues": "{}"}, {"labels": 3, "tissues": "[]"}):
-        with pytest.raises(ValueError, match="recipe must be that of block_recipe"):
-            make_bone({"kind": "labelled volume", **plain})
+def of_grey(**options: object) -> LabelledRecipe:
+    return LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP), **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda: of_grey(voxel=(0.1, 0.1, 0.1)), "crop and voxel must be those of the grey volume"),
+        (lambda: of_grey(smooth=0.3), "smooth goes with labels alone"),
+        (lambda: LabelledRecipe("x.nrrd", TABLE, onto=True), "onto goes with a grey volume"),
+        (lambda: LabelledRecipe("a.seg.nrrd", TABLE).check_burr(Burr(1)), r"radius of the burr must be at least 4 voxels of 0\.4 mm, got 1 mm"),
+        (lambda: of_grey().check_burr(Burr(0.9)), r"radius of the burr must be at least 4 voxels of 0\.25 mm"),
+        (lambda: make_bone({"kind": "labelled volume", "labels": "x"}), "recipe must be that of block_recipe"),
+        (lambda: make_bone({"kind": "labelled volume", "labels": "x", "tissues": "{}"}), "recipe must be that of block_recipe"),
+        (lambda: make_bone({"kind": "labelled volume", "labels": 3, "tissues": "[]"}), "recipe must be that of block_recipe"),
+        (lambda: make_bone({"kind": "drilled volume", "path": "x.nrrd"}), "recipe must be that of block_recipe"),
+    ],
+)  # fmt: skip
+def test_wrong_recipes(files: Path, make: Callable[[], object], match: str) -> None:
+    with pytest.raises(ValueError, match=match):
+        make()
 
 
 def test_a_recipe_of_files_that_lie_elsewhere(files: Path) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +15,11 @@ from PIL import Image
 from burrlab import materials
 from burrlab._core import Tissue, Tissues
 from burrlab.bone.image import LabelVolume, OccupancyMap, Volume
-from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe
+from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe, labels_of
 from burrlab.bone.slices import ROWS_ALONG_X, read_stack
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues
 
+needs_yaml = pytest.mark.skipif(find_spec("yaml") is None, reason="extra `medical` is not installed")
 SILENT = "PNG slices say no orientation: LPS assumed"
 BONE, NERVE = VOLUMETRIC_DRILLING["Bone"], VOLUMETRIC_DRILLING["Facial_Nerve"]
 
@@ -51,6 +55,12 @@ def adf(
     return path
 
 
+def read_labels(place: Path, spacing: Any = 0.1, transpose: bool = False, **options: Any) -> LabelVolume:
+    found = read_stack(place, spacing=spacing, transpose=transpose, **options)
+    assert isinstance(found, LabelVolume)
+    return found
+
+
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
 @pytest.mark.parametrize("name", ["plane00{}.png", "s{:04d}.PNG", "7_{}.png"])
 def test_grey_slices_in_the_order_of_their_numbers(tmp_path: Path, kind: type, name: str) -> None:
@@ -66,16 +76,14 @@ def test_grey_slices_in_the_order_of_their_numbers(tmp_path: Path, kind: type, n
 
 def test_axes_of_an_asymmetric_pattern(tmp_path: Path) -> None:
     folder = save(tmp_path / "s", coloured())
-    labels = read_stack(folder, spacing=0.1, transpose=False)
-    assert isinstance(labels, LabelVolume)
+    labels = read_labels(folder)
     assert labels.labels.shape == (3, 4, 5)
     assert labels.labels[1, 1, 3] == 10  # (z, y, x): slice, row, column
     assert (labels.labels[0] == 1).all()
     assert np.count_nonzero(labels.labels[1:]) == 1
     assert (labels.names[10], labels.colours[10]) == ("Facial_Nerve", NERVE)
     assert labels.notes == (SILENT,)
-    turned = read_stack(folder, spacing=0.1, transpose=True)
-    assert isinstance(turned, LabelVolume)
+    turned = read_labels(folder, transpose=True)
     np.testing.assert_array_equal(turned.labels, labels.labels.transpose(0, 2, 1))
 
 
@@ -83,15 +91,13 @@ def test_modes_of_colour_give_the_same_labels(tmp_path: Path) -> None:
     planes = coloured()
     planes[..., :3][planes[..., 3] == 0] = 0  # black, which is nothing too
     planes[..., 3] = 255
-    expected = read_stack(save(tmp_path / "rgba", planes), spacing=0.1, transpose=False)
-    assert isinstance(expected, LabelVolume)
+    expected = read_labels(save(tmp_path / "rgba", planes))
     for mode in ("RGB", "P"):
         folder = save(tmp_path / mode, planes[..., :3], mode=None if mode == "RGB" else "P")
         if mode == "P":
             for k, plane in enumerate(planes):
                 Image.fromarray(plane[..., :3]).quantize(8).save(folder / f"plane00{k}.png")
-        found = read_stack(folder, spacing=0.1, transpose=False)
-        assert isinstance(found, LabelVolume)
+        found = read_labels(folder)
         np.testing.assert_array_equal(found.labels, expected.labels)
 
 
@@ -106,15 +112,13 @@ def test_grey_written_as_colours_is_grey(tmp_path: Path) -> None:
 
 def test_palettes_of_names_and_of_tissues(tmp_path: Path) -> None:
     folder = save(tmp_path / "s", coloured())
-    named = read_stack(folder, spacing=0.1, palette={"nerve": NERVE, "bone": BONE}, transpose=False)
-    assert isinstance(named, LabelVolume)
+    named = read_labels(folder, palette={"nerve": NERVE, "bone": BONE})
     assert (named.labels[1, 1, 3], named.labels[0, 0, 0], named.names) == (1, 2, {1: "nerve", 2: "bone"})
     rows = [
         Tissue(n, label=label, c_e=1, alpha=0, colour=c)
         for n, label, c in (("bone", 300, BONE), ("nerve", 7, NERVE))
     ]
-    table = read_stack(folder, spacing=0.1, palette=Tissues(rows, materials["bone"]), transpose=False)
-    assert isinstance(table, LabelVolume)
+    table = read_labels(folder, palette=Tissues(rows, materials["bone"]))
     assert table.labels.dtype == np.uint16
     assert (table.labels[1, 1, 3], table.labels[0, 0, 0], table.labels[2, 0, 0]) == (7, 300, 0)
 
@@ -137,8 +141,22 @@ def test_slices_in_the_simulators_colours_must_be_told_their_axes(tmp_path: Path
     assert found.shape == (3, 4, 5)  # as before: y down the rows
 
 
+def test_a_map_of_coloured_slices_and_labels_of_grey_ones_are_refused(tmp_path: Path) -> None:
+    grey_ones, mapping = save(tmp_path / "grey", grey((3, 4, 5))), OccupancyMap.two_point(0, 255)
+    bone = VolumeRecipe(str(grey_ones), mapping, spacing=(0.5, 0.5, 1)).bone()
+    np.testing.assert_array_equal(bone.density, grey((3, 4, 5)))
+    assert bone.spacing == (0.5, 0.5, 1.0)
+    recipe = VolumeRecipe(
+        str(save(tmp_path / "s", coloured())), mapping, spacing=(0.5, 0.5, 1), transpose=False
+    )
+    with pytest.raises(ValueError, match="the slices are coloured labels, and a map is of grey values"):
+        recipe.bone()
+    with pytest.raises(ValueError, match="the slices are grey, and labels are coloured ones"):
+        labels_of(grey_ones, spacing=(1, 1, 1))
+
+
+@needs_yaml
 def test_grey_slices_of_a_description_and_recipes_before_the_key(tmp_path: Path) -> None:
-    pytest.importorskip("yaml", reason="extra `medical` is not installed")
     save(tmp_path / "slices", grey((3, 4, 5)))
     recipe = VolumeRecipe(str(adf(tmp_path)), OccupancyMap.two_point(0, 255))
     plain = recipe.plain()
@@ -163,8 +181,7 @@ def test_colours_in_no_table_are_refused_or_taken_as_asked(tmp_path: Path) -> No
         r"from Bone\); \(0, 0, 250\) in plane002.png, row 0, column 4 \(count 1, 63.2 from Stapes\).*but never as a critical",
     ):
         read_stack(folder, spacing=0.1, transpose=False)
-    nearest = read_stack(folder, spacing=0.1, unknown="nearest", transpose=False)
-    assert isinstance(nearest, LabelVolume)
+    nearest = read_labels(folder, unknown="nearest")
     assert nearest.labels[1, 2, :4].tolist() == [1, 1, 1, 0]
     assert nearest.labels[2, 0, 4] == 1  # the stapes is (63, 0, 255), and no guess makes it
     assert nearest.notes[0] == SILENT
@@ -173,8 +190,7 @@ def test_colours_in_no_table_are_refused_or_taken_as_asked(tmp_path: Path) -> No
     )
     assert "or of what is empty, were taken as Bone (Stapes 1)" in nearest.notes[2]
     assert [row["pixels"] for row in nearest.unknown_colours] == [3, 1]
-    given = read_stack(folder, spacing=0.1, unknown=2, transpose=False)
-    assert isinstance(given, LabelVolume)
+    given = read_labels(folder, unknown=2)
     assert given.labels[1, 2, 0] == given.labels[2, 0, 4] == 2
     assert "taken as label 2" in given.notes[-1]
 
@@ -201,16 +217,14 @@ def test_overlaps_are_decoded(
     planes = coloured()
     planes[2, 1] = (*((np.array(wrapped(*pair)[:3]) + off) % 256), 254)
     folder = save(tmp_path / "s", planes)
-    found = read_stack(folder, spacing=0.1, transpose=False)
-    assert isinstance(found, LabelVolume)
+    found = read_labels(folder)
     assert [names[i] for i in np.unique(found.labels[2, 1])] == [winner]
     one, other = sorted(pair, key=names.index)
     assert found.notes == (
         SILENT,
         f"voxels of two structures that overlap, by the sum of their colours: 5 of {one} and {other} as {winner}",
     )
-    before = read_stack(folder, spacing=0.1, unknown="nearest", ranking=None, transpose=False)
-    assert isinstance(before, LabelVolume)
+    before = read_labels(folder, unknown="nearest", ranking=None)
     assert names[before.labels[2, 1, 0]] == taken
 
 
@@ -225,11 +239,9 @@ def test_sums_that_are_not_clearly_one_pair_stay_unknown(tmp_path: Path) -> None
     }
     for name, (pixel, label) in sums.items():
         folder = save(tmp_path / name, np.full((1, 2, 2, 4), pixel, np.uint8))
-        found = read_stack(folder, spacing=0.1, palette=palette, unknown=0, transpose=False)
-        assert isinstance(found, LabelVolume)
+        found = read_labels(folder, palette=palette, unknown=0)
         assert (found.labels[0, 0, 0], len(found.unknown_colours)) == (label, label == 0), name
-    first = read_stack(tmp_path / "clear", spacing=0.1, palette=palette, ranking=["bone"], transpose=False)
-    assert isinstance(first, LabelVolume)
+    first = read_labels(tmp_path / "clear", palette=palette, ranking=["bone"])
     assert first.labels[0, 0, 0] == 4
 
 
@@ -249,10 +261,8 @@ def test_a_guess_that_is_asked_for_says_how_far_it_lies(tmp_path: Path) -> None:
     planes[1, 1, 3:5] = planes[1, 1, 11] = (*(np.array(NERVE) - 3), 255)
     planes[1, 1, 0] = (*NERVE, 255)
     folder = save(tmp_path / "s", planes)
-    guess = read_stack(folder, spacing=(0.3, 0.1, 0.1), unknown="nearest", transpose=False)
-    asked = read_stack(folder, spacing=(0.3, 0.1, 0.1), unknown="nearest:facial nerve, ICA", transpose=False)
-    assert isinstance(guess, LabelVolume)
-    assert isinstance(asked, LabelVolume)
+    guess = read_labels(folder, spacing=(0.3, 0.1, 0.1), unknown="nearest")
+    asked = read_labels(folder, spacing=(0.3, 0.1, 0.1), unknown="nearest:facial nerve, ICA")
     assert (guess.labels == 10).sum() == 1
     assert (asked.labels == 10).sum() == 4
     assert asked.notes[2:] == (
@@ -263,8 +273,8 @@ def test_a_guess_that_is_asked_for_says_how_far_it_lies(tmp_path: Path) -> None:
         read_stack(folder, spacing=0.1, unknown="nearest:spleen", transpose=False)
 
 
+@needs_yaml
 def test_a_description_gives_size_and_slices(tmp_path: Path) -> None:
-    pytest.importorskip("yaml", reason="extra `medical` is not installed")
     save(tmp_path / "slices", coloured())
     (tmp_path / "slices" / "notes.txt").write_text("other files do not matter")
     save(tmp_path / "slices", grey((2, 3, 3)), "preview{}.png")
@@ -284,6 +294,7 @@ def test_a_description_gives_size_and_slices(tmp_path: Path) -> None:
     np.testing.assert_allclose(turned.spacing, (12.5, 8, 10))
 
 
+@needs_yaml
 @pytest.mark.parametrize(
     ("dimensions", "would"),
     [
@@ -293,12 +304,12 @@ def test_a_description_gives_size_and_slices(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_no_head_has_these_sides(tmp_path: Path, dimensions: str, would: str) -> None:
-    pytest.importorskip("yaml", reason="extra `medical` is not installed")
     save(tmp_path / "slices", coloured())
     with pytest.raises(ValueError, match=would):
         read_stack(adf(tmp_path, dimensions=dimensions))
 
 
+@needs_yaml
 @pytest.mark.parametrize(
     ("text", "match"),
     [
@@ -318,14 +329,13 @@ def test_no_head_has_these_sides(tmp_path: Path, dimensions: str, would: str) ->
     ],
 )  # fmt: skip
 def test_what_is_no_description_is_refused(tmp_path: Path, text: str, match: str) -> None:
-    pytest.importorskip("yaml", reason="extra `medical` is not installed")
     (tmp_path / "v.yaml").write_text(text)
     with pytest.raises((ValueError, FileNotFoundError), match=match):
         read_stack(tmp_path / "v.yaml")
 
 
+@needs_yaml
 def test_more_slices_than_the_description_counts_are_refused(tmp_path: Path) -> None:
-    pytest.importorskip("yaml", reason="extra `medical` is not installed")
     save(tmp_path / "slices", coloured())
     with pytest.raises(ValueError, match=r"images: count must be 3, the slices in .*slices, got 2"):
         read_stack(adf(tmp_path, count=2))
@@ -333,8 +343,8 @@ def test_more_slices_than_the_description_counts_are_refused(tmp_path: Path) -> 
         read_stack(tmp_path / "volume.yaml", spacing=0.1)
 
 
+@needs_yaml
 def test_a_description_counts_from_zero(tmp_path: Path) -> None:
-    pytest.importorskip("yaml", reason="extra `medical` is not installed")
     path = adf(tmp_path)
     (tmp_path / "slices").mkdir(exist_ok=True)
     save(tmp_path / "slices", grey((3, 4, 5)))
@@ -350,74 +360,86 @@ def test_without_yaml(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         read_stack(adf(tmp_path))
 
 
-def test_broken_stacks_are_refused(tmp_path: Path) -> None:
-    def refused(match: str, place: Path | str, kind: type[Exception] = ValueError) -> None:
-        with pytest.raises(kind, match=match):
-            read_stack(place, spacing=0.1)
-
-    with pytest.raises(ValueError, match=r"do not say how large they are: give spacing=\(x, y, z\)"):
-        read_stack(tmp_path)
-    refused("none: no such folder; a stack of slices is", tmp_path / "none", FileNotFoundError)
-    refused("there are no PNG slices", tmp_path)
-    refused("there are no PNG slices", tmp_path / "*.png")
-    folder = save(tmp_path / "s", grey())
-    (folder / "plane005.png").unlink()
-    (folder / "plane007.png").unlink()
-    refused(r"s: of the slices 0 to 11, 2 are missing \(5, 7\)", folder)
-    save(folder, grey())
-    (folder / "plane007.png").unlink()
-    refused("s: of the slices 0 to 11, slice 7 is missing", folder)
-    save(folder, grey())
-    (folder / "plane000.png").unlink()
-    (folder / "plane001.png").unlink()
-    refused("slices 0 to 1 are missing, the first is plane002.png", folder)
-    part = read_stack(folder / "plane00[2-4].png", spacing=0.1)
-    assert isinstance(part, Volume)
-    np.testing.assert_array_equal(part.values, grey()[2:5])
-    save(folder, grey())
-    Image.fromarray(grey()[0]).save(folder / "plane7.png")
-    refused("slice 7 is there twice", folder)
-    (folder / "plane7.png").unlink()
-    Image.fromarray(grey()[0]).save(folder / "other3.png")
-    refused(r"slices of more than one volume \(other3.png, plane000.png\)", folder)
-    (folder / "other3.png").rename(folder / "other.png")
-    refused("other.png: the name of a slice must end in its number", folder)
-    (folder / "other.png").unlink()
-    Image.fromarray(grey()[0][:, :3]).save(folder / "plane006.png")
-    refused(
-        "plane006.png: slices must be of one size, this one has 3 x 4 pixels, and plane000.png has 5 x 4",
-        folder,
-    )
-    Image.fromarray(grey(kind=np.uint16)[0]).save(folder / "plane006.png")
-    refused(
-        "plane006.png: slices must be of one kind, this one is grey of 16 bits, and plane000.png is grey of 8",
-        folder,
-    )
-    (folder / "plane006.png").write_bytes(b"no picture")
-    refused("plane006.png: this is no PNG file", folder)
-    content = (folder / "plane005.png").read_bytes()
-    (folder / "plane006.png").write_bytes(content[:50])
-    refused("plane006.png: the PNG file is damaged or cut short", folder)
-    (folder / "plane006.png").write_bytes(content[:16] + b"\xff" * 10 + content[26:])
-    refused("plane006.png: the PNG file is damaged", folder)
-    both = np.dstack([grey()[0], grey()[0]])
-    Image.fromarray(both, "LA").save(tmp_path / "a0.png")
-    refused("a0.png: grey slices must not be transparent", tmp_path / "a*.png")
-
-
-def test_sixteen_bits_of_colour_are_refused(tmp_path: Path) -> None:
-    import struct
-    import zlib
+def png(bits: int, kind: int) -> bytes:
+    """One pixel of a colour."""
 
     def chunk(name: bytes, content: bytes) -> bytes:
         return (
             struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
         )
 
-    png = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", 1, 1, 16, 2, 0, 0, 0))
-    png += chunk(b"IDAT", zlib.compress(b"\0" + b"\1\2" * 3)) + chunk(b"IEND", b"")
-    (tmp_path / "s0.png").write_bytes(png)
-    with pytest.raises(ValueError, match="colours of labels must have 8 bits a channel, got 16"):
+    head = chunk(b"IHDR", struct.pack(">IIBBBBB", 1, 1, bits, kind, 0, 0, 0))
+    values = chunk(b"IDAT", zlib.compress(b"\0" + b"\1\2" * 3))
+    return b"\x89PNG\r\n\x1a\n" + head + values + chunk(b"IEND", b"")
+
+
+SHORT, DEEP = grey()[0][:, :3], grey(kind=np.uint16)[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"plane005.png": None, "plane007.png": None}, r"s: of the slices 0 to 11, 2 are missing \(5, 7\)"),
+        ({"plane007.png": None}, "s: of the slices 0 to 11, slice 7 is missing"),
+        ({"plane9999999.png": SHORT}, "s: of the slices 0 to 9999999, many are missing"),
+        ({"plane000.png": None, "plane001.png": None}, "slices 0 to 1 are missing, the first is plane002.png"),
+        ({"plane7.png": SHORT}, "slice 7 is there twice"),
+        ({"other3.png": SHORT}, r"slices of more than one volume \(other3.png, plane000.png\)"),
+        ({"other.png": SHORT}, "other.png: the name of a slice must end in its number"),
+        ({"plane006.png": SHORT}, "plane006.png: slices must be of one size, this one has 3 x 4 pixels, and plane000.png has 5 x 4"),
+        ({"plane006.png": DEEP}, "plane006.png: slices must be of one kind, this one is grey of 16 bits, and plane000.png is grey of 8"),
+        ({"plane006.png": b"no picture"}, "plane006.png: this is no PNG file"),
+        ({"plane006.png": slice(0, 50)}, "plane006.png: the PNG file is damaged or cut short"),
+        ({"plane006.png": slice(16, 26)}, "plane006.png: the PNG file is damaged"),
+    ],
+)  # fmt: skip
+def test_broken_stacks_are_refused(tmp_path: Path, changes: dict[str, Any], match: str) -> None:
+    folder = save(tmp_path / "s", grey())
+    content = (folder / "plane005.png").read_bytes()
+    for name, change in changes.items():
+        if change is None:
+            (folder / name).unlink()
+        elif isinstance(change, np.ndarray):
+            Image.fromarray(change).save(folder / name)
+        elif isinstance(change, bytes):
+            (folder / name).write_bytes(change)
+        else:  # the first bytes alone, or a header that is overwritten
+            behind = content[change.stop :] if change.start else b""
+            middle = b"\xff" * 10 if change.start else content[change]
+            (folder / name).write_bytes(content[: change.start] + middle + behind)
+    with pytest.raises(ValueError, match=match):
+        read_stack(folder, spacing=0.1)
+
+
+@pytest.mark.parametrize(
+    ("place", "kind", "match"),
+    [
+        ("none", FileNotFoundError, "none: no such folder; a stack of slices is"),
+        ("", ValueError, "there are no PNG slices"),
+        ("*.png", ValueError, "there are no PNG slices"),
+    ],
+)
+def test_places_without_slices(tmp_path: Path, place: str, kind: type[Exception], match: str) -> None:
+    with pytest.raises(kind, match=match):
+        read_stack(tmp_path / place, spacing=0.1)
+
+
+def test_a_part_of_a_stack_by_a_pattern(tmp_path: Path) -> None:
+    part = read_stack(save(tmp_path / "s", grey()) / "plane00[2-4].png", spacing=0.1)
+    assert isinstance(part, Volume)
+    np.testing.assert_array_equal(part.values, grey()[2:5])
+
+
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [
+        (png(16, 2), "colours of labels must have 8 bits a channel, got 16"),
+        (png(8, 4), "s0.png: grey slices must not be transparent"),
+    ],
+)
+def test_kinds_of_pixels_that_are_refused(tmp_path: Path, content: bytes, match: str) -> None:
+    (tmp_path / "s0.png").write_bytes(content)
+    with pytest.raises(ValueError, match=match):
         read_stack(tmp_path, spacing=0.1)
 
 
@@ -433,6 +455,7 @@ def test_sixteen_bits_of_colour_are_refused(tmp_path: Path) -> None:
         ({"unknown": 17}, "unknown must be 'refuse', 'nearest' or a label of the palette .*got 17"),
         ({"unit": 1.0}, "unit goes with a YAML file"),
         ({"spacing": 0}, "spacing must be a positive number or three"),
+        ({"spacing": None}, r"do not say how large they are: give spacing=\(x, y, z\)"),
     ],
 )  # fmt: skip
 def test_bad_options_are_refused(tmp_path: Path, options: dict[str, Any], match: str) -> None:
@@ -455,5 +478,4 @@ def test_a_palette_of_too_many_colours_is_refused(tmp_path: Path) -> None:
         read_stack(folder, spacing=0.1, palette=many)
     del many["t65533"]
     found = read_stack(folder, spacing=0.1, palette=many)
-    assert isinstance(found, LabelVolume)
     assert (found.labels == 1).all()

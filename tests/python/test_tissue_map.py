@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -128,20 +129,24 @@ def test_bad_tables_are_refused(rows: list[Tissue], match: str) -> None:
         Tissues(rows, BONE)
 
 
-def test_bad_numbers_are_refused() -> None:
+def numbered(numbers: np.ndarray) -> VoxelBone:
     bone = VoxelBone.block((1, 1, 1), 0.1)
-    with pytest.raises(ValueError, match="every tissue number must be below 3, got 3"):
-        bone.set_tissues(table(), np.full(bone.shape, 3, np.uint8))
-    with pytest.raises(ValueError, match="must be uint8 and have the shape of the bone"):
-        bone.set_tissues(table(), np.zeros((2, 2, 2), np.uint8))
-    with pytest.raises(ValueError, match="must be uint8 and have the shape of the bone"):
-        bone.set_tissues(table(), np.zeros(bone.shape, np.int64))
-    with pytest.raises(ValueError, match="bone must have tissues"):
-        bone.removed_of(0)
-    bone.set_tissues(table(), np.zeros(bone.shape, np.uint8))
-    with pytest.raises(ValueError, match="tissue must be a name or number of the bone's table"):
-        bone.removed_of("spleen")
-    with pytest.raises(ValueError, match="tissue must be one of tissue 0, tissue 1, tissue 2, got 'spleen'"):
-        table().number("spleen")
-    with pytest.raises(ValueError, match="every part of a colour must be 0 to 255, got 256"):
-        Tissue("a", label=0, c_e=1, alpha=0, colour=(256, 0, 0))
+    bone.set_tissues(table(), numbers)
+    return bone
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda: numbered(np.full((10, 10, 10), 3, np.uint8)), "every tissue number must be below 3, got 3"),
+        (lambda: numbered(np.zeros((2, 2, 2), np.uint8)), "must be uint8 and have the shape of the bone"),
+        (lambda: numbered(np.zeros((10, 10, 10), np.int64)), "must be uint8 and have the shape of the bone"),
+        (lambda: VoxelBone.block((1, 1, 1), 0.1).removed_of(0), "bone must have tissues"),
+        (lambda: numbered(np.zeros((10, 10, 10), np.uint8)).removed_of("spleen"), "tissue must be a name or number of the bone's table"),
+        (lambda: table().number("spleen"), "tissue must be one of tissue 0, tissue 1, tissue 2, got 'spleen'"),
+        (lambda: Tissue("a", label=0, c_e=1, alpha=0, colour=(256, 0, 0)), "every part of a colour must be 0 to 255, got 256"),
+    ],
+)  # fmt: skip
+def test_bad_numbers_are_refused(make: Callable[[], object], match: str) -> None:
+    with pytest.raises(ValueError, match=match):
+        make()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import burrlab
-from burrlab.bone.image import Volume
+from burrlab.bone.image import OccupancyMap, Volume
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 
@@ -65,3 +65,19 @@ def test_a_turned_volume_gives_the_same_within_rounding(tmp_path, direction, nam
 def test_the_surface_of_bone_that_ends_with_the_volume_is_its_face():
     volume, way = half_space_volume((0.1, 0.1, 0.4), (0, 0, -1), np.eye(3))
     assert volume.specimen(0, 255, **way).surface[2] == pytest.approx(0.0, abs=0.01 * 0.4)
+
+
+def test_the_map_is_in_the_result():
+    values = np.zeros((40, 50, 50), np.int16)
+    values[:20] = 1000
+    volume = Volume(values, (0.2, 0.2, 0.2), (0, 0, 0), np.eye(3), "slab").crop((0, 0, 0), (9.0, 9.9, 8))
+    table = OccupancyMap.table([0, 500, 1000], [0, 0.2, 1])
+    specimen = volume.specimen(table, entry=(4.5, 5, 7), axis=(0, 0, -1), spacing=0.3)
+    run = burrlab.descend(burrlab.Burr(2.4), BONE, 1.0, specimen=specimen, seed=1, ideal=True)
+    made = run.provenance["volume"]
+    assert (made["map"], made["voxel_mm"], made["volume_spacing_mm"]) == (
+        "0:0,500:0.2,1000:1",
+        [0.3] * 3,
+        [0.2] * 3,
+    )
+    assert "cropped to voxels" in made["notes"][0]

@@ -81,14 +81,17 @@ def test_a_block_across_an_oblique_axis_is_flat_on_top(tmp_path, volume):
     assert tilt.min() < 250 < tilt.max() + 6  # bone's surface is not across the axis
 
 
-def test_block_errors(tmp_path, volume):
-    recipe = VolumeRecipe(tmp_path / "ct.nrrd", MAP)
-    with pytest.raises(ValueError, match="size must be a positive number or three"):
-        cut_block(recipe, (6, 6, 0), 0.5, **way(volume))
-    with pytest.raises(ValueError, match=r"voxel must be coarser: the block has 6e\+12 voxels"):
-        cut_block(recipe, (60, 100, 1), 1e-3, **way(volume))
-    with pytest.raises(ValueError, match="meets no occupancy of 128"):
-        cut_block(recipe, (6, 6, 6), 0.5, **{**way(volume), "axis": TURNED[:, 2]})
+@pytest.mark.parametrize(
+    ("size", "voxel", "changed", "match"),
+    [
+        ((6, 6, 0), 0.5, {}, "size must be a positive number or three"),
+        ((60, 100, 1), 1e-3, {}, r"voxel must be coarser: the block has 6e\+12 voxels"),
+        ((6, 6, 6), 0.5, {"axis": TURNED[:, 2]}, "meets no occupancy of 128"),
+    ],
+)
+def test_block_errors(tmp_path, volume, size, voxel, changed, match):
+    with pytest.raises(ValueError, match=match):
+        cut_block(VolumeRecipe(tmp_path / "ct.nrrd", MAP), size, voxel, **{**way(volume), **changed})
 
 
 def protocol(tmp_path, volume, old="", new=""):

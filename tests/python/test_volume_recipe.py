@@ -32,12 +32,19 @@ def test_recipe_through_json(tmp_path):
     direct = burrlab.read_volume(tmp_path / "ct.nrrd").crop(*crop).to_bone(table, spacing=(0.2, 0.2, 0.3))
     assert bone.digest() == direct.digest() == again.bone().digest()
     assert again.at(tmp_path / "ct.nrrd") == again
-    with pytest.raises(ValueError, match="voxel must be a positive number or three"):
-        volume_recipe("v.nrrd", 0, 1, voxel=0)
-    with pytest.raises(ValueError, match="crop must be three finite numbers"):
-        volume_recipe("v.nrrd", 0, 1, crop=((1, 2), (3, 4, 5)))
-    with pytest.raises(TypeError, match="map must be an OccupancyMap or two grey values"):
-        volume_recipe("v.nrrd", 0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "kind", "match"),
+    [
+        ((0, 1), {"voxel": 0}, ValueError, "voxel must be a positive number or three"),
+        ((0, 1), {"crop": ((1, 2), (3, 4, 5))}, ValueError, "crop must be three finite numbers"),
+        ((0,), {}, TypeError, "map must be an OccupancyMap or two grey values"),
+    ],
+)
+def test_parameters_that_are_wrong(arguments, options, kind, match):
+    with pytest.raises(kind, match=match):
+        volume_recipe("v.nrrd", *arguments, **options)
 
 
 @pytest.mark.parametrize(
@@ -55,21 +62,6 @@ def test_recipe_through_json(tmp_path):
 def test_recipe_that_cannot_be_read(change):
     with pytest.raises(ValueError, match="recipe must be that of block_recipe or volume_recipe, got"):
         make_bone({"kind": "volume", "path": "v.nrrd", "map": [0, 1], **change})
-
-
-def test_a_stack_of_slices_as_a_recipe(tmp_path):
-    image = pytest.importorskip("PIL.Image")
-    folder = tmp_path / "slices"
-    folder.mkdir()
-    for k in range(4):
-        image.fromarray(np.full((5, 6), 60 * k, np.uint8)).save(folder / f"slice{k}.png")
-    bone = VolumeRecipe(folder, OccupancyMap.two_point(0, 255), spacing=(0.5, 0.5, 1)).bone()
-    np.testing.assert_array_equal(bone.density[:, 0, 0], [0, 60, 120, 180])
-    assert bone.spacing == (0.5, 0.5, 1.0)
-    for k in range(4):
-        image.fromarray(np.full((5, 6, 3), (0, 9, 60 * k), np.uint8)).save(folder / f"slice{k}.png")
-    with pytest.raises(ValueError, match=r"colour|labels"):
-        VolumeRecipe(folder, OccupancyMap.two_point(0, 255), spacing=0.5).bone()
 
 
 def test_a_picture_among_dicom_slices_makes_no_stack_of_them(tmp_path):

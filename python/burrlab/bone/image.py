@@ -1,22 +1,13 @@
-"""Where the voxels of a volume lie: spacing, origin, direction; boxes; whether two volumes share a grid.
-
-Values on a grid of another spacing: linear between voxel centres, averaged where voxels become larger; labels nearest.
-
-Grey values to occupancy: between two grey values, or by a table.
-
-Grey values on a grid, and the bone that a map of occupancy makes of them.
-
-Labels on a grid: which structure each voxel belongs to.
-"""
+"""Volumes on a grid of voxels: grey values, labels, and the bone that a map of occupancy makes of them."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +16,8 @@ from burrlab._core import VoxelBone
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, surface_along, unit_vector
 from burrlab.common.check import check_memory, real, require_type
 
+#: Of the corners of a box, which end they lie at along (x, y, z).
+_ENDS = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)])
 #: How far a direction matrix may be from orthonormal, largest entry of |D^T D - 1|: headers hold float32 or a few decimals.
 ORTHONORMAL = 1e-4
 #: Of an exactly given matrix: below it nothing is done, so that matrices of 0 and 1 keep their bits.
@@ -52,7 +45,7 @@ def checked_point(point: ArrayLike, what: str) -> Array:
 
 
 def checked_direction(direction: ArrayLike, what: str = "direction") -> Array:
-    """The nearest orthonormal matrix, left-handed ones too; ValueError where that is further than `ORTHONORMAL`."""
+    """The nearest orthonormal matrix, left-handed or not; ValueError if it is further away than `ORTHONORMAL`."""
     found = real(direction, what)
     if found.shape != (3, 3) or not np.all(np.isfinite(found)):
         raise ValueError(
@@ -78,11 +71,39 @@ class OnGrid(ABC):
     origin: Array
     direction: Array
     path: str
+    notes: tuple[str, ...]
+    _ARRAY: ClassVar[str]  #: Name of the field that holds the voxels, shape (z, y, x).
+
+    @staticmethod
+    @abstractmethod
+    def _resampling(voxels: NDArray[Any], old: Array, new: Array, /) -> NDArray[Any]:
+        """The voxels on a grid of another spacing."""
 
     @property
-    @abstractmethod
+    def _voxels(self) -> NDArray[Any]:
+        found: NDArray[Any] = getattr(self, self._ARRAY)
+        return found
+
+    def _moved(self, voxels: NDArray[Any], note: str, **grid: Array) -> Self:
+        """The volume with other voxels and a changed grid; grey values get a note."""
+        told = {"notes": (*self.notes, note)} if self._ARRAY == "values" else {}
+        moved: Self = replace(cast(Any, self), **{self._ARRAY: voxels}, **told, **grid)
+        return moved
+
+    def _check(self, voxels: NDArray[Any]) -> None:
+        """Keeps a read-only view of the voxels, and the geometry as arrays; ValueError if the geometry is wrong."""
+        kept = voxels.view()
+        kept.flags.writeable = False
+        object.__setattr__(self, self._ARRAY, kept)
+        object.__setattr__(self, "spacing", checked_spacing(self.spacing))
+        object.__setattr__(self, "origin", checked_point(self.origin, f"{self.path}: origin"))
+        object.__setattr__(self, "direction", checked_direction(self.direction, self.path))
+
+    @property
     def shape(self) -> tuple[int, int, int]:
         """Voxels along (z, y, x)."""
+        z, y, x = self._voxels.shape
+        return z, y, x
 
     @property
     def extent(self) -> Array:
@@ -111,8 +132,7 @@ class OnGrid(ABC):
             If no voxel's centre lies in the box.
         """
         corners = np.array([checked_point(low, "low"), checked_point(high, "high")])
-        every = np.array([[corners[(i >> k) & 1, k] for k in range(3)] for i in range(8)])
-        places = ((every - self.origin) @ self.direction) / self.spacing
+        places = ((np.where(_ENDS, corners[1], corners[0]) - self.origin) @ self.direction) / self.spacing
         first = np.clip(np.ceil(places.min(axis=0) - 1e-6), 0, self.shape[::-1]).astype(int)
         last = np.clip(np.floor(places.max(axis=0) + 1e-6) + 1, 0, self.shape[::-1]).astype(int)
         if np.any(first >= last):
@@ -127,25 +147,78 @@ class OnGrid(ABC):
     def corners(self) -> Array:
         """Centres of the eight corner voxels in the volume's own coordinates, shape (8, 3) [mm]."""
         ends = np.array(self.shape[::-1]) - 1
-        bits = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)])
-        return np.asarray(self.origin + (bits * ends * self.spacing) @ self.direction.T)
+        return np.asarray(self.origin + (_ENDS * ends * self.spacing) @ self.direction.T)
+
+    def crop(self, low: Vector, high: Vector) -> Self:
+        """The voxels whose centres lie in a box.
+
+        Parameters
+        ----------
+        low, high : (x, y, z)
+            Two opposite corners in the volume's own coordinates [mm]. The box is along their axes; in a turned volume the
+            smallest box of voxels that holds it is kept.
+
+        Raises
+        ------
+        ValueError
+            If no voxel lies in the box.
+        """
+        return self.crop_voxels(*self.box(low, high))
+
+    def crop_voxels(self, start: tuple[int, int, int], stop: tuple[int, int, int]) -> Self:
+        """The voxels from `start` up to but without `stop`, indices (z, y, x); ValueError unless they lie in the volume."""
+        box = [(int(a), int(b)) for a, b in zip(start, stop, strict=True)]
+        if len(box) != 3 or not all(0 <= a < b <= n for (a, b), n in zip(box, self.shape, strict=True)):
+            raise ValueError(
+                f"start and stop must be a box of voxels (z, y, x) in {self.shape}, got {tuple(start)} to {tuple(stop)}"
+            )
+        kept = self._voxels[tuple(slice(a, b) for a, b in box)]
+        origin = self.origin + self.patient_point(np.array(start[::-1]) * self.spacing)
+        note = f"cropped to voxels {tuple(start)} to {tuple(stop)} (z, y, x) of {self.shape}"
+        return self._moved(kept, note, origin=origin)
+
+    def resample(self, spacing: float | ArrayLike) -> Self:
+        """The volume on voxels of another spacing, over the same field of view.
+
+        The grid begins at the same corner, and its last voxel may reach beyond the old ones. Grey values become float32: trilinear
+        between voxel centres; along an axis whose voxels become larger, the mean over each of them; beyond the old voxels the
+        outermost value holds. A label is that of the old voxel in which the new one's centre lies; where voxels become larger,
+        what is thinner than they are can go.
+
+        Parameters
+        ----------
+        spacing : float or (x, y, z)
+            [mm]
+
+        Raises
+        ------
+        ValueError
+            If the spacing is not positive, or makes too many voxels.
+
+        Notes
+        -----
+        This interpolates grey values. For bone, `Volume.to_bone` with a spacing interpolates the occupancy instead.
+        """
+        new = checked_spacing(spacing)
+        if np.allclose(new, self.spacing, rtol=1e-9, atol=0):
+            return self
+        note = f"grey values resampled from {_times(self.spacing)} mm"
+        voxels = self._resampling(self._voxels, self.spacing, new)
+        return self._moved(voxels, note, spacing=new, origin=self._origin_at(new))
+
+    def _origin_at(self, spacing: Array) -> Array:
+        """Centre of the first voxel of another grid from the same corner."""
+        return np.asarray(self.origin + self.patient_point((spacing - self.spacing) / 2))
+
+    def __repr__(self) -> str:
+        kind, sizes = type(self).__name__, _times(self.shape[::-1])
+        return f"{kind}({sizes} voxels of {_times(self.spacing)} mm, {self._voxels.dtype}, {self.path})"
 
 
 def box_text(grid: OnGrid) -> str:
-    """Between which corners the centres of a volume's voxels lie, in its own coordinates."""
+    """The corners between which the centres of a volume's voxels lie, in its own coordinates, as text."""
     corners = grid.corners()
     return f"between {_point(corners.min(axis=0))} and {_point(corners.max(axis=0))} mm"
-
-
-def slices(shape: Sequence[int], start: Sequence[int], stop: Sequence[int]) -> tuple[slice, slice, slice]:
-    """Of a box of voxels (z, y, x); ValueError unless it lies in the volume and holds a voxel."""
-    box = [(int(a), int(b)) for a, b in zip(start, stop, strict=True)]
-    if len(box) != 3 or not all(0 <= a < b <= n for (a, b), n in zip(box, shape, strict=True)):
-        raise ValueError(
-            f"start and stop must be a box of voxels (z, y, x) in {tuple(shape)}, got {tuple(start)} to {tuple(stop)}"
-        )
-    z, y, x = (slice(a, b) for a, b in box)
-    return z, y, x
 
 
 def same_geometry(first: OnGrid, second: OnGrid) -> bool:
@@ -162,7 +235,7 @@ def check_same_geometry(first: OnGrid, second: OnGrid) -> None:
 
 def _difference(first: OnGrid, second: OnGrid) -> str | None:
     if first.shape != second.shape:
-        return f"{_sizes(first)} voxels against {_sizes(second)}"
+        return f"{_times(first.shape[::-1])} voxels against {_times(second.shape[::-1])}"
     if np.any(np.abs(first.spacing - second.spacing) > 1e-3 * np.minimum(first.spacing, second.spacing)):
         return f"spacing {_point(first.spacing)} against {_point(second.spacing)} mm"
     off = float(np.linalg.norm(first.corners() - second.corners(), axis=1).max())
@@ -176,8 +249,8 @@ def _difference(first: OnGrid, second: OnGrid) -> str | None:
     return f"a corner is off by {off:.3g} mm"
 
 
-def _sizes(volume: OnGrid) -> str:
-    return " x ".join(str(n) for n in volume.shape[::-1])
+def _times(values: Iterable[float]) -> str:
+    return " x ".join(f"{value:.6g}" for value in values)
 
 
 def _point(values: Array) -> str:
@@ -188,7 +261,7 @@ _WHOLE = 1e-3  # of a voxel: by how much a field of view may miss a whole number
 
 
 def resampled_shape(
-    shape: tuple[int, int, int], old: Array, new: Array, work: float = 0.0
+    shape: tuple[int, ...], old: Array, new: Array, work: float = 0.0
 ) -> tuple[int, int, int]:
     """Voxels (z, y, x) of spacing `new` (x, y, z) that cover the field of view; ValueError where they are too many.
 
@@ -234,7 +307,7 @@ def resample_linear(
     store : callable
         What is done with each plane of float32 before it is stored as `kind`.
     """
-    shape = resampled_shape(_three(values), old, new, 28.0 if np.any(new > old) else 8.0)  # as measured
+    shape = resampled_shape(values.shape, old, new, 28.0 if np.any(new > old) else 8.0)  # as measured
     work = values.astype(np.float32)
     for axis in range(3):
         ratio = float(new[2 - axis] / old[2 - axis])
@@ -244,12 +317,9 @@ def resample_linear(
         _neighbours(work.shape[axis], shape[axis], min(float(new[2 - axis] / old[2 - axis]), 1.0))
         for axis in range(3)
     )
-    within = [
-        _within(values.shape[axis] * old[2 - axis], shape[axis], new[2 - axis])
-        if empty_outside
-        else np.float32(1)
-        for axis in range(3)
-    ]
+    # Part of the last voxel that lies in the volume; 1 where it ends with it but for rounding.
+    last = np.array(values.shape) * old[::-1] / new[::-1] - (np.array(shape) - 1)
+    within = np.where(empty_outside & (last < 1.0 - _WHOLE), last, 1.0).astype(np.float32)
     found = np.empty(shape, dtype=kind)
     for k in range(shape[0]):  # a plane at a time: no copies of the large volume
         plane = work[z0[k]] + zw[k] * (work[z1[k]] - work[z0[k]])
@@ -262,24 +332,13 @@ def resample_linear(
 
 
 def resample_nearest(labels: NDArray[Any], old: Array, new: Array) -> NDArray[Any]:
-    """Labels (z, y, x) of the old voxel in which the new one's centre lies, the lower of two at a face."""
-    shape = resampled_shape(_three(labels), old, new)
+    """Labels (z, y, x) on a new grid. Each is that of the old voxel at its centre; at a face, of the lower voxel."""
+    shape = resampled_shape(labels.shape, old, new)
     places = []
     for axis in range(3):
         center = (np.arange(shape[axis]) + 0.5) * (new[2 - axis] / old[2 - axis])
         places.append(np.clip(np.ceil(center - 1e-9) - 1, 0, labels.shape[axis] - 1).astype(int))
     return np.asarray(labels[np.ix_(*places)])
-
-
-def _within(extent: float, count: int, spacing: float) -> np.float32:
-    """Part of the last voxel that lies in the volume; 1 where it ends with it but for rounding."""
-    part = extent / spacing - (count - 1)
-    return np.float32(min(part, 1.0) if part < 1.0 - _WHOLE else 1.0)
-
-
-def _three(values: NDArray[Any]) -> tuple[int, int, int]:
-    z, y, x = values.shape
-    return z, y, x
 
 
 def _averaged(values: NDArray[np.float32], axis: int, count: int, ratio: float) -> NDArray[np.float32]:
@@ -298,7 +357,7 @@ def _averaged(values: NDArray[np.float32], axis: int, count: int, ratio: float) 
 def _neighbours(
     old: int, count: int, ratio: float
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float32]]:
-    """Of each new centre the two old ones around it, and how far it is from the first, 0..1."""
+    """For each new centre: the two old centres around it, and its distance from the first of them, 0..1."""
     place = np.clip((np.arange(count) + 0.5) * ratio - 0.5, 0, old - 1)
     first = np.minimum(np.floor(place).astype(np.intp), max(old - 2, 0))
     return first, np.minimum(first + 1, old - 1), (place - first).astype(np.float32)
@@ -354,12 +413,12 @@ class OccupancyMap:
 
     @classmethod
     def table(cls, greys: Sequence[float], occupancies: Sequence[float]) -> OccupancyMap:
-        """By a table of grey values and the occupancy of each; errors as of the class."""
+        """A map from a table of grey values and the occupancy of each; errors as of the class."""
         return cls(tuple(greys), tuple(occupancies))
 
     @classmethod
     def parse(cls, text: str) -> OccupancyMap:
-        """Of ``LO:HI``, or of ``GREY:OCCUPANCY,GREY:OCCUPANCY,...``; ValueError where it is neither.
+        """A map from the text ``LO:HI`` or ``GREY:OCCUPANCY,GREY:OCCUPANCY,...``; ValueError for any other text.
 
         Examples
         --------
@@ -381,7 +440,7 @@ class OccupancyMap:
 
     @property
     def text(self) -> str:
-        """As `parse` reads it."""
+        """The map as text, which `parse` reads."""
         if self.occupancies == (0.0, 1.0):
             return f"{_text(self.greys[0])}:{_text(self.greys[1])}"
         return ",".join(f"{_text(g)}:{_text(o)}" for g, o in zip(self.greys, self.occupancies, strict=True))
@@ -426,12 +485,12 @@ class OccupancyMap:
 
 
 def _text(number: float) -> str:
-    """The shortest that reads back the same."""
+    """The shortest text that reads back as the same number."""
     return repr(number).removesuffix(".0")
 
 
 def occupancy_map(mapping: OccupancyMap | float, solid: float | None = None) -> OccupancyMap:
-    """The map itself, or of two grey values; TypeError where it is neither."""
+    """A map, given as such or as two grey values; TypeError for anything else."""
     if isinstance(mapping, OccupancyMap) and solid is None:
         return mapping
     if isinstance(mapping, OccupancyMap) or solid is None:
@@ -439,7 +498,7 @@ def occupancy_map(mapping: OccupancyMap | float, solid: float | None = None) -> 
     return OccupancyMap.two_point(mapping, solid)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Volume(OnGrid):
     """Grey values on a grid, placed in the volume's own coordinates.
 
@@ -467,6 +526,9 @@ class Volume(OnGrid):
         If the values are no numbers in three dimensions or not finite, a spacing is not positive, or the direction not orthonormal.
     """
 
+    _ARRAY = "values"
+    _resampling = staticmethod(resample_linear)
+
     values: NDArray[Any]
     spacing: Array
     origin: Array
@@ -476,75 +538,13 @@ class Volume(OnGrid):
     files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        values = np.asarray(self.values).view()
+        values = np.asarray(self.values)
         if values.ndim != 3 or values.size == 0 or values.dtype.kind not in "iuf":
             raise ValueError(
                 f"values must be numbers in three dimensions, got shape {values.shape} of {values.dtype}"
             )
         check_finite(values, self.path)
-        values.flags.writeable = False
-        object.__setattr__(self, "values", values)
-        object.__setattr__(self, "spacing", checked_spacing(self.spacing))
-        object.__setattr__(self, "origin", checked_point(self.origin, f"{self.path}: origin"))
-        object.__setattr__(self, "direction", checked_direction(self.direction, self.path))
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Voxels along (z, y, x)."""
-        z, y, x = self.values.shape
-        return z, y, x
-
-    def crop(self, low: Vector, high: Vector) -> Volume:
-        """The voxels whose centres lie in a box.
-
-        Parameters
-        ----------
-        low, high : (x, y, z)
-            Two opposite corners in the volume's own coordinates [mm]. The box is along their axes; in a turned volume the
-            smallest box of voxels that holds it is kept.
-
-        Raises
-        ------
-        ValueError
-            If no voxel lies in the box.
-        """
-        return self.crop_voxels(*self.box(low, high))
-
-    def crop_voxels(self, start: tuple[int, int, int], stop: tuple[int, int, int]) -> Volume:
-        """The voxels from `start` up to but without `stop`, indices (z, y, x); ValueError unless they lie in the volume."""
-        kept = self.values[slices(self.shape, start, stop)]
-        origin = self.origin + self.patient_point(np.array(start[::-1]) * self.spacing)
-        note = f"cropped to voxels {tuple(start)} to {tuple(stop)} (z, y, x) of {self.shape}"
-        return replace(self, values=kept, origin=origin, notes=(*self.notes, note))
-
-    def resample(self, spacing: float | ArrayLike) -> Volume:
-        """The grey values on voxels of another spacing, over the same field of view; float32.
-
-        Trilinear between voxel centres; along an axis whose voxels become larger, the mean over each of them. The grid begins
-        at the same corner, and its last voxel may reach beyond the old ones; there the outermost value holds.
-
-        Parameters
-        ----------
-        spacing : float or (x, y, z)
-            [mm]
-
-        Raises
-        ------
-        ValueError
-            If the spacing is not positive, or makes too many voxels.
-
-        Notes
-        -----
-        This interpolates the grey values. For bone, `to_bone` with a spacing interpolates the occupancy instead.
-        """
-        new = checked_spacing(spacing)
-        if np.allclose(new, self.spacing, rtol=1e-9, atol=0):
-            return self
-        values = resample_linear(self.values, self.spacing, new)
-        note = f"grey values resampled from {_spacing_text(self.spacing)} mm"
-        return replace(
-            self, values=values, spacing=new, origin=self._origin_at(new), notes=(*self.notes, note)
-        )
+        self._check(values)
 
     def to_bone(
         self,
@@ -553,7 +553,7 @@ class Volume(OnGrid):
         *,
         spacing: float | ArrayLike | None = None,
     ) -> VoxelBone:
-        """Bone of the occupancy that a map gives to the grey values.
+        """Bone with the occupancy that a map gives to the grey values.
 
         Parameters
         ----------
@@ -631,14 +631,6 @@ class Volume(OnGrid):
         of = f"{self.path}, whose grey values are {self.values.min():g} to {self.values.max():g}"
         return specimen_in(self, bone, entry, axis, made, f"map {chosen.text}", of=of)
 
-    def _origin_at(self, spacing: Array) -> Array:
-        """Centre of the first voxel of another grid from the same corner."""
-        return np.asarray(self.origin + self.patient_point((spacing - self.spacing) / 2))
-
-    def __repr__(self) -> str:
-        sizes = " x ".join(str(n) for n in self.shape[::-1])
-        return f"Volume({sizes} voxels of {_spacing_text(self.spacing)} mm, {self.values.dtype}, {self.path})"
-
 
 def specimen_in(
     grid: OnGrid,
@@ -675,7 +667,7 @@ def specimen_in(
 
 
 def _place(grid: OnGrid, entry: NDArray[Any]) -> str:
-    """Where a volume lies, for one who gave a point elsewhere."""
+    """A sentence that says where a volume lies, for a caller whose point lies elsewhere."""
     low, high = grid.corners().min(axis=0), grid.corners().max(axis=0)
     said = f"the volume lies from {_rounded_point(low)} to {_rounded_point(high)} mm, x to the left, y to the back (LPS)"
     mirrored = entry * (-1, -1, 1)
@@ -703,15 +695,11 @@ def check_finite(values: NDArray[Any], path: str) -> None:
     )
 
 
-def _spacing_text(spacing: Array) -> str:
-    return " x ".join(f"{s:g}" for s in spacing)
-
-
 def _levels(occupancy: NDArray[np.float32]) -> NDArray[np.uint8]:
     return np.rint(255.0 * occupancy.astype(np.float64)).astype(np.uint8)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LabelVolume(OnGrid):
     """Whole numbers on a grid, one a voxel, placed as a `Volume` is.
 
@@ -735,6 +723,9 @@ class LabelVolume(OnGrid):
         If the labels are not whole numbers in three dimensions; else as `Volume`.
     """
 
+    _ARRAY = "labels"
+    _resampling = staticmethod(resample_nearest)
+
     labels: NDArray[Any]
     spacing: Array
     origin: Array
@@ -747,58 +738,20 @@ class LabelVolume(OnGrid):
     unknown_colours: tuple[Mapping[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
-        labels = whole_labels(np.asarray(self.labels), self.path).view()
-        labels.flags.writeable = False
-        object.__setattr__(self, "labels", labels)
-        object.__setattr__(self, "spacing", checked_spacing(self.spacing))
-        object.__setattr__(self, "origin", checked_point(self.origin, f"{self.path}: origin"))
-        object.__setattr__(self, "direction", checked_direction(self.direction, self.path))
+        self._check(whole_labels(np.asarray(self.labels), self.path))
         for name in self.names.values():
             require_type("a name", name, str, "'facial nerve'")
         object.__setattr__(self, "names", {int(label): name for label, name in self.names.items()})
-        object.__setattr__(self, "colours", _colours(self.colours))
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Voxels along (z, y, x)."""
-        z, y, x = self.labels.shape
-        return z, y, x
-
-    def crop(self, low: Vector, high: Vector) -> LabelVolume:
-        """The voxels whose centres lie in a box, as `Volume.crop`."""
-        return self.crop_voxels(*self.box(low, high))
-
-    def crop_voxels(self, start: tuple[int, int, int], stop: tuple[int, int, int]) -> LabelVolume:
-        """The voxels from `start` up to but without `stop`, indices (z, y, x); ValueError unless they lie in the volume."""
-        kept = self.labels[slices(self.shape, start, stop)]
-        origin = self.origin + self.patient_point(np.array(start[::-1]) * self.spacing)
-        return replace(self, labels=kept, origin=origin)
-
-    def resample(self, spacing: float | ArrayLike) -> LabelVolume:
-        """The labels on voxels of another spacing, each that of the old voxel in which its centre lies.
-
-        Field of view and grid are those of `Volume.resample`. Where voxels become larger, what is thinner than they are can go.
-
-        Parameters
-        ----------
-        spacing : float or (x, y, z)
-            [mm]
-
-        Raises
-        ------
-        ValueError
-            If the spacing is not positive, or makes too many voxels.
-        """
-        new = checked_spacing(spacing)
-        if np.allclose(new, self.spacing, rtol=1e-9, atol=0):
-            return self
-        origin = self.origin + self.patient_point((new - self.spacing) / 2)
-        return replace(
-            self, labels=resample_nearest(self.labels, self.spacing, new), spacing=new, origin=origin
-        )
+        colours = {}
+        for label, colour in self.colours.items():
+            r, g, b = (int(channel) for channel in colour)
+            if not all(0 <= channel <= 255 for channel in (r, g, b)):
+                raise ValueError(f"colours must be of channels 0 to 255, got {colour} for label {label}")
+            colours[int(label)] = (r, g, b)
+        object.__setattr__(self, "colours", colours)
 
     def on(self, volume: OnGrid) -> LabelVolume:
-        """The labels on the voxels of a volume: of the voxel in which the centre of each lies, 0 where there is none.
+        """The labels on the voxels of a volume. Each voxel gets the label at its centre, 0 where there is none.
 
         Segmentations may be finer than their volume, or turned. Structures thinner than a voxel of the volume can go. Where the
         labels cover a part of the volume, the notes say how much.
@@ -829,21 +782,17 @@ class LabelVolume(OnGrid):
                 f"labels must overlap the volume: those of {self.path} lie {box_text(self)}, and {volume.path} {box_text(volume)}"
             )
         note = f"labels are the nearest of {self.path} on the voxels of {volume.path}"
-        if covered < found.size:
-            note += f", of which they cover {_percent(covered / found.size)}"
+        if covered < found.size:  # never told as 0 or 100 % where it is neither
+            part = 100 * covered / found.size
+            note += f", of which they cover {'less than 1' if part < 1 else f'{min(part, 99.9):.3g}'} %"
         return replace(
             self, labels=found, spacing=volume.spacing, origin=volume.origin, direction=volume.direction,
             notes=(*self.notes, note), files=(),
         )  # fmt: skip
 
-    def __repr__(self) -> str:
-        sizes = " x ".join(str(n) for n in self.shape[::-1])
-        apart = " x ".join(f"{s:g}" for s in self.spacing)
-        return f"LabelVolume({sizes} voxels of {apart} mm, {self.labels.dtype}, {self.path})"
-
 
 def whole_labels(labels: NDArray[Any], path: str) -> NDArray[Any]:
-    """Integers of labels, (z, y, x); ValueError where one is not whole."""
+    """Labels (z, y, x) as integers; ValueError if one is not a whole number."""
     if labels.ndim != 3 or labels.size == 0 or labels.dtype.kind not in "iufb":
         raise ValueError(
             f"{path}: labels must be whole numbers in three dimensions, got shape {labels.shape} of {labels.dtype}"
@@ -861,19 +810,4 @@ def whole_labels(labels: NDArray[Any], path: str) -> NDArray[Any]:
         raise ValueError(
             f"{path}: labels must be whole numbers below 2^31, got {labels[first]:.10g} at (z, y, x) = {first}"
         )
-    return found
-
-
-def _percent(part: float) -> str:
-    """Never 0 or 100 where it is neither."""
-    return "less than 1 %" if part < 0.01 else f"{min(100 * part, 99.9):.3g} %"
-
-
-def _colours(colours: Mapping[int, Any]) -> dict[int, tuple[int, int, int]]:
-    found = {}
-    for label, colour in colours.items():
-        r, g, b = (int(channel) for channel in colour)
-        if not all(0 <= channel <= 255 for channel in (r, g, b)):
-            raise ValueError(f"colours must be of channels 0 to 255, got {colour} for label {label}")
-        found[int(label)] = (r, g, b)
     return found

@@ -1,25 +1,18 @@
-"""How a bone is made of a volume: file, box, map, voxels. What results and traces keep, and replicas follow.
-
-A block cut out of a volume along an axis: as flat on top as a prepared specimen, the volume's bone within.
-
-How a bone with tissues is made of files. What results and traces keep, and replicas follow.
-
-A bone that was kept in a file, taken up again.
-
-Bones made of recipes, which may come from another machine.
-"""
+"""Recipes: how a bone is made of a block, a volume, labels or a half-drilled file, in memory and as JSON."""
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 import re
 import reprlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,7 +22,6 @@ from burrlab._core import Burr, Tissues, VoxelBone
 from burrlab.bone.formats import read_labels, read_volume
 from burrlab.bone.header import assumed, told_notes
 from burrlab.bone.image import (
-    Array,
     LabelVolume,
     OccupancyMap,
     Volume,
@@ -44,13 +36,145 @@ from burrlab.bone.snapshot import bone_source, load_bone, tissues_from_json, tis
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector
 from burrlab.bone.tissues import EMPTY, LabelledBone, labelled_bone, placed_on
 from burrlab.common.check import real
-from burrlab.common.records import UNREADABLE as _UNREADABLE
+from burrlab.common.records import UNREADABLE
 
 _LEAST_VOXELS, _ENOUGH_VOXELS = 4.0, 7.5  # of a burr's radius, as the tick has them
 
+_EMPTY_BEFORE = ("air",)  # where a recipe of labels does not say what is empty
+Triple = tuple[float, float, float]
+Box = tuple[Triple, Triple]
+
+
+def _triple(value: Any) -> Triple:
+    x, y, z = (float(part) for part in value)
+    return x, y, z
+
+
+def _listed(value: Any) -> Any:
+    return [_listed(part) for part in value] if isinstance(value, (tuple, list, np.ndarray)) else value
+
+
+def _key(
+    key: str,
+    read: Callable[[Any], Any] = lambda value: value,
+    write: Callable[[Any], Any] = _listed,
+    *,
+    omitted: object = None,
+    before: object = MISSING,
+) -> dict[str, Any]:
+    """How JSON holds a field: its key, reader and writer, the value that is omitted, and the value that a missing key means."""
+    return {"key": key, "read": read, "write": write, "omitted": omitted, "before": before}
+
+
+class BoneRecipe(ABC):
+    """How a bone is made: what results and traces keep as JSON, and replicas follow."""
+
+    _KIND: ClassVar[str]
+
+    @classmethod
+    def of(cls, plain: Mapping[str, Any]) -> Self:
+        """A recipe from what `plain` gave, through JSON too; KeyError, TypeError or ValueError for anything else.
+
+        Slices of a recipe that does not say `transpose`, as earlier versions wrote it, are not transposed.
+        """
+        found = {}
+        for each in fields(cast(Any, cls)):
+            told = each.metadata
+            value = plain.get(told["key"])
+            # null is as good as no key where a field may be None, else the reader refuses it.
+            if value is not None or (told["key"] in plain and None not in (each.default, told["before"])):
+                found[each.name] = told["read"](value)
+            elif told["before"] is not MISSING:
+                found[each.name] = told["before"]
+        return cls(**found)
+
+    def plain(self) -> dict[str, Any]:
+        """The recipe ready for JSON, without what is not given."""
+        found: dict[str, Any] = {"kind": self._KIND}
+        for each in fields(cast(Any, self)):
+            value = getattr(self, each.name)
+            if value is not None and value != each.metadata["omitted"]:
+                found[each.metadata["key"]] = each.metadata["write"](value)
+        return found
+
+    @abstractmethod
+    def at(self, path: str | os.PathLike[str]) -> Self:
+        """The same recipe for a volume that lies elsewhere."""
+
+    @abstractmethod
+    def bone(self) -> VoxelBone:
+        """The bone."""
+
+
+class _FileRecipe(BoneRecipe):
+    """A recipe whose bone comes from files; its first field names the main one."""
+
+    def plain(self) -> dict[str, Any]:
+        """The recipe ready for JSON, without what is not given."""
+        found = super().plain()
+        if not (found.get("transpose", True) or is_stack(getattr(self, self._file))):
+            del found["transpose"]
+        return found
+
+    @property
+    def _file(self) -> str:
+        return fields(cast(Any, self))[0].name
+
+    def at(self, path: str | os.PathLike[str]) -> Self:
+        """The same recipe for a file that lies elsewhere."""
+        moved: Self = replace(cast(Any, self), **{self._file: os.fspath(path)})
+        return moved
+
+    @abstractmethod
+    def _voxel(self) -> ArrayLike:
+        """Spacing of the bone (x, y, z) [mm]."""
+
+    def check_burr(self, burr: Burr) -> None:
+        """Raises ValueError if the burr is too small for the bone's voxels, with the spacing that would do."""
+        widest = float(np.max(self._voxel()))
+        if burr.radius < _LEAST_VOXELS * widest:
+            # R/7.5, rounded down to two digits.
+            digits = 1 - int(np.floor(np.log10(burr.radius / _ENOUGH_VOXELS)))
+            enough = f"{np.floor(burr.radius / _ENOUGH_VOXELS * 10**digits + 1e-9) / 10**digits:g}"
+            raise ValueError(
+                f"radius of the burr must be at least {_LEAST_VOXELS:g} voxels of {widest:g} mm, got {burr.radius:g} mm; "
+                f"--voxel {enough} (voxel={enough}) makes finer ones"
+            )
+
+
+def whole_number(number: Any, most: int) -> int:
+    if not 0 <= int(number) <= most or int(number) != number:
+        raise ValueError(number)
+    return int(number)
+
+
+def _texts(values: Any) -> tuple[str, ...]:
+    return tuple(map(str, values))
+
+
+def _numbers_by_name(values: Any) -> dict[str, float]:
+    return {str(name): float(value) for name, value in dict(values).items()}
+
+
+def _word_or_label(value: Any) -> str | int:
+    return value if isinstance(value, int) else str(value)
+
+
+def _mapping_of(points: Any) -> OccupancyMap:
+    points = list(points)
+    if points and not isinstance(points[0], Sequence):
+        return OccupancyMap.two_point(*map(float, points))
+    return OccupancyMap(tuple(g for g, _ in points), tuple(o for _, o in points))
+
+
+def _points_of(mapping: OccupancyMap) -> list[Any]:
+    if mapping.occupancies == (0.0, 1.0):
+        return list(mapping.greys)
+    return [list(pair) for pair in zip(mapping.greys, mapping.occupancies, strict=True)]
+
 
 @dataclass(frozen=True)
-class VolumeRecipe:
+class VolumeRecipe(_FileRecipe):
     """A grey volume from a file, what of it is kept, and how it becomes bone.
 
     Parameters
@@ -81,65 +205,26 @@ class VolumeRecipe:
     True
     """
 
-    path: str
-    mapping: OccupancyMap
-    spacing: tuple[float, float, float] | None = None
-    series: str | None = None
-    crop: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
-    voxel: tuple[float, float, float] | None = None
-    transpose: bool | None = None
-    _read: dict[str, Volume] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _KIND = "volume"
+
+    path: str = field(metadata=_key("path", os.fspath))
+    mapping: OccupancyMap = field(metadata=_key("map", _mapping_of, _points_of))
+    spacing: Triple | None = field(default=None, metadata=_key("spacing_mm"))
+    series: str | None = field(default=None, metadata=_key("series", str))
+    crop: Box | None = field(default=None, metadata=_key("crop_mm"))
+    voxel: Triple | None = field(default=None, metadata=_key("voxel_mm"))
+    transpose: bool | None = field(default=None, metadata=_key("transpose", bool, before=False))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", absolute(self.path))
-        object.__setattr__(self, "spacing", _spacing(self.spacing, "spacing"))
-        object.__setattr__(self, "voxel", _spacing(self.voxel, "voxel"))
+        for name in ("spacing", "voxel"):
+            if (given := getattr(self, name)) is not None:
+                object.__setattr__(self, name, _triple(checked_spacing(given, name)))
         object.__setattr__(self, "transpose", rows_along_x(self.path, self.transpose))
         if self.crop is not None:
             low, high = self.crop
-            object.__setattr__(self, "crop", (_point(low), _point(high)))
-
-    @classmethod
-    def of(cls, plain: Mapping[str, Any]) -> VolumeRecipe:
-        """Of what `plain` gave, through JSON too; KeyError, TypeError or ValueError where it is not that.
-
-        Slices without a word on `transpose`, as versions before it wrote, are not transposed.
-        """
-        points, series, crop = list(plain["map"]), plain.get("series"), plain.get("crop_mm")
-        if points and not isinstance(points[0], Sequence):
-            mapping = OccupancyMap.two_point(*map(float, points))
-        else:
-            mapping = OccupancyMap(tuple(g for g, _ in points), tuple(o for _, o in points))
-        if crop is not None:
-            low, high = crop
-            crop = (low, high)
-        return cls(
-            os.fspath(plain["path"]), mapping, plain.get("spacing_mm"), None if series is None else str(series), crop,
-            plain.get("voxel_mm"), bool(plain.get("transpose", False)),
-        )  # fmt: skip
-
-    def plain(self) -> dict[str, Any]:
-        """Ready for JSON; what is not given is left out."""
-        mapping = self.mapping
-        two = mapping.occupancies == (0.0, 1.0)
-        pairs = [list(pair) for pair in zip(mapping.greys, mapping.occupancies, strict=True)]
-        given = {
-            "spacing_mm": None if self.spacing is None else list(self.spacing),
-            "series": self.series,
-            "crop_mm": None if self.crop is None else [list(corner) for corner in self.crop],
-            "voxel_mm": None if self.voxel is None else list(self.voxel),
-            "transpose": self.transpose if self.transpose or is_stack(self.path) else None,
-        }
-        return {
-            "kind": "volume",
-            "path": self.path,
-            "map": list(mapping.greys) if two else pairs,
-            **{name: value for name, value in given.items() if value is not None},
-        }
-
-    def at(self, path: str | os.PathLike[str]) -> VolumeRecipe:
-        """The same of a volume that lies elsewhere."""
-        return replace(self, path=os.fspath(path))
+            corners = tuple(_triple(checked_point(corner, "crop")) for corner in (low, high))
+            object.__setattr__(self, "crop", corners)
 
     def volume(self) -> Volume:
         """The volume, cropped; read once.
@@ -151,10 +236,19 @@ class VolumeRecipe:
         ValueError
             As `read_volume`, `read_stack` and `Volume.crop`; or if a stack holds labels.
         """
-        if "volume" not in self._read:
-            volume = _grey(self.path, self.spacing, self.series, bool(self.transpose))
-            self._read["volume"] = volume if self.crop is None else volume.crop(*self.crop)
-        return self._read["volume"]
+        return self._volume
+
+    @cached_property
+    def _volume(self) -> Volume:
+        if is_stack(self.path):
+            found = read_stack(self.path, spacing=self.spacing, transpose=bool(self.transpose))
+        elif self.transpose:
+            raise ValueError(f"transpose (--transpose) goes with PNG slices, got {self.path}")
+        else:
+            found = read_volume(self.path, spacing=self.spacing, series=self.series)
+        if not isinstance(found, Volume):
+            raise ValueError(f"{self.path}: the slices are coloured labels, and a map is of grey values")
+        return found if self.crop is None else found.crop(*self.crop)
 
     def notes(self) -> tuple[str, ...]:
         """What was assumed or done on reading the volume; errors as `volume`."""
@@ -173,56 +267,15 @@ class VolumeRecipe:
         found = self.volume().specimen(self.mapping, entry=entry, axis=axis, spacing=self.voxel)
         return replace(found, made={**found.made, "recipe": self.plain()})
 
-    def check_burr(self, burr: Burr) -> None:
-        """Raises ValueError if the burr is too small for the bone's voxels, with the spacing that would do."""
-        check_radius(burr, self.volume().spacing if self.voxel is None else np.array(self.voxel))
-
-
-def check_radius(burr: Burr, spacing: Array) -> None:
-    """Raises ValueError if the burr is too small for voxels of a spacing (x, y, z) [mm]."""
-    if burr.radius < _LEAST_VOXELS * spacing.max():
-        raise ValueError(
-            f"radius of the burr must be at least {_LEAST_VOXELS:g} voxels of {spacing.max():g} mm, got {burr.radius:g} mm; "
-            f"--voxel {enough(burr)} (voxel={enough(burr)}) makes finer ones"
-        )
-
-
-def enough(burr: Burr) -> str:
-    """The spacing that serves a burr, R/7.5 rounded down to two digits [mm]."""
-    digits = 1 - int(np.floor(np.log10(burr.radius / _ENOUGH_VOXELS)))
-    return f"{np.floor(burr.radius / _ENOUGH_VOXELS * 10**digits + 1e-9) / 10**digits:g}"
-
-
-def _grey(
-    path: str, spacing: tuple[float, float, float] | None, series: str | None, transpose: bool
-) -> Volume:
-    if not is_stack(path):
-        if transpose:
-            raise ValueError(f"transpose (--transpose) goes with PNG slices, got {path}")
-        return read_volume(path, spacing=spacing, series=series)
-    found = read_stack(path, spacing=spacing, transpose=transpose)
-    if not isinstance(found, Volume):
-        raise ValueError(f"{path}: the slices are coloured labels, and a map is of grey values")
-    return found
+    def _voxel(self) -> ArrayLike:
+        return self.volume().spacing if self.voxel is None else self.voxel
 
 
 def absolute(path: str | os.PathLike[str]) -> str:
-    """The path from the root; ".." after a link goes where the system takes it. ValueError where no refusal may quote it."""
+    """The absolute path; ".." behind a link is resolved as the system does. ValueError if it holds control characters."""
     if re.search(r"[\0-\x1f\x7f]", os.fspath(path)):
         raise ValueError(f"path must hold no control characters, got {os.fspath(path)!r}")
     return os.path.realpath(path) if ".." in Path(path).parts else os.path.abspath(path)
-
-
-def _spacing(value: float | ArrayLike | None, what: str) -> tuple[float, float, float] | None:
-    if value is None:
-        return None
-    x, y, z = (float(s) for s in checked_spacing(value, what))
-    return x, y, z
-
-
-def _point(value: ArrayLike) -> tuple[float, float, float]:
-    x, y, z = (float(c) for c in checked_point(value, "crop"))
-    return x, y, z
 
 
 def cut_block(
@@ -258,9 +311,8 @@ def cut_block(
     found = recipe.specimen(entry=entry, axis=axis)
     across = np.cross(found.axis, np.eye(3)[np.argmin(np.abs(found.axis))])
     across /= np.linalg.norm(across)
-    turn = np.column_stack(
-        [across, np.cross(-found.axis, across), -found.axis]
-    )  # the block's axes in the bone frame
+    # The block's axes in the bone frame.
+    turn = np.column_stack([across, np.cross(-found.axis, across), -found.axis])
     x, y, z = (int(n) for n in counts)
     first = np.array([0.5 * (1 - x) * apart, 0.5 * (1 - y) * apart, (0.5 - z) * apart])
     levels, out = found.bone.density, np.empty((z, y, x), np.uint8)
@@ -277,12 +329,8 @@ def cut_block(
     return VoxelBone(out, spacing=apart, origin=first)
 
 
-_EMPTY_BEFORE = ("air",)  # where a recipe does not say it
-Box = tuple[tuple[float, float, float], tuple[float, float, float]]
-
-
 @dataclass(frozen=True)
-class LabelledRecipe:
+class LabelledRecipe(_FileRecipe):
     """Labels from a file, their table, and the grey volume that they belong to, if any.
 
     Parameters
@@ -320,21 +368,30 @@ class LabelledRecipe:
         or `onto` without one.
     """
 
-    labels: str
-    tissues: Tissues
-    grey: VolumeRecipe | None = None
-    fill: Mapping[str, float] = field(default_factory=dict)
-    spacing: tuple[float, float, float] | None = None
-    unknown: str | int = "refuse"
-    unit: float | None = None
-    crop: Box | None = None
-    voxel: tuple[float, float, float] | None = None
-    onto: bool = False
-    empty: tuple[str, ...] = EMPTY
-    transpose: bool | None = None
-    ranking: tuple[str, ...] | None = RANKING
-    smooth: float | None = None
-    _made: dict[str, LabelledBone] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _KIND = "labelled volume"
+
+    labels: str = field(metadata=_key("labels", os.fspath))
+    tissues: Tissues = field(metadata=_key("tissues", tissues_from_json, tissues_to_json))
+    grey: VolumeRecipe | None = field(
+        default=None, metadata=_key("grey", VolumeRecipe.of, VolumeRecipe.plain)
+    )
+    fill: Mapping[str, float] = field(
+        default_factory=dict, metadata=_key("fill", _numbers_by_name, dict, omitted={})
+    )
+    spacing: Triple | None = field(default=None, metadata=_key("labels_spacing_mm", _triple))
+    unknown: str | int = field(default="refuse", metadata=_key("unknown", _word_or_label, omitted="refuse"))
+    unit: float | None = field(default=None, metadata=_key("unit_mm", float))
+    crop: Box | None = field(
+        default=None, metadata=_key("crop_mm", lambda box: (_triple(box[0]), _triple(box[1])))
+    )
+    voxel: Triple | None = field(default=None, metadata=_key("voxel_mm", _triple))
+    onto: bool = field(default=False, metadata=_key("onto", bool, omitted=False))
+    empty: tuple[str, ...] = field(
+        default=EMPTY, metadata=_key("empty", _texts, omitted=_EMPTY_BEFORE, before=_EMPTY_BEFORE)
+    )
+    transpose: bool | None = field(default=None, metadata=_key("transpose", bool, before=False))
+    ranking: tuple[str, ...] | None = field(default=RANKING, metadata=_key("ranking", _texts, before=None))
+    smooth: float | None = field(default=None, metadata=_key("smooth_mm", float))
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", absolute(self.labels))
@@ -349,52 +406,10 @@ class LabelledRecipe:
         if self.ranking is not None and Path(self.labels).is_file() and not is_stack(self.labels):
             object.__setattr__(self, "ranking", None)  # a file's labels do not overlap
 
-    @classmethod
-    def of(cls, plain: Mapping[str, Any]) -> LabelledRecipe:
-        """Of what `plain` gave, through JSON too; KeyError, TypeError or ValueError where it is not that.
-
-        Slices without a word on `transpose`, as versions before it wrote, are not transposed.
-        """
-        fill = {str(name): float(part) for name, part in dict(plain.get("fill", {})).items()}
-        unknown = plain.get("unknown", "refuse")
-        unit, crop, ranking = plain.get("unit_mm"), plain.get("crop_mm"), plain.get("ranking")
-        return cls(
-            os.fspath(plain["labels"]), tissues_from_json(plain["tissues"]),
-            VolumeRecipe.of(plain["grey"]) if "grey" in plain else None, fill, _three_or_none(plain.get("labels_spacing_mm")),
-            unknown if isinstance(unknown, int) else str(unknown), None if unit is None else float(unit),
-            None if crop is None else (_numbers(crop[0]), _numbers(crop[1])), _three_or_none(plain.get("voxel_mm")),
-            bool(plain.get("onto", False)), empty=tuple(map(str, plain.get("empty", _EMPTY_BEFORE))),
-            transpose=bool(plain.get("transpose", False)), ranking=None if ranking is None else tuple(map(str, ranking)),
-            smooth=None if plain.get("smooth_mm") is None else float(plain["smooth_mm"]),
-        )  # fmt: skip
-
-    def plain(self) -> dict[str, Any]:
-        """Ready for JSON; what is not given is left out."""
-        given = {
-            "grey": None if self.grey is None else self.grey.plain(),
-            "fill": dict(self.fill) or None,
-            "labels_spacing_mm": None if self.spacing is None else list(self.spacing),
-            "unknown": None if self.unknown == "refuse" else self.unknown,
-            "unit_mm": self.unit,
-            "crop_mm": None if self.crop is None else [list(corner) for corner in self.crop],
-            "voxel_mm": None if self.voxel is None else list(self.voxel),
-            "onto": self.onto or None,
-            "empty": None if self.empty == _EMPTY_BEFORE else list(self.empty),
-            "transpose": self.transpose if self.transpose or is_stack(self.labels) else None,
-            "ranking": None if self.ranking is None else list(self.ranking),
-            "smooth_mm": self.smooth,
-        }
-        return {
-            "kind": "labelled volume",
-            "labels": self.labels,
-            "tissues": tissues_to_json(self.tissues),
-            **{name: value for name, value in given.items() if value is not None},
-        }
-
-    def at(self, path: str | os.PathLike[str]) -> LabelledRecipe:
-        """The same of a volume (labels, if they are alone) that lies elsewhere, with labels of the same name beside it."""
+    def at(self, path: str | os.PathLike[str]) -> Self:
+        """The same recipe for a volume (or labels alone) that lies elsewhere; labels of the same name may lie beside it."""
         if self.grey is None:
-            return replace(self, labels=os.fspath(path))
+            return super().at(path)
         beside = Path(path).parent / Path(self.labels).name
         labels = str(beside) if beside.exists() else self.labels
         return replace(self, grey=self.grey.at(path), labels=labels)
@@ -409,9 +424,7 @@ class LabelledRecipe:
         ValueError
             As these and `labelled_bone`; or if a stack is grey.
         """
-        if "bone" not in self._made:
-            self._made["bone"] = self._make()
-        return self._made["bone"]
+        return self._made
 
     def bone(self) -> VoxelBone:
         """A copy of the bone; errors as `made`."""
@@ -423,7 +436,7 @@ class LabelledRecipe:
 
     @property
     def mapping(self) -> OccupancyMap | None:
-        """Of the grey values; None of labels alone."""
+        """The map of the grey values; None for labels alone."""
         return None if self.grey is None else self.grey.mapping
 
     def like(self) -> Volume | LabelVolume:
@@ -441,18 +454,18 @@ class LabelledRecipe:
             made["labels_alone"] = {"voxel_mm": widest, "smooth_mm": self.smooth}
         return specimen_in(grid, self.bone(), entry, axis, made, f"labels of {self.labels}")
 
-    def check_burr(self, burr: Burr) -> None:
-        """As `VolumeRecipe.check_burr`."""
+    def _voxel(self) -> ArrayLike:
         if self.grey is not None:
-            self.grey.check_burr(burr)
-        else:
-            check_radius(burr, self._labels().spacing if self.voxel is None else np.array(self.voxel))
+            return self.grey._voxel()
+        return self._labels().spacing if self.voxel is None else self.voxel
 
-    def _make(self) -> LabelledBone:
+    @cached_property
+    def _made(self) -> LabelledBone:
+        labels = self._labels()
         if self.grey is None:
-            options: dict[str, Any] = {"fill": self.fill, "spacing": self.voxel, "smooth": self.smooth}
-            return labelled_bone(None, self._labels(), self.tissues, empty=self.empty, **options)
-        labels, volume = self._labels(), self.grey.volume()
+            options: dict[str, Any] = {"spacing": self.voxel, "smooth": self.smooth, "empty": self.empty}
+            return labelled_bone(None, labels, self.tissues, fill=self.fill, **options)
+        volume = self.grey.volume()
         if self.onto:
             labels = labels.on(volume)
         elif self.grey.crop is not None:  # labels belong to the whole volume
@@ -500,17 +513,8 @@ def labels_of(
     return found
 
 
-def _numbers(value: Any) -> tuple[float, float, float]:
-    x, y, z = (float(part) for part in value)
-    return x, y, z
-
-
-def _three_or_none(value: Any) -> tuple[float, float, float] | None:
-    return None if value is None else _numbers(value)
-
-
 @dataclass(frozen=True)
-class DrilledRecipe:
+class DrilledRecipe(_FileRecipe):
     """A half-drilled volume of `save_drilled`, or a bone of `save_bone`, as a session goes on with it.
 
     Parameters
@@ -528,37 +532,39 @@ class DrilledRecipe:
         If it cannot be read.
     """
 
+    _KIND = "drilled volume"
+
     path: str
     digest: str | None = None
-    _read: dict[str, DrilledVolume] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", absolute(self.path))
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> DrilledRecipe:
-        """Of what `plain` gave, through JSON too; KeyError or TypeError where it is not that."""
+        """A recipe from what `plain` gave, through JSON too; KeyError or TypeError for anything else."""
         return cls(os.fspath(plain["path"]), str(plain["digest"]))
 
     def plain(self) -> dict[str, Any]:
-        """Ready for JSON; with the digest, since a file that is drilled on holds another bone the next day."""
+        """The recipe ready for JSON. It has the digest, since a file that is drilled further holds another bone later."""
         told = {"transpose": self.drilled().transpose} if is_stack(self.path) else {}
         return {"kind": "drilled volume", "path": self.path, "digest": self.drilled().bone.digest(), **told}
 
-    def at(self, path: str | os.PathLike[str]) -> DrilledRecipe:
-        """The same of a file that lies elsewhere."""
-        return replace(self, path=os.fspath(path))
-
     def drilled(self) -> DrilledVolume:
         """What the file holds; read once."""
-        if "drilled" not in self._read:
-            found = self._load()
-            if self.digest not in (None, found.bone.digest()):
-                raise ValueError(
-                    f"{self.path}: the bone has digest {found.bone.digest()} by now, and {self.digest} is asked for"
-                )
-            self._read["drilled"] = found
-        return self._read["drilled"]
+        return self._drilled
+
+    @cached_property
+    def _drilled(self) -> DrilledVolume:
+        if _holds_bone(self.path):
+            found = DrilledVolume(*load_bone(self.path), None, self.path, self.path)
+        else:
+            found = load_drilled(self.path)
+        if self.digest not in (None, found.bone.digest()):
+            raise ValueError(
+                f"{self.path}: the bone has digest {found.bone.digest()} by now, and {self.digest} is asked for"
+            )
+        return found
 
     @property
     def tick(self) -> int:
@@ -567,7 +573,7 @@ class DrilledRecipe:
 
     @property
     def mapping(self) -> OccupancyMap | None:
-        """Of the volume's grey values."""
+        """The map of the volume's grey values."""
         return self.drilled().mapping
 
     def bone(self) -> VoxelBone:
@@ -575,7 +581,7 @@ class DrilledRecipe:
         return self.drilled().bone.copy()
 
     def notes(self) -> tuple[str, ...]:
-        """On what was saved, and what its volume does not say."""
+        """Notes on the ticks before, and on what was assumed when the volume was read."""
         before = f"{self.path} has been burred for {self.tick} ticks before"
         notes = told_notes(bone_source(self.path)) if _holds_bone(self.path) else self.like().notes
         return (before, *(note for note in notes if assumed([note])))
@@ -594,28 +600,68 @@ class DrilledRecipe:
         """The bone with an axis; parameters and errors as `Volume.specimen`."""
         bone = self.bone()
         made = {"path": self.path, "recipe": self.plain(), "notes": list(self.notes())}
+        grid: Volume | LabelVolume
         if _holds_bone(self.path):
-            place = np.array(bone.spacing), np.array(bone.origin), np.eye(3)
-            return specimen_in(
-                Volume(bone.density, *place, self.path), bone, entry, axis, made, f"after {self.tick} ticks"
-            )
-        grid = self.like()
+            grid = Volume(bone.density, np.array(bone.spacing), np.array(bone.origin), np.eye(3), self.path)
+        else:
+            grid = self.like()
         return specimen_in(grid, bone, entry, axis, made, f"after {self.tick} ticks")
 
-    def check_burr(self, burr: Burr) -> None:
-        """As `VolumeRecipe.check_burr`."""
-        check_radius(burr, np.array(self.drilled().bone.spacing))
-
-    def _load(self) -> DrilledVolume:
-        if not _holds_bone(self.path):
-            return load_drilled(self.path)
-        bone, tick = load_bone(self.path)
-        return DrilledVolume(bone, tick, None, self.path, self.path)
+    def _voxel(self) -> ArrayLike:
+        return self.drilled().bone.spacing
 
 
 def _holds_bone(path: str) -> bool:
     return Path(path).suffix.lower() in (".h5", ".hdf5")
 
+
+@dataclass(frozen=True)
+class BlockRecipe(BoneRecipe):
+    """The block of `VoxelBone.block`; see `block_recipe`."""
+
+    _KIND = "block"
+
+    size: Sequence[float] = field(metadata=_key("size_mm", _triple))
+    voxel: float = field(metadata=_key("voxel_mm", float))
+    origin: Sequence[float] = field(metadata=_key("origin_mm", _triple))
+    level: int = field(metadata=_key("level", functools.partial(whole_number, most=255)))
+
+    def at(self, path: str | os.PathLike[str]) -> Self:
+        """The recipe itself: it needs no file."""
+        return self
+
+    def bone(self) -> VoxelBone:
+        """The bone; ValueError where a length is not positive or the block too large to make."""
+        apart = self.voxel
+        if apart > 0 and not (voxels := math.prod(max(s / apart, 1.0) for s in self.size)) <= MOST_VOXELS:
+            raise ValueError(f"recipe must have at most {MOST_VOXELS:.3g} voxels, got {voxels:.3g}")
+        return VoxelBone.block(self.size, apart, origin=self.origin, level=self.level)
+
+
+@dataclass(frozen=True)
+class VolumeBlockRecipe(BoneRecipe):
+    """A block that is cut out of a volume; see `cut_block`."""
+
+    _KIND = "volume block"
+
+    volume: VolumeRecipe = field(metadata=_key("volume", VolumeRecipe.of, VolumeRecipe.plain))
+    size: Triple = field(metadata=_key("size_mm", _triple))
+    voxel: float = field(metadata=_key("voxel_mm", float))
+    entry: Triple = field(metadata=_key("entry_mm", _triple))
+    axis: Triple = field(metadata=_key("axis", _triple))
+
+    def at(self, path: str | os.PathLike[str]) -> Self:
+        """The same recipe for a volume that lies elsewhere."""
+        return replace(self, volume=self.volume.at(path))
+
+    def bone(self) -> VoxelBone:
+        """The bone; errors as of `cut_block`."""
+        return cut_block(self.volume, self.size, self.voxel, entry=self.entry, axis=self.axis)
+
+
+_RECIPES: dict[str, type[BoneRecipe]] = {
+    kind._KIND: kind for kind in (BlockRecipe, VolumeRecipe, VolumeBlockRecipe, LabelledRecipe, DrilledRecipe)
+}
 
 #: How a bone is made; JSON.
 Recipe = dict[str, Any]
@@ -643,8 +689,8 @@ def block_recipe(
     >>> make_bone(recipe).shape
     (10, 20, 20)
     """
-    return {"kind": "block", "size_mm": [float(real(s, "size")) for s in size], "voxel_mm": float(real(voxel, "voxel")),
-            "origin_mm": [float(real(o, "origin")) for o in origin], "level": int(level)}  # fmt: skip
+    sides, corner = ([float(real(x, n)) for x in xs] for n, xs in (("size", size), ("origin", origin)))
+    return BlockRecipe(sides, float(real(voxel, "voxel")), corner, int(level)).plain()
 
 
 def volume_recipe(
@@ -699,44 +745,9 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
         If there is no such volume.
     """
     try:
-        if recipe["kind"] == "block":
-            size, origin = _three(recipe["size_mm"]), _three(recipe["origin_mm"])
-            voxel, level = float(recipe["voxel_mm"]), whole_number(recipe["level"], 255)
-        elif recipe["kind"] == "volume":
-            made = VolumeRecipe.of(recipe)
-        elif recipe["kind"] == "volume block":
-            made, voxel = VolumeRecipe.of(recipe["volume"]), float(recipe["voxel_mm"])
-            size, entry, axis = (_three(recipe[key]) for key in ("size_mm", "entry_mm", "axis"))
-        elif recipe["kind"] == "labelled volume":
-            labelled = LabelledRecipe.of(recipe)
-        elif recipe["kind"] == "drilled volume":
-            drilled = DrilledRecipe.of(recipe)
-        else:
-            raise KeyError("kind")
-    except _UNREADABLE:
+        made = _RECIPES[recipe["kind"]].of(recipe)
+    except UNREADABLE:
         raise ValueError(
             f"recipe must be that of block_recipe or volume_recipe, got {reprlib.repr(recipe)}"
         ) from None
-    if recipe["kind"] == "drilled volume":
-        return (drilled if volume is None else drilled.at(volume)).bone()
-    if recipe["kind"] == "labelled volume":
-        return (labelled if volume is None else labelled.at(volume)).bone()
-    if recipe["kind"] == "volume":
-        return (made if volume is None else made.at(volume)).bone()
-    if recipe["kind"] == "volume block":
-        here = made if volume is None else made.at(volume)
-        return cut_block(here, size, voxel, entry=entry, axis=axis)
-    if voxel > 0 and not (voxels := math.prod(max(s / voxel, 1.0) for s in size)) <= MOST_VOXELS:
-        raise ValueError(f"recipe must have at most {MOST_VOXELS:.3g} voxels, got {voxels:.3g}")
-    return VoxelBone.block(size, voxel, origin=origin, level=level)
-
-
-def whole_number(number: Any, most: int) -> int:
-    if not 0 <= int(number) <= most or int(number) != number:
-        raise ValueError(number)
-    return int(number)
-
-
-def _three(numbers: Sequence[Any]) -> list[float]:
-    x, y, z = map(float, numbers)
-    return [x, y, z]
+    return (made if volume is None else made.at(volume)).bone()

@@ -1,11 +1,4 @@
-"""The PNG slices of a volume: which files, in which order, and that they belong together.
-
-Colours of slices to labels, sums of two of them, and what becomes of colours that are in no table.
-
-The YAML file that places a stack of slices in the simulator volumetric_drilling (AMBF's description format, ADF).
-
-Volumes as stacks of PNG slices: grey values, or labels as colours.
-"""
+"""Volumes as stacks of PNG slices: their files and order, their colours as labels, the YAML file that describes them."""
 
 from __future__ import annotations
 
@@ -36,14 +29,8 @@ from burrlab.bone.tissues import VOLUMETRIC_DRILLING, known_tissue, plain_name
 from burrlab.common.check import check_memory, check_packed, shown
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_KINDS = {
-    0: "grey",
-    2: "RGB",
-    3: "palette",
-    4: "grey with alpha",
-    6: "RGBA",
-}  # PNG specification, 11.2.2 IHDR
-_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+# PNG specification, 11.2.2 IHDR: name and channels.
+_KINDS = {0: ("grey", 1), 2: ("RGB", 3), 3: ("palette", 1), 4: ("grey with alpha", 2), 6: ("RGBA", 4)}
 #: No slice of a clinical or micro-CT volume is larger; a file that says so is damaged (ours).
 MOST_PIXELS = 16384
 
@@ -128,7 +115,7 @@ def pixels(path: Path) -> NDArray[Any]:
 
 
 def _in_order(place: str, found: list[Path], *, latest: int | None) -> list[Path]:
-    """By the number at the end of the name: slice10 comes after slice9; `latest` is the last number at which a stack may begin."""
+    """Files in the order of the numbers that end their names; `latest` is the largest number that may be the first."""
     numbered: dict[int, Path] = {}
     prefixes: dict[str, Path] = {}
     for path in sorted(found):
@@ -146,10 +133,11 @@ def _in_order(place: str, found: list[Path], *, latest: int | None) -> list[Path
             raise ValueError(f"{place}: slice {number} is there twice ({numbered[number].name}, {path.name})")
         numbered[number] = path
     order = sorted(numbered)
-    missing = sorted(set(range(order[0], order[-1] + 1)) - set(order)) if order[-1] - order[0] < 10**6 else []
-    if missing or order[-1] - order[0] >= 10**6:
+    far = order[-1] - order[0] >= 10**6
+    missing = [] if far else sorted(set(range(order[0], order[-1] + 1)) - set(order))
+    if missing or far:
         told = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
-        which = f"{len(missing)} are missing ({told})" if missing else "many are missing (numbers far apart)"
+        which = "many are missing (numbers far apart)" if far else f"{len(missing)} are missing ({told})"
         if len(missing) == 1:
             which = f"slice {missing[0]} is missing"
         raise ValueError(f"{place}: of the slices {order[0]} to {order[-1]}, {which}")
@@ -195,9 +183,9 @@ def _header(path: Path) -> tuple[int, int, int, str]:
         raise ValueError(
             f"{path}: the PNG file is damaged (its header says {columns} x {rows} pixels, kind {kind})"
         )
-    size = rows * (1 + columns * bits * _CHANNELS[kind] // 8)
-    check_packed(size, path.stat().st_size, str(path))
-    return columns, rows, bits, _KINDS[kind]
+    name, channels = _KINDS[kind]
+    check_packed(rows * (1 + columns * bits * channels // 8), path.stat().st_size, str(path))
+    return columns, rows, bits, name
 
 
 Colours = tuple[int, int, int]
@@ -338,7 +326,7 @@ class Palette:
     def notes(
         self, name: str, unknown: Sequence[Mapping[str, Any]], labels: NDArray[Any], apart: NDArray[Any]
     ) -> list[str]:
-        """What was done with sums and with unknown colours, of labels (slice, row, column); ValueError where these are refused."""
+        """Notes on sums and unknown colours in labels (slice, row, column); ValueError if unknown colours are refused."""
         notes = []
         if self._overlaps:
             told = "; ".join(
@@ -398,20 +386,20 @@ class Palette:
         return np.asarray(taken[inverse])
 
     def _nearest(self, codes: NDArray[Any], labels: Sequence[int]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Of each colour the nearest of these labels, and how far that is."""
+        """For each colour the nearest of these labels, and its distance."""
         own = np.stack([codes >> 16, (codes >> 8) & 255, codes & 255], axis=-1)
         apart = cdist(own, [self.colours[label] for label in labels])
         return np.array(labels)[apart.argmin(axis=1)], apart.min(axis=1)
 
     def _by_rank(self, ranking: Sequence[str]) -> dict[int, tuple[float, int]]:
-        """By label what is least of the structure that gets a voxel; names that are not ranked come just before bone."""
+        """A rank for each label: the lower of two gets the voxel. Names without a rank come just before bone."""
         order = [_known(name)[0] for name in ranking]
         rest = next((i for i, name in enumerate(order) if _known(name)[1]), len(order)) - 0.5
         ranks = {name: float(i) for i, name in enumerate(order)}
         return {label: (ranks.get(_known(self.names[label])[0], rest), label) for label in self.colours}
 
     def _places_of_sums(self) -> NDArray[np.uint16]:
-        """For each colour with alpha 254: the pair whose sum it is, from 1; 0 for none; or that it is not clear.
+        """For each colour with alpha 254 the number of the pair whose sum it is, from 1; 0 for none; `_UNCLEAR` for several.
 
         A pair's sum lies within 1 a channel, modulo 256, and no other pair's, nor one colour of the table, within 2.
         """
@@ -469,7 +457,7 @@ def _colour(name: str, given: Any) -> Colours:
 
 
 def _checked_unknown(unknown: str | int, names: Mapping[int, str]) -> tuple[str | int, list[int]]:
-    """The word or label, and the labels that are asked for by name."""
+    """`unknown` as a word or label, and the labels that it asks for by name."""
     if unknown in ("refuse", "nearest") or (not isinstance(unknown, (str, bool)) and unknown in names):
         return unknown, []
     if isinstance(unknown, str) and unknown.startswith("nearest:"):
@@ -497,7 +485,7 @@ _OLD_UNIT = 49.664
 
 @dataclass(frozen=True, eq=False)
 class StackDescription:
-    """What the file says.
+    """What the YAML file of a stack says.
 
     Attributes
     ----------
@@ -549,12 +537,11 @@ def read_description(path: str | os.PathLike[str], *, unit: float | None = None)
     dimensions = _part(name, block, "dimensions", dict)
     sides = np.array([_positive(name, f"dimensions: {axis}", dimensions.get(axis)) for axis in "xyz"])
     sides *= _positive(name, "scale", block.get("scale", 1.0))
-    if unit is not None:
-        return StackDescription(
-            folder, str(images.get("prefix", "")), count, sides * _positive(name, "unit", unit)
-        )
-    _check_plausible(name, sides)
-    return StackDescription(folder, str(images.get("prefix", "")), count, sides * _METRE)
+    if unit is None:
+        _check_plausible(name, sides)
+        unit = _METRE
+    extent = sides * _positive(name, "unit", unit)
+    return StackDescription(folder, str(images.get("prefix", "")), count, extent)
 
 
 def _content(name: str) -> Any:
@@ -735,7 +722,7 @@ def read_stack(
         if palette is not None:
             raise ValueError(f"{slices.paths[0]}: a palette is for coloured slices, and these are grey")
         check_memory(float(np.prod(shape)) * max(slices.bits // 8, 1), f"{name}: the volume")
-        return Volume(_grey(slices, turned), notes=tuple(notes), **grid)
+        return Volume(_grey(slices, shape, turned), notes=tuple(notes), **grid)
     colours = Palette.of(palette, unknown, ranking)
     rows_along_x(name, transpose, colours.colours.values())
     check_memory(float(np.prod(shape)) * np.dtype(colours.dtype).itemsize, f"{name}: the volume")
@@ -757,7 +744,7 @@ def read_stack(
 
 
 def rows_along_x(name: str, transpose: bool | None, colours: Iterable[Colours] = ()) -> bool:
-    """Whether slices are read transposed: as told, else by their kind.
+    """Whether slices are read transposed: as the caller says, else True for a description and False for slices alone.
 
     ValueError where they must be told: the colours of volumetric_drilling in slices without its YAML file.
     """
@@ -771,7 +758,7 @@ def rows_along_x(name: str, transpose: bool | None, colours: Iterable[Colours] =
 
 
 def _description(name: str, spacing: float | ArrayLike | None, unit: float | None) -> StackDescription | None:
-    """What a YAML file says; None where the slices are named themselves, with their spacing."""
+    """What the YAML file says; None if the path names the slices themselves."""
     if Path(name).suffix.lower() in _DESCRIPTIONS:
         if spacing is not None:
             raise ValueError(
@@ -795,21 +782,17 @@ def _without_colour(slices: Slices) -> bool:
     return True
 
 
-def _grey(slices: Slices, transpose: bool) -> NDArray[Any]:
-    values = None
+def _grey(slices: Slices, shape: tuple[int, int, int], transpose: bool) -> NDArray[Any]:
+    values = np.empty(shape, np.uint16 if slices.bits == 16 else np.uint8)
     for k, path in enumerate(slices.paths):
         image = pixels(path)
         plane = image[..., 0] if image.ndim == 3 else image
-        plane = plane.T if transpose else plane
-        if values is None:
-            values = np.empty((len(slices.paths), *plane.shape), plane.dtype)
-        values[k] = plane
-    assert values is not None
+        values[k] = plane.T if transpose else plane
     return values
 
 
 def is_stack(path: str) -> bool:
-    """Whether it is PNG slices: their description, a pattern of names, or a folder of them without DICOM files."""
+    """Whether a path names PNG slices: their description, a pattern, or a folder that holds them and no DICOM files."""
     if Path(path).suffix.lower() in (".yaml", ".yml", ".png"):
         return True
     return Path(path).is_dir() and any(Path(path).glob("*.[pP][nN][gG]")) and not holds_dicom(path)

@@ -1,22 +1,16 @@
-"""Structures of a temporal bone that the default table knows: their names elsewhere, colours and flags.
-
-Tables of tissues for the labels of a segmentation.
-
-Tables of tissues as CSV text.
-
-Bone with tissues, of grey values and labels, or of labels alone.
-"""
+"""Tissues: the structures that are known, tables of tissues and their CSV files, and bone made of labels."""
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 import math
 import os
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,6 +25,7 @@ from burrlab.bone.materials import materials
 from burrlab.bone.snapshot import tissues_from_json, tissues_to_json
 from burrlab.common.check import shown
 from burrlab.common.records import UNREADABLE, in_one_line
+from burrlab.common.table import Column, Table
 
 Colour = tuple[int, int, int]
 
@@ -144,13 +139,12 @@ EMPTY = ("air", "external auditory canal")
 #: The colours of volumetric_drilling's PNG stacks (LCSR-SICKKIDS/volumetric_drilling, its script that makes distance
 #: grids lists them), by its names and in its order, which is that of our labels 1 to 16.
 VOLUMETRIC_DRILLING: dict[str, Colour] = {
-    name: known.colour
+    name: _BY_NAME[plain_name(name)].colour
     for name in (
         "Bone", "Malleus", "Incus", "Stapes", "Bony_Labyrinth", "IAC", "Superior_Vestibular_Nerve",
         "Inferior_Vestibular_Nerve", "Cochlear_Nerve", "Facial_Nerve", "Chorda_Tympani", "ICA", "Sinus_+_Dura",
         "Vestibular_Aqueduct", "TMJ", "EAC",
     )
-    if (known := known_tissue(name)) is not None
 }  # fmt: skip
 
 
@@ -195,7 +189,10 @@ def default_tissues(
     check_count(names)
     unknown = [label for label, name in names.items() if known_tissue(name) is None]
     if unknown:
-        told = ", ".join(_told(label, names, counts) for label in unknown)
+        told = ", ".join(
+            f"label {label} ({names[label]!r}{'' if counts is None else f', {counts.get(label, 0)} voxels'})"
+            for label in unknown
+        )
         known = ", ".join(tissue.name for tissue in KNOWN)
         raise ValueError(
             f"the default table does not know {told}; it knows {known}, and their usual synonyms: "
@@ -204,8 +201,7 @@ def default_tissues(
     rows = []
     taken: set[str] = set()
     for label, given in sorted(names.items()):
-        tissue = known_tissue(given)
-        assert tissue is not None
+        tissue = _BY_NAME[plain_name(given)]
         name = given if tissue.name in taken else tissue.name  # a second side keeps the name of the file
         taken.add(name)
         rows.append(
@@ -218,13 +214,12 @@ def default_tissues(
 
 def unlabelled(material: Material) -> Tissue:
     """The tissue of label 0 where nothing else is said of it: bone's values, assumed."""
-    known = known_tissue(UNLABELLED)
-    assert known is not None
-    return Tissue(UNLABELLED, label=0, c_e=material.c_e, alpha=material.alpha, colour=known.colour)
+    colour = _BY_NAME[UNLABELLED].colour
+    return Tissue(UNLABELLED, label=0, c_e=material.c_e, alpha=material.alpha, colour=colour)
 
 
 def label_counts(values: NDArray[Any], path: str = "") -> dict[int, int]:
-    """Voxels of each label that is present; a sentence on what is wrong names the path.
+    """Number of voxels of each label that is present; a refusal names the path.
 
     Raises
     ------
@@ -239,28 +234,25 @@ def label_counts(values: NDArray[Any], path: str = "") -> dict[int, int]:
                 f"{said}labels must be whole numbers: this is a grey volume, or was interpolated"
             )
         values = whole.astype(np.int64)
-    found, counts = _unique(values)
+    if values.dtype.itemsize > 2 or values.dtype.kind != "u":
+        found, counts = np.unique(values, return_counts=True)
+    else:
+        every = np.zeros(1 << (8 * values.dtype.itemsize), np.int64)
+        for plane in values.reshape(len(values), -1):  # bincount works in int64: plane by plane
+            every += np.bincount(plane, minlength=every.size)
+        found = np.flatnonzero(every)
+        counts = every[found]
     if found.size and found[0] < 0:
         raise ValueError(
             f"{said}labels must be zero or positive, got {int(found[0])}: is this a grey volume?"
         )
-    return {int(label): int(count) for label, count in zip(found, counts, strict=True)}
-
-
-def _unique(values: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    if values.dtype.itemsize > 2 or values.dtype.kind != "u":
-        return np.unique(values, return_counts=True)
-    counts = np.zeros(1 << (8 * values.dtype.itemsize), np.int64)
-    for plane in values.reshape(len(values), -1):  # bincount works in int64: plane by plane
-        counts += np.bincount(plane, minlength=counts.size)
-    found = np.flatnonzero(counts)
-    return found, counts[found]
+    return dict(zip(found.tolist(), counts.tolist(), strict=True))
 
 
 def _named(
     labels: LabelVolume | Mapping[int, str] | Sequence[str],
 ) -> tuple[dict[int, str], dict[int, int] | None, dict[int, Colour]]:
-    """Names by label, voxels by label where there is a volume, and its colours."""
+    """Names by label; of a label volume the number of voxels by label too, and its colours."""
     if isinstance(labels, str):
         raise ValueError(f"labels must be a label volume, or names, got the text {labels!r}")
     if isinstance(labels, Mapping):
@@ -293,16 +285,58 @@ def check_count(labels: Mapping[int, object], said: str = "") -> None:
         )
 
 
-def _told(label: int, names: Mapping[int, str], counts: Mapping[int, int] | None) -> str:
-    count = "" if counts is None else f", {counts.get(label, 0)} voxels"
-    return f"label {label} ({names[label]!r}{count})"
-
-
-COLUMNS = ("label", "name", "colour", "c_e_N_per_mm2", "alpha_per_ms", "critical", "bleeds", "assumed")
 GREY = (128, 128, 128)  # of a structure without a colour
 _WAITS = " (name?)"  # after a name of the file that the default table does not know
-_NEEDED = ("label", "name")
-_WORDS = {"yes": True, "no": False, "true": True, "false": False, "1": True, "0": False}
+_WORDS = {"": None, "yes": True, "no": False, "true": True, "false": False, "1": True, "0": False}
+
+
+def _label(text: str) -> int:
+    if not (text.isascii() and text.isdecimal() and len(text) < 20 and int(text) < 2**31):
+        raise ValueError(f"must be a whole number from 0, got {shown(text)}")
+    return int(text)
+
+
+def _colour(text: str) -> Colour | None:
+    if text and re.fullmatch(r"#[0-9a-fA-F]{6}", text) is None:
+        raise ValueError(f"must be #rrggbb, got {shown(text)}")
+    red_green_blue = bytes.fromhex(text[1:])
+    return (red_green_blue[0], red_green_blue[1], red_green_blue[2]) if text else None
+
+
+def _number(text: str, rule: str, least: float, most: float) -> float | None:
+    # NaN is a number beyond the limits here, not a wrong way to leave the field empty.
+    value = csv_text.number("" if text.lower().strip("+-") == "nan" else text)
+    if text and not (math.isfinite(value) and least <= value <= most):
+        raise ValueError(f"must be {rule}, got {shown(text)}")
+    return value if text else None
+
+
+def _flag(text: str) -> bool | None:
+    if text.lower() not in _WORDS:
+        raise ValueError(f"must be yes or no, got {shown(text)}")
+    return _WORDS[text.lower()]
+
+
+TABLE = Table(
+    (
+        Column("label", type=_label),
+        Column("name", type=str),
+        Column("colour", type=_colour, optional=True),
+        Column(
+            "c_e",
+            "N_per_mm2",
+            partial(_number, rule="from 1/4096 to 1000", least=1 / 4096, most=1000.0),
+            optional=True,
+        ),
+        Column(
+            "alpha",
+            "per_ms",
+            partial(_number, rule="zero or positive", least=0.0, most=math.inf),
+            optional=True,
+        ),
+        *(Column(flag, type=_flag, optional=True) for flag in ("critical", "bleeds", "assumed")),
+    )
+)
 
 
 def read_tissues(path: str | os.PathLike[str], *, material: Material | None = None) -> Tissues:
@@ -328,25 +362,27 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
     OSError
         If it cannot be read.
     """
-    name = os.fspath(path)
-    with open(path, "rb") as stream:
-        text = csv_text.decoded(name, stream.read())
+    name, text = csv_text.text_of(path)
     if material is None:
         material = _material(name, text)
-    lines = ((n, line.strip()) for n, line in enumerate(io.StringIO(text, newline=None), start=1))
-    table = ((n, _fields(name, n, line)) for n, line in lines if line and not line.startswith("#"))
-    try:
-        number, columns = next(table)
-    except StopIteration:
-        raise ValueError(f"{name}: the file is empty, or holds nothing but comments") from None
-    _check_columns(f"{name}, line {number}", columns)
     waiting: list[str] = []
-    rows = list(_rows(name, columns, table, material, waiting))
+    rows: list[Tissue] = []
+    lines: dict[str, str] = {}
+    for where, texts in TABLE.rows(name, text):
+        given, line = texts["name"], where.removeprefix(f"{name}, ")
+        flags = texts.get("critical") or texts.get("bleeds")
+        # A template calls a structure that waits for its name "structure 3", or marks what the file calls it.
+        if given in ("", "" if flags else f"structure {texts['label']}") or given.endswith(_WAITS):
+            waiting.append(f"{line} ({given!r})" if given else line)
+            continue
+        for column in ("label", "name"):
+            before = lines.setdefault(f"{column} {texts[column]}", line)
+            if before != line:
+                raise ValueError(f"{where}, column {column}: {shown(texts[column])} is in {before} already")
+        rows.append(_tissue(where, TABLE.values(where, texts), material))
     if waiting:
         told = ", ".join(waiting)
         raise ValueError(f"{name}, {told}, column name: every row needs a name, that of its structure")
-    if not rows:
-        raise ValueError(f"{name}: there is no row below the column names")
     try:
         return Tissues(rows, material)
     except ValueError as error:
@@ -381,8 +417,7 @@ def write_tissues(path: str | os.PathLike[str], tissues: Tissues) -> None:
     >>> folder.cleanup()
     """
     text = tissues_text(tissues)
-    with open(path, "w", encoding="utf-8", newline="") as stream:
-        stream.write(text)
+    Path(path).write_text(text, encoding="utf-8", newline="")
 
 
 def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
@@ -396,11 +431,7 @@ def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
             raise ValueError(
                 f"name of a tissue must be one line without space around it, got {tissue.name!r}"
             )
-    stream = io.StringIO()
-    material = json.loads(tissues_to_json(tissues))["material"]
-    stream.write(f"# material: {json.dumps(material)}\n")
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    rows = []
     for t in tissues:
         values = [
             "" if t.assumed and own == bone else repr(own)
@@ -411,7 +442,11 @@ def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
         if t.label in unnamed:
             colour, flags = ("" if t.colour == GREY else colour), ["", "", ""]
         mark = _WAITS if t.label in unnamed and t.name != f"structure {t.label}" else ""
-        writer.writerow([t.label, t.name + mark, colour, *values, *flags])
+        rows.append([t.label, t.name + mark, colour, *values, *flags])
+    stream = io.StringIO()
+    material = json.dumps(json.loads(tissues_to_json(tissues))["material"])
+    columns = {column.heading: [row[i] for row in rows] for i, column in enumerate(TABLE.columns)}
+    csv_text.write(stream, {"material": material}, columns)
     return stream.getvalue()
 
 
@@ -429,102 +464,18 @@ def _material(name: str, text: str) -> Material:
     return materials["bone"]
 
 
-def _fields(name: str, number: int, line: str) -> list[str]:
-    try:
-        return [text.strip() for text in next(csv.reader([line], strict=True, skipinitialspace=True))]
-    except csv.Error as error:
-        raise ValueError(f"{name}, line {number}: not a line of comma-separated fields ({error})") from None
-
-
-def _check_columns(where: str, columns: list[str]) -> None:
-    for column in columns:
-        if column not in COLUMNS:
-            raise ValueError(f"{where}: unknown column {shown(column)}; known are {', '.join(COLUMNS)}")
-        if columns.count(column) > 1:
-            raise ValueError(f"{where}: column {column} is there twice")
-    for column in _NEEDED:
-        if column not in columns:
-            raise ValueError(f"{where}: column {column} is missing")
-
-
-def _rows(
-    file: str, columns: list[str], table: Iterator[tuple[int, list[str]]], material: Material, wait: list[str]
-) -> Iterator[Tissue]:
-    """The rows that have a name; where the others are, in `wait`."""
-    lines: dict[str, int] = {}
-    for number, texts in table:
-        where = f"{file}, line {number}"
-        if len(texts) != len(columns):
-            raise ValueError(
-                f"{where}: {len(columns)} fields are due ({', '.join(columns)}), found {len(texts)}"
-            )
-        row = dict(zip(columns, texts, strict=True))
-        flags = row.get("critical") or row.get("bleeds")
-        if row["name"] in ("", "" if flags else f"structure {row['label']}") or row["name"].endswith(_WAITS):
-            wait.append(f"line {number}" + (f" ({row['name']!r})" if row["name"] else ""))
-            continue
-        for column in _NEEDED:
-            key = f"{column} {row[column]}"
-            if key in lines:
-                raise ValueError(
-                    f"{where}, column {column}: {shown(row[column])} is in line {lines[key]} already"
-                )
-            lines[key] = number
-        yield _tissue(where, row, material)
-
-
-def _tissue(where: str, row: dict[str, str], material: Material) -> Tissue:
-    label, name = row["label"], row["name"]
-    if not (label.isascii() and label.isdecimal() and len(label) < 20 and int(label) < 2**31):
-        raise ValueError(f"{where}, column label: must be a whole number from 0, got {shown(label)}")
-    known = known_tissue(name)
-    c_e = _number(where, "c_e_N_per_mm2", row, "from 1/4096 to 1000", 1 / 4096, 1000.0)
-    alpha = _number(where, "alpha_per_ms", row, "zero or positive", 0.0, math.inf)
-    is_bone = known is not None and known.bone and c_e is None and alpha is None
-    lacking = (c_e is None or alpha is None) and not is_bone
-    assumed = _flag(where, "assumed", row, lacking)
-    if lacking and not assumed:
+def _tissue(where: str, row: dict[str, Any], material: Material) -> Tissue:
+    known = known_tissue(row["name"])
+    given = {key: value for key, value in row.items() if value is not None}
+    missing = not {"c_e", "alpha"} <= given.keys()
+    # Bone without both has the material's pair, which is published.
+    lacking = missing and not (known is not None and known.bone and not {"c_e", "alpha"} & given.keys())
+    if lacking and given.get("assumed") is False:
         raise ValueError(f"{where}, column assumed: must be yes where c_e or alpha is empty, got 'no'")
-    return Tissue(
-        name, label=int(label), c_e=material.c_e if c_e is None else c_e,
-        alpha=material.alpha if alpha is None else alpha,
-        colour=_colour(where, row.get("colour", ""), known.colour if known else GREY),
-        critical=_flag(where, "critical", row, known is not None and known.critical),
-        bleeds=_flag(where, "bleeds", row, known is not None and known.bleeds), assumed=assumed,
-    )  # fmt: skip
-
-
-def _number(
-    where: str, column: str, row: dict[str, str], rule: str, least: float, most: float
-) -> float | None:
-    text = row.get(column, "")
-    if not text:
-        return None
-    try:
-        value = float(text.replace("_", " "))  # Python's 1_000 is no number to a spreadsheet
-    except ValueError:
-        raise ValueError(f"{where}, column {column}: {shown(text)} is not a number") from None
-    if not (math.isfinite(value) and least <= value <= most):
-        raise ValueError(f"{where}, column {column}: must be {rule}, got {shown(text)}")
-    return value
-
-
-def _flag(where: str, column: str, row: dict[str, str], default: bool) -> bool:
-    text = row.get(column, "")
-    if not text:
-        return default
-    if text.lower() not in _WORDS:
-        raise ValueError(f"{where}, column {column}: must be yes or no, got {shown(text)}")
-    return _WORDS[text.lower()]
-
-
-def _colour(where: str, text: str, default: tuple[int, int, int]) -> tuple[int, int, int]:
-    if not text:
-        return default
-    if re.fullmatch(r"#[0-9a-fA-F]{6}", text) is None:
-        raise ValueError(f"{where}, column colour: must be #rrggbb, got {shown(text)}")
-    red, green, blue = (int(text[i : i + 2], 16) for i in (1, 3, 5))
-    return red, green, blue
+    usual: dict[str, Any] = {"c_e": material.c_e, "alpha": material.alpha, "assumed": lacking, "colour": GREY}
+    if known is not None:
+        usual |= {"colour": known.colour, "critical": known.critical, "bleeds": known.bleeds}
+    return Tissue(**{"critical": False, "bleeds": False, **usual, **given})
 
 
 #: Occupancy from which a voxel counts as bone in notes: half.
@@ -536,7 +487,7 @@ LABEL_SCATTER = {10: ((11, 17), (3, 6)), 20: ((6, 15), (3, 5)), 30: ((3, 10), (2
 
 
 def label_scatter(ratio: float, smooth: bool = False) -> str:
-    """`LABEL_SCATTER` in words, linear between its rows; beyond them, the last one."""
+    """`LABEL_SCATTER` in words, interpolated between its rows; beyond them the nearest row."""
     ratio = float(np.clip(ratio, min(LABEL_SCATTER), max(LABEL_SCATTER)))
     rows = [row[smooth] for row in LABEL_SCATTER.values()]
     least, most = (np.interp(ratio, list(LABEL_SCATTER), column) for column in zip(*rows, strict=True))
@@ -636,8 +587,12 @@ def labelled_bone(
         levels, apart, origin = grey.density, np.array(grey.spacing), np.array(grey.origin)
     else:
         apart = labels.spacing
-        levels = _of_labels(numbers, tissues, empty) if source is None else source
-        if source is None:
+        if source is not None:
+            levels = source
+        else:
+            known = [(tissue.label, known_tissue(tissue.name)) for tissue in tissues]
+            hollow = [label == 0 or (found is not None and found.name in empty) for label, found in known]
+            levels = np.where(hollow, 0, 255).astype(np.uint8)[numbers]
             where = ", ".join(empty)
             said = f"; velocities at one place scatter: {', '.join(map(label_scatter, (10, 20, 30)))} (smooth=, --smooth)"
             if smooth is not None:
@@ -652,7 +607,7 @@ def labelled_bone(
 
 
 def placed_on(labels: LabelVolume, volume: OnGrid) -> LabelVolume:
-    """The labels on all voxels of a volume, of which they may have a box; 0 outside it.
+    """The labels on all voxels of a volume; labels that cover a box of it are 0 outside the box.
 
     Raises
     ------
@@ -699,7 +654,7 @@ def _check_source(source: Any, labels: LabelVolume, mapping: OccupancyMap | None
 
 
 def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tissues:
-    """The table, with a row for label 0 where that is there and not in it; ValueError for other labels."""
+    """The table, with a row for label 0 if the labels need one; ValueError if it lacks any other label."""
     known = {tissue.label for tissue in tissues}
     strange = [label for label in counts if label not in known and label != 0]
     if strange:
@@ -731,16 +686,10 @@ def _numbers(labels: NDArray[Any], tissues: Tissues) -> NDArray[np.uint8]:
     return numbers
 
 
-def _of_labels(numbers: NDArray[np.uint8], tissues: Tissues, empty: Collection[str]) -> NDArray[np.uint8]:
-    known = [(tissue.label, known_tissue(tissue.name)) for tissue in tissues]
-    hollow = [label == 0 or (found is not None and found.name in empty) for label, found in known]
-    return np.where(hollow, 0, 255).astype(np.uint8)[numbers]
-
-
 def _smoothed(
     full: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues, apart: NDArray[Any], width: float
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], str]:
-    """Levels and numbers with a smooth border of solid and empty, and what it does to volumes; `apart` along (z, y, x)."""
+    """Levels and numbers with smoothed borders, and a text on how volumes change; `apart` along (z, y, x) [mm]."""
     if not 0.999 <= width / apart.min() <= 10.001:
         raise ValueError(
             f"smooth must be 1 to 10 times the finest side of a voxel, {apart.min():g} to {10 * apart.min():g} mm, got {width!r}"
@@ -770,7 +719,7 @@ def _smoothed(
 
 
 def _gaussian(deviation: float) -> NDArray[np.float64]:
-    """Whole weights with a sum of 256, the parts of a Gaussian of this standard deviation in each voxel."""
+    """A Gaussian's weights in each voxel as whole numbers with the sum 256; its standard deviation is in voxels."""
     edges = np.arange(-np.ceil(4 * deviation), np.ceil(4 * deviation) + 2) - 0.5
     return np.asarray(np.trim_zeros(np.diff(np.rint(256 * ndtr(edges / deviation)))))
 
@@ -791,7 +740,7 @@ def _filled(
 
 
 def _said_of_tissues(levels: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues) -> list[str]:
-    """Bone that no label names, and critical structures that hold none."""
+    """Notes on bone without a label, and on critical structures without bone."""
     both = np.zeros(2 * len(tissues), np.int64)
     for plane, filled in zip(numbers, levels, strict=True):  # bincount works in int64: plane by plane
         both += np.bincount((2 * plane + (filled >= _HALF)).ravel(), minlength=both.size)

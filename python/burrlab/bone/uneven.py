@@ -244,7 +244,7 @@ def _stencil(place: Floats) -> tuple[NDArray[np.int64], Floats]:
 
 
 def _smooth(field: Floats, first: NDArray[np.int64], weight: Floats, axis: int) -> Floats:
-    """Weighted sums along an axis, in an order of their own: the same bits in every block, unlike a BLAS."""
+    """Weighted sums along an axis in a fixed order, so that every block has the same bits; a BLAS does not do that."""
     shape = [1, 1, 1]
     shape[axis] = len(first)
     total = weight[0].reshape(shape) * np.take(field, first, axis=axis)

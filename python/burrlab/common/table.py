@@ -1,11 +1,4 @@
-"""CSV text with units in the column names: what the files of all data sets have in common.
-
-TSV text as BIDS has it: tabs, column names in the first line, n/a where there is nothing.
-
-What data sets have in common: read-only columns, equality, tables for pandas and notebooks.
-
-Tables of a report: aligned text, HTML, and numbers as they are printed.
-"""
+"""Tables: CSV files with units in their column names, TSV files, columns of data sets, text and HTML of reports."""
 
 from __future__ import annotations
 
@@ -19,95 +12,217 @@ import re
 import textwrap
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from html import escape
-from typing import IO, TYPE_CHECKING, Any, TypeAlias, TypeVar
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import IO, TYPE_CHECKING, Any, ClassVar, TypeAlias, TypeVar, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone
 from burrlab.common.check import real, shown
 
 if TYPE_CHECKING:
     import pandas
+    from matplotlib.axes import Axes
     from matplotlib.axis import Axis
 
 
 Path: TypeAlias = str | os.PathLike[str]
-Problem: TypeAlias = tuple[str, str] | None  # (name, sentence)
+Problem: TypeAlias = tuple[str, str] | None  # (name of a column, sentence)
+
+
+def number(text: str) -> float:
+    """The number in a field of a CSV file, NaN of an empty field; ValueError with a sentence on any other text."""
+    if not text:
+        return math.nan
+    try:
+        value = _float(text)
+    except ValueError:
+        raise ValueError(f"{shown(text)} is not a number") from None
+    if math.isnan(value):  # an empty field is the one way to say "no number"
+        raise ValueError(f"must be a finite number, or empty where there is none: got {shown(text)}")
+    return value
+
+
+def _float(text: str) -> float:
+    return float(text.replace("_", " "))  # Python's 1_000 is no number to a spreadsheet
+
+
+def finite(value: float, unit: str, rule: str = "", fine: bool = True) -> str | None:
+    """The sentence on a number that is not finite, or breaks a further rule."""
+    if math.isfinite(value) and fine:
+        return None
+    return f"must be a finite number{rule}{unit and f', in {unit}'}: got {shown(value)}"
+
+
+def positive(value: float, unit: str) -> str | None:
+    """The sentence on a number that is not finite or not above 0."""
+    return finite(value, unit, " above 0", value > 0)
+
+
+def positive_or_nan(value: float, unit: str) -> str | None:
+    """The sentence on a number that is neither NaN, nor finite and above 0."""
+    return None if math.isnan(value) else positive(value, unit)
+
+
+def not_negative_or_nan(value: float, unit: str) -> str | None:
+    """The sentence on a number that is neither NaN, nor finite and at least 0."""
+    return None if math.isnan(value) else finite(value, unit, " at least 0", value >= 0)
 
 
 @dataclass(frozen=True)
-class Layout:
-    """The columns of one kind of file and the rules of its rows.
+class Column:
+    """A column of a CSV file.
 
     Attributes
     ----------
-    columns : mapping
-        Name of a field of the data set -> its column in the file; one called "status" holds text.
-    filled : mapping
-        The columns that must be there and whose fields must not be empty -> what they are called in a sentence.
-    required : tuple of str
-        Other columns that must be there.
-    pairs : tuple of (str, str)
-        Columns that need one another.
-    problem : callable
-        The first rule that a row of numbers breaks, as (name, sentence), or None.
+    name : str
+        Of the field of a data set that holds it; the heading in the file is this name with the unit.
+    unit : str
+    type : callable
+        Makes the value of a field's text; its ValueError is the sentence on a text that has no value.
+    check : callable
+        The sentence on a value and its unit where the value breaks the column's rule, else None.
+    optional : bool
+        Whether the column may be missing.
+    due : str
+        What an empty field lacks; "" where fields may be empty.
     """
 
-    columns: Mapping[str, str]
-    filled: Mapping[str, str]
-    problem: Callable[[Mapping[str, float]], Problem]
-    required: tuple[str, ...] = ()
-    pairs: tuple[tuple[str, str], ...] = ()
-    names: Mapping[str, str] = field(init=False)
+    name: str
+    unit: str = ""
+    type: Callable[[str], Any] = number
+    check: Callable[[Any, str], str | None] = lambda value, unit: None
+    optional: bool = False
+    due: str = ""
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "names", {column: name for name, column in self.columns.items()})
+    @property
+    def heading(self) -> str:
+        """The column's name in the file."""
+        return f"{self.name}_{self.unit.replace('/', '_')}" if self.unit else self.name
+
+
+@dataclass(frozen=True)
+class Table:
+    """The columns of one kind of CSV file, and the rules that join them.
+
+    Attributes
+    ----------
+    columns : tuple of Column
+    pairs : tuple of (str, str)
+        Names of columns that need one another.
+    rule : callable
+        What a row whose columns are sound breaks, as (name of a column, sentence), else None.
+    """
+
+    columns: tuple[Column, ...]
+    pairs: tuple[tuple[str, str], ...] = ()
+    rule: Callable[[Mapping[str, Any]], Problem] = lambda row: None
+
+    @cached_property
+    def named(self) -> dict[str, Column]:
+        """The columns by their names."""
+        return {column.name: column for column in self.columns}
+
+    def problem(self, row: Mapping[str, Any]) -> Problem:
+        """The first rule that the values of a row break, as (name of a column, sentence), else None."""
+        for name, value in row.items():
+            if said := self.named[name].check(value, self.named[name].unit):
+                return name, said
+        return self.rule(row)
+
+    def read(self, file: Path | IO[str] | IO[bytes]) -> tuple[str, dict[str, str], dict[str, Any]]:
+        """The file's name, the `# key: value` comments above its table, and its columns by their names.
+
+        Raises
+        ------
+        ValueError
+            If the file is not such a table: one sentence with the file, the line, the column, the rule and the value.
+        OSError
+            If it cannot be read.
+        """
+        name, text = text_of(file)
+        comments: dict[str, str] = {}
+        columns: dict[str, list[Any]] = {}
+        for where, texts in self.rows(name, text, comments):
+            row = self.values(where, texts)
+            if found := self.problem(row):
+                raise ValueError(f"{where}, column {self.named[found[0]].heading}: {found[1]}")
+            for key, value in row.items():
+                columns.setdefault(key, []).append(value)
+        return name, comments, columns
+
+    def rows(
+        self, name: str, text: str, comments: dict[str, str] | None = None
+    ) -> Iterator[tuple[str, dict[str, str]]]:
+        """For each row its place ("file, line 3") and its texts by column name; fills `comments`."""
+        lines = _lines(text, {} if comments is None else comments)
+        line, header = next(lines, (0, ""))
+        if not line:
+            raise ValueError(f"{name}: the file is empty, or holds nothing but comments")
+        columns = self._columns(f"{name}, line {line}", header)
+        where = ""
+        for line, row in lines:
+            where = f"{name}, line {line}"
+            texts = _fields(where, row)
+            if len(texts) != len(columns):
+                due = ", ".join(column.heading for column in columns)
+                raise ValueError(f"{where}: {len(columns)} fields are due ({due}), found {len(texts)}")
+            yield where, {column.name: text for column, text in zip(columns, texts, strict=True)}
+        if not where:
+            raise ValueError(f"{name}: there is no row below the column names")
+
+    def values(self, where: str, texts: Mapping[str, str]) -> dict[str, Any]:
+        """The values of a row's texts by column name; ValueError with place and column for a text without a value."""
+        found = {}
+        for name, text in texts.items():
+            column = self.named[name]
+            try:
+                if column.due and not text:
+                    raise ValueError(f"every row needs {column.due}")
+                found[name] = column.type(text)
+            except ValueError as error:
+                raise ValueError(f"{where}, column {column.heading}: {error}") from None
+        return found
+
+    def _columns(self, where: str, header: str) -> list[Column]:
+        for separator, word in ((";", "semicolons"), ("\t", "tabs")):
+            if separator in header and "," not in header:
+                raise ValueError(f"{where}: the separator must be a comma, not {word}; decimals have a point")
+        known = {column.heading: column for column in self.columns}
+        headings = _fields(where, header)
+        for heading in headings:
+            if heading not in known:
+                raise ValueError(f"{where}: unknown column {shown(heading)}; known are {', '.join(known)}")
+            if headings.count(heading) > 1:
+                raise ValueError(f"{where}: column {heading} is there twice")
+        for column in self.columns:
+            if not column.optional and column.heading not in headings:
+                raise ValueError(f"{where}: column {column.heading} is missing")
+        for pair in self.pairs:
+            one, other = (self.named[name].heading for name in pair)
+            if (one in headings) != (other in headings):
+                there, needed = (one, other) if one in headings else (other, one)
+                raise ValueError(f"{where}: column {there} needs column {needed} beside it")
+        return [known[heading] for heading in headings]
 
 
 def decoded(name: str, content: bytes) -> str:
-    """The text of a file; ValueError where it is none in UTF-8."""
+    """The text of a file; ValueError if it is no text in UTF-8."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ValueError(f"{name}: this is not a text file in UTF-8") from None
     if "\0" in text:
         raise ValueError(f"{name}: this is not a text file, it holds zero bytes")
-    if found := re.search(
-        r"[\1-\x08\x0b-\x0c\x0e-\x1f\x7f]", text
-    ):  # nor would they do in a sentence about it
+    # Nor may a sentence about it hold them.
+    if found := re.search(r"[\1-\x08\x0b-\x0c\x0e-\x1f\x7f]", text):
         raise ValueError(f"{name}: this is not a text file, it holds the control character {found[0]!r}")
     return text
 
 
-def positive_problem(value: float, unit: str, *, or_zero: bool = False) -> str | None:
-    """The sentence on a number that is not finite or not above 0 (or, as asked, not at least 0)."""
-    if math.isfinite(value) and (value > 0 or (or_zero and value == 0)):
-        return None
-    return f"must be a finite number {'at least 0' if or_zero else 'above 0'}, in {unit}: got {shown(value)}"
-
-
-def read(file: Path | IO[str] | IO[bytes], layout: Layout) -> tuple[str, dict[str, str], dict[str, Any]]:
-    """The file's name, the comments above its table, and its columns by the names of their fields."""
-    name, text = _text(file)
-    comments: dict[str, str] = {}
-    lines = _lines(text, comments)
-    number, header = next(lines, (0, ""))
-    if not number:
-        raise ValueError(f"{name}: the file is empty, or holds nothing but comments")
-    names = _columns(name, number, header, layout)
-    columns: dict[str, list[Any]] = {attribute: [] for attribute in names}
-    for number, line in lines:
-        for attribute, value in _row(name, number, line, names, layout).items():
-            columns[attribute].append(value)
-    if not columns[names[0]]:
-        raise ValueError(f"{name}: there is no row below the column names")
-    return name, comments, columns
-
-
-def write(file: Path | IO[str], comments: Mapping[str, str], columns: Mapping[str, Sequence[Any]]) -> None:
+def write(file: Path | IO[str], comments: Mapping[str, object], columns: Mapping[str, Sequence[Any]]) -> None:
     """Comment lines, column names and rows; NaN becomes an empty field."""
     if isinstance(file, (str, os.PathLike)):
         with open(file, "w", encoding="utf-8", newline="") as stream:
@@ -122,20 +237,15 @@ def write(file: Path | IO[str], comments: Mapping[str, str], columns: Mapping[st
 
 
 def origin(file: str, comments: Mapping[str, str]) -> dict[str, Any]:
-    """Source, by default the file's name, and provenance, where the comments hold one."""
+    """Source, by default the file's name, and the provenance if the comments hold one."""
     kept: dict[str, Any] = {"source": comments.get("source", os.path.basename(file))}
     if "provenance" in comments:
-        kept["provenance"] = _provenance(comments["provenance"])
+        try:
+            noted = json.loads(comments["provenance"])
+        except (ValueError, RecursionError):
+            noted = None
+        kept["provenance"] = noted if isinstance(noted, dict) else {"note": comments["provenance"]}
     return kept
-
-
-def origin_comments(source: str, provenance: Mapping[str, Any], **numbers: float | None) -> dict[str, str]:
-    """The comments that `origin` and `number_in_comments` read."""
-    comments = {"source": source}
-    comments |= {key: repr(value) for key, value in numbers.items() if value is not None}
-    if provenance:
-        comments["provenance"] = json.dumps(provenance)
-    return comments
 
 
 def number_in_comments(file: str, comments: Mapping[str, str], key: str) -> float | None:
@@ -156,30 +266,29 @@ def number_in_comments(file: str, comments: Mapping[str, str], key: str) -> floa
 def agreed_number(
     file: str, comments: Mapping[str, str], key: str, name: str, argument: float | None
 ) -> float:
-    """What a data set cannot do without: from the comment `key` or the argument `name`, which must agree."""
+    """A number that a data set needs, from the comment `key` or the argument `name`; both must agree."""
     noted = number_in_comments(file, comments, key)
-    if noted is None and argument is None:
-        raise ValueError(f"{file}: the {name} is unknown: add the comment '# {key}: ...' or give {name}=")
-    if noted is not None and argument is not None and noted != argument:
+    if noted is None:
+        if argument is None:
+            raise ValueError(f"{file}: the {name} is unknown: add the comment '# {key}: ...' or give {name}=")
+        return float(argument)
+    if argument not in (None, noted):
         raise ValueError(
             f"{file}: {name} must be the {noted!r} of the comment '# {key}:' in the file: got {shown(argument)}"
         )
-    value = argument if noted is None else noted
-    assert value is not None
-    return float(value)
+    return noted
 
 
 def json_mapping(provenance: Mapping[str, Any]) -> dict[str, Any]:
     """A mapping as JSON would give it back: NumPy's numbers and arrays, and tuples, as plain ones."""
 
-    def without_numpy(value: Any) -> Any:
-        return value.tolist() if hasattr(value, "tolist") else str(value)
-
-    result: dict[str, Any] = json.loads(json.dumps(dict(provenance), default=without_numpy))
+    text = json.dumps(dict(provenance), default=lambda v: v.tolist() if hasattr(v, "tolist") else str(v))
+    result: dict[str, Any] = json.loads(text)
     return result
 
 
-def _text(file: Path | IO[str] | IO[bytes]) -> tuple[str, str]:
+def text_of(file: Path | IO[str] | IO[bytes]) -> tuple[str, str]:
+    """The name of a file and its text; ValueError where it is no text in UTF-8."""
     if isinstance(file, (str, os.PathLike)):
         with open(file, "rb") as stream:
             name, content = os.fspath(file), stream.read()
@@ -203,75 +312,15 @@ def _lines(text: str, comments: dict[str, str]) -> Iterator[tuple[int, str]]:
             yield number, line
 
 
-def _columns(file: str, number: int, header: str, layout: Layout) -> list[str]:
-    for separator, word in ((";", "semicolons"), ("\t", "tabs")):
-        if separator in header and "," not in header:
-            raise ValueError(
-                f"{file}, line {number}: the separator must be a comma, not {word}; decimals have a point"
-            )
-    columns = _fields(file, number, header)
-    for column in columns:
-        if column not in layout.names:
-            known = ", ".join(layout.columns.values())
-            raise ValueError(f"{file}, line {number}: unknown column {shown(column)}; known are {known}")
-        if columns.count(column) > 1:
-            raise ValueError(f"{file}, line {number}: column {column} is there twice")
-    names = [layout.names[column] for column in columns]
-    for name in (*layout.filled, *layout.required):
-        if name not in names:
-            raise ValueError(f"{file}, line {number}: column {layout.columns[name]} is missing")
-    for pair in layout.pairs:
-        for one, other in (pair, pair[::-1]):
-            if one in names and other not in names:
-                raise ValueError(
-                    f"{file}, line {number}: column {layout.columns[one]} needs column "
-                    f"{layout.columns[other]} beside it"
-                )
-    return names
-
-
-def _row(file: str, number: int, line: str, names: Sequence[str], layout: Layout) -> dict[str, Any]:
-    texts = _fields(file, number, line)
-    if len(texts) != len(names):
-        due = ", ".join(layout.columns[name] for name in names)
-        raise ValueError(f"{file}, line {number}: {len(names)} fields are due ({due}), found {len(texts)}")
-    values: dict[str, Any] = {}
-    for name, text in zip(names, texts, strict=True):
-        values[name] = text if name == "status" else _number(file, number, name, text, layout)
-    problem = layout.problem({name: value for name, value in values.items() if name != "status"})
-    if problem:
-        raise ValueError(f"{file}, line {number}, column {layout.columns[problem[0]]}: {problem[1]}")
-    return values
-
-
-def _number(file: str, number: int, name: str, text: str, layout: Layout) -> float:
-    where = f"{file}, line {number}, column {layout.columns[name]}"
-    if not text:
-        if name in layout.filled:
-            raise ValueError(f"{where}: every row needs {layout.filled[name]}")
-        return math.nan
+def _fields(where: str, line: str, *, tabs: bool = False) -> list[str]:
+    dialect: dict[str, Any] = {"delimiter": "\t"} if tabs else {"skipinitialspace": True}
     try:
-        value = float(text.replace("_", " "))  # Python's 1_000 is no number to a spreadsheet
-    except ValueError:
-        raise ValueError(f"{where}: {shown(text)} is not a number") from None
-    if math.isnan(value):  # an empty field is the one way to say "no number"
-        raise ValueError(f"{where}: must be a finite number, or empty where there is none: got {shown(text)}")
-    return value
-
-
-def _fields(file: str, number: int, line: str) -> list[str]:
-    try:
-        return [text.strip() for text in next(csv.reader([line], strict=True, skipinitialspace=True))]
+        return [
+            text.strip(" " if tabs else None) for text in next(csv.reader([line], strict=True, **dialect))
+        ]
     except csv.Error as error:
-        raise ValueError(f"{file}, line {number}: not a line of comma-separated fields ({error})") from None
-
-
-def _provenance(text: str) -> dict[str, Any]:
-    try:
-        value = json.loads(text)
-    except (ValueError, RecursionError):
-        value = None
-    return value if isinstance(value, dict) else {"note": text}
+        kind = "fields between tabs" if tabs else "comma-separated fields"
+        raise ValueError(f"{where}: not a line of {kind} ({error})") from None
 
 
 NOTHING = "n/a"
@@ -296,7 +345,7 @@ class TextTable:
 
 
 def split_torn(content: bytes) -> tuple[bytes, bytes]:
-    """The whole lines, and what stands behind the last of them: where writing was broken off."""
+    """The whole lines, and the rest: a line whose writing was broken off."""
     end = content.rfind(b"\n") + 1
     return content[:end], content[end:]
 
@@ -311,26 +360,24 @@ def parse(name: str, content: bytes) -> TextTable:
         number of fields than there are columns: with the file, and the line where there is one.
     """
     lines = [line.removesuffix("\r") for line in decoded(name, content).split("\n")]
-    numbered = [(number_or_none, line) for number_or_none, line in enumerate(lines, start=1) if line.strip()]
+    numbered = [(place, line) for place, line in enumerate(lines, start=1) if line.strip()]
     if not numbered:
         raise ValueError(f"{name}: the file is empty")
-    (number_or_none, head), *body = numbered
+    (place, head), *body = numbered
     if "\t" not in head and "," in head:
-        raise ValueError(f"{name}, line {number_or_none}: the separator must be a tab, not a comma")
-    columns = _tab_fields(name, number_or_none, head)
+        raise ValueError(f"{name}, line {place}: the separator must be a tab, not a comma")
+    columns = _fields(f"{name}, line {place}", head, tabs=True)
     for column in columns:
         if not column:
-            raise ValueError(f"{name}, line {number_or_none}: a column has no name")
+            raise ValueError(f"{name}, line {place}: a column has no name")
         if columns.count(column) > 1:
-            raise ValueError(f"{name}, line {number_or_none}: column {column} is there twice")
+            raise ValueError(f"{name}, line {place}: column {column} is there twice")
     rows = []
-    for number_or_none, line in body:
-        fields = _tab_fields(name, number_or_none, line)
-        if len(fields) != len(columns):
-            raise ValueError(
-                f"{name}, line {number_or_none}: {len(columns)} fields are due, found {len(fields)}"
-            )
-        rows.append((number_or_none, dict(zip(columns, fields, strict=True))))
+    for place, line in body:
+        texts = _fields(f"{name}, line {place}", line, tabs=True)
+        if len(texts) != len(columns):
+            raise ValueError(f"{name}, line {place}: {len(columns)} fields are due, found {len(texts)}")
+        rows.append((place, dict(zip(columns, texts, strict=True))))
     return TextTable(name, tuple(columns), tuple(rows))
 
 
@@ -361,7 +408,7 @@ def number_or_none(text: str) -> float | None:
     if text == NOTHING:
         return None
     try:
-        value = float(text.replace("_", " "))  # Python's 1_000 is no number to a spreadsheet
+        value = _float(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
@@ -382,13 +429,6 @@ def whole(text: str, *, below: int = 2**63) -> int | None:
     if not (text.isascii() and text.isdecimal() and len(text) < 21 and int(text) < below):
         raise ValueError(f"must be a whole number from 0, or {NOTHING}, got {text!r}")
     return int(text)
-
-
-def _tab_fields(name: str, line: int, text: str) -> list[str]:
-    try:
-        return [field.strip(" ") for field in next(csv.reader([text], delimiter="\t", strict=True))]
-    except csv.Error as error:
-        raise ValueError(f"{name}, line {line}: not a line of fields between tabs ({error})") from None
 
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -413,30 +453,90 @@ class DataSet(ABC):
         return frame(self._table())
 
     def __eq__(self, other: object) -> bool:
-        return equal(self, other) if type(other) is type(self) else NotImplemented
+        if type(other) is not type(self):
+            return NotImplemented
+        names = (f.name for f in fields(cast(Any, self)) if f.compare)
+        return all(_same(getattr(self, name), getattr(other, name)) for name in names)
 
     __hash__ = None  # type: ignore[assignment]  # it holds arrays
 
 
-def frozen(name: str, values: ArrayLike) -> Floats:
-    """A read-only copy of a column; ValueError unless it has one dimension."""
-    array = real(values, name)
-    if array.ndim != 1:
-        raise ValueError(f"{name} must have one dimension: got shape {array.shape}")
-    array.flags.writeable = False
-    return array
+class TableData(DataSet):
+    """A data set that a `Table` describes: its columns, numbers that hold for all rows, source and provenance."""
+
+    _TABLE: ClassVar[Table]
+    _WHAT: ClassVar[str]  #: In a sentence.
+    source: str
+    provenance: Mapping[str, Any]
+
+    def _keep(
+        self,
+        columns: Mapping[str, Any],
+        numbers: Mapping[str, tuple[float | None, str]],
+        source: str,
+        provenance: Mapping[str, Any] | None,
+    ) -> None:
+        """Sets the fields: columns of numbers as read-only copies, numbers above 0 with their units."""
+        for name, values in columns.items():
+            if values is not None and self._TABLE.named[name].type is number:
+                values = real(values, name)
+                if values.ndim != 1:
+                    raise ValueError(f"{name} must have one dimension: got shape {values.shape}")
+                values.flags.writeable = False
+            object.__setattr__(self, name, values)
+        for name, (value, unit) in numbers.items():
+            found = None if value is None else float(real(value, name))
+            object.__setattr__(self, name, found)
+            if found is not None and (said := positive(found, unit)):
+                raise ValueError(f"{name} {said}")
+        object.__setattr__(self, "source", " ".join(str(source).split()))
+        object.__setattr__(self, "provenance", json_mapping(provenance or {}))
+        first, *others = self._columns().items()
+        for name, values in others:
+            if len(values) != len(self):
+                raise ValueError(f"{name} must have {len(self)} values, one a {first[0]}: got {len(values)}")
+
+    def _columns(self) -> dict[str, Any]:
+        """The columns that are there by their names."""
+        found = {column.name: getattr(self, column.name) for column in self._TABLE.columns}
+        return {name: values for name, values in found.items() if values is not None}
+
+    def _check_rows(self) -> None:
+        """ValueError unless there is a row, and every row obeys the table's rules."""
+        if not len(self):
+            raise ValueError(f"{self._WHAT} needs at least one row")
+        columns = self._columns()
+        for i, row in enumerate(
+            zip(*(np.asarray(values).tolist() for values in columns.values()), strict=True)
+        ):
+            if found := self._TABLE.problem(dict(zip(columns, row, strict=True))):
+                raise ValueError(f"row {i}, {found[0]}: {found[1]}")
+
+    def _table(self) -> dict[str, list[Any]]:
+        return {
+            self._TABLE.named[name].heading: np.asarray(x).tolist() for name, x in self._columns().items()
+        }
+
+    def _write(self, file: Path | IO[str], numbers: Mapping[str, float | None], **others: str) -> None:
+        """Writes a CSV file with source, numbers, provenance and other comments above the table."""
+        told: dict[str, object] = {"source": self.source}
+        told |= {key: value for key, value in numbers.items() if value is not None}
+        if self.provenance:
+            told["provenance"] = json.dumps(self.provenance)
+        write(file, told | others, self._table())
+
+    def __len__(self) -> int:
+        return len(getattr(self, self._TABLE.columns[0].name))
+
+    def _repr_html_(self) -> str:
+        return html_table(repr(self), self._table())
 
 
 def by_value(kind: type[Made]) -> type[Made]:
-    """Of a dataclass with arrays: its objects are equal where all fields are, as data sets."""
+    """Makes objects of a dataclass with arrays equal if all their fields are."""
     kind.__eq__ = DataSet.__eq__  # type: ignore[method-assign, assignment]
     kind.__hash__ = None  # type: ignore[assignment]
     return kind
-
-
-def equal(one: Any, other: Any) -> bool:
-    """Whether all fields of two data sets of one class are the same; NaN is the same as NaN."""
-    return all(_same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one) if f.compare)
 
 
 def frame(columns: Mapping[str, Sequence[Any]], what: str = "to_frame") -> pandas.DataFrame:
@@ -450,16 +550,25 @@ def frame(columns: Mapping[str, Sequence[Any]], what: str = "to_frame") -> panda
 
 def html_table(title: str, columns: Mapping[str, Sequence[Any]]) -> str:
     """A title and a table for notebooks."""
-    head = "".join(f"<th>{html.escape(name)}</th>" for name in columns)
-    rows = zip(*columns.values(), strict=True)
-    body = "".join("<tr>" + "".join(f"<td>{_cell(value)}</td>" for value in row) + "</tr>" for row in rows)
-    title = f"<p>{html.escape(title)}</p>"
-    return f"{title}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+    def cell(value: object) -> str:
+        return str(value) if not isinstance(value, float) else "" if math.isnan(value) else f"{value:.5g}"
+
+    cells = [("", name, list(map(cell, values))) for name, values in columns.items()]
+    return f"<p>{html.escape(title)}</p>{table_html(cells)}"
 
 
 def data_label(source: str) -> str:
-    """The name of data in a legend, which says where they were not measured."""
+    """The name of data in a legend; it says if they are synthetic or simulated."""
     return next((f"{kind} data" for kind in ("synthetic", "simulated") if source.startswith(kind)), "data")
+
+
+def plot_points(ax: Axes, x: Floats, y: Floats, sigma: Floats | None, source: str) -> None:
+    """Draws measured points as squares, with error bars of y where sigma is known."""
+    if sigma is not None:
+        ax.errorbar(x, y, sigma, fmt="none", ecolor="black", elinewidth=0.8, zorder=3)
+    style: dict[str, Any] = {"color": "black", "mfc": "white", "ms": 4.5, "mew": 0.9, "zorder": 3}
+    ax.plot(x, y, "s", label=data_label(source), **style)
 
 
 def log_ticks(axis: Axis) -> None:
@@ -472,6 +581,7 @@ def log_ticks(axis: Axis) -> None:
 
 
 def _same(a: object, b: object) -> bool:
+    """Whether two values of a field are the same; NaN is the same as NaN."""
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return np.array_equal(a, b, equal_nan=True)
     if isinstance(a, VoxelBone) and isinstance(b, VoxelBone):
@@ -483,22 +593,16 @@ def _same(a: object, b: object) -> bool:
     return a is b if a is None or b is None else bool(a == b)
 
 
-def _cell(value: object) -> str:
-    if isinstance(value, float):
-        return "" if np.isnan(value) else f"{value:.5g}"
-    return html.escape(str(value))
+#: What a column of a report belongs to, its name, its cells.
+ReportColumn: TypeAlias = tuple[str, str, list[str]]
 
 
-#: What a column belongs to, its name, its cells.
-Column: TypeAlias = tuple[str, str, list[str]]
-
-
-def tables_lines(columns: Sequence[Column], width: int | None = None) -> list[str]:
-    """One table, or as many as a screen of this width needs: parted between groups of columns, each with the first column."""
+def tables_lines(columns: Sequence[ReportColumn], width: int | None = None) -> list[str]:
+    """The lines of one table, or of as many as fit the width; each begins with the first column and keeps groups together."""
     if width is None:
         return table_lines(columns)
     first = columns[0]
-    parts: list[list[Column]] = [[first]]
+    parts: list[list[ReportColumn]] = [[first]]
     for start, end in _groups(columns[1:]):
         group = list(columns[1:][start : end + 1])
         if len(parts[-1]) > 1 and max(map(len, table_lines([*parts[-1], *group]))) > width:
@@ -511,7 +615,7 @@ def tables_lines(columns: Sequence[Column], width: int | None = None) -> list[st
 
 
 def wrapped_lines(lines: Sequence[str], width: int | None) -> list[str]:
-    """Sentences parted between words, what follows further in."""
+    """Sentences wrapped between words to the width; lines that continue one are indented."""
     if width is None:
         return list(lines)
     found: list[str] = []
@@ -523,8 +627,8 @@ def wrapped_lines(lines: Sequence[str], width: int | None) -> list[str]:
     return found
 
 
-def table_lines(columns: Sequence[Column]) -> list[str]:
-    """Columns aligned under their heads; a head over those that belong together."""
+def table_lines(columns: Sequence[ReportColumn]) -> list[str]:
+    """The lines of a table: columns under their heads, with a common head over columns that belong together."""
     widths = [max(len(head), *map(len, cells), 1) for _, head, cells in columns]
     above = ""
     for first, last in _groups(columns):
@@ -541,7 +645,7 @@ def table_lines(columns: Sequence[Column]) -> list[str]:
     return [above.rstrip(), *lines] if above.strip() else lines
 
 
-def _groups(columns: Sequence[Column]) -> list[tuple[int, int]]:
+def _groups(columns: Sequence[ReportColumn]) -> list[tuple[int, int]]:
     """First and last column of those that belong together."""
     found: list[tuple[int, int]] = []
     for place, (group, *_) in enumerate(columns):
@@ -552,16 +656,20 @@ def _groups(columns: Sequence[Column]) -> list[tuple[int, int]]:
     return found
 
 
-def table_html(columns: Sequence[Column]) -> str:
-    """The same for notebooks."""
-    heads = "".join(f"<th>{escape(f'{group}: {head}' if group else head)}</th>" for group, head, _ in columns)
+def table_html(columns: Sequence[ReportColumn]) -> str:
+    """The table as HTML for notebooks."""
+    heads = "".join(
+        f"<th>{html.escape(f'{group}: {head}' if group else head)}</th>" for group, head, _ in columns
+    )
     rows = zip(*(cells for *_, cells in columns), strict=True)
-    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+    )
     return f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def two_decimals(value: float) -> str:
-    """Two decimals, no negative zero; inf as a word, NaN as nothing."""
+    """The number with two decimals, without a negative zero; infinity as inf, NaN as an empty text."""
     if math.isnan(value):
         return ""
     if math.isinf(value):
@@ -570,13 +678,13 @@ def two_decimals(value: float) -> str:
 
 
 def interval_text(ends: tuple[float, float]) -> str:
-    """Closed, or open above."""
+    """An interval as text, closed or open above."""
     low, high = ends
     return f"[{low:.2f}, inf)" if math.isinf(high) else f"[{low:.2f}, {high:.2f}]"
 
 
 def p_text(p: float) -> str:
-    """Two digits."""
+    """A p value with two digits."""
     return f"{p:.2g}" if p >= 1e-4 else f"{p:.0e}"
 
 

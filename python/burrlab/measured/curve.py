@@ -1,33 +1,35 @@
-"""Velocity-force curves: the penetration velocity of a burr at a set of constant forces.
-
-Velocity-force curves as CSV text, and the rules that their numbers obey.
-"""
+"""Velocity-force curves: the penetration velocity of a burr at a set of constant forces."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-import burrlab.common.table as csv_text
-import burrlab.common.table as dataset
-from burrlab.common.check import real
+import burrlab.common.table as table
 from burrlab.common.figures import axes_or_new, tidy
-from burrlab.common.table import Floats, Path, json_mapping
+from burrlab.common.table import Column, Floats, Path, Problem, Table, TableData
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-_NUMBERS = ("force", "velocity", "sigma", "window_start", "window_end")
+def _window_rule(row: Mapping[str, Any]) -> Problem:
+    start, end = row.get("window_start", math.nan), row.get("window_end", math.nan)
+    if math.isnan(start) != math.isnan(end):
+        missing = "window_start" if math.isnan(start) else "window_end"
+        return missing, "a window needs both its ends or neither"
+    if start >= end:
+        return "window_start", f"must be below the window's end of {end!r} mm: got {start!r}"
+    return None
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class VelocityCurve(dataset.DataSet):
+class VelocityCurve(TableData):
     """Penetration velocity against constant force, one row a run.
 
     Repeats are rows of their own; they are used, not averaged away. A row without a number (no window, or a
@@ -73,6 +75,20 @@ class VelocityCurve(dataset.DataSet):
     (3, array([ True,  True, False]))
     """
 
+    _TABLE = Table(
+        (
+            Column("force", "N", check=table.positive, due="a force"),
+            Column("velocity", "mm/s", check=table.positive_or_nan),
+            Column("sigma", "mm/s", check=table.positive_or_nan, optional=True),
+            Column("window_start", "mm", check=table.not_negative_or_nan, optional=True),
+            Column("window_end", "mm", check=table.positive_or_nan, optional=True),
+            Column("status", type=str, optional=True),
+        ),
+        pairs=(("window_start", "window_end"),),
+        rule=_window_rule,
+    )
+    _WHAT = "a velocity curve"
+
     force: Floats
     velocity: Floats
     sigma: Floats | None = None
@@ -95,33 +111,16 @@ class VelocityCurve(dataset.DataSet):
         provenance: Mapping[str, Any] | None = None,
         radius: float | None = None,
     ) -> None:
-        arrays = (force, velocity, sigma, window_start, window_end)
-        for name, values in zip(_NUMBERS, arrays, strict=True):
-            object.__setattr__(self, name, None if values is None else dataset.frozen(name, values))
-        object.__setattr__(self, "status", None if status is None else tuple(map(str, status)))
-        object.__setattr__(self, "source", " ".join(str(source).split()))
-        object.__setattr__(self, "provenance", json_mapping(provenance or {}))
-        object.__setattr__(self, "radius", None if radius is None else float(real(radius, "radius")))
-        self._check()
-
-    def _check(self) -> None:
+        columns = {
+            "force": force, "velocity": velocity, "sigma": sigma, "window_start": window_start,
+            "window_end": window_end, "status": None if status is None else tuple(map(str, status)),
+        }  # fmt: skip
+        self._keep(columns, {"radius": (radius, "mm")}, source, provenance)
         if (self.window_start is None) != (self.window_end is None):
             raise ValueError("window_start and window_end go together: one of them is missing")
-        if len(self.force) == 0:
-            raise ValueError("a velocity curve needs at least one row")
-        columns = {name: getattr(self, name) for name in (*_NUMBERS, "status")}
-        for name, values in columns.items():
-            if values is not None and len(values) != len(self.force):
-                raise ValueError(f"{name} must have {len(self.force)} values, one a force: got {len(values)}")
-        for i in range(len(self.force)):
-            row = {name: float(getattr(self, name)[i]) for name in _NUMBERS if columns[name] is not None}
-            problem = problem_in_row(row)
-            if problem:
-                raise ValueError(f"row {i}, {problem[0]}: {problem[1]}")
+        self._check_rows()
         if any(len(text.splitlines()) > 1 or text != text.strip() for text in self.status or ()):
             raise ValueError("a status is one line of text without blanks around it")
-        if self.radius is not None and not (np.isfinite(self.radius) and self.radius > 0):
-            raise ValueError(f"radius must be a finite number above 0, in mm: got {self.radius!r}")
 
     @classmethod
     def from_csv(cls, file: Path | IO[str] | IO[bytes]) -> VelocityCurve:
@@ -153,7 +152,9 @@ class VelocityCurve(dataset.DataSet):
         >>> VelocityCurve.from_csv(io.StringIO("velocity_mm_s,force_N\\n0.498,1\\n,4\\n")).velocity
         array([0.498,   nan])
         """
-        return cls(**read(file))
+        name, comments, columns = cls._TABLE.read(file)
+        radius = table.number_in_comments(name, comments, "radius_mm")
+        return cls(**columns, radius=radius, **table.origin(name, comments))
 
     def to_csv(self, file: Path | IO[str]) -> None:
         """Write the curve to a CSV file that `from_csv` reads back without loss.
@@ -171,7 +172,7 @@ class VelocityCurve(dataset.DataSet):
         0.5,0.0785
         4.0,
         """
-        write(self, file)
+        self._write(file, {"radius_mm": self.radius})
 
     @property
     def ok(self) -> NDArray[np.bool_]:
@@ -196,89 +197,15 @@ class VelocityCurve(dataset.DataSet):
         ax = axes_or_new(ax)
         ok = self.ok
         force, velocity = self.force[ok], self.velocity[ok]
-        label = dataset.data_label(self.source)
-        if self.sigma is not None:
-            ax.errorbar(force, velocity, self.sigma[ok], fmt="none", ecolor="black", elinewidth=0.8, zorder=3)
-        ax.plot(force, velocity, "s", color="black", mfc="white", ms=4.5, mew=0.9, label=label, zorder=3)
+        sigma = None if self.sigma is None else self.sigma[ok]
+        table.plot_points(ax, force, velocity, sigma, self.source)
         if log:
             ax.set(xscale="log", yscale="log")
-            dataset.log_ticks(ax.xaxis)
+            table.log_ticks(ax.xaxis)
         ax.set(xlabel="force [N]", ylabel="penetration velocity [mm/s]")
         return tidy(ax)
-
-    def _table(self) -> Mapping[str, Sequence[Any]]:
-        return table(self)
-
-    def __len__(self) -> int:
-        return len(self.force)
 
     def __repr__(self) -> str:
         source = f", {self.source!r}" if self.source else ""
         forces = f"{self.force.min():g}..{self.force.max():g} N"
         return f"VelocityCurve({len(self)} rows, {self.ok.sum()} with a velocity, {forces}{source})"
-
-    def _repr_html_(self) -> str:
-        return dataset.html_table(repr(self), table(self))
-
-
-COLUMNS = {
-    "force": "force_N",
-    "velocity": "velocity_mm_s",
-    "sigma": "sigma_mm_s",
-    "window_start": "window_start_mm",
-    "window_end": "window_end_mm",
-    "status": "status",
-}
-_UNITS = {"force": "N", "velocity": "mm/s", "sigma": "mm/s", "window_start": "mm", "window_end": "mm"}
-
-
-def problem_in_row(row: Mapping[str, float]) -> tuple[str, str] | None:
-    """The first rule that a row of numbers breaks, as (name, sentence); None where it breaks none.
-
-    NaN stands for "no number", which only the force must not be.
-    """
-    for name, value in row.items():
-        if math.isnan(value) and name != "force":
-            continue
-        problem = csv_text.positive_problem(value, _UNITS[name], or_zero=name == "window_start")
-        if problem:
-            return name, problem
-    start, end = row.get("window_start", math.nan), row.get("window_end", math.nan)
-    if math.isnan(start) != math.isnan(end):
-        missing = "window_start" if math.isnan(start) else "window_end"
-        return missing, "a window needs both its ends or neither"
-    if start >= end:
-        return "window_start", f"must be below the window's end of {end!r} mm: got {start!r}"
-    return None
-
-
-_LAYOUT = csv_text.Layout(
-    columns=COLUMNS,
-    filled={"force": "a force"},
-    required=("velocity",),
-    pairs=(("window_start", "window_end"),),
-    problem=problem_in_row,
-)
-
-
-def read(file: csv_text.Path | IO[str] | IO[bytes]) -> dict[str, Any]:
-    """The arguments of a VelocityCurve, from CSV text. See `VelocityCurve.from_csv`."""
-    name, comments, columns = csv_text.read(file, _LAYOUT)
-    radius = csv_text.number_in_comments(name, comments, "radius_mm")
-    return {**columns, "radius": radius, **csv_text.origin(name, comments)}
-
-
-def write(curve: VelocityCurve, file: csv_text.Path | IO[str]) -> None:
-    """Write a curve as CSV text. See `VelocityCurve.to_csv`."""
-    comments = csv_text.origin_comments(curve.source, curve.provenance, radius_mm=curve.radius)
-    csv_text.write(file, comments, table(curve))
-
-
-def table(curve: VelocityCurve) -> dict[str, list[float] | list[str]]:
-    """The curve's columns by their names in the CSV file, those that it has."""
-    columns: dict[str, list[float] | list[str]] = {}
-    for name, column in COLUMNS.items():
-        values = getattr(curve, name)
-        if values is not None:
-            columns[column] = list(values) if name == "status" else values.tolist()
-    return columns

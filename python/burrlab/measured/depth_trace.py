@@ -1,14 +1,10 @@
-"""Depth-time records of descents at constant force.
-
-Depth-time records as CSV text.
-
-Penetration velocities along one descent, segment by segment, and how well the record tells each.
-"""
+"""Depth-time records of descents at constant force, and the penetration velocities of their segments."""
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any, TypeAlias
 
@@ -16,11 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
-import burrlab.common.table as csv_text
-import burrlab.common.table as dataset
-from burrlab.common.check import real
+import burrlab.common.table as table
 from burrlab.common.figures import POSITION, VELOCITY, axes_or_new, tidy
-from burrlab.common.table import Floats, Path
+from burrlab.common.table import Column, Floats, Path, Table, TableData
 from burrlab.theory.closed_forms import FEWEST_TICKS, penetration_velocity_between, samples_between
 from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 
@@ -33,7 +27,7 @@ _SHORTFALL, _RETREAT = 0.05, 0.25
 
 
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class DepthTrace(dataset.DataSet):
+class DepthTrace(TableData):
     """Immersion over time of one run at constant force, evenly sampled, from contact to stop.
 
     Where a single penetration velocity says how fast the burr sank on average, the record also says how the
@@ -73,6 +67,14 @@ class DepthTrace(dataset.DataSet):
     array([0.89, 0.53, 0.36])
     """
 
+    _TABLE = Table(
+        (
+            Column("time", "s", check=table.finite, due="a time"),
+            Column("immersion", "mm", check=table.finite, due="an immersion"),
+        )
+    )
+    _WHAT = "a depth trace"
+
     time: Floats
     immersion: Floats
     force: float
@@ -93,10 +95,8 @@ class DepthTrace(dataset.DataSet):
         source: str = "",
         provenance: Mapping[str, Any] | None = None,
     ) -> None:
-        for name, values in zip(COLUMNS, (time, immersion), strict=True):
-            object.__setattr__(self, name, dataset.frozen(name, values))
-        object.__setattr__(self, "force", float(real(force, "force")))
-        object.__setattr__(self, "radius", float(real(radius, "radius")))
+        numbers = {"force": (force, "N"), "radius": (radius, "mm")}
+        self._keep({"time": time, "immersion": immersion}, numbers, source, provenance)
         self._check_record()
         if start_mm is None:
             start_mm = max(WINDOW_START * self.radius, float(self.immersion[0]))
@@ -104,27 +104,13 @@ class DepthTrace(dataset.DataSet):
             end_mm = min(WINDOW_STOP * self.radius, float(self.immersion.max()))
         object.__setattr__(self, "start_mm", float(start_mm))
         object.__setattr__(self, "end_mm", float(end_mm))
-        object.__setattr__(self, "source", " ".join(str(source).split()))
-        object.__setattr__(self, "provenance", csv_text.json_mapping(provenance or {}))
         self._check_window()
 
     def _check_record(self) -> None:
-        for name, unit in (("force", "N"), ("radius", "mm")):
-            problem = csv_text.positive_problem(getattr(self, name), unit)
-            if problem:
-                raise ValueError(f"{name} {problem}")
-        if len(self.time) != len(self.immersion):
-            raise ValueError(
-                f"immersion must have {len(self.time)} values, one a time: got {len(self.immersion)}"
-            )
-        if len(self.time) < FEWEST_TICKS:
-            raise ValueError(f"a depth trace needs at least {FEWEST_TICKS} samples: got {len(self.time)}")
-        bad = np.flatnonzero(~(np.isfinite(self.time) & np.isfinite(self.immersion)))
-        if bad.size:
-            row = {"time": float(self.time[bad[0]]), "immersion": float(self.immersion[bad[0]])}
-            found = problem_in_row(row)
-            assert found is not None
-            raise ValueError(f"row {bad[0]}, {found[0]}: {found[1]}")
+        if len(self) < FEWEST_TICKS:
+            raise ValueError(f"a depth trace needs at least {FEWEST_TICKS} samples: got {len(self)}")
+        if not (np.isfinite(self.time).all() and np.isfinite(self.immersion).all()):
+            self._check_rows()
         late = np.flatnonzero(np.diff(self.time) <= 0)
         if late.size:
             before, time = self.time[late[0] : late[0] + 2].tolist()
@@ -222,9 +208,19 @@ class DepthTrace(dataset.DataSet):
         >>> DepthTrace.from_csv(io.StringIO("time_s,immersion_mm\\n" + rows), force=1, radius=3)
         DepthTrace(11 samples, 1 N, R = 3 mm, 0.5..1 mm, 'CSV text')
         """
-        name, arguments = read(file, force, radius)
+        name, comments, columns = cls._TABLE.read(file)
+        start, end = None, None
+        if (window := comments.get("window_mm")) is not None:
+            try:
+                start, end = map(float, window.split())
+            except ValueError:
+                raise ValueError(
+                    f"{name}: window_mm in the comments must be two numbers, start and end: got {window!r}"
+                ) from None
+        columns["force"] = table.agreed_number(name, comments, "force_N", "force", force)
+        columns["radius"] = table.agreed_number(name, comments, "radius_mm", "radius", radius)
         try:
-            return cls(**arguments)
+            return cls(**columns, start_mm=start, end_mm=end, **table.origin(name, comments))
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from None
 
@@ -235,7 +231,8 @@ class DepthTrace(dataset.DataSet):
         ----------
         file : path or open text file
         """
-        write(self, file)
+        window = f"{self.start_mm!r} {self.end_mm!r}"
+        self._write(file, {"force_N": self.force, "radius_mm": self.radius}, window_mm=window)
 
     def segments(self, n: int = 5) -> TraceSegments:
         """Penetration velocities between start_mm and end_mm, in n segments of equal depth.
@@ -265,7 +262,28 @@ class DepthTrace(dataset.DataSet):
         R = 3 mm the last of five segments is 0.6 % too fast. The standard error is that of
         `burrlab.measured.depth_trace.slope_error`, over the velocity.
         """
-        return cut(self, n)
+        if n < 1:
+            raise ValueError(f"n must be at least 1: got {n!r}")
+        edges = np.linspace(self.start_mm, self.end_mm, n + 1)
+        level = rising(self.immersion)
+        rows = []
+        for start, end in itertools.pairwise(edges.tolist()):
+            inside = samples_between(level, start, end)
+            time = self.time[inside]
+            if len(time) < FEWEST_SAMPLES:
+                raise ValueError(
+                    f"n must leave at least {FEWEST_SAMPLES} samples in each segment, there are {len(time)} "
+                    f"between {start:.4g} and {end:.4g} mm: got {n!r}"
+                )
+            velocity = penetration_velocity_between(self.time, level, start, end)
+            if not velocity:
+                raise ValueError(
+                    f"n must leave segments in which the immersion rises, it stands still between {start:.4g} "
+                    f"and {end:.4g} mm: got {n!r}"
+                )
+            rows.append((velocity, slope_error(time, self.immersion[inside]) / velocity, len(time)))
+        velocities, errors, counts = map(np.array, zip(*rows, strict=True))
+        return TraceSegments(edges[:-1].copy(), edges[1:].copy(), velocities, errors, counts)
 
     def plot(self, ax: Axes | None = None, *, n: int = 5) -> Axes:
         """Draw immersion, downwards, over time, and the slopes of n segments, each second one shaded.
@@ -283,9 +301,7 @@ class DepthTrace(dataset.DataSet):
         """
         ax = axes_or_new(ax)
         segments = self.segments(n)
-        ax.plot(
-            self.time, self.immersion, color=POSITION, linewidth=1.2, label=dataset.data_label(self.source)
-        )
+        ax.plot(self.time, self.immersion, color=POSITION, linewidth=1.2, label=table.data_label(self.source))
         level = rising(self.immersion)
         for i, (start, end) in enumerate(zip(segments.start_mm, segments.end_mm, strict=True)):
             rows = samples_between(level, start, end)
@@ -298,12 +314,6 @@ class DepthTrace(dataset.DataSet):
         if not ax.yaxis_inverted():
             ax.invert_yaxis()
         return tidy(ax)
-
-    def _table(self) -> Mapping[str, Sequence[Any]]:
-        return table(self)
-
-    def __len__(self) -> int:
-        return len(self.time)
 
     def __repr__(self) -> str:
         source = f", {self.source!r}" if self.source else ""
@@ -321,67 +331,7 @@ class DepthTrace(dataset.DataSet):
             "samples": len(self),
             "samples in window": len(self.time[rows]),
         }
-        return dataset.html_table(repr(self), {name: [value] for name, value in summary.items()})
-
-
-COLUMNS = {"time": "time_s", "immersion": "immersion_mm"}
-UNITS = {"time": "s", "immersion": "mm"}
-
-
-def problem_in_row(row: Mapping[str, float]) -> csv_text.Problem:
-    """The first rule that a row of numbers breaks, as (name, sentence); None where it breaks none."""
-    for name, value in row.items():
-        if not math.isfinite(value):
-            return name, f"must be a finite number, in {UNITS[name]}: got {value!r}"
-    return None
-
-
-_LAYOUT = csv_text.Layout(
-    columns=COLUMNS, filled={"time": "a time", "immersion": "an immersion"}, problem=problem_in_row
-)
-
-
-def read(
-    file: csv_text.Path | IO[str] | IO[bytes], force: float | None, radius: float | None
-) -> tuple[str, dict[str, Any]]:
-    """The file's name and the arguments of a DepthTrace. See `DepthTrace.from_csv`."""
-    name, comments, columns = csv_text.read(file, _LAYOUT)
-    start, end = _window(name, comments)
-    return name, {
-        **columns,
-        "force": csv_text.agreed_number(name, comments, "force_N", "force", force),
-        "radius": csv_text.agreed_number(name, comments, "radius_mm", "radius", radius),
-        "start_mm": start,
-        "end_mm": end,
-        **csv_text.origin(name, comments),
-    }
-
-
-def write(trace: DepthTrace, file: csv_text.Path | IO[str]) -> None:
-    """Write a record as CSV text. See `DepthTrace.to_csv`."""
-    comments = csv_text.origin_comments(
-        trace.source, trace.provenance, force_N=trace.force, radius_mm=trace.radius
-    )
-    comments["window_mm"] = f"{trace.start_mm!r} {trace.end_mm!r}"
-    csv_text.write(file, comments, table(trace))
-
-
-def table(trace: DepthTrace) -> dict[str, list[float]]:
-    """The record's columns by their names in the CSV file."""
-    return {column: getattr(trace, name).tolist() for name, column in COLUMNS.items()}
-
-
-def _window(file: str, comments: Mapping[str, str]) -> tuple[float | None, float | None]:
-    if "window_mm" not in comments:
-        return None, None
-    try:
-        start, end = map(float, comments["window_mm"].split())
-    except ValueError:
-        raise ValueError(
-            f"{file}: window_mm in the comments must be two numbers, start and end: "
-            f"got {comments['window_mm']!r}"
-        ) from None
-    return start, end
+        return table.html_table(repr(self), {name: [value] for name, value in summary.items()})
 
 
 Counts: TypeAlias = NDArray[np.int64]
@@ -430,35 +380,6 @@ class TraceSegments:
         )
 
 
-def cut(trace: DepthTrace, n: int) -> TraceSegments:
-    """Velocities in n segments of equal depth. See `DepthTrace.segments`."""
-    if n < 1:
-        raise ValueError(f"n must be at least 1: got {n!r}")
-    edges = np.linspace(trace.start_mm, trace.end_mm, n + 1)
-    level = rising(trace.immersion)
-    velocities, errors, counts = [], [], []
-    for start, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        rows = samples_between(level, start, end)
-        time, immersion = trace.time[rows], trace.immersion[rows]
-        if len(time) < FEWEST_SAMPLES:
-            raise ValueError(
-                f"n must leave at least {FEWEST_SAMPLES} samples in each segment, there are {len(time)} "
-                f"between {start:.4g} and {end:.4g} mm: got {n!r}"
-            )
-        velocity = penetration_velocity_between(trace.time, level, start, end)
-        if not velocity:
-            raise ValueError(
-                f"n must leave segments in which the immersion rises, it stands still between {start:.4g} "
-                f"and {end:.4g} mm: got {n!r}"
-            )
-        velocities.append(velocity)
-        errors.append(slope_error(time, immersion) / velocity)
-        counts.append(len(time))
-    return TraceSegments(
-        edges[:-1].copy(), edges[1:].copy(), np.array(velocities), np.array(errors), np.array(counts)
-    )
-
-
 def rising(immersion: Floats) -> Floats:
     """The record made monotone: its readings in rising order, steps of the encoder joined by straight lines.
 
@@ -473,13 +394,12 @@ def rising(immersion: Floats) -> Floats:
     middle = np.cumsum(counts) - (counts + 1) / 2
     whole = (readings > immersion[0]) & (readings < immersion[-1])
     if np.count_nonzero(whole) > 2:
-        readings, middle = _mirrored(readings[whole]), _mirrored(middle[whole])
+        # Each goes on at both ends as its point reflection about its end.
+        readings, middle = (
+            np.concatenate([2 * x[0] - x[:0:-1], x, 2 * x[-1] - x[-2::-1]])
+            for x in (readings[whole], middle[whole])
+        )
     return np.interp(np.arange(len(immersion)), middle, readings)
-
-
-def _mirrored(x: Floats) -> Floats:
-    """x continued on both sides by its point reflections about its ends."""
-    return np.concatenate([2 * x[0] - x[:0:-1], x, 2 * x[-1] - x[-2::-1]])
 
 
 def slope_error(time: Floats, immersion: Floats) -> float:

@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-import burrlab.common.table as csv_text
-import burrlab.common.table as dataset
-from burrlab.common.check import real
+import burrlab.common.table as table
 from burrlab.common.figures import axes_or_new, tidy
-from burrlab.common.table import Floats, Path
+from burrlab.common.table import Column, Floats, Path, Table, TableData
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-COLUMNS = {"force": "force_N", "depth": "depth_mm", "sigma": "sigma_N"}
-_UNITS = {"force": "N", "depth": "mm", "sigma": "N"}
-
-
 @dataclass(frozen=True, init=False, eq=False, repr=False)
-class Indentation(dataset.DataSet):
+class Indentation(TableData):
     """Force against depth of a stopped burr in intact bone, one row a reading.
 
         F = c_e R^2 (h/R)^(3/2)    (Eqs. 2 and 3)
@@ -62,6 +55,15 @@ class Indentation(dataset.DataSet):
     Indentation(2 rows, R = 5 mm, 0.36..1.02 N at 0.05..0.1 mm, 'two readings')
     """
 
+    _TABLE = Table(
+        (
+            Column("force", "N", check=table.positive, due="a force"),
+            Column("depth", "mm", check=table.positive, due="a depth"),
+            Column("sigma", "N", check=table.positive_or_nan, optional=True),
+        )
+    )
+    _WHAT = "an indentation"
+
     force: Floats
     depth: Floats
     radius: float
@@ -78,31 +80,12 @@ class Indentation(dataset.DataSet):
         source: str = "",
         provenance: Mapping[str, Any] | None = None,
     ) -> None:
-        for name, values in zip(COLUMNS, (force, depth, sigma), strict=True):
-            object.__setattr__(self, name, None if values is None else dataset.frozen(name, values))
-        object.__setattr__(self, "radius", float(real(radius, "radius")))
-        object.__setattr__(self, "source", " ".join(str(source).split()))
-        object.__setattr__(self, "provenance", csv_text.json_mapping(provenance or {}))
-        self._check()
-
-    def _check(self) -> None:
-        if len(self.force) == 0:
-            raise ValueError("an indentation needs at least one row")
-        problem = csv_text.positive_problem(self.radius, "mm")
-        if problem:
-            raise ValueError(f"radius {problem}")
-        columns = {name: getattr(self, name) for name in COLUMNS if getattr(self, name) is not None}
-        for name, values in columns.items():
-            if len(values) != len(self.force):
-                raise ValueError(f"{name} must have {len(self.force)} values, one a force: got {len(values)}")
-        for i in range(len(self.force)):
-            found = _problem_in_row({name: float(values[i]) for name, values in columns.items()})
-            if found:
-                raise ValueError(f"row {i}, {found[0]}: {found[1]}")
-            if not self.depth[i] < 2 * self.radius:
-                raise ValueError(
-                    f"row {i}, depth: must be below 2R = {2 * self.radius:g} mm: got {float(self.depth[i])!r}"
-                )
+        columns = {"force": force, "depth": depth, "sigma": sigma}
+        self._keep(columns, {"radius": (radius, "mm")}, source, provenance)
+        self._check_rows()
+        for i, h in enumerate(self.depth.tolist()):
+            if not h < 2 * self.radius:
+                raise ValueError(f"row {i}, depth: must be below 2R = {2 * self.radius:g} mm: got {h!r}")
 
     @classmethod
     def from_csv(cls, file: Path | IO[str] | IO[bytes], *, radius: float | None = None) -> Indentation:
@@ -135,10 +118,10 @@ class Indentation(dataset.DataSet):
         >>> Indentation.from_csv(io.StringIO("depth_mm,force_N\\n0.05,0.36\\n"), radius=5).force
         array([0.36])
         """
-        name, comments, columns = csv_text.read(file, _LAYOUT)
-        radius = csv_text.agreed_number(name, comments, "radius_mm", "radius", radius)
+        name, comments, columns = cls._TABLE.read(file)
+        radius = table.agreed_number(name, comments, "radius_mm", "radius", radius)
         try:
-            return cls(**columns, radius=radius, **csv_text.origin(name, comments))
+            return cls(**columns, radius=radius, **table.origin(name, comments))
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from None
 
@@ -158,8 +141,7 @@ class Indentation(dataset.DataSet):
         force_N,depth_mm
         0.36,0.05
         """
-        comments = csv_text.origin_comments(self.source, self.provenance, radius_mm=self.radius)
-        csv_text.write(file, comments, self._table())
+        self._write(file, {"radius_mm": self.radius})
 
     def plot(self, ax: Axes | None = None, *, log: bool = False) -> Axes:
         """Draw the forces as squares over the depth, with error bars where sigma is known.
@@ -176,48 +158,15 @@ class Indentation(dataset.DataSet):
         matplotlib Axes
         """
         ax = axes_or_new(ax)
-        if self.sigma is not None:
-            ax.errorbar(
-                self.depth, self.force, self.sigma, fmt="none", ecolor="black", elinewidth=0.8, zorder=3
-            )
-        label = dataset.data_label(self.source)
-        ax.plot(
-            self.depth, self.force, "s", color="black", mfc="white", ms=4.5, mew=0.9, label=label, zorder=3
-        )
+        table.plot_points(ax, self.depth, self.force, self.sigma, self.source)
         if log:
             ax.set(xscale="log", yscale="log")
-            dataset.log_ticks(ax.xaxis)
-            dataset.log_ticks(ax.yaxis)
+            table.log_ticks(ax.xaxis)
+            table.log_ticks(ax.yaxis)
         ax.set(xlabel="depth [mm]", ylabel="force [N]")
         return tidy(ax)
-
-    def _table(self) -> dict[str, list[float]]:
-        values = {column: getattr(self, name) for name, column in COLUMNS.items()}
-        return {column: array.tolist() for column, array in values.items() if array is not None}
-
-    def __len__(self) -> int:
-        return len(self.force)
 
     def __repr__(self) -> str:
         source = f", {self.source!r}" if self.source else ""
         spans = [f"{a.min():.3g}..{a.max():.3g}" for a in (self.force, self.depth)]
         return f"Indentation({len(self)} rows, R = {self.radius:g} mm, {spans[0]} N at {spans[1]} mm{source})"
-
-    def _repr_html_(self) -> str:
-        return dataset.html_table(repr(self), self._table())
-
-
-def _problem_in_row(row: Mapping[str, float]) -> csv_text.Problem:
-    """The first rule that a row breaks; NaN stands for "no number", which only a sigma may be."""
-    for name, value in row.items():
-        if name == "sigma" and math.isnan(value):
-            continue
-        problem = csv_text.positive_problem(value, _UNITS[name])
-        if problem:
-            return name, problem
-    return None
-
-
-_LAYOUT = csv_text.Layout(
-    columns=COLUMNS, filled={"force": "a force", "depth": "a depth"}, problem=_problem_in_row
-)

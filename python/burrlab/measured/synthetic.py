@@ -65,8 +65,6 @@ def synthetic_curve(
     force = np.atleast_1d(real(forces, "forces"))
     if force.ndim != 1 or not (np.isfinite(force).all() and (force > 0).all()):
         raise ValueError(f"forces must be finite and above 0 N: got {forces!r}")
-    _check_repeats(repeats)
-    _check_not_negative("scatter", scatter)
     seed = _seed(seed)
 
     phi = force / (material.c_e * burr.radius**2)
@@ -131,8 +129,6 @@ def synthetic_indentation(
     depth = np.atleast_1d(real(depths, "depths"))
     if depth.ndim != 1 or not ((depth > 0) & (depth < 2 * burr.radius)).all():
         raise ValueError(f"depths must be above 0 and below 2R = {2 * burr.radius:g} mm: got {depths!r}")
-    _check_repeats(repeats)
-    _check_not_negative("scatter", scatter)
     seed = _seed(seed)
 
     force = material.c_e * burr.radius**2 * (depth / burr.radius) ** 1.5  # Eq. 3
@@ -156,7 +152,7 @@ def synthetic_trace(
     sample_ms: float = 1.0,
     seed: int | None = None,
 ) -> DepthTrace:
-    """The record of a mean-field descent, with a rate of its own, noise of position, and read in steps.
+    """The record of a mean-field descent with its own rate, noise of position, and readings in steps.
 
         H(t) = step round((H_mean_field(t exp(-run_scatter z)) + noise e(t))/step),  z, e standard normal
 
@@ -219,11 +215,6 @@ def synthetic_trace(
     )
 
 
-def _check_repeats(repeats: int) -> None:
-    if whole("repeats", repeats, 2**31, "2^31") < 1:
-        raise ValueError(f"repeats must be at least 1: got {repeats!r}")
-
-
 def _check_not_negative(name: str, value: float) -> None:
     if not (np.isfinite(value) and value >= 0):
         raise ValueError(f"{name} must be finite and not negative: got {value!r}")
@@ -234,7 +225,10 @@ def _seed(seed: int | None) -> int:
 
 
 def _scattered(values: Floats, repeats: int, scatter: float, seed: int) -> Floats:
-    """Each value `repeats` times with log-normal scatter, z of row k of value i from (seed, i, k)."""
+    """Each value `repeats` times with log-normal scatter; z of row k of value i depends on (seed, i, k). Checks both."""
+    if whole("repeats", repeats, 2**31, "2^31") < 1:
+        raise ValueError(f"repeats must be at least 1: got {repeats!r}")
+    _check_not_negative("scatter", scatter)
     rows = [(i, k) for i in range(len(values)) for k in range(repeats)]
     z = np.array([np.random.default_rng([seed, i, k]).standard_normal() for i, k in rows])
     return np.repeat(values, repeats) * np.exp(scatter * z)

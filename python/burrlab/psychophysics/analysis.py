@@ -23,7 +23,6 @@ from burrlab.common.provenance import provenance
 from burrlab.common.records import UNREADABLE, in_one_line, plain, restored
 from burrlab.common.table import (
     NOTHING,
-    Column,
     interval_text,
     json_mapping,
     p_text,
@@ -32,6 +31,9 @@ from burrlab.common.table import (
     tsv_text,
     two_decimals,
     wrapped_lines,
+)
+from burrlab.common.table import (
+    ReportColumn as Column,
 )
 from burrlab.psychophysics.answers import Answers, ExperimentFolder, read_folder
 from burrlab.psychophysics.group import probability_text

@@ -8,9 +8,8 @@ A trace in the layout that the open temporal-bone simulator volumetric_drilling 
 from __future__ import annotations
 
 import json
-import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Literal
@@ -30,19 +29,20 @@ if TYPE_CHECKING:
     import h5py
 
 
-def _problem_in_row(row: Mapping[str, float]) -> csv_text.Problem:
-    for name, value in row.items():
-        if name == "on" and value not in (0.0, 1.0):
-            return name, f"must be 0 or 1: got {value!r}"
-        if not math.isfinite(value):
-            return name, f"must be a finite number: got {value!r}"
-    return None
+def _zero_or_one(value: float, unit: str) -> str | None:
+    return None if value in (0.0, 1.0) else f"must be 0 or 1: got {value!r}"
 
 
-_LAYOUT = csv_text.Layout(
-    columns={"time": "time_s", "x": "x_mm", "y": "y_mm", "z": "z_mm", "on": "on"},
-    filled={"time": "a time", "x": "a position", "y": "a position", "z": "a position"},
-    problem=_problem_in_row,
+def _finite(value: float, unit: str) -> str | None:
+    return csv_text.finite(value, "")
+
+
+SCRIPT = csv_text.Table(
+    (
+        csv_text.Column("time", "s", check=_finite, due="a time"),
+        *(csv_text.Column(axis, "mm", check=_finite, due="a position") for axis in "xyz"),
+        csv_text.Column("on", check=_zero_or_one, optional=True),
+    )
 )
 
 
@@ -68,7 +68,7 @@ def read_script(file: csv_text.Path | IO[str] | IO[bytes]) -> ScriptedDevice:
     OSError
         If the file cannot be opened.
     """
-    name, _, columns = csv_text.read(file, _LAYOUT)
+    name, _, columns = SCRIPT.read(file)
     position = np.column_stack([columns["x"], columns["y"], columns["z"]])
     on = np.asarray(columns["on"]) > 0 if "on" in columns else None
     try:

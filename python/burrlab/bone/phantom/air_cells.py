@@ -230,13 +230,13 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
 
 
 def _least_power(points: Floats, sites: Floats, weights: Floats) -> Floats:
-    """What a new site at each point must be below to own it [mm^2]."""
+    """The least power at each point; a new site there owns the point if its power is lower [mm^2]."""
     power = ((points[:, None, :] - sites[None, :, :]) ** 2).sum(axis=2) - weights
     return np.asarray(power.min(axis=1))
 
 
 def _scatter(points: Floats, diameter: Floats, seed: int) -> Floats:
-    """A site a cell, largest first, each the one of 20 drawn places that is farthest from the others."""
+    """One site for each cell, largest first: of 20 drawn places the one farthest from the other sites."""
     draws = uniform(seed, 1, 20 * len(diameter)).reshape(-1, 20)
     sites = np.empty((len(diameter), 3))
     for k, row in enumerate(draws):

@@ -1,7 +1,4 @@
-"""Tissues of the phantom, and which of them fills how much of each voxel.
-
-A procedural temporal bone: seeded, at any resolution, for trials that need no patient's data.
-"""
+"""A procedural temporal bone: seeded, at any resolution, for trials that need no patient's data."""
 
 from __future__ import annotations
 
@@ -79,7 +76,7 @@ def _lay(
     *,
     replace: bool = False,
 ) -> Singles:
-    """Puts a tissue into its part of each voxel, which is numbered after it if it has half of it or all that is in it."""
+    """Puts a tissue into its part of each voxel. The voxel gets its number if the tissue has half of it, or most of what is in it."""
     before = held * (np.float32(1.0) - part) if replace else held
     added = np.float32(level) * part
     numbers[(part >= np.float32(0.5)) | (added > before)] = number
@@ -101,7 +98,7 @@ AT_A_TIME = 1_000_000
 @by_value
 @dataclass(frozen=True)
 class Phantom:
-    """A temporal bone, what is where in it, and what is to be removed.
+    """A temporal bone, the places of its structures, and the cavity that is to be drilled.
 
     Attributes
     ----------
@@ -217,8 +214,7 @@ def temporal_bone(
     painted = Grid(-grid.x[::-1], grid.y, grid.z) if mirrored else grid
     fields = Fields.of(at, lattice_around(painted))
     width = float(np.sqrt(np.mean(spacing**2)))  # of a voxel along a normal, root mean square over directions
-    levels = np.empty(grid.shape, dtype=np.uint8)
-    numbers = np.empty(grid.shape, dtype=np.uint8)
+    levels, numbers = np.empty((2, *grid.shape), dtype=np.uint8)
     target = np.empty(grid.shape, dtype=np.bool_)
     layers = max(1, AT_A_TIME // (grid.shape[1] * grid.shape[2]))
     order = slice(None, None, -1 if mirrored else 1)

@@ -31,7 +31,7 @@ class Grid:
         return len(self.z), len(self.y), len(self.x)
 
     def points(self) -> Floats:
-        """All of them, shape (n, 3)."""
+        """All points, shape (n, 3)."""
         z, y, x = np.meshgrid(self.z, self.y, self.x, indexing="ij")
         return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
 
@@ -93,7 +93,7 @@ class Tube:
 
     @property
     def length(self) -> float:
-        """Of the polyline [mm]."""
+        """Length of the polyline [mm]."""
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
 
     def merge_into(self, field: Floats | Singles, grid: Grid, reach: float) -> None:

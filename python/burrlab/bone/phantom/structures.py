@@ -1,9 +1,7 @@
-"""Where things are in the phantom: surfaces, plates, tubes and their sizes, for a right ear.
+"""Where things are in the phantom: surfaces, plates, tubes and their sizes, as fields on a lattice, for a right ear.
 
 The frame has its origin at the spine of Henle, on the bone's surface; x is depth (towards the middle of the head), y points
 back, z up [mm].
-
-The phantom's large surfaces as fields on a lattice: bone, skull, rooms, air cells and the planned cavity.
 """
 
 from __future__ import annotations
@@ -29,6 +27,22 @@ from burrlab.bone.phantom.shapes import (
 DURA = 1.0
 #: Radius of the bony ear canal [mm], assumed; of the sigmoid sinus [mm], assumed.
 CANAL, SINUS = 4.2, 4.5
+
+#: Two points and the radii there [mm]: handle and head of the malleus, incus and its long process, stapes; assumed.
+OSSICLES = (
+    ((14.6, -4.2, -4.0), (15.4, -4.6, 1.2), (0.4, 0.7)),
+    ((15.4, -4.6, 1.2), (15.7, -3.9, 2.0), (1.2, 1.2)),
+    ((15.7, -3.0, 2.0), (15.6, -1.0, 1.9), (1.2, 0.5)),
+    ((15.7, -2.9, 1.6), (16.6, -3.2, -2.0), (0.7, 0.4)),
+    ((16.6, -3.2, -2.0), (19.0, -2.6, -1.6), (0.4, 0.6)),
+)
+#: Centre, normal, radius and thickness of the lateral, the anterior and the posterior canal [mm]. Radii of curvature: Spoor and
+#: Zonneveld, Yearb. Phys. Anthropol. 1998 (human means 3.2, 3.1 and 2.3 mm).
+CANALS = (
+    ((20.2, 1.2, 1.5), (-0.3, 0.3, 1.0), 2.3, 0.6),
+    ((21.0, 1.0, 4.2), (1.0, -1.0, 0.0), 3.2, 0.55),
+    ((20.6, 6.0, 0.4), (1.0, 1.0, 0.0), 3.1, 0.55),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +107,7 @@ class Structures:
         )
         sinus = Tube.along(sinus_points + back, SINUS + jitter(0.4), step=2.0)
         canals, vestibule = _labyrinth(inner)
+        ossicles = tuple(Tube(inner + [a, b], np.array(radii)) for a, b, radii in OSSICLES)
         antrum = (
             np.array([12.0, 6.0, 4.6]) + 0.5 * inner + np.array([0.0, jitter(0.6), 0.0]),
             np.array([3.5, 7.0, 4.5]) * (1 + jitter(0.08)),
@@ -108,14 +123,14 @@ class Structures:
             np.array([[9.5, 9.0, -9.0], [8.0, 9.0 + jitter(1.0), -22.0 + jitter(1.0)]]), np.array([9.5, 6.0])
         )
         return cls(
-            nerve, sinus, canals, vestibule, _ossicles(inner), antrum, aditus, ear_canal, tympanum, tip,
+            nerve, sinus, canals, vestibule, ossicles, antrum, aditus, ear_canal, tympanum, tip,
             tegmen=np.array([11.3 + jitter(0.7), -0.06 + jitter(0.03), 0.03 + jitter(0.04)]),
             genu=int(np.argmin(np.linalg.norm(nerve.points - nerve_points[6], axis=1))), fossa=28.7 + jitter(0.5),
         )  # fmt: skip
 
     @property
     def tubes(self) -> tuple[Tube, ...]:
-        """All that is too thin for the lattice: nerve, labyrinth, ossicles."""
+        """The structures that are too thin for the lattice: nerve, labyrinth, ossicles."""
         return (self.nerve, *self.canals, *self.ossicles)
 
     @property
@@ -141,10 +156,7 @@ def surface_depth(grid: Grid) -> Floats:
 
 
 def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
-    # Radii of curvature: Spoor and Zonneveld, Yearb. Phys. Anthropol. 1998 (human means 3.2, 3.1 and 2.3 mm).
-    lateral = Tube.ring(shift + [20.2, 1.2, 1.5], [-0.3, 0.3, 1.0], 2.3, 0.6)
-    anterior = Tube.ring(shift + [21.0, 1.0, 4.2], [1.0, -1.0, 0.0], 3.2, 0.55)
-    posterior = Tube.ring(shift + [20.6, 6.0, 0.4], [1.0, 1.0, 0.0], 3.1, 0.55)
+    rings = [Tube.ring(shift + place, normal, radius, thick) for place, normal, radius, thick in CANALS]
     centre = shift + [22.2, -0.5, -0.4]
     common = Tube(shift + [[22.9, 3.4, 2.3], [22.4, 1.2, 0.0]], np.full(2, 0.7))
     low = Tube(shift + [[21.4, 5.2, -2.5], [22.2, 1.0, -1.4]], np.full(2, 0.6))
@@ -162,16 +174,7 @@ def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
     )
     cochlea = Tube(np.round(spiral, 6), np.linspace(1.05, 0.6, 61))
     start = Tube(np.array([cochlea.points[0], centre]), np.full(2, 1.0))
-    return (lateral, anterior, posterior, common, low, cochlea, start), (centre, np.array([1.9, 2.6, 2.4]))
-
-
-def _ossicles(shift: Floats) -> tuple[Tube, ...]:
-    handle = Tube(shift + [[14.6, -4.2, -4.0], [15.4, -4.6, 1.2]], np.array([0.4, 0.7]))
-    head = Tube(shift + [[15.4, -4.6, 1.2], [15.7, -3.9, 2.0]], np.array([1.2, 1.2]))
-    incus = Tube(shift + [[15.7, -3.0, 2.0], [15.6, -1.0, 1.9]], np.array([1.2, 0.5]))
-    long_process = Tube(shift + [[15.7, -2.9, 1.6], [16.6, -3.2, -2.0]], np.array([0.7, 0.4]))
-    stapes = Tube(shift + [[16.6, -3.2, -2.0], [19.0, -2.6, -1.6]], np.array([0.4, 0.6]))
-    return handle, head, incus, long_process, stapes
+    return (*rings, common, low, cochlea, start), (centre, np.array([1.9, 2.6, 2.4]))
 
 
 #: Thickness of the compact bone over the air cells [mm], assumed.
@@ -235,12 +238,12 @@ class Fields:
         return cls(lattice, *(part.astype(np.float32) for part in parts))
 
     def on(self, name: str, grid: Grid) -> Singles:
-        """One of them at the points of a grid."""
+        """The field of this name at the points of a grid."""
         return interpolate(getattr(self, name), self.lattice, grid)
 
 
 def _within(distance: dict[str, Floats], margin: dict[str, float]) -> Floats:
-    """Negative where all margins are kept."""
+    """A field that is negative where all margins are kept."""
     return np.asarray(np.maximum.reduce([margin[name] - distance[name] for name in margin]))
 
 

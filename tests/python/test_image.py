@@ -1,4 +1,4 @@
-"""Crop, resampling, and whether two volumes share a grid."""
+"""Volumes on a grid: crop, resampling, labels of another grid, specimens, maps of occupancy; what is refused."""
 
 from __future__ import annotations
 
@@ -148,24 +148,7 @@ def test_crop():
     assert same_geometry(part, by_index)
     labels = LabelVolume(values, (0.5, 0.5, 1.0), (10, 20, 30), np.eye(3), "l")
     assert same_geometry(labels.crop((10.6, 20.5, 31.0), (12.0, 21.4, 99)), part)
-    with pytest.raises(
-        ValueError, match=r"holds no voxel of v, which lies between \(10, 20, 30\) and \(12\.5, 22, 33\) mm"
-    ):
-        volume.crop((0, 0, 0), (5, 5, 5))
-    with pytest.raises(ValueError, match="holds no voxel of v"):
-        volume.crop((1e300, 0, 0), (2e300, 99, 99))
     assert volume.crop((-1e300, -1e300, -1e300), (1e300, 1e300, 1e300)).shape == volume.shape
-    with pytest.raises(
-        ValueError, match=r"spacing must be coarser or the volume cropped: .* makes inf voxels"
-    ):
-        volume.resample(1e-320)
-    with pytest.raises(
-        ValueError,
-        match=r"must be a box of voxels \(z, y, x\) in \(4, 5, 6\), got \(0, 0, 0\) to \(4, 5, 7\)",
-    ):
-        volume.crop_voxels((0, 0, 0), (4, 5, 7))
-    with pytest.raises(ValueError, match="low must be three finite numbers"):
-        volume.crop((0, 0, np.nan), (1, 1, 1))
 
 
 def test_crop_of_a_turned_volume_keeps_the_whole_box():
@@ -179,80 +162,122 @@ def test_crop_of_a_turned_volume_keeps_the_whole_box():
         assert np.all(part.bone_point(corner) <= last + 0.5)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"values": np.ones((4, 5, 7))}, "6 x 5 x 4 voxels against 7 x 5 x 4"),
-        ({"spacing": (0.5, 0.5, 1.01)}, r"spacing \(0\.5, 0\.5, 1\) against \(0\.5, 0\.5, 1\.01\) mm"),
-        ({"origin": (10, 20.1, 30)}, r"origin \(10, 20, 30\) against \(10, 20\.1, 30\) mm"),
-        ({"direction": np.diag([1, -1, 1])}, r"directions \(1, 0, 0\), .* against \(1, 0, 0\), \(0, -1, 0\)"),
-    ],
-)
-def test_geometry_that_differs(change, message):
-    given = {
-        "values": np.ones((4, 5, 6)),
-        "spacing": (0.5, 0.5, 1.0),
-        "origin": (10, 20, 30),
-        "direction": np.eye(3),
-    }
-    first, second = Volume(**given, path="a"), Volume(**{**given, **change}, path="b")
-    assert same_geometry(first, first)
-    assert not same_geometry(first, second)
-    with pytest.raises(ValueError, match=f"a and b must have the same geometry: {message}"):
-        check_same_geometry(first, second)
+GRID = {"spacing": (0.5, 0.5, 1.0), "origin": (10, 20, 30), "direction": np.eye(3)}
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"values": np.ones((4, 5))}, "values must be numbers in three dimensions"),
-        ({"values": np.ones((2, 2, 2), dtype=complex)}, "values must be numbers in three dimensions"),
-        (
-            {"values": np.full((2, 2, 2), np.inf)},
-            r"not finite: 8 of 8, the first at \(z, y, x\) = \(0, 0, 0\)",
-        ),
-        ({"spacing": (1, 1, 0)}, "spacing must be a positive number or three"),
-        ({"origin": (1, 1)}, "origin must be three finite numbers"),
-        ({"direction": np.eye(3) * 2}, "not orthonormal"),
-        ({"direction": np.eye(2)}, "direction matrix must be of 3 x 3 finite numbers"),
-    ],
-)
-def test_wrong_volumes(change, message):
-    given = {
-        "values": np.ones((4, 5, 6)),
-        "spacing": (0.5, 0.5, 1.0),
-        "origin": (10, 20, 30),
-        "direction": np.eye(3),
-    }
-    with pytest.raises(ValueError, match=message):
-        Volume(**{**given, **change}, path="v")
+def grey(**changes):
+    return Volume(**{"values": np.ones((4, 5, 6)), **GRID, "path": "v", **changes})
 
 
-def test_too_many_voxels():
-    with pytest.raises(
-        ValueError,
-        match=r"spacing must be coarser or the volume cropped: 0\.001 mm makes .* voxels, and 2e\+08",
-    ):
-        sphere(0.6).resample(0.001)
-    with pytest.raises(ValueError, match="spacing must be a positive number or three"):
-        sphere(0.6).resample(-1)
+ONES = np.ones((2, 2, 2), int)
 
 
-def test_values_are_read_only_and_points_come_back():
-    volume = Volume(np.ones((2, 2, 2)), (1, 1, 1), (1, 2, 3), TURNED, "v")
-    with pytest.raises(ValueError, match="read-only"):
-        volume.values[0, 0, 0] = 2
-    np.testing.assert_allclose(volume.patient_point(volume.bone_point((4, 5, 6))), (4, 5, 6), atol=1e-14)
+def numbered(labels=ONES, **changes):
+    return LabelVolume(labels, **{**GRID, "path": "l", **changes})
 
 
-def test_wrong_labels():
-    grid = {"spacing": (1, 1, 1), "origin": (0, 0, 0), "direction": np.eye(3), "path": "l"}
-    with pytest.raises(ValueError, match="l: labels must be whole numbers in three dimensions"):
-        LabelVolume(np.ones((2, 2)), **grid)
-    with pytest.raises(ValueError, match="colours must be of channels 0 to 255"):
-        LabelVolume(np.ones((2, 2, 2), int), **grid, colours={1: (0, 0, 256)})
-    assert LabelVolume(np.ones((2, 2, 2), bool), **grid).labels.dtype == np.uint8
-    assert (
-        repr(LabelVolume(np.ones((2, 2, 2), int), **grid))
-        == "LabelVolume(2 x 2 x 2 voxels of 1 x 1 x 1 mm, int64, l)"
+def slab():
+    """200 below index 15 along z, 20 above; spacing 0.3 mm."""
+    values = np.full((30, 40, 40), 20, np.uint8)
+    values[:15] = 200
+    return Volume(values, 0.3, (5.0, -7.0, 11.0), np.eye(3), "v.nrrd")
+
+
+def specimen(entry, axis=(0, 0, -1), grey_values=(60, 160)):
+    volume = slab()
+    return volume.specimen(
+        *grey_values, entry=np.multiply(volume.origin + entry[:3], entry[3:] or 1), axis=axis
     )
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        # Geometry that differs.
+        (lambda: check_same_geometry(grey(), grey(values=np.ones((4, 5, 7)))), "v and v must have the same geometry: 6 x 5 x 4 voxels against 7 x 5 x 4"),
+        (lambda: check_same_geometry(grey(), grey(spacing=(0.5, 0.5, 1.01))), r"spacing \(0\.5, 0\.5, 1\) against \(0\.5, 0\.5, 1\.01\) mm"),
+        (lambda: check_same_geometry(grey(), grey(origin=(10, 20.1, 30))), r"origin \(10, 20, 30\) against \(10, 20\.1, 30\) mm"),
+        (lambda: check_same_geometry(grey(), grey(direction=np.diag([1, -1, 1]))), r"directions \(1, 0, 0\), .* against \(1, 0, 0\), \(0, -1, 0\)"),
+        # Volumes and labels.
+        (lambda: grey(values=np.ones((4, 5))), "values must be numbers in three dimensions"),
+        (lambda: grey(values=np.ones((2, 2, 2), dtype=complex)), "values must be numbers in three dimensions"),
+        (lambda: grey(values=np.full((2, 2, 2), np.inf)), r"not finite: 8 of 8, the first at \(z, y, x\) = \(0, 0, 0\)"),
+        (lambda: grey(spacing=(1, 1, 0)), "spacing must be a positive number or three"),
+        (lambda: grey(origin=(1, 1)), "origin must be three finite numbers"),
+        (lambda: grey(direction=np.eye(3) * 2), "not orthonormal"),
+        (lambda: grey(direction=np.eye(2)), "direction matrix must be of 3 x 3 finite numbers"),
+        (lambda: numbered(np.ones((2, 2))), "l: labels must be whole numbers in three dimensions"),
+        (lambda: numbered(colours={1: (0, 0, 256)}), "colours must be of channels 0 to 255"),
+        (lambda: grey().values.__setitem__(0, 2), "read-only"),
+        (lambda: numbered().labels.__setitem__(0, 2), "read-only"),
+        # Boxes.
+        (lambda: grey().crop((0, 0, 0), (5, 5, 5)), r"holds no voxel of v, which lies between \(10, 20, 30\) and \(12\.5, 22, 33\) mm"),
+        (lambda: grey().crop((1e300, 0, 0), (2e300, 99, 99)), "holds no voxel of v"),
+        (lambda: grey().crop((0, 0, np.nan), (1, 1, 1)), "low must be three finite numbers"),
+        (lambda: grey().crop_voxels((0, 0, 0), (4, 5, 7)), r"must be a box of voxels \(z, y, x\) in \(4, 5, 6\), got \(0, 0, 0\) to \(4, 5, 7\)"),
+        # Spacing.
+        (lambda: grey().resample(1e-320), "spacing must be coarser or the volume cropped: .* makes inf voxels"),
+        (lambda: sphere(0.6).resample(0.001), r"or the volume cropped: 0\.001 mm makes .* voxels, and 2e\+08"),
+        (lambda: grey().resample(-1), "spacing must be a positive number or three"),
+        # Labels that lie elsewhere: RAS taken for LPS.
+        (lambda: numbered().on(grey(origin=(-10, -20, 30))), r"labels must overlap the volume: those of l lie between \(10, 20, 30\) and "
+         r"\(10.5, 20.5, 31\) mm, and v between \(-10, -20, 30\) and \(-7.5, -18, 33\) mm"),
+        # Specimens.
+        (lambda: specimen((6, 6, 8), axis=(0, 0, 1)), r"meets no occupancy of 128 in v.nrrd, whose grey values are 20 to 200; the volume lies "
+         r"from .* to .* mm, x to the left, y to the back \(LPS\)$"),
+        (lambda: specimen((6, 6, 6, -1, -1, 1)), r"\(LPS\); .* lies in it: RAS, as 3D Slicer shows"),
+        (lambda: specimen((6, 6, 108)), r"entry: .* lies \d+ mm outside v.nrrd, more than it is wide; the volume lies"),
+        (lambda: specimen((6, 6, 1)), "lies inside bone"),
+        (lambda: specimen((6, 6, 8), axis=(0, 0, 0)), "axis must be three finite numbers"),
+        # Maps.
+        (lambda: specimen((6, 6, 8), grey_values=(160, 60)), "LO:HI with LO below HI, got 160:60"),
+        (lambda: OccupancyMap.two_point(0, np.nan), "LO:HI with LO below HI"),
+        (lambda: OccupancyMap.table([1], [0]), "two points or more"),
+        (lambda: OccupancyMap.table([1, 2], [0]), "two points or more, .* got 2 and 1"),
+        (lambda: OccupancyMap.table([1, 1], [0, 1]), "finite, increasing grey values"),
+        (lambda: OccupancyMap.table([1, np.inf], [0, 1]), "finite, increasing grey values"),
+        (lambda: OccupancyMap.table([1, 2], [0, 1.5]), "occupancies within 0 to 1"),
+        (lambda: OccupancyMap.parse("1:2:3"), "must be LO:HI or GREY:OCCUPANCY"),
+        (lambda: OccupancyMap.two_point(0, 1).levels(np.array([0.5, np.nan])), "values must be finite"),
+        (lambda: grey().to_bone(5), "map must be an OccupancyMap or two grey values, got 5 and None"),
+        (lambda: grey().to_bone(OccupancyMap.two_point(0, 1), 2), "map must be an OccupancyMap or two grey values"),
+    ],
+)  # fmt: skip
+def test_refusals(make, message):
+    with pytest.raises((ValueError, TypeError), match=message):
+        make()
+
+
+def test_geometry_points_and_text():
+    assert same_geometry(grey(), grey())
+    assert not same_geometry(grey(), grey(origin=(10, 20.1, 30)))
+    volume = grey(direction=TURNED)
+    np.testing.assert_allclose(volume.patient_point(volume.bone_point((4, 5, 6))), (4, 5, 6), atol=1e-14)
+    assert numbered(np.ones((2, 2, 2), bool)).labels.dtype == np.uint8
+    assert repr(numbered(spacing=1)) == "LabelVolume(2 x 2 x 2 voxels of 1 x 1 x 1 mm, int64, l)"
+
+
+@pytest.mark.parametrize("far", [8.0, 18.0])
+def test_entry_counts_from_first_crossing_of_occupancy_128(far):
+    # Occupancy falls from 255 to 0 between the centres of layers 14 and 15.
+    assert specimen((6, 6, far)).surface[2] == pytest.approx(11 + 0.3 * (15 - 128 / 255), abs=1e-3)
+
+
+def test_two_point_map():
+    values = np.array([-100, 90, 91, 135, 179, 180, 30000])
+    wanted = [0, 0, 3, 128, 252, 255, 255]
+    for kind in (np.int16, np.int32, np.float32, np.float64):
+        np.testing.assert_array_equal(OccupancyMap.two_point(90, 180).levels(values.astype(kind)), wanted)
+    values = np.random.default_rng(3).integers(-2000, 3000, 5000).astype(np.int16)
+    wanted = np.rint(255 * np.clip((values - 150.0) / (1250.0 - 150.0), 0, 1))
+    np.testing.assert_array_equal(OccupancyMap.two_point(150, 1250).levels(values), wanted)
+
+
+def test_map_by_a_table():
+    table = OccupancyMap.table([-10, 0, 10, 30], [0.2, 1.0, 0.0, 0.5])
+    values = np.array([-50, -10, -5, 0, 5, 10, 20, 30, 99])
+    wanted = np.interp(values, table.greys, table.occupancies)
+    for kind in (np.float64, np.int8):
+        np.testing.assert_allclose(table.occupancy(values.astype(kind)), wanted, atol=1e-7)
+    assert OccupancyMap.parse(table.text) == table
+    assert OccupancyMap.parse("90:180") == OccupancyMap.two_point(90, 180)

@@ -49,6 +49,7 @@ from burrlab.fitting.fit import Fit as Fit
 from burrlab.fitting.fit import fit as fit
 from burrlab.fitting.shape_comparison import ShapeComparison as ShapeComparison
 from burrlab.fitting.shapes import compare_shapes as compare_shapes
+from burrlab.fitting.voxel import VoxelEngine as VoxelEngine
 from burrlab.measured.curve import VelocityCurve as VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace as DepthTrace
 from burrlab.measured.indentation import Indentation as Indentation

@@ -24,7 +24,7 @@ PRESSED = synthetic_indentation(BURR, BONE, [0.05, 0.1, 0.2, 0.3], scatter=0.03,
 
 
 def test_any_executor_gives_the_same(tmp_path):
-    result = fit(CURVE, starts=0)
+    result = fit(CURVE)
     expected = result.bootstrap(60, seed=4)
     with ThreadPoolExecutor(3) as threads, ProcessPoolExecutor(2) as processes:
         for executor in (threads, processes):
@@ -43,7 +43,7 @@ def test_any_executor_gives_the_same(tmp_path):
 @pytest.mark.parametrize("kind", ["parametric", "residual"])
 def test_agrees_with_the_profile_on_a_wide_design(kind):
     """22 degrees of freedom: F's 95 % is 8 % wider than the normal's, percentiles of 400 are known to 10 %."""
-    result = fit(CURVE, starts=0)
+    result = fit(CURVE)
     found = result.bootstrap(400, kind=kind, seed=1)
     assert found.on_ridge == 0
     for name in ("c_e", "alpha"):
@@ -53,7 +53,7 @@ def test_agrees_with_the_profile_on_a_wide_design(kind):
 
 
 def test_open_on_the_ridge():
-    found = fit(RIDGE, starts=0).bootstrap(80, seed=1)
+    found = fit(RIDGE).bootstrap(80, seed=1)
     assert found.on_ridge > 0.2
     assert found.intervals["c_e"]["95"].upper is None
     assert found.intervals["combination"]["95"].closed
@@ -62,7 +62,7 @@ def test_open_on_the_ridge():
 
 
 def test_an_indentation_tells_c_e_on_the_ridge():
-    result = fit([RIDGE, PRESSED], starts=0)
+    result = fit([RIDGE, PRESSED])
     ours, theirs = result.bootstrap(80, seed=1).intervals["c_e"]["68"], result.intervals["c_e"]["68"]
     assert theirs.closed
     assert (ours.lower, ours.upper) == pytest.approx((theirs.lower, theirs.upper), rel=0.03)
@@ -77,7 +77,7 @@ def test_every_scatter_is_drawn(kind):
         ([sigma, replace(PRESSED, sigma=0.03 * PRESSED.force)], {"residuals": "sigma"}),
         ([CURVE], {"residuals": "absolute"}),
     ):
-        found = fit(data, starts=0, **options).bootstrap(30, kind=kind, seed=2)
+        found = fit(data, **options).bootstrap(30, kind=kind, seed=2)
         assert np.isfinite(found.c_e).all()
         assert found.c_e.std() > 0
         assert found.alpha.std() > 0
@@ -94,12 +94,12 @@ def test_segments_have_their_run_s_mean():
 
 def test_a_store_needs_a_seed(tmp_path):
     with pytest.raises(ValueError, match="a store needs a seed"):
-        fit(CURVE, starts=0).bootstrap(2, store=tmp_path / "s.jsonl")
+        fit(CURVE).bootstrap(2, store=tmp_path / "s.jsonl")
     assert not list(tmp_path.iterdir())
 
 
 def test_errors():
-    result = fit(CURVE, starts=0)
+    result = fit(CURVE)
     with pytest.raises(ValueError, match="n must be at least 2: got 1"):
         result.bootstrap(1)
     with pytest.raises(ValueError, match="kind must be one of parametric, residual: got 'jackknife'"):

@@ -148,7 +148,7 @@ def simulated(before, result, candidate):
             new = synthetic_indentation(
                 burr, material, [candidate.depth], scatter=result.static_scatter, **options
             )
-        again = fit([*before.data, new], starts=0)
+        again = fit([*before.data, new])
         made.append((np.log(area(again, result.c_e_end) / old), again.separately_identified))
     return np.array(made).T
 

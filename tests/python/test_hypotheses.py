@@ -38,7 +38,7 @@ class TestLackOfFit:
                         BURR, BONE, np.linspace(0.05, 0.3, 6), scatter=0.01, seed=seed + 1000
                     )
                 )
-            found.append(fit(data, starts=0).lack_of_fit.p_value)
+            found.append(fit(data).lack_of_fit.p_value)
         assert is_uniform(found, 1e-6)
         assert sum(p < 0.05 for p in found) <= stats.binom.isf(1e-6, 80, 0.05)
 
@@ -83,7 +83,7 @@ class TestFall:
             synthetic_trace(BURR, BONE, F, run_scatter=0, noise=0, step=0, seed=1) for F in (0.5, 1.0, 2.0)
         ]
         for traces in (clean[:1], clean, 4 * clean):
-            assert fit([self.CURVE, *traces], starts=0).fall.p_value > 0.5
+            assert fit([self.CURVE, *traces]).fall.p_value > 0.5
 
     @pytest.mark.parametrize("runs", [1, 3])
     def test_true_traces_are_rarely_rejected(self, runs):
@@ -94,7 +94,7 @@ class TestFall:
         found = []
         for seed in range(40):
             traces = [synthetic_trace(BURR, BONE, 0.8, seed=100 * seed + k) for k in range(runs)]
-            found.append(fit([self.CURVE, *traces], starts=0).fall.p_value)
+            found.append(fit([self.CURVE, *traces]).fall.p_value)
         assert sum(p < 0.05 for p in found) <= stats.binom.isf(1e-6, 40, 0.1)
         assert np.mean(found) > 0.25
 
@@ -138,7 +138,7 @@ class TestOneMaterial:
         found = []
         for seed in range(80):
             a, b = (
-                fit(synthetic_curve(BURR, BONE, FORCES, repeats=2, scatter=0.08, seed=2 * seed + k), starts=0)
+                fit(synthetic_curve(BURR, BONE, FORCES, repeats=2, scatter=0.08, seed=2 * seed + k))
                 for k in range(2)
             )
             found.append(a.differs_from(b).p_value)

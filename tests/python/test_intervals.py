@@ -38,7 +38,7 @@ class TestProperties:
         curve = replace(CURVE, sigma=0.08 * CURVE.velocity)
         faster = replace(curve, velocity=k * curve.velocity, sigma=k * curve.sigma)
         data = [PRESSED] if pressed else []
-        options = {"residuals": kind, "starts": 0}
+        options = {"residuals": kind}
         # alpha leaves the search's bounds of 1e-5 to 10 /ms nowhere
         one, other = fit([curve, *data], **options), fit([faster, *data], **options)
         assert (other.c_e, other.alpha / k) == pytest.approx((one.c_e, one.alpha), rel=1e-4)
@@ -48,9 +48,9 @@ class TestProperties:
     @settings(max_examples=8, deadline=None)
     @given(k=st.floats(0.1, 10))
     def test_stiffer_by_a_factor(self, k):
-        one = fit([CURVE, PRESSED], starts=0)
+        one = fit([CURVE, PRESSED])
         pressed = replace(PRESSED, force=k * PRESSED.force)
-        other = fit([replace(CURVE, force=k * CURVE.force), pressed], starts=0)
+        other = fit([replace(CURVE, force=k * CURVE.force), pressed])
         assert (other.c_e / k, other.alpha) == pytest.approx((one.c_e, one.alpha), rel=1e-4)
         assert np.divide(ends(other, "c_e"), k) == pytest.approx(ends(one, "c_e"), rel=1e-4)
         assert ends(other, "alpha") == pytest.approx(ends(one, "alpha"), rel=1e-3)
@@ -60,20 +60,20 @@ class TestProperties:
     def test_order_does_not_matter(self, order, swap):
         shuffled = replace(CURVE, force=CURVE.force[order], velocity=CURVE.velocity[order])
         data = [shuffled, PRESSED, TRACE]
-        one, other = (fit(d, starts=0) for d in ([CURVE, PRESSED, TRACE], data[::-1] if swap else data))
+        one, other = (fit(d) for d in ([CURVE, PRESSED, TRACE], data[::-1] if swap else data))
         assert (other.c_e, other.alpha) == pytest.approx((one.c_e, one.alpha), rel=1e-4)
         for name in ("c_e", "alpha"):
             assert ends(other, name) == pytest.approx(ends(one, name), rel=1e-3)
 
     def test_twice_the_data_narrow(self):
-        one, two = fit(CURVE, starts=0), fit([CURVE, CURVE], starts=0)
+        one, two = fit(CURVE), fit([CURVE, CURVE])
         for name in ("c_e", "alpha"):
             for level, interval in two.intervals[name].items():
                 assert interval.ratio() < one.intervals[name][level].ratio()
 
     @pytest.mark.parametrize("data", [[CURVE], [RIDGE], [CURVE, PRESSED], [CURVE, TRACE]])
     def test_levels_nest_and_hold_the_fit(self, data):
-        result = fit(data, starts=2)
+        result = fit(data)
         for name in ("c_e", "alpha"):
             before = None
             for interval in result.intervals[name].values():
@@ -117,7 +117,7 @@ class TestResult:
 
     @pytest.mark.parametrize(("data", "options"), KINDS)
     def test_comes_back_from_json(self, data, options):
-        result = fit(data, starts=1, **options)
+        result = fit(data, **options)
         text = json.dumps(result.to_dict(), allow_nan=False)
         for again in (Fit.from_dict(json.loads(text)), pickle.loads(pickle.dumps(result))):
             assert json.dumps(again.to_dict(), allow_nan=False) == text
@@ -153,12 +153,10 @@ class TestResult:
         with pytest.raises(ValueError, match="name must be 'c_e' or 'alpha': got 'R'"):
             result.plot_profile("R")
         with pytest.raises(ValueError, match="hold no velocity curve"):
-            fit([synthetic_trace(BURR, BONE, F, seed=1) for F in (0.5, 1, 2)], starts=0).curve  # noqa: B018
+            fit([synthetic_trace(BURR, BONE, F, seed=1) for F in (0.5, 1, 2)]).curve  # noqa: B018
         with pytest.raises(TypeError, match="data must be a VelocityCurve, Indentation or DepthTrace"):
             fit([1.0])
         with pytest.raises(ValueError, match="data must hold at least one data set: got none"):
             fit([])
         with pytest.raises(ValueError, match="residuals must be 'relative' with depth traces"):
             fit([CURVE, TRACE], residuals="absolute")
-        with pytest.raises(ValueError, match="replicates must be at least 2"):
-            fit(CURVE, replicates=1)

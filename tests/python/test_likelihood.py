@@ -87,7 +87,6 @@ def pair(name: str) -> tuple[Fit, Oracle, tuple[float, float, float]]:
         shape=options.get("shape", "parabolic"),
         residuals=options.get("kind", "relative"),
         bounds=None if bounds is None else {"c_e": bounds},
-        starts=2,
     )
     oracle = Oracle(data, **options)
     return found, oracle, oracle.minimum()
@@ -221,8 +220,8 @@ class TestCalibration:
         direction = None if q == 2 else np.array(C_E)
         for level in (0.1, 0.68, 0.95, 0.997):
             rise = calibration.limit(level, direction)
-            assert calibration.probability(rise, q) == pytest.approx(1 - level, rel=1e-6, abs=1e-12)
-        assert calibration.probability(0.0, q) == pytest.approx(1.0)
+            assert calibration.probability(rise, direction) == pytest.approx(1 - level, rel=1e-6, abs=1e-12)
+        assert calibration.probability(0.0, direction) == pytest.approx(1.0)
 
     def test_monte_carlo_error_widens(self):
         wider = replace(one(9), monte_carlo=0.25)
@@ -240,7 +239,7 @@ class TestCalibration:
         covered = {"68": 0, "95": 0}
         for seed in range(n):
             pressed = synthetic_indentation(BURR, BONE, depths, scatter=0.03, seed=seed)
-            found = fit([curve, pressed], starts=0)
+            found = fit([curve, pressed])
             estimates = np.log(pressed.force / (9 * (pressed.depth / 3) ** 1.5))
             if seed < 20:
                 half = stats.t.ppf(0.975, 4) * estimates.std(ddof=1) / np.sqrt(5)

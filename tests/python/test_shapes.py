@@ -11,9 +11,9 @@ from scipy import stats
 
 from burrlab import materials
 from burrlab._core import Burr, Material
-from burrlab.common.study import run_items
+from burrlab.bone.materials import materials
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import Observations, bounds_of
+from burrlab.fitting.observations import Observations, Threshold, bounds_of
 from burrlab.fitting.profile import Domain
 from burrlab.fitting.shape_comparison import kappa
 from burrlab.fitting.shape_family import NODES, FamilyCurve, PowerFamily, Threshold, lowest, member

@@ -9,6 +9,7 @@ import argparse
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -203,9 +204,12 @@ def _fit(options: Options) -> int:
     if options.store is not None and options.engine != "voxel":
         raise ValueError("--store goes with --engine voxel")
     result = burrlab.fit(
-        _data(options), shape=options.shape, engine=options.engine, residuals=options.residuals,
-        seed=options.seed, voxel=options.voxel, store=_store(options), progress=_bar(options),
-    )  # fmt: skip
+        _data(options),
+        shape=options.shape,
+        engine=_engine(options),
+        residuals=options.residuals,
+        seed=options.seed,
+    )
     given = {} if options.test is None else {"given": options.test}
     if options.plot is not None:
         save_figure(result.plot(alpha_lines=options.alpha_lines, log=options.log), options.plot)
@@ -241,13 +245,16 @@ def _data(options: Options) -> list[burrlab.VelocityCurve | burrlab.Indentation 
     return found
 
 
-def _store(options: Options) -> burrlab.Store | None:
-    return None if options.store is None else burrlab.Store(options.store)
+def _engine(options: Options) -> Literal["mean-field"] | burrlab.VoxelEngine:
+    if options.engine == "mean-field":
+        return "mean-field"
+    store = None if options.store is None else burrlab.Store(options.store)
+    return burrlab.VoxelEngine(voxel=options.voxel, store=store, progress=_bar())
 
 
-def _bar(options: Options) -> Callable[[int, int], object] | None:
-    """A progress bar for the voxel engine, on a terminal."""
-    if options.engine != "voxel" or not sys.stderr.isatty():
+def _bar() -> Callable[[int, int], object] | None:
+    """A progress bar on a terminal."""
+    if not sys.stderr.isatty():
         return None
     from tqdm import tqdm
 

@@ -6,6 +6,7 @@ import secrets
 from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from burrlab.fitting.observations import Floats, Observations, ResidualKind
 from burrlab.fitting.profile import Domain, best_point
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.search import Box
+from burrlab.fitting.verdict import span
 from burrlab.fitting.voxel import VoxelModel, VoxelTable
 
 KINDS = ("parametric", "residual")
@@ -43,12 +45,26 @@ class BootstrapItem:
     replicate: int
 
 
+@lru_cache(maxsize=4)
+def _fitted(
+    o: Observations,
+    kind: ResidualKind,
+    shape: str,
+    table: VoxelTable | None,
+    box: Box,
+    given: tuple[str, ...],
+) -> tuple[Likelihood, Domain]:
+    """What all replicates share."""
+    model = MeanFieldModel(o, Shape(shape)) if table is None else VoxelModel(o, Shape(shape), table)
+    fitted = Likelihood(o, kind, model)
+    return fitted, Domain.of(fitted, box, dict.fromkeys(given))
+
+
 def replicate(item: BootstrapItem) -> tuple[float, float]:
     """c_e [N/mm^2] and alpha [1/ms] fitted to data made from the fit and its scatter."""
     o = item.observations
-    model = MeanFieldModel(o, item.shape) if item.table is None else VoxelModel(o, item.shape, item.table)
-    fitted = Likelihood(o, item.residual_kind, model)
-    unit = model.unit(item.c_e)
+    fitted, domain = _fitted(o, item.residual_kind, item.shape.name, item.table, item.box, item.given_bounds)
+    unit = fitted.model.unit(item.c_e)
     random = np.random.default_rng([item.seed, item.replicate])
     scatter = {name: (value, inflation) for name, value, inflation in item.scatters}
 
@@ -77,9 +93,7 @@ def replicate(item: BootstrapItem) -> tuple[float, float]:
     if len(pressed):
         r = drawn("force", fitted.pressed_residuals(item.c_e))
         pressed = pressed + r * o.pressed_sigma if fitted.pressed_known else pressed * np.exp(r)
-    again = Likelihood(o.with_outcomes(v, pressed), item.residual_kind, model)
-    domain = Domain.of(again, item.box, dict.fromkeys(item.given_bounds))
-    return best_point(again, domain)
+    return best_point(Likelihood(o.with_outcomes(v, pressed), item.residual_kind, fitted.model), domain)
 
 
 def _runs(o: Observations, means: Floats, within: Floats, scatter: Floats) -> Floats:
@@ -138,7 +152,7 @@ class Bootstrap:
 
     def __repr__(self) -> str:
         ends = ", ".join(
-            f"{name} {_text(levels['95'])}"
+            f"{name} {span(levels['95']).replace(' to ', '..')}"
             for name, levels in self.intervals.items()
             if name != "combination"
         )
@@ -170,11 +184,6 @@ def _percentiles(values: Floats, level: float) -> Interval:
     ]
     lower, upper = (float(end) if np.isfinite(end) else None for end in ends)
     return Interval(lower, upper)
-
-
-def _text(interval: Interval) -> str:
-    lower = "open" if interval.lower is None else f"{interval.lower:.3g}"
-    return f"{lower}..{'open' if interval.upper is None else f'{interval.upper:.3g}'}"
 
 
 def bootstrap(

@@ -22,6 +22,7 @@ from burrlab.fitting.intervals import LEVELS, Interval
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Calibration, Data, Floats, Observations, bounds_of
 from burrlab.fitting.profile import Domain, best_point, profile
+from burrlab.fitting.report import columns, html_table
 from burrlab.fitting.verdict import separately_identified
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.indentation import Indentation
@@ -255,18 +256,13 @@ class Coverage:
         return table
 
     def __repr__(self) -> str:
-        table = self.rows()
-        widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
-        lines = [
-            "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in table
-        ]
-        return "\n".join([self._head(), *lines, f"separately identified: {self.separately_identified}"])
+        return "\n".join(
+            [self._head(), *columns(self.rows()), f"separately identified: {self.separately_identified}"]
+        )
 
     def _repr_html_(self) -> str:
-        rows = ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in self.rows()]
-        table = "".join(f"<tr>{row}</tr>" for row in rows)
         apart = f"separately identified: {self.separately_identified}"
-        return f"<p><b>{escape(self._head())}</b></p><table>{table}</table><p>{escape(apart)}</p>"
+        return f"<p><b>{escape(self._head())}</b></p>{html_table(self.rows())}<p>{escape(apart)}</p>"
 
     def _head(self) -> str:
         return (

@@ -4,26 +4,26 @@ from __future__ import annotations
 
 import secrets
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+import warnings
+from collections.abc import Sequence
+from dataclasses import fields
 from typing import Any, Literal, get_args
 
 import nlopt
 import numpy as np
 
 from burrlab._core import Burr, Shape
-from burrlab.bone.specimen import Specimen
-from burrlab.bone.uneven import BoneField
 from burrlab.common.check import require_type
 from burrlab.common.provenance import provenance
-from burrlab.common.study import StorePath
+from burrlab.fitting.hypotheses import Point
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import Bounds, Data, Floats, Observations, ResidualKind, bounds_of
+from burrlab.fitting.observations import Bounds, Data, Observations, ResidualKind, bounds_of
+from burrlab.fitting.profile import FLAT, Domain, at_ridge, minima
 from burrlab.fitting.record import describe, weigh
 from burrlab.fitting.result import Fit
-from burrlab.fitting.search import Box, Objective, Start, is_minimum, minimise, search
-from burrlab.fitting.verdict import status_of
-from burrlab.fitting.voxel import VoxelEngine, VoxelModel, VoxelSettings
+from burrlab.fitting.search import Box, Start, minimise
+from burrlab.fitting.verdict import equally_good, status_of
+from burrlab.fitting.voxel import Descents, VoxelEngine, VoxelModel
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
 from burrlab.measured.indentation import Indentation
@@ -31,7 +31,6 @@ from burrlab.measured.indentation import Indentation
 __all__ = ["Fit", "fit"]
 
 Engine = Literal["mean-field", "voxel"]
-Progress = Callable[[int, int], object]
 
 
 def fit(
@@ -39,19 +38,11 @@ def fit(
     burr: Burr | None = None,
     *,
     shape: Shape | str = "parabolic",
-    engine: Engine = "mean-field",
+    engine: Engine | VoxelEngine = "mean-field",
     residuals: ResidualKind = "relative",
-    starts: int = 8,
     seed: int | None = 0,
     bounds: Bounds | None = None,
-    progress: Progress | None = None,
-    executor: Executor | None = None,
-    store: StorePath | None = None,
-    voxel: float = 0.1,
-    dt: float = 1.0,
-    rig: bool = False,
-    specimen: Specimen | BoneField | None = None,
-    replicates: int = 4,
+    **old: Any,
 ) -> Fit:
     """Fit the elastic constant c_e and the erosion rate alpha, and say what the data determine.
 
@@ -72,37 +63,21 @@ def fit(
         The burr of the data sets that do not say their radius.
     shape : Shape or str
         Erosion shape function f; alpha is a number for one f.
-    engine : {"mean-field", "voxel"}
+    engine : {"mean-field", "voxel"} or VoxelEngine
         What predicts the velocity: the scaling law of the axisymmetric mean-field descent, or descents into
-        voxels. The voxel engine begins at the mean-field fit.
+        voxels; ``"voxel"`` is `VoxelEngine` with its defaults. The voxel engine begins at the mean-field fit.
     residuals : {"relative", "absolute", "sigma"}
         See above.
-    starts : int
-        Number of local searches besides the one from the global stage's best point.
     seed : int or None
-        Of the starts and of the voxel engine's erosion; None draws one, which the result records.
+        Of the voxel engine's erosion; None draws one, which the result records.
     bounds : dict, optional
         ``{"c_e": (low, high), "alpha": (low, high)}`` [N/mm^2], [1/ms]. By default c_e runs from its hard
         bound to 100 times that, alpha from 1e-5 to 10, or as far as the data reach, in the search, and both
         without end in the intervals.
         An interval that reaches a bound given here is open there.
-    progress : callable, optional
-        Voxel engine: called with (descents done, descents in all).
-    executor : concurrent.futures.Executor, optional
-        Voxel engine: runs the descents; threads over the cores by default.
-    store : Store or path, optional
-        Voxel engine: keeps every descent, so that an interrupted fit goes on where it stopped.
-    voxel : float
-        Voxel engine: voxel size [mm].
-    dt : float
-        Voxel engine: tick [ms].
-    rig : bool
-        Voxel engine: descents through controller and virtual rig; else the force is held exactly.
-    specimen : Specimen or BoneField, optional
-        Voxel engine: what is burred; of a BoneField every replicate has its own realisation. Default: solid
-        bone.
-    replicates : int
-        Voxel engine: descents at each force and point, at least 2; their differences give its Monte Carlo error.
+    **old
+        Options of `VoxelEngine`, which were keywords of this function, and `starts`, which does nothing. They
+        work in this version, with a DeprecationWarning.
 
     Returns
     -------
@@ -135,16 +110,18 @@ def fit(
     tabulated by descents near the best alpha, with common random numbers at all points; the Monte Carlo
     error of the fit widens the limits by 1 + SE_mc^2/SE_stat^2, as Ionides et al. do.
 
-    Global stage: CRS2 of nlopt; local: BOBYQA. nlopt's return code tells nothing about the fit, so the best
-    end is compared with its neighbours, the ends with one another, and with the walk along c_e that the
-    intervals come from.
+    At each c_e the best alpha has a closed form. So a walk along c_e finds all minima, and the intervals are
+    read from it too. The fit is the walk's lowest point within the bounds of the search. Where -2 log L stays
+    within 1e-5 of its lowest from some c_e on the ridge to the end of the search, over 5 % of c_e or more,
+    the fit is the smallest such c_e. nlopt's BOBYQA starts from this point and from every minimum of equal
+    RMS residual (within 0.1 %). `status` is ``"not-converged"`` where it finds a point whose -2 log L is
+    lower by more than 1e-5, ``"disagreement"`` where equally good ends differ by more than 5 %.
 
     References
     ----------
     Agus et al., Physics-based burr haptic simulation: tuning and evaluation, HAPTICS 2004, section 4.
     Ionides, Breto, Park, Smith, King, Monte Carlo profile confidence intervals for dynamic systems,
     J. R. Soc. Interface 14 (2017) 20170126.
-    Kaelo and Ali, Some variants of the controlled random search algorithm, JOTA 130 (2006).
     Powell, The BOBYQA algorithm for bound constrained optimization without derivatives, Cambridge 2009.
 
     Examples
@@ -160,60 +137,40 @@ def fit(
     None
     """
     begin = time.perf_counter()
-    sets = _sets(data)
-    if burr is not None:
-        require_type("burr", burr, Burr, "Burr(3.0)")
-    shape = shape if isinstance(shape, Shape) else Shape(shape)
-    _check(engine, residuals, starts, replicates)
-    if not (seed is None or (isinstance(seed, (int, np.integer)) and seed >= 0)):
-        raise ValueError(f"seed must be a whole number from 0, or None: got {seed!r}")
-    if seed is None and store is not None:
-        raise ValueError("a store needs a seed, for it finds results by it: got seed None")
-    if not isinstance(specimen, (Specimen, BoneField, type(None))):
-        raise TypeError(f"specimen must be a Specimen or a BoneField, got {specimen!r}")
-    if not isinstance(bounds, (dict, type(None))):
-        raise TypeError(f"bounds must be a dict such as {{'c_e': (1, 3)}}, got {bounds!r}")
+    sets, shape = _sets(data), shape if isinstance(shape, Shape) else Shape(shape)
+    voxels = _engine(engine, old)
+    _check(burr, residuals, seed, bounds, voxels)
     observations = Observations.of(sets, burr)
     if residuals == "sigma" and not observations.has_sigma:
         raise ValueError("residuals 'sigma' need a sigma in every row that has a velocity")
     seed = secrets.randbits(32) if seed is None else int(seed)
-    box = bounds_of(observations, bounds)
 
     likelihood = Likelihood(observations, residuals, MeanFieldModel(observations, shape))
+    box = bounds_of(observations, bounds)
     if "alpha" not in (bounds or {}):
         box = _with_best_alphas(box, likelihood)
-    ends = search(_objective(likelihood), box, _ridge_alpha(likelihood), starts=starts, seed=seed)
-    settings: dict[str, Any] = {}
-    table, made = None, None
-    record: tuple[tuple[float, float], ...] = ()
-    if engine == "voxel":
-        given = VoxelSettings(voxel, dt, rig, specimen, replicates)
-        settings = given.described()
-        voxels = VoxelEngine(
-            observations, shape, given, seed=seed, executor=executor, store=store, progress=progress
-        )
-        made = voxels.tabulate(likelihood, box, _best(ends).end)
-        ends = (Start("from mean-field", _best(ends).end, _best(ends).end, np.inf, "FAILURE", 0),)
-        if not isinstance(made, str):
+    domain = Domain.of(likelihood, box, bounds or {})
+    starts, missed = _searched(likelihood, domain, box)
+    table, failure = None, ""
+    record: tuple[Point, ...] = ()
+    if voxels is not None:
+        there = starts[0].end
+        made = Descents(observations, shape, voxels, seed).tabulate(likelihood, box, there)
+        if isinstance(made, str):
+            failure = made
+        else:
             table, record = made
             likelihood = Likelihood(observations, residuals, VoxelModel(observations, shape, table))
-            ends = (_local(likelihood, box, ends[0].end, "from mean-field"),)
+            starts, missed = _searched(likelihood, domain, box, ("from mean-field", there))
+            failure = "" if starts else "No c_e within its bounds gave every row a velocity."
+        if failure:
+            starts = (Start("from mean-field", there, there, np.inf, "FAILURE", 0),)
 
-    best = _best(ends)
-    evidence = weigh(likelihood, shape, box, bounds, best.end, table) if np.isfinite(best.objective) else None
-    if (
-        evidence is not None and evidence.better is not None
-    ):  # the walk along c_e found what the searches missed
-        ends = (*ends, _local(likelihood, box, evidence.better, "walk along c_e"))
-        best = _best(ends)
-        evidence = weigh(likelihood, shape, box, bounds, best.end, table)
-    if evidence is None:
-        status, reason = "not-converged", str(made)
-    else:
-        exponent = evidence.ridge.exponent
-        directions = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, exponent]])
-        settled = best.converged and is_minimum(_objective(likelihood), box, best, directions)
-        status, reason = status_of(observations, box, ends, best, evidence.ridge, settled)
+    best = min(starts, key=lambda start: start.objective) if missed > FLAT else starts[0]
+    evidence, status, reason = None, "not-converged", failure
+    if not failure:
+        evidence = weigh(likelihood, shape, domain, best.end, table)
+        status, reason = status_of(observations, box, starts, best, evidence.ridge, missed)
     return Fit(
         c_e=best.end[0],
         alpha=best.end[1],
@@ -222,27 +179,26 @@ def fit(
         residual_kind=residuals,
         status=status,
         reason=reason,
-        starts=ends,
+        starts=starts,
         bounds={"c_e": (box.lower[0], box.upper[0]), "alpha": (box.lower[1], box.upper[1])},
         given_bounds=tuple(bounds or ()),
         evidence=evidence,
         **describe(likelihood, best.end, evidence is not None),
-        engine=engine,
+        engine="mean-field" if voxels is None else "voxel",
         table=table,
         seed=seed,
-        evaluations=sum(end.evaluations for end in ends),
+        evaluations=sum(start.evaluations for start in starts),
         seconds=time.perf_counter() - begin,
         record=record,
         data=sets,
         provenance=provenance(
             shape=shape.name,
             radius_mm=sorted(set(observations.radius.tolist())),
-            engine=engine,
+            engine="mean-field" if voxels is None else "voxel",
             residuals=residuals,
-            starts=starts,
             seed=seed,
             nlopt=nlopt.__version__,
-            **settings,
+            **({} if voxels is None else voxels.settings.described()),
         ),
     )
 
@@ -272,35 +228,62 @@ def _radius(observations: Observations) -> float | None:
     return radii.pop() if len(radii) == 1 else None
 
 
-def _check(engine: str, residuals: str, starts: int, replicates: int) -> None:
-    for name, value, allowed in (("engine", engine, Engine), ("residuals", residuals, ResidualKind)):
-        if value not in get_args(allowed):
-            raise ValueError(f"{name} must be one of {', '.join(get_args(allowed))}: got {value!r}")
-    for name, number in (("starts", starts), ("replicates", replicates)):
-        if not isinstance(number, (int, np.integer)):
-            raise TypeError(f"{name} must be a whole number, got {number!r}")
-    if starts < 0:
-        raise ValueError(f"starts must not be negative: got {starts!r}")
-    if replicates < 2:
-        raise ValueError(f"replicates must be at least 2, to show their scatter: got {replicates!r}")
+def _engine(engine: str | VoxelEngine, old: dict[str, Any]) -> VoxelEngine | None:
+    """The voxel engine, if it is asked for; its options were keywords of `fit` before."""
+    if not isinstance(engine, VoxelEngine) and engine not in get_args(Engine):
+        raise ValueError(f"engine must be one of {', '.join(get_args(Engine))}: got {engine!r}")
+    unknown = set(old) - {"starts", *(field.name for field in fields(VoxelEngine))}
+    if unknown:
+        raise TypeError(f"fit() got an unexpected keyword argument {min(unknown)!r}")
+    if old.pop("starts", None) is not None:
+        warnings.warn(
+            "starts of fit() does nothing: a walk finds all minima", DeprecationWarning, stacklevel=3
+        )
+    if old and isinstance(engine, VoxelEngine):
+        raise TypeError(
+            f"{', '.join(old)} must be given to VoxelEngine alone: got fit(engine=VoxelEngine(...)) too"
+        )
+    if old:
+        said = f"{', '.join(old)} of fit() will go: give engine=VoxelEngine(...) instead"
+        warnings.warn(said, DeprecationWarning, stacklevel=3)
+    made = VoxelEngine(**old)
+    if isinstance(engine, VoxelEngine):
+        return engine
+    return made if engine == "voxel" else None
 
 
-def _objective(likelihood: Likelihood) -> Objective:
-    """What the searches minimise over (log c_e, log alpha); NaN where a row has no prediction."""
-
-    def objective(logarithms: Floats) -> float:
-        return likelihood.objective(*np.exp(logarithms).tolist())
-
-    return objective
-
-
-def _ridge_alpha(likelihood: Likelihood) -> Callable[[float], float]:
-    return lambda c_e: float(likelihood.at(c_e).best_alpha[0])
-
-
-def _local(likelihood: Likelihood, box: Box, start: tuple[float, float], origin: str) -> Start:
-    return minimise(_objective(likelihood), box, np.log(start), origin=origin)
+def _check(burr: object, residuals: str, seed: object, bounds: object, voxels: VoxelEngine | None) -> None:
+    if burr is not None:
+        require_type("burr", burr, Burr, "Burr(3.0)")
+    if residuals not in get_args(ResidualKind):
+        raise ValueError(f"residuals must be one of {', '.join(get_args(ResidualKind))}: got {residuals!r}")
+    if not (seed is None or (isinstance(seed, (int, np.integer)) and seed >= 0)):
+        raise ValueError(f"seed must be a whole number from 0, or None: got {seed!r}")
+    if seed is None and voxels is not None and voxels.store is not None:
+        raise ValueError("a store needs a seed, for it finds results by it: got seed None")
+    if not isinstance(bounds, (dict, type(None))):
+        raise TypeError(f"bounds must be a dict such as {{'c_e': (1, 3)}}, got {bounds!r}")
 
 
-def _best(ends: Sequence[Start]) -> Start:
-    return min(ends, key=lambda end: end.objective)
+def _searched(
+    likelihood: Likelihood, domain: Domain, box: Box, begin: tuple[str, Point] | None = None
+) -> tuple[tuple[Start, ...], float]:
+    """The walk's best point, and nlopt's ends from it and from minima that are as good.
+
+    Also by how much -2 log L at the best of these ends is below the walk's lowest.
+    """
+    within = domain.within(box)
+    found = minima(likelihood, within)
+    if not found:
+        return (), 0.0
+    best = at_ridge(likelihood, within, found[0])
+    end = best.c_e, best.alpha
+    origin, there = begin or ("walk along c_e", end)
+    walk = Start(origin, there, end, likelihood.objective(*end), "SUCCESS", best.evaluations)
+    ends = [walk]
+    for one in (best, *found[1:]):
+        point = one.c_e, one.alpha
+        if equally_good(likelihood.objective(*point), walk, len(likelihood.observations)):
+            ends.append(minimise(likelihood.objective, box, point, origin=f"BOBYQA {len(ends)}"))
+    lowest = min(float(likelihood.at(one.end[0]).minus2(one.end[1])[0]) for one in ends)
+    return tuple(ends), found[0].minus2 - lowest

@@ -157,7 +157,7 @@ def one_material(a: Likelihood, b: Likelihood, both: Likelihood, points: Sequenc
 
     The sums of squares add up over the experiments, so they are taken to scatter alike; the drop of -2 log L
     by two parameters more is judged by F(2, n - 4), by chi-square where every scatter is known, and where there
-    are several by what they tell of the parameters; see `Calibration.of_another_point`.
+    are several by what they tell of the parameters.
 
     Parameters
     ----------
@@ -174,7 +174,10 @@ def one_material(a: Likelihood, b: Likelihood, both: Likelihood, points: Sequenc
         together = parts[2][kind][0]
         rise += together - apart if known else rows * float(np.log(together / apart))
     total, scatters, shares = both.information(*points[2])
-    F, nu = Calibration(scatters, total, shares).of_another_point(max(rise, 0.0))
+    judged = Calibration(scatters, total, shares).threshold(
+        None, 2.0
+    )  # of two parameters more: twice as many
+    F, nu = judged.statistic(rise) / 2, judged.nu
     freedom: tuple[float, ...] = (2.0, nu)
     if np.isfinite(nu):
         p, number = float(stats.f.sf(F, 2, nu)), f"F(2, {nu:.3g}) = {F:.3g}"
@@ -198,21 +201,14 @@ def given_values(
     freedom: tuple[float, ...] = (2.0,)  # of both parameters; the denominator where one scatter is estimated
     if len(calibration.scatters) == 1 and not one.known:
         freedom = (2.0, float(one.n - 2))
+    o, p = likelihood.observations, 0.0
     if np.isnan(rise):
-        o = likelihood.observations
         force = o.force[np.argmax(o.c_e_bounds())]
-        return HypothesisTest(
-            name, np.inf, freedom, 0.0, f"({c_e:g} N/mm^2, {alpha:g} /ms) is excluded: at {force:.4g} N there "
-            "would have been no window."
-        )  # fmt: skip
-    if c_e > likelihood.observations.ceiling:
-        return HypothesisTest(
-            name, np.inf, freedom, 0.0, f"({c_e:g} N/mm^2, {alpha:g} /ms) is excluded: the overloaded run would "
-            "have had a window."
-        )  # fmt: skip
-    p = calibration.probability(max(rise, 0.0))
-    where = "inside" if p >= 0.05 else "outside"
-    return HypothesisTest(
-        name, rise, freedom, p, f"({c_e:g} N/mm^2, {alpha:g} /ms) lies {where} the joint 95 % region: -2 log L rises by "
-        f"{rise:.3g}, {p_text(p)}."
-    )  # fmt: skip
+        rise, said = np.inf, f"is excluded: at {force:.4g} N there would have been no window."
+    elif c_e > o.ceiling:
+        rise, said = np.inf, "is excluded: the overloaded run would have had a window."
+    else:
+        p = calibration.probability(max(rise, 0.0))
+        where = "inside" if p >= 0.05 else "outside"
+        said = f"lies {where} the joint 95 % region: -2 log L rises by {rise:.3g}, {p_text(p)}."
+    return HypothesisTest(name, rise, freedom, p, f"({c_e:g} N/mm^2, {alpha:g} /ms) {said}")

@@ -137,6 +137,16 @@ class Likelihood:
             return (o.pressed - stiffness * o.pressed_unit) / o.pressed_sigma
         return self._pressed_log - np.log(stiffness)
 
+    def residuals(self, c_e: ArrayLike, alpha: float) -> list[tuple[str, bool, Floats, int]]:
+        """Name, whether sigma is known, residuals (by last axis) and how many are free, of each scatter."""
+        unit = self.model.unit(c_e)
+        tables = [
+            ("velocity", self.known, self.velocity_residuals(unit, alpha), self.n),
+            ("segments", False, self.within_residuals(unit), self.n_within),
+            ("force", self.pressed_known, self.pressed_residuals(c_e), len(self.observations.pressed)),
+        ]
+        return [table for table in tables if table[3]]
+
     def at(self, c_e: ArrayLike) -> Slices:
         """The likelihood as a function of alpha, at each c_e [N/mm^2]."""
         stiffness = np.atleast_1d(np.asarray(c_e, dtype=np.float64))
@@ -231,50 +241,34 @@ class Likelihood:
         Central differences over 0.2 % of c_e, so that the kink of the window counts with its mean slope.
         """
         steps = np.log(c_e) + np.array([-1e-3, 0.0, 1e-3])
-        stiffness = np.exp(np.maximum(steps, np.log(self._lowest(c_e))))
-        unit = self.model.unit(stiffness)
+        hard = float(self.observations.c_e_bounds().max()) * (1 + 1e-9)  # of the windows
+        stiffness = np.exp(np.maximum(steps, np.log(min(hard, c_e))))
         width = float(np.log(stiffness[2] / stiffness[0]))
-        tables: list[tuple[str, bool, Floats, Floats, int]] = []
-        r = self.velocity_residuals(unit, alpha)
-        by_alpha = (
-            np.full(self.n, -1.0)
-            if self.kind == "relative"
-            else r[1] - self.velocity_residuals(unit[1], 2 * alpha)
-        )
-        if self.kind != "relative":
-            by_alpha = -by_alpha  # v is linear in alpha: one doubling is the derivative by log alpha
-        J = np.stack([(r[2] - r[0]) / width, by_alpha], axis=1)
-        tables.append(("velocity", self.known, J, r[1], self.n))
-        if self.n_within:
-            r = self.within_residuals(unit)
-            J = np.stack([(r[2] - r[0]) / width, np.zeros(r.shape[1])], axis=1)
-            tables.append(("segments", False, J, r[1], self.n_within))
-        if len(self.observations.pressed):
-            r = self.pressed_residuals(stiffness)
-            J = np.stack([(r[2] - r[0]) / width, np.zeros(r.shape[1])], axis=1)
-            tables.append(("force", self.pressed_known, J, r[1], r.shape[1]))
+        # log v is linear in log alpha, v in alpha: one doubling is the derivative by log alpha
+        doubling = np.log(2) if self.kind == "relative" else 1.0
+        tables = []
+        twice = self.residuals(c_e, 2 * alpha)
+        for (name, known, r, n), (_, _, r_twice, _) in zip(
+            self.residuals(stiffness, alpha), twice, strict=True
+        ):
+            J = np.stack([(r[2] - r[0]) / width, (r_twice - r[1]) / doubling], axis=1)
+            tables.append((name, known, J, r[1], n))
         return tables
-
-    def _lowest(self, c_e: float) -> float:
-        """c_e [N/mm^2], not below the hard bound of the windows."""
-        return min(float(self.observations.c_e_bounds().max()) * (1 + 1e-9), c_e)
 
     def log_likelihood(self, c_e: float, alpha: float) -> float:
         """With all constants, the estimated scatters at their best: the density of the data [their units]."""
-        unit = self.model.unit(c_e)
-        total = self._normal(self.velocity_residuals(unit, alpha), self.n, self.known)
+        tables = self.residuals(c_e, alpha)
+        total = sum(self._normal(r, n, known) for _, known, r, n in tables)
         o = self.observations
         if self.kind == "relative":  # the density is of v, not of log v
             total -= float(np.sum(np.log(o.velocity)))
         elif self.known:
             total -= float(np.sum(np.log(o.sigma)))
-        if self.n_within:
-            total += self._normal(self.within_residuals(unit), self.n_within, False)
-            # K rows are sqrt(K) times their mean and K - 1 contrasts, by a rotation; these are over run_scatter
-            for rows, scatter in zip(self._runs, self.run_scatter, strict=True):
-                total -= 0.5 * float(np.log(len(rows))) + (len(rows) - 1) * float(np.log(scatter))
+        # K rows of a run are sqrt(K) times their mean and K - 1 contrasts, by a rotation;
+        # these are over run_scatter
+        for rows, scatter in zip(self._runs, self.run_scatter, strict=True):
+            total -= 0.5 * float(np.log(len(rows))) + (len(rows) - 1) * float(np.log(scatter))
         if len(o.pressed):
-            total += self._normal(self.pressed_residuals(c_e), len(o.pressed), self.pressed_known)
             total -= float(np.sum(np.log(o.pressed_sigma if self.pressed_known else o.pressed)))
         return total
 

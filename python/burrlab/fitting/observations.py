@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
 from burrlab._core import Burr
 from burrlab.fitting.search import Box
@@ -260,6 +260,34 @@ class Scatter:
     value: float  #: standard deviation about the fit, 1, or [mm/s] for absolute residuals; of 1 if known
 
 
+@dataclass(frozen=True)
+class Threshold:
+    """How rises of -2 log L by one quantity are judged: rise = inflation nu log(1 + F/nu).
+
+    F has 1 and nu degrees of freedom. With known sigma nu is infinite, and F a chi-square.
+    """
+
+    inflation: float
+    nu: float
+
+    def statistic(self, rise: float) -> float:
+        """F, or chi-square where sigma is known; 0 for a fall."""
+        rise = max(rise, 0.0) / self.inflation
+        return rise if np.isinf(self.nu) else float(self.nu * np.expm1(min(rise / self.nu, 700.0)))
+
+    def probability(self, rise: float) -> float:
+        """p-value of a rise."""
+        F = self.statistic(rise)
+        return float(special.chdtrc(1, F) if np.isinf(self.nu) else special.fdtrc(1, self.nu, F))
+
+    def limit(self, level: float) -> float:
+        """Largest rise inside `level`, 0.95 for 95 %."""
+        # special's, for the checks of stats.f take a hundred times as long
+        if np.isinf(self.nu):
+            return self.inflation * float(special.chdtri(1, 1 - level))
+        return self.inflation * self.nu * float(np.log1p(special.fdtri(1, self.nu, level) / self.nu))
+
+
 @dataclass(frozen=True, eq=False)
 class Calibration:
     """How far -2 log L may rise above its minimum, from the F distribution.
@@ -279,7 +307,7 @@ class Calibration:
     """
 
     scatters: tuple[Scatter, ...]
-    total: Floats  # information, shape (2, 2)
+    total: Floats  # information, shape (2, 2), or (3, 3) with another parameter
     shares: Floats  # by scatter
     monte_carlo: float = 0.0  # variance of the stochastic engine's log c_e over that of the data
 
@@ -293,18 +321,29 @@ class Calibration:
         direction : ndarray, shape (2,), optional
             Gradient of one quantity over (log c_e, log alpha); None: both parameters jointly.
         """
+        wider = 1 + self.monte_carlo
         if direction is None:
-            return float(-2 * np.log1p(-level) * self._joint_inflation() * (1 + self.monte_carlo))
-        weights = self._weights(direction)
-        freedom = np.array([np.inf if s.known else max(s.n - s.parameters, 0.5) for s in self.scatters])
-        inflation = sum(
-            w * (1.0 if s.known else s.n / f) for w, s, f in zip(weights, self.scatters, freedom, strict=True)
+            return float(-2 * np.log1p(-level) * self._joint_inflation() * wider)
+        return self.threshold(direction).limit(level) * wider
+
+    def probability(self, rise: float, direction: Floats | None = None) -> float:
+        """p-value of a rise of -2 log L: the inverse of `limit`."""
+        rise /= 1 + self.monte_carlo
+        if direction is None:
+            return float(np.exp(-rise / 2 / self._joint_inflation()))
+        return self.threshold(direction).probability(rise)
+
+    def threshold(self, direction: Floats | None, times: float = 1.0) -> Threshold:
+        """That of one quantity, or of the parameters' mean; the rows determine `times` the parameters."""
+        freedom = np.array(
+            [np.inf if s.known else max(s.n - times * s.parameters, 0.5) for s in self.scatters]
         )
+        weights = self._weights(direction)
+        rows = np.array([s.n for s in self.scatters])
+        known = np.isinf(freedom)
+        inflation = float(np.sum(weights * np.where(known, 1.0, rows / freedom)))
         nu = 1 / max(float(np.sum(weights**2 / freedom)), 1e-12)
-        # special's, for the checks of stats.f take a hundred times as long
-        F = float(special.fdtri(1, nu, level) if nu < 1e9 else special.chdtri(1, 1 - level))
-        rise = nu * np.log1p(F / nu) if nu < 1e9 else F
-        return float(inflation * rise * (1 + self.monte_carlo))
+        return Threshold(inflation, nu if nu < 1e9 else np.inf)
 
     def _joint_inflation(self) -> float:
         """Mean rise of both parameters over chi-square's 2: n/(n - 2) for one scatter, exactly the F limit."""
@@ -316,42 +355,13 @@ class Calibration:
             )
         return mean / 2
 
-    def probability(self, rise: float, q: int = 2) -> float:
-        """p-value of a rise of -2 log L, q parameters: the inverse of `limit`."""
-        if len(self.scatters) == 1 and not self.scatters[0].known:
-            n = self.scatters[0].n
-            F = np.expm1(rise / (1 + self.monte_carlo) / n) * (n - 2) / q
-            return float(stats.f.sf(F, q, n - 2))
-        if all(s.known for s in self.scatters):
-            return float(stats.chi2.sf(rise / (1 + self.monte_carlo), q))
-        direction = None if q == 2 else np.array([1.0, 0.0])
-        low, high = 0.0, 1.0
-        for _ in range(60):  # the limit rises with the level
-            middle = (low + high) / 2
-            low, high = (middle, high) if self.limit(middle, direction) < rise else (low, middle)
-        return 1 - low
-
-    def of_another_point(self, rise: float) -> tuple[float, float]:
-        """F and its denominator for a rise of -2 log L by one c_e and alpha more than two parameters.
-
-        Twice the parameters are taken from the rows of every scatter; without estimated ones the denominator is
-        infinite, and twice F a chi-square of 2.
-        """
-        freedom = np.array([np.inf if s.known else max(s.n - 2 * s.parameters, 0.5) for s in self.scatters])
-        weights = self._weights(None)
-        inflation = sum(
-            w * (1.0 if s.known else s.n / f) for w, s, f in zip(weights, self.scatters, freedom, strict=True)
-        )
-        nu = 1 / max(float(np.sum(weights**2 / freedom)), 1e-12)
-        scaled = rise / float(inflation)
-        return (float(np.expm1(scaled / nu) * nu / 2), nu) if nu < 1e9 else (scaled / 2, np.inf)
-
     def _weights(self, direction: Floats | None) -> Floats:
         if len(self.scatters) == 1:
             return np.ones(1)
-        inverse = np.linalg.inv(self.total + 1e-10 * np.trace(self.total) * np.eye(2))
+        q = len(self.total)
+        inverse = np.linalg.inv(self.total + 1e-10 * np.trace(self.total) * np.eye(q))
         if direction is None:
-            return np.array([np.trace(inverse @ share) / 2 for share in self.shares])
+            return np.array([np.trace(inverse @ share) / q for share in self.shares])
         column = inverse @ direction
         weights = np.array([column @ share @ column for share in self.shares])
         return np.asarray(weights / weights.sum())

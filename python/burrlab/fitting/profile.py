@@ -1,17 +1,20 @@
-"""Profile likelihoods: intervals of c_e, alpha and of what is determined best, and the joint region.
+"""Profile likelihoods: best point, intervals of c_e, alpha and of what is determined best, and the joint region.
 
-alpha has a closed form at each c_e, so one walk along c_e gives everything: the interval of any quantity at a
-level is its range over the points whose -2 log L has risen by less than the level's limit.
+alpha has a closed form at each c_e, so one walk along c_e gives everything: the best point is its lowest, and
+the interval of any quantity at a level is its range over the points whose -2 log L has risen by less than the
+level's limit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
+from scipy.optimize import brentq, minimize_scalar
 
 from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile, Region
 from burrlab.fitting.likelihood import Likelihood, Slices
@@ -21,6 +24,7 @@ from burrlab.fitting.search import Box
 C_E, ALPHA = np.array([1.0, 0.0]), np.array([0.0, 1.0])  # directions in (log c_e, log alpha)
 
 _POINTS, _SUBPOINTS = 240, 12
+_CLOSER = 4
 _ACROSS = (
     60  # points evenly over the range that each limit leaves, which may be narrower than the first cells
 )
@@ -28,6 +32,11 @@ _BEYOND = 30.0  # the walk is dense to this many times the c_e at which the ridg
 _FAR = (1e2, 1e3, 1e4, 1e6)  # and has these points besides: there v is a power law of c_e
 _ENDLESS = 400.0  # of the logarithm of alpha or the combination: an end beyond is open
 _APART = 1e-9  # points of the walk closer than this in log c_e are one
+_PARABOLIC = 5e-3  # of log c_e: over a 24th of this a smooth profile is a parabola
+_EDGE = 1e-7  # of log c_e: so close is the minimum followed where windows or the range of alpha end
+_AS_GOOD = 0.003  # a point, of -2 log L: minima that are not higher by more are followed
+ONE_PLACE = 1.05  # points of which one has 5 % more c_e or alpha are two places; a kink alone makes 1 %
+FLAT = 1e-5  # of -2 log L: what differs by less is equally good
 _SHOWN = 160  # points of a curve that the result keeps
 _LONGEST_EXPONENT = 3.0  # exponents of the combination are sought to 3 times the ridge's
 
@@ -40,34 +49,54 @@ class Domain:
     high: float
     low_hard: bool
     high_hard: bool
-    entry: float  # c_e at which the ridge begins; infinite where there is none
+    kinks: tuple[float, ...]  # c_e above which a row's window begins above its static contact, sorted
     alpha: tuple[float, float]
+    points: int = _POINTS  # of the first walk, but for far ones
 
     @classmethod
     def of(cls, likelihood: Likelihood, box: Box, given: Mapping[str, object]) -> Domain:
         """The whole range of c_e, or that of bounds given by the user."""
         o = likelihood.observations
-        entry = float(o.ridge_entries().max())
+        kinks = tuple(np.unique(o.ridge_entries()).tolist())
         low, high = box.lower[0], box.upper[0]
         low_hard, high_hard = True, bool(np.isfinite(o.ceiling))
         if "c_e" in given:
             low_hard = low <= float(o.c_e_bounds().max()) * (1 + 2e-4)
             high_hard = high >= o.ceiling * (1 - 2e-4)
         else:
-            high = o.ceiling * (1 - 1e-4) if high_hard else _FAR[-1] * (entry if np.isfinite(entry) else low)
+            high = (
+                o.ceiling * (1 - 1e-4)
+                if high_hard
+                else _FAR[-1] * (kinks[-1] if np.isfinite(kinks[-1]) else low)
+            )
         alpha = (box.lower[1], box.upper[1]) if "alpha" in given else (0.0, np.inf)
-        return cls(low, high, low_hard, high_hard, entry, alpha)
+        return cls(low, high, low_hard, high_hard, kinks, alpha)
 
+    @property
+    def entry(self) -> float:
+        """c_e at which the ridge begins; infinite where there is none."""
+        return self.kinks[-1]
+
+    def within(self, box: Box) -> Domain:
+        """The part of it that the optimum is sought in, closer."""
+        return replace(
+            self,
+            high=min(self.high, box.upper[0]),
+            alpha=(box.lower[1], box.upper[1]),
+            points=_CLOSER * self.points,
+        )
+
+    @cached_property
     def grid(self) -> Floats:
         """First points: even in log c_e, with the far ones."""
         begin = self.entry if np.isfinite(self.entry) else self.low
         top = min(self.high, _BEYOND * begin)
         far = [begin * factor for factor in _FAR if top < begin * factor < self.high]
-        even = np.geomspace(self.low, max(top, self.low * 1.0001), _POINTS)
+        even = np.geomspace(self.low, max(top, self.low * 1.0001), self.points)
         return np.unique(np.concatenate([even, far, [self.high]]))
 
 
-class _Walk:
+class Walk:
     """Points along c_e, with alpha kept inside the domain."""
 
     def __init__(self, likelihood: Likelihood, domain: Domain, c_e: Floats) -> None:
@@ -146,27 +175,132 @@ def profile(
     )
 
 
+@dataclass(frozen=True)
+class Minimum:
+    """A minimum of the walk: c_e [N/mm^2], alpha [1/ms] and -2 log L without constants."""
+
+    c_e: float
+    alpha: float
+    minus2: float
+    evaluations: int  #: c_e tried to find it and the others
+
+
+def minima(likelihood: Likelihood, domain: Domain) -> list[Minimum]:
+    """Minima of the walk in a domain, the lowest first; none where there is no window.
+
+    A rise of up to `FLAT` parts no two of them. Between the kinks of its domain the profile is smooth: each part is searched for itself.
+    """
+    kinks = [kink for kink in domain.kinks if domain.low < kink < domain.high]
+    c_e = np.unique(np.append(domain.grid, kinks))
+    walk = Walk(likelihood, domain, c_e)
+    limit = walk.minus2.min() + _AS_GOOD * (1 + len(likelihood.observations))
+    places = []
+    for begin, end in pairwise([0, *np.searchsorted(c_e, kinks).tolist(), len(c_e) - 1]):
+        for i in _valleys(walk.minus2[begin : end + 1]):
+            lowest, sides = walk.minus2[begin + i], [max(begin, begin + i - 1), min(end, begin + i + 1)]
+            # it may be lower between the points
+            if np.isfinite(lowest) and lowest - 2 * (walk.minus2[sides].max() - lowest) <= limit:
+                places.append(sides)
+    if not places:
+        return []
+    low, high = c_e[places].T
+    found = _followed(likelihood, domain, low, high, len(c_e))
+    ends = [one.c_e for one in found]
+    # a part that is lowest at a kink has a minimum there only if the part beyond has too
+    found = [one for k, one in enumerate(found) if one.c_e not in kinks or one.c_e in ends[:k]]
+    return sorted(found, key=lambda one: one.minus2)
+
+
+def _followed(likelihood: Likelihood, domain: Domain, low: Floats, high: Floats, tried: int) -> list[Minimum]:
+    """The lowest point of each smooth stretch from `low` to `high`."""
+    part, each = np.linspace(0, 1, 2 * _SUBPOINTS + 1), np.arange(len(low))
+    while True:
+        width = np.log(high / low)
+        c_e = low[:, None] * np.exp(width[:, None] * part)
+        c_e[:, -1] = high
+        walk = Walk(likelihood, domain, c_e.ravel())
+        y = walk.minus2.reshape(c_e.shape)
+        i, tried = y.argmin(axis=1), tried + c_e.size
+        smooth = np.isfinite(y).all() and (walk.alpha == walk.slices.best_alpha).all()
+        if width.max() < (_PARABOLIC if smooth else _EDGE):
+            break
+        low, high = c_e[each, np.maximum(i - 1, 0)], c_e[each, np.minimum(i + 1, part.size - 1)]
+    middle = np.clip(i, 1, part.size - 2)  # of a parabola through three points
+    with np.errstate(invalid="ignore", divide="ignore"):
+        left, right = y[each, middle - 1] - y[each, middle], y[each, middle + 1] - y[each, middle]
+        vertex = middle + (left - right) / (left + right) / 2
+    vertex = np.clip(vertex, np.maximum(i - 1, 0), np.minimum(i + 1, part.size - 1))
+    lowest = c_e[each, i]
+    at_vertex = np.where(
+        np.isfinite(vertex) & (left + right > 0), low * np.exp(width * vertex / (part.size - 1)), lowest
+    )
+    walk = Walk(likelihood, domain, np.append(lowest, at_vertex))
+    of_two = np.where(walk.minus2[len(low) :] < walk.minus2[: len(low)], each + len(low), each)
+    columns = (column[of_two].tolist() for column in (walk.c_e, walk.alpha, walk.minus2))
+    return [Minimum(c, a, m, tried + 2 * len(low)) for c, a, m in zip(*columns, strict=True)]
+
+
+def at_ridge(likelihood: Likelihood, domain: Domain, lowest: Minimum) -> Minimum:
+    """The point that counts where the ridge is flat: its smallest c_e from which on all are equally good.
+
+    Equally good is -2 log L within `FLAT` of its lowest; all are those up to the end of the domain. Without a
+    flat stretch of 5 % in c_e the lowest point itself counts.
+    """
+    begin = max(domain.entry, domain.low)
+    if begin >= domain.high:
+        return lowest
+    c_e = np.append(np.geomspace(begin, domain.high, _POINTS), max(begin, lowest.c_e))
+    walk = Walk(likelihood, domain, np.unique(c_e))
+    free = (walk.alpha == walk.slices.best_alpha) | (
+        walk.c_e == lowest.c_e
+    )  # else alpha is at one of its ends
+    c_e, equal = walk.c_e[free], walk.minus2[free] <= lowest.minus2 + FLAT
+    first = len(c_e) - int(np.argmin(np.append(equal[::-1], False)))
+    if first == len(c_e) or c_e[-1] < ONE_PLACE * c_e[first]:
+        return lowest
+    begin = float(c_e[first])
+    if first > 0:
+
+        def height(c_e: float) -> float:
+            return float(Walk(likelihood, domain, np.array([c_e])).minus2[0]) - lowest.minus2 - FLAT
+
+        begin = brentq(height, float(c_e[first - 1]), begin, rtol=1e-9)
+    there = Walk(likelihood, domain, np.array([begin]))
+    return replace(lowest, c_e=begin, alpha=float(there.alpha[0]), minus2=float(there.minus2[0]))
+
+
 def best_point(likelihood: Likelihood, domain: Domain) -> tuple[float, float]:
-    """c_e [N/mm^2] and alpha [1/ms] of the lowest -2 log L in the domain, by the walk alone."""
-    walk = _walk(likelihood, domain, domain.low, [])
-    i = int(np.argmin(walk.minus2))
-    ends = np.log(walk.c_e[[max(i - 1, 0), min(i + 1, len(walk.c_e) - 1)]])
-
-    def height(x: float) -> float:
-        return float(_Walk(likelihood, domain, np.exp([x])).minus2[0])
-
-    found = minimize_scalar(height, bounds=tuple(ends), method="bounded", options={"xatol": 1e-7})
-    if found.fun > walk.minus2[i]:
-        return float(walk.c_e[i]), float(walk.alpha[i])
-    c_e = np.exp([found.x])
-    return float(c_e[0]), float(_Walk(likelihood, domain, c_e).alpha[0])
+    """c_e [N/mm^2] and alpha [1/ms] of the lowest -2 log L in a domain."""
+    lowest = minima(likelihood, domain)[0]
+    return lowest.c_e, lowest.alpha
 
 
-def _walk(likelihood: Likelihood, domain: Domain, best: float, limits: list[float]) -> _Walk:
-    c_e = domain.grid()
+def _valleys(y: Floats) -> list[int]:
+    """Places of the minima that a rise of more than `FLAT` parts from one another."""
+    found, low, high = (
+        [],
+        0,
+        -1,
+    )  # places of the lowest since the last peak, of the highest since the last minimum
+    for i, value in enumerate(y.tolist()):
+        if low < high:
+            if value > y[high]:
+                high = i
+            elif value < y[high] - FLAT:
+                low = i
+        elif value < y[low]:
+            low = i
+        elif value > y[low] + FLAT:
+            found.append(low)
+            high = i
+    return found if low < high else [*found, low]
+
+
+def _walk(likelihood: Likelihood, domain: Domain, best: float, limits: list[float]) -> Walk:
+    c_e = domain.grid
     part = np.arange(1, _SUBPOINTS + 1) / (_SUBPOINTS + 1)
     for _ in range(3):
-        walk = _Walk(likelihood, domain, c_e)
+        walk = Walk(likelihood, domain, c_e)
         i = int(np.argmin(walk.minus2))
         inside = walk.minus2 - walk.minus2[i]
         edges = {i - 1, i}
@@ -182,10 +316,10 @@ def _walk(likelihood: Likelihood, domain: Domain, best: float, limits: list[floa
             np.concatenate([c_e, finer.ravel(), *across, np.clip([best], domain.low, domain.high)])
         )
         c_e = c_e[np.append(np.diff(np.log(c_e)) > _APART, True)]
-    return _Walk(likelihood, domain, c_e)
+    return Walk(likelihood, domain, c_e)
 
 
-def _range_of_c_e(walk: _Walk, domain: Domain, target: float) -> Interval:
+def _range_of_c_e(walk: Walk, domain: Domain, target: float) -> Interval:
     inside = np.flatnonzero(walk.minus2 <= target)
     first, last = int(inside[0]), int(inside[-1])
     lower = None if first == 0 and not domain.low_hard else float(walk.c_e[first])
@@ -193,7 +327,7 @@ def _range_of_c_e(walk: _Walk, domain: Domain, target: float) -> Interval:
     return Interval(lower, upper)
 
 
-def _range_of_alpha(walk: _Walk, domain: Domain, target: float) -> Interval:
+def _range_of_alpha(walk: Walk, domain: Domain, target: float) -> Interval:
     low, high = walk.band(target)
     c_e = _range_of_c_e(walk, domain, target)
     # alpha rises with c_e along the likelihood: it is open where c_e is
@@ -205,14 +339,14 @@ def _range_of_alpha(walk: _Walk, domain: Domain, target: float) -> Interval:
     return Interval(lower, upper)
 
 
-def _band(walk: _Walk, target: float) -> tuple[Floats, Floats, Floats]:
+def _band(walk: Walk, target: float) -> tuple[Floats, Floats, Floats]:
     low, high = walk.band(target)
     inside = np.isfinite(low)
     with np.errstate(divide="ignore"):
         return np.log(walk.c_e[inside]), np.log(low[inside]), np.log(high[inside])
 
 
-def _exponent(walk: _Walk, target: float, ridge: float) -> float:
+def _exponent(walk: Walk, target: float, ridge: float) -> float:
     x, low, high = _band(walk, target)
 
     def width(p: float) -> float:
@@ -223,7 +357,7 @@ def _exponent(walk: _Walk, target: float, ridge: float) -> float:
     return float(minimize_scalar(width, bounds=(0.0, _LONGEST_EXPONENT * ridge), method="bounded").x)
 
 
-def _range_of_combination(walk: _Walk, exponent: float, target: float, unbounded: bool) -> Interval:
+def _range_of_combination(walk: Walk, exponent: float, target: float, unbounded: bool) -> Interval:
     x, low, high = _band(walk, target)
     lower, upper = np.min(low - exponent * x), np.max(high - exponent * x)
     if unbounded:  # along the ridge the combination goes to 0 or infinity with c_e
@@ -235,7 +369,7 @@ def _range_of_combination(walk: _Walk, exponent: float, target: float, unbounded
     )
 
 
-def _alphas(walk: _Walk, base: float, rise: float) -> Floats:
+def _alphas(walk: Walk, base: float, rise: float) -> Floats:
     low, high = walk.band(base + rise)
     best = walk.alpha[int(np.argmin(walk.minus2))]  # along a ridge alpha has no end: the curve has
     begin, end = max(float(np.nanmin(low)), best / _BEYOND), min(float(np.nanmax(high)), best * _BEYOND)
@@ -256,7 +390,7 @@ def _lowest(x: Floats, y: Floats) -> float:
     return float(y[i] - slope**2 / (4 * curvature))
 
 
-def _region(walk: _Walk, domain: Domain, target: float) -> Region:
+def _region(walk: Walk, domain: Domain, target: float) -> Region:
     low, high = walk.band(target)
     inside = np.isfinite(low)
     is_open = bool(inside[-1]) and not domain.high_hard

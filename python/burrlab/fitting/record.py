@@ -27,8 +27,8 @@ from burrlab.fitting.observations import (
     ResidualKind,
     Scatter,
 )
-from burrlab.fitting.profile import Domain, profile
-from burrlab.fitting.search import Box, Start
+from burrlab.fitting.profile import FLAT, Domain, profile
+from burrlab.fitting.search import Start
 from burrlab.fitting.verdict import Ridge, ridge_of, sentence, separately_identified
 from burrlab.fitting.voxel import VoxelModel, VoxelTable, monte_carlo_share
 from burrlab.measured.curve import VelocityCurve
@@ -65,11 +65,12 @@ class FitRecord:
         Rows used, rows without a number, and those of them that bound c_e from above.
     status : str
         ``"ok"``; ``"ridge"``: only a combination of c_e and alpha is determined; ``"at-bound"``;
-        ``"disagreement"``: starts ended equally well at different parameters; ``"not-converged"``.
+        ``"disagreement"``: searches ended equally well at different parameters; ``"not-converged"``.
     reason : str
         One sentence for any status.
     starts : tuple of Start
-        Every search: begin, end, objective (sum of squared residuals), nlopt's result, evaluations.
+        Every search, the walk first: begin, end, objective (sum of squared residuals), nlopt's result,
+        evaluations.
     bounds : dict
         Bounds of ``c_e`` and ``alpha`` in the search.
     given_bounds : tuple of str
@@ -85,7 +86,7 @@ class FitRecord:
     table : VoxelTable or None
         Voxel engine: its predictions over c_e.
     seed : int
-        Of the starts and of the voxel engine's descents.
+        Of the voxel engine's descents.
     evaluations : int
         Of the objective, in all searches.
     seconds : float
@@ -204,7 +205,7 @@ class FitRecord:
     @property
     def best(self) -> Start:
         """The search that found the parameters."""
-        return min(self.starts, key=lambda start: start.objective)
+        return min(self.starts, key=lambda start: (start.end != (self.c_e, self.alpha), start.objective))
 
     @cached_property
     def observations(self) -> Observations:
@@ -413,9 +414,6 @@ def _array(values: Any) -> Any:
     return np.array(values, dtype=np.float64)
 
 
-_BETTER = 1e-5  # of -2 log L: by more than this the walk along c_e must beat a search to be followed
-
-
 @by_value
 @dataclass(frozen=True)
 class Evidence:
@@ -438,7 +436,7 @@ class Evidence:
     verdict : str
         In plain words, at 95 %.
     better : (float, float) or None
-        A better point than the fit, (c_e, alpha), where the walk along c_e met one.
+        A better point than the fit, (c_e, alpha), where the walk met one outside the bounds of the search.
     """
 
     log_likelihood: float
@@ -460,8 +458,7 @@ class Evidence:
 def weigh(
     likelihood: Likelihood,
     shape: Shape,
-    box: Box,
-    given: Mapping[str, object] | None,
+    domain: Domain,
     best: tuple[float, float],
     table: VoxelTable | None,
 ) -> Evidence:
@@ -471,10 +468,8 @@ def weigh(
     ----------
     likelihood : Likelihood
     shape : Shape
-    box : Box
-        Of the search.
-    given : mapping or None
-        Parameters whose bounds the user gave.
+    domain : Domain
+        Of the intervals.
     best : (float, float)
         c_e [N/mm^2], alpha [1/ms].
     table : VoxelTable or None
@@ -482,7 +477,6 @@ def weigh(
     """
     o = likelihood.observations
     exponent = 4 * (shape.order + 1) / 3
-    domain = Domain.of(likelihood, box, given or {})
     total, scatters, shares = likelihood.information(*best)
     found = profile(likelihood, Calibration(scatters, total, shares), domain, best, exponent)
     monte_carlo = 0.0
@@ -493,7 +487,7 @@ def weigh(
     lowest = int(np.argmin(found.c_e_rise))
     there = float(likelihood.at(best[0]).minus2(best[1])[0])
     better = None
-    if found.base < there - _BETTER:
+    if found.base < there - FLAT:
         better = (float(found.c_e[lowest]), float(found.best_alpha[lowest]))
     intervals = found.intervals
     forces = (float(o.force.min()), float(o.force.max()))

@@ -9,7 +9,7 @@ import numpy as np
 from burrlab.fitting.intervals import LEVELS
 from burrlab.fitting.likelihood import MODEL_ERROR
 from burrlab.fitting.observations import Calibration, Floats, Rows, Scatter
-from burrlab.fitting.profile import C_E, Domain
+from burrlab.fitting.profile import C_E, Domain, Walk
 from burrlab.fitting.record import FitRecord
 from burrlab.fitting.search import Box
 
@@ -110,7 +110,7 @@ class RegionGrid:
         c_e = np.geomspace(domain.low, end, _COARSE)
         for _ in range(_ZOOMS):
             c_e = np.unique(np.append(c_e, np.clip(fit.c_e, c_e[0], c_e[-1])))
-            height = _profile(fit, domain, c_e)
+            height = Walk(fit.likelihood, domain, c_e).minus2
             inside = np.flatnonzero(height <= height.min() + reach)
             ends = c_e[[max(inside[0] - 1, 0), min(inside[-1] + 1, len(c_e) - 1)]]
             c_e = np.geomspace(ends[0], ends[1], _ROWS)
@@ -217,12 +217,6 @@ class RegionGrid:
         return np.where(is_open, np.inf, np.exp(upper - lower))
 
 
-def _profile(fit: FitRecord, domain: Domain, c_e: Floats) -> Floats:
-    slices = fit.likelihood.at(c_e)
-    height = slices.minus2(np.clip(slices.best_alpha, max(domain.alpha[0], 1e-300), domain.alpha[1]))
-    return np.where(np.isfinite(height), height, np.inf)
-
-
 def _columns(
     fit: FitRecord, domain: Domain, c_e: Floats, limit: float, reach: float
 ) -> tuple[Floats, Floats]:
@@ -231,9 +225,9 @@ def _columns(
     The step grows with the distance from the best alpha: few points have heavy tails, which would leave the
     region itself between two columns of an even grid.
     """
-    slices = fit.likelihood.at(c_e)
+    walk = Walk(fit.likelihood, domain, c_e)
+    slices, base = walk.slices, float(walk.minus2.min())
     lowest = max(domain.alpha[0], fit.bounds["alpha"][0])
-    base = float(_profile(fit, domain, c_e).min())
     best = np.log(np.clip(slices.best_alpha, lowest, domain.alpha[1]))
 
     def reached(rise: float) -> tuple[Floats, Floats]:

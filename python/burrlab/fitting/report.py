@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
@@ -18,13 +19,14 @@ _RESIDUALS = {
 }
 _POOR = 0.5  # RMS of log velocity: beyond, the model is not worth the name (ours)
 _UNITS = {"c_e": "N/mm^2", "alpha": "1/ms"}
+_HEADS = ["", "value", "68 %", "95 %", "99.7 %", "start", "bounds"]
 
 
 def text(fit: FitRecord) -> str:
     """The fit as aligned text blocks."""
     blocks = {
         "Fit Statistics": _aligned(statistics(fit)),
-        "Variables": variables(fit),
+        "Variables": columns([_HEADS, *variable_rows(fit)]),
         "Identification": _aligned(identification(fit)),
         "Starts": starts(fit),
         "Notes": [f"- {note}" for note in notes(fit)],
@@ -35,9 +37,7 @@ def text(fit: FitRecord) -> str:
 def html(fit: FitRecord) -> str:
     """The fit as HTML for a notebook."""
     parts = [f"<p><b>{escape(repr(fit))}</b></p>", f"<p>{escape(fit.verdict)}</p>"]
-    cells = [["", "value", "68 %", "95 %", "99.7 %", "start", "bounds"], *variable_rows(fit)]
-    rows = ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in cells]
-    parts.append(f"<table>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>")
+    parts.append(html_table([_HEADS, *variable_rows(fit)]))
     for pairs in (identification(fit), statistics(fit)):
         lines = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in pairs.items())
         parts.append(f"<table>{''.join(lines)}</table>")
@@ -45,6 +45,18 @@ def html(fit: FitRecord) -> str:
     table = escape("\n".join(starts(fit)))
     parts.append(f"<details><summary>starts</summary><pre>{table}</pre></details>")
     return "".join(parts)
+
+
+def columns(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of cells as lines of text, the columns aligned."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def html_table(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of cells as a table of HTML."""
+    lines = ("".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows)
+    return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
 
 def statistics(fit: FitRecord) -> dict[str, str]:
@@ -70,9 +82,14 @@ def statistics(fit: FitRecord) -> dict[str, str]:
         rows["AIC, BIC"] = f"{fit.aic:.6g}, {fit.bic:.6g}"
     return rows | {
         "function evals": f"{fit.evaluations} in {fit.seconds:.2g} s; seed {fit.seed}",
-        "method": "CRS2 and BOBYQA (nlopt); intervals by profile likelihood, limits by F",
+        "method": f"{method(fit)} (nlopt); intervals by profile likelihood, limits by F",
         "status": fit.status,
     }
+
+
+def method(fit: FitRecord) -> str:
+    """How the best point was found; earlier versions searched from several starts."""
+    return "CRS2 and BOBYQA" if "starts" in fit.provenance else "walk along c_e, checked by BOBYQA"
 
 
 def scatter(fit: FitRecord, one: Scatter) -> str:
@@ -98,13 +115,6 @@ def variable_rows(fit: FitRecord) -> list[list[str]]:
         for name, unit in _UNITS.items()
         for low, high in [fit.bounds[name]]
     ]
-
-
-def variables(fit: FitRecord) -> list[str]:
-    """The variables as a table of text."""
-    rows = [["", "value", "68 %", "95 %", "99.7 %", "start", "bounds"], *variable_rows(fit)]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def identification(fit: FitRecord) -> dict[str, str]:
@@ -188,13 +198,15 @@ def ridge(r: Ridge, fit: FitRecord) -> str:
 
 
 def agreement(fit: FitRecord) -> str:
-    """Whether the local searches ended in one place, in a sentence."""
-    n_local = sum(s.origin != "global" for s in fit.starts)
+    """Whether the searches ended in one place, in a sentence."""
+    searches = [s for s in fit.starts if s.origin != "global"]
     equal, c_e, alpha = verdict.agreement(fit.starts, fit.best, fit.n_points)
-    line = f"{len(equal)} of {n_local} local searches ended equally well"
+    local = "local searches" if len(searches) < len(fit.starts) else "searches"
+    line = f"{len(equal)} of {len(searches)} {local} ended equally well"
     if len(equal) > 1:
-        line += f", within {100 * (c_e - 1):.2g} % in c_e and {100 * (alpha - 1):.2g} % in alpha"
-    others = [s for s in fit.starts if s.origin != "global" and s not in equal]
+        c_e, alpha = (max(100 * (ratio - 1), 1e-3) for ratio in (c_e, alpha))  # below, rounding decides
+        line += f", within {c_e:.2g} % in c_e and {alpha:.2g} % in alpha"
+    others = [s for s in searches if s not in equal]
     if not others:
         return line + "."
     next_best = min(others, key=lambda s: s.objective)

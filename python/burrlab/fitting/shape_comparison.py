@@ -14,10 +14,11 @@ from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullLocator
 from burrlab._core import Shape
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.fitting.hypotheses import p_text
-from burrlab.fitting.observations import Floats
+from burrlab.fitting.observations import Floats, Threshold
 from burrlab.fitting.record import _plain
+from burrlab.fitting.report import columns
 from burrlab.fitting.result import Fit, _plain_ticks
-from burrlab.fitting.shape_family import NODES, PowerProfile, Threshold
+from burrlab.fitting.shape_family import NODES, PowerProfile
 
 
 @dataclass(frozen=True)
@@ -210,7 +211,7 @@ class ShapeComparison:
         return to_dict(self)
 
     def __repr__(self) -> str:
-        return "\n".join(table(self))
+        return "\n".join(columns(cells(self)))
 
     def _repr_html_(self) -> str:
         return html(self)
@@ -269,16 +270,9 @@ def _is_open(row: ShapeRow) -> bool:
     return row.fit.intervals["c_e"]["95"].upper is None
 
 
-def table(comparison: ShapeComparison) -> list[str]:
-    """The table as aligned lines."""
-    rows = cells(comparison)
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
-
-
 def text(comparison: ShapeComparison) -> str:
     """Table and sentences."""
-    lines = ["[[Erosion shapes]]", *(f"    {line}" for line in table(comparison)), "[[Notes]]"]
+    lines = ["[[Erosion shapes]]", *(f"    {line}" for line in columns(cells(comparison))), "[[Notes]]"]
     return "\n".join([*lines, *(f"    - {sentence}" for sentence in sentences(comparison))])
 
 

@@ -8,15 +8,14 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 from scipy.interpolate import PPoly
 from scipy.optimize import brentq, minimize_scalar
 
 from burrlab._core import Shape
 from burrlab.fitting.intervals import LEVELS, Interval
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import Floats, Observations, ResidualKind
-from burrlab.fitting.profile import Domain, best_point
+from burrlab.fitting.observations import Calibration, Floats, Observations, ResidualKind, Scatter, Threshold
+from burrlab.fitting.profile import Domain, minima
 from burrlab.theory.continuum import MasterCurve, _window_spline, positive
 
 NODES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  #: k of the master curves that the others come from
@@ -82,35 +81,6 @@ class FamilyModel(MeanFieldModel):
         self._curve = FamilyCurve(k)
 
 
-@dataclass(frozen=True)
-class Threshold:
-    """How rises of -2 log L by one more parameter, k, are judged: rise = inflation nu log(1 + F/nu).
-
-    With one estimated scatter of n rows this is F = (S - S_free)/(S_free/(n - 3)) on 1 and n - 3 degrees of
-    freedom; with known sigma chi-square, nu infinite; several scatters count by their share of the
-    information about k, as in `burrlab.fitting.observations.Calibration`.
-    """
-
-    inflation: float
-    nu: float
-
-    def statistic(self, rise: float) -> float:
-        """F, or chi-square where sigma is known; 0 for a fall."""
-        rise = max(rise, 0.0) / self.inflation
-        return rise if np.isinf(self.nu) else float(self.nu * np.expm1(min(rise / self.nu, 700.0)))
-
-    def probability(self, rise: float) -> float:
-        """p-value of a rise."""
-        F = self.statistic(rise)
-        return float(stats.chi2.sf(F, 1) if np.isinf(self.nu) else stats.f.sf(F, 1, self.nu))
-
-    def limit(self, level: float) -> float:
-        """Largest rise inside `level`, 0.95 for 95 %."""
-        if np.isinf(self.nu):
-            return self.inflation * float(stats.chi2.ppf(level, 1))
-        return self.inflation * self.nu * float(np.log1p(stats.f.ppf(level, 1, self.nu) / self.nu))
-
-
 class PowerFamily:
     """The likelihood of data over k, c_e and alpha at their best."""
 
@@ -142,51 +112,26 @@ class PowerFamily:
         low = self.domain.low
         middle = min(max(k, NODES[0] + _STEP), NODES[-1] - _STEP)
         steps = np.exp([-_STEP, _STEP]) * max(c_e, low * float(np.exp(_STEP)))
-        here = self._residuals(k, c_e, alpha)
-        by_k = [self._residuals(middle + sign * _STEP, c_e, alpha) for sign in (-1, 1)]
-        by_c_e = [self._residuals(k, float(step), alpha) for step in steps]
-        by_alpha = [self._residuals(k, c_e, alpha * float(np.exp(sign * _STEP))) for sign in (-1, 1)]
-        shares, counts, known = [], [], []
-        for i, (r, is_known) in enumerate(here):
+        likelihood = self.likelihood(k)
+        here = likelihood.residuals(c_e, alpha)
+        by_k = [self.likelihood(middle + sign * _STEP).residuals(c_e, alpha) for sign in (-1, 1)]
+        by_c_e = [likelihood.residuals(float(step), alpha) for step in steps]
+        by_alpha = [likelihood.residuals(c_e, alpha * float(np.exp(sign * _STEP))) for sign in (-1, 1)]
+        shares = []
+        for i, (_, known, r, _) in enumerate(here):
             J = np.stack(
-                [(pair[1][i][0] - pair[0][i][0]) / (2 * _STEP) for pair in (by_c_e, by_alpha, by_k)], axis=1
+                [(pair[1][i][2] - pair[0][i][2]) / (2 * _STEP) for pair in (by_c_e, by_alpha, by_k)], axis=1
             )
-            variance = 1.0 if is_known else max(float(np.mean(r**2)), 1e-12)
-            shares.append(J.T @ J / variance)
-            counts.append(len(r))
-            known.append(is_known)
-        if all(known):
-            return Threshold(1.0, np.inf)
-        if sum(counts) <= 3:
+            shares.append(J.T @ J / (1.0 if known else max(float(np.mean(r**2)), 1e-12)))
+        if not all(known for _, known, _, _ in here) and sum(len(r) for _, _, r, _ in here) <= 3:
             return None
         total = np.sum(shares, axis=0)
         inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(3))
-        column = inverse[2]
-        weights = np.array([column @ share @ column for share in shares])
-        weights /= weights.sum()
         used = [3.0] if len(shares) == 1 else [float(np.trace(inverse @ share)) for share in shares]
-        freedom = np.array(
-            [
-                np.inf if is_known else max(n - p, 0.5)
-                for n, p, is_known in zip(counts, used, known, strict=True)
-            ]
+        scatters = tuple(
+            Scatter(name, len(r), known, p, 1.0) for (name, known, r, _), p in zip(here, used, strict=True)
         )
-        inflation = sum(
-            w * (1.0 if is_known else n / f)
-            for w, n, f, is_known in zip(weights, counts, freedom, known, strict=True)
-        )
-        return Threshold(float(inflation), 1 / max(float(np.sum(weights**2 / freedom)), 1e-12))
-
-    def _residuals(self, k: float, c_e: float, alpha: float) -> list[tuple[Floats, bool]]:
-        """Residuals of each scatter, and whether that is known."""
-        likelihood = self.likelihood(k)
-        unit = likelihood.model.unit(c_e)
-        tables = [(likelihood.velocity_residuals(unit, alpha), likelihood.known)]
-        if likelihood.n_within:
-            tables.append((likelihood.within_residuals(unit), False))
-        if len(self.observations.pressed):
-            tables.append((likelihood.pressed_residuals(c_e), likelihood.pressed_known))
-        return tables
+        return Calibration(scatters, total, np.array(shares)).threshold(np.array([0.0, 0.0, 1.0]))
 
     def profile(
         self, k: float, base: float, point: tuple[float, float], threshold: Threshold
@@ -260,5 +205,5 @@ class PowerProfile:
 
 def lowest(likelihood: Likelihood, domain: Domain) -> tuple[float, tuple[float, float]]:
     """The minimum of -2 log L in a domain, and its (c_e [N/mm^2], alpha [1/ms])."""
-    point = best_point(likelihood, domain)
-    return float(likelihood.at(point[0]).minus2(point[1])[0]), point
+    found = minima(likelihood, domain)[0]
+    return found.minus2, (found.c_e, found.alpha)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -12,11 +13,19 @@ from burrlab._core import Burr, Shape
 from burrlab.common.provenance import provenance
 from burrlab.fitting.fit import fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import Bounds, Data, Floats, Observations, ResidualKind, bounds_of
+from burrlab.fitting.observations import (
+    Bounds,
+    Data,
+    Floats,
+    Observations,
+    ResidualKind,
+    Threshold,
+    bounds_of,
+)
 from burrlab.fitting.profile import Domain
 from burrlab.fitting.result import Fit
 from burrlab.fitting.shape_comparison import Pair, Part, ShapeComparison, ShapeRow
-from burrlab.fitting.shape_family import PowerFamily, Threshold, lowest
+from burrlab.fitting.shape_family import PowerFamily, lowest
 
 SHAPES = ("parabolic", "linear", "quartic", "constant")
 REFERENCE = "parabolic"  # the shape that the others' alpha is compared with
@@ -105,7 +114,7 @@ def compare_shapes(
     level: float = 0.99,
     residuals: ResidualKind = "relative",
     bounds: Bounds | None = None,
-    starts: int = 8,
+    starts: int | None = None,
     seed: int | None = 0,
 ) -> ShapeComparison:
     """Fit data under several erosion shapes f, and say which are rejected and which cannot be told apart.
@@ -133,10 +142,10 @@ def compare_shapes(
         As for `fit`.
     bounds : dict, optional
         As for `fit`.
-    starts : int
-        As for `fit`.
+    starts : int, optional
+        Does nothing; it works in this version, with a DeprecationWarning.
     seed : int or None
-        Of the fits' starts; the tests draw nothing.
+        As for `fit`; nothing is drawn.
 
     Returns
     -------
@@ -186,14 +195,16 @@ def compare_shapes(
     >>> burrlab.compare_shapes(curve).rejected
     ('quartic', 'constant')
     """
+    if starts is not None:
+        said = "starts of compare_shapes() does nothing: a walk finds all minima"
+        warnings.warn(said, DeprecationWarning, stacklevel=2)
     names = tuple(Shape(name).name for name in shapes)
     if not names or len(set(names)) < len(names):
         raise ValueError(f"shapes must be one or more names, each once: got {shapes!r}")
     if not 0 < level < 1:
         raise ValueError(f"level must be between 0 and 1: got {level!r}")
     fits = {
-        name: fit(data, burr, shape=name, residuals=residuals, bounds=bounds, starts=starts, seed=seed)
-        for name in names
+        name: fit(data, burr, shape=name, residuals=residuals, bounds=bounds, seed=seed) for name in names
     }
     first = fits[names[0]]
     observations = first.observations
@@ -235,7 +246,7 @@ def compare_shapes(
         level=level,
         residual_kind=residuals,
         provenance=provenance(
-            shapes=list(names), free=free, level=level, residuals=residuals, starts=starts, seed=first.seed
+            shapes=list(names), free=free, level=level, residuals=residuals, seed=first.seed
         ),
     )
 

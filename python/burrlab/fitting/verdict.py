@@ -10,11 +10,11 @@ import numpy as np
 from burrlab.fitting.intervals import Combination, Interval, Profile
 from burrlab.fitting.likelihood import Likelihood
 from burrlab.fitting.observations import Observations
+from burrlab.fitting.profile import FLAT, ONE_PLACE
 from burrlab.fitting.search import Box, Start
 
 _RIDGE_PHI = 0.7  # a point on the ridge is taken where the largest phi is 0.7 of the one where it ends
 _AT_BOUND = 1e-3  # ends closer to a bound than this, relatively, are at it
-_ONE_PLACE = 1.05  # equally good ends that differ by more than 5 % disagree; a kink alone makes 1 %
 _EQUAL = 1e-3  # ends are equally good where their RMS residuals differ by less than this, relatively
 #: c_e and alpha are separately identified where c_e's closed 95 % interval spans less than this factor (ours).
 SEPARATE = 2.0
@@ -62,25 +62,27 @@ def status_of(
     ends: Sequence[Start],
     best: Start,
     ridge: Ridge,
-    settled: bool,
+    missed: float,
 ) -> tuple[str, str]:
-    """Status and reason of a fit, the gravest first."""
+    """Status and reason of a fit, the gravest first; nlopt's -2 log L is by `missed` below the walk's."""
     at = bound_reached(observations, box, best.end)
-    if not settled and not at:
-        return "not-converged", f"The best search stopped short of a minimum (nlopt: {best.result})."
+    if missed > FLAT:
+        return (
+            "not-converged",
+            f"nlopt's BOBYQA ended where -2 log L is {missed:.3g} below the walk's lowest.",
+        )
     if not ridge.excluded:
         combination = f"alpha/c_e^{ridge.exponent:.4g}"
         return "ridge", f"These data determine {combination}, but not c_e and alpha apart. {at}".strip()
     if at:
         return "at-bound", at
     c_e, alpha = agreement(ends, best, len(observations))[1:]
-    if max(c_e, alpha) > _ONE_PLACE:
+    if max(c_e, alpha) > ONE_PLACE:
         return "disagreement", (
             f"Searches ended equally well at different places: c_e differs by a factor {c_e:.3g}, "
             f"alpha by {alpha:.3g}."
         )
-    agree = ", its best ends agree," if len(ends) > 1 else ""
-    return "ok", f"The search converged{agree} and c_e's 95 % interval has two ends."
+    return "ok", "The search converged, its best ends agree, and c_e's 95 % interval has two ends."
 
 
 def bound_reached(observations: Observations, box: Box, end: tuple[float, float]) -> str:
@@ -102,13 +104,18 @@ def bound_reached(observations: Observations, box: Box, end: tuple[float, float]
 
 
 def agreement(ends: Sequence[Start], best: Start, n: int) -> tuple[list[Start], float, float]:
-    """Local ends as good as the best, and largest over smallest of their c_e and of their alpha."""
-    limit = np.sqrt(best.objective / n) * (1 + _EQUAL) + 1e-6
-    equal = [end for end in ends if end.origin != "global" and np.sqrt(end.objective / n) <= limit]
-    if not equal:
-        return [], 1.0, 1.0
-    c_e, alpha = (max(values) / min(values) for values in zip(*(end.end for end in equal), strict=True))
+    """Ends as good as the best, and largest over smallest of their c_e and of their alpha."""
+    # fits of earlier versions have a global stage, which ends anywhere
+    equal = [end for end in ends if end.origin != "global" and equally_good(end.objective, best, n)]
+    c_e, alpha = (
+        max(values) / min(values) for values in zip(*(end.end for end in [*equal, best]), strict=True)
+    )
     return equal, c_e, alpha
+
+
+def equally_good(objective: float, best: Start, n: int) -> bool:
+    """Whether the RMS residual of an objective is that of the best search, within 0.1 %."""
+    return bool(np.sqrt(objective / n) <= np.sqrt(best.objective / n) * (1 + _EQUAL) + 1e-6)
 
 
 def separately_identified(c_e: Interval) -> bool:

@@ -170,26 +170,77 @@ class VoxelModel:
         return np.where(inside, self._mean_field.unit(stiffness) * np.exp(deviation), np.nan)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
 class VoxelEngine:
+    """What only the voxel engine of `burrlab.fit` needs.
+
+    Parameters
+    ----------
+    voxel : float
+        Voxel size [mm].
+    dt : float
+        Tick [ms].
+    rig : bool
+        Descents through controller and virtual rig; else the force is held exactly.
+    specimen : Specimen or BoneField, optional
+        What is burred; of a BoneField every replicate has its own realisation. Default: solid bone.
+    replicates : int
+        Descents at each force and point, at least 2; their differences give the Monte Carlo error.
+    executor : concurrent.futures.Executor, optional
+        Runs the descents; threads over the cores by default.
+    store : Store or path, optional
+        Keeps every descent, so that an interrupted fit goes on where it stopped.
+    progress : callable, optional
+        Called with (descents done, descents in all).
+
+    Raises
+    ------
+    TypeError
+        If `replicates` or `specimen` is something else.
+    ValueError
+        If `replicates` is below 2.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> engine = burrlab.VoxelEngine(voxel=0.2, replicates=8)
+    >>> engine.dt
+    1.0
+    """
+
+    voxel: float = 0.1
+    dt: float = 1.0
+    rig: bool = False
+    specimen: Specimen | BoneField | None = None
+    replicates: int = 4
+    executor: Executor | None = None
+    store: StorePath | None = None
+    progress: Callable[[int, int], object] | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.replicates, (int, np.integer)):
+            raise TypeError(f"replicates must be a whole number, got {self.replicates!r}")
+        if self.replicates < 2:
+            raise ValueError(f"replicates must be at least 2, to show their scatter: got {self.replicates!r}")
+        if not isinstance(self.specimen, (Specimen, BoneField, type(None))):
+            raise TypeError(f"specimen must be a Specimen or a BoneField, got {self.specimen!r}")
+
+    @property
+    def settings(self) -> VoxelSettings:
+        """What is simulated."""
+        return VoxelSettings(self.voxel, self.dt, self.rig, self.specimen, self.replicates)
+
+
+class Descents:
     """Descents at the forces of an `Observations`, at several c_e.
 
     Every point uses the same seeds, so the erosion draws the same random numbers, and predictions at
     neighbouring points differ by little more than the parameters make them.
     """
 
-    def __init__(
-        self,
-        observations: Observations,
-        shape: Shape,
-        settings: VoxelSettings,
-        *,
-        seed: int,
-        executor: Executor | None,
-        store: StorePath | None,
-        progress: Callable[[int, int], object] | None,
-    ) -> None:
-        self._observations, self._shape, self._settings, self._seed = observations, shape, settings, seed
-        self._executor, self._store, self._progress = executor, store, progress
+    def __init__(self, observations: Observations, shape: Shape, engine: VoxelEngine, seed: int) -> None:
+        self._observations, self._shape, self._engine, self._seed = observations, shape, engine, seed
+        self._settings = engine.settings
         self._rows: dict[tuple[float, float], dict[Window, Rows]] = {}
         for window, rows in observations.by_window().items():
             pairs = np.stack([observations.radius[rows], observations.force[rows]], axis=1)
@@ -219,9 +270,9 @@ class VoxelEngine:
         found = run_items(
             sink,
             [items[j] for j in order],
-            executor=self._executor,
-            store=self._store,
-            progress=self._progress,
+            executor=self._engine.executor,
+            store=self._engine.store,
+            progress=self._engine.progress,
         )
         velocity = np.full((len(points), self._settings.replicates, len(self._observations.force)), np.nan)
         for j, values in zip(order, found, strict=True):

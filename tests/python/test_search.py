@@ -10,6 +10,7 @@ from burrlab._core import Burr
 from burrlab.fitting.likelihood import MeanFieldModel
 from burrlab.fitting.observations import Observations
 from burrlab.fitting.search import Box, minimise
+from burrlab.measured.curve import VelocityCurve
 from burrlab.theory.continuum import penetration_velocity
 
 NAN = float("nan")

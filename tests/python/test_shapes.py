@@ -11,12 +11,12 @@ from scipy import stats
 
 from burrlab import materials
 from burrlab._core import Burr, Material
-from burrlab.bone.materials import materials
+from burrlab.common.study import run_items
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Observations, Threshold, bounds_of
 from burrlab.fitting.profile import Domain
 from burrlab.fitting.shape_comparison import kappa
-from burrlab.fitting.shape_family import NODES, FamilyCurve, PowerFamily, Threshold, lowest, member
+from burrlab.fitting.shape_family import NODES, FamilyCurve, PowerFamily, lowest, member
 from burrlab.fitting.shapes import SHAPES, compare_shapes, weigh_shapes
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.synthetic import synthetic_curve, synthetic_indentation

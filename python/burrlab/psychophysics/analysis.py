@@ -18,7 +18,7 @@ from html import escape
 from pathlib import Path
 from typing import IO, Any, Self, TypeAlias
 
-from burrlab.common.check import shown
+from burrlab.common.check import refuse, shown
 from burrlab.common.provenance import provenance
 from burrlab.common.records import UNREADABLE, in_one_line, plain, restored
 from burrlab.common.table import (
@@ -334,11 +334,12 @@ class Analysis:
         ValueError
             If it is something else.
         """
-        if values.get(_KIND) != FORMAT:
-            raise ValueError(f"{_KIND!r} must be {FORMAT}, got {shown(values.get(_KIND))}")
+        refuse(values.get(_KIND) != FORMAT, f"{_KIND!r} must be {FORMAT}, got {shown(values.get(_KIND))}")
         made = restored(cls, values)
-        if not (isinstance(made.tasks, tuple) and all(not isinstance(task, Mapping) for task in made.tasks)):
-            raise ValueError("tasks must be a list of tasks with all that they hold")
+        refuse(
+            not (isinstance(made.tasks, tuple) and all(not isinstance(task, Mapping) for task in made.tasks)),
+            "tasks must be a list of tasks with all that they hold",
+        )
         return made
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
@@ -362,8 +363,10 @@ class Analysis:
             values = json.loads(Path(name).read_bytes() if named else file.read())  # type: ignore[union-attr]
         except (ValueError, RecursionError):
             raise ValueError(f"{name}: this is not JSON in UTF-8") from None
-        if not isinstance(values, dict):
-            raise ValueError(f"{name}: an analysis must be a JSON object, got {type(values).__name__}")
+        refuse(
+            not isinstance(values, dict),
+            f"{name}: an analysis must be a JSON object, got {type(values).__name__}",
+        )
         try:
             return cls.from_dict(values)
         except UNREADABLE as error:
@@ -476,8 +479,7 @@ def analyse(
         )
     else:
         name, tasks = "", of_answers(data)
-    if not tasks:
-        raise ValueError("data must hold answers, got none")
+    refuse(not tasks, "data must hold answers, got none")
     settings = _settled(settings, rules, delta, level)
     if any(one.answers for task in tasks for one in task.subjects):
         notes.append("Practice trials are left out.")
@@ -544,17 +546,14 @@ def _settled(
 ) -> AnalysisSettings:
     """Those of the protocol, with what was given in their place."""
     if rules is not None:
-        if not rules:
-            raise ValueError("rules must hold one at least, got none")
+        refuse(not rules, "rules must hold one at least, got none")
         named = tuple(rule_of("same-different", rule).name for rule in dict.fromkeys(rules))
         settings = replace(settings, rules=named)
     if delta is not None:
-        if not 0.0 < delta < math.inf:
-            raise ValueError(f"delta must be a d' above 0, got {delta!r}")
+        refuse(not 0.0 < delta < math.inf, f"delta must be a d' above 0, got {delta!r}")
         settings = replace(settings, delta=float(delta))
     if level is not None:
-        if not 0.5 <= level < 1.0:
-            raise ValueError(f"level must be in [0.5, 1), got {level!r}")
+        refuse(not 0.5 <= level < 1.0, f"level must be in [0.5, 1), got {level!r}")
         settings = replace(settings, level=float(level))
     return settings
 
@@ -566,13 +565,15 @@ def _selected(
     if isinstance(subjects, str):
         raise TypeError(f"subjects must be a list of labels, such as [{subjects!r}], got {subjects!r}")
     unknown = [name for name in subjects or () if name not in known]
-    if unknown or subjects == []:
-        raise ValueError(f"subjects must be of {', '.join(known)}, got {', '.join(unknown) or 'none'}")
+    refuse(
+        unknown or subjects == [],
+        f"subjects must be of {', '.join(known)}, got {', '.join(unknown) or 'none'}",
+    )
     chosen = task.select(subjects, selected_from or 0, selected_by)
-    if selected_from is not None and selected_from < len(chosen.subjects):
-        raise ValueError(
-            f"selected_from must be at least the {len(chosen.subjects)} subjects of task {task.name}, got {selected_from}"
-        )
+    refuse(
+        selected_from is not None and selected_from < len(chosen.subjects),
+        f"selected_from must be at least the {len(chosen.subjects)} subjects of task {task.name}, got {selected_from}",
+    )
     return chosen
 
 

@@ -24,6 +24,7 @@ import numpy as np
 
 import burrlab.common.table as tsv_text
 from burrlab._core import __version__
+from burrlab.common.check import refuse
 from burrlab.common.files import lock_run, locked, new_part, sync_folder, synced_write, write_synced
 from burrlab.common.records import in_one_line
 from burrlab.common.table import DataSet, html_table
@@ -97,8 +98,7 @@ class Answers(DataSet):
             If there is no answer of the main phase.
         """
         rows, answers, counted = self.main, ANSWERS[self.task], COUNTED[self.task]
-        if not rows:
-            raise ValueError(f"{self}: there is no answer of the main phase to count")
+        refuse(not rows, f"{self}: there is no answer of the main phase to count")
         given = np.array([row.response == counted for row in rows])
         signal = np.array([row.correct_answer(answers) == counted for row in rows])
         kinds = np.array([row.trial_type for row in rows])
@@ -178,14 +178,16 @@ def read_answers(
     car = read_side_car(path)
     given = {"subject": subject, "name": name, "task": task}
     labels = _labels(file, car, given)
-    if labels["task"] not in TASKS:
-        raise ValueError(f"task must be one of {', '.join(TASKS)}, got {labels['task']!r}")
-    if answers is not None and not (
-        isinstance(answers, (list, tuple))
-        and len(answers) == len(set(answers)) == 2
-        and all(isinstance(one, str) for one in answers)
-    ):
-        raise ValueError(f"answers must be two that differ, in the order of their keys, got {answers!r}")
+    refuse(labels["task"] not in TASKS, f"task must be one of {', '.join(TASKS)}, got {labels['task']!r}")
+    refuse(
+        answers is not None
+        and not (
+            isinstance(answers, (list, tuple))
+            and len(answers) == len(set(answers)) == 2
+            and all(isinstance(one, str) for one in answers)
+        ),
+        f"answers must be two that differ, in the order of their keys, got {answers!r}",
+    )
     if car is None:
         # Another program's last line may lack its end and be whole.
         rows, torn = read_rows(file, content, labels["task"], answers), b""
@@ -204,11 +206,11 @@ def read_rows(
     table = tsv_text.parse(file, content)
     known = (*columns_of(task), _PARTICIPANT)
     for column in table.columns:
-        if column not in known:
-            raise ValueError(f"{file}, line 1: unknown column {column!r}; known are {', '.join(known)}")
+        refuse(
+            column not in known, f"{file}, line 1: unknown column {column!r}; known are {', '.join(known)}"
+        )
     for column in REQUIRED:
-        if column not in table.columns:
-            raise ValueError(f"{file}, line 1: column {column} is missing")
+        refuse(column not in table.columns, f"{file}, line 1: column {column} is missing")
     reader, rows = RowReader(task, answers), []
     for number, fields in table.rows:
         try:
@@ -250,10 +252,10 @@ def _check_stimuli(file: str, rows: Sequence[tuple[int, Row]], car: SideCar) -> 
         else:
             continue
         for place, (found, name) in enumerate(zip(row.stimuli, due, strict=False), start=1):
-            if found is not None and found != name:
-                raise ValueError(
-                    f"{file}, line {line}, column stimulus_{place}: {row.trial_type} has {name!r} there, got {found!r}"
-                )
+            refuse(
+                found is not None and found != name,
+                f"{file}, line {line}, column stimulus_{place}: {row.trial_type} has {name!r} there, got {found!r}",
+            )
 
 
 def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
@@ -287,8 +289,7 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
             )
         _check_alike(one, next((other for other in found.values() if other.name == one.name), None))
         found[key] = one
-    if not found:
-        raise ValueError(f"{os.fspath(folder)}: there is no file of answers, sub-*/beh/*_events.tsv")
+    refuse(not found, f"{os.fspath(folder)}: there is no file of answers, sub-*/beh/*_events.tsv")
     for kind in (False, True):
         if not any(one.simulated == kind for one in found.values()):
             break
@@ -328,11 +329,11 @@ def replay(file: str, rows: Sequence[tuple[int, Row]], order: Order) -> None:
         if trial is None:
             raise ValueError(f"{file}, line {line}: the run has no trial left that this could answer")
         for column, found, due in _compared(row, trial):
-            if found != due:
-                raise ValueError(
-                    f"{file}, line {line}, column {column}: {found!r} where {row.phase} trial {row.trial} has {due!r}: made "
-                    "with another seed or protocol"
-                )
+            refuse(
+                found != due,
+                f"{file}, line {line}, column {column}: {found!r} where {row.phase} trial {row.trial} has {due!r}: made "
+                "with another seed or protocol",
+            )
         order.answer(row.response)
 
 
@@ -359,17 +360,20 @@ def _labels(file: str, car: SideCar | None, given: Mapping[str, str | None]) -> 
     labels: dict[str, Any] = {}
     for key, value in given.items():
         known = named.get(key) if car is None else getattr(car, key)
-        if value is not None and known is not None and value != known:
-            raise ValueError(f"{file}: {key} must be {known!r}, as the file says, got {value!r}")
+        refuse(
+            value is not None and known is not None and value != known,
+            f"{file}: {key} must be {known!r}, as the file says, got {value!r}",
+        )
         labels[key] = known if value is None else value
     if car is not None:
         for key, value in named.items():
-            if value is not None and value != labels[key]:
-                raise ValueError(
-                    f"{file}: {key} is {value!r} in the file's name and {labels[key]!r} in {side_car_path(file).name}"
-                )
-    if labels["task"] is None:
-        raise ValueError(f"{file}: what the task is is unknown: give task=, one of {', '.join(TASKS)}")
+            refuse(
+                value is not None and value != labels[key],
+                f"{file}: {key} is {value!r} in the file's name and {labels[key]!r} in {side_car_path(file).name}",
+            )
+    refuse(
+        labels["task"] is None, f"{file}: what the task is is unknown: give task=, one of {', '.join(TASKS)}"
+    )
     labels["name"] = labels["name"] or labels["task"]
     return labels
 
@@ -378,10 +382,10 @@ def _one_subject(file: str, content: bytes, subject: str | None) -> str:
     """The subject, where a column says it too."""
     for line, fields in tsv_text.parse(file, content).rows:
         found = fields.get(_PARTICIPANT, "").removeprefix("sub-")
-        if found and subject is not None and found != subject:
-            raise ValueError(
-                f"{file}, line {line}, column {_PARTICIPANT}: {found!r} in a file of subject {subject!r}"
-            )
+        refuse(
+            found and subject is not None and found != subject,
+            f"{file}, line {line}, column {_PARTICIPANT}: {found!r} in a file of subject {subject!r}",
+        )
         subject = subject or found or None
     if subject is None:
         raise ValueError(
@@ -440,8 +444,7 @@ class AnswerFile:
             If it cannot be written.
         """
         path = Path(path)
-        if path.suffix != ".tsv":
-            raise ValueError(f"path must end in .tsv, got {path}")
+        refuse(path.suffix != ".tsv", f"path must end in .tsv, got {path}")
         path.parent.mkdir(parents=True, exist_ok=True)
         if side_car_path(path).exists():
             raise FileExistsError(f"path must be a new file, {side_car_path(path)} exists")
@@ -528,10 +531,10 @@ class AnswerFile:
     @classmethod
     def _begin_again(cls, path: Path, file: int, side_car: SideCar) -> Self:
         """A run that was killed while its files were made, or no run of this program."""
-        if not _head(side_car).startswith(path.read_bytes()) or side_car_path(path).exists():
-            raise ValueError(
-                f"{path}: this is no run of this program, its side-car {side_car_path(path).name} is missing"
-            )
+        refuse(
+            not _head(side_car).startswith(path.read_bytes()) or side_car_path(path).exists(),
+            f"{path}: this is no run of this program, its side-car {side_car_path(path).name} is missing",
+        )
         os.ftruncate(file, 0)
         return cls._begin(path, file, side_car)
 
@@ -727,11 +730,11 @@ class ExperimentFolder:
         with locked(file, path, wait=True):
             columns = _mend(file, path, row)
             for other, entry in _participants(path).items():
-                if entry["simulated"] != row["simulated"]:
-                    raise ValueError(
-                        f"{path}: simulated subjects and people do not go into one folder: sub-{other} has simulated "
-                        f"{entry['simulated']}, sub-{subject} {row['simulated']}"
-                    )
+                refuse(
+                    entry["simulated"] != row["simulated"],
+                    f"{path}: simulated subjects and people do not go into one folder: sub-{other} has simulated "
+                    f"{entry['simulated']}, sub-{subject} {row['simulated']}",
+                )
                 if other == subject:
                     return
             # A laboratory adds columns of its own, such as age, or moves ours.
@@ -778,16 +781,14 @@ def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
 def _participants(path: Path) -> dict[str, dict[str, str]]:
     table = tsv_text.parse(os.fspath(path), path.read_bytes())
     for column in _COLUMNS[:2]:
-        if column not in table.columns:
-            raise ValueError(f"{path}, line 1: column {column} is missing")
+        refuse(column not in table.columns, f"{path}, line 1: column {column} is missing")
     found: dict[str, dict[str, str]] = {}
     for line, fields in table.rows:
         subject = fields["participant_id"].removeprefix("sub-")
-        if subject in found:
-            raise ValueError(f"{path}, line {line}: subject {subject} is there twice")
-        if fields["simulated"] not in ("yes", "no"):
-            raise ValueError(
-                f"{path}, line {line}, column simulated: must be yes or no, got {fields['simulated']!r}"
-            )
+        refuse(subject in found, f"{path}, line {line}: subject {subject} is there twice")
+        refuse(
+            fields["simulated"] not in ("yes", "no"),
+            f"{path}, line {line}, column simulated: must be yes or no, got {fields['simulated']!r}",
+        )
         found[subject] = {**fields, "participant_id": subject}
     return found

@@ -28,6 +28,7 @@ from scipy.special import gammaln, ndtr, stdtr
 from scipy.stats import binom
 from scipy.stats import t as student
 
+from burrlab.common.check import refuse
 from burrlab.psychophysics.rules import Counts, Floats, Rule, RuleName, TaskName, rule_of
 
 Integers: TypeAlias = NDArray[np.int64]
@@ -96,8 +97,7 @@ def conditional_hits(task: str, rule: str, d_prime: float, signals: int, noises:
     [0.  0.5 1.  1.5 2. ]
     """
     decision = rule_of(task, rule)
-    if not d_prime >= 0.0:
-        raise ValueError(f"d_prime must be at least 0, got {d_prime}")
+    refuse(not d_prime >= 0.0, f"d_prime must be at least 0, got {d_prime}")
     answers, hits = np.arange(signals + noises + 1), np.arange(signals + 1)
     least, most = np.maximum(0, answers - noises), np.minimum(signals, answers)
     inside = (hits >= least[:, None]) & (hits <= most[:, None])
@@ -420,8 +420,7 @@ def label_test(
 def _gathered(sums: Floats, weights: Floats, name: str) -> tuple[Floats, Floats]:
     """Equal sums as one."""
     kept, place = np.unique(np.round(sums, 9), return_inverse=True)
-    if len(kept) > _MOST_SUMS:
-        raise ValueError(f"{name} must have at most {_MOST_SUMS} different sums, got more")
+    refuse(len(kept) > _MOST_SUMS, f"{name} must have at most {_MOST_SUMS} different sums, got more")
     return kept, np.asarray(np.bincount(place.ravel(), weights, minlength=len(kept)), dtype=np.float64)
 
 
@@ -433,10 +432,8 @@ def _of_t(name: str, t: float, freedom: float, side: Side) -> SubjectTest:
 def finite_values(values: ArrayLike) -> Floats:
     """One row of numbers, or one sentence."""
     x = np.asarray(values, dtype=np.float64)
-    if x.ndim != 1 or len(x) == 0:
-        raise ValueError(f"values must be one row with at least one value, got shape {x.shape}")
-    if not np.all(np.isfinite(x)):
-        raise ValueError("values must be finite, got nan or infinity")
+    refuse(x.ndim != 1 or len(x) == 0, f"values must be one row with at least one value, got shape {x.shape}")
+    refuse(not np.all(np.isfinite(x)), "values must be finite, got nan or infinity")
     return x
 
 
@@ -497,11 +494,9 @@ class Group:
     """The subjects' hits and answers, and their tests at any d'."""
 
     def __init__(self, counts: Sequence[Counts], rule: str) -> None:
-        if not counts:
-            raise ValueError("counts must hold a subject, got none")
+        refuse(not counts, "counts must hold a subject, got none")
         tasks = sorted({c.task for c in counts})
-        if len(tasks) > 1:
-            raise ValueError(f"counts must be of one task, got {' and '.join(tasks)}")
+        refuse(len(tasks) > 1, f"counts must be of one task, got {' and '.join(tasks)}")
         self.decision = rule_of(tasks[0], rule)
         self.sizes = [(c.signals, c.noises) for c in counts]
         self.hits = np.array([[c.hits for c in counts]])
@@ -597,8 +592,7 @@ def group_d_prime(counts: Sequence[Counts], *, rule: str, level: float = 0.95) -
 
 
 def check_level(level: float) -> None:
-    if not 0.5 <= level < 1.0:
-        raise ValueError(f"level must be in [0.5, 1), got {level}")
+    refuse(not 0.5 <= level < 1.0, f"level must be in [0.5, 1), got {level}")
 
 
 def _last(holds: Callable[[float], bool], grid: Sequence[float], *, otherwise: float) -> float:
@@ -719,11 +713,9 @@ def group_score(counts: Sequence[Counts], level: float = 0.95) -> GroupScore:
     9.4 +- 0.5 of 12, 5 subjects; t test: t(4) = 6.67, p = 0.0013; sign-flip test: p = 0.031
     """
     check_level(level)
-    if not counts:
-        raise ValueError("counts must hold a subject, got none")
+    refuse(not counts, "counts must hold a subject, got none")
     tasks = sorted({c.task for c in counts})
-    if len(tasks) > 1:
-        raise ValueError(f"counts must be of one task, got {' and '.join(tasks)}")
+    refuse(len(tasks) > 1, f"counts must be of one task, got {' and '.join(tasks)}")
     sizes = {c.trials for c in counts}
     trials = sizes.pop() if len(sizes) == 1 else None
     scale = 1.0 if trials is None else float(trials)
@@ -756,8 +748,10 @@ def compare_conditions(
     difference +0.208 (+0.132 to +0.285), 4 subjects in both; paired t test: t(3) = 8.66, p = 0.0032; sign-flip test: p = 0.12
     """
     check_level(level)
-    if len(first) != len(second):
-        raise ValueError(f"both conditions must have the same subjects, got {len(first)} and {len(second)}")
+    refuse(
+        len(first) != len(second),
+        f"both conditions must have the same subjects, got {len(first)} and {len(second)}",
+    )
     values = proportions(first) - proportions(second)
     paired = t_test(values, side="two-sided", name="paired t test")
     tests = (paired, sign_flip_test(values, side="two-sided"))
@@ -784,8 +778,7 @@ def compare_groups(
 
 def proportions(counts: Sequence[Counts]) -> Floats:
     """Of correct answers, a subject."""
-    if not counts:
-        raise ValueError("counts must hold a subject, got none")
+    refuse(not counts, "counts must hold a subject, got none")
     return np.array([c.score / c.trials for c in counts])
 
 

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from burrlab._core import Burr, Device, Material, RecordReader, VoxelBone
 from burrlab.bone.recipe import VolumeRecipe, block_recipe, cut_block
+from burrlab.common.check import refuse
 from burrlab.psychophysics.trial import MODES, Interval, Mode
 from burrlab.session.session import Session
 
@@ -59,16 +60,17 @@ class Block:
 
     def __post_init__(self) -> None:
         size = tuple(float(length) for length in self.size)
-        if len(size) != 3:
-            raise ValueError(f"size must have three lengths, got {len(size)}")
+        refuse(len(size) != 3, f"size must have three lengths, got {len(size)}")
         for name, length in (("voxel", self.voxel), *(("size", length) for length in size)):
-            if not (math.isfinite(length) and length > 0):
-                raise ValueError(f"{name} must be positive and finite, got {length!r}")
+            refuse(
+                not (math.isfinite(length) and length > 0),
+                f"{name} must be positive and finite, got {length!r}",
+            )
         for length in size:
-            if abs(length / self.voxel - round(length / self.voxel)) > 1e-6:
-                raise ValueError(
-                    f"size must be a whole number of voxels of {self.voxel:g} mm, got {length:g}"
-                )
+            refuse(
+                abs(length / self.voxel - round(length / self.voxel)) > 1e-6,
+                f"size must be a whole number of voxels of {self.voxel:g} mm, got {length:g}",
+            )
         object.__setattr__(self, "size", size)
         object.__setattr__(self, "voxel", float(self.voxel))
 
@@ -93,14 +95,14 @@ class Block:
 
     def check_burr(self, burr: Burr) -> None:
         """Raises ValueError if the burr is too small for the voxels or too large for the block."""
-        if burr.radius < _LEAST_VOXELS * self.voxel:
-            raise ValueError(
-                f"radius of the burr must be at least {_LEAST_VOXELS:g} voxels of {self.voxel:g} mm, got {burr.radius:g}"
-            )
-        if 2.0 * burr.radius >= min(self.size[:2]):
-            raise ValueError(
-                f"diameter of the burr must be less than the block's sides, {min(self.size[:2]):g} mm, got {2 * burr.radius:g}"
-            )
+        refuse(
+            burr.radius < _LEAST_VOXELS * self.voxel,
+            f"radius of the burr must be at least {_LEAST_VOXELS:g} voxels of {self.voxel:g} mm, got {burr.radius:g}",
+        )
+        refuse(
+            2.0 * burr.radius >= min(self.size[:2]),
+            f"diameter of the burr must be less than the block's sides, {min(self.size[:2]):g} mm, got {2 * burr.radius:g}",
+        )
 
 
 @dataclass(frozen=True)
@@ -378,10 +380,14 @@ def render(
     interval. The session is ended some milliseconds later, and what comes after that tick is cut off.
     """
     material = _material(interval, mode)
-    if interval.duration is None and stop is None:
-        raise ValueError("stop must be given where the interval has no duration, got None")
-    if interval.duration is not None and not 0.0 < interval.duration < 1e9:
-        raise ValueError(f"duration of the interval must be positive, got {interval.duration!r}")
+    refuse(
+        interval.duration is None and stop is None,
+        "stop must be given where the interval has no duration, got None",
+    )
+    refuse(
+        interval.duration is not None and not 0.0 < interval.duration < 1e9,
+        f"duration of the interval must be positive, got {interval.duration!r}",
+    )
     bone.check_burr(burr)
     session = Session(
         bone.fresh(), (burr, material), device, seed=interval.seed, duration=interval.duration, record=record,
@@ -415,8 +421,7 @@ def render(
 
 
 def _material(interval: Interval, mode: Mode) -> Material:
-    if mode not in MODES:
-        raise ValueError(f"mode must be one of {', '.join(MODES)}, got {mode!r}")
+    refuse(mode not in MODES, f"mode must be one of {', '.join(MODES)}, got {mode!r}")
     material = interval.stimulus.material
     if material is None:
         raise ValueError(

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import Burr, HandDevice, Material
+from burrlab.common.check import refuse
 from burrlab.psychophysics.interval import Block, Rendered, render
 from burrlab.psychophysics.rules import RuleName, TaskName, rule_of
 from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
@@ -324,24 +325,34 @@ class SimulatedSubject:
 
     def __post_init__(self) -> None:
         cues = tuple(self.cues)
-        if not cues or any(cue not in CUES for cue in cues) or len(set(cues)) < len(cues):
-            raise ValueError(f"cues must be some of {', '.join(CUES)}, each once, got {cues!r}")
+        refuse(
+            not cues or any(cue not in CUES for cue in cues) or len(set(cues)) < len(cues),
+            f"cues must be some of {', '.join(CUES)}, each once, got {cues!r}",
+        )
         given = self.weber if isinstance(self.weber, Mapping) else dict.fromkeys(cues, self.weber)
         for cue in cues:
-            if cue not in given:
-                raise ValueError(f"weber must have a fraction for each cue, {cue} has none")
-            if not 0.0 < given[cue] < math.inf:
-                raise ValueError(f"weber of {cue} must be positive and finite, got {given[cue]!r}")
-        if self.decision not in DECISIONS:
-            raise ValueError(f"decision must be one of {', '.join(DECISIONS)}, got {self.decision!r}")
-        if self.criterion is not None and self.decision == "covert":
-            raise ValueError(f"criterion must be None for covert decisions, got {self.criterion!r}")
-        if self.criterion is not None and not 0.0 <= self.criterion < math.inf:
-            raise ValueError(f"criterion must be zero or positive and finite, got {self.criterion!r}")
-        if not 0.0 <= self.lapse <= 1.0:
-            raise ValueError(f"lapse must be from 0 to 1, got {self.lapse!r}")
-        if not 0.0 <= self.memory < math.inf:
-            raise ValueError(f"memory must be zero or positive and finite, got {self.memory!r}")
+            refuse(cue not in given, f"weber must have a fraction for each cue, {cue} has none")
+            refuse(
+                not 0.0 < given[cue] < math.inf,
+                f"weber of {cue} must be positive and finite, got {given[cue]!r}",
+            )
+        refuse(
+            self.decision not in DECISIONS,
+            f"decision must be one of {', '.join(DECISIONS)}, got {self.decision!r}",
+        )
+        refuse(
+            self.criterion is not None and self.decision == "covert",
+            f"criterion must be None for covert decisions, got {self.criterion!r}",
+        )
+        refuse(
+            self.criterion is not None and not 0.0 <= self.criterion < math.inf,
+            f"criterion must be zero or positive and finite, got {self.criterion!r}",
+        )
+        refuse(not 0.0 <= self.lapse <= 1.0, f"lapse must be from 0 to 1, got {self.lapse!r}")
+        refuse(
+            not 0.0 <= self.memory < math.inf,
+            f"memory must be zero or positive and finite, got {self.memory!r}",
+        )
         object.__setattr__(self, "cues", cues)
         object.__setattr__(self, "weber", {cue: float(given[cue]) for cue in cues})
 
@@ -396,8 +407,10 @@ class SimulatedSubject:
             intervals do not need).
         """
         task = task_of(trial)
-        if len(cues) != len(trial.intervals):
-            raise ValueError(f"cues must be one an interval, {len(trial.intervals)}, got {len(cues)}")
+        refuse(
+            len(cues) != len(trial.intervals),
+            f"cues must be one an interval, {len(trial.intervals)}, got {len(cues)}",
+        )
         values = self._values(cues)
         lapse, choice = rng.random(2)
         noise = rng.standard_normal(values.shape) * self._weber_array()
@@ -445,8 +458,7 @@ class SimulatedSubject:
         if self.known is None:
             raise ValueError("the subject must be taught the two materials first (taught, teach)")
         a, b = self._values(self.known)
-        if np.array_equal(a, b):
-            raise ValueError("the two known materials must differ in a cue")
+        refuse(np.array_equal(a, b), "the two known materials must differ in a cue")
         return np.asarray(a - b)
 
     def _variance(self) -> Floats:
@@ -462,9 +474,11 @@ class SimulatedSubject:
     def _values(self, cues: Sequence[Cues]) -> Floats:
         values = np.array([[getattr(c, cue) for cue in self.cues] for c in cues], dtype=np.float64)
         for i, cue in enumerate(self.cues):
-            if not np.isfinite(values[:, i]).all():
-                raise ValueError(f"cue {cue} must have a value in every interval: stiffness and force come by probing, "
-                                 "sinking by drilling")  # fmt: skip
+            refuse(
+                not np.isfinite(values[:, i]).all(),
+                f"cue {cue} must have a value in every interval: stiffness and force come by probing, "
+                "sinking by drilling",
+            )
         return values
 
 

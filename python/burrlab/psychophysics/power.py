@@ -18,6 +18,7 @@ import numpy as np
 from scipy.special import stdtr
 from scipy.stats import binom
 
+from burrlab.common.check import refuse
 from burrlab.psychophysics.group import (
     GRID,
     Group,
@@ -203,8 +204,7 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
     Equivalent: below 1.5 in d' (independent-observations), upper bound 1.02 at 95 %, p = 0.00024.
     """
     check_level(level)
-    if not 0.0 < delta < math.inf:
-        raise ValueError(f"delta must be a number above 0, got {delta}")
+    refuse(not 0.0 < delta < math.inf, f"delta must be a number above 0, got {delta}")
     group = Group(counts, rule)
     error = 1.0 - level
     # The least favourable d' at Delta or above; the p value falls with d' but for the scatter in t.
@@ -457,8 +457,7 @@ def design_power(
     """
     check_design(trials, subjects, level, lapse)
     decisions = [rule_of(task, rule) for rule in rules]
-    if not decisions:
-        raise ValueError("rules must hold a rule, got none")
+    refuse(not decisions, "rules must hold a rule, got none")
     for d in d_primes:
         check_d_prime("d_primes", d)
     critical, error_rate = critical_score(trials, level)
@@ -494,24 +493,18 @@ def design_power(
 
 
 def check_design(trials: int, subjects: int, level: float, lapse: float) -> None:
-    if trials < 2 or trials % 2:
-        raise ValueError(f"trials must be even and at least 2, got {trials}")
-    if subjects < 1:
-        raise ValueError(f"subjects must be at least 1, got {subjects}")
-    if not 0.0 < level <= 0.5:
-        raise ValueError(f"level must be in (0, 0.5], got {level}")
-    if not 0.0 <= lapse < 1.0:
-        raise ValueError(f"lapse must be in [0, 1), got {lapse}")
+    refuse(trials < 2 or trials % 2, f"trials must be even and at least 2, got {trials}")
+    refuse(subjects < 1, f"subjects must be at least 1, got {subjects}")
+    refuse(not 0.0 < level <= 0.5, f"level must be in (0, 0.5], got {level}")
+    refuse(not 0.0 <= lapse < 1.0, f"lapse must be in [0, 1), got {lapse}")
 
 
 def check_d_prime(name: str, value: float) -> None:
-    if not 0.0 <= value < math.inf:
-        raise ValueError(f"{name} must be at least 0 and finite, got {value}")
+    refuse(not 0.0 <= value < math.inf, f"{name} must be at least 0 and finite, got {value}")
 
 
 def check_delta(value: float) -> None:
-    if not 0.0 < value < math.inf:
-        raise ValueError(f"delta must be a number above 0, got {value}")
+    refuse(not 0.0 < value < math.inf, f"delta must be a number above 0, got {value}")
 
 
 def subjects_needed(
@@ -649,10 +642,11 @@ def _least(enough: Callable[[int], bool], first: int, step: int, most: int) -> i
 
 
 def _checked(task: str, rule: str, d_prime: float | None, delta: float | None, power: float) -> Rule:
-    if (d_prime is None) == (delta is None):
-        raise ValueError(f"d_prime or delta must be given, not both, got {d_prime} and {delta}")
-    if not 0.0 < power < 1.0:
-        raise ValueError(f"power must be in (0, 1), got {power}")
+    refuse(
+        (d_prime is None) == (delta is None),
+        f"d_prime or delta must be given, not both, got {d_prime} and {delta}",
+    )
+    refuse(not 0.0 < power < 1.0, f"power must be in (0, 1), got {power}")
     if d_prime is not None:
         check_d_prime("d_prime", d_prime)
     if delta is not None:

@@ -29,7 +29,7 @@ from burrlab.bone.image import OccupancyMap, checked_point
 from burrlab.bone.materials import materials as paper
 from burrlab.bone.recipe import VolumeRecipe
 from burrlab.bone.specimen import MOST_VOXELS, unit_vector
-from burrlab.common.check import shown
+from burrlab.common.check import refuse, shown
 from burrlab.common.table import json_mapping
 from burrlab.psychophysics.answers import AnswerFile, ExperimentFolder
 from burrlab.psychophysics.designs import ABX, SameDifferent, counterbalanced
@@ -716,15 +716,17 @@ class Protocol:
         return f"Protocol({self.name!r}, {len(self.subjects)} subjects, tasks {tasks}, digest {self.digest[:12]})"
 
     def _checked(self, subject: str) -> str:
-        if subject not in self.subjects:
-            raise ValueError(
-                f"{self.path}: there is no subject {subject!r}; there are {', '.join(self.subjects)}"
-            )
+        refuse(
+            subject not in self.subjects,
+            f"{self.path}: there is no subject {subject!r}; there are {', '.join(self.subjects)}",
+        )
         return subject
 
     def _design(self, task: str) -> Design:
-        if task not in self.tasks:
-            raise ValueError(f"{self.path}: there is no task {task!r}; there are {', '.join(self.tasks)}")
+        refuse(
+            task not in self.tasks,
+            f"{self.path}: there is no task {task!r}; there are {', '.join(self.tasks)}",
+        )
         return self.tasks[task]
 
 

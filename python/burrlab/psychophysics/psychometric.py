@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from scipy.special import entr
 from scipy.stats import beta, chi2
 
+from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.common.provenance import provenance
 from burrlab.psychophysics.designs import UNITS, checked_answers, checked_level, one_of
@@ -196,10 +197,11 @@ def posterior_threshold(
         or `level` is not between 0 and 1.
     """
     ratios, right = checked_answers(levels, correct)
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level must be between 0 and 1, got {level}")
-    if len({ratio > 1.0 for ratio in ratios}) > 1:
-        raise ValueError("levels must be on one side of 1, got some below and some above")
+    refuse(not 0.0 < level < 1.0, f"level must be between 0 and 1, got {level}")
+    refuse(
+        len({ratio > 1.0 for ratio in ratios}) > 1,
+        "levels must be on one side of 1, got some below and some above",
+    )
     side = -1.0 if ratios and ratios[0] < 1.0 else 1.0
     posterior = ThresholdPosterior(smallest, largest)
     for ratio, answer in zip(ratios, right, strict=True):
@@ -443,18 +445,19 @@ def psychometric_function(
     H. H. Schütt, S. Harmeling, J. H. Macke, F. A. Wichmann, Painfree and accurate Bayesian estimation of psychometric
     functions for (potentially) overdispersed data, Vision Research 122 (2016) 105-123.
     """
-    if not len(levels) == len(correct) == len(trials):
-        raise ValueError(
-            f"levels, correct and trials must be equally many, got {len(levels)}, {len(correct)} and {len(trials)}"
-        )
+    refuse(
+        not len(levels) == len(correct) == len(trials),
+        f"levels, correct and trials must be equally many, got {len(levels)}, {len(correct)} and {len(trials)}",
+    )
     ratios = [checked_level("levels", ratio) for ratio in levels]
     pooled = _pooled(ratios, correct, trials)
     if parameter is not None:
         one_of("parameter", parameter, tuple(UNITS))
-    if reference is not None and not (math.isfinite(reference) and reference > 0.0):
-        raise ValueError(f"reference must be above 0, got {reference}")
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level must be between 0 and 1, got {level}")
+    refuse(
+        reference is not None and not (math.isfinite(reference) and reference > 0.0),
+        f"reference must be above 0, got {reference}",
+    )
+    refuse(not 0.0 < level < 1.0, f"level must be between 0 and 1, got {level}")
 
     data = np.array([(math.log(math.log(ratio)), *n) for ratio, n in pooled.items()])
     found, at_bounds = _fit(data, level)
@@ -492,14 +495,15 @@ def _pooled(
     counts: dict[float, tuple[int, int]] = {}
     for ratio, right, number in zip(ratios, correct, trials, strict=True):
         right, number = operator.index(right), operator.index(number)
-        if not 0 <= right <= number or number == 0:
-            raise ValueError(f"correct must be from 0 to trials, at least 1, got {right} of {number}")
+        refuse(
+            not 0 <= right <= number or number == 0,
+            f"correct must be from 0 to trials, at least 1, got {right} of {number}",
+        )
         above = max(ratio, 1.0 / ratio)
         same = next((known for known in counts if math.isclose(known, above)), above)  # up to rounding
         before = counts.get(same, (0, 0))
         counts[same] = (before[0] + right, before[1] + number)
-    if len(counts) < 2:
-        raise ValueError(f"levels must hold at least two different differences from 1, got {len(counts)}")
+    refuse(len(counts) < 2, f"levels must hold at least two different differences from 1, got {len(counts)}")
     return dict(sorted(counts.items()))
 
 

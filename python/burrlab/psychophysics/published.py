@@ -20,6 +20,7 @@ from scipy.special import ndtr
 from scipy.stats import chi2
 from scipy.stats import t as student
 
+from burrlab.common.check import refuse
 from burrlab.psychophysics.group import check_level, finite_values, probability_text
 from burrlab.psychophysics.power import WANTED_POWER, decision_text
 from burrlab.psychophysics.rules import RULES, Floats, TaskName, rule_of
@@ -151,12 +152,12 @@ def group_score_from(
     t = 8.25, spread 1.79 against 1.45
     """
     check_level(level)
-    if n < 2 or trials < 2:
-        raise ValueError(f"n and trials must be at least 2, got {n} and {trials}")
-    if not 0.0 < mean < trials:
-        raise ValueError(f"mean must be between 0 and {trials}, got {mean}")
-    if not 0.0 <= rounding < sem < math.inf:
-        raise ValueError(f"sem must be above rounding, which is at least 0, got {sem} and {rounding}")
+    refuse(n < 2 or trials < 2, f"n and trials must be at least 2, got {n} and {trials}")
+    refuse(not 0.0 < mean < trials, f"mean must be between 0 and {trials}, got {mean}")
+    refuse(
+        not 0.0 <= rounding < sem < math.inf,
+        f"sem must be above rounding, which is at least 0, got {sem} and {rounding}",
+    )
     chance, freedom = 0.5 * trials, n - 1
     t = (mean - chance) / sem
     corners = [
@@ -311,13 +312,10 @@ def tost(values: ArrayLike, *, delta: float, level: float = 0.95) -> SignedEquiv
     """
     check_level(level)
     x = finite_values(values)
-    if len(x) < 2:
-        raise ValueError(f"values must hold at least 2, got {len(x)}")
-    if not 0.0 < delta < math.inf:
-        raise ValueError(f"delta must be a number above 0, got {delta}")
+    refuse(len(x) < 2, f"values must hold at least 2, got {len(x)}")
+    refuse(not 0.0 < delta < math.inf, f"delta must be a number above 0, got {delta}")
     n, mean, sem = len(x), float(np.mean(x)), float(np.std(x, ddof=1)) / math.sqrt(len(x))
-    if sem == 0.0:
-        raise ValueError("values must differ, got the same one for all")
+    refuse(sem == 0.0, "values must differ, got the same one for all")
     p_value = float(max(student.sf((mean + delta) / sem, n - 1), student.cdf((mean - delta) / sem, n - 1)))
     wide = float(student.ppf(level, n - 1)) * sem
     low, high = 0.0, 1.0
@@ -395,12 +393,9 @@ class SelectionEffect:
     def __post_init__(self) -> None:
         for name in ("kept", "of", "trials"):
             object.__setattr__(self, name, operator.index(getattr(self, name)))
-        if not 1 <= self.kept <= self.of:
-            raise ValueError(f"kept must be in 1..of, 1..{self.of}, got {self.kept}")
-        if self.trials < 1:
-            raise ValueError(f"trials must be at least 1, got {self.trials}")
-        if not 0.0 < self.chance < 1.0:
-            raise ValueError(f"chance must be in (0, 1), got {self.chance!r}")
+        refuse(not 1 <= self.kept <= self.of, f"kept must be in 1..of, 1..{self.of}, got {self.kept}")
+        refuse(self.trials < 1, f"trials must be at least 1, got {self.trials}")
+        refuse(not 0.0 < self.chance < 1.0, f"chance must be in (0, 1), got {self.chance!r}")
 
     @property
     def expected(self) -> float:

@@ -20,6 +20,7 @@ from scipy.optimize import brentq
 
 from burrlab._core import Burr, Material
 from burrlab.bone.materials import materials
+from burrlab.common.check import refuse
 from burrlab.psychophysics.designs import ABX, Draws
 from burrlab.psychophysics.interval import Block, Rendered
 from burrlab.psychophysics.observer import (
@@ -88,8 +89,7 @@ def rehearse(
     beside the noise), and a rehearsal of 20 subjects takes seconds rather than an hour. `burrlab experiment run --simulated`
     renders every interval.
     """
-    if operator.index(subjects) < 1:
-        raise ValueError(f"subjects must be at least 1, got {subjects}")
+    refuse(operator.index(subjects) < 1, f"subjects must be at least 1, got {subjects}")
     names = [f"{number:02d}" for number in range(1, subjects + 1)]
     taught = subject if subject.known is not None else teach(subject, design, burr=burr, bone=bone)
     orders = (rehearsed_order(design, taught, name=name, seed=seed, burr=burr, bone=bone) for name in names)
@@ -140,18 +140,17 @@ def teach(
             assert interval.stimulus.material is not None
             found.setdefault(interval.stimulus.material, interval)
         order.answer(design.answers[0])
-    if len(found) != 2:
-        raise ValueError(f"design must have two materials, got {len(found)}")
+    refuse(len(found) != 2, f"design must have two materials, got {len(found)}")
     a, b = (_felt(design, interval, burr, bone) for interval in found.values())
     return subject.taught(a, b)
 
 
 def check_rehearsable(design: Design) -> None:
     """ValueError for a design whose answers depend on what simulated subjects do not feel."""
-    if design.mode == "drilling" and getattr(design, "hold", "other") == "sinking speed":
-        raise ValueError(
-            "design must not hold the sinking speed, the only cue that simulated subjects have by drilling"
-        )
+    refuse(
+        design.mode == "drilling" and getattr(design, "hold", "other") == "sinking speed",
+        "design must not hold the sinking speed, the only cue that simulated subjects have by drilling",
+    )
 
 
 def stood_in(trial: Trial) -> tuple[Interval, ...]:
@@ -306,13 +305,15 @@ def predicted_d_prime(
     expected score 9.3 of 12 (2 % lapses); power of one subject 48 %
     80 % power needs 24 trials of one subject, or 4 subjects of 12 trials
     """
-    if mode not in MODES:
-        raise ValueError(f"mode must be one of {', '.join(MODES)}, got {mode!r}")
+    refuse(mode not in MODES, f"mode must be one of {', '.join(MODES)}, got {mode!r}")
     for cue in subject.cues:
-        if cue not in CUES_OF[mode]:
-            raise ValueError(f"cues must be of the mode, {mode} has {', '.join(CUES_OF[mode])}, got {cue!r}")
-    if subject.criterion is not None:
-        raise ValueError(f"criterion must be None for a prediction, got {subject.criterion!r}")
+        refuse(
+            cue not in CUES_OF[mode],
+            f"cues must be of the mode, {mode} has {', '.join(CUES_OF[mode])}, got {cue!r}",
+        )
+    refuse(
+        subject.criterion is not None, f"criterion must be None for a prediction, got {subject.criterion!r}"
+    )
     burr, bone = burr or Burr(3.0), bone or Block()
 
     def felt(material: Material) -> Cues:
@@ -493,8 +494,7 @@ def task1_table(
     """
     found = _differences(differences, burr or Burr(3.0), bone or Block())
     for noise in noises:
-        if not 0.0 < noise < math.inf:
-            raise ValueError(f"noises must be positive and finite, got {noise!r}")
+        refuse(not 0.0 < noise < math.inf, f"noises must be positive and finite, got {noise!r}")
     rows = [
         _row(name, pair, decision, noise, _distance(found[pair], cues), lapse)
         for name, cues in _NAMES.items()

@@ -20,6 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import erf, erfc, erfcinv, erfinv, log_ndtr, ndtr, ndtri
 
+from burrlab.common.check import refuse
+
 Floats: TypeAlias = NDArray[np.float64]
 TaskName: TypeAlias = Literal["same-different", "abx", "2ifc"]
 RuleName: TypeAlias = Literal["independent-observations", "differencing"]
@@ -276,10 +278,8 @@ def rule_of(task: str, name: str) -> Rule:
     >>> print(f"{d:.5f} {criterion:.5f}")
     2.54986 1.81239
     """
-    if task not in TASKS:
-        raise ValueError(f"task must be one of {', '.join(TASKS)}, got {task!r}")
-    if name not in RULES:
-        raise ValueError(f"rule must be one of {', '.join(RULES)}, got {name!r}")
+    refuse(task not in TASKS, f"task must be one of {', '.join(TASKS)}, got {task!r}")
+    refuse(name not in RULES, f"rule must be one of {', '.join(RULES)}, got {name!r}")
     return _ALL[task, name]
 
 
@@ -319,26 +319,26 @@ class Counts:
     by_type: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.task not in TASKS:
-            raise ValueError(f"task must be one of {', '.join(TASKS)}, got {self.task!r}")
+        refuse(self.task not in TASKS, f"task must be one of {', '.join(TASKS)}, got {self.task!r}")
         for name in ("hits", "signals", "false_alarms", "noises"):
             value = operator.index(getattr(self, name))
             object.__setattr__(self, name, value)
-            if value < 0:
-                raise ValueError(f"{name} must be at least 0, got {value}")
+            refuse(value < 0, f"{name} must be at least 0, got {value}")
         for name, most in (("hits", "signals"), ("false_alarms", "noises")):
-            if getattr(self, name) > getattr(self, most):
-                raise ValueError(
-                    f"{name} must be at most {most}, {getattr(self, most)}, got {getattr(self, name)}"
-                )
-        if self.trials == 0:
-            raise ValueError("signals and noises must hold a trial, got 0 and 0")
+            refuse(
+                getattr(self, name) > getattr(self, most),
+                f"{name} must be at most {most}, {getattr(self, most)}, got {getattr(self, name)}",
+            )
+        refuse(self.trials == 0, "signals and noises must hold a trial, got 0 and 0")
         types = {str(k): (operator.index(n), operator.index(m)) for k, (n, m) in self.by_type.items()}
-        if types and (
-            sum(n for n, _ in types.values()) != self.hits + self.false_alarms
-            or sum(m for _, m in types.values()) != self.trials
-        ):
-            raise ValueError("by_type must sum to the hits, false alarms and trials")
+        refuse(
+            types
+            and (
+                sum(n for n, _ in types.values()) != self.hits + self.false_alarms
+                or sum(m for _, m in types.values()) != self.trials
+            ),
+            "by_type must sum to the hits, false alarms and trials",
+        )
         object.__setattr__(self, "by_type", MappingProxyType(types))
 
     @property

@@ -19,6 +19,7 @@ import numpy as np
 from matplotlib.ticker import FixedLocator, MaxNLocator
 from scipy import stats
 
+from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.group import GroupDPrime, GroupScore, group_d_prime, group_score
@@ -155,8 +156,10 @@ def of_answers(found: Iterable[Answers]) -> list[TaskData]:
             raise ValueError(
                 f"task {one.name} of subject {one.subject} has another design than that of subject {task.subjects[0].subject}"
             )
-        if any(other.subject == one.subject for other in task.subjects):
-            raise ValueError(f"subject {one.subject} has task {one.name} twice")
+        refuse(
+            any(other.subject == one.subject for other in task.subjects),
+            f"subject {one.subject} has task {one.name} twice",
+        )
         tasks[one.name] = replace(task, subjects=(*task.subjects, _subject(one)))
     return list(tasks.values())
 
@@ -171,8 +174,7 @@ def of_counts(data: CountsBySubject | CountsByTask, *, simulated: bool = False) 
     TypeError
         If a value is neither Counts nor Answers.
     """
-    if not data:
-        raise ValueError("data must hold a subject, got none")
+    refuse(not data, "data must hold a subject, got none")
     if all(isinstance(value, Mapping) for value in data.values()):
         tasks = cast(CountsByTask, data)
         return [_of_one(str(name), subjects, simulated) for name, subjects in tasks.items()]
@@ -180,8 +182,7 @@ def of_counts(data: CountsBySubject | CountsByTask, *, simulated: bool = False) 
 
 
 def _of_one(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
-    if not subjects:
-        raise ValueError(f"task {name} must hold a subject, got none")
+    refuse(not subjects, f"task {name} must hold a subject, got none")
     found, designs, kinds = [], [], set()
     for subject, value in subjects.items():
         if isinstance(value, Answers):
@@ -192,10 +193,8 @@ def _of_one(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
         else:
             raise TypeError(f"subject {subject} must have Counts or Answers, got {type(value).__name__}")
         kinds.add(value.task)
-    if len(kinds) > 1:
-        raise ValueError(f"task {name} must be of one kind, got {', '.join(sorted(kinds))}")
-    if any(design != designs[0] for design in designs):
-        raise ValueError(f"task {name} must have one design, got several")
+    refuse(len(kinds) > 1, f"task {name} must be of one kind, got {', '.join(sorted(kinds))}")
+    refuse(any(design != designs[0] for design in designs), f"task {name} must have one design, got several")
     (task,) = kinds
     return TaskData(name or task, task, tuple(found), designs[0] if designs else {})
 
@@ -581,8 +580,7 @@ class ScoredTask(TaskResult[SubjectResult]):
         return plot_d_prime(self, ax)
 
     def _some(self) -> None:
-        if not self.subjects:
-            raise ValueError(f"task {self.name} must hold a complete run to be drawn, got none")
+        refuse(not self.subjects, f"task {self.name} must hold a complete run to be drawn, got none")
 
     def __repr__(self) -> str:
         kind = "simulated subjects" if self.simulated else "subjects"
@@ -643,8 +641,10 @@ def plot_scores(task: ScoredTask, ax: Axes | None, published: PublishedScore | N
             "a histogram of scores needs equally many trials a subject, "
             f"got {', '.join(str(one.counts.trials) for one in task.subjects)}"
         )
-    if published is not None and published.trials != trials:
-        raise ValueError(f"published must be of {trials} trials, as the task, got {published.trials}")
+    refuse(
+        published is not None and published.trials != trials,
+        f"published must be of {trials} trials, as the task, got {published.trials}",
+    )
     ax = axes_or_new(ax)
     score = np.arange(trials + 1)
     scores = np.array([one.counts.score for one in task.subjects])

@@ -23,6 +23,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TextIO
 
+from burrlab.common.check import refuse
 from burrlab.psychophysics.interval import Rendered
 from burrlab.psychophysics.trial import Design, Interval, Trial
 
@@ -208,8 +209,10 @@ class TerminalSeat(Seat):
     def __init__(self, keyboard: Keyboard | None = None, screen: TextIO | None = None) -> None:
         self._keyboard = Keyboard() if keyboard is None else keyboard
         self._screen = sys.stdout if screen is None else screen
-        if screen is None and not self._screen.isatty():
-            raise ValueError("the subject needs a screen: standard output is a pipe or a file")
+        refuse(
+            screen is None and not self._screen.isatty(),
+            "the subject needs a screen: standard output is a pipe or a file",
+        )
         self._plain = os.environ.get("TERM", "") in ("", "dumb")
         self._progress = ""
 
@@ -342,8 +345,10 @@ class Experimenter:
 def _open_view(path: Path) -> int:
     """Never blocks: neither here nor when nobody reads."""
     kind = path.stat().st_mode if path.exists() else 0
-    if stat.S_ISCHR(kind) and _is_own_terminal(path):
-        raise ValueError(f"the experimenter's view must not be the subject's terminal, {path}")
+    refuse(
+        stat.S_ISCHR(kind) and _is_own_terminal(path),
+        f"the experimenter's view must not be the subject's terminal, {path}",
+    )
     flags = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | getattr(os, "O_NOCTTY", 0)
     if not stat.S_ISFIFO(kind) and not stat.S_ISCHR(kind):
         flags |= os.O_CREAT

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri, gammaln, xlogy
 from scipy.stats import binomtest
 
+from burrlab.common.check import refuse
 from burrlab.common.provenance import provenance
 from burrlab.psychophysics.rules import Counts, Floats, Rule, RuleName, TaskName, rule_of
 
@@ -220,10 +221,10 @@ def exact_p_value(counts: Counts, rule: Rule, d_prime: float) -> float:
 def exact_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, float]:
     """From the smallest to the largest d' in [0, inf) that the exact test keeps; inf where it has no upper end."""
     outcomes = (counts.signals + 1) * (counts.noises + 1)
-    if outcomes > _MOST:
-        raise ValueError(
-            f"counts must have at most {_MOST} possible outcomes for method 'exact', got {outcomes}: take 'profile'"
-        )
+    refuse(
+        outcomes > _MOST,
+        f"counts must have at most {_MOST} possible outcomes for method 'exact', got {outcomes}: take 'profile'",
+    )
     observed, error = Outcomes.of(counts), 1.0 - level
     if bool(observed.undetermined):
         return 0.0, math.inf
@@ -440,10 +441,11 @@ def d_prime(
     """
     law = rule_of(counts.task, rule)
     check_level(level)
-    if method not in METHODS:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
-    if correction not in CORRECTIONS:
-        raise ValueError(f"correction must be one of {', '.join(CORRECTIONS)}, got {correction!r}")
+    refuse(method not in METHODS, f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    refuse(
+        correction not in CORRECTIONS,
+        f"correction must be one of {', '.join(CORRECTIONS)}, got {correction!r}",
+    )
     outcome = Outcomes.of(counts)
     estimate, criterion = (float(x) for x in outcome.estimate(law))
     if method == "exact":
@@ -507,5 +509,4 @@ def binomial_test(counts: Counts) -> float:
 
 
 def check_level(level: float) -> None:
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level must be above 0 and below 1, got {level}")
+    refuse(not 0.0 < level < 1.0, f"level must be above 0 and below 1, got {level}")

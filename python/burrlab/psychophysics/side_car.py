@@ -18,12 +18,12 @@ from typing import Any
 
 import burrlab.common.table as tsv_text
 from burrlab._core import __version__
-from burrlab.common.check import shown
+from burrlab.common.check import refuse, shown
 from burrlab.common.provenance import provenance
 from burrlab.common.table import json_mapping
-from burrlab.psychophysics.design_record import design_of_dict
 from burrlab.psychophysics.interval import ENDINGS
 from burrlab.psychophysics.rules import TASKS, TaskName
+from burrlab.psychophysics.staircase import design_of_dict
 from burrlab.psychophysics.trial import Phase, Trial
 
 #: Answers in the order of their keys 1, 2.
@@ -240,11 +240,11 @@ class RowReader:
     def _check_correct(self, row: Row) -> None:
         due = TYPES[self.task][row.trial_type]
         answer = row.correct_answer(ANSWERS[self.task])
-        if due is not None and answer != due:
-            raise ValueError(
-                f"column correct: after {row.trial_type} the correct answer is {due!r}, and the response "
-                f"{row.response!r} is called {'correct' if row.correct else 'wrong'}"
-            )
+        refuse(
+            due is not None and answer != due,
+            f"column correct: after {row.trial_type} the correct answer is {due!r}, and the response "
+            f"{row.response!r} is called {'correct' if row.correct else 'wrong'}",
+        )
         if due is not None:
             return
         for line, one in self._before:
@@ -266,21 +266,25 @@ def _side(row: Row, answer: str) -> bool | None:
 
 def _check_place(row: Row, before: Row | None) -> None:
     """That trials follow one another."""
-    if row.trial < 1:
-        raise ValueError(f"column trial: must be at least 1, got {row.trial}")
-    if row.phase == "main" and row.block < 1:
-        raise ValueError(f"column block: must be at least 1 after practice, got {row.block}")
+    refuse(row.trial < 1, f"column trial: must be at least 1, got {row.trial}")
+    refuse(
+        row.phase == "main" and row.block < 1,
+        f"column block: must be at least 1 after practice, got {row.block}",
+    )
     last = before.trial if before is not None and before.phase == row.phase else 0
-    if before is not None and before.phase == "main" and row.phase == "practice":
-        raise ValueError("column phase: practice comes before the main phase")
-    if row.trial != last + 1:
-        raise ValueError(f"column trial: {row.phase} trial {last + 1} is due, got {row.trial}")
-    if before is not None and row.onset < before.onset:
-        raise ValueError(
-            f"column onset: must not be before the last trial's {before.onset!r}, got {row.onset!r}"
-        )
-    if before is not None and last and row.block < before.block:
-        raise ValueError(f"column block: must not be before the last trial's {before.block}, got {row.block}")
+    refuse(
+        before is not None and before.phase == "main" and row.phase == "practice",
+        "column phase: practice comes before the main phase",
+    )
+    refuse(row.trial != last + 1, f"column trial: {row.phase} trial {last + 1} is due, got {row.trial}")
+    refuse(
+        before is not None and row.onset < before.onset,
+        f"column onset: must not be before the last trial's {before.onset!r}, got {row.onset!r}",
+    )
+    refuse(
+        before is not None and last and row.block < before.block,
+        f"column block: must not be before the last trial's {before.block}, got {row.block}",
+    )
 
 
 _ABSENT = object()
@@ -308,8 +312,7 @@ def _filled(convert: Callable[[str], Any]) -> Callable[[str], Any]:
 
 def _one_of(choices: Sequence[str]) -> Callable[[str], str]:
     def chosen(text: str) -> str:
-        if text not in choices:
-            raise ValueError(f"must be one of {', '.join(choices)}, got {text!r}")
+        refuse(text not in choices, f"must be one of {', '.join(choices)}, got {text!r}")
         return text
 
     return chosen
@@ -317,22 +320,19 @@ def _one_of(choices: Sequence[str]) -> Callable[[str], str]:
 
 def _duration(text: str) -> float | None:
     value = tsv_text.number_or_none(text)
-    if value is not None and value < 0:
-        raise ValueError(f"must be at least 0 [s], got {text!r}")
+    refuse(value is not None and value < 0, f"must be at least 0 [s], got {text!r}")
     return value
 
 
 def _level(text: str) -> float | None:
     value = tsv_text.number_or_none(text)
-    if value is not None and value <= 0:
-        raise ValueError(f"must be a ratio above 0, got {text!r}")
+    refuse(value is not None and value <= 0, f"must be a ratio above 0, got {text!r}")
     return value
 
 
 def _text(value: str | int | float) -> str:
     if isinstance(value, float):
-        if not math.isfinite(value):
-            raise ValueError(f"a number must be finite, got {value!r}")
+        refuse(not math.isfinite(value), f"a number must be finite, got {value!r}")
         return repr(value)
     return str(value)
 
@@ -488,15 +488,13 @@ class SideCar:
         ValueError
             If a key is missing or not what it must be.
         """
-        if values.get(_KEY) != _FORMAT:
-            raise ValueError(f"{_KEY} must be {_FORMAT}, got {shown(values.get(_KEY))}")
+        refuse(values.get(_KEY) != _FORMAT, f"{_KEY} must be {_FORMAT}, got {shown(values.get(_KEY))}")
         text = {
             key: _typed(values, key, str)
             for key in ("Subject", "TaskName", "Instructions", "Started", "Device")
         }
         task = _typed(values, "Task", str)
-        if task not in TASKS:
-            raise ValueError(f"Task must be one of {', '.join(TASKS)}, got {task!r}")
+        refuse(task not in TASKS, f"Task must be one of {', '.join(TASKS)}, got {task!r}")
         simulated = _typed(values, "SimulatedSubject", dict) if _typed(values, "Simulated", bool) else None
         try:
             if datetime.fromisoformat(text["Started"]).tzinfo is None:
@@ -508,30 +506,31 @@ class SideCar:
             _typed(values, "Protocol", dict), _typed(values, "Seed", int), text["Device"], _typed(values, "Trials", int),
             simulated, text["Started"], _typed(values, "Provenance", dict),
         )  # fmt: skip
-        if values.get("ProtocolDigest") != car.digest:
-            raise ValueError(
-                "ProtocolDigest does not belong to the Protocol beside it: one of them was changed"
-            )
+        refuse(
+            values.get("ProtocolDigest") != car.digest,
+            "ProtocolDigest does not belong to the Protocol beside it: one of them was changed",
+        )
         car._check_against_protocol()
         return car
 
     def _check_against_protocol(self) -> None:
         """ValueError if what is told of the Protocol once more, for readers, is told otherwise: the digest is of it alone."""
         experiment, tasks = (self.protocol.get(key, {}) for key in ("experiment", "tasks"))
-        if not (isinstance(experiment, dict) and isinstance(tasks, dict)):
-            raise ValueError("Protocol must have tables of the experiment and its tasks")
+        refuse(
+            not (isinstance(experiment, dict) and isinstance(tasks, dict)),
+            "Protocol must have tables of the experiment and its tasks",
+        )
         for key, found, due in (
             ("Design", self.design, tasks.get(self.name)),
             ("Seed", self.seed, experiment.get("seed")),
         ):
-            if found != due:
-                raise ValueError(f"{key} is not that of the Protocol beside it: one of them was changed")
+            refuse(found != due, f"{key} is not that of the Protocol beside it: one of them was changed")
         made = design_of_dict(self.design)
         due = made.order(seed=self.seed, subject=f"{self.subject} {self.name}").total
-        if (self.task, self.trials) != (made.task, due):
-            raise ValueError(
-                f"Task and Trials must be {made.task!r} and {due}, those of the Design, got {self.task!r} and {self.trials}"
-            )
+        refuse(
+            (self.task, self.trials) != (made.task, due),
+            f"Task and Trials must be {made.task!r} and {due}, those of the Design, got {self.task!r} and {self.trials}",
+        )
 
 
 def side_car_path(path: str | os.PathLike[str]) -> Path:
@@ -607,10 +606,8 @@ def descriptions(task: TaskName) -> dict[str, Any]:
 
 
 def _typed(values: Mapping[str, Any], key: str, kind: type) -> Any:
-    if key not in values:
-        raise ValueError(f"{key} is missing")
-    if type(values[key]) is not kind:
-        raise ValueError(f"{key} must be {_KINDS[kind]}, got {shown(values[key])}")
+    refuse(key not in values, f"{key} is missing")
+    refuse(type(values[key]) is not kind, f"{key} must be {_KINDS[kind]}, got {shown(values[key])}")
     return values[key]
 
 

@@ -9,12 +9,18 @@ from typing import TYPE_CHECKING, ClassVar, TypeAlias
 import numpy as np
 from scipy import stats
 
+from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, tidy
-from burrlab.psychophysics.design_record import design_of_dict
 from burrlab.psychophysics.plots import legend_above, name_rows, room_for, wrapped
 from burrlab.psychophysics.psychometric import PosteriorThreshold, PsychometricFit, psychometric_function
 from burrlab.psychophysics.scored_task import Progress, SubjectData, TaskData, TaskResult, left_out_text, told
-from burrlab.psychophysics.staircase import AdaptiveStaircase, ConstantStimuli, Staircase, StaircaseThreshold
+from burrlab.psychophysics.staircase import (
+    AdaptiveStaircase,
+    ConstantStimuli,
+    Staircase,
+    StaircaseThreshold,
+    design_of_dict,
+)
 from burrlab.psychophysics.trial import Design
 
 if TYPE_CHECKING:
@@ -126,10 +132,10 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         ValueError
             If there is no such subject, none is given and there are several, or no psychometric function was fitted.
         """
-        if subject is None and len(self.subjects) != 1:
-            raise ValueError(
-                f"subject must be given, one of {', '.join(one.subject for one in self.subjects)}"
-            )
+        refuse(
+            subject is None and len(self.subjects) != 1,
+            f"subject must be given, one of {', '.join(one.subject for one in self.subjects)}",
+        )
         one = self.subjects[0] if subject is None else self.subject(subject)
         if not isinstance(one.estimate, PsychometricFit):
             raise ValueError(f"subject {one.subject} has no psychometric function: {one.said}")
@@ -149,8 +155,10 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         ValueError
             If no subject has a threshold.
         """
-        if not any(one.threshold for one in self.subjects):
-            raise ValueError(f"task {self.name} must hold a threshold to be drawn, got none")
+        refuse(
+            not any(one.threshold for one in self.subjects),
+            f"task {self.name} must hold a threshold to be drawn, got none",
+        )
         return plot_thresholds(self, ax)
 
     def __repr__(self) -> str:

@@ -17,9 +17,9 @@ from burrlab.psychophysics.sensitivity import (
     binomial_test,
     d_prime,
     exact_p_value,
-    exact_p_values,
     score_interval,
 )
+from reference.enumeration import exact_p_values
 
 ALL = [(task, rule) for task in TASKS for rule in RULES]
 SOME = [(5, 6, 1, 6), (6, 6, 2, 6), (3, 6, 3, 6), (1, 6, 4, 6), (9, 12, 4, 10), (20, 24, 5, 24)]

@@ -147,8 +147,8 @@ class TestGroupDPrime:
         group = [same(5, 2), same(4, 2), same(3, 1), same(6, 3), same(2, 2)] * 2
         result, tests = group_d_prime(group, rule="differencing"), Group(group, "differencing")
         low, high = result.interval
-        assert tests.few(high - 1e-3) > 0.025 >= tests.few(high + 1e-3)
-        assert tests.many(low + 1e-3) > 0.025 >= tests.many(low - 1e-3)
+        assert tests.tails(high - 1e-3)[0] > 0.025 >= tests.tails(high + 1e-3)[0]
+        assert tests.tails(low + 1e-3)[1] > 0.025 >= tests.tails(low - 1e-3)[1]
         assert low < result.estimate < high
         assert tests.excess(result.estimate) == pytest.approx(0.0, abs=1e-6)
 

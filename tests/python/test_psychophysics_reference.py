@@ -14,8 +14,8 @@ from burrlab.psychophysics.group import label_test, sign_flip_test
 from burrlab.psychophysics.published import SelectionEffect
 from burrlab.psychophysics.rules import RULES, rule_of
 from burrlab.psychophysics.scored_task import holm
-from burrlab.psychophysics.sensitivity import exact_p_values
 from reference import psychophysics as reference
+from reference.enumeration import exact_p_values
 
 INDEPENDENT, DIFFERENCING = RULES
 ROOT2 = math.sqrt(2.0)

@@ -327,7 +327,8 @@ class Comparison(Design):
     practice: int = 0
     blocks: int = 1
 
-    task, _derived = "2ifc", ("held", "question", "chance")
+    task = "2ifc"
+    _derived: ClassVar[tuple[str, ...]] = ("held", "question", "chance")
     answers = ("first", "second")
     chance = 0.5
 

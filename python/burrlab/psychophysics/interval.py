@@ -1,12 +1,6 @@
-"""The bone that an interval begins with.
+"""One interval of a trial: a burr on fresh bone, driven by a device, for a time.
 
-A block cut out of a volume, as the bone that an interval begins with.
-
-The time of a run, to which onsets count.
-
-Waits until a hand has lifted the burr: bone that appears around a burr would throw it out.
-
-One interval of a trial: a burr on fresh bone, driven by a device, for a time.
+Bone that appears around a burr would throw it out, so that one waits until it is lifted.
 """
 
 from __future__ import annotations
@@ -14,7 +8,6 @@ from __future__ import annotations
 import functools
 import math
 import os
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
@@ -152,54 +145,28 @@ def _cut(block: VolumeBlock) -> VoxelBone:
     return cut_block(block.volume, block.size, block.voxel, entry=block.entry, axis=block.axis)
 
 
-class Clock(ABC):
-    """Seconds since the start of a run, across resumptions."""
-
-    @abstractmethod
-    def now(self) -> float:
-        """[s]"""
-
-    @abstractmethod
-    def rendered(self, seconds: float) -> None:
-        """An interval has been rendered that lasted so long [s]."""
-
-
-class WallClock(Clock):
-    """Time as it passes.
-
-    Parameters
-    ----------
-    elapsed : callable
-        Since the start of the run [s], such as `AnswerFile.elapsed`.
-    """
-
-    def __init__(self, elapsed: Callable[[], float]) -> None:
-        self._elapsed = elapsed
-
-    def now(self) -> float:
-        return self._elapsed()
-
-    def rendered(self, seconds: float) -> None:
-        """It has passed already."""
-
-
-class VirtualClock(Clock):
-    """Only intervals take time.
+@dataclass
+class Clock:
+    """Seconds since the start of a run, across resumptions.
 
     Parameters
     ----------
     start : float
-        [s]
+        Of a clock that only intervals move [s].
+    elapsed : callable, optional
+        Time as it passes [s], such as `AnswerFile.elapsed`, in place of that.
     """
 
-    def __init__(self, start: float = 0.0) -> None:
-        self._now = start
+    start: float = 0.0
+    elapsed: Callable[[], float] | None = None
 
     def now(self) -> float:
-        return self._now
+        """[s]"""
+        return self.start if self.elapsed is None else self.elapsed()
 
     def rendered(self, seconds: float) -> None:
-        self._now += seconds
+        """An interval has been rendered that lasted so long [s]."""
+        self.start += seconds
 
 
 _AWAY = 1e4  # [mm] from the surface to a block that nothing meets
@@ -281,8 +248,6 @@ TICK = np.dtype(
 )  # fmt: skip
 
 _PERIOD = 1e-3  # of the loop [s]
-# [s] between two looks at the records
-# records taken at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -404,7 +369,9 @@ def render(
             asked = stop is not None and stop()
         session.stop("the interval is over")
         watch.look()
-    ended: Ending = watch.ended or ("subject" if asked else _of_session(session, interval.duration))
+    in_time = interval.duration is not None and session.ticks >= round(interval.duration / _PERIOD)
+    otherwise: Ending = "time" if in_time and not session.failed else "device"
+    ended: Ending = watch.ended or ("subject" if asked else otherwise)
     ticks = watch.ticks()
     spans = _PERIOD * ticks["periods"]
     return Rendered(
@@ -430,12 +397,6 @@ def _material(interval: Interval, mode: Mode) -> Material:
     if mode == "drilling":
         return material
     return Material(material.name, c_e=material.c_e, alpha=0.0, shape=material.shape, source=material.source)
-
-
-def _of_session(session: Session, duration: float | None) -> Ending:
-    if not session.failed and duration is not None and session.ticks >= round(duration / _PERIOD):
-        return "time"
-    return "device"
 
 
 class _Watch:

@@ -1,8 +1,6 @@
-"""Simulated hands that probe or drill as a subject would.
+"""Simulated hands, the cues that an interval gives, and a subject made of noise and a rule.
 
-What an interval tells of its material: stiffness and force by probing, sinking speed by drilling.
-
-A subject made of noise and a rule: to rehearse an experiment, not to explain people.
+They serve to rehearse an experiment, not to explain people.
 """
 
 from __future__ import annotations
@@ -10,7 +8,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -19,6 +17,7 @@ from numpy.typing import NDArray
 from burrlab._core import Burr, HandDevice, Material
 from burrlab.common.check import refuse
 from burrlab.psychophysics.interval import Block, Rendered, render
+from burrlab.psychophysics.result import Result
 from burrlab.psychophysics.rules import RuleName, TaskName, rule_of
 from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
 
@@ -110,7 +109,7 @@ _BEGIN, _END = 0.5, 0.2
 
 
 @dataclass(frozen=True)
-class Cues:
+class Cues(Result):
     """Natural logarithms of an interval's cues; NaN where the mode, or what happened, does not have it.
 
     Attributes
@@ -129,10 +128,6 @@ class Cues:
     force: float = math.nan
     sinking: float = math.nan
     presses: int = 0
-
-    def to_dict(self) -> dict[str, float | int | None]:
-        """For JSON; None where there is no value."""
-        return {k: None if math.isnan(v) else v for k, v in asdict(self).items()}
 
 
 def interval_cues(rendered: Rendered) -> Cues:

@@ -1,9 +1,4 @@
-"""What the answers of a two-interval task say about threshold, slope and lapse rate: a posterior on a grid.
-
-A fitted psychometric function: numbers, words, figure.
-
-Psychometric function of a two-interval task, through psignifit (extra `psychometric`).
-"""
+"""Threshold, slope and lapse rate of a two-interval task: a posterior on a grid, and psignifit's psychometric function."""
 
 from __future__ import annotations
 
@@ -12,8 +7,9 @@ import operator
 import re
 import warnings
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +21,7 @@ from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.common.provenance import provenance
 from burrlab.psychophysics.designs import UNITS, checked_answers, checked_level, one_of
+from burrlab.psychophysics.result import Result
 from burrlab.psychophysics.rules import Floats
 
 if TYPE_CHECKING:
@@ -93,10 +90,7 @@ class ThresholdPosterior:
         weights = np.exp(self._log - self._log.max())
         return np.asarray(weights / weights.sum())
 
-    def update(self, difference: float, correct: bool) -> None:
-        self.update_counts(difference, int(correct), 1)
-
-    def update_counts(self, difference: float, correct: int, trials: int) -> None:
+    def update(self, difference: float, correct: int, trials: int = 1) -> None:
         p = proportion_correct(difference, *self._tables.grid)
         self._log += correct * np.log(p) + (trials - correct) * np.log1p(-p)
 
@@ -133,7 +127,7 @@ class ThresholdPosterior:
 
 
 @dataclass(frozen=True)
-class PosteriorThreshold:
+class PosteriorThreshold(Result):
     """A threshold with its credible interval.
 
     Attributes
@@ -163,20 +157,12 @@ class PosteriorThreshold:
     open_below: bool
     open_above: bool
 
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {**asdict(self), "interval": list(self.interval)}
-
     def __str__(self) -> str:
         near, far = self.interval
-        ends = "".join(
-            f"; it may lie {where} the levels"
-            for where, is_open in (("nearer to 1 than", self.open_below), ("beyond", self.open_above))
-            if is_open
-        )
+        ends = "; it may lie nearer to 1 than the levels" * self.open_below
         return (
             f"75 % correct at a ratio of {self.level:.3g}, with {100 * self.credible:g} % between {near:.3g} and {far:.3g} "
-            f"({self.trials} trials){ends}"
+            f"({self.trials} trials){ends}{'; it may lie beyond the levels' * self.open_above}"
         )
 
 
@@ -226,7 +212,7 @@ _MOST_BARS = 12  # levels that are drawn with an interval each
 
 
 @dataclass(frozen=True)
-class PsychometricFit:
+class PsychometricFit(Result):
     """A Weibull function of the difference |ln level| with guess rate 0.5.
 
     Attributes
@@ -286,11 +272,10 @@ class PsychometricFit:
 
         An increase, or a decrease where all levels were below 1.
         """
-        if self.reference is None:
+        if (reference := self.reference) is None:
             return None
-        below, reference = self.side == "below", self.reference
         value, low, high = (
-            reference * (1.0 - 1.0 / ratio if below else ratio - 1.0)
+            reference * (1.0 - 1.0 / ratio if self.side == "below" else ratio - 1.0)
             for ratio in (self.threshold, *self.interval)
         )
         return value, low, high
@@ -323,10 +308,6 @@ class PsychometricFit:
         for name, end in self.at_bounds:
             lines.append(f"the {end} end of the {name} is set by the prior, not by the data")
         return "\n".join(lines)
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Proportion correct over the ratio, with exact binomial intervals, the curve, and the threshold's interval."""
@@ -484,7 +465,7 @@ def psychometric_function(
         parameter=parameter,
         reference=None if reference is None else float(reference),
         at_bounds=tuple(at_bounds),
-        provenance=provenance(psignifit=_version()),
+        provenance=provenance(psignifit=version("psignifit")),
     )
 
 
@@ -537,9 +518,3 @@ def _fit(data: Floats, level: float) -> tuple[Any, list[tuple[str, str]]]:
         else:
             warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
     return found, at_bounds
-
-
-def _version() -> str:
-    from importlib.metadata import version
-
-    return version("psignifit")

@@ -1,9 +1,7 @@
-"""From d' to the rates of answers and back: decision rules of same-different, ABX and two-interval tasks.
+"""Decision rules of same-different, ABX and two-interval tasks, from d' to rates and back; and counted answers.
 
 d' is the distance between the two stimuli in standard deviations of one observation. Formulas as in Macmillan and
 Creelman, *Detection Theory: A User's Guide*, chapter 9 (same-different, ABX) and 7 (two intervals).
-
-The answers of one subject in one task, counted.
 """
 
 from __future__ import annotations
@@ -11,7 +9,7 @@ from __future__ import annotations
 import math
 import operator
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal, TypeAlias
@@ -28,6 +26,12 @@ RuleName: TypeAlias = Literal["independent-observations", "differencing"]
 
 TASKS: tuple[TaskName, ...] = ("same-different", "abx", "2ifc")
 RULES: tuple[RuleName, ...] = ("independent-observations", "differencing")
+#: Answers in the order of their keys 1, 2.
+ANSWERS: Mapping[TaskName, tuple[str, str]] = {
+    "same-different": ("same", "different"), "abx": ("first", "second"), "2ifc": ("first", "second"),
+}  # fmt: skip
+#: The answer that hits and false alarms are of, see `Rule`.
+COUNTED: Mapping[TaskName, str] = {"same-different": "different", "abx": "first", "2ifc": "first"}
 
 _ROOT2, _ROOT3 = math.sqrt(2.0), math.sqrt(3.0)
 _LARGEST = 75.0  # d' whose rates a double tells from 0 and 1
@@ -358,3 +362,15 @@ class Counts:
     @property
     def false_alarm_rate(self) -> float:
         return self.false_alarms / self.noises if self.noises else float("nan")
+
+
+def counts_of(task: TaskName, answered: Sequence[tuple[str, str, str]]) -> Counts:
+    """The counts of trial types, responses and correct answers, one a trial."""
+    counted, by_type = COUNTED[task], dict.fromkeys(sorted({kind for kind, *_ in answered}), (0, 0))
+    for kind, response, _ in answered:
+        by_type[kind] = by_type[kind][0] + (response == counted), by_type[kind][1] + 1
+    signals, noises = (
+        [response == counted for _, response, correct in answered if (correct == counted) is signal]
+        for signal in (True, False)
+    )
+    return Counts(task, sum(signals), len(signals), sum(noises), len(noises), by_type)

@@ -1,7 +1,4 @@
-"""One subject through one task: intervals, question, answer on disk, next trial.
-
-A subject's tasks in a row, each with its files.
-"""
+"""One subject through the tasks: intervals, question, answer on disk, next trial."""
 
 from __future__ import annotations
 
@@ -20,8 +17,6 @@ from burrlab.psychophysics.interval import (
     Block,
     Clock,
     Rendered,
-    VirtualClock,
-    WallClock,
     render,
     wait_until_lifted,
 )
@@ -464,7 +459,7 @@ class Sitting:
             if rest:
                 seat.progress("")
                 seat.rest("That was one task. Take a break.", self.protocol.rest)
-            clock: Clock = VirtualClock(file.end) if seat.simulated else WallClock(file.elapsed)
+            clock = Clock(file.end) if seat.simulated else Clock(elapsed=file.elapsed)
             runner = Runner(
                 self.protocol.tasks[task],
                 order,

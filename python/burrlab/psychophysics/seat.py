@@ -1,9 +1,4 @@
-"""Where a subject sits: what a run shows and asks, of a person at a terminal or of a simulated subject.
-
-The subject's screen and keys in a terminal.
-
-What the experimenter sees of a run, and the subject does not.
-"""
+"""Where a subject sits: what a run shows and asks, the terminal that does so, and the experimenter's own view."""
 
 from __future__ import annotations
 
@@ -16,7 +11,6 @@ import stat
 import sys
 import textwrap
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -28,8 +22,8 @@ from burrlab.psychophysics.interval import Rendered
 from burrlab.psychophysics.trial import Design, Interval, Trial
 
 
-class Seat(ABC):
-    """What a run shows and asks. Nothing that it is given tells a material, a pair type or a score.
+class Seat:
+    """What a run shows and asks, here of nobody. Nothing that it is given tells a material, a pair type or a score.
 
     Attributes
     ----------
@@ -46,45 +40,37 @@ class Seat(ABC):
         """What is rendered for an interval: itself, unless nobody is here who could feel a real specimen."""
         return interval
 
-    @abstractmethod
     def progress(self, text: str) -> None:
         """The line that stays on the screen from now on."""
 
-    @abstractmethod
     def ready(self, text: str) -> None:
         """Shows the text until the subject wants to go on."""
 
-    @abstractmethod
     def show(self, text: str) -> None:
         """Shows the text until something else is shown."""
 
-    @abstractmethod
     def begins(self, text: str) -> None:
         """An interval begins."""
 
-    @abstractmethod
     def ends(self, text: str, pause: float) -> None:
         """The interval has ended; for so long nothing happens [s]."""
 
-    @abstractmethod
     def done(self) -> bool:
         """Whether the subject has ended the interval, since it began."""
+        return False
 
-    @abstractmethod
     def ask(
         self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
     ) -> tuple[str, float | None]:
         """(one of the design's answers, time from the question to it [s]; None where no key was pressed)."""
+        raise NotImplementedError
 
-    @abstractmethod
     def tell(self, text: str) -> None:
         """A sentence for a moment."""
 
-    @abstractmethod
     def rest(self, text: str, seconds: float) -> None:
         """A break, at least so long [s], and until the subject wants to go on."""
 
-    @abstractmethod
     def close(self, text: str) -> None:
         """The last words; the seat is as it was found."""
 

@@ -415,11 +415,10 @@ def d_prime(
     """
     law = rule_of(counts.task, rule)
     check_level(level)
-    refuse(method not in METHODS, f"method must be one of {', '.join(METHODS)}, got {method!r}")
-    refuse(
-        correction not in CORRECTIONS,
-        f"correction must be one of {', '.join(CORRECTIONS)}, got {correction!r}",
-    )
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    if correction not in CORRECTIONS:
+        raise ValueError(f"correction must be one of {', '.join(CORRECTIONS)}, got {correction!r}")
     outcome = Outcomes.of(counts)
     estimate, criterion = (float(x) for x in outcome.estimate(law))
     interval = _INTERVALS[method](counts, law, level)

@@ -417,7 +417,11 @@ class ConstantStimuli(Comparison):
     def order(self, *, seed: int, subject: str) -> FixedOrder:
         groups = [[(kind, level) for level in self.levels] for kind in ("RC", "CR")]
         return fixed_order(
-            self, seed, subject, groups, lambda draws, kind, *place: self.trial(*kind, *place, draws)
+            self,
+            seed,
+            subject,
+            groups,
+            lambda draws, kind, number, phase, block: self.trial(*kind, number, phase, block, draws),
         )
 
     def power(self, subjects: int = 1) -> str:
@@ -588,7 +592,7 @@ def constant_stimuli_precision(design: ConstantStimuli, subjects: int) -> str:
         posterior = ThresholdPosterior(0.5 * min(differences), 2.0 * max(differences))
         for difference in differences:
             right = sum(answers(difference) for _ in range(design.repeats))
-            posterior.update_counts(difference, right, design.repeats)
+            posterior.update(difference, right, design.repeats)
         return posterior.summary()["threshold"], design.trials
 
     return _text(estimate, threshold, "the middle of the levels", subjects)
@@ -667,7 +671,7 @@ def design_of_dict(values: Mapping[str, Any]) -> Design:
     >>> design_of_dict(design.to_dict()).to_dict() == design.to_dict()
     True
     """
-    kind = values.get("design")
+    kind: Any = values.get("design")
     refuse(
         not isinstance(kind, str) or kind not in DESIGNS,
         f"design must be one of {', '.join(DESIGNS)}, got {shown(kind)}",

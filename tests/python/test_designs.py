@@ -104,31 +104,6 @@ def test_the_same_again_and_another_subject_another_order():
         assert trials[0].intervals[0].seed != first[0].intervals[0].seed
 
 
-def test_orders_do_not_depend_on_the_answers():
-    design = SameDifferent(BONE, PVC)
-    orders = [design.order(seed=1, subject="01") for _ in range(3)]
-    while any(order.next() for order in orders):
-        trials = [order.next() for order in orders]
-        assert trials[0] == trials[1] == trials[2]
-        assert orders[0].next() is trials[0]  # until it is answered
-        right = trials[0].correct
-        for order, answer in zip(orders, ("same", "different", right), strict=True):
-            order.answer(answer)
-    assert [trial for trial, _ in orders[2].answered] == list(orders[2].trials)
-    assert all(trial.correct == answer for trial, answer in orders[2].answered)
-
-
-def test_answers_are_from_the_set():
-    order = SameDifferent(BONE, PVC).order(seed=1, subject="01")
-    with pytest.raises(ValueError, match=r"response must be one of same, different, got 'first'"):
-        order.answer("first")
-    for _ in range(12):
-        order.answer("same")
-    assert order.next() is None
-    with pytest.raises(ValueError, match=r"there is no trial left to answer, got 'same'"):
-        order.answer("same")
-
-
 def test_pairs_of_neighbours_are_as_random_as_a_shuffle():
     """P(the second trial's type is the first's) = 2/11 with three of each: 20 000 subjects, false-alarm rate 1e-6."""
     design = SameDifferent(BONE, PVC)
@@ -209,16 +184,6 @@ def test_a_rendered_reference_is_its_own_match():
     assert trial.intervals[0].stimulus == BONE
     assert trial.intervals[0].duration == 5.0
     assert BONE in [interval.stimulus for interval in trial.intervals[1:]]
-
-
-def test_orders_do_not_depend_on_the_answers_and_differ_between_subjects():
-    orders = [PAPER.order(seed=1, subject="01") for _ in range(2)]
-    for _ in range(10):
-        assert orders[0].next() == orders[1].next()
-        orders[0].answer("first")
-        orders[1].answer("second")
-    types = {tuple(t.trial_type for t in PAPER.order(seed=1, subject=str(i)).trials) for i in range(20)}
-    assert len(types) > 10
 
 
 def test_chance_foil_and_reference_are_named():
@@ -323,17 +288,36 @@ def test_williams_orders_balance_places_and_what_follows_what(n):
     assert counterbalanced(names, 2 * n) == orders[0]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (([], 0), r"names must hold at least one, got none"),
-        ((["a", "b", "a"], 0), r"names must differ, got \['a', 'b', 'a'\]"),
-        ((["a"], -1), r"subject_index must be at least 0, got -1"),
-    ],
-)
-def test_counterbalanced_says_what_is_wrong(arguments, message):
-    with pytest.raises(ValueError, match=message):
-        counterbalanced(*arguments)
+FIXED = [SameDifferent(BONE, PVC), PAPER, ConstantStimuli(BONE, "c_e", (0.7, 1.1, 1.4))]
+
+
+@pytest.mark.parametrize("design", FIXED)
+def test_orders_do_not_depend_on_the_answers_and_differ_between_subjects(design):
+    orders = [design.order(seed=1, subject="01") for _ in range(3)]
+    while any(order.next() for order in orders):
+        trials = [order.next() for order in orders]
+        assert trials[0] == trials[1] == trials[2]
+        assert orders[0].next() is trials[0]  # until it is answered
+        for order, answer in zip(orders, (*design.answers, trials[0].correct), strict=True):
+            order.answer(answer)
+    assert [trial for trial, _ in orders[2].answered] == list(orders[2].trials)
+    assert all(trial.correct == answer for trial, answer in orders[2].answered)
+    others = [design.order(seed=1, subject=str(i)).trials for i in range(20)]
+    assert len({tuple((t.trial_type, t.level) for t in trials) for trials in others}) > 10
+    seeds = [interval.seed for trial in orders[0].trials for interval in trial.intervals]
+    assert len(set(seeds)) == len(seeds)
+
+
+@pytest.mark.parametrize("design", [FIXED[0], Staircase(BONE, "c_e", trials=1)])
+def test_answers_are_from_the_set(design):
+    order, answers = design.order(seed=1, subject="01"), ", ".join(design.answers)
+    with pytest.raises(ValueError, match=f"response must be one of {answers}, got 'third'"):
+        order.answer("third")
+    for _ in range(order.total):
+        order.answer(design.answers[0])
+    assert order.next() is None
+    with pytest.raises(ValueError, match=f"there is no trial left to answer, got '{design.answers[0]}'"):
+        order.answer(design.answers[0])
 
 
 LEVELS = (0.7, 1.1, 1.4)
@@ -418,23 +402,6 @@ def test_the_sinking_speed_is_held(shape, exponent):
         assert mean_field_descent(Burr(3.0), made, 1.0).velocity() == pytest.approx(speed, rel=0.025)
 
 
-def test_orders_do_not_depend_on_the_answers_and_differ_between_subjects_of_constant_stimuli():
-    orders = [design().order(seed=1, subject="01") for _ in range(2)]
-    while orders[0].next() is not None:
-        assert orders[0].next() == orders[1].next()
-        orders[0].answer("first")
-        orders[1].answer("second")
-    assert orders[1].next() is None
-    levels = {tuple(t.level for t in design().order(seed=1, subject=str(i)).trials) for i in range(9)}
-    assert len(levels) == 9
-
-
-def test_seeds_are_the_intervals_own():
-    trials = design(practice=3).order(seed=1, subject="01").trials
-    seeds = [interval.seed for trial in trials for interval in trial.intervals]
-    assert len(set(seeds)) == len(seeds) == 2 * 63
-
-
 def test_a_design_is_written_whole_of_constant_stimuli():
     written = json.loads(
         json.dumps(design("alpha", mode="drilling", repeats=4, blocks=2, practice=1).to_dict())
@@ -473,11 +440,11 @@ def staircase(parameter="c_e", **options):
 
 
 def run(order, answers):
-    """Answers (right or wrong) in turn; the trials."""
-    trials = []
-    for right in answers:
-        trial = order.next()
-        if trial is None:
+    """Answers in turn, right or wrong, or those of a level; the trials."""
+    trials, said = [], None if callable(answers) else iter(answers)
+    while (trial := order.next()) is not None:
+        right = answers(trial.level) if said is None else next(said, None)
+        if right is None:
             break
         trials.append(trial)
         order.answer(trial.correct if right else next(a for a in ("first", "second") if a != trial.correct))
@@ -636,16 +603,6 @@ def test_staircases_converge_to_their_target(options):
     assert abs(np.mean(found)) < 0.05 + Z * error
 
 
-def test_answers_are_from_the_set_of_staircase():
-    order = staircase(trials=1).order(seed=1, subject="01")
-    with pytest.raises(ValueError, match=r"response must be one of first, second, got 'same'"):
-        order.answer("same")
-    order.answer("first")
-    assert order.next() is None
-    with pytest.raises(ValueError, match=r"there is no trial left"):
-        order.answer("first")
-
-
 def test_written_and_said():
     design = staircase()
     written = json.loads(json.dumps(design.to_dict()))
@@ -659,18 +616,9 @@ def test_written_and_said():
     assert "aims at 70.7 % correct, at most 80 trials" in design.power(2)
 
 
-def test_a_step_beyond_all_numbers_goes_to_the_limit() -> None:
-    design = Staircase(
-        Stimulus("bone", materials["bone"]), "c_e", step=1e308, up_weight=2.0, discard=0, limit=8.0
-    )
-    order = design.order(seed=1, subject="01")
-    for _ in range(3):
-        trial = order.next()
-        assert trial is not None
-        order.answer(next(answer for answer in design.answers if answer != trial.correct))
-    trial = order.next()
-    assert trial is not None
-    assert trial.level == pytest.approx(8.0)
+def test_a_step_beyond_all_numbers_goes_to_the_limit():
+    order = staircase(step=1e308, up_weight=2.0, discard=0, limit=8.0).order(seed=1, subject="01")
+    assert run(order, [False] * 4)[-1].level == pytest.approx(8.0)
 
 
 NEAR, FAR = math.log(1.02), math.log(2.0)
@@ -678,16 +626,6 @@ NEAR, FAR = math.log(1.02), math.log(2.0)
 
 def adaptive(parameter="c_e", **options):
     return AdaptiveStaircase(BONE, parameter, **options)
-
-
-def run_of_adaptive(order, right):
-    """Answers by `right(level)`; the trials."""
-    trials = []
-    while (trial := order.next()) is not None:
-        trials.append(trial)
-        wrong = next(a for a in ("first", "second") if a != trial.correct)
-        order.answer(trial.correct if right(trial.level) else wrong)
-    return trials
 
 
 def measure(draws, proportion, trials):
@@ -744,36 +682,31 @@ def test_the_level_leaves_the_least_expected_entropy():
 @given(seed=st.integers(0, 2**64), answers=st.lists(st.booleans(), min_size=12, max_size=12))
 def test_the_same_answers_give_the_same_trials_of_adaptive(seed, answers):
     design = adaptive(trials=10, practice=2, blocks=2)
-    made = []
-    for _ in range(2):
-        given_answers = iter(answers)
-        made.append(
-            run_of_adaptive(design.order(seed=seed, subject="01"), lambda _, a=given_answers: next(a))
-        )
-    assert made[0] == made[1]
-    assert [t.phase for t in made[0]] == ["practice"] * 2 + ["main"] * 10
-    assert [t.level for t in made[0][:2]] == [pytest.approx(2.0)] * 2
-    assert [t.block for t in made[0]] == [0] * 2 + [1] * 5 + [2] * 5
+    first, second = (run(design.order(seed=seed, subject="01"), answers) for _ in range(2))
+    assert first == second
+    assert [t.phase for t in first] == ["practice"] * 2 + ["main"] * 10
+    assert [t.level for t in first[:2]] == [pytest.approx(2.0)] * 2
+    assert [t.block for t in first] == [0] * 2 + [1] * 5 + [2] * 5
 
 
 def test_orders_and_seeds_do_not_depend_on_the_answers_of_adaptive():
     design = adaptive(trials=32)
-    right = run_of_adaptive(design.order(seed=1, subject="01"), lambda _: True)
-    other = run_of_adaptive(design.order(seed=1, subject="01"), lambda level: level > 1.3)
+    right = run(design.order(seed=1, subject="01"), lambda _: True)
+    other = run(design.order(seed=1, subject="01"), lambda level: level > 1.3)
     assert [t.level for t in right] != [t.level for t in other]
     assert [t.trial_type for t in right] == [t.trial_type for t in other]
     assert [[i.seed for i in t.intervals] for t in right] == [[i.seed for i in t.intervals] for t in other]
     for start in range(0, 32, 8):
         assert Counter(t.trial_type for t in right[start : start + 8]) == {"RC": 4, "CR": 4}
-    another = run_of_adaptive(design.order(seed=1, subject="02"), lambda _: True)
+    another = run(design.order(seed=1, subject="02"), lambda _: True)
     assert [t.trial_type for t in another] != [t.trial_type for t in right]
     assert [t.level for t in another] == [t.level for t in right]  # they follow the answers alone
 
 
 def test_below_one_mirrors_above_of_adaptive():
-    above = run_of_adaptive(adaptive(trials=20).order(seed=1, subject="01"), lambda level: level > 1.2)
+    above = run(adaptive(trials=20).order(seed=1, subject="01"), lambda level: level > 1.2)
     design = adaptive(trials=20, levels=(1 / 1.02, 0.5))
-    below = run_of_adaptive(design.order(seed=1, subject="01"), lambda level: level < 1 / 1.2)
+    below = run(design.order(seed=1, subject="01"), lambda level: level < 1 / 1.2)
     assert [t.level for t in below] == pytest.approx([1 / t.level for t in above])
     found = design.threshold([t.level for t in below], [t.level < 1 / 1.2 for t in below])
     assert found.level < 1
@@ -781,7 +714,7 @@ def test_below_one_mirrors_above_of_adaptive():
 
 
 def test_it_goes_where_the_threshold_is():
-    trials = run_of_adaptive(adaptive(trials=60).order(seed=1, subject="01"), lambda level: level > 1.25)
+    trials = run(adaptive(trials=60).order(seed=1, subject="01"), lambda level: level > 1.25)
     levels = [t.level for t in trials]
     found = adaptive().threshold(levels, [level > 1.25 for level in levels])
     assert found.interval[0] < 1.25 < found.interval[1]
@@ -798,7 +731,7 @@ def test_no_answer_and_answers_that_bound_nothing():
     # 2.5 and 97.5 % of a prior that is even in the logarithm
     assert math.log(low / NEAR) == pytest.approx(0.025 * math.log(FAR / NEAR), rel=1e-6)
     assert math.log(high / NEAR) == pytest.approx(0.975 * math.log(FAR / NEAR), rel=1e-6)
-    levels = [t.level for t in run_of_adaptive(adaptive().order(seed=1, subject="01"), lambda _: True)]
+    levels = [t.level for t in run(adaptive().order(seed=1, subject="01"), lambda _: True)]
     perfect = adaptive().threshold(levels, [True] * 60)
     assert perfect.open_below
     assert not perfect.open_above
@@ -857,6 +790,9 @@ def test_written_and_said_of_adaptive():
 @pytest.mark.parametrize(
     ("kind", "ask", "sentence"),
     [
+        (ValueError, lambda: counterbalanced([], 0), "names must hold at least one, got none"),
+        (ValueError, lambda: counterbalanced(["a", "b", "a"], 0), r"names must differ, got \['a', 'b', 'a'\]"),
+        (ValueError, lambda: counterbalanced(["a"], -1), "subject_index must be at least 0, got -1"),
         (ValueError, lambda: Draws(-1, "01", {}), r"seed must be at least 0, got -1"),
         (ValueError, lambda: Draws(1, "", {}), r"subject must have a name, got ''"),
         (TypeError, lambda: Draws(1, 1, {}), r"subject must be a str, such as '01', got 1"),

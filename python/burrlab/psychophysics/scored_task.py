@@ -639,15 +639,12 @@ def _results(
 
 def _d_prime(counts: Counts, rule: RuleName, level: float) -> DPrime:
     bare = counts.task, counts.hits, counts.signals, counts.false_alarms, counts.noises
-    return replace(_of_outcome(*bare, rule, level), counts=counts)
+    return replace(_of_outcome(*bare, rule=rule, level=level), counts=counts)
 
 
 @lru_cache(maxsize=4096)  # an exact interval takes 0.1 s, and subjects with equal counts are many
-def _of_outcome(
-    task: TaskName, hits: int, signals: int, false_alarms: int, noises: int, rule: RuleName, level: float
-) -> DPrime:
-    counts = Counts(task, hits, signals, false_alarms, noises)
-    return d_prime(counts, rule=rule, level=level, correction=CORRECTION)
+def _of_outcome(*counts: Any, **asked: Any) -> DPrime:
+    return d_prime(Counts(*counts), **asked, correction=CORRECTION)
 
 
 def _has_types(counts: Counts) -> bool:

@@ -331,8 +331,11 @@ class Experimenter:
 def _open_view(path: Path) -> int:
     """Never blocks: neither here nor when nobody reads."""
     kind = path.stat().st_mode if path.exists() else 0
+    own = [stream for stream in (sys.__stdin__, sys.__stdout__) if stream is not None and stream.isatty()]
+    any_of_them = path.resolve() == Path("/dev/tty")  # another name of the terminal that a program has
     refuse(
-        stat.S_ISCHR(kind) and _is_own_terminal(path),
+        stat.S_ISCHR(kind)
+        and any(any_of_them or os.path.samestat(os.fstat(one.fileno()), path.stat()) for one in own),
         f"the experimenter's view must not be the subject's terminal, {path}",
     )
     flags = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | getattr(os, "O_NOCTTY", 0)
@@ -341,13 +344,5 @@ def _open_view(path: Path) -> int:
     try:
         return os.open(path, flags, 0o666)
     except OSError:
-        if stat.S_ISFIFO(kind):
-            raise ValueError(f"the experimenter's view is a fifo that nobody reads: {path}") from None
+        refuse(stat.S_ISFIFO(kind), f"the experimenter's view is a fifo that nobody reads: {path}")
         raise
-
-
-def _is_own_terminal(path: Path) -> bool:
-    own = [stream for stream in (sys.__stdin__, sys.__stdout__) if stream is not None and stream.isatty()]
-    if path.resolve() == Path("/dev/tty"):  # another name of the terminal that a program has
-        return bool(own)
-    return any(os.path.samestat(os.fstat(stream.fileno()), path.stat()) for stream in own)

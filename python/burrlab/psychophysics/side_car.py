@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
@@ -469,8 +470,10 @@ class SideCar:
         given = {name: _typed(values, key, kind) for key, (name, kind) in _FIELDS.items()}
         refuse(given["task"] not in TASKS, f"Task must be one of {', '.join(TASKS)}, got {given['task']!r}")
         simulated = _typed(values, "SimulatedSubject", dict) if _typed(values, "Simulated", bool) else None
-        started = given["started"]
-        refuse(not _has_zone(started), f"Started must be a time with its zone, got {started!r}")
+        zone, started = None, given["started"]
+        with contextlib.suppress(ValueError):
+            zone = datetime.fromisoformat(started).tzinfo
+        refuse(zone is None, f"Started must be a time with its zone, got {started!r}")
         car = cls(**given, simulated=simulated)
         refuse(
             values.get("ProtocolDigest") != car.digest,
@@ -567,10 +570,3 @@ def _changes(where: str, was: Any, now: Any) -> tuple[str, ...]:
         return tuple(change for part in parts for change in part)
     alike = was == now and type(was) is type(now)
     return () if alike else (f"{where} was {shown(was)}, is now {shown(now)}",)
-
-
-def _has_zone(text: str) -> bool:
-    try:
-        return datetime.fromisoformat(text).tzinfo is not None
-    except ValueError:
-        return False

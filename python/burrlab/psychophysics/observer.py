@@ -269,7 +269,7 @@ class SimulatedSubject:
     Parameters
     ----------
     weber : float or mapping of cue to float
-        Standard deviation of the noise of a cue's logarithm in one interval: the Weber fraction (burrlab.psychophysics.observer).
+        Standard deviation of the noise of a cue's logarithm in one interval: the Weber fraction (`burrlab.psychophysics.weber`).
         Twenty seconds do not average it away. None is published for the sinking speed.
     cues : sequence of {"stiffness", "force", "sinking"}
         That the subject attends to.

@@ -437,7 +437,7 @@ class AdaptiveStaircase(Staircased):
     After each answer the posterior on a grid of threshold, slope and lapse rate is updated, and the next level is the one
     whose answer is expected to leave the least entropy (Kontsevich and Tyler 1999; with the lapse rate as in Watson
     2017). No draw is in it: the same answers give the same levels. `Comparison` says what is asked, held and felt;
-    `posterior.ThresholdPosterior` the prior.
+    `ThresholdPosterior` the prior.
 
     Parameters
     ----------

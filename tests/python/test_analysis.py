@@ -22,7 +22,7 @@ from burrlab.psychophysics.plots import wrapped
 from burrlab.psychophysics.psychometric import PsychometricFit
 from burrlab.psychophysics.published import SelectionEffect, group_score_from
 from burrlab.psychophysics.rules import Counts
-from burrlab.psychophysics.scored_task import ScoredTask, of_counts
+from burrlab.psychophysics.scored_task import ScoredTask
 from burrlab.psychophysics.threshold_task import SubjectThreshold, ThresholdTask
 
 RULES = ("independent-observations", "differencing")
@@ -248,11 +248,6 @@ def test_progress_of_an_analysis() -> None:
     told: list[tuple[str, str]] = []
     analyse({"probing": THREE}, progress=lambda task, subject: told.append((task, subject)))
     assert told == [("probing", subject) for subject in THREE]
-
-
-def test_of_counts_keeps_names() -> None:
-    (task,) = of_counts(THREE)
-    assert (task.name, task.task) == ("same-different", "same-different")
 
 
 @pytest.mark.parametrize("data", [None, 5, b"x", [1], Counts("abx", 1, 2, 1, 2), [Counts("abx", 1, 2, 1, 2)]])

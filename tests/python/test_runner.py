@@ -218,28 +218,27 @@ def test_a_trial_in_which_the_loop_stalls_is_repeated_once(tmp_path, stalls):
     )
 
 
-def test_real_reference_is_self_paced(tmp_path):
-    task = ABX(Stimulus("real Pettigrew"), PVC, match=PETTIGREW, trials=2, interval=0.1, mode="drilling")
-    seat, kept = Paper(["first", "right"], patience=5), []
+@pytest.mark.parametrize(
+    ("reference", "match", "length", "patience", "ending"),
+    [
+        (Stimulus("real Pettigrew"), PETTIGREW, None, 5, "subject"),
+        (Stimulus("real"), BONE, 0.1, 1000, "time"),
+        (PETTIGREW, None, None, 3, "subject"),
+    ],
+)
+def test_a_reference_real_or_rendered_is_felt_to_its_end(
+    tmp_path, reference, match, length, patience, ending
+):
+    task = ABX(
+        reference, PVC, match=match, trials=2, interval=0.1, reference_interval=length, mode="drilling"
+    )
+    seat, kept = Paper(["first", "right"], patience=patience), []
     run(task, seat, tmp_path, kept=kept)
-    assert {answer.endings for answer in kept} == {("subject", "time", "time")}
-    assert "Take the real specimen." in " ".join(seat.seen)
-    assert "Press the space bar when you have felt enough." in " ".join(seat.seen)
-    assert "real Pettigrew (real), " in log(tmp_path)
-
-
-def test_real_reference_for_a_time(tmp_path):
-    task = ABX(Stimulus("real"), PVC, match=BONE, trials=2, interval=0.1, reference_interval=0.1)
-    seat, kept = Paper(["first", "first"], patience=1000), []
-    run(task, seat, tmp_path, kept=kept)
-    assert {answer.endings for answer in kept} == {("time", "time", "time")}
-
-
-def test_rendered_reference_until_the_subject_ends_it(tmp_path):
-    task = ABX(PETTIGREW, PVC, trials=2, interval=0.1)
-    seat, kept = Paper(["first", "first"]), []
-    run(task, seat, tmp_path, kept=kept)
-    assert {answer.endings for answer in kept} == {("subject", "time", "time")}
+    assert {answer.endings for answer in kept} == {(ending, "time", "time")}
+    shown, real = " ".join(seat.seen), reference.material is None
+    assert ("Take the real specimen." in shown) is real
+    assert ("Press the space bar when you have felt enough." in shown) is (length is None)
+    assert (f"{reference.name} (real), " in log(tmp_path)) is real
 
 
 def test_answer_is_kept_before_it_counts(tmp_path):

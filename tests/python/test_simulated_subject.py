@@ -5,7 +5,6 @@ Proportions are compared with exact ones by a two-sided binomial test of probabi
 
 from __future__ import annotations
 
-import json
 import math
 from itertools import combinations
 
@@ -590,15 +589,6 @@ def test_alike_materials_are_never_told_apart():
     held = burrlab.Material("held", c_e=BONE.c_e, alpha=2 * BONE.alpha)
     found = predicted_d_prime(BONE, held, "drilling", SimulatedSubject(0.3, ("sinking",)), closed_form=True)
     assert found.d_prime == pytest.approx(math.log(2) / 0.3)
-
-
-def test_it_prints_and_is_for_json():
-    found = predicted_d_prime(
-        BONE, PVC, "drilling", SimulatedSubject(0.9, ("sinking",)), bone=COARSE, duration=5.0
-    )
-    assert str(found).startswith("same-different by drilling, differencing: d' ")
-    assert "trials of one subject" in str(found)
-    assert json.loads(json.dumps(found.to_dict()))["mode"] == "drilling"
 
 
 @pytest.mark.parametrize(

@@ -52,32 +52,6 @@ _COUNTED = {"same-different": '"different"', "abx": '"first"', "2ifc": '"first"'
 _CORRECTIONS = {"log-linear": "half an answer more in each cell (log-linear)"}
 
 
-def text(analysis: Analysis, width: int | None = None) -> str:
-    """See `Analysis.report`."""
-    lines = wrapped_lines([head(analysis), *analysis.notes], width)
-    for task in analysis.tasks:
-        lines += wrapped_lines(["", heading(task), *(f"  ! {line}" for line in warnings(task))], width)
-        if task.subjects:
-            lines += ["", *tables_lines(columns(task), width)]
-            lines += wrapped_lines([*(f"  {line}" for line in legend(task)), "", *group_lines(task)], width)
-    return "\n".join(lines)
-
-
-def html(analysis: Analysis) -> str:
-    """The same for notebooks."""
-    parts = [f"<h3>{escape(head(analysis))}</h3>", *(f"<p>{escape(line)}</p>" for line in analysis.notes)]
-    for task in analysis.tasks:
-        parts += [
-            f"<h4>{escape(heading(task))}</h4>",
-            *(f"<p><b>{escape(line)}</b></p>" for line in warnings(task)),
-        ]
-        if task.subjects:
-            parts.append(table_html(columns(task)))
-            parts.append(f"<p><small>{escape(' '.join(legend(task)))}</small></p>")
-            parts += [f"<p>{escape(line)}</p>" for line in group_lines(task)]
-    return "".join(parts)
-
-
 def head(analysis: Analysis) -> str:
     name = f"Experiment {analysis.name}" if analysis.name else "Analysis"
     return f"{name}, SIMULATED SUBJECTS" if analysis.simulated else name
@@ -223,19 +197,6 @@ def _threshold_lines(task: ThresholdTask) -> list[str]:
     return lines
 
 
-def subject_table(analysis: Analysis) -> str:
-    """See `Analysis.to_tsv`."""
-    rows = [
-        {"task": task.name, "design": task.design.get("design", task.task), **_fields(one)}
-        for task in analysis.tasks
-        for one in task.subjects
-    ]
-    rows.sort(key=lambda row: "threshold" in row)  # columns of scores first; the order within is kept
-    columns = list(dict.fromkeys(column for row in rows for column in row))
-    lines = [columns, *([tsv_text(row.get(column)) for column in columns] for row in rows)]
-    return "".join("\t".join(line) + "\n" for line in lines)
-
-
 def _fields(one: SubjectResult | SubjectThreshold) -> dict[str, Any]:
     found: dict[str, Any] = {
         name: getattr(one, name) for name in ("subject", "simulated", "trials", "planned")
@@ -307,7 +268,15 @@ class Analysis:
             Of the screen, in characters: wider tables are parted between their groups of columns, sentences between words. By
             default lines are as long as they are.
         """
-        return text(self, width)
+        lines = wrapped_lines([head(self), *self.notes], width)
+        for task in self.tasks:
+            lines += wrapped_lines(["", heading(task), *(f"  ! {line}" for line in warnings(task))], width)
+            if task.subjects:
+                lines += ["", *tables_lines(columns(task), width)]
+                lines += wrapped_lines(
+                    [*(f"  {line}" for line in legend(task)), "", *group_lines(task)], width
+                )
+        return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON and `from_dict`; infinite numbers, as the end of an open interval, are spelt "inf"."""
@@ -361,7 +330,15 @@ class Analysis:
 
     def to_tsv(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """One row a subject and task, tab-separated; n/a for nothing, inf for an open end."""
-        _write(file, subject_table(self))
+        rows = [
+            {"task": task.name, "design": task.design.get("design", task.task), **_fields(one)}
+            for task in self.tasks
+            for one in task.subjects
+        ]
+        rows.sort(key=lambda row: "threshold" in row)  # columns of scores first; the order within is kept
+        names = list(dict.fromkeys(column for row in rows for column in row))
+        lines = [names, *([tsv_text(row.get(column)) for column in names] for row in rows)]
+        _write(file, "".join("\t".join(line) + "\n" for line in lines))
 
     def __eq__(self, other: object) -> bool:
         # A criterion may be NaN, which as a number differs from itself.
@@ -375,7 +352,17 @@ class Analysis:
         return f"Analysis({self.name!r}, {kind}{tasks})" if self.name else f"Analysis({kind}{tasks})"
 
     def _repr_html_(self) -> str:
-        return html(self)
+        parts = [f"<h3>{escape(head(self))}</h3>", *(f"<p>{escape(line)}</p>" for line in self.notes)]
+        for task in self.tasks:
+            parts += [
+                f"<h4>{escape(heading(task))}</h4>",
+                *(f"<p><b>{escape(line)}</b></p>" for line in warnings(task)),
+            ]
+            if task.subjects:
+                parts.append(table_html(columns(task)))
+                parts.append(f"<p><small>{escape(' '.join(legend(task)))}</small></p>")
+                parts += [f"<p>{escape(line)}</p>" for line in group_lines(task)]
+        return "".join(parts)
 
 
 def _write(file: str | os.PathLike[str] | IO[str], text: str) -> None:

@@ -141,23 +141,6 @@ class Table:
         return key in self._values
 
 
-def read_toml(name: str, content: bytes) -> Table:
-    """The whole of a TOML file.
-
-    Raises
-    ------
-    ValueError
-        If it is no TOML in UTF-8: with the line; a table or key that is there twice is none.
-    """
-    text = csv_text.decoded(name, content)
-    try:
-        return Table(name, "", tomllib.loads(text))
-    except ValueError as error:  # TOMLDecodeError is one, and so is a number of thousands of digits
-        raise ValueError(f"{name}: this is not TOML: {error}") from None
-    except RecursionError:
-        raise ValueError(f"{name}: lists or tables are nested too deeply") from None
-
-
 def design_of(table: Table, stimuli: Mapping[str, Stimulus]) -> Design:
     """The design of a table: its keys are the parameters of the design's class, times with _s behind them.
 
@@ -469,7 +452,14 @@ class Protocol:
             If the file cannot be read.
         """
         path = Path(path)
-        file = read_toml(os.fspath(path), path.read_bytes())
+        told = os.fspath(path)
+        text = csv_text.decoded(told, path.read_bytes())
+        try:
+            file = Table(told, "", tomllib.loads(text))
+        except ValueError as error:  # TOMLDecodeError is one, and so is a number of thousands of digits
+            raise ValueError(f"{told}: this is not TOML: {error}") from None
+        except RecursionError:
+            raise ValueError(f"{told}: lists or tables are nested too deeply") from None
         experiment = file.table("experiment")
         get = experiment.get
         name, seed, subjects = get("name", _TEXT), get("seed", _whole()), subjects_of(experiment)

@@ -250,11 +250,11 @@ def _side(row: Row, answer: str) -> bool | None:
 def _check_place(row: Row, before: Row | None) -> None:
     """That trials follow one another."""
     refuse(row.trial < 1, f"column trial: must be at least 1, got {row.trial}")
-    late = row.phase == "main"
-    refuse(late and row.block < 1, f"column block: must be at least 1 after practice, got {row.block}")
+    in_main = row.phase == "main"
+    refuse(in_main and row.block < 1, f"column block: must be at least 1 after practice, got {row.block}")
     before = before or replace(row, trial=0)
-    same, main = before.phase == row.phase, before.trial and before.phase == "main"
-    refuse(main and not late, "column phase: practice comes before the main phase")
+    same, was_main = before.phase == row.phase, before.trial and before.phase == "main"
+    refuse(was_main and not in_main, "column phase: practice comes before the main phase")
     due = before.trial + 1 if same else 1
     refuse(row.trial != due, f"column trial: {row.phase} trial {due} is due, got {row.trial}")
     for name, wrong in (("onset", row.onset < before.onset), ("block", same and row.block < before.block)):

@@ -104,9 +104,12 @@ def test_simulated_subjects_from_run_to_analysis(config, capsys, monkeypatch):
     # The analysis says that nobody took part.
     arguments = ["--json", "a.json", "--tsv", "a.tsv", "--plot", "figures"]
     assert main(["experiment", "analyse", "test.toml", *arguments]) == 0
-    assert "simulated subject 02, task match: trial 2 of 2, block 1" in shown
-    assert "task probing, subject 03" in shown
-    assert "figure d_prime of task match" in shown
+    for part in (
+        "simulated subject 02, task match: trial 2 of 2, block 1",
+        "task probing, subject 03",
+        "figure d_prime of task match",
+    ):
+        assert part in shown
     assert shown[-1] == ""
     assert not matplotlib.pyplot.get_fignums()
     out, _ = said(capsys)

@@ -69,11 +69,6 @@ def test_the_seed_alone_decides_what_is_eroded():
     assert not np.array_equal(a.ticks["removed"], other.ticks["removed"])
 
 
-def test_every_interval_has_fresh_bone():
-    found = [play(drilling_hand(BURR, push=1.0)) for _ in range(2)]
-    assert np.array_equal(found[0].ticks, found[1].ticks)
-
-
 def test_break_through_ends_it_at_that_very_tick():
     thin = Block((14, 14, 0.6), 0.2)
     found = play(drilling_hand(BURR, push=1.0, strokes=0), interval("pvc", duration=20.0), bone=thin)

@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 
 import burrlab
 from burrlab.psychophysics.designs import ABX, SameDifferent
-from burrlab.psychophysics.protocol import DESIGNS, Protocol, key_of, template
+from burrlab.psychophysics.protocol import Protocol, template
 from burrlab.psychophysics.side_car import columns_of
-from burrlab.psychophysics.trial import Stimulus
+from burrlab.psychophysics.staircase import DESIGNS
+from burrlab.psychophysics.trial import Stimulus, key_of
 from burrlab.session.exchange import DeviceText, parse_address, parse_device
 
 ALL_ON = re.sub(r"^#(?=[a-z\[])", "", template(), flags=re.MULTILINE)

@@ -1,20 +1,26 @@
-"""The loop over trials: what is shown, kept and told, and what happens when a device is lost."""
+"""The loop over trials and a subject's tasks in a row: what is shown, kept and told, and what happens when a device is lost."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
 import itertools
+import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from answer_scenes import protocol
 
 import burrlab
+import burrlab.psychophysics.run as sitting
+from burrlab.psychophysics.analysis import analyse
+from burrlab.psychophysics.answers import read_answers
 from burrlab.psychophysics.designs import ABX, SameDifferent
-from burrlab.psychophysics.interval import Block, VirtualClock, WallClock, render
+from burrlab.psychophysics.interval import Block, Clock, render
 from burrlab.psychophysics.observer import drilling_hand, probing_hand
-from burrlab.psychophysics.run import DeviceLost, LoopStalled, Rig, Runner
+from burrlab.psychophysics.run import DeviceLost, LoopStalled, Rig, Runner, Sitting
 from burrlab.psychophysics.seat import Experimenter, Seat
 from burrlab.psychophysics.trial import Stimulus
 
@@ -33,20 +39,13 @@ class Paper(Seat):
         self.answers, self.patience = iter(answers), patience
         self._looks = 0
 
-    def progress(self, text):
+    def note(self, text, pause=0.0):
         self.seen.append(text)
 
-    def ready(self, text):
-        self.seen.append(text)
-
-    def show(self, text):
-        self.seen.append(text)
+    progress = ready = show = ends = tell = close = note
 
     def begins(self, text):
         self._looks = 0
-        self.seen.append(text)
-
-    def ends(self, text, pause):
         self.seen.append(text)
 
     def done(self):
@@ -60,14 +59,8 @@ class Paper(Seat):
             raise answer
         return (trial.correct if answer == "right" else answer), 1.25
 
-    def tell(self, text):
-        self.seen.append(text)
-
     def rest(self, text, seconds):
         self.rests.append(seconds)
-
-    def close(self, text):
-        self.seen.append(text)
 
 
 def hand(mode):
@@ -78,7 +71,7 @@ def run(design, seat, tmp_path, *, order=None, kept=None, clock=None, **rig):
     rig = Rig(**{"burr": BURR, "bone": BLOCK, "device": hand, "pause": 0.0, "rest": 60.0, **rig})
     order = design.order(seed=1, subject="01") if order is None else order
     kept = [] if kept is None else kept
-    clock = VirtualClock() if clock is None else clock
+    clock = Clock() if clock is None else clock
     with Experimenter(tmp_path / "log.txt") as experimenter:
         return Runner(design, order, kept.append, seat, experimenter, rig, clock=clock).run()
 
@@ -225,28 +218,27 @@ def test_a_trial_in_which_the_loop_stalls_is_repeated_once(tmp_path, stalls):
     )
 
 
-def test_real_reference_is_self_paced(tmp_path):
-    task = ABX(Stimulus("real Pettigrew"), PVC, match=PETTIGREW, trials=2, interval=0.1, mode="drilling")
-    seat, kept = Paper(["first", "right"], patience=5), []
+@pytest.mark.parametrize(
+    ("reference", "match", "length", "patience", "ending"),
+    [
+        (Stimulus("real Pettigrew"), PETTIGREW, None, 5, "subject"),
+        (Stimulus("real"), BONE, 0.1, 1000, "time"),
+        (PETTIGREW, None, None, 3, "subject"),
+    ],
+)
+def test_a_reference_real_or_rendered_is_felt_to_its_end(
+    tmp_path, reference, match, length, patience, ending
+):
+    task = ABX(
+        reference, PVC, match=match, trials=2, interval=0.1, reference_interval=length, mode="drilling"
+    )
+    seat, kept = Paper(["first", "right"], patience=patience), []
     run(task, seat, tmp_path, kept=kept)
-    assert {answer.endings for answer in kept} == {("subject", "time", "time")}
-    assert "Take the real specimen." in " ".join(seat.seen)
-    assert "Press the space bar when you have felt enough." in " ".join(seat.seen)
-    assert "real Pettigrew (real), " in log(tmp_path)
-
-
-def test_real_reference_for_a_time(tmp_path):
-    task = ABX(Stimulus("real"), PVC, match=BONE, trials=2, interval=0.1, reference_interval=0.1)
-    seat, kept = Paper(["first", "first"], patience=1000), []
-    run(task, seat, tmp_path, kept=kept)
-    assert {answer.endings for answer in kept} == {("time", "time", "time")}
-
-
-def test_rendered_reference_until_the_subject_ends_it(tmp_path):
-    task = ABX(PETTIGREW, PVC, trials=2, interval=0.1)
-    seat, kept = Paper(["first", "first"]), []
-    run(task, seat, tmp_path, kept=kept)
-    assert {answer.endings for answer in kept} == {("subject", "time", "time")}
+    assert {answer.endings for answer in kept} == {(ending, "time", "time")}
+    shown, real = " ".join(seat.seen), reference.material is None
+    assert ("Take the real specimen." in shown) is real
+    assert ("Press the space bar when you have felt enough." in shown) is (length is None)
+    assert (f"{reference.name} (real), " in log(tmp_path)) is real
 
 
 def test_answer_is_kept_before_it_counts(tmp_path):
@@ -282,7 +274,7 @@ def test_wall_clock_goes_on_where_the_run_was(tmp_path):
     start = iter(100.0 + i for i in range(100))
     design = SameDifferent(BONE, PVC, trials=4, interval=0.1)
     kept = []
-    clock = WallClock(lambda: next(start))
+    clock = Clock(elapsed=lambda: next(start))
     run(design, Paper(["same"] * 4), tmp_path, kept=kept, clock=clock)
     assert [(a.onset, a.duration) for a in kept][:2] == [(100.0, 3.0), (104.0, 3.0)]
 
@@ -299,3 +291,81 @@ def test_many_late_ticks_are_told(tmp_path):
     run(SameDifferent(BONE, PVC, trials=4, interval=0.1), Paper(["same"] * 4), tmp_path, render=slow)
     (told,) = [line for line in log(tmp_path).splitlines() if "late" in line]
     assert told.endswith("interval 2 of trial 1 had 2 late ticks of 100")
+
+
+TEXT = """
+[experiment]
+name = "own"
+seed = 1
+subjects = 1
+[burr]
+radius_mm = 3.0
+[bone]
+size_mm = [12.0, 12.0, 4.0]
+voxel_mm = 0.5
+[tasks.one]
+design = "same-different"
+a = "bone"
+b = "pvc"
+trials = 4
+interval_s = 0.3
+"""
+
+
+class Same(Seat):
+    """Says nothing, and always the same."""
+
+    wall_clock = False
+
+    def ask(self, design, trial, rendered):
+        return design.answers[0], 0.5
+
+
+def test_a_device_of_ones_own_renders_every_interval_and_is_named(tmp_path):
+    made = protocol(tmp_path, TEXT)
+    modes = []
+
+    def rig(mode):
+        modes.append(mode)
+        return probing_hand(made.burr, push=1.0)
+
+    assert Sitting(made, "01", device=rig).run(lambda task: Same()) == 4
+    assert modes == ["probing"] * 16  # of each interval one until the burr is lifted, and one that feels
+    path = made.data.answers("01", "one")
+    assert read_answers(path).counts().trials == 4
+    assert json.loads(path.with_suffix(".json").read_text())["Device"] == "driver"
+
+
+def test_load_and_repeats_are_told_to_the_experimenter(tmp_path, monkeypatch):
+    calls = itertools.count()
+
+    def loaded(*given, **options):
+        """Late in the trial run, and stalled in the second interval."""
+        found, call = render(*given, **options), next(calls)
+        ticks = found.ticks.copy()
+        ticks["periods"] = 1 + (call == 0)
+        return replace(found, ticks=ticks, failed=call == 2, reason="the loop stalled: 101 ms")
+
+    monkeypatch.setattr(sitting, "render", loaded)
+    made = protocol(tmp_path, TEXT)
+    assert Sitting(made, "01", again="COMMAND").run(lambda task: Same()) == 4
+    told = made.data.log("01", "one").read_text()
+    assert re.search(
+        r"THE MACHINE HAS TOO MUCH TO DO: before the first trial (\d+) of \1 ticks were late", told
+    )
+    assert "trials repeated as the loop had stalled: 1" in told
+    assert [row.repeats for row in read_answers(made.data.answers("01", "one")).rows] == [1, 0, 0, 0]
+    assert "Trials that were repeated, as the loop had stalled: 1 of 01 of one." in analyse(made).report()
+
+
+@pytest.mark.parametrize(
+    ("subject", "options", "sentence"),
+    [
+        ("09", {}, "there is no subject '09'; there are 01"),
+        ("01", {"tasks": ["two"]}, "there is no task 'two'; there are one"),
+        ("01", {"device": "mouse"}, "^device must be hand, scripted:FILE or igtl:HOST:PORT"),
+    ],
+)
+def test_refusals(tmp_path, subject, options, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        Sitting(protocol(tmp_path, TEXT), subject, **options)

@@ -1,4 +1,4 @@
-"""Simulated subjects decide by the rules that an analysis assumes; rehearsals are a function of their seed.
+"""Simulated hands, cues and subjects decide by the rules that an analysis assumes; rehearsals are a function of their seed.
 
 Proportions are compared with exact ones by a two-sided binomial test of probability 1e-6 that it fails by chance.
 """
@@ -6,26 +6,35 @@ Proportions are compared with exact ones by a two-sided binomial test of probabi
 from __future__ import annotations
 
 import math
+from itertools import combinations
 
 import numpy as np
 import pytest
-from scipy.stats import binomtest, norm
+from scipy.stats import binom, binomtest, norm
 
 import burrlab
 import burrlab.psychophysics.weber as weber
 from burrlab.psychophysics.designs import ABX, SameDifferent
-from burrlab.psychophysics.interval import Block, render
+from burrlab.psychophysics.interval import TICK, Block, Rendered, render
 from burrlab.psychophysics.observer import (
     Cues,
     SimulatedSubject,
+    closed_form_cues,
     drilling_hand,
     interval_cues,
     probing_hand,
     rendered_cues,
     task_of,
 )
-from burrlab.psychophysics.rehearsal import counts_of, noise_for_score, rehearse, stood_in, task1_table, teach
-from burrlab.psychophysics.rules import rule_of
+from burrlab.psychophysics.rehearsal import (
+    noise_for_score,
+    predicted_d_prime,
+    rehearse,
+    stood_in,
+    task1_table,
+    teach,
+)
+from burrlab.psychophysics.rules import counts_of, rule_of
 from burrlab.psychophysics.staircase import ConstantStimuli, Staircase
 from burrlab.psychophysics.trial import Interval, Stimulus, Trial
 
@@ -164,21 +173,6 @@ def test_refusals(settings, sentence):
         SimulatedSubject(**{"weber": 0.1, **settings})
 
 
-def test_refusals_of_teaching_and_answering():
-    rng = np.random.default_rng(1)
-    subject = SimulatedSubject(0.1)
-    with pytest.raises(ValueError, match="must be taught the two materials first"):
-        subject.respond(trial("AA", "same"), (A, A), rng)
-    with pytest.raises(ValueError, match="must be taught the two materials first"):
-        _ = subject.d_prime
-    with pytest.raises(ValueError, match="the two known materials must differ in a cue"):
-        _ = subject.taught(A, A).d_prime
-    with pytest.raises(ValueError, match="cue stiffness must have a value in every interval"):
-        subject.taught(A, Cues(sinking=1.0))
-    with pytest.raises(ValueError, match="cues must be one an interval, 2, got 1"):
-        subject.taught(A, B).respond(trial("AA", "same"), (A,), rng)
-
-
 def test_published_fractions():
     assert (weber.FORCE, weber.FORCE_CONTRALATERAL) == (0.07, 0.10)
     assert (weber.COMPLIANCE_WITHOUT_WORK, weber.COMPLIANCE_WITH_SURFACE) == (0.22, 0.15)
@@ -222,8 +216,8 @@ def test_a_real_reference_is_felt_as_its_match():
     assert agrees(sum(counts.score for counts in found), 600, float(expected))
     first = task.order(seed=1, subject="01").next()
     assert first is not None
-    assert stood_in(first)[0].stimulus.name == "pettigrew"
-    assert stood_in(first)[0].duration == 10.0
+    felt = stood_in(task, first.intervals[0])
+    assert (felt.stimulus.name, felt.duration) == ("pettigrew", 10.0)
 
 
 @pytest.mark.parametrize(
@@ -254,20 +248,17 @@ def test_rehearsal_refusals():
     held = ConstantStimuli(STIMULI["bone"], "c_e", [1.4], mode="drilling", hold="sinking speed")
     with pytest.raises(ValueError, match="design must not hold the sinking speed"):
         rehearse(held, SimulatedSubject(0.3, ("sinking",)), seed=1)
-    with pytest.raises(ValueError, match="subjects must be at least 1, got 0"):
-        rehearse(design(), SimulatedSubject(0.3), subjects=0, seed=1)
-    with pytest.raises(ValueError, match="cue sinking must have a value"):
-        rehearse(design(), SimulatedSubject(0.3, ("sinking",)), seed=1, bone=SMALL)
     alike = SameDifferent(STIMULI["bone"], Stimulus("again", burrlab.materials["bone"]), interval=2.0)
     with pytest.raises(ValueError, match="design must have two materials, got 1"):
         rehearse(alike, SimulatedSubject(0.3), seed=1, bone=SMALL)
 
 
 def test_counts_are_of_different_and_of_first():
-    pairs = [(trial(kind, correct), "different") for kind, correct, _ in KINDS["same-different"]]
-    counts = counts_of("same-different", pairs)
+    counts = counts_of(
+        "same-different", [(kind, "different", correct) for kind, correct, _ in KINDS["same-different"]]
+    )
     assert (counts.hits, counts.signals, counts.false_alarms, counts.noises) == (2, 2, 2, 2)
-    counts = counts_of("abx", [(trial("AB", "first"), "first"), (trial("BA", "second"), "second")])
+    counts = counts_of("abx", [("AB", "first", "first"), ("BA", "second", "second")])
     assert (counts.hits, counts.signals, counts.false_alarms, counts.noises) == (1, 1, 0, 1)
     assert [task_of(trial(k, c)) for k, c in (("AA", "same"), ("AB", "first"), ("RC", "first"))] == [
         "same-different",
@@ -305,10 +296,6 @@ def test_table_of_given_differences_and_its_refusals():
     assert table.noise_of_published["sinking speed", "covert"] is None
     with pytest.raises(ValueError, match="the table has no row probing force, bone-ivory, covert"):
         table.row("probing force", "bone-ivory", "covert", 0.5)
-    with pytest.raises(
-        ValueError, match="differences must be 'rendered', 'closed form' or a mapping, got 'felt'"
-    ):
-        task1_table(differences="felt")
     with pytest.raises(ValueError, match=r"noises must be positive and finite, got 0\.0"):
         task1_table(differences=given, noises=(0.0,))
 
@@ -346,3 +333,280 @@ def test_every_interval_rendered_scores_as_the_table_says(mode, cue, noise):
     name = "probing stiffness" if mode == "probing" else "sinking speed"
     expected = task1_table(bone=bone).row(name, "bone-pvc", "differencing", noise).score / 12
     assert agrees(score, trials, expected)
+
+
+RNG = np.random.default_rng(1)
+SUBJECT = SimulatedSubject(0.1)
+
+
+@pytest.mark.parametrize(
+    ("kind", "ask", "sentence"),
+    [
+        (ValueError, lambda: SUBJECT.respond(trial("AA", "same"), (A, A), RNG), "must be taught the two materials first"),
+        (ValueError, lambda: SUBJECT.d_prime, "must be taught the two materials first"),
+        (ValueError, lambda: SUBJECT.taught(A, A).d_prime, "the two known materials must differ in a cue"),
+        (ValueError, lambda: SUBJECT.taught(A, Cues(sinking=1.0)), "cue stiffness must have a value in every interval"),
+        (ValueError, lambda: SUBJECT.taught(A, B).respond(trial("AA", "same"), (A,), RNG), "cues must be one an interval, 2, got 1"),
+        (ValueError, lambda: rehearse(design(), SimulatedSubject(0.3), subjects=0, seed=1), "subjects must be at least 1, got 0"),
+        (ValueError, lambda: rehearse(design(), SimulatedSubject(0.3, ("sinking",)), seed=1, bone=SMALL), "cue sinking must have a value"),
+        (ValueError, lambda: task1_table(differences="felt"), "differences must be 'rendered', 'closed form' or a mapping, got 'felt'"),
+    ],
+)  # fmt: skip
+def test_refusals_by_their_sentence(kind, ask, sentence):
+    with pytest.raises(kind, match=sentence):
+        ask()
+
+
+BURR = burrlab.Burr(3.0)
+COARSE = Block(voxel=0.2)
+NAMES = ["bone", "pettigrew", "pvc"]
+
+
+def made(force, depth, *, mode="probing"):
+    """An interval with this force [N] and immersion [mm] at each tick; the penetration is half the immersion."""
+    ticks = np.zeros(len(force), TICK)
+    ticks["time"], ticks["periods"] = 0.001 * np.arange(len(force)), 1
+    ticks["center"][:, 2], ticks["force"][:, 2] = BURR.radius - np.asarray(depth), force
+    ticks["penetration"], ticks["touching"] = 0.5 * np.maximum(depth, 0), np.asarray(depth) > 0
+    contact = 0.001 * float(ticks["touching"].sum())
+    return Rendered(mode, "time", 0.001 * len(ticks), contact, 1, BURR, ticks)
+
+
+def press(peak, deepest, n=200):
+    part = np.sin(np.pi * np.arange(n) / n)
+    return peak * part, deepest * part
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("voxel", [0.1, 0.2])
+def test_probing_gives_what_the_equations_say(name, voxel):
+    found = rendered_cues(burrlab.materials[name], "probing", burr=BURR, bone=Block(voxel=voxel))
+    expected = closed_form_cues(burrlab.materials[name], burr=BURR)
+    assert found.presses == 10
+    assert found.stiffness == pytest.approx(
+        expected.stiffness, abs=0.004
+    )  # the peak is up to 1 % below 1.5 N
+    assert found.force == pytest.approx(expected.force, abs=0.01)
+    assert math.isnan(found.sinking)
+
+
+@pytest.mark.parametrize(("a", "b"), list(combinations(NAMES, 2)))
+def test_differences_of_probing_are_logarithms_of_c_e(a, b):
+    found = [rendered_cues(burrlab.materials[n], "probing", burr=BURR, bone=COARSE) for n in (a, b)]
+    ratio = math.log(burrlab.materials[a].c_e / burrlab.materials[b].c_e)
+    assert found[0].stiffness - found[1].stiffness == pytest.approx(2 / 3 * ratio, abs=0.003)
+    assert found[0].force - found[1].force == pytest.approx(ratio, abs=0.003)
+
+
+def test_closed_forms_of_the_paper():
+    bone, pettigrew, pvc = (closed_form_cues(burrlab.materials[name], burr=BURR) for name in NAMES)
+    assert bone.stiffness - pvc.stiffness == pytest.approx(1.02, abs=0.005)
+    assert bone.stiffness - pettigrew.stiffness == pytest.approx(0.24, abs=0.005)
+    assert pvc.sinking - bone.sinking == pytest.approx(5.2, abs=0.05)
+    assert pettigrew.sinking - bone.sinking == pytest.approx(1.23, abs=0.01)
+    still = burrlab.Material("still", c_e=1.0, alpha=0.0)
+    assert closed_form_cues(still, burr=BURR).sinking == -math.inf
+
+
+def test_depth_after_a_time_tells_less_than_speed_at_a_depth():
+    # The thin-layer law's speed goes as 1/H^2 at small H, so that H goes as the cube root of the speed's factor.
+    bone, pvc = (
+        rendered_cues(burrlab.materials[n], "drilling", burr=BURR, bone=COARSE) for n in ("bone", "pvc")
+    )
+    assert math.isnan(bone.stiffness)
+    assert math.isnan(bone.force)
+    assert 5.17 / 3 < pvc.sinking - bone.sinking < 5.17 / 1.8
+
+
+def test_speed_at_a_depth_is_the_closed_form():
+    speeds = []
+    for name in ("bone", "pettigrew"):
+        hand = drilling_hand(BURR, strokes=0)
+        interval = Interval(Stimulus(name, burrlab.materials[name]), 1, 20.0)
+        found = render(interval, hand, burr=BURR, bone=COARSE, mode="drilling", wall_clock=False)
+        first, last = np.searchsorted(np.maximum.accumulate(found.immersion), [0.65, 0.75])
+        speeds.append(0.1 / (found.ticks["time"][last] - found.ticks["time"][first]))
+    assert math.log(speeds[1] / speeds[0]) == pytest.approx(1.234, abs=0.08)
+
+
+def test_the_erosion_scatters_little():
+    found = [
+        rendered_cues(burrlab.materials["bone"], "drilling", burr=BURR, bone=COARSE, seed=seed).sinking
+        for seed in range(1, 5)
+    ]
+    assert 0.0 < np.std(found, ddof=1) < 0.005
+
+
+def test_rendered_cues_are_kept():
+    first = rendered_cues(burrlab.materials["bone"], "probing", burr=BURR, bone=COARSE)
+    assert rendered_cues(burrlab.materials["bone"], "probing", burr=burrlab.Burr(3.0), bone=COARSE) is first
+
+
+def test_each_press_counts_once_and_the_mean_comes_before_the_logarithm():
+    parts = [press(1.0, 0.5), press(2.0, 0.5), press(0.3, 0.5)]
+    found = interval_cues(made(*(np.concatenate(column) for column in zip(*parts, strict=True))))
+    assert found.presses == 2  # the third does not come to half of the largest
+    assert found.stiffness == pytest.approx(math.log((1.0 / 0.25 + 2.0 / 0.25) / 2), abs=1e-9)
+    # Linear between ticks: the sine's force at 0.2 of 0.5 mm is 0.4 of the peak.
+    assert found.force == pytest.approx(math.log((0.4 + 0.8) / 2), abs=1e-4)
+
+
+def test_a_tremble_does_not_make_two_presses_of_one():
+    force, depth = press(1.0, 0.5, 400)
+    force = force - 0.3 * (np.arange(400) == 200)
+    assert interval_cues(made(force, depth)).presses == 1
+
+
+def test_no_force_at_the_depth_where_the_burr_was_deeper_all_the_time():
+    force, depth = press(1.0, 0.5)
+    assert math.isnan(interval_cues(made(force, depth + 0.3)).force)
+
+
+def test_nothing_felt_is_nothing_known():
+    zero = np.zeros(10)
+    for mode in ("probing", "drilling"):
+        found = interval_cues(made(zero, zero - 1.0, mode=mode))
+        assert (found.presses, *map(math.isnan, (found.stiffness, found.force, found.sinking))) == (
+            0,
+            True,
+            True,
+            True,
+        )
+    for mode in ("probing", "drilling"):
+        assert interval_cues(made(zero[:0], zero[:0], mode=mode)).presses == 0
+
+
+def test_sinking_is_depth_over_contact():
+    depth = np.concatenate(
+        [np.full(100, -1.0), np.linspace(0.01, 2.0, 400), np.full(100, 1.0), np.full(50, -1.0)]
+    )
+    found = interval_cues(made(np.where(depth > 0, 0.3, 0.0), depth, mode="drilling"))
+    assert found.sinking == pytest.approx(math.log(2.0 / 0.5))
+
+
+def test_cues_for_json():
+    assert Cues(stiffness=1.0).to_dict() == {"stiffness": 1.0, "force": None, "sinking": None, "presses": 0}
+
+
+def felt(name, hand, mode, *, bone, seconds=20.0):
+    interval = Interval(Stimulus(name, burrlab.materials[name]), 1, seconds)
+    return render(interval, hand, burr=BURR, bone=bone, mode=mode, wall_clock=False)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_probing_is_ten_presses_of_one_and_a_half_newton(name):
+    found = felt(name, probing_hand(BURR), "probing", bone=Block((30, 30, 6), 0.2))
+    force = np.linalg.norm(found.ticks["force"], axis=1)
+    assert found.ended == "time"
+    assert interval_cues(found).presses == 10
+    first = int(np.argmax(found.ticks["touching"]))
+    peaks = [force[first + 2000 * i : first + 2000 * i + 1500].max() for i in range(10)]
+    assert peaks == pytest.approx([1.5] * 10, rel=0.015)
+    rests = [force[first + 2000 * i + 1600 : first + 2000 * i + 2000].min() for i in range(9)]
+    assert max(rests) < 0.04 * 1.5
+    assert not found.ticks["on"].any()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_twenty_seconds_of_drilling_stay_within_the_default_block(name):
+    found = felt(name, drilling_hand(BURR), "drilling", bone=Block(voxel=0.2))
+    force, x = found.ticks["force"][:, 2], found.ticks["center"][:, 0]
+    assert found.ended == "time"
+    # A burr that sinks at v is pushed with grip v follow and damping v less.
+    speed = np.ptp(found.immersion[[5000, -1]]) / (0.001 * (len(force) - 5001))
+    assert force[5000:].mean() == pytest.approx(0.3 - (0.4 * 0.2 + 0.005) * speed, rel=0.02)
+    crossings = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0) & (np.arange(len(x) - 1) > 2000))
+    assert 1000 / np.diff(crossings).mean() == pytest.approx(1.4, rel=0.01)
+    assert 3.5 < np.ptp(x[2000:]) < 5.0  # the hole's walls take a part of the stroke of 5 mm
+    assert found.ticks["on"].all()
+
+
+def test_a_block_of_ten_millimetres_would_be_drilled_through():
+    found = felt("pvc", drilling_hand(BURR), "drilling", bone=Block((30, 30, 10), 0.2))
+    assert found.ended == "break-through"
+    assert 15 < found.duration < 20
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: probing_hand(BURR, push=-1), "push must be zero or positive"),
+        (lambda: probing_hand(BURR, presses=-1), "presses must be zero or positive"),
+        (lambda: drilling_hand(BURR, push=-1), "push must be zero or positive"),
+        (lambda: drilling_hand(BURR, stroke=-1), "amplitude must be zero or positive"),
+        (lambda: drilling_hand(BURR, strokes=-1), "strokes must be zero or positive"),
+    ],
+)
+def test_refusals_of_hands(make, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        make()
+
+
+BONE, PETTIGREW, PVC = (burrlab.materials[name] for name in ("bone", "pettigrew", "pvc"))
+
+
+def test_closed_form_of_stiffness():
+    found = predicted_d_prime(
+        BONE, PVC, "probing", SimulatedSubject(0.36, lapse=0.0, decision="covert"), closed_form=True
+    )
+    d_prime = 2 / 3 * math.log(BONE.c_e / PVC.c_e) / 0.36
+    assert found.d_prime == pytest.approx(d_prime)
+    assert found.by_cue == {"stiffness": pytest.approx(d_prime)}
+    p = norm.cdf(d_prime / 2) ** 2 + norm.cdf(-d_prime / 2) ** 2
+    assert found.score == pytest.approx(12 * p)
+    assert found.rule == "independent-observations"
+    # 10 of 12 are needed at 5 %, and half the trials of each kind have the same proportion without bias.
+    assert found.power.rows[0].subject == pytest.approx(binom.sf(9, 12, p))
+    assert found.trials_needed is not None
+    assert found.trials_needed > 12
+
+
+def test_cues_add_in_squares_and_rendered_ones_are_those_of_the_equations():
+    subject = SimulatedSubject({"stiffness": 0.3, "force": 0.2}, ("stiffness", "force"))
+    found = predicted_d_prime(BONE, PETTIGREW, "probing", subject, bone=COARSE)
+    exact = predicted_d_prime(BONE, PETTIGREW, "probing", subject, closed_form=True)
+    assert found.d_prime == pytest.approx(math.hypot(*found.by_cue.values()))
+    assert found.d_prime == pytest.approx(exact.d_prime, rel=0.01)
+
+
+def test_more_subjects_need_fewer_trials():
+    subject = SimulatedSubject(0.45)
+    one = predicted_d_prime(BONE, PVC, "probing", subject, closed_form=True)
+    many = predicted_d_prime(BONE, PVC, "probing", subject, closed_form=True, subjects=20)
+    assert one.power.rows[0].group is None
+    assert many.power.rows[0].group is not None
+    assert many.power.rows[0].group > one.power.rows[0].subject
+    assert one.subjects_needed is not None
+    assert one.trials_needed is not None
+    assert 1 < one.subjects_needed < one.trials_needed
+
+
+def test_alike_materials_are_never_told_apart():
+    other = burrlab.Material("other", c_e=BONE.c_e, alpha=0.2)
+    with pytest.raises(ValueError, match="the two known materials must differ in a cue"):
+        predicted_d_prime(BONE, other, "probing", SimulatedSubject(0.3), closed_form=True)
+    # A cue that does not differ says nothing, and the other one what it says alone.
+    held = burrlab.Material("held", c_e=BONE.c_e, alpha=2 * BONE.alpha)
+    found = predicted_d_prime(BONE, held, "drilling", SimulatedSubject(0.3, ("sinking",)), closed_form=True)
+    assert found.d_prime == pytest.approx(math.log(2) / 0.3)
+
+
+@pytest.mark.parametrize(
+    ("mode", "subject", "sentence"),
+    [
+        ("looking", SimulatedSubject(0.3), "mode must be one of probing, drilling, got 'looking'"),
+        (
+            "drilling",
+            SimulatedSubject(0.3),
+            "cues must be of the mode, drilling has sinking, got 'stiffness'",
+        ),
+        (
+            "probing",
+            SimulatedSubject(0.3, criterion=1.0),
+            r"criterion must be None for a prediction, got 1\.0",
+        ),
+    ],
+)
+def test_refusals_of_prediction(mode, subject, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        predicted_d_prime(BONE, PVC, mode, subject)

@@ -17,11 +17,29 @@ from scipy.special import chdtri, ndtri
 from scipy.stats import binom
 
 from burrlab.psychophysics.rules import RULES, Floats, Rule, rule_of
-from burrlab.psychophysics.sensitivity import LARGEST, Outcomes, binomial, check_level, exact_p_values
+from burrlab.psychophysics.sensitivity import _TIE, LARGEST, Outcomes, _probabilities, binomial, check_level
 
 Booleans: TypeAlias = NDArray[np.bool_]
 
 D_PRIMES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
+
+
+def exact_p_values(rule: Rule, signals: int, noises: int, d_prime: float) -> Floats:
+    """Of d', for every outcome, in the order of `Outcomes.all`.
+
+    p(x) = max over the criterion of P(deviance(X) >= deviance(x) | d', criterion), X all outcomes.
+
+    The likelihood-ratio test with its own distribution in place of chi-square's, at the worst criterion: an interval of
+    the d' with p > 1 - level holds the truth at least as often as it says, whatever the criterion.
+    """
+    deviance = Outcomes.all(signals, noises).deviance(rule, d_prime)
+    of_hits, of_alarms = _probabilities(rule, signals, noises, d_prime)
+    # from the least likely outcome to the likeliest
+    order = np.argsort(-deviance)
+    p = (of_hits[:, :, None] * of_alarms[:, None, :]).reshape(len(of_hits), -1)[:, order]
+    beyond = np.cumsum(p, axis=1).max(axis=0)
+    last = np.searchsorted(-deviance[order], _TIE - deviance, side="right") - 1
+    return np.asarray(np.minimum(beyond[last], 1.0))
 
 
 @dataclass(frozen=True)

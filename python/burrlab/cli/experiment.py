@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import functools
 import shutil
@@ -23,6 +22,7 @@ from burrlab.cli.options import (
     say,
     show_line,
 )
+from burrlab.common.check import refuse
 from burrlab.psychophysics.analysis import Analysis, analyse
 from burrlab.psychophysics.observer import SimulatedSubject
 from burrlab.psychophysics.protocol import Protocol, template
@@ -38,55 +38,53 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+#: Options of `run` and `resume`, and of simulated subjects there.
+_RUNNING: Mapping[str, Mapping[str, Any]] = {
+    "--subject": {"metavar": "LABEL", "help": "as the protocol has it"},
+    "--task": {"metavar": "NAME", "help": "one task; default: all, in the subject's own order"},
+    "--device": {"metavar": "hand|scripted:FILE|igtl:HOST:PORT", "help": "instead of the protocol's"},
+    "--experimenter": {
+        "metavar": "FILE",
+        "help": "a file, a fifo or another terminal that shows what the subject does not see; a log is kept anyway",
+    },
+    "--simulated": {"action": "store_true", "help": "a simulated subject instead of a person"},
+}
+_SIMULATED: Mapping[str, Mapping[str, Any]] = {
+    "--all": {"action": "store_true", "help": "all subjects of the protocol"},
+    "--weber": {"type": positive, "metavar": "W", "help": "sd of the noise of a cue's logarithm an interval, default 0.45"},
+    "--decision": {"choices": ["differencing", "covert"], "help": "default: differencing"},
+    "--fast": {"action": "store_true", "help": "render each material once a task instead of every interval"},
+}  # fmt: skip
+_ANALYSIS: Mapping[str, Mapping[str, Any]] = {
+    "--json": {"metavar": "FILE", "help": "write the result as JSON; - for standard output"},
+    "--tsv": {"metavar": "FILE", "help": "write a row a subject and task"},
+    "--plot": {"metavar": "FOLDER", "dest": "figures", "help": "write all figures there, as PNG"},
+    "--incomplete": {"action": "store_true", "help": "with runs that did not come to their end"},
+}
+
+
 def add_experiment_commands(command: AddCommand) -> None:
     """Adds `experiment` to the parser of `burrlab`."""
     experiment = command(
         "experiment", _new, "Can it be felt? Psychophysical experiments, designed, run and analysed."
     )
     actions = experiment.add_subparsers(dest="action", required=True, metavar="ACTION")
-
-    def action(name: str, run: Any, text: str) -> argparse.ArgumentParser:
+    for name, run, text, options in (
+        ("new", _new, "Write a protocol to begin with, and print what its designs can show.", {}),
+        ("power", _power, "Print what the designs of a protocol can show, before anybody has taken part.", {}),
+        ("run", _run, "Take a subject through the tasks, at this terminal.", _RUNNING),
+        ("resume", _resume, "Go on with a run that was ended early, at the next trial.", _RUNNING),
+        ("analyse", _analyse, "Scores, d' and intervals of each subject and of the group.", _ANALYSIS),
+    ):  # fmt: skip
         sub = actions.add_parser(name, help=text, description=text)
         sub.set_defaults(run=run)
         sub.add_argument("config", metavar="CONFIG.toml", help="the protocol")
-        return sub
-
-    action("new", _new, "Write a protocol to begin with, and print what its designs can show.")
-    action("power", _power, "Print what the designs of a protocol can show, before anybody has taken part.")
-    _running_options(action("run", _run, "Take a subject through the tasks, at this terminal."))
-    _running_options(action("resume", _resume, "Go on with a run that was ended early, at the next trial."))
-    analysis = action("analyse", _analyse, "Scores, d' and intervals of each subject and of the group.")
-    analysis.add_argument("--json", metavar="FILE", help="write the result as JSON; - for standard output")
-    analysis.add_argument("--tsv", metavar="FILE", help="write a row a subject and task")
-    analysis.add_argument("--plot", metavar="FOLDER", dest="figures", help="write all figures there, as PNG")
-    analysis.add_argument(
-        "--incomplete", action="store_true", help="with runs that did not come to their end"
-    )
-
-
-def _running_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--subject", metavar="LABEL", help="as the protocol has it")
-    parser.add_argument("--task", metavar="NAME", help="one task; default: all, in the subject's own order")
-    parser.add_argument(
-        "--device", metavar="hand|scripted:FILE|igtl:HOST:PORT", help="instead of the protocol's"
-    )
-    parser.add_argument(
-        "--experimenter", metavar="FILE", help="a file, a fifo or another terminal that shows what the subject does not see; "
-        "a log is kept anyway",
-    )  # fmt: skip
-    parser.add_argument("--simulated", action="store_true", help="a simulated subject instead of a person")
-    simulated = parser.add_argument_group("simulated subjects")
-    simulated.add_argument("--all", action="store_true", help="all subjects of the protocol")
-    simulated.add_argument(
-        "--weber",
-        type=positive,
-        metavar="W",
-        help="sd of the noise of a cue's logarithm an interval, default 0.45",
-    )
-    simulated.add_argument("--decision", choices=["differencing", "covert"], help="default: differencing")
-    simulated.add_argument(
-        "--fast", action="store_true", help="render each material once a task instead of every interval"
-    )
+        for option, settings in options.items():
+            sub.add_argument(option, **settings)
+        if options is _RUNNING:
+            simulated = sub.add_argument_group("simulated subjects")
+            for option, settings in _SIMULATED.items():
+                simulated.add_argument(option, **settings)
 
 
 def _new(options: Options) -> int:
@@ -105,7 +103,7 @@ def _new(options: Options) -> int:
 
 
 def _power(options: Options) -> int:
-    protocol = _protocol(options)
+    protocol = Protocol.read(options.config)
     subjects = len(protocol.subjects)
     for name, design in protocol.tasks.items():
         show_line(f"task {name}: simulating")
@@ -118,19 +116,17 @@ def _power(options: Options) -> int:
 def _run(options: Options) -> int:
     sittings = _sittings(options)
     for sitting in sittings:
-        if sitting.begun:
-            raise ValueError(
-                f"subject {sitting.subject} has begun task {sitting.begun[0]}: "
-                f"{_command('resume', options, sitting.subject)} goes on"
-            )
+        resume = _command("resume", options, sitting.subject)
+        told = f"subject {sitting.subject} has begun task {''.join(sitting.begun[:1])}"
+        refuse(sitting.begun, f"{told}: {resume} goes on")
     return _sit(options, sittings)
 
 
 def _resume(options: Options) -> int:
     sittings = _sittings(options)
-    if not any(sitting.begun for sitting in sittings):
-        begin = _command("run", options, sittings[0].subject)
-        raise ValueError(f"subject {sittings[0].subject} has begun no task: {begin} begins")
+    begin = _command("run", options, sittings[0].subject)
+    begun = any(sitting.begun for sitting in sittings)
+    refuse(not begun, f"subject {sittings[0].subject} has begun no task: {begin} begins")
     return _sit(options, sittings)
 
 
@@ -159,16 +155,12 @@ def _check_apart(option: str, path: str | None, config: str) -> None:
     """ValueError if an output would go into a file of the experiment itself."""
     if path is None or path == "-":
         return
-    folder = Path(config) if Path(config).is_dir() else _read(config).folder
+    folder = (Path(config) if Path(config).is_dir() else Protocol.read(config).folder).resolve()
     file = Path(path).resolve()
-    within = file.relative_to(folder.resolve()).parts if file.is_relative_to(folder.resolve()) else ("",)
-    described = ("participants.tsv", "participants.json", "dataset_description.json", "README")
-    if (
-        file == Path(config).resolve()
-        or within[0].startswith("sub-")
-        or within[0] in (*described, "sourcedata")
-    ):
-        raise ValueError(f"--{option}: {path} is of the experiment and is not written to")
+    within = file.relative_to(folder).parts[0] if folder in file.parents else ""
+    described = ("participants.tsv", "participants.json", "dataset_description.json", "README", "sourcedata")
+    own = file == Path(config).resolve() or within.startswith("sub-") or within in described
+    refuse(own, f"--{option}: {path} is of the experiment and is not written to")
 
 
 def _draw(analysis: Analysis, folder: Path) -> int:
@@ -189,32 +181,28 @@ def _draw(analysis: Analysis, folder: Path) -> int:
 
 def _figures(task: ScoredTask | ThresholdTask) -> dict[str, Callable[[], Axes]]:
     """The figures that a task's data allow."""
-    if not task.subjects:
-        return {}
-    drawn: dict[str, Callable[[], Axes]] = {}
     if isinstance(task, ThresholdTask):
-        for one in task.subjects:
-            if isinstance(one.estimate, PsychometricFit):
-                draw = functools.partial(task.plot_psychometric, subject=one.subject)
-                drawn[f"psychometric_sub-{one.subject}"] = draw
-        if any(one.threshold is not None for one in task.subjects):
-            drawn["thresholds"] = task.plot_thresholds
-        return drawn
-    if task.trials is not None:
-        drawn["scores"] = task.plot_scores
-    return {**drawn, "intervals": task.plot_intervals, "d_prime": task.plot_d_prime}
+        fitted = [one.subject for one in task.subjects if isinstance(one.estimate, PsychometricFit)]
+        drawn: dict[str, Callable[[], Axes]] = {
+            f"psychometric_sub-{subject}": functools.partial(task.plot_psychometric, subject=subject)
+            for subject in fitted
+        }
+        found = any(one.threshold is not None for one in task.subjects)
+        return {**drawn, "thresholds": task.plot_thresholds} if found else drawn
+    drawn = {"intervals": task.plot_intervals, "d_prime": task.plot_d_prime} if task.subjects else {}
+    return drawn if task.trials is None else {"scores": task.plot_scores, **drawn}
 
 
 def _sittings(options: Options) -> list[Sitting]:
     """What is to be run, everything checked that can be."""
-    protocol = _protocol(options)
+    protocol = Protocol.read(options.config)
     _check_apart("experimenter", options.experimenter, options.config)
     if not options.simulated:
         refuse_options(options, ("all", "weber", "decision", "fast"), "goes with --simulated")
-    if (options.subject is None) != options.all:
-        raise ValueError("--subject LABEL or --simulated --all must say who takes part")
-    if options.simulated and options.device is not None:
-        raise ValueError("--device does not go with --simulated: a simulated subject has the simulated hand")
+    nobody = (options.subject is None) != options.all
+    refuse(nobody, "--subject LABEL or --simulated --all must say who takes part")
+    twice = options.simulated and options.device is not None
+    refuse(twice, "--device does not go with --simulated: a simulated subject has the simulated hand")
     simulated = _simulated(options) if options.simulated else None
     return [
         Sitting(
@@ -296,11 +284,3 @@ def _command(action: str, options: Options, subject: str) -> str:
             words += [f"--{name}", str(getattr(options, name))]
     words += [f"--{name}" for name in ("simulated", "fast") if getattr(options, name)]
     return " ".join(words)
-
-
-def _protocol(options: Options) -> Protocol:
-    return _read(options.config)
-
-
-def _read(config: str) -> Protocol:
-    return Protocol.read(config)

@@ -132,3 +132,9 @@ def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDA
             return values[:have], rest
         stream = zlib.decompressobj(32 + zlib.MAX_WBITS)
     raise ValueError(f"{name}: the compressed data must hold {size} bytes, as the header says, got far more")
+
+
+def refuse(broken: object, sentence: str) -> None:
+    """ValueError with this sentence where a rule is broken."""
+    if broken:
+        raise ValueError(sentence)

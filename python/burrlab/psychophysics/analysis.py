@@ -1,24 +1,17 @@
-"""An analysis in words and tables.
-
-One row a subject and task, for other programs.
-
-The results of an experiment, to be read, kept and drawn.
-
-From answers to what they say.
-"""
+"""From answers to what they say: the results of an experiment, in words and tables, and as rows for other programs."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 from typing import IO, Any, Self, TypeAlias
 
-from burrlab.common.check import shown
+from burrlab.common.check import refuse, shown
 from burrlab.common.provenance import provenance
 from burrlab.common.records import UNREADABLE, in_one_line, plain, restored
 from burrlab.common.table import (
@@ -52,38 +45,13 @@ from burrlab.psychophysics.scored_task import (
     of_counts,
     with_selection,
 )
+from burrlab.psychophysics.sensitivity import DPrime
 from burrlab.psychophysics.threshold_task import SubjectThreshold, ThresholdTask
 
 Task: TypeAlias = ScoredTask | ThresholdTask
 
 _COUNTED = {"same-different": '"different"', "abx": '"first"', "2ifc": '"first"'}
 _CORRECTIONS = {"log-linear": "half an answer more in each cell (log-linear)"}
-
-
-def text(analysis: Analysis, width: int | None = None) -> str:
-    """See `Analysis.report`."""
-    lines = wrapped_lines([head(analysis), *analysis.notes], width)
-    for task in analysis.tasks:
-        lines += wrapped_lines(["", heading(task), *(f"  ! {line}" for line in warnings(task))], width)
-        if task.subjects:
-            lines += ["", *tables_lines(columns(task), width)]
-            lines += wrapped_lines([*(f"  {line}" for line in legend(task)), "", *group_lines(task)], width)
-    return "\n".join(lines)
-
-
-def html(analysis: Analysis) -> str:
-    """The same for notebooks."""
-    parts = [f"<h3>{escape(head(analysis))}</h3>", *(f"<p>{escape(line)}</p>" for line in analysis.notes)]
-    for task in analysis.tasks:
-        parts += [
-            f"<h4>{escape(heading(task))}</h4>",
-            *(f"<p><b>{escape(line)}</b></p>" for line in warnings(task)),
-        ]
-        if task.subjects:
-            parts.append(table_html(columns(task)))
-            parts.append(f"<p><small>{escape(' '.join(legend(task)))}</small></p>")
-            parts += [f"<p>{escape(line)}</p>" for line in group_lines(task)]
-    return "".join(parts)
 
 
 def head(analysis: Analysis) -> str:
@@ -125,16 +93,15 @@ def warnings(task: Task) -> list[str]:
 def _selection(task: Task) -> list[str]:
     """What selection does to what is below."""
     n, by = len(task.subjects), f" ({task.selected_by})" if task.selected_by else ""
-    partly = n != task.chosen
-    whom = f"{n} subjects, of how many is not known"
-    if task.of:
-        whom = f"{task.chosen} of {task.of} subjects{f', of whom {n} are here' if partly else ''}"
+    here = "" if n == task.chosen else f", of whom {n} are here"
+    whom = (
+        f"{task.chosen} of {task.of} subjects{here}" if task.of else f"{n} subjects, of how many is not known"
+    )
     lines = [f"SELECTED{by}: {whom}. Others may differ, and p values and intervals below do not allow for it"]
-    effect = task.selection if isinstance(task, ScoredTask) else None
-    if effect is not None and isinstance(task, ScoredTask) and task.score is not None:
+    if isinstance(task, ScoredTask) and task.score is not None and (effect := task.selection) is not None:
         mean = task.score.mean
         # The probability is that of a mean of all who were selected.
-        as_good = "" if partly else f", and {mean:.2f} or more with {probability_text(effect.p_value(mean))}"
+        as_good = "" if here else f", and {mean:.2f} or more with {probability_text(effect.p_value(mean))}"
         lines.append(
             f"if selected by this very score: the best {task.chosen} of {task.of} guessing have {effect.expected:.2f} of "
             f"{effect.trials} on average, {effect.excess:.2f} above chance{as_good}"
@@ -144,40 +111,43 @@ def _selection(task: Task) -> list[str]:
 
 def columns(task: Task) -> list[Column]:
     """The table of the subjects."""
+    found: list[Column] = [("", "subject", [one.subject for one in task.subjects])]
     if isinstance(task, ThresholdTask):
-        return _threshold_columns(task)
-    ones, counted = task.subjects, _COUNTED[task.task]
-    found: list[Column] = [
-        ("", "subject", [one.subject for one in ones]),
-        ("", "score", [f"{one.counts.score}/{one.counts.trials}" for one in ones]),
-        ("binomial", "p", [p_text(one.p_value) for one in ones]),
-        ("binomial", "Holm", [p_text(one.holm) for one in ones]),
-        (counted, "hits", [f"{one.counts.hits}/{one.counts.signals}" for one in ones]),
-        (counted, "f.a.", [f"{one.counts.false_alarms}/{one.counts.noises}" for one in ones]),
-    ]
-    for rule in task.rules:
-        d, group = [one.of_rule(rule) for one in ones], f"d', {rule}"
-        found += [
-            (group, "d'", [two_decimals(one.estimate) for one in d]),
-            (group, f"{100 * task.level:g} %", ["unknown" if one.undetermined else interval_text(one.interval) for one in d]),
-            (group, "s.e.", ["" if one.standard_error is None else two_decimals(one.standard_error) for one in d]),
-            (group, "crit.", [two_decimals(one.criterion) for one in d]),
-            (group, "corr.", [two_decimals(one.corrected) for one in d]),
+        ones = task.subjects
+        intervals = ["" if one.interval is None else "{:.3f} to {:.3f}".format(*one.interval) for one in ones]
+        return [
+            *found, ("", "trials", [str(one.trials) for one in ones]),
+            ("", "threshold", ["" if one.threshold is None else f"{one.threshold:.3f}" for one in ones]),
+            *([("", f"{100 * task.level:g} %", intervals)] if any(intervals) else []),
         ]  # fmt: skip
+    for group, name, cell in _score_cells(task):
+        found.append((group, name, [cell(one) for one in task.subjects]))
+    for rule in task.rules:
+        for name, cell_of in _D_PRIME_CELLS.items():
+            cells = [cell_of(one.of_rule(rule)) for one in task.subjects]
+            found.append((f"d', {rule}", name or f"{100 * task.level:g} %", cells))
     return found
 
 
-def _threshold_columns(task: ThresholdTask) -> list[Column]:
-    thresholds = ["" if one.threshold is None else f"{one.threshold:.3f}" for one in task.subjects]
-    found: list[Column] = [
-        ("", "subject", [one.subject for one in task.subjects]),
-        ("", "trials", [str(one.trials) for one in task.subjects]),
-        ("", "threshold", thresholds),
+def _score_cells(task: ScoredTask) -> list[tuple[str, str, Callable[[SubjectResult], str]]]:
+    counted = _COUNTED[task.task]
+    return [
+        ("", "score", lambda one: f"{one.counts.score}/{one.counts.trials}"),
+        ("binomial", "p", lambda one: p_text(one.p_value)),
+        ("binomial", "Holm", lambda one: p_text(one.holm)),
+        (counted, "hits", lambda one: f"{one.counts.hits}/{one.counts.signals}"),
+        (counted, "f.a.", lambda one: f"{one.counts.false_alarms}/{one.counts.noises}"),
     ]
-    intervals = [
-        "" if one.interval is None else "{:.3f} to {:.3f}".format(*one.interval) for one in task.subjects
-    ]
-    return [*found, ("", f"{100 * task.level:g} %", intervals)] if any(intervals) else found
+
+
+#: Columns of d' by one rule; that without a name is the interval.
+_D_PRIME_CELLS: Mapping[str, Callable[[DPrime], str]] = {
+    "d'": lambda d: two_decimals(d.estimate),
+    "": lambda d: "unknown" if d.undetermined else interval_text(d.interval),
+    "s.e.": lambda d: "" if d.standard_error is None else two_decimals(d.standard_error),
+    "crit.": lambda d: two_decimals(d.criterion),
+    "corr.": lambda d: two_decimals(d.corrected),
+}
 
 
 def legend(task: Task) -> list[str]:
@@ -199,19 +169,17 @@ def group_lines(task: Task) -> list[str]:
     """Of the group, the subject as the unit."""
     if isinstance(task, ThresholdTask):
         return _threshold_lines(task)
-    lines = []
-    if task.score is not None:
-        lines += str(task.score).splitlines()
-        if task.score.interval is not None:
-            low, high = task.score.interval
-            lines.append(f"mean score, {100 * task.level:g} %: {low:.2f} to {high:.2f}")
-    else:
-        lines.append("One subject: nothing is said of a group.")
+    lines = ["One subject: nothing is said of a group."] if task.score is None else [str(task.score)]
+    if task.score is not None and task.score.interval is not None:
+        lines.append(
+            f"mean score, {100 * task.level:g} %: " + "{:.2f} to {:.2f}".format(*task.score.interval)
+        )
     for part in (*task.group_d_prime, *task.equivalence, *task.checks):
         lines += str(part).splitlines()
     for place in range(len(task.checks)):
-        single = min(task.subjects, key=lambda one: one.checks[place].p_value if one.checks else math.inf)
-        if single.checks and single.checks[place].p_value <= 0.05:
+        checked = [(one.checks[place].p_value, one) for one in task.subjects if one.checks]
+        p_value, single = min(checked, key=lambda pair: pair[0])
+        if p_value <= 0.05:
             lines.append(
                 f"subject {single.subject}: {single.checks[place]} (smallest of {len(task.subjects)} subjects)"
             )
@@ -220,10 +188,9 @@ def group_lines(task: Task) -> list[str]:
 
 def _threshold_lines(task: ThresholdTask) -> list[str]:
     lines = [f"{one.subject}: {line}" for one in task.subjects for line in one.said.splitlines()]
-    if not any(one.threshold for one in task.subjects):
-        for one in task.subjects:
-            shares = ", ".join(f"{correct}/{trials} at {level:g}" for level, correct, trials in one.levels)
-            lines.append(f"{one.subject}: {shares}")
+    for one in task.subjects if not any(one.threshold for one in task.subjects) else ():
+        shares = ", ".join(f"{correct}/{trials} at {level:g}" for level, correct, trials in one.levels)
+        lines.append(f"{one.subject}: {shares}")
     if (group := task.group_threshold) is not None:
         lines.append(
             f"group: {group[0]:.3f}, {100 * task.level:g} % {group[1]:.3f} to {group[2]:.3f} (geometric mean of |ln ratio|, by t, "
@@ -232,41 +199,23 @@ def _threshold_lines(task: ThresholdTask) -> list[str]:
     return lines
 
 
-def subject_table(analysis: Analysis) -> str:
-    """See `Analysis.to_tsv`."""
-    rows = [
-        {"task": task.name, "design": task.design.get("design", task.task), **_fields(one)}
-        for task in analysis.tasks
-        for one in task.subjects
-    ]
-    rows.sort(key=lambda row: "threshold" in row)  # columns of scores first; the order within is kept
-    columns = list(dict.fromkeys(column for row in rows for column in row))
-    lines = [columns, *([tsv_text(row.get(column)) for column in columns] for row in rows)]
-    return "".join("\t".join(line) + "\n" for line in lines)
-
-
 def _fields(one: SubjectResult | SubjectThreshold) -> dict[str, Any]:
     found: dict[str, Any] = {
-        "subject": one.subject,
-        "simulated": "yes" if one.simulated else "no",
-        "trials": one.trials,
-        "planned": one.planned,
+        name: getattr(one, name) for name in ("subject", "simulated", "trials", "planned")
     }
+    found["simulated"] = "yes" if one.simulated else "no"
     if isinstance(one, SubjectThreshold):
         low, high = one.interval or (None, None)
         return found | {"threshold": one.threshold, "threshold_low": low, "threshold_high": high}
-    c = one.counts
+    low, high = one.score_interval
     found |= {
-        "score": c.score, "hits": c.hits, "signals": c.signals, "false_alarms": c.false_alarms, "noises": c.noises,
-        "proportion_low": one.score_interval[0], "proportion_high": one.score_interval[1],
-        "p_value": one.p_value, "p_holm": one.holm,
-    }  # fmt: skip
+        name: getattr(one.counts, name) for name in ("score", "hits", "signals", "false_alarms", "noises")
+    }
+    found |= {"proportion_low": low, "proportion_high": high, "p_value": one.p_value, "p_holm": one.holm}
     for d in one.d_prime:
         name = f"d_prime_{d.rule.replace('-', '_')}"
-        found |= {
-            name: d.estimate, f"{name}_low": d.interval[0], f"{name}_high": d.interval[1],
-            f"{name}_standard_error": d.standard_error, f"{name}_criterion": d.criterion, f"{name}_corrected": d.corrected,
-        }  # fmt: skip
+        found |= {name: d.estimate, f"{name}_low": d.interval[0], f"{name}_high": d.interval[1]}
+        found |= {f"{name}_{part}": getattr(d, part) for part in ("standard_error", "criterion", "corrected")}
     return found
 
 
@@ -302,10 +251,10 @@ class Analysis:
         KeyError
             If there is none.
         """
-        for task in self.tasks:
-            if task.name == name:
-                return task
-        raise KeyError(f"task must be one of {', '.join(task.name for task in self.tasks)}, got {name!r}")
+        tasks = {task.name: task for task in self.tasks}
+        if name not in tasks:
+            raise KeyError(f"task must be one of {', '.join(tasks)}, got {name!r}")
+        return tasks[name]
 
     @property
     def simulated(self) -> bool:
@@ -321,7 +270,15 @@ class Analysis:
             Of the screen, in characters: wider tables are parted between their groups of columns, sentences between words. By
             default lines are as long as they are.
         """
-        return text(self, width)
+        lines = wrapped_lines([head(self), *self.notes], width)
+        for task in self.tasks:
+            lines += wrapped_lines(["", heading(task), *(f"  ! {line}" for line in warnings(task))], width)
+            if task.subjects:
+                lines += ["", *tables_lines(columns(task), width)]
+                lines += wrapped_lines(
+                    [*(f"  {line}" for line in legend(task)), "", *group_lines(task)], width
+                )
+        return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON and `from_dict`; infinite numbers, as the end of an open interval, are spelt "inf"."""
@@ -336,11 +293,12 @@ class Analysis:
         ValueError
             If it is something else.
         """
-        if values.get(_KIND) != FORMAT:
-            raise ValueError(f"{_KIND!r} must be {FORMAT}, got {shown(values.get(_KIND))}")
+        refuse(values.get(_KIND) != FORMAT, f"{_KIND!r} must be {FORMAT}, got {shown(values.get(_KIND))}")
         made = restored(cls, values)
-        if not (isinstance(made.tasks, tuple) and all(not isinstance(task, Mapping) for task in made.tasks)):
-            raise ValueError("tasks must be a list of tasks with all that they hold")
+        refuse(
+            not (isinstance(made.tasks, tuple) and all(not isinstance(task, Mapping) for task in made.tasks)),
+            "tasks must be a list of tasks with all that they hold",
+        )
         return made
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
@@ -358,14 +316,14 @@ class Analysis:
         OSError
             If it cannot be read.
         """
-        named = isinstance(file, (str, os.PathLike))
-        name = os.fspath(file) if isinstance(file, (str, os.PathLike)) else str(getattr(file, "name", "JSON"))
+        path = Path(file) if isinstance(file, (str, os.PathLike)) else None
+        name = str(getattr(file, "name", "JSON")) if path is None else os.fspath(path)
         try:
-            values = json.loads(Path(name).read_bytes() if named else file.read())  # type: ignore[union-attr]
+            values = json.loads(file.read() if path is None else path.read_bytes())  # type: ignore[union-attr]
         except (ValueError, RecursionError):
             raise ValueError(f"{name}: this is not JSON in UTF-8") from None
-        if not isinstance(values, dict):
-            raise ValueError(f"{name}: an analysis must be a JSON object, got {type(values).__name__}")
+        kind = type(values)
+        refuse(kind is not dict, f"{name}: an analysis must be a JSON object, got {kind.__name__}")
         try:
             return cls.from_dict(values)
         except UNREADABLE as error:
@@ -374,7 +332,15 @@ class Analysis:
 
     def to_tsv(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """One row a subject and task, tab-separated; n/a for nothing, inf for an open end."""
-        _write(file, subject_table(self))
+        rows = [
+            {"task": task.name, "design": task.design.get("design", task.task), **_fields(one)}
+            for task in self.tasks
+            for one in task.subjects
+        ]
+        rows.sort(key=lambda row: "threshold" in row)  # columns of scores first; the order within is kept
+        names = list(dict.fromkeys(column for row in rows for column in row))
+        lines = [names, *([tsv_text(row.get(column)) for column in names] for row in rows)]
+        _write(file, "".join("\t".join(line) + "\n" for line in lines))
 
     def __eq__(self, other: object) -> bool:
         # A criterion may be NaN, which as a number differs from itself.
@@ -388,7 +354,17 @@ class Analysis:
         return f"Analysis({self.name!r}, {kind}{tasks})" if self.name else f"Analysis({kind}{tasks})"
 
     def _repr_html_(self) -> str:
-        return html(self)
+        parts = [f"<h3>{escape(head(self))}</h3>", *(f"<p>{escape(line)}</p>" for line in self.notes)]
+        for task in self.tasks:
+            parts += [
+                f"<h4>{escape(heading(task))}</h4>",
+                *(f"<p><b>{escape(line)}</b></p>" for line in warnings(task)),
+            ]
+            if task.subjects:
+                parts.append(table_html(columns(task)))
+                parts.append(f"<p><small>{escape(' '.join(legend(task)))}</small></p>")
+                parts += [f"<p>{escape(line)}</p>" for line in group_lines(task)]
+        return "".join(parts)
 
 
 def _write(file: str | os.PathLike[str] | IO[str], text: str) -> None:
@@ -478,8 +454,7 @@ def analyse(
         )
     else:
         name, tasks = "", of_answers(data)
-    if not tasks:
-        raise ValueError("data must hold answers, got none")
+    refuse(not tasks, "data must hold answers, got none")
     settings = _settled(settings, rules, delta, level)
     if any(one.answers for task in tasks for one in task.subjects):
         notes.append("Practice trials are left out.")
@@ -494,7 +469,13 @@ def analyse(
         rules=list(settings.rules), delta=settings.delta, level=settings.level,
         subjects=None if subjects is None else list(subjects), incomplete=incomplete,
     )  # fmt: skip
-    results = tuple(_result(task, settings, incomplete, progress) for task in chosen)
+    given: dict[str, Any] = {"level": settings.level, "incomplete": incomplete, "progress": progress}
+    results = tuple(
+        ThresholdTask.of_data(task, **given)
+        if any(one.levels for one in task.subjects)
+        else ScoredTask.of_data(task, rules=settings.rules, delta=settings.delta, **given)
+        for task in chosen
+    )
     return Analysis(name, results, tuple(notes), json_mapping(made))
 
 
@@ -507,18 +488,16 @@ def _of_folder(folder: str | os.PathLike[str]) -> list[TaskData]:
 
 def _missing(protocol: Protocol, tasks: Sequence[TaskData]) -> list[str]:
     """Who has not begun what, and what is there of others."""
-    there = {task.name: {one.subject for one in task.subjects} for task in tasks}
+    there = {task.name: [one.subject for one in task.subjects] for task in tasks}
     notes = []
     for name in protocol.tasks:
-        absent = [subject for subject in protocol.subjects if subject not in there.get(name, ())]
-        if absent:
+        if absent := [subject for subject in protocol.subjects if subject not in there.get(name, ())]:
             notes.append(f"No run of {name} yet: {', '.join(absent)}.")
-    for task in tasks:
-        others = [one.subject for one in task.subjects if one.subject not in protocol.subjects]
-        if task.name not in protocol.tasks:
-            notes.append(f"Task {task.name} is in the folder and not in the protocol.")
-        elif others:
-            notes.append(f"In the folder and not in the protocol, of {task.name}: {', '.join(others)}.")
+    for name, subjects in there.items():
+        if name not in protocol.tasks:
+            notes.append(f"Task {name} is in the folder and not in the protocol.")
+        elif others := [subject for subject in subjects if subject not in protocol.subjects]:
+            notes.append(f"In the folder and not in the protocol, of {name}: {', '.join(others)}.")
     return notes
 
 
@@ -545,20 +524,12 @@ def _settled(
     settings: AnalysisSettings, rules: Sequence[str] | None, delta: float | None, level: float | None
 ) -> AnalysisSettings:
     """Those of the protocol, with what was given in their place."""
-    if rules is not None:
-        if not rules:
-            raise ValueError("rules must hold one at least, got none")
-        named = tuple(rule_of("same-different", rule).name for rule in dict.fromkeys(rules))
-        settings = replace(settings, rules=named)
-    if delta is not None:
-        if not 0.0 < delta < math.inf:
-            raise ValueError(f"delta must be a d' above 0, got {delta!r}")
-        settings = replace(settings, delta=float(delta))
-    if level is not None:
-        if not 0.5 <= level < 1.0:
-            raise ValueError(f"level must be in [0.5, 1), got {level!r}")
-        settings = replace(settings, level=float(level))
-    return settings
+    refuse(rules is not None and not rules, "rules must hold one at least, got none")
+    refuse(delta is not None and not 0.0 < delta < math.inf, f"delta must be a d' above 0, got {delta!r}")
+    refuse(level is not None and not 0.5 <= level < 1.0, f"level must be in [0.5, 1), got {level!r}")
+    named = rules and tuple(rule_of("same-different", rule).name for rule in dict.fromkeys(rules))
+    given: dict[str, Any] = {"rules": named, "delta": delta and float(delta), "level": level and float(level)}
+    return replace(settings, **{name: value for name, value in given.items() if value is not None})
 
 
 def _selected(
@@ -568,22 +539,13 @@ def _selected(
     if isinstance(subjects, str):
         raise TypeError(f"subjects must be a list of labels, such as [{subjects!r}], got {subjects!r}")
     unknown = [name for name in subjects or () if name not in known]
-    if unknown or subjects == []:
-        raise ValueError(f"subjects must be of {', '.join(known)}, got {', '.join(unknown) or 'none'}")
+    refuse(
+        unknown or subjects == [],
+        f"subjects must be of {', '.join(known)}, got {', '.join(unknown) or 'none'}",
+    )
     chosen = task.select(subjects, selected_from or 0, selected_by)
-    if selected_from is not None and selected_from < len(chosen.subjects):
-        raise ValueError(
-            f"selected_from must be at least the {len(chosen.subjects)} subjects of task {task.name}, got {selected_from}"
-        )
+    refuse(
+        selected_from is not None and selected_from < len(chosen.subjects),
+        f"selected_from must be at least the {len(chosen.subjects)} subjects of task {task.name}, got {selected_from}",
+    )
     return chosen
-
-
-def _result(
-    task: TaskData, settings: AnalysisSettings, incomplete: bool, progress: Progress | None
-) -> ScoredTask | ThresholdTask:
-    if any(one.levels for one in task.subjects):
-        return ThresholdTask.of_data(task, level=settings.level, incomplete=incomplete, progress=progress)
-    return ScoredTask.of_data(
-        task, rules=settings.rules, delta=settings.delta, level=settings.level, incomplete=incomplete,
-        progress=progress,
-    )  # fmt: skip

@@ -1,15 +1,9 @@
-"""The answers of one subject in one task.
-
-Reading answers: one file, a folder, or what a resumed run goes on from.
-
-Writing answers: each is on disk before the next trial, and nothing is ever overwritten.
-
-The folder of an experiment, as BIDS 1.10.0 has behavioural data.
-"""
+"""Answers in files: read, written so that each is on disk before the next trial, and their folder as BIDS 1.10.0 has it."""
 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import re
@@ -20,17 +14,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
-
 import burrlab.common.table as tsv_text
 from burrlab._core import __version__
+from burrlab.common.check import refuse
 from burrlab.common.files import lock_run, locked, new_part, sync_folder, synced_write, write_synced
 from burrlab.common.records import in_one_line
 from burrlab.common.table import DataSet, html_table
-from burrlab.psychophysics.rules import TASKS, Counts, TaskName
+from burrlab.psychophysics.rules import ANSWERS, TASKS, Counts, TaskName, counts_of
 from burrlab.psychophysics.side_car import (
-    ANSWERS,
-    COUNTED,
     REQUIRED,
     Answer,
     Row,
@@ -96,22 +87,10 @@ class Answers(DataSet):
         ValueError
             If there is no answer of the main phase.
         """
-        rows, answers, counted = self.main, ANSWERS[self.task], COUNTED[self.task]
-        if not rows:
-            raise ValueError(f"{self}: there is no answer of the main phase to count")
-        given = np.array([row.response == counted for row in rows])
-        signal = np.array([row.correct_answer(answers) == counted for row in rows])
-        kinds = np.array([row.trial_type for row in rows])
-        return Counts(
-            self.task,
-            hits=int((given & signal).sum()),
-            signals=int(signal.sum()),
-            false_alarms=int((given & ~signal).sum()),
-            noises=int((~signal).sum()),
-            by_type={
-                str(kind): (int(given[kinds == kind].sum()), int((kinds == kind).sum()))
-                for kind in np.unique(kinds)
-            },
+        refuse(not self.main, f"{self}: there is no answer of the main phase to count")
+        answers = ANSWERS[self.task]
+        return counts_of(
+            self.task, [(row.trial_type, row.response, row.correct_answer(answers)) for row in self.main]
         )
 
     def _table(self) -> Mapping[str, Sequence[Any]]:
@@ -123,15 +102,13 @@ class Answers(DataSet):
         kind = "a simulated subject" if self.simulated else "subject"
         practice = len(self.rows) - len(self.main)
         text = f"Answers({kind} {self.subject}, task {self.name} ({self.task}), {len(self.main)} answers"
-        text += f" and {practice} in practice" if practice else ""
-        return text + "".join(f"; {note}" for note in self.notes) + ")"
+        return "; ".join([text + (f" and {practice} in practice" if practice else ""), *self.notes]) + ")"
 
     def _repr_html_(self) -> str:
-        table = {
-            name: ["" if value is None else value for value in values]
-            for name, values in self._table().items()
-        }
-        return html_table(repr(self), table)
+        columns = self._table().items()
+        return html_table(
+            repr(self), {name: ["" if x is None else x for x in values] for name, values in columns}
+        )
 
 
 _LABELS = re.compile(r"sub-([A-Za-z0-9]+)_(?:.*_)?task-([A-Za-z0-9]+)(?:_.*)?\.tsv")
@@ -178,14 +155,16 @@ def read_answers(
     car = read_side_car(path)
     given = {"subject": subject, "name": name, "task": task}
     labels = _labels(file, car, given)
-    if labels["task"] not in TASKS:
-        raise ValueError(f"task must be one of {', '.join(TASKS)}, got {labels['task']!r}")
-    if answers is not None and not (
-        isinstance(answers, (list, tuple))
-        and len(answers) == len(set(answers)) == 2
-        and all(isinstance(one, str) for one in answers)
-    ):
-        raise ValueError(f"answers must be two that differ, in the order of their keys, got {answers!r}")
+    refuse(labels["task"] not in TASKS, f"task must be one of {', '.join(TASKS)}, got {labels['task']!r}")
+    refuse(
+        answers is not None
+        and not (
+            isinstance(answers, (list, tuple))
+            and len(answers) == len(set(answers)) == 2
+            and all(isinstance(one, str) for one in answers)
+        ),
+        f"answers must be two that differ, in the order of their keys, got {answers!r}",
+    )
     if car is None:
         # Another program's last line may lack its end and be whole.
         rows, torn = read_rows(file, content, labels["task"], answers), b""
@@ -204,19 +183,19 @@ def read_rows(
     table = tsv_text.parse(file, content)
     known = (*columns_of(task), _PARTICIPANT)
     for column in table.columns:
-        if column not in known:
-            raise ValueError(f"{file}, line 1: unknown column {column!r}; known are {', '.join(known)}")
+        refuse(
+            column not in known,
+            f"{file}, line 1: unknown column {column!r}; known are {', '.join(known)}",
+        )
     for column in REQUIRED:
-        if column not in table.columns:
-            raise ValueError(f"{file}, line 1: column {column} is missing")
+        refuse(column not in table.columns, f"{file}, line 1: column {column} is missing")
     reader, rows = RowReader(task, answers), []
     for number, fields in table.rows:
         try:
-            row = reader.parse(fields)
+            rows.append((number, reader.parse(fields)))
         except ValueError as error:
             raise ValueError(f"{file}, line {number}, {error}") from None
-        reader.add(number, row)
-        rows.append((number, row))
+        reader.add(*rows[-1])
     return rows
 
 
@@ -228,32 +207,25 @@ def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[list[tuple
     lines, torn = tsv_text.split_torn(content)
     rows = read_rows(file, lines, task)
     if torn:
-        try:
+        with contextlib.suppress(ValueError):
             return read_rows(file, content + b"\n", task), content + b"\n", b""
-        except ValueError:
-            pass
     return rows, lines, torn
 
 
 def _check_stimuli(file: str, rows: Sequence[tuple[int, Row]], car: SideCar) -> None:
     """That a trial's type says what its intervals were, where the type alone decides: each is written down twice."""
-    names = {
-        key: str(value["name"])
-        for key, value in car.design.items()
-        if isinstance(value, Mapping) and "name" in value
-    }
-    for line, row in rows:
-        if car.task == "same-different":
-            due = [names[letter.lower()] for letter in row.trial_type]
-        elif car.task == "abx":
-            due = [names["reference"], *(names[{"A": "match", "B": "foil"}[one]] for one in row.trial_type)]
-        else:
-            continue
+    places = {
+        "same-different": {"A": "a", "B": "b"},
+        "abx": {"": "reference", "A": "match", "B": "foil"},
+    }.get(car.task, {})
+    names = {letter: str(car.design[key]["name"]) for letter, key in places.items()}
+    for line, row in rows if names else ():
+        due = [names[letter] for letter in ([""] if "" in names else []) + list(row.trial_type)]
         for place, (found, name) in enumerate(zip(row.stimuli, due, strict=False), start=1):
-            if found is not None and found != name:
-                raise ValueError(
-                    f"{file}, line {line}, column stimulus_{place}: {row.trial_type} has {name!r} there, got {found!r}"
-                )
+            refuse(
+                found not in (None, name),
+                f"{file}, line {line}, column stimulus_{place}: {row.trial_type} has {name!r} there, got {found!r}",
+            )
 
 
 def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
@@ -278,32 +250,26 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
     """
     found: dict[tuple[str, str], Answers] = {}
     for path in sorted(Path(folder).glob("sub-*/beh/*_events.tsv")):
-        one = read_answers(path)
-        if (label := path.parents[1].name) != f"sub-{one.subject}":
-            raise ValueError(f"{path}: the answers are of subject {one.subject}, the folder is {label}")
-        if (key := (one.name, one.subject)) in found:
+        one, label = read_answers(path), path.parents[1].name
+        refuse(
+            label != f"sub-{one.subject}",
+            f"{path}: the answers are of subject {one.subject}, the folder is {label}",
+        )
+        if other := found.get((one.name, one.subject)):
             raise ValueError(
-                f"{path}: subject {one.subject} has another file for task {one.name}, {found[key].source}"
+                f"{path}: subject {one.subject} has another file for task {one.name}, {other.source}"
             )
-        _check_alike(one, next((other for other in found.values() if other.name == one.name), None))
-        found[key] = one
-    if not found:
-        raise ValueError(f"{os.fspath(folder)}: there is no file of answers, sub-*/beh/*_events.tsv")
-    for kind in (False, True):
-        if not any(one.simulated == kind for one in found.values()):
-            break
-    else:
-        simulated = next(one.source for one in found.values() if one.simulated)
-        raise ValueError(f"{os.fspath(folder)}: a simulated subject is among others: {simulated}")
+        other = next((other for other in found.values() if other.name == one.name), None)
+        if other and other.side_car and one.side_car:
+            changes = "; ".join(other.side_car.differences_across_subjects(one.side_car))
+            refuse(changes, f"{one.source}: the task was another one in {other.source}: {changes}")
+        found[one.name, one.subject] = one
+    where = os.fspath(folder)
+    refuse(not found, f"{where}: there is no file of answers, sub-*/beh/*_events.tsv")
+    simulated = [one.source for one in found.values() if one.simulated]
+    some = 0 < len(simulated) < len(found)
+    refuse(some, f"{where}: a simulated subject is among others: {''.join(simulated[:1])}")
     return tuple(found[key] for key in sorted(found))
-
-
-def _check_alike(one: Answers, other: Answers | None) -> None:
-    """That two subjects had the same task."""
-    if other is None or one.side_car is None or other.side_car is None:
-        return
-    if changes := other.side_car.differences_across_subjects(one.side_car):
-        raise ValueError(f"{one.source}: the task was another one in {other.source}: {'; '.join(changes)}")
 
 
 def replay(file: str, rows: Sequence[tuple[int, Row]], order: Order) -> None:
@@ -328,24 +294,22 @@ def replay(file: str, rows: Sequence[tuple[int, Row]], order: Order) -> None:
         if trial is None:
             raise ValueError(f"{file}, line {line}: the run has no trial left that this could answer")
         for column, found, due in _compared(row, trial):
-            if found != due:
-                raise ValueError(
-                    f"{file}, line {line}, column {column}: {found!r} where {row.phase} trial {row.trial} has {due!r}: made "
-                    "with another seed or protocol"
-                )
+            refuse(
+                found != due,
+                f"{file}, line {line}, column {column}: {found!r} where {row.phase} trial {row.trial} has {due!r}: made "
+                "with another seed or protocol",
+            )
         order.answer(row.response)
 
 
 def _compared(row: Row, trial: Trial) -> Iterator[tuple[str, object, object]]:
-    seeds = tuple(interval.seed for interval in trial.intervals)
-    stimuli = tuple(interval.stimulus.name for interval in trial.intervals)
-    yield "phase", row.phase, trial.phase
-    yield "trial", row.trial, trial.number
-    yield "block", row.block, trial.block
-    yield "trial_type", row.trial_type, trial.trial_type
-    yield "level", row.level, trial.level
+    for column in ("phase", "number", "block", "trial_type", "level"):
+        name = "trial" if column == "number" else column
+        yield name, getattr(row, name), getattr(trial, column)
     yield "correct", row.correct, row.response == trial.correct
-    for name, found, due in (("stimulus", row.stimuli, stimuli), ("seed", row.seeds, seeds)):
+    names = tuple(interval.stimulus.name for interval in trial.intervals)
+    seeds = tuple(interval.seed for interval in trial.intervals)
+    for name, found, due in (("stimulus", row.stimuli, names), ("seed", row.seeds, seeds)):
         for place, expected in enumerate(due, start=1):
             yield f"{name}_{place}", found[place - 1] if len(found) == len(due) else None, expected
 
@@ -353,23 +317,24 @@ def _compared(row: Row, trial: Trial) -> Iterator[tuple[str, object, object]]:
 def _labels(file: str, car: SideCar | None, given: Mapping[str, str | None]) -> dict[str, Any]:
     """Subject, name and task: given, or of the side-car, or, of another program's file, of its name."""
     match = _LABELS.fullmatch(os.path.basename(file))
-    named: dict[str, str | None] = dict(
-        zip(("subject", "name"), match.groups() if match else (None, None), strict=True)
-    )
+    named = dict(zip(("subject", "name"), match.groups(), strict=True)) if match else {}
     labels: dict[str, Any] = {}
     for key, value in given.items():
         known = named.get(key) if car is None else getattr(car, key)
-        if value is not None and known is not None and value != known:
-            raise ValueError(f"{file}: {key} must be {known!r}, as the file says, got {value!r}")
+        refuse(
+            None not in (value, known) and value != known,
+            f"{file}: {key} must be {known!r}, as the file says, got {value!r}",
+        )
         labels[key] = known if value is None else value
-    if car is not None:
-        for key, value in named.items():
-            if value is not None and value != labels[key]:
-                raise ValueError(
-                    f"{file}: {key} is {value!r} in the file's name and {labels[key]!r} in {side_car_path(file).name}"
-                )
-    if labels["task"] is None:
-        raise ValueError(f"{file}: what the task is is unknown: give task=, one of {', '.join(TASKS)}")
+    for key, value in named.items() if car is not None else ():
+        refuse(
+            value != labels[key],
+            f"{file}: {key} is {value!r} in the file's name and {labels[key]!r} in {side_car_path(file).name}",
+        )
+    refuse(
+        labels["task"] is None,
+        f"{file}: what the task is is unknown: give task=, one of {', '.join(TASKS)}",
+    )
     labels["name"] = labels["name"] or labels["task"]
     return labels
 
@@ -378,10 +343,10 @@ def _one_subject(file: str, content: bytes, subject: str | None) -> str:
     """The subject, where a column says it too."""
     for line, fields in tsv_text.parse(file, content).rows:
         found = fields.get(_PARTICIPANT, "").removeprefix("sub-")
-        if found and subject is not None and found != subject:
-            raise ValueError(
-                f"{file}, line {line}, column {_PARTICIPANT}: {found!r} in a file of subject {subject!r}"
-            )
+        refuse(
+            found and subject is not None and found != subject,
+            f"{file}, line {line}, column {_PARTICIPANT}: {found!r} in a file of subject {subject!r}",
+        )
         subject = subject or found or None
     if subject is None:
         raise ValueError(
@@ -440,8 +405,7 @@ class AnswerFile:
             If it cannot be written.
         """
         path = Path(path)
-        if path.suffix != ".tsv":
-            raise ValueError(f"path must end in .tsv, got {path}")
+        refuse(path.suffix != ".tsv", f"path must end in .tsv, got {path}")
         path.parent.mkdir(parents=True, exist_ok=True)
         if side_car_path(path).exists():
             raise FileExistsError(f"path must be a new file, {side_car_path(path)} exists")
@@ -528,10 +492,9 @@ class AnswerFile:
     @classmethod
     def _begin_again(cls, path: Path, file: int, side_car: SideCar) -> Self:
         """A run that was killed while its files were made, or no run of this program."""
-        if not _head(side_car).startswith(path.read_bytes()) or side_car_path(path).exists():
-            raise ValueError(
-                f"{path}: this is no run of this program, its side-car {side_car_path(path).name} is missing"
-            )
+        begun = not _head(side_car).startswith(path.read_bytes()) or side_car_path(path).exists()
+        missing = f"its side-car {side_car_path(path).name} is missing"
+        refuse(begun, f"{path}: this is no run of this program, {missing}")
         os.ftruncate(file, 0)
         return cls._begin(path, file, side_car)
 
@@ -596,14 +559,11 @@ def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str
     due, found = columns_of(side_car.task), tsv_text.parse(os.fspath(path), content).columns
     if found == due[:-1]:  # begun when there were no repeats
         return found
-    if found != due:
-        place = next(
-            (i for i, (one, other) in enumerate(zip(due, found, strict=False)) if one != other),
-            min(len(due), len(found)),
-        )
-        one, other = (repr(names[place]) if place < len(names) else "none" for names in (due, found))
-        raise ValueError(
-            f"{path}, line 1: to go on, the columns must be as they were written: column {place + 1} was {one}, is now {other}"
+    for place, (one, other) in enumerate(itertools.zip_longest(due, found), start=1):
+        was, now = (repr(name) if name else "none" for name in (one, other))
+        refuse(
+            one != other,
+            f"{path}, line 1: to go on, the columns must be as they were written: column {place} was {was}, is now {now}",
         )
     return found
 
@@ -624,6 +584,11 @@ def _closed_on_error(file: int) -> Iterator[None]:
 BIDS_VERSION = "1.10.0"
 
 _COLUMNS = ("participant_id", "simulated", "selected_by")
+_README = (
+    "{name}\n\nAnswers of a psychophysical experiment with virtual bone burring, made by burrlab "
+    f"{__version__}.\nOne file a subject and task: sub-LABEL/beh/sub-LABEL_task-LABEL_events.tsv, with what the run was "
+    "in the\nJSON beside it.\n"
+)
 _PARTICIPANTS: Mapping[str, Any] = {
     "participant_id": {"Description": "Label of the subject"},
     "simulated": {
@@ -681,28 +646,13 @@ class ExperimentFolder:
             "DatasetType": "raw",
             "GeneratedBy": [{"Name": "burrlab", "Version": __version__}],
         }
-        readme = (
-            f"{self.name}\n\nAnswers of a psychophysical experiment with virtual bone burring, made by burrlab "
-            f"{__version__}.\nOne file a subject and task: sub-LABEL/beh/sub-LABEL_task-LABEL_events.tsv, with what the run was "
-            "in the\nJSON beside it.\n"
-        )
         for file, text in (
             ("dataset_description.json", json.dumps(described, indent=1, ensure_ascii=False) + "\n"),
             ("participants.json", json.dumps(_PARTICIPANTS, indent=1) + "\n"),
-            ("README", readme),
+            ("README", _README.format(name=self.name)),
         ):
-            try:
-                stream = (self.path / file).open("x", encoding="utf-8", newline="")
-            except FileExistsError:
-                continue
-            try:
-                with stream:
-                    stream.write(text)
-            except OSError as error:
-                (
-                    self.path / file
-                ).unlink()  # a part of it would stay, as whoever has written it would not again
-                raise OSError(error.errno, error.strerror, os.fspath(self.path / file)) from None
+            with contextlib.suppress(FileExistsError):
+                _write_new(self.path / file, text)
 
     def add(self, subject: str, *, simulated: bool, selected_by: str | None = None) -> None:
         """Enters a subject in participants.tsv, unless it is there.
@@ -715,27 +665,21 @@ class ExperimentFolder:
             If it cannot be written.
         """
         self.prepare()
-        path = self.path / "participants.tsv"
-        row = dict(
-            zip(
-                _COLUMNS,
-                (f"sub-{subject}", "yes" if simulated else "no", selected_by or tsv_text.NOTHING),
-                strict=True,
-            )
-        )
+        path, kind = self.path / "participants.tsv", "yes" if simulated else "no"
+        row = dict(zip(_COLUMNS, (f"sub-{subject}", kind, selected_by or tsv_text.NOTHING), strict=True))
         file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
         with locked(file, path, wait=True):
             columns = _mend(file, path, row)
-            for other, entry in _participants(path).items():
-                if entry["simulated"] != row["simulated"]:
-                    raise ValueError(
-                        f"{path}: simulated subjects and people do not go into one folder: sub-{other} has simulated "
-                        f"{entry['simulated']}, sub-{subject} {row['simulated']}"
-                    )
-                if other == subject:
-                    return
-            # A laboratory adds columns of its own, such as age, or moves ours.
-            synced_write(file, path, tsv_text.line([row.get(column, tsv_text.NOTHING) for column in columns]))
+            entered = _participants(path)
+            for other, entry in entered.items():
+                refuse(
+                    entry["simulated"] != kind,
+                    f"{path}: simulated subjects and people do not go into one folder: sub-{other} has simulated "
+                    f"{entry['simulated']}, sub-{subject} {kind}",
+                )
+            if subject not in entered:  # a laboratory adds columns of its own, such as age, or moves ours
+                fields = [row.get(column, tsv_text.NOTHING) for column in columns]
+                synced_write(file, path, tsv_text.line(fields))
 
     def participants(self) -> dict[str, dict[str, str]]:
         """What participants.tsv says of each subject, by label; empty without the file.
@@ -778,16 +722,23 @@ def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
 def _participants(path: Path) -> dict[str, dict[str, str]]:
     table = tsv_text.parse(os.fspath(path), path.read_bytes())
     for column in _COLUMNS[:2]:
-        if column not in table.columns:
-            raise ValueError(f"{path}, line 1: column {column} is missing")
+        refuse(column not in table.columns, f"{path}, line 1: column {column} is missing")
     found: dict[str, dict[str, str]] = {}
     for line, fields in table.rows:
-        subject = fields["participant_id"].removeprefix("sub-")
-        if subject in found:
-            raise ValueError(f"{path}, line {line}: subject {subject} is there twice")
-        if fields["simulated"] not in ("yes", "no"):
-            raise ValueError(
-                f"{path}, line {line}, column simulated: must be yes or no, got {fields['simulated']!r}"
-            )
+        subject, kind = fields["participant_id"].removeprefix("sub-"), fields["simulated"]
+        refuse(subject in found, f"{path}, line {line}: subject {subject} is there twice")
+        where = f"{path}, line {line}, column simulated"
+        refuse(kind not in ("yes", "no"), f"{where}: must be yes or no, got {kind!r}")
         found[subject] = {**fields, "participant_id": subject}
     return found
+
+
+def _write_new(path: Path, text: str) -> None:
+    """Of a file that cannot be written nothing stays: whoever has a part of it would not write it again."""
+    stream = path.open("x", encoding="utf-8", newline="")
+    try:
+        with stream:
+            stream.write(text)
+    except OSError as error:
+        path.unlink()
+        raise OSError(error.errno, error.strerror, os.fspath(path)) from None

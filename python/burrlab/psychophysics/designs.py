@@ -1,15 +1,7 @@
-"""Checks of what designs are given, and how they are written down.
+"""Same-different, match to sample, what comparisons have in common, and the orders of their trials.
 
-Orders of trials: balanced, random, and a function of (seed, subject, design) alone.
-
-The draws use NumPy's `SeedSequence` and `PCG64`, whose streams are the same in every version of NumPy, and a shuffle
+An order is balanced, random, and a function of seed, subject and design alone. The draws use NumPy's `SeedSequence` and `PCG64`, whose streams are the same in every version of NumPy, and a shuffle
 of our own: NumPy's may change, and a run that was interrupted must resume with the same trials.
-
-A reference and a comparison with one parameter changed, in two intervals: which has more?
-
-Match to sample: a reference, then two alternatives, of which one matches it.
-
-Same or different: two intervals, two materials.
 """
 
 from __future__ import annotations
@@ -25,7 +17,7 @@ from typing import Any, ClassVar, Literal, TypeAlias, TypeVar
 import numpy as np
 
 from burrlab._core import Material
-from burrlab.common.check import require_type
+from burrlab.common.check import refuse, require_type
 from burrlab.psychophysics.power import design_power
 from burrlab.psychophysics.trial import MODES, Design, Interval, Mode, Order, Phase, Stimulus, Trial
 
@@ -33,10 +25,8 @@ from burrlab.psychophysics.trial import MODES, Design, Interval, Mode, Order, Ph
 def whole(name: str, value: int, *, at_least: int, multiple: int = 1, why: str = "") -> int:
     """An int, or one sentence."""
     number = operator.index(value)
-    if number < at_least:
-        raise ValueError(f"{name} must be at least {at_least}, got {number}")
-    if number % multiple:
-        raise ValueError(f"{name} must be a multiple of {multiple}{why}, got {number}")
+    refuse(number < at_least, f"{name} must be at least {at_least}, got {number}")
+    refuse(number % multiple, f"{name} must be a multiple of {multiple}{why}, got {number}")
     return number
 
 
@@ -50,14 +40,12 @@ def balanced_trials(trials: int, blocks: int, practice: int, *, multiple: int, t
 
 def seconds(name: str, value: float) -> float:
     """A time [s] above 0, or one sentence."""
-    if not (math.isfinite(value) and value > 0):
-        raise ValueError(f"{name} must be a time above 0 [s], got {value}")
+    refuse(not (math.isfinite(value) and value > 0), f"{name} must be a time above 0 [s], got {value}")
     return float(value)
 
 
 def one_of(name: str, value: str, choices: Sequence[str]) -> None:
-    if value not in choices:
-        raise ValueError(f"{name} must be one of {', '.join(choices)}, got {value!r}")
+    refuse(value not in choices, f"{name} must be one of {', '.join(choices)}, got {value!r}")
 
 
 def rendered(name: str, stimulus: Stimulus) -> None:
@@ -69,20 +57,6 @@ def rendered(name: str, stimulus: Stimulus) -> None:
         )
 
 
-def stimulus_dict(stimulus: Stimulus) -> dict[str, Any]:
-    """For JSON; units in the names."""
-    material = stimulus.material
-    if material is None:
-        return {"name": stimulus.name, "real": True}
-    return {
-        "name": stimulus.name,
-        "material": material.name,
-        "c_e_N_per_mm2": material.c_e,
-        "alpha_per_ms": material.alpha,
-        "shape": material.shape.name,
-    }
-
-
 def checked_answers(levels: Sequence[float], correct: Sequence[bool]) -> tuple[list[float], list[bool]]:
     """Levels and answers of trials, one each.
 
@@ -91,18 +65,18 @@ def checked_answers(levels: Sequence[float], correct: Sequence[bool]) -> tuple[l
     ValueError
         If there are not as many of one as of the other, or a level is no ratio above 0 other than 1.
     """
-    if len(levels) != len(correct):
-        raise ValueError(f"levels and correct must be equally many, got {len(levels)} and {len(correct)}")
+    refuse(
+        len(levels) != len(correct),
+        f"levels and correct must be equally many, got {len(levels)} and {len(correct)}",
+    )
     return [checked_level("level", level) for level in levels], [bool(right) for right in correct]
 
 
 def checked_level(name: str, level: float) -> float:
     """A ratio above 0 that is not 1, or one sentence."""
     value = float(level)
-    if not (math.isfinite(value) and value > 0.0):
-        raise ValueError(f"{name} must be a ratio above 0, got {value}")
-    if value == 1.0:
-        raise ValueError(f"{name} must differ from 1, got 1: two alike intervals have no correct answer")
+    refuse(not (math.isfinite(value) and value > 0.0), f"{name} must be a ratio above 0, got {value}")
+    refuse(value == 1.0, f"{name} must differ from 1, got 1: two alike intervals have no correct answer")
     return value
 
 
@@ -139,8 +113,7 @@ class Draws:
     def __init__(self, seed: int, subject: str, design: Mapping[str, Any]) -> None:
         if not isinstance(subject, str):
             raise TypeError(f"subject must be a str, such as '01', got {subject!r}")
-        if not subject:
-            raise ValueError("subject must have a name, got ''")
+        refuse(not subject, "subject must have a name, got ''")
         if (seed := operator.index(seed)) < 0:
             raise ValueError(f"seed must be at least 0, got {seed}")
         # Python's own hash differs from one process to the next.
@@ -230,24 +203,20 @@ class FixedOrder(Order):
 
 
 def fixed_order(
-    draws: Draws,
+    design: Any,
+    seed: int,
+    subject: str,
     groups: Sequence[Sequence[T]],
-    make: Callable[[T, int, Phase, int], Trial],
-    *,
-    trials: int,
-    blocks: int,
-    practice: int,
-    answers: tuple[str, ...],
+    make: Callable[[Draws, T, int, Phase, int], Trial],
 ) -> FixedOrder:
-    """Practice, then blocks, each balanced (`Draws.balanced`); `make` is given type, number, phase and block."""
-    first = draws.balanced(groups, practice)[0]
-    order = [make(kind, number, "practice", 0) for number, kind in enumerate(first, 1)]
-    number = 0
-    for block, kinds in enumerate(draws.balanced(groups, trials, blocks), 1):
-        for kind in kinds:
-            number += 1
-            order.append(make(kind, number, "main", block))
-    return FixedOrder(order, answers)
+    """Practice, then blocks, each balanced (`Draws.balanced`); `make` is given draws, type, number, phase and block."""
+    draws = Draws(seed, subject, design.to_dict())
+    first = draws.balanced(groups, design.practice)[0]
+    order = [make(draws, kind, number, "practice", 0) for number, kind in enumerate(first, 1)]
+    for block, kinds in enumerate(draws.balanced(groups, design.trials, design.blocks), 1):
+        before = (block - 1) * len(kinds)
+        order += [make(draws, kind, before + place, "main", block) for place, kind in enumerate(kinds, 1)]
+    return FixedOrder(order, design.answers)
 
 
 def checked_trial(trial: Trial | None, response: str, answers: tuple[str, ...]) -> Trial:
@@ -260,8 +229,7 @@ def checked_trial(trial: Trial | None, response: str, answers: tuple[str, ...]) 
     """
     if trial is None:
         raise ValueError(f"there is no trial left to answer, got {response!r}")
-    if response not in answers:
-        raise ValueError(f"response must be one of {', '.join(answers)}, got {response!r}")
+    refuse(response not in answers, f"response must be one of {', '.join(answers)}, got {response!r}")
     return trial
 
 
@@ -293,10 +261,8 @@ def counterbalanced(names: Sequence[T], subject_index: int) -> list[T]:
     [['probing', 'drilling'], ['drilling', 'probing'], ['probing', 'drilling']]
     """
     n = len(names)
-    if n == 0:
-        raise ValueError("names must hold at least one, got none")
-    if any(name in names[:i] for i, name in enumerate(names)):
-        raise ValueError(f"names must differ, got {list(names)!r}")
+    refuse(n == 0, "names must hold at least one, got none")
+    refuse(any(name in names[:i] for i, name in enumerate(names)), f"names must differ, got {list(names)!r}")
     if (subject := operator.index(subject_index)) < 0:
         raise ValueError(f"subject_index must be at least 0, got {subject}")
     # 0, 1, n-1, 2, n-2, ...: all differences of neighbours occur once
@@ -362,6 +328,7 @@ class Comparison(Design):
     blocks: int = 1
 
     task = "2ifc"
+    _derived: ClassVar[tuple[str, ...]] = ("held", "question", "chance")
     answers = ("first", "second")
     chance = 0.5
 
@@ -370,21 +337,20 @@ class Comparison(Design):
         one_of("parameter", self.parameter, ("c_e", "alpha"))
         one_of("mode", self.mode, MODES)
         one_of("hold", self.hold, ("other", "sinking speed"))
-        if self.parameter == "alpha" and self.mode == "probing":
-            raise ValueError(
-                "mode must be 'drilling' for parameter 'alpha', got 'probing': alpha alone changes nothing with the burr off"
-            )
-        if self.hold == "sinking speed" and self.parameter == "alpha":
-            raise ValueError(
-                "hold must be 'other' for parameter 'alpha', got 'sinking speed': alpha is felt by that speed alone"
-            )
-        if self.hold == "sinking speed" and self.mode == "probing":
-            raise ValueError(
-                "hold must be 'other' for mode 'probing', got 'sinking speed': nothing sinks with the burr off"
-            )
+        refuse(
+            self.parameter == "alpha" and self.mode == "probing",
+            "mode must be 'drilling' for parameter 'alpha', got 'probing': alpha alone changes nothing with the burr off",
+        )
+        refuse(
+            self.hold == "sinking speed" and self.parameter == "alpha",
+            "hold must be 'other' for parameter 'alpha', got 'sinking speed': alpha is felt by that speed alone",
+        )
+        refuse(
+            self.hold == "sinking speed" and self.mode == "probing",
+            "hold must be 'other' for mode 'probing', got 'sinking speed': nothing sinks with the burr off",
+        )
         for name in ("c_e", "alpha"):
-            if getattr(self._material, name) == 0.0:
-                raise ValueError(f"reference must have {name} above 0, got 0")
+            refuse(getattr(self._material, name) == 0.0, f"reference must have {name} above 0, got 0")
         object.__setattr__(self, "interval", seconds("interval", self.interval))
         whole("practice", self.practice, at_least=0)
         whole("blocks", self.blocks, at_least=1)
@@ -442,20 +408,6 @@ class Comparison(Design):
         slower = self._asks_speed and self.parameter == "c_e"
         more = "C" if (level > 1.0) != slower else "R"
         return Trial(number, phase, block, kind, intervals, self.answers[kind.index(more)], level)
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "reference": stimulus_dict(self.reference),
-            "parameter": self.parameter,
-            "mode": self.mode,
-            "hold": self.hold,
-            "held": self.held,
-            "question": self.question,
-            "chance": self.chance,
-            "interval_s": self.interval,
-            "practice": self.practice,
-            "blocks": self.blocks,
-        }
 
 
 @dataclass(frozen=True)
@@ -520,7 +472,7 @@ class ABX(Design):
     practice: int = 0
     blocks: int = 1
 
-    task = "abx"
+    task, _kind, _derived = "abx", "abx", ("chance",)
     question = "After the reference came two: which of them felt like the reference?"
     answers = ("first", "second")
     chance: ClassVar[float] = 0.5
@@ -535,8 +487,10 @@ class ABX(Design):
             object.__setattr__(self, "match", self.reference)
         rendered("match", self.matching)
         rendered("foil", self.foil)
-        if self.matching.name == self.foil.name:
-            raise ValueError(f"match and foil must have different names, got {self.foil.name!r} twice")
+        refuse(
+            self.matching.name == self.foil.name,
+            f"match and foil must have different names, got {self.foil.name!r} twice",
+        )
         balanced_trials(self.trials, self.blocks, self.practice, multiple=2, types="AB and BA")
         object.__setattr__(self, "interval", seconds("interval", self.interval))
         if self.reference_interval is not None:
@@ -550,20 +504,13 @@ class ABX(Design):
         return self.reference if self.match is None else self.match
 
     def order(self, *, seed: int, subject: str) -> FixedOrder:
-        draws = Draws(seed, subject, self.to_dict())
-
-        def make(kind: str, number: int, phase: Phase, block: int) -> Trial:
-            pair = [self.matching if letter == "A" else self.foil for letter in kind]
-            intervals = (
-                Interval(self.reference, draws.interval_seed(), self.reference_interval),
-                *(Interval(stimulus, draws.interval_seed(), self.interval) for stimulus in pair),
-            )
+        def make(draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
+            shown = [(self.reference, self.reference_interval)]
+            shown += [(self.matching if letter == "A" else self.foil, self.interval) for letter in kind]
+            intervals = tuple(Interval(stimulus, draws.interval_seed(), long) for stimulus, long in shown)
             return Trial(number, phase, block, kind, intervals, self.answers[kind.index("A")])
 
-        return fixed_order(
-            draws, (("AB",), ("BA",)), make,
-            trials=self.trials, blocks=self.blocks, practice=self.practice, answers=self.answers,
-        )  # fmt: skip
+        return fixed_order(self, seed, subject, (("AB",), ("BA",)), make)
 
     def power(self, subjects: int = 1) -> str:
         what = (
@@ -571,21 +518,6 @@ class ABX(Design):
             f"{self.interval:g} s each ({self.mode}), chance {self.chance:g}"
         )
         return f"{what}\n{design_power(self.task, trials=self.trials, subjects=subjects)}"
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "design": "abx",
-            "reference": stimulus_dict(self.reference),
-            "match": stimulus_dict(self.matching),
-            "foil": stimulus_dict(self.foil),
-            "chance": self.chance,
-            "trials": self.trials,
-            "interval_s": self.interval,
-            "reference_interval_s": self.reference_interval,
-            "mode": self.mode,
-            "practice": self.practice,
-            "blocks": self.blocks,
-        }
 
 
 @dataclass(frozen=True)
@@ -636,44 +568,26 @@ class SameDifferent(Design):
     practice: int = 0
     blocks: int = 1
 
-    task = "same-different"
+    task = _kind = "same-different"
     question = "Was it the same material twice, or two different ones?"
     answers = ("same", "different")
 
     def __post_init__(self) -> None:
         rendered("a", self.a)
         rendered("b", self.b)
-        if self.a.name == self.b.name:
-            raise ValueError(f"a and b must have different names, got {self.a.name!r} twice")
+        refuse(self.a.name == self.b.name, f"a and b must have different names, got {self.a.name!r} twice")
         balanced_trials(self.trials, self.blocks, self.practice, multiple=4, types="AA, AB, BA, BB")
         object.__setattr__(self, "interval", seconds("interval", self.interval))
         one_of("mode", self.mode, MODES)
 
     def order(self, *, seed: int, subject: str) -> FixedOrder:
-        draws = Draws(seed, subject, self.to_dict())
-
-        def make(kind: str, number: int, phase: Phase, block: int) -> Trial:
+        def make(draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
             pair = [self.a if letter == "A" else self.b for letter in kind]
             intervals = tuple(Interval(stimulus, draws.interval_seed(), self.interval) for stimulus in pair)
             return Trial(number, phase, block, kind, intervals, "same" if kind[0] == kind[1] else "different")
 
-        return fixed_order(
-            draws, (("AA", "BB"), ("AB", "BA")), make,
-            trials=self.trials, blocks=self.blocks, practice=self.practice, answers=self.answers,
-        )  # fmt: skip
+        return fixed_order(self, seed, subject, (("AA", "BB"), ("AB", "BA")), make)
 
     def power(self, subjects: int = 1) -> str:
         what = f"{self.a.name} or {self.b.name} in two intervals of {self.interval:g} s ({self.mode}), chance 0.5"
         return f"{what}\n{design_power(self.task, trials=self.trials, subjects=subjects)}"
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "design": "same-different",
-            "a": stimulus_dict(self.a),
-            "b": stimulus_dict(self.b),
-            "trials": self.trials,
-            "interval_s": self.interval,
-            "mode": self.mode,
-            "practice": self.practice,
-            "blocks": self.blocks,
-        }

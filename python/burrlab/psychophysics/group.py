@@ -1,25 +1,17 @@
-"""How many of a subject's answers are hits, given how many answers there are: what bias leaves of d'.
+"""d' and scores of groups, with the subject as the unit, and the tests behind them.
 
-A subject who says "different" K times has scored by d' only through how many of the K were right. Given K, the hits follow
+Bias is removed by counting hits given the number of answers. A subject who says "different" K times has scored by d' only through how many of the K were right. Given K, the hits follow
 Fisher's noncentral hypergeometric distribution, whatever the observer; the rates enter through one odds ratio,
 H (1 - F) / (F (1 - H)).
-
-Is a group below or above a given d'? Tests that must agree: subjects as units, and chance within subjects.
-
-Tests that take the subject as the unit: t, and exact by exchanging signs or groups.
-
-The d' of a group, subjects as units, each with a criterion of his own.
-
-Scores of a group: the subject is the unit.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,6 +20,8 @@ from scipy.special import gammaln, ndtr, stdtr
 from scipy.stats import binom
 from scipy.stats import t as student
 
+from burrlab.common.check import refuse
+from burrlab.psychophysics.result import Result
 from burrlab.psychophysics.rules import Counts, Floats, Rule, RuleName, TaskName, rule_of
 
 Integers: TypeAlias = NDArray[np.int64]
@@ -96,8 +90,7 @@ def conditional_hits(task: str, rule: str, d_prime: float, signals: int, noises:
     [0.  0.5 1.  1.5 2. ]
     """
     decision = rule_of(task, rule)
-    if not d_prime >= 0.0:
-        raise ValueError(f"d_prime must be at least 0, got {d_prime}")
+    refuse(not d_prime >= 0.0, f"d_prime must be at least 0, got {d_prime}")
     answers, hits = np.arange(signals + noises + 1), np.arange(signals + 1)
     least, most = np.maximum(0, answers - noises), np.minimum(signals, answers)
     inside = (hits >= least[:, None]) & (hits <= most[:, None])
@@ -308,7 +301,7 @@ _MOST_SUMS = 2**18
 
 
 @dataclass(frozen=True)
-class SubjectTest:
+class SubjectTest(Result):
     """The outcome of a test.
 
     Attributes
@@ -332,13 +325,8 @@ class SubjectTest:
     def __str__(self) -> str:
         if self.p_value is None:
             return f"{self.name}: not possible (one value, or no scatter)"
-        p = probability_text(self.p_value)
-        if self.statistic is None or self.freedom is None:
-            return f"{self.name}: {p}"
-        return f"{self.name}: t({self.freedom:.4g}) = {self.statistic:.2f}, {p}"
-
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        t = "" if self.statistic is None else f"t({self.freedom:.4g}) = {self.statistic:.2f}, "
+        return f"{self.name}: {t}{probability_text(self.p_value)}"
 
 
 def probability_text(p: float) -> str:
@@ -350,21 +338,23 @@ def t_test(values: ArrayLike, *, side: Side = "greater", name: str = "t test") -
     """Of a mean of 0."""
     x = finite_values(values)
     error = float(np.std(x, ddof=1)) / math.sqrt(len(x)) if len(x) > 1 else 0.0
-    if error == 0.0:
-        return SubjectTest(name, None, None, None, side)
-    return _of_t(name, float(np.mean(x)) / error, len(x) - 1.0, side)
+    return _of_t(name, float(np.mean(x)), error, len(x) - 1.0, side)
 
 
 def welch_test(first: ArrayLike, second: ArrayLike, *, name: str = "Welch's t test") -> SubjectTest:
     """Of equal means of two groups, two-sided; the variances may differ (Welch, Biometrika 34, 28, 1947)."""
     x, y = finite_values(first), finite_values(second)
-    if len(x) < 2 or len(y) < 2:
-        return SubjectTest(name, None, None, None, "two-sided")
-    a, b = float(np.var(x, ddof=1)) / len(x), float(np.var(y, ddof=1)) / len(y)
-    if a + b == 0.0:
-        return SubjectTest(name, None, None, None, "two-sided")
-    freedom = (a + b) ** 2 / (a**2 / (len(x) - 1) + b**2 / (len(y) - 1))
-    return _of_t(name, float(np.mean(x) - np.mean(y)) / math.sqrt(a + b), freedom, "two-sided")
+    a, b = (float(np.var(z, ddof=1)) / len(z) if len(z) > 1 else math.nan for z in (x, y))
+    freedom = (a + b) ** 2 / (a**2 / (len(x) - 1) + b**2 / (len(y) - 1)) if a + b > 0.0 else 0.0
+    return _of_t(name, float(np.mean(x) - np.mean(y)), math.sqrt(a + b), freedom, "two-sided")
+
+
+def _of_t(name: str, mean: float, error: float, freedom: float, side: Side) -> SubjectTest:
+    if not error > 0.0:  # one value, or no scatter
+        return SubjectTest(name, None, None, None, side)
+    t = mean / error
+    p = 2.0 * student.sf(abs(t), freedom) if side == "two-sided" else student.sf(t, freedom)
+    return SubjectTest(name, t, freedom, float(p), side)
 
 
 def sign_flip_test(values: ArrayLike, *, side: Side = "greater", name: str = "sign-flip test") -> SubjectTest:
@@ -420,23 +410,15 @@ def label_test(
 def _gathered(sums: Floats, weights: Floats, name: str) -> tuple[Floats, Floats]:
     """Equal sums as one."""
     kept, place = np.unique(np.round(sums, 9), return_inverse=True)
-    if len(kept) > _MOST_SUMS:
-        raise ValueError(f"{name} must have at most {_MOST_SUMS} different sums, got more")
+    refuse(len(kept) > _MOST_SUMS, f"{name} must have at most {_MOST_SUMS} different sums, got more")
     return kept, np.asarray(np.bincount(place.ravel(), weights, minlength=len(kept)), dtype=np.float64)
-
-
-def _of_t(name: str, t: float, freedom: float, side: Side) -> SubjectTest:
-    p = 2.0 * student.sf(abs(t), freedom) if side == "two-sided" else student.sf(t, freedom)
-    return SubjectTest(name, t, freedom, float(p), side)
 
 
 def finite_values(values: ArrayLike) -> Floats:
     """One row of numbers, or one sentence."""
     x = np.asarray(values, dtype=np.float64)
-    if x.ndim != 1 or len(x) == 0:
-        raise ValueError(f"values must be one row with at least one value, got shape {x.shape}")
-    if not np.all(np.isfinite(x)):
-        raise ValueError("values must be finite, got nan or infinity")
+    refuse(x.ndim != 1 or len(x) == 0, f"values must be one row with at least one value, got shape {x.shape}")
+    refuse(not np.all(np.isfinite(x)), "values must be finite, got nan or infinity")
     return x
 
 
@@ -445,7 +427,7 @@ GRID = (*np.arange(0.0, 4.0, 0.1), *np.arange(4.0, 10.0, 0.25), *np.arange(10.0,
 
 
 @dataclass(frozen=True)
-class GroupDPrime:
+class GroupDPrime(Result):
     """A group's d' by one rule.
 
     Attributes
@@ -464,6 +446,8 @@ class GroupDPrime:
         One-sided, of so high a score at d' = 0.
     """
 
+    _derived = ("open_above",)
+
     task: TaskName
     rule: RuleName
     estimate: float
@@ -478,31 +462,19 @@ class GroupDPrime:
         return math.isinf(self.interval[1])
 
     def __str__(self) -> str:
-        low, high = self.interval
         if not self.informative:
             return f"group d' ({self.rule}): unknown, no subject gave both answers"
+        low, high = self.interval
         end = "open" if self.open_above else f"{high:.2f}"
         count = f"{self.informative} of {self.subjects} subjects informative"
         return f"group d' ({self.rule}): {self.estimate:.2f}, {100 * self.level:.4g} % interval {low:.2f} to {end}, {count}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON; null for inf and nan."""
-        out = asdict(self)
-        out["estimate"] = self.estimate if math.isfinite(self.estimate) else None
-        out["interval"] = [end if math.isfinite(end) else None for end in self.interval]
-        return out | {"open_above": self.open_above}
 
 
 class Group:
     """The subjects' hits and answers, and their tests at any d'."""
 
     def __init__(self, counts: Sequence[Counts], rule: str) -> None:
-        if not counts:
-            raise ValueError("counts must hold a subject, got none")
-        tasks = sorted({c.task for c in counts})
-        if len(tasks) > 1:
-            raise ValueError(f"counts must be of one task, got {' and '.join(tasks)}")
-        self.decision = rule_of(tasks[0], rule)
+        self.decision = rule_of(task_of_all(counts), rule)
         self.sizes = [(c.signals, c.noises) for c in counts]
         self.hits = np.array([[c.hits for c in counts]])
         self.answers = np.array([[c.hits + c.false_alarms for c in counts]])
@@ -520,13 +492,10 @@ class Group:
         """Hits of the whole group less the expected ones."""
         return float(np.sum(excess_hits(self.hits, self.answers, self.at(d_prime))[0]))
 
-    def few(self, d_prime: float) -> float:
-        """p value of so few hits at this d'."""
-        return float(group_tails(self.hits, self.answers, self.at(d_prime))[0][0])
-
-    def many(self, d_prime: float) -> float:
-        """p value of so many hits at this d'."""
-        return float(group_tails(self.hits, self.answers, self.at(d_prime))[1][0])
+    def tails(self, d_prime: float) -> tuple[float, float]:
+        """p values of so few hits at this d', and of so many."""
+        few, many = group_tails(self.hits, self.answers, self.at(d_prime))
+        return float(few[0]), float(many[0])
 
     def estimate(self) -> float:
         if not self.informative:
@@ -539,11 +508,11 @@ class Group:
 
     def upper(self, error: float) -> float:
         """The least d' above which all are rejected, each with this one-sided error rate."""
-        return _last(lambda d: self.few(d) > error, GRID[::-1], otherwise=0.0)
+        return _last(lambda d: self.tails(d)[0] > error, GRID[::-1], otherwise=0.0)
 
     def lower(self, error: float) -> float:
         """The largest d' below which all are rejected."""
-        return _last(lambda d: self.many(d) > error, GRID, otherwise=math.inf)
+        return _last(lambda d: self.tails(d)[1] > error, GRID, otherwise=math.inf)
 
 
 def group_d_prime(counts: Sequence[Counts], *, rule: str, level: float = 0.95) -> GroupDPrime:
@@ -592,33 +561,28 @@ def group_d_prime(counts: Sequence[Counts], *, rule: str, level: float = 0.95) -
         level=level,
         subjects=len(counts),
         informative=group.informative,
-        p_value=group.many(0.0),
+        p_value=group.tails(0.0)[1],
     )
 
 
 def check_level(level: float) -> None:
-    if not 0.5 <= level < 1.0:
-        raise ValueError(f"level must be in [0.5, 1), got {level}")
+    refuse(not 0.5 <= level < 1.0, f"level must be in [0.5, 1), got {level}")
 
 
 def _last(holds: Callable[[float], bool], grid: Sequence[float], *, otherwise: float) -> float:
     """Where `holds` begins along the grid, by halving between its points."""
-    before = None
-    for point in grid:
-        if holds(point):
-            if before is None or math.isinf(before):
-                return float(point)
-            inside, outside = point, before
-            while abs(inside - outside) > 1e-6:
-                middle = 0.5 * (inside + outside)
-                inside, outside = (middle, outside) if holds(middle) else (inside, middle)
-            return float(inside)
-        before = point
-    return otherwise
+    place = next((i for i, point in enumerate(grid) if holds(point)), None)
+    if place is None:
+        return otherwise
+    inside, outside = grid[place], grid[place - 1] if place else math.inf
+    while 1e-6 < abs(inside - outside) < math.inf:
+        middle = 0.5 * (inside + outside)
+        inside, outside = (middle, outside) if holds(middle) else (inside, middle)
+    return float(inside)
 
 
 @dataclass(frozen=True)
-class GroupScore:
+class GroupScore(Result):
     """Mean score of a group, and whether it is above chance.
 
     Attributes
@@ -654,12 +618,9 @@ class GroupScore:
             map(str, self.tests)
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
-
 
 @dataclass(frozen=True)
-class ScoreDifference:
+class ScoreDifference(Result):
     """Two conditions or two groups.
 
     Attributes
@@ -687,9 +648,6 @@ class ScoreDifference:
         kind = f"{self.n[0]} subjects in both" if self.paired else f"{self.n[0]} and {self.n[1]} subjects"
         ends = "" if self.interval is None else f" ({self.interval[0]:+.3f} to {self.interval[1]:+.3f})"
         return f"difference {self.difference:+.3f}{ends}, {kind}; " + "; ".join(map(str, self.tests))
-
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 def group_score(counts: Sequence[Counts], level: float = 0.95) -> GroupScore:
@@ -719,16 +677,12 @@ def group_score(counts: Sequence[Counts], level: float = 0.95) -> GroupScore:
     9.4 +- 0.5 of 12, 5 subjects; t test: t(4) = 6.67, p = 0.0013; sign-flip test: p = 0.031
     """
     check_level(level)
-    if not counts:
-        raise ValueError("counts must hold a subject, got none")
-    tasks = sorted({c.task for c in counts})
-    if len(tasks) > 1:
-        raise ValueError(f"counts must be of one task, got {' and '.join(tasks)}")
+    task_of_all(counts)
     sizes = {c.trials for c in counts}
     trials = sizes.pop() if len(sizes) == 1 else None
     scale = 1.0 if trials is None else float(trials)
     scores = proportions(counts) * scale
-    above, mean = _above_chance(counts), float(np.mean(scores))
+    above, mean = np.array([c.score - 0.5 * c.trials for c in counts]), float(np.mean(scores))
     sem = float(np.std(scores, ddof=1)) / math.sqrt(len(counts)) if len(counts) > 1 else None
     interval = None
     if sem is not None:
@@ -756,8 +710,10 @@ def compare_conditions(
     difference +0.208 (+0.132 to +0.285), 4 subjects in both; paired t test: t(3) = 8.66, p = 0.0032; sign-flip test: p = 0.12
     """
     check_level(level)
-    if len(first) != len(second):
-        raise ValueError(f"both conditions must have the same subjects, got {len(first)} and {len(second)}")
+    refuse(
+        len(first) != len(second),
+        f"both conditions must have the same subjects, got {len(first)} and {len(second)}",
+    )
     values = proportions(first) - proportions(second)
     paired = t_test(values, side="two-sided", name="paired t test")
     tests = (paired, sign_flip_test(values, side="two-sided"))
@@ -784,13 +740,16 @@ def compare_groups(
 
 def proportions(counts: Sequence[Counts]) -> Floats:
     """Of correct answers, a subject."""
-    if not counts:
-        raise ValueError("counts must hold a subject, got none")
+    refuse(not counts, "counts must hold a subject, got none")
     return np.array([c.score / c.trials for c in counts])
 
 
-def _above_chance(counts: Sequence[Counts]) -> Floats:
-    return np.array([c.score - 0.5 * c.trials for c in counts])
+def task_of_all(counts: Sequence[Counts]) -> TaskName:
+    """The one task of all subjects."""
+    refuse(not counts, "counts must hold a subject, got none")
+    tasks = sorted({c.task for c in counts})
+    refuse(len(tasks) > 1, f"counts must be of one task, got {' and '.join(tasks)}")
+    return tasks[0]
 
 
 def _difference(

@@ -1,12 +1,6 @@
-"""The bone that an interval begins with.
+"""One interval of a trial: a burr on fresh bone, driven by a device, for a time.
 
-A block cut out of a volume, as the bone that an interval begins with.
-
-The time of a run, to which onsets count.
-
-Waits until a hand has lifted the burr: bone that appears around a burr would throw it out.
-
-One interval of a trial: a burr on fresh bone, driven by a device, for a time.
+Bone that appears around a burr would throw it out, so that one waits until it is lifted.
 """
 
 from __future__ import annotations
@@ -14,7 +8,6 @@ from __future__ import annotations
 import functools
 import math
 import os
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
@@ -24,6 +17,7 @@ from numpy.typing import NDArray
 
 from burrlab._core import Burr, Device, Material, RecordReader, VoxelBone
 from burrlab.bone.recipe import VolumeRecipe, block_recipe, cut_block
+from burrlab.common.check import refuse
 from burrlab.psychophysics.trial import MODES, Interval, Mode
 from burrlab.session.session import Session
 
@@ -59,16 +53,17 @@ class Block:
 
     def __post_init__(self) -> None:
         size = tuple(float(length) for length in self.size)
-        if len(size) != 3:
-            raise ValueError(f"size must have three lengths, got {len(size)}")
+        refuse(len(size) != 3, f"size must have three lengths, got {len(size)}")
         for name, length in (("voxel", self.voxel), *(("size", length) for length in size)):
-            if not (math.isfinite(length) and length > 0):
-                raise ValueError(f"{name} must be positive and finite, got {length!r}")
+            refuse(
+                not (math.isfinite(length) and length > 0),
+                f"{name} must be positive and finite, got {length!r}",
+            )
         for length in size:
-            if abs(length / self.voxel - round(length / self.voxel)) > 1e-6:
-                raise ValueError(
-                    f"size must be a whole number of voxels of {self.voxel:g} mm, got {length:g}"
-                )
+            refuse(
+                abs(length / self.voxel - round(length / self.voxel)) > 1e-6,
+                f"size must be a whole number of voxels of {self.voxel:g} mm, got {length:g}",
+            )
         object.__setattr__(self, "size", size)
         object.__setattr__(self, "voxel", float(self.voxel))
 
@@ -93,14 +88,14 @@ class Block:
 
     def check_burr(self, burr: Burr) -> None:
         """Raises ValueError if the burr is too small for the voxels or too large for the block."""
-        if burr.radius < _LEAST_VOXELS * self.voxel:
-            raise ValueError(
-                f"radius of the burr must be at least {_LEAST_VOXELS:g} voxels of {self.voxel:g} mm, got {burr.radius:g}"
-            )
-        if 2.0 * burr.radius >= min(self.size[:2]):
-            raise ValueError(
-                f"diameter of the burr must be less than the block's sides, {min(self.size[:2]):g} mm, got {2 * burr.radius:g}"
-            )
+        refuse(
+            burr.radius < _LEAST_VOXELS * self.voxel,
+            f"radius of the burr must be at least {_LEAST_VOXELS:g} voxels of {self.voxel:g} mm, got {burr.radius:g}",
+        )
+        refuse(
+            2.0 * burr.radius >= min(self.size[:2]),
+            f"diameter of the burr must be less than the block's sides, {min(self.size[:2]):g} mm, got {2 * burr.radius:g}",
+        )
 
 
 @dataclass(frozen=True)
@@ -150,54 +145,28 @@ def _cut(block: VolumeBlock) -> VoxelBone:
     return cut_block(block.volume, block.size, block.voxel, entry=block.entry, axis=block.axis)
 
 
-class Clock(ABC):
-    """Seconds since the start of a run, across resumptions."""
-
-    @abstractmethod
-    def now(self) -> float:
-        """[s]"""
-
-    @abstractmethod
-    def rendered(self, seconds: float) -> None:
-        """An interval has been rendered that lasted so long [s]."""
-
-
-class WallClock(Clock):
-    """Time as it passes.
-
-    Parameters
-    ----------
-    elapsed : callable
-        Since the start of the run [s], such as `AnswerFile.elapsed`.
-    """
-
-    def __init__(self, elapsed: Callable[[], float]) -> None:
-        self._elapsed = elapsed
-
-    def now(self) -> float:
-        return self._elapsed()
-
-    def rendered(self, seconds: float) -> None:
-        """It has passed already."""
-
-
-class VirtualClock(Clock):
-    """Only intervals take time.
+@dataclass
+class Clock:
+    """Seconds since the start of a run, across resumptions.
 
     Parameters
     ----------
     start : float
-        [s]
+        Of a clock that only intervals move [s].
+    elapsed : callable, optional
+        Time as it passes [s], such as `AnswerFile.elapsed`, in place of that.
     """
 
-    def __init__(self, start: float = 0.0) -> None:
-        self._now = start
+    start: float = 0.0
+    elapsed: Callable[[], float] | None = None
 
     def now(self) -> float:
-        return self._now
+        """[s]"""
+        return self.start if self.elapsed is None else self.elapsed()
 
     def rendered(self, seconds: float) -> None:
-        self._now += seconds
+        """An interval has been rendered that lasted so long [s]."""
+        self.start += seconds
 
 
 _AWAY = 1e4  # [mm] from the surface to a block that nothing meets
@@ -279,8 +248,6 @@ TICK = np.dtype(
 )  # fmt: skip
 
 _PERIOD = 1e-3  # of the loop [s]
-# [s] between two looks at the records
-# records taken at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -378,10 +345,14 @@ def render(
     interval. The session is ended some milliseconds later, and what comes after that tick is cut off.
     """
     material = _material(interval, mode)
-    if interval.duration is None and stop is None:
-        raise ValueError("stop must be given where the interval has no duration, got None")
-    if interval.duration is not None and not 0.0 < interval.duration < 1e9:
-        raise ValueError(f"duration of the interval must be positive, got {interval.duration!r}")
+    refuse(
+        interval.duration is None and stop is None,
+        "stop must be given where the interval has no duration, got None",
+    )
+    refuse(
+        interval.duration is not None and not 0.0 < interval.duration < 1e9,
+        f"duration of the interval must be positive, got {interval.duration!r}",
+    )
     bone.check_burr(burr)
     session = Session(
         bone.fresh(), (burr, material), device, seed=interval.seed, duration=interval.duration, record=record,
@@ -398,7 +369,9 @@ def render(
             asked = stop is not None and stop()
         session.stop("the interval is over")
         watch.look()
-    ended: Ending = watch.ended or ("subject" if asked else _of_session(session, interval.duration))
+    in_time = interval.duration is not None and session.ticks >= round(interval.duration / _PERIOD)
+    otherwise: Ending = "time" if in_time and not session.failed else "device"
+    ended: Ending = watch.ended or ("subject" if asked else otherwise)
     ticks = watch.ticks()
     spans = _PERIOD * ticks["periods"]
     return Rendered(
@@ -415,8 +388,7 @@ def render(
 
 
 def _material(interval: Interval, mode: Mode) -> Material:
-    if mode not in MODES:
-        raise ValueError(f"mode must be one of {', '.join(MODES)}, got {mode!r}")
+    refuse(mode not in MODES, f"mode must be one of {', '.join(MODES)}, got {mode!r}")
     material = interval.stimulus.material
     if material is None:
         raise ValueError(
@@ -425,12 +397,6 @@ def _material(interval: Interval, mode: Mode) -> Material:
     if mode == "drilling":
         return material
     return Material(material.name, c_e=material.c_e, alpha=0.0, shape=material.shape, source=material.source)
-
-
-def _of_session(session: Session, duration: float | None) -> Ending:
-    if not session.failed and duration is not None and session.ticks >= round(duration / _PERIOD):
-        return "time"
-    return "device"
 
 
 class _Watch:

@@ -1,8 +1,6 @@
-"""Simulated hands that probe or drill as a subject would.
+"""Simulated hands, the cues that an interval gives, and a subject made of noise and a rule.
 
-What an interval tells of its material: stiffness and force by probing, sinking speed by drilling.
-
-A subject made of noise and a rule: to rehearse an experiment, not to explain people.
+They serve to rehearse an experiment, not to explain people.
 """
 
 from __future__ import annotations
@@ -10,14 +8,16 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import Burr, HandDevice, Material
+from burrlab.common.check import refuse
 from burrlab.psychophysics.interval import Block, Rendered, render
+from burrlab.psychophysics.result import Result
 from burrlab.psychophysics.rules import RuleName, TaskName, rule_of
 from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
 
@@ -109,7 +109,7 @@ _BEGIN, _END = 0.5, 0.2
 
 
 @dataclass(frozen=True)
-class Cues:
+class Cues(Result):
     """Natural logarithms of an interval's cues; NaN where the mode, or what happened, does not have it.
 
     Attributes
@@ -128,10 +128,6 @@ class Cues:
     force: float = math.nan
     sinking: float = math.nan
     presses: int = 0
-
-    def to_dict(self) -> dict[str, float | int | None]:
-        """For JSON; None where there is no value."""
-        return {k: None if math.isnan(v) else v for k, v in asdict(self).items()}
 
 
 def interval_cues(rendered: Rendered) -> Cues:
@@ -273,7 +269,7 @@ class SimulatedSubject:
     Parameters
     ----------
     weber : float or mapping of cue to float
-        Standard deviation of the noise of a cue's logarithm in one interval: the Weber fraction (burrlab.psychophysics.observer).
+        Standard deviation of the noise of a cue's logarithm in one interval: the Weber fraction (`burrlab.psychophysics.weber`).
         Twenty seconds do not average it away. None is published for the sinking speed.
     cues : sequence of {"stiffness", "force", "sinking"}
         That the subject attends to.
@@ -324,24 +320,34 @@ class SimulatedSubject:
 
     def __post_init__(self) -> None:
         cues = tuple(self.cues)
-        if not cues or any(cue not in CUES for cue in cues) or len(set(cues)) < len(cues):
-            raise ValueError(f"cues must be some of {', '.join(CUES)}, each once, got {cues!r}")
+        refuse(
+            not cues or any(cue not in CUES for cue in cues) or len(set(cues)) < len(cues),
+            f"cues must be some of {', '.join(CUES)}, each once, got {cues!r}",
+        )
         given = self.weber if isinstance(self.weber, Mapping) else dict.fromkeys(cues, self.weber)
         for cue in cues:
-            if cue not in given:
-                raise ValueError(f"weber must have a fraction for each cue, {cue} has none")
-            if not 0.0 < given[cue] < math.inf:
-                raise ValueError(f"weber of {cue} must be positive and finite, got {given[cue]!r}")
-        if self.decision not in DECISIONS:
-            raise ValueError(f"decision must be one of {', '.join(DECISIONS)}, got {self.decision!r}")
-        if self.criterion is not None and self.decision == "covert":
-            raise ValueError(f"criterion must be None for covert decisions, got {self.criterion!r}")
-        if self.criterion is not None and not 0.0 <= self.criterion < math.inf:
-            raise ValueError(f"criterion must be zero or positive and finite, got {self.criterion!r}")
-        if not 0.0 <= self.lapse <= 1.0:
-            raise ValueError(f"lapse must be from 0 to 1, got {self.lapse!r}")
-        if not 0.0 <= self.memory < math.inf:
-            raise ValueError(f"memory must be zero or positive and finite, got {self.memory!r}")
+            refuse(cue not in given, f"weber must have a fraction for each cue, {cue} has none")
+            refuse(
+                not 0.0 < given[cue] < math.inf,
+                f"weber of {cue} must be positive and finite, got {given[cue]!r}",
+            )
+        refuse(
+            self.decision not in DECISIONS,
+            f"decision must be one of {', '.join(DECISIONS)}, got {self.decision!r}",
+        )
+        refuse(
+            self.criterion is not None and self.decision == "covert",
+            f"criterion must be None for covert decisions, got {self.criterion!r}",
+        )
+        refuse(
+            self.criterion is not None and not 0.0 <= self.criterion < math.inf,
+            f"criterion must be zero or positive and finite, got {self.criterion!r}",
+        )
+        refuse(not 0.0 <= self.lapse <= 1.0, f"lapse must be from 0 to 1, got {self.lapse!r}")
+        refuse(
+            not 0.0 <= self.memory < math.inf,
+            f"memory must be zero or positive and finite, got {self.memory!r}",
+        )
         object.__setattr__(self, "cues", cues)
         object.__setattr__(self, "weber", {cue: float(given[cue]) for cue in cues})
 
@@ -396,8 +402,10 @@ class SimulatedSubject:
             intervals do not need).
         """
         task = task_of(trial)
-        if len(cues) != len(trial.intervals):
-            raise ValueError(f"cues must be one an interval, {len(trial.intervals)}, got {len(cues)}")
+        refuse(
+            len(cues) != len(trial.intervals),
+            f"cues must be one an interval, {len(trial.intervals)}, got {len(cues)}",
+        )
         values = self._values(cues)
         lapse, choice = rng.random(2)
         noise = rng.standard_normal(values.shape) * self._weber_array()
@@ -445,8 +453,7 @@ class SimulatedSubject:
         if self.known is None:
             raise ValueError("the subject must be taught the two materials first (taught, teach)")
         a, b = self._values(self.known)
-        if np.array_equal(a, b):
-            raise ValueError("the two known materials must differ in a cue")
+        refuse(np.array_equal(a, b), "the two known materials must differ in a cue")
         return np.asarray(a - b)
 
     def _variance(self) -> Floats:
@@ -462,9 +469,11 @@ class SimulatedSubject:
     def _values(self, cues: Sequence[Cues]) -> Floats:
         values = np.array([[getattr(c, cue) for cue in self.cues] for c in cues], dtype=np.float64)
         for i, cue in enumerate(self.cues):
-            if not np.isfinite(values[:, i]).all():
-                raise ValueError(f"cue {cue} must have a value in every interval: stiffness and force come by probing, "
-                                 "sinking by drilling")  # fmt: skip
+            refuse(
+                not np.isfinite(values[:, i]).all(),
+                f"cue {cue} must have a value in every interval: stiffness and force come by probing, "
+                "sinking by drilling",
+            )
         return values
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import hypergeom
 
+from burrlab.common.check import refuse
 from burrlab.psychophysics.rules import Counts
 
 _SAME_DIFFERENT = (
@@ -84,16 +85,16 @@ def pair_checks(counts: Counts | Sequence[Counts]) -> list[PairCheck]:
     AB against BA: answered different 9 of 12 and 8 of 12, p = 1; no difference shown
     """
     subjects = [counts] if isinstance(counts, Counts) else list(counts)
-    if not subjects:
-        raise ValueError("counts must be of a subject at least, got none")
+    refuse(not subjects, "counts must be of a subject at least, got none")
     tasks = {subject.task for subject in subjects}
-    if len(tasks) > 1:
-        raise ValueError(f"counts must be of one task, got {', '.join(sorted(tasks))}")
+    refuse(len(tasks) > 1, f"counts must be of one task, got {', '.join(sorted(tasks))}")
     if subjects[0].task != "same-different":
         rows = [((s.hits, s.signals), (s.noises - s.false_alarms, s.noises)) for s in subjects]
         return [_check(("first", "second"), "correct", rows, "answers lean to one position")]
-    if not all(subject.by_type for subject in subjects):
-        raise ValueError("counts must have the types of pairs, by_type, got none")
+    refuse(
+        not all(subject.by_type for subject in subjects),
+        "counts must have the types of pairs, by_type, got none",
+    )
     none = (0, 0)
     return [
         _check(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, TypeAlias
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from burrlab.common.figures import FORCE, REFERENCE, VELOCITY, axes_or_new
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+Rows: TypeAlias = NDArray[np.float64]
 #: Of an estimate: lower end, estimate, upper end; the last two may be infinite.
 Span: TypeAlias = tuple[float, float, float]
 
@@ -37,14 +39,8 @@ def room_for(ax: Axes | None, rows: float) -> Axes:
     return ax
 
 
-def end_of(spans: Sequence[Span]) -> float:
-    """Of the d' axis: all that is finite lies inside."""
-    finite = [value for span in spans for value in span if math.isfinite(value)]
-    return 1.15 * max(_LOWEST, *finite, 0.0)
-
-
 def draw(
-    ax: Axes, spans: Sequence[Span], rows: np.ndarray[tuple[int], np.dtype[np.float64]], end: float,
+    ax: Axes, spans: Sequence[Span], rows: Rows, end: float,
     colour: str, marker: str, label: str | None,
 ) -> None:  # fmt: skip
     """Intervals as lines, those open above as arrows; an infinite estimate as a hollow mark at the axis' end."""
@@ -64,16 +60,30 @@ def draw(
         ax.plot([], [], marker, linestyle="-", color=colour, markersize=4.5, linewidth=1.2, label=label)
 
 
-def say_infinite(ax: Axes, spans: Sequence[Span]) -> None:
+def draw_d_prime(
+    ax: Axes, by_rule: Mapping[Any, Sequence[Span]], rows: Rows, level: float, *, named: bool = True, delta: float | None = None,
+) -> None:  # fmt: skip
+    """d' by rules side by side, with chance and, where there is one, Delta."""
+    spans = [span for some in by_rule.values() for span in some]
+    finite = [value for span in spans for value in span if math.isfinite(value)]
+    end = 1.15 * max(_LOWEST, *finite, 0.0)  # all that is finite lies inside
+    for i, (rule, some) in enumerate(by_rule.items()):
+        shift = 0.36 * (i - 0.5 * (len(by_rule) - 1))
+        draw(ax, some, rows + shift, end, COLOURS[rule], MARKERS[rule], rule if named else None)
+    ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
+    if delta is not None:
+        ax.axvline(delta, color="black", linestyle=":", linewidth=1, label=f"Δ = {delta:g}")
     if any(math.isinf(estimate) for _, estimate, _ in spans):
         ax.plot([], [], "o", color=REFERENCE, mfc="white", markersize=5, label="estimate infinite")
+    rule = "" if named else f", {next(iter(by_rule))}"
+    ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd]{rule}, {100 * level:g} % interval")
 
 
 def name_rows(
     ax: Axes,
     names: Sequence[str],
     what: str,
-    rows: np.ndarray[tuple[int], np.dtype[np.float64]] | None = None,
+    rows: Rows | None = None,
 ) -> None:
     at = np.arange(len(names)) if rows is None else rows
     ax.set_yticks(at, names, fontsize=8 if len(names) < 25 else 6)

@@ -1,23 +1,19 @@
-"""Observers as an experiment's power takes them: unbiased, with lapses.
+"""What a design can show before anybody takes part, and the test that d' is below a Delta set beforehand.
 
-Is d' below a Delta set beforehand? "Cannot tell apart" is a claim of its own.
-
-What a design can show, before anybody has taken part.
-
-How many subjects, or trials, a power needs.
+The observers are unbiased, with lapses. "Cannot tell apart" is a claim of its own, with a power of its own.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import stdtr
 from scipy.stats import binom
 
+from burrlab.common.check import refuse
 from burrlab.psychophysics.group import (
     GRID,
     Group,
@@ -27,6 +23,7 @@ from burrlab.psychophysics.group import (
     probability_text,
     rejected_as_few,
 )
+from burrlab.psychophysics.result import Result
 from burrlab.psychophysics.rules import RULES, Counts, Floats, Rule, RuleName, TaskName, rule_of
 
 EXPERIMENTS = 4000  # simulated for a power: standard error 0.006 at 0.8
@@ -87,7 +84,7 @@ _BELOW_CHANCE = 0.01
 
 
 @dataclass(frozen=True)
-class Equivalence:
+class Equivalence(Result):
     """The outcome of a one-sided test of d' >= Delta.
 
     Attributes
@@ -113,6 +110,8 @@ class Equivalence:
         The smallest Delta that would have a power of 80 %; inf where none has.
     """
 
+    _derived = ("sentence", "design_sentence")
+
     task: TaskName
     rule: RuleName
     delta: float
@@ -130,14 +129,13 @@ class Equivalence:
     @property
     def sentence(self) -> str:
         """The outcome in plain words."""
-        p = probability_text(self.p_value)
         if not self.informative:
             return (
                 f"Not decided: no subject gave both answers, so nothing is known of d' ({self.rule}), "
                 "though the score is at chance."
             )
         bound = "there is no upper bound" if math.isinf(self.upper) else f"upper bound {self.upper:.2f}"
-        where = f"d' ({self.rule}), {bound} at {100 * self.level:.4g} %, {p}"
+        where = f"d' ({self.rule}), {bound} at {100 * self.level:.4g} %, {probability_text(self.p_value)}"
         if self.equivalent:
             text = f"Equivalent: below {self.delta:g} in {where}."
         else:
@@ -157,13 +155,6 @@ class Equivalence:
 
     def __str__(self) -> str:
         return f"{self.sentence}\n{self.design_sentence}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON; null for inf."""
-        out = asdict(self)
-        for name in ("upper", "decidable_delta"):
-            out[name] = out[name] if math.isfinite(out[name]) else None
-        return out | {"sentence": self.sentence, "design_sentence": self.design_sentence}
 
 
 def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: float = 0.95) -> Equivalence:
@@ -203,12 +194,11 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
     Equivalent: below 1.5 in d' (independent-observations), upper bound 1.02 at 95 %, p = 0.00024.
     """
     check_level(level)
-    if not 0.0 < delta < math.inf:
-        raise ValueError(f"delta must be a number above 0, got {delta}")
+    refuse(not 0.0 < delta < math.inf, f"delta must be a number above 0, got {delta}")
     group = Group(counts, rule)
     error = 1.0 - level
     # The least favourable d' at Delta or above; the p value falls with d' but for the scatter in t.
-    p_value = max(group.few(d) for d in (delta, *(d for d in GRID if d > delta)))
+    p_value = max(group.tails(d)[0] for d in (delta, *(d for d in GRID if d > delta)))
     sizes = [c.trials for c in counts]
     hits = guessed_hits(group)
     power, decidable = equivalence_power(
@@ -224,7 +214,7 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
         trials=(min(sizes), max(sizes)),
         upper=group.upper(error),
         p_value=p_value,
-        p_below_chance=group.few(0.0),
+        p_below_chance=group.tails(0.0)[0],
         equivalent=p_value <= error,
         power=power,
         decidable_delta=decidable,
@@ -235,11 +225,11 @@ def guessed_hits(group: Group) -> Integers:
     """Of subjects with d' = 0 who give as many answers as these did, shape (experiments, subjects)."""
     rng = np.random.default_rng(SEED)
     columns = [
-        rng.hypergeometric(signals, noises, int(answers), EXPERIMENTS) if signals * noises else None
-        for (signals, noises), answers in zip(group.sizes, group.answers[0], strict=True)
-    ]
-    own = [np.full(EXPERIMENTS, h) for h in group.hits[0]]
-    return np.stack([o if c is None else c for c, o in zip(columns, own, strict=True)], axis=1)
+        rng.hypergeometric(signals, noises, int(answers), EXPERIMENTS) if signals * noises else
+        np.full(EXPERIMENTS, hits)
+        for (signals, noises), answers, hits in zip(group.sizes, group.answers[0], group.hits[0], strict=True)
+    ]  # fmt: skip
+    return np.stack(columns, axis=1)
 
 
 def equivalence_power(
@@ -332,7 +322,7 @@ class EquivalenceRow:
 
 
 @dataclass(frozen=True)
-class DesignPower:
+class DesignPower(Result):
     """What a design can show. Prints as a small table.
 
     Attributes
@@ -364,46 +354,30 @@ class DesignPower:
 
     def __str__(self) -> str:
         people = f"{self.subjects} subject{'s' if self.subjects > 1 else ''}"
+        above = (
+            "no score of one subject is above chance: too few trials" if self.critical_score is None else
+            f"a subject is above chance from {self.critical_score} of {self.trials} (by guessing {100 * self.error_rate:.1f} %)"
+        )  # fmt: skip
         lines = [
-            f"{self.task}, {self.trials} trials, {people}; unbiased, {100 * self.lapse:g} % lapses; tests at {100 * self.level:g} %, one-sided"
+            f"{self.task}, {self.trials} trials, {people}; unbiased, {100 * self.lapse:g} % lapses; tests at {100 * self.level:g} %, one-sided",
+            above,
         ]
-        if self.critical_score is None:
-            lines.append("no score of one subject is above chance: too few trials")
-        else:
-            lines.append(
-                f"a subject is above chance from {self.critical_score} of {self.trials} (by guessing {100 * self.error_rate:.1f} %)"
-            )
-        rules = list(dict.fromkeys(row.rule for row in self.rows))
-        if rules:
+        if rules := list(dict.fromkeys(row.rule for row in self.rows)):
             columns = "score subject" + (" group" if self.subjects > 1 else "")
-            lines.append(" " * 8 + "".join(f"{rule:>26}" for rule in rules))
-            lines.append("d'      " + f"{columns:>26}" * len(rules))
+            lines += ["        " + "".join(f"{rule:>26}" for rule in rules)]
+            lines += ["d'      " + f"{columns:>26}" * len(rules)]
         for d in dict.fromkeys(row.d_prime for row in self.rows):
-            cells = [self._cell(row) for row in self.rows if row.d_prime == d]
+            cells = [
+                f"{row.score:>5.1f}   {100 * row.subject:>3.0f} %"
+                + ("" if row.group is None else f" {100 * row.group:>3.0f} %")
+                for row in self.rows
+                if row.d_prime == d
+            ]
             lines.append(f"{d:<8g}" + "".join(f"{cell:>26}" for cell in cells))
-        lines.extend(
-            decision_text(
-                f"equivalence ({row.rule}): {people} x {self.trials} trials",
-                row.delta,
-                row.power,
-                row.decidable_delta,
-            )
-            for row in self.equivalence
-        )
+        for row in self.equivalence:
+            size = f"equivalence ({row.rule}): {people} x {self.trials} trials"
+            lines.append(decision_text(size, row.delta, row.power, row.decidable_delta))
         return "\n".join(lines)
-
-    @staticmethod
-    def _cell(row: PowerRow) -> str:
-        group = "" if row.group is None else f" {100 * row.group:>3.0f} %"
-        return f"{row.score:>5.1f}   {100 * row.subject:>3.0f} %{group}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON; null for inf."""
-        out = asdict(self)
-        for row in out["equivalence"]:
-            if math.isinf(row["decidable_delta"]):
-                row["decidable_delta"] = None
-        return out
 
 
 def design_power(
@@ -457,10 +431,9 @@ def design_power(
     """
     check_design(trials, subjects, level, lapse)
     decisions = [rule_of(task, rule) for rule in rules]
-    if not decisions:
-        raise ValueError("rules must hold a rule, got none")
+    refuse(not decisions, "rules must hold a rule, got none")
     for d in d_primes:
-        check_d_prime("d_primes", d)
+        _check_numbers(delta, d_primes=d)
     critical, error_rate = critical_score(trials, level)
     rows = []
     for decision in decisions:
@@ -474,7 +447,6 @@ def design_power(
             rows.append(PowerRow(decision.name, float(d), mean, sd, subject, group))
     tested = []
     if delta is not None:
-        check_delta(delta)
         for decision in decisions:
             hits, answers = Observer(decision, 0.0, trials, lapse).answers(subjects)
             sizes = [(trials // 2, trials // 2)] * subjects
@@ -494,24 +466,10 @@ def design_power(
 
 
 def check_design(trials: int, subjects: int, level: float, lapse: float) -> None:
-    if trials < 2 or trials % 2:
-        raise ValueError(f"trials must be even and at least 2, got {trials}")
-    if subjects < 1:
-        raise ValueError(f"subjects must be at least 1, got {subjects}")
-    if not 0.0 < level <= 0.5:
-        raise ValueError(f"level must be in (0, 0.5], got {level}")
-    if not 0.0 <= lapse < 1.0:
-        raise ValueError(f"lapse must be in [0, 1), got {lapse}")
-
-
-def check_d_prime(name: str, value: float) -> None:
-    if not 0.0 <= value < math.inf:
-        raise ValueError(f"{name} must be at least 0 and finite, got {value}")
-
-
-def check_delta(value: float) -> None:
-    if not 0.0 < value < math.inf:
-        raise ValueError(f"delta must be a number above 0, got {value}")
+    refuse(trials < 2 or trials % 2, f"trials must be even and at least 2, got {trials}")
+    refuse(subjects < 1, f"subjects must be at least 1, got {subjects}")
+    refuse(not 0.0 < level <= 0.5, f"level must be in (0, 0.5], got {level}")
+    refuse(not 0.0 <= lapse < 1.0, f"lapse must be in [0, 1), got {lapse}")
 
 
 def subjects_needed(
@@ -649,12 +607,15 @@ def _least(enough: Callable[[int], bool], first: int, step: int, most: int) -> i
 
 
 def _checked(task: str, rule: str, d_prime: float | None, delta: float | None, power: float) -> Rule:
-    if (d_prime is None) == (delta is None):
-        raise ValueError(f"d_prime or delta must be given, not both, got {d_prime} and {delta}")
-    if not 0.0 < power < 1.0:
-        raise ValueError(f"power must be in (0, 1), got {power}")
-    if d_prime is not None:
-        check_d_prime("d_prime", d_prime)
-    if delta is not None:
-        check_delta(delta)
+    given = f"got {d_prime} and {delta}"
+    refuse((d_prime is None) == (delta is None), f"d_prime or delta must be given, not both, {given}")
+    refuse(not 0.0 < power < 1.0, f"power must be in (0, 1), got {power}")
+    _check_numbers(delta, d_prime=d_prime)
     return rule_of(task, rule)
+
+
+def _check_numbers(delta: float | None, **d_primes: float | None) -> None:
+    for name, value in d_primes.items():
+        wrong = value is not None and not 0.0 <= value < math.inf
+        refuse(wrong, f"{name} must be at least 0 and finite, got {value}")
+    refuse(delta is not None and not 0.0 < delta < math.inf, f"delta must be a number above 0, got {delta}")

@@ -1,27 +1,19 @@
-"""Tables of a TOML file, read key by key, each mistake in one sentence.
-
-Designs from the tables of a protocol.
-
-The tables of a protocol, each with its rules.
-
-An experiment as its TOML file has it.
-
-A protocol to begin with.
-"""
+"""An experiment as its TOML file has it: every mistake is one sentence with file, table and key."""
 
 from __future__ import annotations
 
 import inspect
 import math
 import os
+import sys
 import tomllib
 import types
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_type_hints
 
 import burrlab.common.table as csv_text
 from burrlab._core import Burr, Material
@@ -29,18 +21,50 @@ from burrlab.bone.image import OccupancyMap, checked_point
 from burrlab.bone.materials import materials as paper
 from burrlab.bone.recipe import VolumeRecipe
 from burrlab.bone.specimen import MOST_VOXELS, unit_vector
-from burrlab.common.check import shown
+from burrlab.common.check import refuse, shown
 from burrlab.common.table import json_mapping
 from burrlab.psychophysics.answers import AnswerFile, ExperimentFolder
-from burrlab.psychophysics.designs import ABX, SameDifferent, counterbalanced
+from burrlab.psychophysics.designs import counterbalanced
 from burrlab.psychophysics.interval import Block, VolumeBlock
 from burrlab.psychophysics.rules import RULES, RuleName
 from burrlab.psychophysics.side_car import SideCar, digest
-from burrlab.psychophysics.staircase import AdaptiveStaircase, ConstantStimuli, Staircase
-from burrlab.psychophysics.trial import Design, Order, Stimulus
+from burrlab.psychophysics.staircase import DESIGNS
+from burrlab.psychophysics.trial import Design, Order, Stimulus, key_of
 from burrlab.session.exchange import parse_device
 
 _REQUIRED = object()
+#: A rule in words, and whether a value keeps it.
+Rule: TypeAlias = tuple[str, Callable[[Any], bool]]
+
+#: Of anything that is counted, such as trials: more than one person answers. All orders are made before the first trial.
+_MOST = 10_000
+_MOST_SUBJECTS = 9999
+_LONGEST = 86400.0  # [s], a day: waiting has an end
+
+_TEXT: Rule = ("a text", lambda value: isinstance(value, str) and value != "")
+_FLAG: Rule = ("true or false", lambda value: type(value) is bool)
+_LIST: Rule = ("a list of numbers", lambda value: isinstance(value, list))
+# TOML's whole numbers have no end
+_NUMBER: Rule = (
+    "a finite number",
+    lambda value: type(value) in (int, float) and abs(value) <= sys.float_info.max,
+)
+_AT_MOST_A_DAY: Rule = (f"at most {_LONGEST:g} [s]", lambda value: value <= _LONGEST)
+_WAIT: tuple[Rule, ...] = (("at least 0", lambda value: value >= 0), _AT_MOST_A_DAY)
+_PORT: Rule = ("a port, 1 to 65535", lambda value: type(value) is int and 0 < value < 65536)
+#: Of a file of tabs.
+_ONE_FIELD: Rule = (
+    "without tabs, line breaks and quotation marks",
+    lambda value: not any(mark in value for mark in '\t\r\n"'),
+)
+
+
+def _whole(most: int = 2**63 - 1) -> Rule:
+    return f"a whole number from 0 to {most}", lambda value: type(value) is int and 0 <= value <= most
+
+
+def _choice(names: Sequence[str]) -> Rule:
+    return f"one of {', '.join(names)}", lambda value: value in names
 
 
 class Table:
@@ -58,46 +82,21 @@ class Table:
         self.file, self.name, self._values = file, name, values
         self._known: list[str] = []
 
-    @property
-    def where(self) -> str:
-        return f"{self.file}, [{self.name}]" if self.name else self.file
-
-    def text(self, key: str, default: Any = _REQUIRED, *, choices: Sequence[str] = ()) -> Any:
-        """A text that is not empty, of the choices where there are any."""
+    def get(self, key: str, kind: Rule, *more: Rule, default: Any = _REQUIRED) -> Any:
+        """A value that keeps the rules; numbers become floats."""
         value = self.value(key, default)
-        if key in self and not (isinstance(value, str) and value):
-            raise self.error(f"{key} must be a text, got {shown(value)}")
-        if key in self and choices and value not in choices:
-            raise self.error(f"{key} must be one of {', '.join(choices)}, got {shown(value)}")
+        for rule, holds in (kind, *more) if key in self else ():
+            if not holds(value):
+                raise self.error(f"{key} must be {rule}, got {shown(value)}")
+            value = float(value) if kind is _NUMBER else value
         return value
-
-    def number(self, key: str, default: Any = _REQUIRED) -> Any:
-        """A finite number."""
-        value = self.value(key, default)
-        return self._number(key, value) if key in self else value
 
     def numbers(self, key: str, default: Any = _REQUIRED) -> Any:
         """A list of finite numbers."""
-        value = self.value(key, default)
+        value = self.get(key, _LIST, default=default)
         if key not in self:
             return value
-        if not isinstance(value, list):
-            raise self.error(f"{key} must be a list of numbers, got {shown(value)}")
-        return [self._number(key, one) for one in value]
-
-    def whole(self, key: str, default: Any = _REQUIRED, *, most: int = 2**63 - 1) -> Any:
-        """A whole number from 0."""
-        value = self.value(key, default)
-        if key in self and not (type(value) is int and 0 <= value <= most):
-            raise self.error(f"{key} must be a whole number from 0 to {most}, got {shown(value)}")
-        return value
-
-    def flag(self, key: str, default: Any = _REQUIRED) -> Any:
-        """true or false."""
-        value = self.value(key, default)
-        if key in self and type(value) is not bool:
-            raise self.error(f"{key} must be true or false, got {shown(value)}")
-        return value
+        return [Table(self.file, self.name, {key: one}).get(key, _NUMBER) for one in value]
 
     def table(self, key: str, *, needed: bool = True) -> Table:
         """A table in this one."""
@@ -126,7 +125,9 @@ class Table:
 
     def error(self, sentence: object) -> ValueError:
         """With the place before the sentence."""
-        return ValueError(f"{self.where}: {sentence}")
+        return ValueError(
+            f"{self.file}, [{self.name}]: {sentence}" if self.name else f"{self.file}: {sentence}"
+        )
 
     @contextmanager
     def errors(self) -> Iterator[None]:
@@ -139,47 +140,6 @@ class Table:
     def __contains__(self, key: str) -> bool:
         return key in self._values
 
-    def _number(self, key: str, value: Any) -> float:
-        try:
-            number = float(value) if type(value) in (int, float) else math.nan
-        except OverflowError:  # TOML's whole numbers have no end
-            number = math.inf
-        if not math.isfinite(number):
-            raise self.error(f"{key} must be a finite number, got {shown(value)}")
-        return number
-
-
-def read_toml(name: str, content: bytes) -> Table:
-    """The whole of a TOML file.
-
-    Raises
-    ------
-    ValueError
-        If it is no TOML in UTF-8: with the line; a table or key that is there twice is none.
-    """
-    text = csv_text.decoded(name, content)
-    try:
-        return Table(name, "", tomllib.loads(text))
-    except ValueError as error:  # TOMLDecodeError is one, and so is a number of thousands of digits
-        raise ValueError(f"{name}: this is not TOML: {error}") from None
-    except RecursionError:
-        raise ValueError(f"{name}: lists or tables are nested too deeply") from None
-
-
-DESIGNS: Mapping[str, type[Design]] = {
-    "same-different": SameDifferent,
-    "abx": ABX,
-    "constant-stimuli": ConstantStimuli,
-    "staircase": Staircase,
-    "adaptive": AdaptiveStaircase,
-}
-#: Parameters in seconds, whose keys say so.
-_SECONDS = ("interval", "reference_interval")
-
-#: Of anything that is counted, such as trials: more than one person answers. All orders are made before the first trial.
-_MOST = 10_000
-_LONGEST = 86400.0  # [s], a day
-
 
 def design_of(table: Table, stimuli: Mapping[str, Stimulus]) -> Design:
     """The design of a table: its keys are the parameters of the design's class, times with _s behind them.
@@ -189,14 +149,12 @@ def design_of(table: Table, stimuli: Mapping[str, Stimulus]) -> Design:
     ValueError
         If a key is unknown, missing or of another type, a material is unknown, or the design refuses a value.
     """
-    kind = DESIGNS[table.text("design", choices=tuple(DESIGNS))]
-    hints = get_type_hints(kind)
-    given: dict[str, Any] = {}
+    kind = DESIGNS[table.get("design", _TEXT, _choice(tuple(DESIGNS)))]
+    hints, given = get_type_hints(kind), {}
     for name, parameter in inspect.signature(kind).parameters.items():
-        key = key_of(name)
-        needed = parameter.default is inspect.Parameter.empty
-        value = _read(table, key, hints[name], stimuli, needed=needed)
-        if key in table:
+        default = _REQUIRED if parameter.default is inspect.Parameter.empty else None
+        value = _read(table, key_of(name), hints[name], stimuli, default)
+        if key_of(name) in table:
             given[name] = value
     table.done()
     try:
@@ -204,11 +162,6 @@ def design_of(table: Table, stimuli: Mapping[str, Stimulus]) -> Design:
     except (ValueError, TypeError) as error:
         name, space, rest = str(error).partition(" ")
         raise table.error(f"{key_of(name)}{space}{rest}") from None
-
-
-def key_of(name: str) -> str:
-    """The key of a design's parameter."""
-    return f"{name}_s" if name in _SECONDS else name
 
 
 def stimuli_of(table: Table) -> dict[str, Stimulus]:
@@ -226,43 +179,31 @@ def stimuli_of(table: Table) -> dict[str, Stimulus]:
             raise table.error(f"{name!r} is a material of the paper: choose another name")
         if not (name.isascii() and name.replace("_", "").replace("-", "").isalnum()):
             raise table.error(f"a material's name must be of letters, digits, _ and -, got {name!r}")
-        stimuli[name] = Stimulus(name, None if one.flag("real", False) else _material(name, one))
+        material = None
+        if not one.get("real", _FLAG, default=False):
+            numbers = {key: one.get(key, _NUMBER) for key in ("c_e", "alpha")}
+            texts = {key: one.get(key, _TEXT, default=None) for key in ("shape", "source")}
+            with one.errors():
+                material = Material(name, **numbers, **{key: text for key, text in texts.items() if text})
+        stimuli[name] = Stimulus(name, material)
         one.done()
     return stimuli
 
 
-def _material(name: str, table: Table) -> Material:
-    values: dict[str, Any] = {"c_e": table.number("c_e"), "alpha": table.number("alpha")}
-    for key in ("shape", "source"):
-        if (value := table.text(key, None)) is not None:
-            values[key] = value
-    with table.errors():
-        return Material(name, **values)
-
-
-def _read(table: Table, key: str, kind: Any, stimuli: Mapping[str, Stimulus], *, needed: bool) -> Any:
+def _read(table: Table, key: str, kind: Any, stimuli: Mapping[str, Stimulus], default: Any) -> Any:
     """A value of the type that the design's parameter has."""
-    default = () if needed else (None,)
     if get_origin(kind) in (Union, types.UnionType):
         kind = next(one for one in get_args(kind) if one is not type(None))
     if kind is Stimulus:
-        name = table.text(key, *default)
+        name = table.get(key, _TEXT, default=default)
         if name is not None and name not in stimuli:
             raise table.error(f"{key} must be a material, one of {', '.join(stimuli)}, got {name!r}")
         return stimuli.get(name)
+    if kind is float:
+        return table.get(key, _NUMBER, *[_AT_MOST_A_DAY] * key.endswith("_s"), default=default)
     if get_origin(kind) is Literal:
-        return table.text(key, *default, choices=get_args(kind))
-    if kind is int:
-        return table.whole(key, *default, most=_MOST)
-    readers = {float: table.number, bool: table.flag, str: table.text}
-    value = readers.get(kind, table.numbers)(key, *default)
-    if key.endswith("_s") and key in table and value > _LONGEST:
-        raise table.error(f"{key} must be at most {_LONGEST:g} [s], got {value!r}")
-    return value
-
-
-_MOST_SUBJECTS = 9999
-# [s], a day: waiting has an end
+        return table.get(key, _TEXT, _choice(get_args(kind)), default=default)
+    return table.get(key, _whole(_MOST), default=default) if kind is int else table.numbers(key, default)
 
 
 @dataclass(frozen=True)
@@ -286,14 +227,22 @@ class AnalysisSettings:
 
 def subjects_of(table: Table) -> tuple[str, ...]:
     """Labels of the subjects of [experiment]."""
-    value = table.value("subjects")
+    value = table.get(
+        "subjects",
+        (
+            "a number or a list of names",
+            lambda found: (
+                type(found) is int
+                or (isinstance(found, list) and found != [] and all(isinstance(one, str) for one in found))
+            ),
+        ),
+        (
+            f"1 to {_MOST_SUBJECTS}, or a list of names",
+            lambda found: type(found) is not int or 1 <= found <= _MOST_SUBJECTS,
+        ),
+    )
     if type(value) is int:
-        if not 1 <= value <= _MOST_SUBJECTS:
-            raise table.error(f"subjects must be 1 to {_MOST_SUBJECTS}, or a list of names, got {value}")
-        digits = max(2, len(str(value)))
-        return tuple(f"{number:0{digits}}" for number in range(1, value + 1))
-    if not (isinstance(value, list) and value and all(isinstance(one, str) for one in value)):
-        raise table.error(f"subjects must be a number or a list of names, got {shown(value)}")
+        return tuple(f"{number:0{max(2, len(str(value)))}}" for number in range(1, value + 1))
     _check_labels(table, "a subject", value)
     return tuple(value)
 
@@ -313,23 +262,12 @@ def _check_labels(table: Table, what: str, labels: list[str]) -> None:
 
 def device_of(table: Table, folder: Path) -> str:
     """The device of [experiment], a script's file in the folder."""
-    text = table.text("device", "hand")
+    text = table.get("device", _TEXT, default="hand")
     try:
         device = parse_device(text)
     except ValueError as error:
         raise table.error(f"device {error}") from None
     return f"scripted:{folder / device.file}" if device.kind == "scripted" else str(text)
-
-
-def network_of(table: Table) -> tuple[float, int | None]:
-    """Of [experiment]: age of a lost position [ms], and the port to publish on."""
-    lost_after = float(table.number("lost_after_ms", 100.0))
-    if lost_after <= 0:
-        raise table.error(f"lost_after_ms must be positive, got {shown(lost_after)}")
-    publish: int | None = table.value("publish", None)
-    if publish is not None and not (type(publish) is int and 0 < publish < 65536):
-        raise table.error(f"publish must be a port, 1 to 65535, got {shown(publish)}")
-    return lost_after, publish
 
 
 def without_folder(device: str) -> str:
@@ -338,44 +276,14 @@ def without_folder(device: str) -> str:
     return f"scripted:{Path(file).name}" if kind == "scripted" else device
 
 
-def selection_of(table: Table) -> str | None:
-    """The selection of [experiment], which goes into a file of tabs."""
-    text: str | None = table.text("selected_by", None)
-    if text is not None and any(mark in text for mark in '\t\r\n"'):
-        raise table.error(
-            f"selected_by must be without tabs, line breaks and quotation marks, got {shown(text)}"
-        )
-    return text
-
-
-def selected_from_of(table: Table, subjects: int) -> int | None:
-    """Of how many the subjects were selected, of [experiment]."""
-    if table.value("selected_from", None) is None:
-        return None
-    number = table.whole("selected_from")
-    if number <= subjects:
-        raise table.error(f"selected_from must be more than the {subjects} subjects, got {number}")
-    return int(number)
-
-
-def seconds_of(table: Table, key: str, default: float) -> float:
-    """A time from 0 to a day [s]."""
-    value = float(table.number(key, default))
-    if value < 0:
-        raise table.error(f"{key} must be at least 0, got {shown(value)}")
-    if value > _LONGEST:
-        raise table.error(f"{key} must be at most {_LONGEST:g} [s], got {shown(value)}")
-    return value
-
-
 def burr_and_bone_of(file: Table, folder: Path) -> tuple[Burr, Block]:
     """[burr] and [bone], which must fit one another; a volume's file in the folder."""
     table = file.table("burr")
     with table.errors():
-        burr = Burr(table.number("radius_mm"))
+        burr = Burr(table.get("radius_mm", _NUMBER))
     table.done()
     table = file.table("bone")
-    size, voxel = table.numbers("size_mm"), table.number("voxel_mm")
+    size, voxel = table.numbers("size_mm"), table.get("voxel_mm", _NUMBER)
     volume = _volume_of(table, folder)
     table.done()
     # Side by side: a cube of a length near the ends of double is 0 or too large.
@@ -384,43 +292,39 @@ def burr_and_bone_of(file: Table, folder: Path) -> tuple[Burr, Block]:
     with table.errors():
         bone = Block(tuple(size), voxel) if volume is None else VolumeBlock(tuple(size), voxel, **volume)
         bone.check_burr(burr)
-        if isinstance(bone, VolumeBlock):
-            try:
-                bone.fresh()  # a volume that cannot be read is no surprise in the first trial
-            except OSError as error:
-                raise ValueError(str(error)) from None
+        try:
+            bone.fresh() if volume else None  # a volume that cannot be read is no surprise in the first trial
+        except OSError as error:
+            raise ValueError(str(error)) from None
     return burr, bone
 
 
 def _volume_of(table: Table, folder: Path) -> dict[str, Any] | None:
     """What makes a `VolumeBlock` of [bone], where it names a volume."""
-    keys = ("map", "entry_mm", "axis", "spacing_mm", "series", "crop_mm", "volume_voxel_mm", "transpose")
-    path = table.text("volume", None)
-    text, entry, axis = table.text("map", None), table.numbers("entry_mm", None), table.numbers("axis", None)
-    spacing, series = table.numbers("spacing_mm", None), table.text("series", None)
-    crop, voxel = table.value("crop_mm", None), table.number("volume_voxel_mm", None)
-    transpose = table.flag("transpose", None)
+    path, given = table.get("volume", _TEXT, default=None), {}
+    for key, read in (
+        ("map", _TEXT), ("entry_mm", _LIST), ("axis", _LIST), ("spacing_mm", _LIST), ("series", _TEXT),
+        ("crop_mm", None), ("volume_voxel_mm", _NUMBER), ("transpose", _FLAG),
+    ):  # fmt: skip
+        if read is None:
+            given[key] = table.value(key, None)
+        else:
+            given[key] = table.numbers(key, None) if read is _LIST else table.get(key, read, default=None)
+        if path is None and key in table:
+            raise table.error(f"{key} goes with volume")
+    text, entry, axis, spacing, series, crop, voxel, transpose = given.values()
     if path is None:
-        for key in keys:
-            if key in table:
-                raise table.error(f"{key} goes with volume")
         return None
-    for key in keys[:3]:
+    for key in ("map", "entry_mm", "axis"):
         if key not in table:
             raise table.error(f"{key} is missing: volume needs it")
     if crop is not None and not (isinstance(crop, list) and len(crop) == 2):
         raise table.error(f"crop_mm must be two corners, [[x, y, z], [x, y, z]], got {shown(crop)}")
     with table.errors():
+        corners = None if crop is None else (crop[0], crop[1])
+        occupied = OccupancyMap.parse(text)
         return {
-            "volume": VolumeRecipe(
-                str(folder / path),
-                OccupancyMap.parse(text),
-                spacing,
-                series,
-                None if crop is None else (crop[0], crop[1]),
-                voxel,
-                transpose,
-            ),
+            "volume": VolumeRecipe(str(folder / path), occupied, spacing, series, corners, voxel, transpose),
             "entry": tuple(checked_point(entry, "entry_mm").tolist()),
             "axis": tuple(unit_vector(axis).tolist()),
         }
@@ -447,26 +351,24 @@ def designs_of(file: Table) -> Mapping[str, Design]:
 
 def analysis_of(table: Table) -> AnalysisSettings:
     """[analysis]."""
-    rules = table.value("rules", list(RULES))
-    if not (
-        isinstance(rules, list)
-        and rules
-        and all(rule in RULES for rule in rules)
-        and len({*rules}) == len(rules)
-    ):
-        raise table.error(
-            f"rules must be a list of {', '.join(RULES)}, each once at most, got {shown(rules)}"
-        )
-    delta, level = table.number("delta", None), table.number("level", 0.95)
-    if delta is not None and delta <= 0:
-        raise table.error(f"delta must be a d' above 0, got {shown(delta)}")
-    if not 0.5 <= level < 1:
-        raise table.error(f"level must be from 0.5 to below 1, got {shown(level)}")
+    rules = table.get(
+        "rules",
+        (
+            f"a list of {', '.join(RULES)}, each once at most",
+            lambda found: (
+                isinstance(found, list)
+                and found != []
+                and all(rule in RULES for rule in found)
+                and len({*found}) == len(found)
+            ),
+        ),
+        default=list(RULES),
+    )
+    delta = table.get("delta", _NUMBER, ("a d' above 0", lambda value: value > 0), default=None)
+    in_range: Rule = ("from 0.5 to below 1", lambda value: 0.5 <= value < 1)
+    level = table.get("level", _NUMBER, in_range, default=0.95)
     table.done()
     return AnalysisSettings(tuple(rules), delta, level)
-
-
-__all__ = ["AnalysisSettings", "Protocol"]
 
 
 @dataclass(frozen=True)
@@ -550,20 +452,28 @@ class Protocol:
             If the file cannot be read.
         """
         path = Path(path)
-        file = read_toml(os.fspath(path), path.read_bytes())
+        told = os.fspath(path)
+        text = csv_text.decoded(told, path.read_bytes())
+        try:
+            file = Table(told, "", tomllib.loads(text))
+        except ValueError as error:  # TOMLDecodeError is one, and so is a number of thousands of digits
+            raise ValueError(f"{told}: this is not TOML: {error}") from None
+        except RecursionError:
+            raise ValueError(f"{told}: lists or tables are nested too deeply") from None
         experiment = file.table("experiment")
-        name = experiment.text("name")
-        seed = experiment.whole("seed")
-        subjects = subjects_of(experiment)
-        folder = path.parent / experiment.text("folder", "data")
+        get = experiment.get
+        name, seed, subjects = get("name", _TEXT), get("seed", _whole()), subjects_of(experiment)
+        folder = path.parent / get("folder", _TEXT, default="data")
         device = device_of(experiment, path.parent)
-        lost_after, publish = network_of(experiment)
-        trace, feedback = experiment.flag("trace", False), experiment.flag("feedback", False)
+        lost_after = get("lost_after_ms", _NUMBER, ("positive", lambda value: value > 0), default=100.0)
+        publish = get("publish", _PORT, default=None)
+        trace, feedback = (get(key, _FLAG, default=False) for key in ("trace", "feedback"))
         pause, rest = (
-            seconds_of(experiment, key, value) for key, value in (("pause_s", 1.0), ("break_s", 60.0))
+            get(key, _NUMBER, *_WAIT, default=due) for key, due in (("pause_s", 1.0), ("break_s", 60.0))
         )
-        selected_by = selection_of(experiment)
-        selected_from = selected_from_of(experiment, len(subjects))
+        selected_by = get("selected_by", _TEXT, _ONE_FIELD, default=None)
+        fewer: Rule = (f"more than the {len(subjects)} subjects", lambda value: value > len(subjects))
+        selected_from = get("selected_from", _whole(), fewer, default=None)
         experiment.done()
         burr, bone = burr_and_bone_of(file, path.parent)
         tasks = designs_of(file)
@@ -716,15 +626,17 @@ class Protocol:
         return f"Protocol({self.name!r}, {len(self.subjects)} subjects, tasks {tasks}, digest {self.digest[:12]})"
 
     def _checked(self, subject: str) -> str:
-        if subject not in self.subjects:
-            raise ValueError(
-                f"{self.path}: there is no subject {subject!r}; there are {', '.join(self.subjects)}"
-            )
+        refuse(
+            subject not in self.subjects,
+            f"{self.path}: there is no subject {subject!r}; there are {', '.join(self.subjects)}",
+        )
         return subject
 
     def _design(self, task: str) -> Design:
-        if task not in self.tasks:
-            raise ValueError(f"{self.path}: there is no task {task!r}; there are {', '.join(self.tasks)}")
+        refuse(
+            task not in self.tasks,
+            f"{self.path}: there is no task {task!r}; there are {', '.join(self.tasks)}",
+        )
         return self.tasks[task]
 
 

@@ -1,9 +1,4 @@
-"""What the answers of a two-interval task say about threshold, slope and lapse rate: a posterior on a grid.
-
-A fitted psychometric function: numbers, words, figure.
-
-Psychometric function of a two-interval task, through psignifit (extra `psychometric`).
-"""
+"""Threshold, slope and lapse rate of a two-interval task: a posterior on a grid, and psignifit's psychometric function."""
 
 from __future__ import annotations
 
@@ -12,8 +7,9 @@ import operator
 import re
 import warnings
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,9 +17,11 @@ from numpy.typing import ArrayLike
 from scipy.special import entr
 from scipy.stats import beta, chi2
 
+from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.common.provenance import provenance
 from burrlab.psychophysics.designs import UNITS, checked_answers, checked_level, one_of
+from burrlab.psychophysics.result import Result
 from burrlab.psychophysics.rules import Floats
 
 if TYPE_CHECKING:
@@ -92,10 +90,7 @@ class ThresholdPosterior:
         weights = np.exp(self._log - self._log.max())
         return np.asarray(weights / weights.sum())
 
-    def update(self, difference: float, correct: bool) -> None:
-        self.update_counts(difference, int(correct), 1)
-
-    def update_counts(self, difference: float, correct: int, trials: int) -> None:
+    def update(self, difference: float, correct: int, trials: int = 1) -> None:
         p = proportion_correct(difference, *self._tables.grid)
         self._log += correct * np.log(p) + (trials - correct) * np.log1p(-p)
 
@@ -132,7 +127,7 @@ class ThresholdPosterior:
 
 
 @dataclass(frozen=True)
-class PosteriorThreshold:
+class PosteriorThreshold(Result):
     """A threshold with its credible interval.
 
     Attributes
@@ -162,20 +157,12 @@ class PosteriorThreshold:
     open_below: bool
     open_above: bool
 
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {**asdict(self), "interval": list(self.interval)}
-
     def __str__(self) -> str:
         near, far = self.interval
-        ends = "".join(
-            f"; it may lie {where} the levels"
-            for where, is_open in (("nearer to 1 than", self.open_below), ("beyond", self.open_above))
-            if is_open
-        )
+        ends = "; it may lie nearer to 1 than the levels" * self.open_below
         return (
             f"75 % correct at a ratio of {self.level:.3g}, with {100 * self.credible:g} % between {near:.3g} and {far:.3g} "
-            f"({self.trials} trials){ends}"
+            f"({self.trials} trials){ends}{'; it may lie beyond the levels' * self.open_above}"
         )
 
 
@@ -196,10 +183,11 @@ def posterior_threshold(
         or `level` is not between 0 and 1.
     """
     ratios, right = checked_answers(levels, correct)
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level must be between 0 and 1, got {level}")
-    if len({ratio > 1.0 for ratio in ratios}) > 1:
-        raise ValueError("levels must be on one side of 1, got some below and some above")
+    refuse(not 0.0 < level < 1.0, f"level must be between 0 and 1, got {level}")
+    refuse(
+        len({ratio > 1.0 for ratio in ratios}) > 1,
+        "levels must be on one side of 1, got some below and some above",
+    )
     side = -1.0 if ratios and ratios[0] < 1.0 else 1.0
     posterior = ThresholdPosterior(smallest, largest)
     for ratio, answer in zip(ratios, right, strict=True):
@@ -224,7 +212,7 @@ _MOST_BARS = 12  # levels that are drawn with an interval each
 
 
 @dataclass(frozen=True)
-class PsychometricFit:
+class PsychometricFit(Result):
     """A Weibull function of the difference |ln level| with guess rate 0.5.
 
     Attributes
@@ -284,11 +272,10 @@ class PsychometricFit:
 
         An increase, or a decrease where all levels were below 1.
         """
-        if self.reference is None:
+        if (reference := self.reference) is None:
             return None
-        below, reference = self.side == "below", self.reference
         value, low, high = (
-            reference * (1.0 - 1.0 / ratio if below else ratio - 1.0)
+            reference * (1.0 - 1.0 / ratio if self.side == "below" else ratio - 1.0)
             for ratio in (self.threshold, *self.interval)
         )
         return value, low, high
@@ -321,10 +308,6 @@ class PsychometricFit:
         for name, end in self.at_bounds:
             lines.append(f"the {end} end of the {name} is set by the prior, not by the data")
         return "\n".join(lines)
-
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Proportion correct over the ratio, with exact binomial intervals, the curve, and the threshold's interval."""
@@ -443,18 +426,19 @@ def psychometric_function(
     H. H. Schütt, S. Harmeling, J. H. Macke, F. A. Wichmann, Painfree and accurate Bayesian estimation of psychometric
     functions for (potentially) overdispersed data, Vision Research 122 (2016) 105-123.
     """
-    if not len(levels) == len(correct) == len(trials):
-        raise ValueError(
-            f"levels, correct and trials must be equally many, got {len(levels)}, {len(correct)} and {len(trials)}"
-        )
+    refuse(
+        not len(levels) == len(correct) == len(trials),
+        f"levels, correct and trials must be equally many, got {len(levels)}, {len(correct)} and {len(trials)}",
+    )
     ratios = [checked_level("levels", ratio) for ratio in levels]
     pooled = _pooled(ratios, correct, trials)
     if parameter is not None:
         one_of("parameter", parameter, tuple(UNITS))
-    if reference is not None and not (math.isfinite(reference) and reference > 0.0):
-        raise ValueError(f"reference must be above 0, got {reference}")
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level must be between 0 and 1, got {level}")
+    refuse(
+        reference is not None and not (math.isfinite(reference) and reference > 0.0),
+        f"reference must be above 0, got {reference}",
+    )
+    refuse(not 0.0 < level < 1.0, f"level must be between 0 and 1, got {level}")
 
     data = np.array([(math.log(math.log(ratio)), *n) for ratio, n in pooled.items()])
     found, at_bounds = _fit(data, level)
@@ -481,7 +465,7 @@ def psychometric_function(
         parameter=parameter,
         reference=None if reference is None else float(reference),
         at_bounds=tuple(at_bounds),
-        provenance=provenance(psignifit=_version()),
+        provenance=provenance(psignifit=version("psignifit")),
     )
 
 
@@ -492,14 +476,15 @@ def _pooled(
     counts: dict[float, tuple[int, int]] = {}
     for ratio, right, number in zip(ratios, correct, trials, strict=True):
         right, number = operator.index(right), operator.index(number)
-        if not 0 <= right <= number or number == 0:
-            raise ValueError(f"correct must be from 0 to trials, at least 1, got {right} of {number}")
+        refuse(
+            not 0 <= right <= number or number == 0,
+            f"correct must be from 0 to trials, at least 1, got {right} of {number}",
+        )
         above = max(ratio, 1.0 / ratio)
         same = next((known for known in counts if math.isclose(known, above)), above)  # up to rounding
         before = counts.get(same, (0, 0))
         counts[same] = (before[0] + right, before[1] + number)
-    if len(counts) < 2:
-        raise ValueError(f"levels must hold at least two different differences from 1, got {len(counts)}")
+    refuse(len(counts) < 2, f"levels must hold at least two different differences from 1, got {len(counts)}")
     return dict(sorted(counts.items()))
 
 
@@ -533,9 +518,3 @@ def _fit(data: Floats, level: float) -> tuple[Any, list[tuple[str, str]]]:
         else:
             warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
     return found, at_bounds
-
-
-def _version() -> str:
-    from importlib.metadata import version
-
-    return version("psignifit")

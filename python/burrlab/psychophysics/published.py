@@ -1,17 +1,12 @@
-"""What a published mean +- standard error of scores shows, and what it does not.
-
-Two one-sided t tests: is a signed quantity within +-delta?
-
-What selection by the outcome does to a mean score: the best of many chance performers are above chance.
-"""
+"""What a published mean score shows, what selection does to it, and two one-sided t tests of signed values."""
 
 from __future__ import annotations
 
 import math
 import operator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,13 +15,17 @@ from scipy.special import ndtr
 from scipy.stats import chi2
 from scipy.stats import t as student
 
+from burrlab.common.check import refuse
 from burrlab.psychophysics.group import check_level, finite_values, probability_text
 from burrlab.psychophysics.power import WANTED_POWER, decision_text
+from burrlab.psychophysics.result import Result
 from burrlab.psychophysics.rules import RULES, Floats, TaskName, rule_of
+
+Three: TypeAlias = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class PublishedScore:
+class PublishedScore(Result):
     """A mean score re-analysed. Pairs are (low, high).
 
     Attributes
@@ -66,7 +65,7 @@ class PublishedScore:
     t_range: tuple[float, float]
     interval: tuple[float, float]
     level: float
-    d_prime: dict[str, tuple[float, float, float]]
+    d_prime: dict[str, Three]
     spread: float
     binomial_spread: float
     spread_p_value: float
@@ -74,39 +73,25 @@ class PublishedScore:
     guessers: float
 
     def __str__(self) -> str:
-        level = f"{100 * self.level:.4g} %"
-        low, high = self.interval
+        (low, high), (least, most) = self.interval, self.spread_p_range
+        differ = (
+            "whether subjects differ depends on the rounding" if least < 0.05 else "subjects may be alike"
+        )
+        differ = "subjects differ, in d' or in bias" if most < 0.05 else differ
         lines = [
             f"{self.mean:g} +- {self.sem:g} of {self.trials}, {self.n} subjects ({self.task})",
             f"above chance: t({self.n - 1}) = {self.t:.1f} ({self.t_range[0]:.1f} to {self.t_range[1]:.1f} by rounding), {probability_text(self.p_value)}",
-            f"mean score, {level}: {low:.2f} to {high:.2f}",
-        ]
-        for rule, (estimate, bottom, top) in self.d_prime.items():
-            lines.append(
+            f"mean score, {100 * self.level:.4g} %: {low:.2f} to {high:.2f}",
+            *(
                 f"d' if all are alike and unbiased ({rule}): {estimate:.2f} ({bottom:.2f} to {top:.2f})"
-            )
-        lines.append(
+                for rule, (estimate, bottom, top) in self.d_prime.items()
+            ),
             f"spread {self.spread:.2f}, by chance alone {self.binomial_spread:.2f}: {probability_text(self.spread_p_value)} "
-            f"({self.spread_p_range[0]:.2g} to {self.spread_p_range[1]:.2g} by rounding); {self._heterogeneity()}"
-        )
-        lines.append(
+            f"({least:.2g} to {most:.2g} by rounding); {differ}",
             f"Not shown: how many subjects can tell. {100 * self.guessers:.0f} % guessing, the rest alike, fits mean and spread. "
-            "Not shown either: bias, and so d' of each."
-        )
+            "Not shown either: bias, and so d' of each.",
+        ]
         return "\n".join(lines)
-
-    def _heterogeneity(self) -> str:
-        low, high = self.spread_p_range
-        if high < 0.05:
-            return "subjects differ, in d' or in bias"
-        return "whether subjects differ depends on the rounding" if low < 0.05 else "subjects may be alike"
-
-    def to_dict(self) -> dict[str, Any]:
-        out = asdict(self)
-        out["d_prime"] = {
-            rule: [d if math.isfinite(d) else None for d in values] for rule, values in self.d_prime.items()
-        }
-        return out
 
 
 def group_score_from(
@@ -151,12 +136,12 @@ def group_score_from(
     t = 8.25, spread 1.79 against 1.45
     """
     check_level(level)
-    if n < 2 or trials < 2:
-        raise ValueError(f"n and trials must be at least 2, got {n} and {trials}")
-    if not 0.0 < mean < trials:
-        raise ValueError(f"mean must be between 0 and {trials}, got {mean}")
-    if not 0.0 <= rounding < sem < math.inf:
-        raise ValueError(f"sem must be above rounding, which is at least 0, got {sem} and {rounding}")
+    refuse(n < 2 or trials < 2, f"n and trials must be at least 2, got {n} and {trials}")
+    refuse(not 0.0 < mean < trials, f"mean must be between 0 and {trials}, got {mean}")
+    refuse(
+        not 0.0 <= rounding < sem < math.inf,
+        f"sem must be above rounding, which is at least 0, got {sem} and {rounding}",
+    )
     chance, freedom = 0.5 * trials, n - 1
     t = (mean - chance) / sem
     corners = [
@@ -179,7 +164,12 @@ def group_score_from(
         t_range=(min(corners), max(corners)),
         interval=interval,
         level=level,
-        d_prime={rule: _of_scores(task, rule, np.array([mean, *interval]) / trials) for rule in RULES},
+        d_prime={
+            rule: cast(
+                Three, tuple(unbiased_d_prime(task, rule, float(x) / trials) for x in (mean, *interval))
+            )
+            for rule in RULES
+        },
         spread=spread,
         binomial_spread=math.sqrt(noise),
         spread_p_value=_spread_p(spread, noise, n),
@@ -203,11 +193,6 @@ def unbiased_d_prime(task: str, rule: str, proportion: float) -> float:
     return low
 
 
-def _of_scores(task: str, rule: str, proportions: Floats) -> tuple[float, float, float]:
-    estimate, low, high = (unbiased_d_prime(task, rule, float(p)) for p in proportions)
-    return estimate, low, high
-
-
 def _spread_p_range(mean: float, sem: float, rounding: float, n: int, trials: int) -> tuple[float, float]:
     # Chance's variance is largest at the mean nearest to the middle, and smallest at one of the ends.
     ends = mean - rounding, mean + rounding
@@ -228,7 +213,7 @@ _QUANTILES = 2000
 
 
 @dataclass(frozen=True)
-class SignedEquivalence:
+class SignedEquivalence(Result):
     """The outcome of two one-sided t tests.
 
     Attributes
@@ -248,6 +233,8 @@ class SignedEquivalence:
         The smallest delta that would have a power of 80 %.
     """
 
+    _derived = ("sentence", "design_sentence")
+
     delta: float
     level: float
     n: int
@@ -262,10 +249,8 @@ class SignedEquivalence:
     @property
     def sentence(self) -> str:
         """The outcome in plain words."""
-        low, high = self.interval
-        ends = (
-            f"{low:.3g} to {high:.3g} at {100 * (2 * self.level - 1):.4g} %, {probability_text(self.p_value)}"
-        )
+        level = f"{100 * (2 * self.level - 1):.4g} %, {probability_text(self.p_value)}"
+        ends = "{:.3g} to {:.3g} at ".format(*self.interval) + level
         if self.equivalent:
             return f"Equivalent: within +-{self.delta:g} ({ends})."
         return f"Not shown to be equivalent: beyond +-{self.delta:g} is possible ({ends}). That does not show a difference."
@@ -273,14 +258,12 @@ class SignedEquivalence:
     @property
     def design_sentence(self) -> str:
         """What so many subjects could decide."""
-        size = f"{self.n} subjects"
-        return decision_text(size, self.delta, self.power, self.decidable_delta, quantity="the mean")
+        return decision_text(
+            f"{self.n} subjects", self.delta, self.power, self.decidable_delta, quantity="the mean"
+        )
 
     def __str__(self) -> str:
         return f"{self.sentence}\n{self.design_sentence}"
-
-    def to_dict(self) -> dict[str, Any]:
-        return asdict(self) | {"sentence": self.sentence, "design_sentence": self.design_sentence}
 
 
 def tost(values: ArrayLike, *, delta: float, level: float = 0.95) -> SignedEquivalence:
@@ -311,13 +294,10 @@ def tost(values: ArrayLike, *, delta: float, level: float = 0.95) -> SignedEquiv
     """
     check_level(level)
     x = finite_values(values)
-    if len(x) < 2:
-        raise ValueError(f"values must hold at least 2, got {len(x)}")
-    if not 0.0 < delta < math.inf:
-        raise ValueError(f"delta must be a number above 0, got {delta}")
+    refuse(len(x) < 2, f"values must hold at least 2, got {len(x)}")
+    refuse(not 0.0 < delta < math.inf, f"delta must be a number above 0, got {delta}")
     n, mean, sem = len(x), float(np.mean(x)), float(np.std(x, ddof=1)) / math.sqrt(len(x))
-    if sem == 0.0:
-        raise ValueError("values must differ, got the same one for all")
+    refuse(sem == 0.0, "values must differ, got the same one for all")
     p_value = float(max(student.sf((mean + delta) / sem, n - 1), student.cdf((mean - delta) / sem, n - 1)))
     wide = float(student.ppf(level, n - 1)) * sem
     low, high = 0.0, 1.0
@@ -395,12 +375,9 @@ class SelectionEffect:
     def __post_init__(self) -> None:
         for name in ("kept", "of", "trials"):
             object.__setattr__(self, name, operator.index(getattr(self, name)))
-        if not 1 <= self.kept <= self.of:
-            raise ValueError(f"kept must be in 1..of, 1..{self.of}, got {self.kept}")
-        if self.trials < 1:
-            raise ValueError(f"trials must be at least 1, got {self.trials}")
-        if not 0.0 < self.chance < 1.0:
-            raise ValueError(f"chance must be in (0, 1), got {self.chance!r}")
+        refuse(not 1 <= self.kept <= self.of, f"kept must be in 1..of, 1..{self.of}, got {self.kept}")
+        refuse(self.trials < 1, f"trials must be at least 1, got {self.trials}")
+        refuse(not 0.0 < self.chance < 1.0, f"chance must be in (0, 1), got {self.chance!r}")
 
     @property
     def expected(self) -> float:

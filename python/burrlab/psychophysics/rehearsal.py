@@ -1,11 +1,4 @@
-"""A whole experiment with simulated subjects, in seconds.
-
-What a simulated subject would make of two materials, before anybody has rendered a trial.
-
-The paper's Task 1 by simulated subjects: which cue, with how much noise, gives which score.
-
-A simulated subject in the place of a person.
-"""
+"""Simulated subjects in the place of people: rehearsals, predicted scores, the paper's Task 1, and a seat in a run."""
 
 from __future__ import annotations
 
@@ -20,6 +13,7 @@ from scipy.optimize import brentq
 
 from burrlab._core import Burr, Material
 from burrlab.bone.materials import materials
+from burrlab.common.check import refuse
 from burrlab.psychophysics.designs import ABX, Draws
 from burrlab.psychophysics.interval import Block, Rendered
 from burrlab.psychophysics.observer import (
@@ -36,7 +30,8 @@ from burrlab.psychophysics.observer import (
     rendered_cues,
 )
 from burrlab.psychophysics.power import DesignPower, design_power, subjects_needed, trials_needed
-from burrlab.psychophysics.rules import Counts, RuleName, TaskName, rule_of
+from burrlab.psychophysics.result import Result
+from burrlab.psychophysics.rules import Counts, RuleName, TaskName, counts_of, rule_of
 from burrlab.psychophysics.seat import Seat
 from burrlab.psychophysics.trial import MODES, Design, Interval, Mode, Order, Trial
 from burrlab.psychophysics.weber import COMPLIANCE_WITHOUT_SURFACE
@@ -88,12 +83,16 @@ def rehearse(
     beside the noise), and a rehearsal of 20 subjects takes seconds rather than an hour. `burrlab experiment run --simulated`
     renders every interval.
     """
-    if operator.index(subjects) < 1:
-        raise ValueError(f"subjects must be at least 1, got {subjects}")
+    refuse(operator.index(subjects) < 1, f"subjects must be at least 1, got {subjects}")
     names = [f"{number:02d}" for number in range(1, subjects + 1)]
     taught = subject if subject.known is not None else teach(subject, design, burr=burr, bone=bone)
     orders = (rehearsed_order(design, taught, name=name, seed=seed, burr=burr, bone=bone) for name in names)
-    return [counts_of(design.task, order.answered) for order in orders]
+    return [
+        counts_of(
+            design.task, [(t.trial_type, said, t.correct) for t, said in order.answered if t.phase == "main"]
+        )
+        for order in orders
+    ]
 
 
 def rehearsed_order(
@@ -115,7 +114,7 @@ def rehearsed_order(
     rng = np.random.default_rng([operator.index(seed), *name.encode()])
     order = design.order(seed=seed, subject=name)
     while (trial := order.next()) is not None:
-        felt = [_felt(design, interval, burr, bone) for interval in stood_in(trial)]
+        felt = [_felt(design, interval, burr, bone) for interval in trial.intervals]
         order.answer(taught.respond(trial, felt, rng))
     return order
 
@@ -133,62 +132,46 @@ def teach(
     if design.task == "2ifc":
         return subject
     burr, bone = burr or Burr(3.0), bone or Block()
-    found: dict[Material, Interval] = {}
+    found: dict[Material | None, Interval] = {}
     order = design.order(seed=0, subject="taught")
     while len(found) < 2 and (trial := order.next()) is not None:
-        for interval in stood_in(trial):
-            assert interval.stimulus.material is not None
-            found.setdefault(interval.stimulus.material, interval)
+        for interval in trial.intervals:
+            found.setdefault(stood_in(design, interval).stimulus.material, interval)
         order.answer(design.answers[0])
-    if len(found) != 2:
-        raise ValueError(f"design must have two materials, got {len(found)}")
+    refuse(len(found) != 2, f"design must have two materials, got {len(found)}")
     a, b = (_felt(design, interval, burr, bone) for interval in found.values())
     return subject.taught(a, b)
 
 
 def check_rehearsable(design: Design) -> None:
     """ValueError for a design whose answers depend on what simulated subjects do not feel."""
-    if design.mode == "drilling" and getattr(design, "hold", "other") == "sinking speed":
-        raise ValueError(
-            "design must not hold the sinking speed, the only cue that simulated subjects have by drilling"
-        )
+    refuse(
+        design.mode == "drilling" and getattr(design, "hold", "other") == "sinking speed",
+        "design must not hold the sinking speed, the only cue that simulated subjects have by drilling",
+    )
 
 
-def stood_in(trial: Trial) -> tuple[Interval, ...]:
-    """The intervals with the matching alternative in a real reference's place, and a length for self-paced ones [s]."""
-    intervals = []
-    for interval in trial.intervals:
-        stimulus = interval.stimulus
-        if stimulus.material is None:
-            stimulus = trial.intervals[1 if trial.correct == "first" else 2].stimulus
-        duration = SELF_PACED if interval.duration is None else interval.duration
-        intervals.append(Interval(stimulus, interval.seed, duration))
-    return tuple(intervals)
-
-
-def counts_of(task: TaskName, answered: Sequence[tuple[Trial, str]]) -> Counts:
-    """The main phase's answers, counted as `Rule` has them: "different", or "first"."""
-    answer = "different" if task == "same-different" else "first"
-    main = [(trial, response == answer) for trial, response in answered if trial.phase == "main"]
-    by_type: dict[str, tuple[int, int]] = {}
-    for trial, given in main:
-        times, trials = by_type.get(trial.trial_type, (0, 0))
-        by_type[trial.trial_type] = (times + given, trials + 1)
-    signal = [given for trial, given in main if trial.correct == answer]
-    noise = [given for trial, given in main if trial.correct != answer]
-    return Counts(task, sum(signal), len(signal), sum(noise), len(noise), by_type)
+def stood_in(design: Design, interval: Interval) -> Interval:
+    """The interval with the matching alternative in a real reference's place, and a length if it is self-paced [s]."""
+    stimulus = interval.stimulus
+    if stimulus.material is None and isinstance(design, ABX):
+        stimulus = design.matching
+    duration = SELF_PACED if interval.duration is None else interval.duration
+    return replace(interval, stimulus=stimulus, duration=duration)
 
 
 def _felt(design: Design, interval: Interval, burr: Burr, bone: Block) -> Cues:
-    material, duration = interval.stimulus.material, interval.duration
-    assert material is not None
-    assert duration is not None
+    shown = stood_in(design, interval)
+    assert shown.stimulus.material is not None
+    assert shown.duration is not None
     seed = 1 if design.mode == "probing" else 1 + interval.seed % REPLICATES
-    return rendered_cues(material, design.mode, burr=burr, bone=bone, duration=duration, seed=seed)
+    return rendered_cues(
+        shown.stimulus.material, design.mode, burr=burr, bone=bone, duration=shown.duration, seed=seed
+    )
 
 
 @dataclass(frozen=True)
-class Prediction:
+class Prediction(Result):
     """d' and score of a simulated subject, and what it takes to show them. Prints as a few lines.
 
     Attributes
@@ -247,10 +230,6 @@ class Prediction:
             f"80 % power needs {needed[0]}, or {needed[1]}",
         ])  # fmt: skip
 
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return {**vars(self), "power": self.power.to_dict()}
-
 
 def predicted_d_prime(
     a: Material,
@@ -306,13 +285,15 @@ def predicted_d_prime(
     expected score 9.3 of 12 (2 % lapses); power of one subject 48 %
     80 % power needs 24 trials of one subject, or 4 subjects of 12 trials
     """
-    if mode not in MODES:
-        raise ValueError(f"mode must be one of {', '.join(MODES)}, got {mode!r}")
+    refuse(mode not in MODES, f"mode must be one of {', '.join(MODES)}, got {mode!r}")
     for cue in subject.cues:
-        if cue not in CUES_OF[mode]:
-            raise ValueError(f"cues must be of the mode, {mode} has {', '.join(CUES_OF[mode])}, got {cue!r}")
-    if subject.criterion is not None:
-        raise ValueError(f"criterion must be None for a prediction, got {subject.criterion!r}")
+        refuse(
+            cue not in CUES_OF[mode],
+            f"cues must be of the mode, {mode} has {', '.join(CUES_OF[mode])}, got {cue!r}",
+        )
+    refuse(
+        subject.criterion is not None, f"criterion must be None for a prediction, got {subject.criterion!r}"
+    )
     burr, bone = burr or Burr(3.0), bone or Block()
 
     def felt(material: Material) -> Cues:
@@ -329,7 +310,10 @@ def predicted_d_prime(
         mode=mode,
         rule=subject.rule,
         differences={cue: getattr(pair[0], cue) - getattr(pair[1], cue) for cue in subject.cues},
-        by_cue={cue: _alone(taught, cue) for cue in subject.cues},
+        by_cue={
+            cue: 0.0 if math.isclose(*(getattr(felt, cue) for felt in pair)) else replace(taught, cues=(cue,)).d_prime
+            for cue in subject.cues
+        },
         d_prime=d_prime,
         trials=trials,
         subjects=subjects,
@@ -343,12 +327,6 @@ def predicted_d_prime(
     )  # fmt: skip
 
 
-def _alone(subject: SimulatedSubject, cue: CueName) -> float:
-    assert subject.known is not None
-    a, b = (getattr(cues, cue) for cues in subject.known)
-    return 0.0 if math.isclose(a, b) else replace(subject, cues=(cue,)).d_prime
-
-
 NOISES = (0.07, 0.10, 0.15, 0.22, 0.36, 0.45, 0.70, 1.00)
 PAIRS = (("bone", "pvc"), ("bone", "pettigrew"), ("pvc", "pettigrew"))
 TRIALS = 12
@@ -360,6 +338,8 @@ _Z = 1.959964  # of 95 %
 _NAMES: dict[str, tuple[CueName, ...]] = {
     "probing stiffness": ("stiffness",), "probing force": ("force",), "sinking speed": ("sinking",), "all": CUES,
 }  # fmt: skip
+#: The mean that each cue is held against.
+_PUBLISHED_FOR = {cue: PUBLISHED["probing" if cue.startswith("probing") else "drilling"] for cue in _NAMES}
 
 
 @dataclass(frozen=True)
@@ -446,7 +426,7 @@ class TaskOneTable:
         lines.append("")
         for (cue, rule), noise in self.noise_of_published.items():
             there = "no noise" if noise is None else f"a noise of {100 * noise:.0f} %"
-            lines.append(f"{cue}, {rule}: {there} gives the paper's {_published(cue)} for bone and PVC")
+            lines.append(f"{cue}, {rule}: {there} gives the paper's {_PUBLISHED_FOR[cue]} for bone and PVC")
         return "\n".join(lines)
 
     def __repr__(self) -> str:
@@ -493,8 +473,7 @@ def task1_table(
     """
     found = _differences(differences, burr or Burr(3.0), bone or Block())
     for noise in noises:
-        if not 0.0 < noise < math.inf:
-            raise ValueError(f"noises must be positive and finite, got {noise!r}")
+        refuse(not 0.0 < noise < math.inf, f"noises must be positive and finite, got {noise!r}")
     rows = [
         _row(name, pair, decision, noise, _distance(found[pair], cues), lapse)
         for name, cues in _NAMES.items()
@@ -504,7 +483,7 @@ def task1_table(
     ]
     first = next(iter(found))
     published: dict[tuple[str, str], float | None] = {
-        (name, decision): noise_for_score(_published(name), _distance(found[first], cues), decision, lapse=lapse)
+        (name, decision): noise_for_score(_PUBLISHED_FOR[name], _distance(found[first], cues), decision, lapse=lapse)
         for name, cues in _NAMES.items()
         for decision in DECISIONS
     }  # fmt: skip
@@ -550,7 +529,13 @@ def _differences(
     if source == "closed form":
         cues = {name: closed_form_cues(materials[name], burr=burr) for name in names}
     elif source == "rendered":
-        cues = {name: _rendered(name, burr, bone) for name in names}
+        cues = {
+            name: Cues(**{
+                cue: getattr(rendered_cues(materials[name], mode, burr=burr, bone=bone), cue)
+                for mode, cues_of_mode in CUES_OF.items() for cue in cues_of_mode
+            })
+            for name in names
+        }  # fmt: skip
     else:
         raise ValueError(f"differences must be 'rendered', 'closed form' or a mapping, got {source!r}")
     return {
@@ -558,21 +543,8 @@ def _differences(
     }
 
 
-def _rendered(name: str, burr: Burr, bone: Block) -> Cues:
-    found = {
-        cue: getattr(rendered_cues(materials[name], mode, burr=burr, bone=bone), cue)
-        for mode, cues in CUES_OF.items()
-        for cue in cues
-    }
-    return Cues(**found)
-
-
 def _distance(differences: Mapping[str, float], cues: Sequence[str]) -> float:
     return math.sqrt(sum(differences[cue] ** 2 for cue in cues))
-
-
-def _published(cue: str) -> float:
-    return PUBLISHED["probing" if cue.startswith("probing") else "drilling"]
 
 
 def _row(cue: str, pair: str, decision: Decision, noise: float, distance: float, lapse: float) -> TaskOneRow:
@@ -628,11 +600,7 @@ class SimulatedSeat(Seat):
         self._subject = teach(subject, design, burr=burr, bone=bone)
 
     def stand_in(self, interval: Interval) -> Interval:
-        stimulus = interval.stimulus
-        if stimulus.material is None and isinstance(self._design, ABX):
-            stimulus = self._design.matching
-        duration = SELF_PACED if interval.duration is None else interval.duration
-        return replace(interval, stimulus=stimulus, duration=duration)
+        return stood_in(self._design, interval)
 
     def ask(
         self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
@@ -643,24 +611,5 @@ class SimulatedSeat(Seat):
         return self._subject.respond(trial, cues, np.random.default_rng(draws.interval_seed())), None
 
     def progress(self, text: str) -> None:
-        """Only who waits reads it."""
         if self._on_progress is not None:
             self._on_progress(text)
-
-    def ready(self, text: str) -> None:
-        """Nobody reads it, here and below."""
-
-    def show(self, text: str) -> None: ...
-
-    def begins(self, text: str) -> None: ...
-
-    def ends(self, text: str, pause: float) -> None: ...
-
-    def done(self) -> bool:
-        return False
-
-    def tell(self, text: str) -> None: ...
-
-    def rest(self, text: str, seconds: float) -> None: ...
-
-    def close(self, text: str) -> None: ...

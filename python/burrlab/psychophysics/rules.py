@@ -1,9 +1,7 @@
-"""From d' to the rates of answers and back: decision rules of same-different, ABX and two-interval tasks.
+"""Decision rules of same-different, ABX and two-interval tasks, from d' to rates and back; and counted answers.
 
 d' is the distance between the two stimuli in standard deviations of one observation. Formulas as in Macmillan and
 Creelman, *Detection Theory: A User's Guide*, chapter 9 (same-different, ABX) and 7 (two intervals).
-
-The answers of one subject in one task, counted.
 """
 
 from __future__ import annotations
@@ -11,7 +9,7 @@ from __future__ import annotations
 import math
 import operator
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Literal, TypeAlias
@@ -20,12 +18,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import erf, erfc, erfcinv, erfinv, log_ndtr, ndtr, ndtri
 
+from burrlab.common.check import refuse
+
 Floats: TypeAlias = NDArray[np.float64]
 TaskName: TypeAlias = Literal["same-different", "abx", "2ifc"]
 RuleName: TypeAlias = Literal["independent-observations", "differencing"]
 
 TASKS: tuple[TaskName, ...] = ("same-different", "abx", "2ifc")
 RULES: tuple[RuleName, ...] = ("independent-observations", "differencing")
+#: Answers in the order of their keys 1, 2.
+ANSWERS: Mapping[TaskName, tuple[str, str]] = {
+    "same-different": ("same", "different"), "abx": ("first", "second"), "2ifc": ("first", "second"),
+}  # fmt: skip
+#: The answer that hits and false alarms are of, see `Rule`.
+COUNTED: Mapping[TaskName, str] = {"same-different": "different", "abx": "first", "2ifc": "first"}
 
 _ROOT2, _ROOT3 = math.sqrt(2.0), math.sqrt(3.0)
 _LARGEST = 75.0  # d' whose rates a double tells from 0 and 1
@@ -276,10 +282,8 @@ def rule_of(task: str, name: str) -> Rule:
     >>> print(f"{d:.5f} {criterion:.5f}")
     2.54986 1.81239
     """
-    if task not in TASKS:
-        raise ValueError(f"task must be one of {', '.join(TASKS)}, got {task!r}")
-    if name not in RULES:
-        raise ValueError(f"rule must be one of {', '.join(RULES)}, got {name!r}")
+    refuse(task not in TASKS, f"task must be one of {', '.join(TASKS)}, got {task!r}")
+    refuse(name not in RULES, f"rule must be one of {', '.join(RULES)}, got {name!r}")
     return _ALL[task, name]
 
 
@@ -319,26 +323,26 @@ class Counts:
     by_type: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.task not in TASKS:
-            raise ValueError(f"task must be one of {', '.join(TASKS)}, got {self.task!r}")
+        refuse(self.task not in TASKS, f"task must be one of {', '.join(TASKS)}, got {self.task!r}")
         for name in ("hits", "signals", "false_alarms", "noises"):
             value = operator.index(getattr(self, name))
             object.__setattr__(self, name, value)
-            if value < 0:
-                raise ValueError(f"{name} must be at least 0, got {value}")
+            refuse(value < 0, f"{name} must be at least 0, got {value}")
         for name, most in (("hits", "signals"), ("false_alarms", "noises")):
-            if getattr(self, name) > getattr(self, most):
-                raise ValueError(
-                    f"{name} must be at most {most}, {getattr(self, most)}, got {getattr(self, name)}"
-                )
-        if self.trials == 0:
-            raise ValueError("signals and noises must hold a trial, got 0 and 0")
+            refuse(
+                getattr(self, name) > getattr(self, most),
+                f"{name} must be at most {most}, {getattr(self, most)}, got {getattr(self, name)}",
+            )
+        refuse(self.trials == 0, "signals and noises must hold a trial, got 0 and 0")
         types = {str(k): (operator.index(n), operator.index(m)) for k, (n, m) in self.by_type.items()}
-        if types and (
-            sum(n for n, _ in types.values()) != self.hits + self.false_alarms
-            or sum(m for _, m in types.values()) != self.trials
-        ):
-            raise ValueError("by_type must sum to the hits, false alarms and trials")
+        refuse(
+            types
+            and (
+                sum(n for n, _ in types.values()) != self.hits + self.false_alarms
+                or sum(m for _, m in types.values()) != self.trials
+            ),
+            "by_type must sum to the hits, false alarms and trials",
+        )
         object.__setattr__(self, "by_type", MappingProxyType(types))
 
     @property
@@ -358,3 +362,15 @@ class Counts:
     @property
     def false_alarm_rate(self) -> float:
         return self.false_alarms / self.noises if self.noises else float("nan")
+
+
+def counts_of(task: TaskName, answered: Sequence[tuple[str, str, str]]) -> Counts:
+    """The counts of trial types, responses and correct answers, one a trial."""
+    counted, by_type = COUNTED[task], dict.fromkeys(sorted({kind for kind, *_ in answered}), (0, 0))
+    for kind, response, _ in answered:
+        by_type[kind] = by_type[kind][0] + (response == counted), by_type[kind][1] + 1
+    signals, noises = (
+        [response == counted for _, response, correct in answered if (correct == counted) is signal]
+        for signal in (True, False)
+    )
+    return Counts(task, sum(signals), len(signals), sum(noises), len(noises), by_type)

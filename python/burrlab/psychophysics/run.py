@@ -1,10 +1,8 @@
-"""One subject through one task: intervals, question, answer on disk, next trial.
-
-A subject's tasks in a row, each with its files.
-"""
+"""One subject through the tasks: intervals, question, answer on disk, next trial."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,8 +18,6 @@ from burrlab.psychophysics.interval import (
     Block,
     Clock,
     Rendered,
-    VirtualClock,
-    WallClock,
     render,
     wait_until_lifted,
 )
@@ -163,9 +159,8 @@ class Runner:
         KeyboardInterrupt
             If the subject or the experimenter ended the run.
         """
-        self._before = len(self._order.answered)
-        if self._order.next() is not None:
-            self._welcome()
+        if (first := self._order.next()) is not None:
+            self._welcome(first)
         while (trial := self._order.next()) is not None:
             self._rest_before(trial)
             self._announce(trial)
@@ -189,31 +184,23 @@ class Runner:
         self._seat.ready("Please lift the burr. This one is repeated, from its beginning.")
         return self._feel(trial, repeats + 1)
 
-    def _welcome(self) -> None:
+    def _welcome(self, first: Trial) -> None:
         keys = " or ".join(f"{key} for {answer}" for key, answer in enumerate(self._design.answers, start=1))
         again = "You go on where you stopped. " if self._order.answered else ""
+        # All trials are alike in how long their intervals are.
+        long = ["as long as you like" if i.duration is None else f"{i.duration:g} s" for i in first.intervals]
+        lengths = f"They last {', '.join(long[:-1])} and {long[-1]}; a beep tells start and end."
+        if len(set(long)) == 1:
+            lengths = f"Each lasts {long[0]}; a beep tells its start and its end."
         self._seat.progress("")
         self._seat.ready(
-            f"{again}{_BEFORE[self._design.task]} {self._lengths()}\n\nAnswer with the keys: {keys}. "
+            f"{again}{_BEFORE[self._design.task]} {lengths}\n\nAnswer with the keys: {keys}. "
             "If you are not sure, choose what seems more likely."
         )
 
-    def _lengths(self) -> str:
-        """How long the intervals are, as the first trial left has them: all trials are alike in that."""
-        trial = self._order.next()
-        assert trial is not None  # there is a welcome only where a trial is left
-        texts = [
-            "as long as you like" if i.duration is None else f"{i.duration:g} s" for i in trial.intervals
-        ]
-        if len(set(texts)) == 1:
-            return f"Each lasts {texts[0]}; a beep tells its start and its end."
-        return f"They last {', '.join(texts[:-1])} and {texts[-1]}; a beep tells start and end."
-
     def _rest_before(self, trial: Trial) -> None:
         """A break where a block ends; whoever has just sat down needs none."""
-        if not self._order.answered:
-            return
-        last, _ = self._order.answered[-1]
+        last = self._order.answered[-1][0] if self._order.answered else trial
         if (last.phase, last.block) == (trial.phase, trial.block):
             return
         self._seat.progress("")
@@ -228,7 +215,11 @@ class Runner:
         place = "practice" if trial.phase == "practice" else f"block {trial.block}"
         self._seat.progress(f"Trial {number} of {total}, {place}")
         level = "" if trial.level is None else f", level {trial.level:g}"
-        stimuli = ", ".join(_described(interval.stimulus) for interval in trial.intervals)
+        shown = [(interval.stimulus.name, interval.stimulus.material) for interval in trial.intervals]
+        stimuli = ", ".join(
+            f"{name} (real)" if m is None else f"{name} (c_e {m.c_e:g} N/mm^2, alpha {m.alpha:g} /ms)"
+            for name, m in shown
+        )
         self._experimenter.say(
             f"trial {trial.number} ({place}), {trial.trial_type}{level}: {stimuli}; right is {trial.correct}"
         )
@@ -242,24 +233,25 @@ class Runner:
             self._lift(trial)
         to_end = "\n\nPress the space bar when you have felt enough." if interval.duration is None else ""
         self._seat.begins(f"{name}.\n\n{_DO[self._design.mode]}{to_end}")
-        began = self._clock.now()
+        began, rendered = self._clock.now(), None
         if real and not self._seat.simulated:
-            felt = _Felt(None, self._real(interval), began, self._clock.now())
+            ended = self._real(interval)
         else:
             rendered = self._render(trial, number)
             self._clock.rendered(rendered.duration)
-            felt = _Felt(rendered, rendered.ended, began, self._clock.now())
+            ended = rendered.ended
+        felt = _Felt(rendered, ended, began, self._clock.now())
         self._seat.ends(f"Stop: end of the {name.lower()}.\n\nLift the burr.", self._rig.pause)
-        if felt.ended in ("break-through", "wall"):
+        if ended in ("break-through", "wall"):
             self._experimenter.say(
-                f"{name.lower()} of trial {trial.number} ended by {felt.ended} after {felt.over - began:.2f} s"
+                f"{name.lower()} of trial {trial.number} ended by {ended} after {felt.over - began:.2f} s"
             )
         return felt
 
     def _real(self, interval: Interval) -> str:
-        end = None if interval.duration is None else time.monotonic() + interval.duration
+        end = math.inf if interval.duration is None else time.monotonic() + interval.duration
         while not self._seat.done():
-            if end is not None and time.monotonic() >= end:
+            if time.monotonic() >= end:
                 return "time"
             time.sleep(_LOOK)
         return "subject"
@@ -278,7 +270,7 @@ class Runner:
             record=None if self._rig.trace is None else self._rig.trace(trial, number),
             publish=self._rig.publish,
             on_message=self._hear,
-            stop=self._stop_of(interval),
+            stop=lambda: self._silent or (interval.duration is None and self._seat.done()),
         )
         if rendered.failed or self._silent:
             raise self._lost(trial, "during an interval", rendered.reason)
@@ -320,11 +312,6 @@ class Runner:
         self._experimenter.say(f"trial {trial.number} was not asked: device lost: {reason}")
         return DeviceLost(f"the device was lost {when}: {reason}")
 
-    def _stop_of(self, interval: Interval) -> Callable[[], bool]:
-        if interval.duration is None:
-            return lambda: self._silent or self._seat.done()
-        return lambda: self._silent
-
     def _hear(self, text: str) -> None:
         """Sentences of a session go to the experimenter, once."""
         self._silent = self._silent or text.startswith(_SILENT)
@@ -345,12 +332,6 @@ class Runner:
         )
         if self._rig.feedback and trial.phase == "practice":
             self._seat.tell("Right." if right else "Not right.")
-
-
-def _described(stimulus: Stimulus) -> str:
-    if stimulus.material is None:
-        return f"{stimulus.name} (real)"
-    return f"{stimulus.name} (c_e {stimulus.material.c_e:g} N/mm^2, alpha {stimulus.material.alpha:g} /ms)"
 
 
 _DRIVER = "driver"  # what a side-car says of a device of one's own
@@ -407,10 +388,8 @@ class Sitting:
         # Subjects or tasks that were added move a subject's order: what was begun is gone on with first.
         self.tasks = tuple(sorted(due, key=lambda task: not self._file(task).exists()))
         self._text = _DRIVER
-        if isinstance(device, Device):
-            self._device = _always(device)
-        elif callable(device):
-            self._device = device
+        if isinstance(device, Device) or callable(device):
+            self._device: Callable[[Mode], Device] = device if callable(device) else lambda mode: device
         else:
             self._text = device or protocol.device
             self._device = device_maker(self._text, protocol)
@@ -464,7 +443,7 @@ class Sitting:
             if rest:
                 seat.progress("")
                 seat.rest("That was one task. Take a break.", self.protocol.rest)
-            clock: Clock = VirtualClock(file.end) if seat.simulated else WallClock(file.elapsed)
+            clock = Clock(file.end) if seat.simulated else Clock(elapsed=file.elapsed)
             runner = Runner(
                 self.protocol.tasks[task],
                 order,
@@ -542,10 +521,6 @@ def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
         script = burrlab.read_script(device.file)
         return lambda mode: script
     return lambda mode: burrlab.IgtlDevice(device.host, device.port, lost_after=protocol.lost_after)
-
-
-def _always(device: Device) -> Callable[[Mode], Device]:
-    return lambda mode: device
 
 
 def _rendered_once() -> Callable[..., Rendered]:

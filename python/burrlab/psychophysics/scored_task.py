@@ -1,11 +1,4 @@
-"""Answers of a task, subject by subject, as an analysis takes them in.
-
-What the result of a scored task and that of one with thresholds have in common.
-
-What one subject's answers in one task say.
-
-A task with a score, same-different or ABX: its subjects, and the group.
-"""
+"""Answers of a task as an analysis takes them in, and the result of a task with a score: its subjects, and the group."""
 
 from __future__ import annotations
 
@@ -19,19 +12,17 @@ import numpy as np
 from matplotlib.ticker import FixedLocator, MaxNLocator
 from scipy import stats
 
+from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.group import GroupDPrime, GroupScore, group_d_prime, group_score
 from burrlab.psychophysics.pairs import PairCheck, pair_checks
 from burrlab.psychophysics.plots import (
-    COLOURS,
-    MARKERS,
     draw,
-    end_of,
+    draw_d_prime,
     legend_above,
     name_rows,
     room_for,
-    say_infinite,
     wrapped,
 )
 from burrlab.psychophysics.power import Equivalence, equivalence
@@ -148,15 +139,13 @@ def of_answers(found: Iterable[Answers]) -> list[TaskData]:
             raise TypeError(
                 f"data must hold Answers, or be a mapping of subjects to Counts, got {type(one).__name__}"
             )
-        design = {} if one.side_car is None else dict(one.side_car.design)
-        new = TaskData(one.name, one.task, (), design)
-        task = tasks.setdefault(one.name, new)
-        if (task.task, task.design) != (new.task, new.design):
-            raise ValueError(
-                f"task {one.name} of subject {one.subject} has another design than that of subject {task.subjects[0].subject}"
-            )
-        if any(other.subject == one.subject for other in task.subjects):
-            raise ValueError(f"subject {one.subject} has task {one.name} twice")
+        task = tasks.setdefault(one.name, TaskData(one.name, one.task, (), _design(one)))
+        names = [other.subject for other in task.subjects]
+        refuse(
+            (task.task, task.design) != (one.task, _design(one)),
+            f"task {one.name} of subject {one.subject} has another design than that of subject {''.join(names[:1])}",
+        )
+        refuse(one.subject in names, f"subject {one.subject} has task {one.name} twice")
         tasks[one.name] = replace(task, subjects=(*task.subjects, _subject(one)))
     return list(tasks.values())
 
@@ -171,8 +160,7 @@ def of_counts(data: CountsBySubject | CountsByTask, *, simulated: bool = False) 
     TypeError
         If a value is neither Counts nor Answers.
     """
-    if not data:
-        raise ValueError("data must hold a subject, got none")
+    refuse(not data, "data must hold a subject, got none")
     if all(isinstance(value, Mapping) for value in data.values()):
         tasks = cast(CountsByTask, data)
         return [_of_one(str(name), subjects, simulated) for name, subjects in tasks.items()]
@@ -180,29 +168,24 @@ def of_counts(data: CountsBySubject | CountsByTask, *, simulated: bool = False) 
 
 
 def _of_one(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
-    if not subjects:
-        raise ValueError(f"task {name} must hold a subject, got none")
-    found, designs, kinds = [], [], set()
+    refuse(not subjects, f"task {name} must hold a subject, got none")
+    found: list[SubjectData] = []
     for subject, value in subjects.items():
         if isinstance(value, Answers):
             found.append(replace(_subject(value), subject=str(subject)))
-            designs.append({} if value.side_car is None else dict(value.side_car.design))
         elif isinstance(value, Counts):
             found.append(SubjectData(str(subject), value, simulated=simulated))
         else:
             raise TypeError(f"subject {subject} must have Counts or Answers, got {type(value).__name__}")
-        kinds.add(value.task)
-    if len(kinds) > 1:
-        raise ValueError(f"task {name} must be of one kind, got {', '.join(sorted(kinds))}")
-    if any(design != designs[0] for design in designs):
-        raise ValueError(f"task {name} must have one design, got several")
-    (task,) = kinds
+    task, *others = dict.fromkeys(value.task for value in subjects.values())
+    refuse(others, f"task {name} must be of one kind, got {', '.join(sorted([task, *others]))}")
+    designs = [_design(value) for value in subjects.values() if isinstance(value, Answers)]
+    refuse(any(x != designs[0] for x in designs), f"task {name} must have one design, got several")
     return TaskData(name or task, task, tuple(found), designs[0] if designs else {})
 
 
 def _subject(one: Answers) -> SubjectData:
-    design = {} if one.side_car is None else one.side_car.design
-    planned = None if one.trials is None else one.trials - int(design.get("practice", 0))
+    planned = None if one.trials is None else one.trials - int(_design(one).get("practice", 0))
     by_level: dict[float, tuple[int, int]] = {}
     for row in one.main:
         if row.level is not None:
@@ -210,6 +193,10 @@ def _subject(one: Answers) -> SubjectData:
             by_level[row.level] = (correct + row.correct, trials + 1)
     levels = tuple((level, *by_level[level]) for level in sorted(by_level))
     return SubjectData(one.subject, one.counts() if one.main else None, planned, one.simulated, levels, one)
+
+
+def _design(one: Answers) -> dict[str, Any]:
+    return {} if one.side_car is None else dict(one.side_car.design)
 
 
 def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) -> list[TaskData]:
@@ -220,11 +207,16 @@ def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) ->
     """
     found = []
     for task in tasks:
-        texts = dict.fromkeys(selected_by.get(one.subject, "") for one in task.subjects)
-        text = "; ".join(text for text in texts if text)
+        text = "; ".join(
+            filter(None, dict.fromkeys(selected_by.get(one.subject, "") for one in task.subjects))
+        )
         numbers = _OF.search(text)
         chosen, of = (int(numbers[1]), int(numbers[2])) if numbers else (0, 0)
-        chosen, of = _settled_selection(task) or (chosen, of)
+        cars = [one.answers.side_car for one in task.subjects if one.answers is not None]
+        settled = [car.protocol.get("experiment", {}) for car in cars if car is not None]
+        told = [(len(one["subjects"]), one["selected_from"]) for one in settled if one.get("selected_from")]
+        # Subjects may have been added while the experiment ran.
+        chosen, of = max(told, default=(chosen, of))
         n = len(task.subjects)
         found.append(
             replace(task, selected_by=text, of=of if of > n else 0, chosen=chosen if n <= chosen < of else 0)
@@ -232,51 +224,22 @@ def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) ->
     return found
 
 
-def _settled_selection(task: TaskData) -> tuple[int, int] | None:
-    """How many the protocol's subjects are, and of how many they were selected; None if it does not say."""
-    found = []
-    for one in task.subjects:
-        car = None if one.answers is None else one.answers.side_car
-        settled = {} if car is None else car.protocol.get("experiment", {})
-        if (of := settled.get("selected_from")) is not None:
-            found.append((len(settled["subjects"]), of))
-    # Subjects may have been added while the experiment ran.
-    return max(found, default=None)
-
-
 def design_text(design: Mapping[str, Any]) -> str:
     """What is compared with what, how: one line; "" of no design."""
-    mode = f", {design['mode']}" if "mode" in design else ""
-
-    def name(part: str) -> str:
-        return str(design[part]["name"])
-
-    kind = design.get("design")
+    names = {
+        part: value["name"]
+        for part, value in design.items()
+        if isinstance(value, Mapping) and "name" in value
+    }
+    kind, said = design.get("design"), ""
     if kind == "same-different":
-        return f"{name('a')} (A) against {name('b')} (B){mode}"
-    if kind == "abx":
-        match = "" if name("match") == name("reference") else f", match {name('match')}"
-        return f"reference {name('reference')}{match}, foil {name('foil')}{mode}"
-    if "parameter" in design and "reference" in design:
-        return f"{design['parameter']} around {name('reference')}{mode}"
-    return ""
-
-
-def left_out_text(one: SubjectData) -> str:
-    """A subject with how far the run came."""
-    if one.trials == 0:
-        return f"{one.subject} (none of the main trials)"
-    return f"{one.subject} ({one.trials} of {one.planned} trials)"
-
-
-def told(task: str, progress: Progress | None) -> Callable[[str], None]:
-    """Tells of the subjects of a task, if anybody wants to know."""
-
-    def tell(subject: str) -> None:
-        if progress is not None:
-            progress(task, subject)
-
-    return tell
+        said = f"{names['a']} (A) against {names['b']} (B)"
+    elif kind == "abx":
+        match = "" if names["match"] == names["reference"] else f", match {names['match']}"
+        said = f"reference {names['reference']}{match}, foil {names['foil']}"
+    elif "parameter" in design and "reference" in design:
+        said = f"{design['parameter']} around {names['reference']}"
+    return f"{said}, {design['mode']}" if said and "mode" in design else said
 
 
 class OneSubject(Protocol):
@@ -364,12 +327,23 @@ class TaskResult(Generic[Subject]):
         ValueError
             If there is none of that name.
         """
-        for one in self.subjects:
-            if one.subject == name:
-                return one
-        raise ValueError(
-            f"subject must be one of {', '.join(one.subject for one in self.subjects)}, got {name!r}"
-        )
+        ones = {one.subject: one for one in self.subjects}
+        refuse(name not in ones, f"subject must be one of {', '.join(ones)}, got {name!r}")
+        return ones[name]
+
+
+def shared(data: TaskData, level: float, used: Sequence[OneSubject]) -> dict[str, Any]:
+    """The fields that every `TaskResult` has."""
+    names = [one.subject for one in used]
+    left_out = [
+        f"{one.subject} ({f'{one.trials} of {one.planned}' if one.trials else 'none of the main'} trials)"
+        for one in data.subjects
+        if one.subject not in names
+    ]
+    return {
+        "name": data.name, "design": data.design, "level": level, "subjects": tuple(used), "left_out": tuple(left_out),
+        "of": data.of, "chosen": (data.chosen or len(data.subjects)) if data.of else 0, "selected_by": data.selected_by,
+    }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -424,10 +398,9 @@ class SubjectResult:
         ValueError
             If the analysis does not have it.
         """
-        for one in self.d_prime:
-            if one.rule == rule:
-                return one
-        raise ValueError(f"rule must be one of {', '.join(one.rule for one in self.d_prime)}, got {rule!r}")
+        ones: dict[str, DPrime] = {one.rule: one for one in self.d_prime}
+        refuse(rule not in ones, f"rule must be one of {', '.join(ones)}, got {rule!r}")
+        return ones[rule]
 
     def span(self, rule: str) -> tuple[float, float, float]:
         """Lower end, estimate and upper end of d'."""
@@ -496,25 +469,15 @@ class ScoredTask(TaskResult[SubjectResult]):
         rules = tuple(rules[:1] if data.task == "2ifc" else rules)
         counts = [one.counts for one in used if one.counts is not None]
         several = len(used) > 1
+        asked = rules if counts and delta is not None else ()
         return cls(
-            name=data.name,
+            **shared(data, level, _results(used, rules, level, data.name, progress)),
             task=data.task,
-            design=data.design,
-            level=level,
             rules=rules,
             delta=delta,
-            subjects=_results(used, rules, level, told(data.name, progress)),
-            left_out=tuple(left_out_text(one) for one in data.subjects if one not in used),
-            of=data.of,
-            chosen=(data.chosen or len(data.subjects)) if data.of else 0,
-            selected_by=data.selected_by,
             score=group_score(counts, level=level) if several else None,
             group_d_prime=tuple(group_d_prime(counts, rule=rule, level=level) for rule in rules if several),
-            equivalence=tuple(
-                equivalence(counts, rule=rule, delta=delta, level=level)
-                for rule in rules
-                if counts and delta is not None
-            ),
+            equivalence=tuple(equivalence(counts, rule=x, delta=delta or 0.0, level=level) for x in asked),
             checks=tuple(pair_checks(counts)) if counts and all(map(_has_types, counts)) else (),
         )
 
@@ -546,7 +509,40 @@ class ScoredTask(TaskResult[SubjectResult]):
             If there is no subject, subjects answered unequally many trials, or the published score is of another number.
         """
         self._some()
-        return plot_scores(self, ax, published)
+        if (trials := self.trials) is None:
+            raise ValueError(
+                "a histogram of scores needs equally many trials a subject, "
+                f"got {', '.join(str(one.counts.trials) for one in self.subjects)}"
+            )
+        if published is not None and published.trials != trials:
+            raise ValueError(f"published must be of {trials} trials, as the task, got {published.trials}")
+        ax = axes_or_new(ax)
+        score = np.arange(trials + 1)
+        scores = np.array([one.counts.score for one in self.subjects])
+        n = len(scores)
+        counts = np.bincount(scores, minlength=trials + 1)
+        ax.bar(score, counts, width=0.9, color=FORCE, alpha=0.75, label=f"subjects, n = {n}")
+        expected = n * stats.binom.pmf(score, trials, 0.5)
+        ax.stairs(expected, np.arange(trials + 2) - 0.5, color=REFERENCE, linewidth=1.2, baseline=None,
+                  label="expected of chance performers")  # fmt: skip
+        top = max(counts.max(), expected.max())
+        if self.score is not None:
+            mean, sem = self.score.mean, self.score.sem
+            ax.errorbar(mean, 1.09 * top, xerr=sem, fmt="D", color=VELOCITY, markersize=5, capsize=3,
+                        label=f"mean ± s.e.m., {mean:.1f} ± {sem:.1f}")  # fmt: skip
+        if published is not None:
+            mean, sem = published.mean, published.sem
+            ax.errorbar(mean, 1.2 * top, xerr=sem, fmt="s", color="black", mfc="white", markersize=5, capsize=3,
+                        label=f"published, {mean:g} ± {sem:g}, n = {published.n}")  # fmt: skip
+        ax.set(xlabel=f"score [correct answers of {trials}]", ylabel="subjects", xlim=(-0.6, trials + 0.6))
+        ax.set_ylim(0, (1.5 if published is None else 1.75) * top)
+        ax.yaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
+        ax.xaxis.set_major_locator(
+            FixedLocator(range(trials + 1)) if trials <= 14 else MaxNLocator(nbins=13, integer=True)
+        )
+        ax.legend(frameon=False, fontsize=8, loc="upper left")
+        ax.set_title(wrapped(self.title), fontsize=10)
+        return tidy(ax)
 
     def plot_intervals(self, ax: Axes | None = None, *, rule: str | None = None) -> Axes:
         """Each subject's proportion correct with its interval, and the chance line.
@@ -563,7 +559,21 @@ class ScoredTask(TaskResult[SubjectResult]):
             If there is no subject, or the analysis does not have the rule.
         """
         self._some()
-        return plot_intervals(self, ax, rule)
+        ax = room_for(ax, len(self.subjects))
+        names, rows = [one.subject for one in self.subjects], np.arange(float(len(self.subjects)))
+        if rule is None:
+            spans = [
+                (100 * one.score_interval[0], 100 * one.counts.score / one.counts.trials, 100 * one.score_interval[1])
+                for one in self.subjects
+            ]  # fmt: skip
+            draw(ax, spans, rows, 100.0, POSITION, "o", None)
+            ax.axvline(50, color=REFERENCE, linestyle="--", linewidth=1, label="chance")
+            ax.set(xlim=(0, 102), xlabel=f"correct [%], {100 * self.level:g} % interval")
+        else:
+            draw_d_prime(ax, {rule: [one.span(rule) for one in self.subjects]}, rows, self.level, named=False)
+        name_rows(ax, names, "subject")
+        legend_above(ax, self.title)
+        return tidy(ax)
 
     def plot_d_prime(self, ax: Axes | None = None) -> Axes:
         """Each subject's d' under all rules, side by side, and the group's.
@@ -578,11 +588,21 @@ class ScoredTask(TaskResult[SubjectResult]):
             If there is no subject.
         """
         self._some()
-        return plot_d_prime(self, ax)
+        ax = room_for(ax, 1.5 * len(self.subjects))
+        names, rows = [one.subject for one in self.subjects], np.arange(float(len(self.subjects)))
+        spans = {rule: [one.span(rule) for one in self.subjects] for rule in self.rules}
+        for group in self.group_d_prime:
+            spans[group.rule].append((group.interval[0], group.estimate, group.interval[1]))
+        if self.group_d_prime:
+            names, rows = [*names, "all"], np.append(rows, len(rows) + 0.4)
+            ax.axhline(len(rows) - 1.1, color="0.8", linewidth=0.8)
+        draw_d_prime(ax, spans, rows, self.level, delta=self.delta)
+        name_rows(ax, names, "subject", rows)
+        legend_above(ax, self.title)
+        return tidy(ax)
 
     def _some(self) -> None:
-        if not self.subjects:
-            raise ValueError(f"task {self.name} must hold a complete run to be drawn, got none")
+        refuse(not self.subjects, f"task {self.name} must hold a complete run to be drawn, got none")
 
     def __repr__(self) -> str:
         kind = "simulated subjects" if self.simulated else "subjects"
@@ -593,25 +613,25 @@ class ScoredTask(TaskResult[SubjectResult]):
 
 
 def _results(
-    used: Sequence[SubjectData], rules: Sequence[RuleName], level: float, tell: Callable[[str], None]
+    used: Sequence[SubjectData], rules: Sequence[RuleName], level: float, task: str, progress: Progress | None
 ) -> tuple[SubjectResult, ...]:
-    p_values = [binomial_test(one.counts) for one in used if one.counts is not None]
+    counts = [one.counts for one in used if one.counts is not None]
+    p_values = [binomial_test(one) for one in counts]
     found = []
-    for one, p, corrected in zip(used, p_values, holm(p_values), strict=True):
-        if one.counts is None:
-            continue
-        tell(one.subject)
+    for one, of_one, p, corrected in zip(used, counts, p_values, holm(p_values), strict=True):
+        if progress is not None:
+            progress(task, one.subject)
         found.append(
             SubjectResult(
                 subject=one.subject,
-                counts=one.counts,
+                counts=of_one,
                 planned=one.planned,
                 simulated=one.simulated,
-                score_interval=score_interval(one.counts, level),
+                score_interval=score_interval(of_one, level),
                 p_value=p,
                 holm=corrected,
-                d_prime=tuple(_d_prime(one.counts, rule, level) for rule in rules),
-                checks=tuple(pair_checks(one.counts)) if _has_types(one.counts) else (),
+                d_prime=tuple(_d_prime(of_one, rule, level) for rule in rules),
+                checks=tuple(pair_checks(of_one)) if _has_types(of_one) else (),
             )
         )
     return tuple(found)
@@ -619,107 +639,14 @@ def _results(
 
 def _d_prime(counts: Counts, rule: RuleName, level: float) -> DPrime:
     bare = counts.task, counts.hits, counts.signals, counts.false_alarms, counts.noises
-    return replace(_of_outcome(*bare, rule, level), counts=counts)
+    return replace(_of_outcome(*bare, rule=rule, level=level), counts=counts)
 
 
 @lru_cache(maxsize=4096)  # an exact interval takes 0.1 s, and subjects with equal counts are many
-def _of_outcome(
-    task: TaskName, hits: int, signals: int, false_alarms: int, noises: int, rule: RuleName, level: float
-) -> DPrime:
-    counts = Counts(task, hits, signals, false_alarms, noises)
-    return d_prime(counts, rule=rule, level=level, correction=CORRECTION)
+def _of_outcome(*counts: Any, **asked: Any) -> DPrime:
+    return d_prime(Counts(*counts), **asked, correction=CORRECTION)
 
 
 def _has_types(counts: Counts) -> bool:
     """Whether the types of trials can be compared: a position always can, pairs where all four were counted."""
     return counts.task != "same-different" or set(counts.by_type) >= {"AA", "AB", "BA", "BB"}
-
-
-def plot_scores(task: ScoredTask, ax: Axes | None, published: PublishedScore | None) -> Axes:
-    """See `ScoredTask.plot_scores`."""
-    trials = task.trials
-    if trials is None:
-        raise ValueError(
-            "a histogram of scores needs equally many trials a subject, "
-            f"got {', '.join(str(one.counts.trials) for one in task.subjects)}"
-        )
-    if published is not None and published.trials != trials:
-        raise ValueError(f"published must be of {trials} trials, as the task, got {published.trials}")
-    ax = axes_or_new(ax)
-    score = np.arange(trials + 1)
-    scores = np.array([one.counts.score for one in task.subjects])
-    n = len(scores)
-    counts = np.bincount(scores, minlength=trials + 1)
-    ax.bar(score, counts, width=0.9, color=FORCE, alpha=0.75, label=f"subjects, n = {n}")
-    expected = n * stats.binom.pmf(score, trials, 0.5)
-    ax.stairs(expected, np.arange(trials + 2) - 0.5, color=REFERENCE, linewidth=1.2, baseline=None,
-              label="expected of chance performers")  # fmt: skip
-    top = max(counts.max(), expected.max())
-    if task.score is not None:
-        mean, sem = task.score.mean, task.score.sem
-        ax.errorbar(mean, 1.09 * top, xerr=sem, fmt="D", color=VELOCITY, markersize=5, capsize=3,
-                    label=f"mean ± s.e.m., {mean:.1f} ± {sem:.1f}")  # fmt: skip
-    if published is not None:
-        mean, sem = published.mean, published.sem
-        ax.errorbar(mean, 1.2 * top, xerr=sem, fmt="s", color="black", mfc="white", markersize=5, capsize=3,
-                    label=f"published, {mean:g} ± {sem:g}, n = {published.n}")  # fmt: skip
-    ax.set(xlabel=f"score [correct answers of {trials}]", ylabel="subjects", xlim=(-0.6, trials + 0.6))
-    ax.set_ylim(0, (1.5 if published is None else 1.75) * top)
-    ax.yaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
-    ax.xaxis.set_major_locator(
-        FixedLocator(range(trials + 1)) if trials <= 14 else MaxNLocator(nbins=13, integer=True)
-    )
-    ax.legend(frameon=False, fontsize=8, loc="upper left")
-    ax.set_title(wrapped(task.title), fontsize=10)
-    return tidy(ax)
-
-
-def plot_intervals(task: ScoredTask, ax: Axes | None, rule: str | None) -> Axes:
-    """See `ScoredTask.plot_intervals`."""
-    ax = room_for(ax, len(task.subjects))
-    names = [one.subject for one in task.subjects]
-    if rule is None:
-        spans = [
-            (100 * one.score_interval[0], 100 * one.counts.score / one.counts.trials, 100 * one.score_interval[1])
-            for one in task.subjects
-        ]  # fmt: skip
-        end = 100.0
-        draw(ax, spans, np.arange(len(names), dtype=np.float64), end, POSITION, "o", None)
-        ax.axvline(50, color=REFERENCE, linestyle="--", linewidth=1, label="chance")
-        ax.set(xlim=(0, 102), xlabel=f"correct [%], {100 * task.level:g} % interval")
-    else:
-        spans = [one.span(rule) for one in task.subjects]
-        end = end_of(spans)
-        draw(ax, spans, np.arange(len(names), dtype=np.float64), end, COLOURS[rule], MARKERS[rule], None)
-        ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
-        say_infinite(ax, spans)
-        ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd], {rule}, {100 * task.level:g} % interval")
-    name_rows(ax, names, "subject")
-    legend_above(ax, task.title)
-    return tidy(ax)
-
-
-def plot_d_prime(task: ScoredTask, ax: Axes | None) -> Axes:
-    """See `ScoredTask.plot_d_prime`."""
-    ax = room_for(ax, 1.5 * len(task.subjects))
-    names = [one.subject for one in task.subjects]
-    rows = np.arange(len(names), dtype=np.float64)
-    all_spans = {rule: [one.span(rule) for one in task.subjects] for rule in task.rules}
-    for group in task.group_d_prime:
-        all_spans[group.rule].append((group.interval[0], group.estimate, group.interval[1]))
-    if task.group_d_prime:
-        names.append("all")
-        rows = np.append(rows, len(rows) + 0.4)
-        ax.axhline(len(rows) - 1.1, color="0.8", linewidth=0.8)
-    end = end_of([span for spans in all_spans.values() for span in spans])
-    for i, (rule, spans) in enumerate(all_spans.items()):
-        shift = 0.36 * (i - 0.5 * (len(all_spans) - 1))
-        draw(ax, spans, rows + shift, end, COLOURS[rule], MARKERS[rule], rule)
-    ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
-    if task.delta is not None:
-        ax.axvline(task.delta, color="black", linestyle=":", linewidth=1, label=f"Δ = {task.delta:g}")
-    say_infinite(ax, [span for spans in all_spans.values() for span in spans])
-    ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd], {100 * task.level:g} % interval")
-    name_rows(ax, names, "subject", rows)
-    legend_above(ax, task.title)
-    return tidy(ax)

@@ -1,9 +1,4 @@
-"""Where a subject sits: what a run shows and asks, of a person at a terminal or of a simulated subject.
-
-The subject's screen and keys in a terminal.
-
-What the experimenter sees of a run, and the subject does not.
-"""
+"""Where a subject sits: what a run shows and asks, the terminal that does so, and the experimenter's own view."""
 
 from __future__ import annotations
 
@@ -16,19 +11,19 @@ import stat
 import sys
 import textwrap
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from types import TracebackType
 from typing import TextIO
 
+from burrlab.common.check import refuse
 from burrlab.psychophysics.interval import Rendered
 from burrlab.psychophysics.trial import Design, Interval, Trial
 
 
-class Seat(ABC):
-    """What a run shows and asks. Nothing that it is given tells a material, a pair type or a score.
+class Seat:
+    """What a run shows and asks, here of nobody. Nothing that it is given tells a material, a pair type or a score.
 
     Attributes
     ----------
@@ -45,45 +40,37 @@ class Seat(ABC):
         """What is rendered for an interval: itself, unless nobody is here who could feel a real specimen."""
         return interval
 
-    @abstractmethod
     def progress(self, text: str) -> None:
         """The line that stays on the screen from now on."""
 
-    @abstractmethod
     def ready(self, text: str) -> None:
         """Shows the text until the subject wants to go on."""
 
-    @abstractmethod
     def show(self, text: str) -> None:
         """Shows the text until something else is shown."""
 
-    @abstractmethod
     def begins(self, text: str) -> None:
         """An interval begins."""
 
-    @abstractmethod
     def ends(self, text: str, pause: float) -> None:
         """The interval has ended; for so long nothing happens [s]."""
 
-    @abstractmethod
     def done(self) -> bool:
         """Whether the subject has ended the interval, since it began."""
+        return False
 
-    @abstractmethod
     def ask(
         self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
     ) -> tuple[str, float | None]:
         """(one of the design's answers, time from the question to it [s]; None where no key was pressed)."""
+        raise NotImplementedError
 
-    @abstractmethod
     def tell(self, text: str) -> None:
         """A sentence for a moment."""
 
-    @abstractmethod
     def rest(self, text: str, seconds: float) -> None:
         """A break, at least so long [s], and until the subject wants to go on."""
 
-    @abstractmethod
     def close(self, text: str) -> None:
         """The last words; the seat is as it was found."""
 
@@ -208,8 +195,10 @@ class TerminalSeat(Seat):
     def __init__(self, keyboard: Keyboard | None = None, screen: TextIO | None = None) -> None:
         self._keyboard = Keyboard() if keyboard is None else keyboard
         self._screen = sys.stdout if screen is None else screen
-        if screen is None and not self._screen.isatty():
-            raise ValueError("the subject needs a screen: standard output is a pipe or a file")
+        refuse(
+            screen is None and not self._screen.isatty(),
+            "the subject needs a screen: standard output is a pipe or a file",
+        )
         self._plain = os.environ.get("TERM", "") in ("", "dumb")
         self._progress = ""
 
@@ -342,21 +331,18 @@ class Experimenter:
 def _open_view(path: Path) -> int:
     """Never blocks: neither here nor when nobody reads."""
     kind = path.stat().st_mode if path.exists() else 0
-    if stat.S_ISCHR(kind) and _is_own_terminal(path):
-        raise ValueError(f"the experimenter's view must not be the subject's terminal, {path}")
+    own = [stream for stream in (sys.__stdin__, sys.__stdout__) if stream is not None and stream.isatty()]
+    any_of_them = path.resolve() == Path("/dev/tty")  # another name of the terminal that a program has
+    refuse(
+        stat.S_ISCHR(kind)
+        and any(any_of_them or os.path.samestat(os.fstat(one.fileno()), path.stat()) for one in own),
+        f"the experimenter's view must not be the subject's terminal, {path}",
+    )
     flags = os.O_WRONLY | os.O_APPEND | os.O_NONBLOCK | getattr(os, "O_NOCTTY", 0)
     if not stat.S_ISFIFO(kind) and not stat.S_ISCHR(kind):
         flags |= os.O_CREAT
     try:
         return os.open(path, flags, 0o666)
     except OSError:
-        if stat.S_ISFIFO(kind):
-            raise ValueError(f"the experimenter's view is a fifo that nobody reads: {path}") from None
+        refuse(stat.S_ISFIFO(kind), f"the experimenter's view is a fifo that nobody reads: {path}")
         raise
-
-
-def _is_own_terminal(path: Path) -> bool:
-    own = [stream for stream in (sys.__stdin__, sys.__stdout__) if stream is not None and stream.isatty()]
-    if path.resolve() == Path("/dev/tty"):  # another name of the terminal that a program has
-        return bool(own)
-    return any(os.path.samestat(os.fstat(stream.fileno()), path.stat()) for stream in own)

@@ -1,14 +1,9 @@
-"""The likelihood of d' with the criterion left free, for one subject or for all that could have come out.
-
-Intervals of d' from an exact test, over everything that could have come out.
-
-How well one subject tells two stimuli apart.
-"""
+"""d' of one subject: its estimate, intervals from an exact test or a likelihood, and tests of the score."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -17,7 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri, gammaln, xlogy
 from scipy.stats import binomtest
 
+from burrlab.common.check import refuse
 from burrlab.common.provenance import provenance
+from burrlab.psychophysics.result import Result
 from burrlab.psychophysics.rules import Counts, Floats, Rule, RuleName, TaskName, rule_of
 
 CorrectionName: TypeAlias = Literal["none", "log-linear", "half"]
@@ -141,11 +138,11 @@ class Outcomes:
         """Hit rate and false-alarm rate after a correction of perfect scores and empty cells."""
         if correction == "log-linear":
             return (self.hits + 0.5) / (self.signals + 1.0), (self.false_alarms + 0.5) / (self.noises + 1.0)
-        if correction == "half":
-            half = [np.where(n > 0, 0.5 / np.maximum(n, 1.0), 0.5) for n in (self.signals, self.noises)]
-            h, f = (np.clip(rate, x, 1.0 - x) for rate, x in zip(self.rates, half, strict=True))
-            return h, f
-        return self.rates
+        if correction == "none":
+            return self.rates
+        half = [np.where(n > 0, 0.5 / np.maximum(n, 1.0), 0.5) for n in (self.signals, self.noises)]
+        h, f = (np.clip(rate, x, 1.0 - x) for rate, x in zip(self.rates, half, strict=True))
+        return h, f
 
     def profile_interval(self, rule: Rule, level: float) -> tuple[Floats, Floats]:
         """The d' in [0, inf) whose deviance is at most the chi-square quantile of one degree of freedom.
@@ -190,24 +187,6 @@ def binomial(trials: int, log_rate: Floats, log_other: Floats) -> Floats:
     return np.asarray(np.exp(ways + k * log_rate + (trials - k) * log_other))
 
 
-def exact_p_values(rule: Rule, signals: int, noises: int, d_prime: float) -> Floats:
-    """Of d', for every outcome, in the order of `Outcomes.all`.
-
-    p(x) = max over the criterion of P(deviance(X) >= deviance(x) | d', criterion), X all outcomes.
-
-    The likelihood-ratio test with its own distribution in place of chi-square's, at the worst criterion: an interval of
-    the d' with p > 1 - level holds the truth at least as often as it says, whatever the criterion.
-    """
-    deviance = Outcomes.all(signals, noises).deviance(rule, d_prime)
-    of_hits, of_alarms = _probabilities(rule, signals, noises, d_prime)
-    # from the least likely outcome to the likeliest
-    order = np.argsort(-deviance)
-    p = (of_hits[:, :, None] * of_alarms[:, None, :]).reshape(len(of_hits), -1)[:, order]
-    beyond = np.cumsum(p, axis=1).max(axis=0)
-    last = np.searchsorted(-deviance[order], _TIE - deviance, side="right") - 1
-    return np.asarray(np.minimum(beyond[last], 1.0))
-
-
 def exact_p_value(counts: Counts, rule: Rule, d_prime: float) -> float:
     """Of d', for the outcome that was observed: one of `exact_p_values`."""
     shape = counts.signals + 1, counts.noises + 1
@@ -220,10 +199,10 @@ def exact_p_value(counts: Counts, rule: Rule, d_prime: float) -> float:
 def exact_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, float]:
     """From the smallest to the largest d' in [0, inf) that the exact test keeps; inf where it has no upper end."""
     outcomes = (counts.signals + 1) * (counts.noises + 1)
-    if outcomes > _MOST:
-        raise ValueError(
-            f"counts must have at most {_MOST} possible outcomes for method 'exact', got {outcomes}: take 'profile'"
-        )
+    refuse(
+        outcomes > _MOST,
+        f"counts must have at most {_MOST} possible outcomes for method 'exact', got {outcomes}: take 'profile'",
+    )
     observed, error = Outcomes.of(counts), 1.0 - level
     if bool(observed.undetermined):
         return 0.0, math.inf
@@ -249,8 +228,18 @@ def exact_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, flo
 
 def proportion_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, float]:
     """Clopper and Pearson's interval of the proportion correct, carried to d' of an observer without bias."""
-    test = binomtest(counts.score, counts.trials).proportion_ci(level, method="exact")
-    low, high = rule.invert([test.low, test.high], [1.0 - test.low, 1.0 - test.high])[0]
+    refuse(
+        counts.task == "same-different",
+        "method must be exact or profile for same-different, got 'proportion'",
+    )
+    ends = np.array(score_interval(counts, level))
+    low, high = rule.invert(ends, 1.0 - ends)[0]
+    return float(low), float(high)
+
+
+def profile_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, float]:
+    """As `Outcomes.profile_interval`, of one outcome."""
+    low, high = Outcomes.of(counts).profile_interval(rule, level)
     return float(low), float(high)
 
 
@@ -264,10 +253,8 @@ def _probabilities(rule: Rule, signals: int, noises: int, d_prime: float) -> tup
 def _end(counts: Counts, rule: Rule, error: float, outside: float, inside: float) -> float:
     for _ in range(_TEST_HALVINGS):
         middle = 0.5 * (outside + inside)
-        if exact_p_value(counts, rule, middle) > error:
-            inside = middle
-        else:
-            outside = middle
+        kept = exact_p_value(counts, rule, middle) > error
+        outside, inside = (outside, middle) if kept else (middle, inside)
     return float(outside)
 
 
@@ -287,7 +274,7 @@ _CRITERION_TEXTS = {
 
 
 @dataclass(frozen=True)
-class DPrime:
+class DPrime(Result):
     """d' of one subject under one rule.
 
     Attributes
@@ -317,6 +304,8 @@ class DPrime:
     counts : Counts
     """
 
+    _derived = ("open_above",)
+
     task: TaskName
     rule: RuleName
     estimate: float
@@ -343,43 +332,29 @@ class DPrime:
     def __str__(self) -> str:
         low, high = self.interval
         above = "open)" if self.open_above else f"{high:.2f}]"
-        lines = [
-            f"d' {self.estimate:.2f}, {100 * self.level:g} % [{low:.2f}, {above} ({self.rule}, {self.method})"
-        ]
-        if self.undetermined:
-            lines.append(
-                "the answers say nothing of d': one answer was always given, or one kind of trial is missing"
-            )
-        if self.standard_error is not None:
-            lines.append(f"standard error {self.standard_error:.2f}")
-        if self.correction != "none":
-            lines.append(f"corrected d' {self.corrected:.2f} ({self.correction})")
+        nothing = (
+            "the answers say nothing of d': one answer was always given, or one kind of trial is missing"
+        )
         name, meaning = self.criterion_meaning.split(" ", 1)
-        lines.append(f"criterion {name} {self.criterion:.2f} {meaning}")
-        return "\n".join(lines)
+        lines = [
+            f"d' {self.estimate:.2f}, {100 * self.level:g} % [{low:.2f}, {above} ({self.rule}, {self.method})",
+            nothing if self.undetermined else "",
+            "" if self.standard_error is None else f"standard error {self.standard_error:.2f}",
+            "" if self.correction == "none" else f"corrected d' {self.corrected:.2f} ({self.correction})",
+            f"criterion {name} {self.criterion:.2f} {meaning}",
+        ]
+        return "\n".join(filter(None, lines))
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON: infinite values as None, with `open_above` beside them; with provenance."""
+        values = super().to_dict()
+        del values["counts"]["task"]
+        return {**values, "infinite": math.isinf(self.estimate), "provenance": provenance()}
 
-        def finite(value: float) -> float | None:
-            return value if math.isfinite(value) else None
 
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "counts"}
-        for name in ("estimate", "corrected", "criterion"):
-            values[name] = finite(values[name])
-        return {
-            **values,
-            "interval": [finite(end) for end in self.interval],
-            "infinite": math.isinf(self.estimate),
-            "open_above": self.open_above,
-            "counts": {
-                **{
-                    name: getattr(self.counts, name) for name in ("hits", "signals", "false_alarms", "noises")
-                },
-                "by_type": {name: list(both) for name, both in self.counts.by_type.items()},
-            },
-            "provenance": provenance(),
-        }
+_INTERVALS: Mapping[str, Callable[[Counts, Rule, float], tuple[float, float]]] = {
+    "exact": exact_interval, "profile": profile_interval, "proportion": proportion_interval,
+}  # fmt: skip
 
 
 def d_prime(
@@ -446,15 +421,7 @@ def d_prime(
         raise ValueError(f"correction must be one of {', '.join(CORRECTIONS)}, got {correction!r}")
     outcome = Outcomes.of(counts)
     estimate, criterion = (float(x) for x in outcome.estimate(law))
-    if method == "exact":
-        interval = exact_interval(counts, law, level)
-    elif method == "profile":
-        low, high = outcome.profile_interval(law, level)
-        interval = float(low), float(high)
-    elif counts.task == "same-different":
-        raise ValueError("method must be exact or profile for same-different, got 'proportion'")
-    else:
-        interval = proportion_interval(counts, law, level)
+    interval = _INTERVALS[method](counts, law, level)
     error = float(outcome.standard_error(law))
     return DPrime(
         task=counts.task,
@@ -507,5 +474,4 @@ def binomial_test(counts: Counts) -> float:
 
 
 def check_level(level: float) -> None:
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level must be above 0 and below 1, got {level}")
+    refuse(not 0.0 < level < 1.0, f"level must be above 0 and below 1, got {level}")

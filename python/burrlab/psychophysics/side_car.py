@@ -1,39 +1,29 @@
-"""One answer as a row of a file, and the rules that rows obey.
-
-The JSON beside a file of answers: what a run is, before its first trial.
-"""
+"""One answer as a row of a file with the rules that rows obey, and the JSON beside the file that says what the run is."""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
 import os
 import platform
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import burrlab.common.table as tsv_text
+import burrlab.common.table as table
 from burrlab._core import __version__
-from burrlab.common.check import shown
+from burrlab.common.check import refuse, shown
 from burrlab.common.provenance import provenance
 from burrlab.common.table import json_mapping
-from burrlab.psychophysics.design_record import design_of_dict
 from burrlab.psychophysics.interval import ENDINGS
-from burrlab.psychophysics.rules import TASKS, TaskName
+from burrlab.psychophysics.rules import ANSWERS, TASKS, TaskName
+from burrlab.psychophysics.staircase import design_of_dict
 from burrlab.psychophysics.trial import Phase, Trial
 
-#: Answers in the order of their keys 1, 2.
-ANSWERS: Mapping[TaskName, tuple[str, str]] = {
-    "same-different": ("same", "different"),
-    "abx": ("first", "second"),
-    "2ifc": ("first", "second"),
-}
-#: The answer that hits and false alarms are of, see `Rule`.
-COUNTED: Mapping[TaskName, str] = {"same-different": "different", "abx": "first", "2ifc": "first"}
 INTERVALS: Mapping[TaskName, int] = {"same-different": 2, "abx": 3, "2ifc": 2}
 #: Types of trials and, where the type alone decides, the correct answer.
 TYPES: Mapping[TaskName, Mapping[str, str | None]] = {
@@ -173,7 +163,9 @@ def as_text(row: Row, task: TaskName, columns: Sequence[str] = ()) -> bytes:
     """The line of a row in a file with these columns, by default all."""
     fields = row.fields()
     values = [fields.get(column) for column in columns or columns_of(task)]
-    return tsv_text.line([tsv_text.NOTHING if value is None else _text(value) for value in values])
+    endless = [value for value in values if isinstance(value, float) and not math.isfinite(value)]
+    refuse(endless, f"a number must be finite, got {', '.join(map(repr, endless))}")
+    return table.line([table.tsv_text(value) for value in values])
 
 
 class RowReader:
@@ -189,11 +181,11 @@ class RowReader:
     def __init__(self, task: TaskName, answers: Sequence[str] | None = None) -> None:
         self.task = task
         self._answers = dict(zip(answers or ANSWERS[task], ANSWERS[task], strict=True))
-        self._before: list[tuple[int, Row]] = []
+        self._before: dict[tuple[str, int], tuple[int, Row]] = {}
 
     def add(self, line: int, row: Row) -> None:
         """A row that those to come are checked against."""
-        self._before.append((line, row))
+        self._before[row.phase, row.trial] = line, row
 
     def parse(self, fields: Mapping[str, str]) -> Row:
         """The row of a line's fields, which follows those that were added.
@@ -211,48 +203,39 @@ class RowReader:
             return tuple(_field(fields, f"{name}_{place}", convert, None) for place in places)
 
         row = Row(
-            onset=_field(fields, "onset", _filled(tsv_text.number_or_none)),
+            onset=_field(fields, "onset", _filled(table.number_or_none)),
             duration=_field(fields, "duration", _duration),
             trial_type=_field(fields, "trial_type", _one_of(tuple(TYPES[self.task]))),
             response=self._answers[_field(fields, "response", _one_of(tuple(self._answers)))],
             correct=_field(fields, "correct", _one_of(("0", "1"))) == "1",
             response_time=_field(fields, "response_time", _duration),
-            trial=_field(fields, "trial", _filled(tsv_text.whole)),
+            trial=_field(fields, "trial", _filled(table.whole)),
             phase=_field(fields, "phase", _one_of(PHASES), "main"),
-            block=_field(fields, "block", _filled(tsv_text.whole), 1),
+            block=_field(fields, "block", _filled(table.whole), 1),
             level=_field(fields, "level", _level, None),
-            stimuli=all_of("stimulus", lambda text: None if text == tsv_text.NOTHING else text),
-            seeds=all_of("seed", lambda text: tsv_text.whole(text, below=2**64)),
-            endings=all_of(
-                "ended", lambda text: None if text == tsv_text.NOTHING else _one_of(ENDINGS)(text)
-            ),
-            repeats=_field(fields, "repeats", lambda text: tsv_text.whole(text, below=10), None),
+            stimuli=all_of("stimulus", _or_none),
+            seeds=all_of("seed", lambda text: table.whole(text, below=2**64)),
+            endings=all_of("ended", lambda text: _or_none(text) and _one_of(ENDINGS)(text)),
+            repeats=_field(fields, "repeats", lambda text: table.whole(text, below=10), None),
         )
-        for line, one in self._before:
-            if (one.phase, one.trial) == (row.phase, row.trial):
-                raise ValueError(
-                    f"column trial: {row.phase} trial {row.trial} is answered in line {line} already"
-                )
-        _check_place(row, self._before[-1][1] if self._before else None)
+        line = self._before.get((row.phase, row.trial), (None,))[0]
+        refuse(line, f"column trial: {row.phase} trial {row.trial} is answered in line {line} already")
+        _check_place(row, next((one for _, one in reversed(self._before.values())), None))
         self._check_correct(row)
         return row
 
     def _check_correct(self, row: Row) -> None:
-        due = TYPES[self.task][row.trial_type]
-        answer = row.correct_answer(ANSWERS[self.task])
-        if due is not None and answer != due:
-            raise ValueError(
-                f"column correct: after {row.trial_type} the correct answer is {due!r}, and the response "
-                f"{row.response!r} is called {'correct' if row.correct else 'wrong'}"
-            )
-        if due is not None:
-            return
-        for line, one in self._before:
-            other = _side(one, one.correct_answer(ANSWERS[self.task]))
-            if None not in (other, side := _side(row, answer)) and other != side:
-                raise ValueError(
-                    f"column correct: the response {row.response!r} is called {'correct' if row.correct else 'wrong'} "
-                    f"after {row.trial_type}, which contradicts line {line}"
+        due, answer = TYPES[self.task][row.trial_type], row.correct_answer(ANSWERS[self.task])
+        said = f"the response {row.response!r} is called {'correct' if row.correct else 'wrong'}"
+        refuse(
+            due not in (None, answer),
+            f"column correct: after {row.trial_type} the correct answer is {due!r}, and {said}",
+        )
+        if due is None and (side := _side(row, answer)) is not None:
+            for line, one in self._before.values():
+                refuse(
+                    _side(one, one.correct_answer(ANSWERS[self.task])) is (not side),
+                    f"column correct: {said} after {row.trial_type}, which contradicts line {line}",
                 )
 
 
@@ -266,21 +249,17 @@ def _side(row: Row, answer: str) -> bool | None:
 
 def _check_place(row: Row, before: Row | None) -> None:
     """That trials follow one another."""
-    if row.trial < 1:
-        raise ValueError(f"column trial: must be at least 1, got {row.trial}")
-    if row.phase == "main" and row.block < 1:
-        raise ValueError(f"column block: must be at least 1 after practice, got {row.block}")
-    last = before.trial if before is not None and before.phase == row.phase else 0
-    if before is not None and before.phase == "main" and row.phase == "practice":
-        raise ValueError("column phase: practice comes before the main phase")
-    if row.trial != last + 1:
-        raise ValueError(f"column trial: {row.phase} trial {last + 1} is due, got {row.trial}")
-    if before is not None and row.onset < before.onset:
-        raise ValueError(
-            f"column onset: must not be before the last trial's {before.onset!r}, got {row.onset!r}"
-        )
-    if before is not None and last and row.block < before.block:
-        raise ValueError(f"column block: must not be before the last trial's {before.block}, got {row.block}")
+    refuse(row.trial < 1, f"column trial: must be at least 1, got {row.trial}")
+    in_main = row.phase == "main"
+    refuse(in_main and row.block < 1, f"column block: must be at least 1 after practice, got {row.block}")
+    before = before or replace(row, trial=0)
+    same, was_main = before.phase == row.phase, before.trial and before.phase == "main"
+    refuse(was_main and not in_main, "column phase: practice comes before the main phase")
+    due = before.trial + 1 if same else 1
+    refuse(row.trial != due, f"column trial: {row.phase} trial {due} is due, got {row.trial}")
+    for name, wrong in (("onset", row.onset < before.onset), ("block", same and row.block < before.block)):
+        was, now = getattr(before, name), getattr(row, name)
+        refuse(wrong, f"column {name}: must not be before the last trial's {was!r}, got {now!r}")
 
 
 _ABSENT = object()
@@ -297,44 +276,31 @@ def _field(
         raise ValueError(f"column {column}: {error}") from None
 
 
-def _filled(convert: Callable[[str], Any]) -> Callable[[str], Any]:
-    def filled(text: str) -> Any:
-        if (value := convert(text)) is None:
-            raise ValueError(f"every row needs a number, got {text!r}")
+def _or_none(text: str) -> str | None:
+    return None if text == table.NOTHING else text
+
+
+def _kept(convert: Callable[[str], Any], rule: str, holds: Callable[[Any], bool]) -> Callable[[str], Any]:
+    """A conversion whose values must keep a rule."""
+
+    def kept(text: str) -> Any:
+        value = convert(text)
+        refuse(not holds(value), f"{rule}, got {text!r}")
         return value
 
-    return filled
+    return kept
 
 
-def _one_of(choices: Sequence[str]) -> Callable[[str], str]:
-    def chosen(text: str) -> str:
-        if text not in choices:
-            raise ValueError(f"must be one of {', '.join(choices)}, got {text!r}")
-        return text
-
-    return chosen
+def _filled(convert: Callable[[str], Any]) -> Callable[[str], Any]:
+    return _kept(convert, "every row needs a number", lambda value: value is not None)
 
 
-def _duration(text: str) -> float | None:
-    value = tsv_text.number_or_none(text)
-    if value is not None and value < 0:
-        raise ValueError(f"must be at least 0 [s], got {text!r}")
-    return value
+def _one_of(choices: Sequence[str]) -> Callable[[str], Any]:
+    return _kept(str, f"must be one of {', '.join(choices)}", lambda text: text in choices)
 
 
-def _level(text: str) -> float | None:
-    value = tsv_text.number_or_none(text)
-    if value is not None and value <= 0:
-        raise ValueError(f"must be a ratio above 0, got {text!r}")
-    return value
-
-
-def _text(value: str | int | float) -> str:
-    if isinstance(value, float):
-        if not math.isfinite(value):
-            raise ValueError(f"a number must be finite, got {value!r}")
-        return repr(value)
-    return str(value)
+_duration = _kept(table.number_or_none, "must be at least 0 [s]", lambda value: value is None or value >= 0)
+_level = _kept(table.number_or_none, "must be a ratio above 0", lambda value: value is None or value > 0)
 
 
 _FORMAT = 1
@@ -362,6 +328,29 @@ _TYPES: Mapping[TaskName, str] = {
     "abx": "The alternatives A and B in the order in which they follow the reference",
     "2ifc": "Reference (R) and comparison (C) in order",
 }
+#: What the columns hold; {} is the number of an interval.
+_COLUMNS = {
+    "onset": "Start of the first interval, from the start of the run",
+    "duration": "From the onset to the end of the last interval",
+    "response": "The subject's answer",
+    "correct": "Whether the response was correct",
+    "response_time": "From the question to the key",
+    "trial": "Number of the trial in its phase, from 1",
+    "phase": "Part of the run",
+    "block": "Number of the block, from 1; practice is block 0",
+    "level": "The comparison's parameter over the reference's",
+    "stimulus": "Material of interval {}",
+    "seed": "Seed of the erosion in interval {}, 64 bits",
+    "ended": "How interval {} ended",
+    "repeats": "How often the trial was broken off and begun anew, as the loop had stalled",
+}
+_UNITS = {"onset": "s", "duration": "s", "response_time": "s", "level": "1"}
+#: Keys of the file, fields and types.
+_FIELDS: Mapping[str, tuple[str, type]] = {
+    "Subject": ("subject", str), "TaskName": ("name", str), "Instructions": ("question", str), "Started": ("started", str),
+    "Device": ("device", str), "Task": ("task", str), "Design": ("design", dict), "Protocol": ("protocol", dict),
+    "Seed": ("seed", int), "Trials": ("trials", int), "Provenance": ("provenance", dict),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -408,10 +397,9 @@ class SideCar:
     provenance: Mapping[str, Any] = field(default_factory=lambda: json_mapping(provenance()))
 
     def __post_init__(self) -> None:
-        for name in ("design", "protocol", "provenance"):
-            object.__setattr__(self, name, json_mapping(getattr(self, name)))
-        if self.simulated is not None:
-            object.__setattr__(self, "simulated", json_mapping(self.simulated))
+        for name in ("design", "protocol", "provenance", "simulated"):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, json_mapping(value))
 
     @property
     def answers(self) -> tuple[str, str]:
@@ -454,28 +442,18 @@ class SideCar:
     def to_dict(self) -> dict[str, Any]:
         """As the file has it, with the columns described."""
         return {
-            "TaskName": self.name,
             "TaskDescription": _DESCRIBED[self.task],
-            "Instructions": self.question,
             "StimulusPresentation": {
                 "OperatingSystem": f"{platform.system()} {platform.release()}",
                 "SoftwareName": "burrlab",
                 "SoftwareVersion": __version__,
             },
             _KEY: _FORMAT,
-            "Subject": self.subject,
-            "Task": self.task,
+            **{key: getattr(self, name) for key, (name, _) in _FIELDS.items()},
             "Answers": list(self.answers),
             "Simulated": self.simulated is not None,
             "SimulatedSubject": self.simulated,
-            "Started": self.started,
-            "Seed": self.seed,
-            "Device": self.device,
-            "Trials": self.trials,
-            "Design": self.design,
-            "Protocol": self.protocol,
             "ProtocolDigest": self.digest,
-            "Provenance": self.provenance,
             **descriptions(self.task),
         }
 
@@ -488,50 +466,40 @@ class SideCar:
         ValueError
             If a key is missing or not what it must be.
         """
-        if values.get(_KEY) != _FORMAT:
-            raise ValueError(f"{_KEY} must be {_FORMAT}, got {shown(values.get(_KEY))}")
-        text = {
-            key: _typed(values, key, str)
-            for key in ("Subject", "TaskName", "Instructions", "Started", "Device")
-        }
-        task = _typed(values, "Task", str)
-        if task not in TASKS:
-            raise ValueError(f"Task must be one of {', '.join(TASKS)}, got {task!r}")
+        refuse(values.get(_KEY) != _FORMAT, f"{_KEY} must be {_FORMAT}, got {shown(values.get(_KEY))}")
+        given = {name: _typed(values, key, kind) for key, (name, kind) in _FIELDS.items()}
+        refuse(given["task"] not in TASKS, f"Task must be one of {', '.join(TASKS)}, got {given['task']!r}")
         simulated = _typed(values, "SimulatedSubject", dict) if _typed(values, "Simulated", bool) else None
-        try:
-            if datetime.fromisoformat(text["Started"]).tzinfo is None:
-                raise ValueError
-        except ValueError:
-            raise ValueError(f"Started must be a time with its zone, got {text['Started']!r}") from None
-        car = cls(
-            text["Subject"], text["TaskName"], task, text["Instructions"], _typed(values, "Design", dict),
-            _typed(values, "Protocol", dict), _typed(values, "Seed", int), text["Device"], _typed(values, "Trials", int),
-            simulated, text["Started"], _typed(values, "Provenance", dict),
-        )  # fmt: skip
-        if values.get("ProtocolDigest") != car.digest:
-            raise ValueError(
-                "ProtocolDigest does not belong to the Protocol beside it: one of them was changed"
-            )
+        zone, started = None, given["started"]
+        with contextlib.suppress(ValueError):
+            zone = datetime.fromisoformat(started).tzinfo
+        refuse(zone is None, f"Started must be a time with its zone, got {started!r}")
+        car = cls(**given, simulated=simulated)
+        refuse(
+            values.get("ProtocolDigest") != car.digest,
+            "ProtocolDigest does not belong to the Protocol beside it: one of them was changed",
+        )
         car._check_against_protocol()
         return car
 
     def _check_against_protocol(self) -> None:
         """ValueError if what is told of the Protocol once more, for readers, is told otherwise: the digest is of it alone."""
         experiment, tasks = (self.protocol.get(key, {}) for key in ("experiment", "tasks"))
-        if not (isinstance(experiment, dict) and isinstance(tasks, dict)):
-            raise ValueError("Protocol must have tables of the experiment and its tasks")
+        refuse(
+            not (isinstance(experiment, dict) and isinstance(tasks, dict)),
+            "Protocol must have tables of the experiment and its tasks",
+        )
         for key, found, due in (
             ("Design", self.design, tasks.get(self.name)),
             ("Seed", self.seed, experiment.get("seed")),
         ):
-            if found != due:
-                raise ValueError(f"{key} is not that of the Protocol beside it: one of them was changed")
+            refuse(found != due, f"{key} is not that of the Protocol beside it: one of them was changed")
         made = design_of_dict(self.design)
         due = made.order(seed=self.seed, subject=f"{self.subject} {self.name}").total
-        if (self.task, self.trials) != (made.task, due):
-            raise ValueError(
-                f"Task and Trials must be {made.task!r} and {due}, those of the Design, got {self.task!r} and {self.trials}"
-            )
+        refuse(
+            (self.task, self.trials) != (made.task, due),
+            f"Task and Trials must be {made.task!r} and {due}, those of the Design, got {self.task!r} and {self.trials}",
+        )
 
 
 def side_car_path(path: str | os.PathLike[str]) -> Path:
@@ -554,10 +522,8 @@ def read_side_car(path: str | os.PathLike[str]) -> SideCar | None:
         values = json.loads(file.read_bytes())
     except (ValueError, RecursionError):
         raise ValueError(f"{file}: this is not JSON in UTF-8") from None
-    if not isinstance(values, dict) or _KEY not in values:
-        return None
     try:
-        return SideCar.from_dict(values)
+        return SideCar.from_dict(values) if isinstance(values, dict) and _KEY in values else None
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
 
@@ -570,58 +536,37 @@ def digest(protocol: Mapping[str, Any]) -> str:
 
 def descriptions(task: TaskName) -> dict[str, Any]:
     """Of the columns, as BIDS has them: unit or levels."""
-    what = {
-        "onset": ("Start of the first interval, from the start of the run", "s"),
-        "duration": ("From the onset to the end of the last interval", "s"),
-        "response_time": ("From the question to the key", "s"),
-        "trial": ("Number of the trial in its phase, from 1", None),
-        "repeats": ("How often the trial was broken off and begun anew, as the loop had stalled", None),
-        "block": ("Number of the block, from 1; practice is block 0", None),
-        "level": ("The comparison's parameter over the reference's", "1"),
+    levels = {
+        "trial_type": {one: f"correct answer: {due}" if due else one for one, due in TYPES[task].items()},
+        "response": {answer: f"key {key}" for key, answer in enumerate(ANSWERS[task], start=1)},
+        "correct": {"1": "correct", "0": "wrong"},
+        "phase": {"practice": "not analysed", "main": "analysed"},
+        "ended": _ENDED,
     }
-    described: dict[str, Any] = {
-        name: {"Description": text, **({"Units": unit} if unit else {})}
-        for name, (text, unit) in what.items()
-    }
-    described["trial_type"] = {
-        "Description": _TYPES[task],
-        "Levels": {one: f"correct answer: {due}" if due else one for one, due in TYPES[task].items()},
-    }
-    described["response"] = {
-        "Description": "The subject's answer",
-        "Levels": {answer: f"key {key}" for key, answer in enumerate(ANSWERS[task], start=1)},
-    }
-    described["correct"] = {
-        "Description": "Whether the response was correct",
-        "Levels": {"1": "correct", "0": "wrong"},
-    }
-    described["phase"] = {
-        "Description": "Part of the run",
-        "Levels": {"practice": "not analysed", "main": "analysed"},
-    }
-    for place in range(1, INTERVALS[task] + 1):
-        described[f"stimulus_{place}"] = {"Description": f"Material of interval {place}"}
-        described[f"seed_{place}"] = {"Description": f"Seed of the erosion in interval {place}, 64 bits"}
-        described[f"ended_{place}"] = {"Description": f"How interval {place} ended", "Levels": _ENDED}
-    return {column: described[column] for column in columns_of(task)}
+    described: dict[str, Any] = {}
+    for column in columns_of(task):
+        name, _, place = column.rpartition("_") if column[-1].isdecimal() else (column, "", "")
+        text = _TYPES[task] if name == "trial_type" else _COLUMNS[name].format(place)
+        units = {"Units": _UNITS[name]} if name in _UNITS else {}
+        described[column] = {
+            "Description": text,
+            **units,
+            **({"Levels": levels[name]} if name in levels else {}),
+        }
+    return described
 
 
 def _typed(values: Mapping[str, Any], key: str, kind: type) -> Any:
-    if key not in values:
-        raise ValueError(f"{key} is missing")
-    if type(values[key]) is not kind:
-        raise ValueError(f"{key} must be {_KINDS[kind]}, got {shown(values[key])}")
+    refuse(key not in values, f"{key} is missing")
+    refuse(type(values[key]) is not kind, f"{key} must be {_KINDS[kind]}, got {shown(values[key])}")
     return values[key]
 
 
 def _changes(where: str, was: Any, now: Any) -> tuple[str, ...]:
     if isinstance(was, dict) and isinstance(now, dict):
-        keys = [*was, *(key for key in now if key not in was)]
-        return tuple(
-            change
-            for key in keys
-            for change in _changes(f"{where}.{key}" if where else key, was.get(key), now.get(key))
-        )
-    return (
-        () if was == now and type(was) is type(now) else (f"{where} was {shown(was)}, is now {shown(now)}",)
-    )
+        parts = [
+            _changes(f"{where}.{key}" if where else key, was.get(key), now.get(key)) for key in {**was, **now}
+        ]
+        return tuple(change for part in parts for change in part)
+    alike = was == now and type(was) is type(now)
+    return () if alike else (f"{where} was {shown(was)}, is now {shown(now)}",)

@@ -1,29 +1,28 @@
-"""What staircases have in common: levels that follow the answers, orders and seeds that do not.
+"""Designs that find a threshold: up-down staircases, a Bayesian staircase and constant stimuli.
 
-Transformed and weighted up-down staircases.
-
-The method of constant stimuli: given levels, each equally often.
-
-A Bayesian staircase: each level is the one that will tell most.
-
-How well a design finds the threshold of a stated observer, by simulation.
+Each says by simulation how well it finds the threshold of a stated observer. `design_of_dict` reads any design.
 """
 
 from __future__ import annotations
 
+import inspect
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
-from dataclasses import KW_ONLY, asdict, dataclass
-from typing import Any, Protocol, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from burrlab._core import Material
+from burrlab.common.check import refuse, shown
 from burrlab.psychophysics.designs import (
+    ABX,
     Comparison,
     Draws,
     FixedOrder,
+    SameDifferent,
     checked_answers,
     checked_level,
     checked_trial,
@@ -36,19 +35,11 @@ from burrlab.psychophysics.psychometric import (
     posterior_threshold,
     threshold_of,
 )
+from burrlab.psychophysics.result import Result
 from burrlab.psychophysics.rules import rule_of
-from burrlab.psychophysics.trial import Order, Phase, Trial
+from burrlab.psychophysics.trial import Design, Order, Stimulus, Trial, key_of
 
 _RUN = 8  # trials over which the orders are balanced
-
-
-class Track(Protocol):
-    """Where a staircase stands; it is told of each answer."""
-
-    def level(self) -> float | None:
-        """Of the next trial; None at the end."""
-
-    def update(self, correct: bool) -> None: ...
 
 
 class Staircased(Comparison):
@@ -57,7 +48,7 @@ class Staircased(Comparison):
     trials: int
 
     @abstractmethod
-    def track(self) -> Track:
+    def track(self) -> StaircaseTrack | AdaptiveTrack:
         """A new one, at its start."""
 
     @abstractmethod
@@ -86,10 +77,8 @@ class StaircaseOrder(Order):
         self._next: Trial | None = None
 
     def _drawn(self, trials: int) -> list[str]:
-        runs = -(-trials // _RUN)
-        if runs == 0:
-            return []
-        drawn = self._draws.balanced((("RC",), ("CR",)), runs * _RUN, runs)
+        runs = max(1, -(-trials // _RUN))
+        drawn = self._draws.balanced((("RC",), ("CR",)), runs * _RUN, runs) if trials else []
         return [kind for run in drawn for kind in run][:trials]
 
     @property
@@ -99,14 +88,12 @@ class StaircaseOrder(Order):
     def next(self) -> Trial | None:
         done, design = len(self.answered), self._design
         if self._next is None and done < self.total:
-            number = done - design.practice
-            level = design.easy_level() if number < 0 else self.track.level()
-            if level is not None:
-                phase: Phase = "practice" if number < 0 else "main"
-                block = 0 if number < 0 else 1 + number * design.blocks // design.trials
-                self._next = design.trial(
-                    self._kinds[done], level, (done if number < 0 else number) + 1, phase, block, self._draws
-                )
+            number, kind = done - design.practice, self._kinds[done]
+            if number < 0:
+                self._next = design.trial(kind, design.easy_level(), done + 1, "practice", 0, self._draws)
+            elif (level := self.track.level()) is not None:
+                block = 1 + number * design.blocks // design.trials
+                self._next = design.trial(kind, level, number + 1, "main", block, self._draws)
         return self._next
 
     def answer(self, response: str) -> None:
@@ -192,6 +179,8 @@ class Staircase(Staircased):
     79.4 % correct at a ratio of 1.23 (8 reversals, 35 trials, pairs of reversals spread by a factor of 1.00)
     """
 
+    _kind, _derived = "staircase", (*Comparison._derived, "target")
+
     _: KW_ONLY
     start: float = 2.0
     down: int = 2
@@ -207,28 +196,29 @@ class Staircase(Staircased):
         super().__post_init__()
         start = checked_level("start", self.start)
         limit = start * start if self.limit is None else checked_level("limit", self.limit)
-        if not math.log(limit) / math.log(start) >= 1.0:
-            raise ValueError(f"limit must be as far from 1 as start, {start:g}, or farther, got {limit:g}")
+        refuse(
+            not math.log(limit) / math.log(start) >= 1.0,
+            f"limit must be as far from 1 as start, {start:g}, or farther, got {limit:g}",
+        )
         object.__setattr__(self, "start", start)
         object.__setattr__(self, "limit", limit)
         for name in ("coarse_step", "step"):
             value = float(getattr(self, name))
-            if not (math.isfinite(value) and value > 1.0):
-                raise ValueError(f"{name} must be a factor above 1, got {value}")
+            refuse(
+                not (math.isfinite(value) and value > 1.0), f"{name} must be a factor above 1, got {value}"
+            )
             object.__setattr__(self, name, value)
         weight = float(self.up_weight)
-        if not (math.isfinite(weight) and weight > 0.0):
-            raise ValueError(f"up_weight must be above 0, got {weight}")
+        refuse(not (math.isfinite(weight) and weight > 0.0), f"up_weight must be above 0, got {weight}")
         object.__setattr__(self, "up_weight", weight)
         whole("down", self.down, at_least=1)
         whole("discard", self.discard, at_least=0)
         whole("reversals", self.reversals, at_least=2, multiple=2, why=" (peaks and valleys in pairs)")
-        whole("trials", self.trials, at_least=1)
         whole("trials", self.trials, at_least=1, multiple=self.blocks, why=", the number of blocks")
-        if self.target <= self.chance:
-            raise ValueError(
-                f"down and up_weight must aim above chance, 0.5, got {self.down} and {weight:g}, which aim at {self.target:.3g}"
-            )
+        refuse(
+            self.target <= self.chance,
+            f"down and up_weight must aim above chance, 0.5, got {self.down} and {weight:g}, which aim at {self.target:.3g}",
+        )
 
     @property
     def target(self) -> float:
@@ -264,14 +254,8 @@ class Staircase(Staircased):
     def power(self, subjects: int = 1) -> str:
         """How well the threshold of a stated observer is found; a second or so of simulation."""
         first = f"{self.what}; aims at {100 * self.target:.1f} % correct, at most {self.trials} trials"
-        return f"{first}\n{staircase_precision(self, subjects)}"
-
-    def to_dict(self) -> dict[str, Any]:
-        names = (
-            "start", "limit", "down", "up_weight", "coarse_step", "step", "discard", "reversals", "trials",
-        )  # fmt: skip
-        own = {name: getattr(self, name) for name in names}
-        return {"design": "staircase", **super().to_dict(), **own, "target": self.target}
+        threshold, where = abs(math.log(self.start)) / 4.0, "a quarter of the start's distance from 1"
+        return f"{first}\n{staircase_precision(self, threshold, where, subjects, self.target)}"
 
 
 class StaircaseTrack:
@@ -316,21 +300,17 @@ class StaircaseTrack:
         pairs = len(counted) // 2
         # Means of a peak and a valley: the two together have no bias to either side.
         middles = np.log(counted[: 2 * pairs]).reshape(pairs, 2).mean(axis=1)
-        complete = self.level() is None
-        if pairs == 0:
-            return StaircaseThreshold(
-                None, None, None, self._design.target, len(counted), self._trials, self._at_limit, complete
-            )
-        mean = float(middles.mean())
+        difference = math.exp(float(middles.mean())) if pairs else None
         return StaircaseThreshold(
-            math.exp(self._side * math.exp(mean)), math.exp(mean),
+            None if difference is None else math.exp(self._side * difference),
+            difference,
             math.exp(float(middles.std(ddof=1))) if pairs > 1 else None,
-            self._design.target, len(counted), self._trials, self._at_limit, complete,
+            self._design.target, len(counted), self._trials, self._at_limit, self.level() is None,
         )  # fmt: skip
 
 
 @dataclass(frozen=True)
-class StaircaseThreshold:
+class StaircaseThreshold(Result):
     """The mean of a staircase's reversals.
 
     Attributes
@@ -363,25 +343,16 @@ class StaircaseThreshold:
     at_limit: int
     complete: bool
 
-    def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        return asdict(self)
-
     def __str__(self) -> str:
         if self.level is None:
             return (
                 f"no threshold: {self.reversals} reversals that count in {self.trials} trials, two are needed"
             )
-        spread = (
-            "" if self.spread is None else f", pairs of reversals spread by a factor of {self.spread:.2f}"
-        )
-        limit = (
-            f"; {self.at_limit} trials at the limit, so the threshold is too small" if self.at_limit else ""
-        )
-        end = "" if self.complete else "; not complete"
+        spread = f", pairs of reversals spread by a factor of {self.spread:.2f}" if self.spread else ""
+        limit = f"; {self.at_limit} trials at the limit, so the threshold is too small" * bool(self.at_limit)
         return (
             f"{100 * self.target:.1f} % correct at a ratio of {self.level:.3g} ({self.reversals} reversals, "
-            f"{self.trials} trials{spread}){limit}{end}"
+            f"{self.trials} trials{spread}){limit}{'' if self.complete else '; not complete'}"
         )
 
 
@@ -423,6 +394,8 @@ class ConstantStimuli(Comparison):
     ('RC', ['bone', 'bone c_e x1.1'], 'second')
     """
 
+    _kind = "constant-stimuli"
+
     levels: Sequence[float]
     _: KW_ONLY
     repeats: int = 20
@@ -430,14 +403,11 @@ class ConstantStimuli(Comparison):
     def __post_init__(self) -> None:
         super().__post_init__()
         levels = tuple(checked_level("levels", level) for level in self.levels)
-        if not levels:
-            raise ValueError("levels must hold at least one, got none")
-        if len(set(levels)) < len(levels):
-            raise ValueError(f"levels must differ, got {levels}")
+        refuse(not levels, "levels must hold at least one, got none")
+        refuse(len(set(levels)) < len(levels), f"levels must differ, got {levels}")
         object.__setattr__(self, "levels", levels)
         whole("repeats", self.repeats, at_least=2, multiple=2, why=" (RC and CR equally often)")
-        if self.trials % self.blocks:
-            raise ValueError(f"blocks must divide the {self.trials} trials, got {self.blocks}")
+        refuse(self.trials % self.blocks, f"blocks must divide the {self.trials} trials, got {self.blocks}")
 
     @property
     def trials(self) -> int:
@@ -445,28 +415,19 @@ class ConstantStimuli(Comparison):
         return len(self.levels) * self.repeats
 
     def order(self, *, seed: int, subject: str) -> FixedOrder:
-        draws = Draws(seed, subject, self.to_dict())
-
-        def make(kind: tuple[str, float], number: int, phase: Phase, block: int) -> Trial:
-            return self.trial(*kind, number, phase, block, draws)
-
+        groups = [[(kind, level) for level in self.levels] for kind in ("RC", "CR")]
         return fixed_order(
-            draws, [[(kind, level) for level in self.levels] for kind in ("RC", "CR")], make,
-            trials=self.trials, blocks=self.blocks, practice=self.practice, answers=self.answers,
-        )  # fmt: skip
+            self,
+            seed,
+            subject,
+            groups,
+            lambda draws, kind, number, phase, block: self.trial(*kind, number, phase, block, draws),
+        )
 
     def power(self, subjects: int = 1) -> str:
         """How well the threshold of a stated observer is found; a second or so of simulation."""
         first = f"{self.what}; {len(self.levels)} levels of {self.repeats} trials each"
         return f"{first}\n{constant_stimuli_precision(self, subjects)}"
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "design": "constant-stimuli",
-            **super().to_dict(),
-            "levels": list(self.levels),
-            "repeats": self.repeats,
-        }
 
 
 @dataclass(frozen=True)
@@ -476,7 +437,7 @@ class AdaptiveStaircase(Staircased):
     After each answer the posterior on a grid of threshold, slope and lapse rate is updated, and the next level is the one
     whose answer is expected to leave the least entropy (Kontsevich and Tyler 1999; with the lapse rate as in Watson
     2017). No draw is in it: the same answers give the same levels. `Comparison` says what is asked, held and felt;
-    `posterior.ThresholdPosterior` the prior.
+    `ThresholdPosterior` the prior.
 
     Parameters
     ----------
@@ -523,6 +484,8 @@ class AdaptiveStaircase(Staircased):
     75 % correct at a ratio of 1.15, with 95 % between 1.05 and 1.25 (30 trials)
     """
 
+    _kind = "adaptive"
+
     _: KW_ONLY
     levels: tuple[float, float] = (1.02, 2.0)
     trials: int = 60
@@ -530,19 +493,15 @@ class AdaptiveStaircase(Staircased):
     def __post_init__(self) -> None:
         super().__post_init__()
         near, far = (checked_level("levels", level) for level in self.levels)
-        if not math.log(far) / math.log(near) > 1.0:
-            raise ValueError(f"levels must be on one side of 1, the nearer first, got {near:g} and {far:g}")
+        refuse(
+            not math.log(far) / math.log(near) > 1.0,
+            f"levels must be on one side of 1, the nearer first, got {near:g} and {far:g}",
+        )
         object.__setattr__(self, "levels", (near, far))
-        whole("trials", self.trials, at_least=1)
         whole("trials", self.trials, at_least=1, multiple=self.blocks, why=", the number of blocks")
 
     def easy_level(self) -> float:
         return self.levels[1]
-
-    @property
-    def _ends(self) -> tuple[float, float]:
-        near, far = self.levels
-        return abs(math.log(near)), abs(math.log(far))
 
     def track(self) -> AdaptiveTrack:
         return AdaptiveTrack(self)
@@ -558,40 +517,34 @@ class AdaptiveStaircase(Staircased):
             If `levels` and `correct` differ in number, a level is not between this staircase's two, or `level` is not
             between 0 and 1.
         """
-        near, far = self._ends
-        side = math.log(self.levels[1])
+        near, far = (abs(math.log(end)) for end in self.levels)
+        side = math.copysign(1.0, math.log(self.levels[1]))
         for ratio in checked_answers(levels, correct)[0]:
-            if not near * (1 - 1e-6) <= math.log(ratio) * math.copysign(1.0, side) <= far * (1 + 1e-6):
-                raise ValueError(
-                    f"levels must be between {self.levels[0]:g} and {self.levels[1]:g}, got {ratio:.6g}"
-                )
+            refuse(
+                not near * (1 - 1e-6) <= math.log(ratio) * side <= far * (1 + 1e-6),
+                f"levels must be between {self.levels[0]:g} and {self.levels[1]:g}, got {ratio:.6g}",
+            )
         if not levels:
-            return threshold_of(ThresholdPosterior(near, far), math.copysign(1.0, side), 0, level)
+            return threshold_of(ThresholdPosterior(near, far), side, 0, level)
         return posterior_threshold(near, far, levels, correct, level=level)
 
     def power(self, subjects: int = 1) -> str:
         """How well the threshold of a stated observer is found; a second or so of simulation."""
-        first = f"{self.what}; {self.trials} trials"
-        return f"{first}\n{adaptive_precision(self, subjects)}"
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "design": "adaptive",
-            **super().to_dict(),
-            "levels": list(self.levels),
-            "trials": self.trials,
-        }
+        middle = math.sqrt(math.prod(abs(math.log(level)) for level in self.levels))
+        return (
+            f"{self.what}; {self.trials} trials\n"
+            f"{staircase_precision(self, middle, 'the middle of the levels', subjects)}"
+        )
 
 
 class AdaptiveTrack:
     """Where a Bayesian staircase stands."""
 
     def __init__(self, design: AdaptiveStaircase) -> None:
-        near, far = design.levels
-        self.posterior = ThresholdPosterior(abs(math.log(near)), abs(math.log(far)))
-        self._side = math.copysign(1.0, math.log(far))
-        self._left = design.trials
-        self._difference = self.posterior.most_informative()
+        near, far = (math.log(level) for level in design.levels)
+        self.posterior = ThresholdPosterior(abs(near), abs(far))
+        self._side, self._trials = math.copysign(1.0, far), design.trials
+        self._left, self._difference = design.trials, self.posterior.most_informative()
 
     def level(self) -> float | None:
         return math.exp(self._side * self._difference) if self._left else None
@@ -600,6 +553,9 @@ class AdaptiveTrack:
         self._left -= 1
         self.posterior.update(self._difference, correct)
         self._difference = self.posterior.most_informative()
+
+    def threshold(self) -> PosteriorThreshold:
+        return threshold_of(self.posterior, self._side, self._trials - self._left, 0.95)
 
 
 #: Answers of an observer: whether right, at a difference |ln level|.
@@ -636,15 +592,15 @@ def constant_stimuli_precision(design: ConstantStimuli, subjects: int) -> str:
         posterior = ThresholdPosterior(0.5 * min(differences), 2.0 * max(differences))
         for difference in differences:
             right = sum(answers(difference) for _ in range(design.repeats))
-            posterior.update_counts(difference, right, design.repeats)
+            posterior.update(difference, right, design.repeats)
         return posterior.summary()["threshold"], design.trials
 
     return _text(estimate, threshold, "the middle of the levels", subjects)
 
 
-def staircase_precision(design: Staircase, subjects: int) -> str:
-    start = abs(math.log(design.start))
-
+def staircase_precision(
+    design: Staircased, threshold: float, where: str, subjects: int, target: float | None = None
+) -> str:
     def estimate(answers: Answers) -> tuple[float | None, int]:
         track = design.track()
         while (level := track.level()) is not None:
@@ -652,19 +608,7 @@ def staircase_precision(design: Staircase, subjects: int) -> str:
         found = track.threshold()
         return found.difference, found.trials
 
-    return _text(estimate, start / 4.0, "a quarter of the start's distance from 1", subjects, design.target)
-
-
-def adaptive_precision(design: AdaptiveStaircase, subjects: int) -> str:
-    near, far = (abs(math.log(level)) for level in design.levels)
-
-    def estimate(answers: Answers) -> tuple[float | None, int]:
-        track = design.track()
-        while (level := track.level()) is not None:
-            track.update(answers(abs(math.log(level))))
-        return track.posterior.summary()["threshold"], design.trials
-
-    return _text(estimate, math.sqrt(near * far), "the middle of the levels", subjects)
+    return _text(estimate, threshold, where, subjects, target)
 
 
 def _text(
@@ -699,3 +643,53 @@ def _text(
                 f"that of {subjects} such subjects together to {math.exp(spread / math.sqrt(subjects)):.2f}, and worse where they differ"
             )
     return "\n".join(lines)
+
+
+#: By the names that files have.
+DESIGNS: Mapping[str, type[Design]] = {
+    "same-different": SameDifferent,
+    "abx": ABX,
+    "constant-stimuli": ConstantStimuli,
+    "staircase": Staircase,
+    "adaptive": AdaptiveStaircase,
+}
+
+
+def design_of_dict(values: Mapping[str, Any]) -> Design:
+    """The design that `Design.to_dict` described.
+
+    Raises
+    ------
+    ValueError
+        If the design is unknown, or what it needs is missing or wrong.
+
+    Examples
+    --------
+    >>> from burrlab import materials
+    >>> from burrlab.psychophysics.trial import Stimulus
+    >>> design = SameDifferent(*(Stimulus(name, materials[name]) for name in ("bone", "pvc")))
+    >>> design_of_dict(design.to_dict()).to_dict() == design.to_dict()
+    True
+    """
+    kind: Any = values.get("design")
+    refuse(
+        not isinstance(kind, str) or kind not in DESIGNS,
+        f"design must be one of {', '.join(DESIGNS)}, got {shown(kind)}",
+    )
+    made = DESIGNS[kind]
+    given: dict[str, Any] = {}
+    for name, parameter in inspect.signature(made).parameters.items():
+        key = key_of(name)
+        if key in values:
+            value = values[key]
+            given[name] = _stimulus(value) if isinstance(value, Mapping) else value
+        elif parameter.default is inspect.Parameter.empty:
+            raise ValueError(f"design {kind} needs {name}, which is missing")
+    return made(**given)
+
+
+def _stimulus(values: Mapping[str, Any]) -> Stimulus:
+    if values.get("real"):
+        return Stimulus(values["name"])
+    c_e, alpha = values["c_e_N_per_mm2"], values["alpha_per_ms"]
+    return Stimulus(values["name"], Material(values["material"], c_e=c_e, alpha=alpha, shape=values["shape"]))

@@ -9,12 +9,18 @@ from typing import TYPE_CHECKING, ClassVar, TypeAlias
 import numpy as np
 from scipy import stats
 
+from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, tidy
-from burrlab.psychophysics.design_record import design_of_dict
 from burrlab.psychophysics.plots import legend_above, name_rows, room_for, wrapped
 from burrlab.psychophysics.psychometric import PosteriorThreshold, PsychometricFit, psychometric_function
-from burrlab.psychophysics.scored_task import Progress, SubjectData, TaskData, TaskResult, left_out_text, told
-from burrlab.psychophysics.staircase import AdaptiveStaircase, ConstantStimuli, Staircase, StaircaseThreshold
+from burrlab.psychophysics.scored_task import Progress, SubjectData, TaskData, TaskResult, shared
+from burrlab.psychophysics.staircase import (
+    AdaptiveStaircase,
+    ConstantStimuli,
+    Staircase,
+    StaircaseThreshold,
+    design_of_dict,
+)
 from burrlab.psychophysics.trial import Design
 
 if TYPE_CHECKING:
@@ -78,23 +84,13 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
     ) -> ThresholdTask:
         """All of it; of incomplete runs only on request."""
         design = design_of_dict(data.design) if data.design else None
-        tell, results = told(data.name, progress), []
+        results = []
         for one in data.subjects:
             if one.counts:
-                tell(one.subject)
+                if progress is not None:
+                    progress(data.name, one.subject)
                 results.append(_threshold(one, design, level))
-        used = tuple(result for result in results if incomplete or result.complete)
-        names = [result.subject for result in used]
-        return cls(
-            name=data.name,
-            design=data.design,
-            level=level,
-            subjects=used,
-            left_out=tuple(left_out_text(one) for one in data.subjects if one.subject not in names),
-            of=data.of,
-            chosen=(data.chosen or len(data.subjects)) if data.of else 0,
-            selected_by=data.selected_by,
-        )
+        return cls(**shared(data, level, [result for result in results if incomplete or result.complete]))
 
     @property
     def group_threshold(self) -> tuple[float, float, float] | None:
@@ -126,10 +122,10 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         ValueError
             If there is no such subject, none is given and there are several, or no psychometric function was fitted.
         """
-        if subject is None and len(self.subjects) != 1:
-            raise ValueError(
-                f"subject must be given, one of {', '.join(one.subject for one in self.subjects)}"
-            )
+        refuse(
+            subject is None and len(self.subjects) != 1,
+            f"subject must be given, one of {', '.join(one.subject for one in self.subjects)}",
+        )
         one = self.subjects[0] if subject is None else self.subject(subject)
         if not isinstance(one.estimate, PsychometricFit):
             raise ValueError(f"subject {one.subject} has no psychometric function: {one.said}")
@@ -149,9 +145,28 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         ValueError
             If no subject has a threshold.
         """
-        if not any(one.threshold for one in self.subjects):
-            raise ValueError(f"task {self.name} must hold a threshold to be drawn, got none")
-        return plot_thresholds(self, ax)
+        found = [(one.subject, one.threshold, one.interval) for one in self.subjects if one.threshold]
+        refuse(not found, f"task {self.name} must hold a threshold to be drawn, got none")
+        ax = room_for(ax, len(self.subjects))
+        names, rows = [name for name, *_ in found], np.arange(len(found), dtype=np.float64)
+        for (_, threshold, interval), at in zip(found, rows, strict=True):
+            if interval is not None:
+                ax.plot(interval, [at, at], "|-", color=POSITION, linewidth=1.2, markersize=5)
+            ax.plot(threshold, at, "o", color=POSITION, markersize=4.5)
+        if (group := self.group_threshold) is not None:
+            row = len(rows) + 0.4
+            names, rows = [*names, "all"], np.append(rows, row)
+            ax.axhline(row - 0.7, color="0.8", linewidth=0.8)
+            ax.plot(group[1:], [row, row], "|-", color=VELOCITY, linewidth=1.2, markersize=5)
+            ax.plot(group[0], row, "D", color=VELOCITY, markersize=5)
+        ax.axvline(1.0, color=REFERENCE, linestyle="--", linewidth=1, label="the reference")
+        some = any(interval is not None for *_, interval in found) or group is not None
+        said = f", {100 * self.level:g} % interval" if some else ""
+        what = self.design.get("parameter", "the parameter")
+        ax.set_xlabel(f"threshold, ratio of {what} to the reference{said}")
+        name_rows(ax, names, "subject", rows)
+        legend_above(ax, self.title)
+        return tidy(ax)
 
     def __repr__(self) -> str:
         kind = "simulated subjects" if self.simulated else "subjects"
@@ -159,33 +174,27 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
 
 
 def _threshold(one: SubjectData, design: Design | None, level: float) -> SubjectThreshold:
-    rows = [] if one.answers is None else [row for row in one.answers.main if row.level is not None]
-    levels = [row.level for row in rows if row.level is not None]
-    correct = [row.correct for row in rows]
-    planned = one.planned
-    threshold: float | None
-    interval: tuple[float, float] | None = None
+    rows = [row for row in one.answers.main if row.level is not None] if one.answers else []
+    levels, correct = [row.level or 1.0 for row in rows], [row.correct for row in rows]
+    planned, said, threshold, interval = one.planned, "", None, None
     estimate: Estimate | None
     if isinstance(design, Staircase):
         estimate = reversals = design.threshold(levels, correct)
         # It may end before its last trial.
         planned = None if reversals.complete else planned
-        threshold, said = reversals.level, str(reversals)
+        threshold = reversals.level
     elif isinstance(design, AdaptiveStaircase):
         estimate = posterior = design.threshold(levels, correct, level=level)
-        threshold, interval, said = posterior.level, posterior.interval, str(posterior)
+        threshold, interval = posterior.level, posterior.interval
     else:
-        estimate, said = _fitted(one, design, level)
-        threshold = None if estimate is None else estimate.threshold
-        interval = None if estimate is None else estimate.interval
-        if estimate is not None and estimate.side == "below":
-            threshold, interval = (
-                1.0 / estimate.threshold,
-                (1.0 / estimate.interval[0], 1.0 / estimate.interval[1]),
-            )
+        estimate, said = fit, said = _fitted(one, design, level)
+        if fit is not None:
+            below = fit.side == "below"
+            threshold, low, high = (1.0 / x if below else x for x in (fit.threshold, *fit.interval))
+            interval = (low, high)
     return SubjectThreshold(
-        one.subject, one.simulated, one.trials, planned, one.levels, threshold, interval, said, estimate
-    )
+        one.subject, one.simulated, one.trials, planned, one.levels, threshold, interval, said or str(estimate), estimate
+    )  # fmt: skip
 
 
 def _fitted(one: SubjectData, design: Design | None, level: float) -> tuple[PsychometricFit | None, str]:
@@ -202,29 +211,3 @@ def _fitted(one: SubjectData, design: Design | None, level: float) -> tuple[Psyc
     except (ImportError, ValueError) as error:
         return None, f"no psychometric function: {error}"
     return fit, str(fit)
-
-
-def plot_thresholds(task: ThresholdTask, ax: Axes | None) -> Axes:
-    """See `ThresholdTask.plot_thresholds`."""
-    ax = room_for(ax, len(task.subjects))
-    found = [(one.subject, one.threshold, one.interval) for one in task.subjects if one.threshold is not None]
-    names, rows = [name for name, *_ in found], np.arange(len(found), dtype=np.float64)
-    for (_, threshold, interval), at in zip(found, rows, strict=True):
-        if interval is not None:
-            ax.plot(interval, [at, at], "|-", color=POSITION, linewidth=1.2, markersize=5)
-        ax.plot(threshold, at, "o", color=POSITION, markersize=4.5)
-    if (group := task.group_threshold) is not None:
-        row = len(rows) + 0.4
-        names, rows = [*names, "all"], np.append(rows, row)
-        ax.axhline(row - 0.7, color="0.8", linewidth=0.8)
-        ax.plot(group[1:], [row, row], "|-", color=VELOCITY, linewidth=1.2, markersize=5)
-        ax.plot(group[0], row, "D", color=VELOCITY, markersize=5)
-    ax.axvline(1.0, color=REFERENCE, linestyle="--", linewidth=1, label="the reference")
-    some = any(interval is not None for *_, interval in found) or group is not None
-    said = f", {100 * task.level:g} % interval" if some else ""
-    ax.set_xlabel(
-        f"threshold, ratio of {task.design.get('parameter', 'the parameter')} to the reference{said}"
-    )
-    name_rows(ax, names, "subject", rows)
-    legend_above(ax, task.title)
-    return tidy(ax)

@@ -1,13 +1,10 @@
-"""What a trial is made of.
-
-What every design of an experiment has: trials in an order, answers, a question.
-"""
+"""What trials and designs are made of: stimuli, intervals, an order, answers and a question."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from dataclasses import dataclass, fields
+from typing import Any, ClassVar, Literal, TypeAlias
 
 from burrlab._core import Material
 from burrlab.psychophysics.rules import TaskName
@@ -83,6 +80,22 @@ class Trial:
     level: float | None = None
 
 
+def key_of(name: str) -> str:
+    """The key of a design's parameter in files; a time says its unit."""
+    return f"{name}_s" if name in ("interval", "reference_interval") else name
+
+
+def _plain(value: Any) -> Any:
+    if not isinstance(value, Stimulus):
+        return list(value) if isinstance(value, tuple) else value
+    if (material := value.material) is None:
+        return {"name": value.name, "real": True}
+    return {
+        "name": value.name, "material": material.name, "c_e_N_per_mm2": material.c_e,
+        "alpha_per_ms": material.alpha, "shape": material.shape.name,
+    }  # fmt: skip
+
+
 class Design(ABC):
     """A task for one subject, in trials.
 
@@ -101,6 +114,8 @@ class Design(ABC):
     mode: Mode
     question: str
     answers: tuple[str, ...]
+    _kind: ClassVar[str]  # in files
+    _derived: ClassVar[tuple[str, ...]] = ()  # properties that files have beside the fields
 
     @abstractmethod
     def order(self, *, seed: int, subject: str) -> Order:
@@ -110,9 +125,13 @@ class Design(ABC):
     def power(self, subjects: int = 1) -> str:
         """What the design can show, in a few lines, before anybody has taken part."""
 
-    @abstractmethod
     def to_dict(self) -> dict[str, Any]:
-        """For JSON; the whole design."""
+        """For JSON, and `design_of_dict`; the whole design."""
+        names = [field.name for field in fields(self)]  # type: ignore[arg-type]  # all designs are dataclasses
+        return {
+            "design": self._kind,
+            **{key_of(name): _plain(getattr(self, name)) for name in (*names, *self._derived)},
+        }
 
 
 class Order(ABC):

@@ -91,7 +91,7 @@ def meta(path: Path, values: np.ndarray, compressed: bool) -> Path:
     head = (
         f"ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = {compressed}\n{size}"
         "TransformMatrix = 1 0 0 0 1 0 0 0 1\nOffset = 1.5 -2.25 3\nCenterOfRotation = 0 0 0\nAnatomicalOrientation = RAI\n"
-        "ElementSpacing = 0.3 0.4 0.5\nDimSize = 18 16 14\nElementType = MET_SHORT\nElementDataFile = LOCAL\n"
+        "Patient = phantom 7\nElementSpacing = 0.3 0.4 0.5\nDimSize = 18 16 14\nElementType = MET_SHORT\nElementDataFile = LOCAL\n"
     )
     path.write_bytes(head.encode() + data)
     return path

@@ -10,7 +10,6 @@ import pytest
 from drilled_scenes import MAP, SHAPE, drilled, greys
 
 from burrlab._core import VoxelBone
-from burrlab.bone.dicom import elements_of
 from burrlab.bone.formats import read_labels, read_volume
 from burrlab.bone.image import OccupancyMap
 from burrlab.bone.kept import check_drilled, load_drilled, save_drilled
@@ -169,15 +168,6 @@ def test_what_cannot_be_taken_apart(tmp_path: Path) -> None:
             save_drilled(tmp_path / path, like.to_bone(MAP), like, mapping=MAP)
         assert sorted(path.name for path in tmp_path.iterdir()) == ["ct"]
 
-    one.write_bytes(content[132:])
-    like = read_volume(folder)
-    refused(r"slice004\.dcm: the DICOM file has no file meta information, so its header cannot be kept")
-    for broken in (content[:-1], content + b"\1", content.replace(b"\x10\0\x10\0PN", b"\x10\0\x10\0--")):
-        with pytest.raises(
-            ValueError, match=r"x: the DICOM file cannot be taken apart, so its header cannot be kept"
-        ):
-            elements_of(broken, "x")
-    one.write_bytes(content)
     found = pydicom.dcmread(one)
     found.HighBit, found.BitsStored = 13, 12
     found.save_as(one)
@@ -189,6 +179,22 @@ def test_what_cannot_be_taken_apart(tmp_path: Path) -> None:
     like = read_volume(folder)
     refused(
         r"path must be a new folder for a DICOM series, and not one file, got .*kept\.dcm", path="kept.dcm"
+    )
+
+
+def test_a_slice_without_file_meta_information_gets_it(tmp_path: Path) -> None:
+    folder = series(tmp_path / "ct")
+    one = folder / "slice004.dcm"
+    one.write_bytes(one.read_bytes()[pydicom.dcmread(one).file_meta.FileMetaInformationGroupLength + 144 :])
+    like = read_volume(folder)
+    bone = drilled(like)
+    save_drilled(tmp_path / "kept", bone, like, mapping=MAP)
+    whole, again = bone.density == bone.pristine, read_volume(tmp_path / "kept")
+    np.testing.assert_array_equal(again.values[whole], like.values[whole])
+    found = pydicom.dcmread(tmp_path / "kept" / "slice0005.dcm")
+    assert (found.PatientName, found.file_meta.MediaStorageSOPInstanceUID) == (
+        "Phantom^Sept",
+        found.SOPInstanceUID,
     )
 
 

@@ -15,7 +15,7 @@ from test_segments import FIELDS, seg_nrrd
 import burrlab
 from burrlab import materials
 from burrlab._core import Burr, ScriptedDevice, VoxelBone
-from burrlab.bone.formats import read_labels, read_volume, write_volume
+from burrlab.bone.formats import format_of, read_labels, read_volume, write_volume
 from burrlab.bone.image import LabelVolume
 from burrlab.bone.kept import load_drilled, save_drilled
 from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe
@@ -172,8 +172,9 @@ def test_a_segmentation_keeps_names_and_layers_become_labels(tmp_path: Path) -> 
     save_drilled(tmp_path / name, bone, made.like(), tick=tick)
     again = read_labels(tmp_path / name)
     assert again.names == {1: "Bone", 4: "Facial_Nerve"}
-    head = (tmp_path / "a.seg.nrrd").read_bytes().partition(b"\n\n")[0]
-    assert (tmp_path / name).read_bytes().startswith(head + b"\n\n")
+    kept = format_of(name)
+    assert kept is not None
+    assert kept.read(str(tmp_path / name))[0].fields == FIELDS
     two = np.stack([labels() == 1, labels() == 4], axis=-1)
     fields = {**FIELDS, "Segment1_LabelValue": "1", "Segment1_Layer": "1"}
     layered = read_labels(seg_nrrd(tmp_path / "b.seg.nrrd", two, fields))

@@ -10,7 +10,6 @@ from session_scenes import make_records, small_bone, tools
 import burrlab
 import burrlab._core as _core
 import burrlab.common.files as files
-from burrlab.bone.kept import replace_whole
 
 
 def test_levels_geometry_and_tick_come_back(tmp_path):
@@ -167,7 +166,8 @@ def test_no_link_is_followed_and_two_writers_share_nothing(tmp_path):
     for name, target in (("a.h5.part", victim), (".b.nrrd.part", victim), (".kept.part", folder)):
         (tmp_path / name).symlink_to(target)
     burrlab.save_bone(tmp_path / "a.h5", burrlab.VoxelBone.block((1, 1, 1), 0.1))
-    replace_whole(tmp_path / "b.nrrd", b"")
+    with files.new_part(tmp_path / "b.nrrd") as part:
+        part.replace(tmp_path / "b.nrrd")
     with pytest.raises(OSError, match="symbolic links"), files.new_folder(tmp_path / "kept"):
         pass
     assert victim.read_text() == (folder / "its").read_text() == "mine"

@@ -8,8 +8,9 @@ import io
 import json
 import math
 import os
+import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -58,8 +59,6 @@ from burrlab.common.records import UNREADABLE
 
 KIND = "burrlab drilled volume"
 _LONGEST = 255 - len(".0123456789abcdef.bone.h5.part")
-#: Takes the place of a folder before it appears, and the digest of its slices.
-Beside = Callable[[Path, str], None]
 
 
 def content_digest(target: Path) -> str:
@@ -89,32 +88,22 @@ def followed(target: Path) -> Path:
 
 
 def sidecars(target: Path) -> list[Path]:
-    """Those that are there, of whatever content of the volume; of a link, beside it and where it leads."""
-    if target.is_dir():
-        return [target / IN_FOLDER] if (target / IN_FOLDER).is_file() else []
-    return [beside for place in dict.fromkeys((target, followed(target))) for beside in _named(place)]
-
-
-def _named(target: Path) -> list[Path]:
-    head, tail = f"{target.name}.", ".bone.h5"
-    folder = target.parent.resolve()
-    if not folder.is_dir():
-        return []
-    return sorted(
-        path
-        for path in folder.iterdir()
-        if path.name.startswith(head)
-        and path.name.endswith(tail)
-        and len(path.name) == len(head) + 16 + len(tail)
-    )
+    """Those of a file that are there, of whatever content of it; of a link, beside it and where it leads."""
+    found: list[Path] = []
+    for place in dict.fromkeys((target, followed(target))):
+        folder, name = place.parent.resolve(), re.compile(re.escape(place.name) + r"\..{16}\.bone\.h5")
+        found += (
+            sorted(path for path in folder.iterdir() if name.fullmatch(path.name)) if folder.is_dir() else []
+        )
+    return found
 
 
 def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
     """The exact state that belongs to what a volume holds now, and what it says of itself; errors as `load_drilled`."""
     digest = content_digest(target)
     beside = sidecar(target, digest)
-    if not beside.is_file() and (there := sidecar(followed(target), digest)).is_file():
-        beside = there
+    if not beside.is_file():
+        beside = sidecar(followed(target), digest)
     if not beside.is_file():
         others = ", ".join(other.name for other in sidecars(target))
         found = (
@@ -131,8 +120,6 @@ def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
 
 def is_drilled(target: Path) -> bool:
     """Whether a file or folder is a half-drilled volume as it was saved, and not another one under its name."""
-    if not sidecars(target):
-        return False
     try:
         own_sidecar(target)
     except (ValueError, OSError):
@@ -192,48 +179,41 @@ def changes(bone: VoxelBone, like: Volume | LabelVolume, mapping: OccupancyMap |
     return Changes(lost, np.minimum(greys[density[lost]], was), float(greys[0]))
 
 
-@dataclass(frozen=True)
-class Coding:
-    """How a file stores grey values: slope * stored + inter, in numbers of this kind, of fewer bits where that is told."""
+def coded(
+    greys: NDArray[np.float64],
+    name: str,
+    empty: float | None,
+    kind: np.dtype[Any],
+    slope: float = 1.0,
+    inter: float = 0.0,
+    bits: int | None = None,
+) -> NDArray[Any]:
+    """Grey values slope * stored + inter as a file stores them, to the nearest whole number; `empty` and what is below it, down.
 
-    kind: np.dtype[Any]
-    slope: float = 1.0
-    inter: float = 0.0
-    bits: int | None = None
-
-    def stored(self, greys: NDArray[np.float64], name: str, empty: float | None) -> NDArray[Any]:
-        """Grey values as the file stores them, to the nearest where it holds whole numbers; `empty` and what is below it, down.
-
-        Raises
-        ------
-        ValueError
-            If one is beyond what can be stored.
-        """
-        found, real = np.asarray((greys - self.inter) / self.slope), self.kind.kind == "f"
-        if not real:
-            nearest = np.rint(found)
-            if empty is not None:  # rounded up, it would not be empty
-                down = np.floor(found + 1e-9) if self.slope > 0 else np.ceil(found - 1e-9)
-                nearest = np.where(greys <= empty, down, nearest)
-            found = nearest
-        whole = 8 * self.kind.itemsize
-        bits, limits = self.bits or whole, np.finfo(self.kind) if real else np.iinfo(self.kind)
-        least, most = (end if real else int(end) >> (whole - bits) for end in (limits.min, limits.max))
-        beyond = (found < least) | (found > most)
-        if beyond.any():
-            grey = "map must have a grey value of empty" if empty is not None else "labels must have a 0"
-            held = f"{self.kind.newbyteorder('=')}"
-            if (self.slope, self.inter, bits) != (1, 0, whole):
-                low, high = sorted(self.slope * float(end) + self.inter for end in (least, most))
-                held += f", {low:g} to {high:g}"
-            raise ValueError(
-                f"{grey} that {name} can hold, for what was removed to have one: it holds {held}, got {greys[beyond].flat[0]:g}"
-            )
-        return found.astype(self.kind)
-
-    def check(self, empty: float | None, name: str) -> None:
-        """The error of `stored` for the grey value of empty, or without one for label 0."""
-        self.stored(np.array([empty or 0.0]), name, empty)
+    ValueError if one, or that of empty (of labels 0), is beyond what numbers of this kind, or of so many bits of it, can hold.
+    """
+    greys = np.append(greys, empty or 0.0)
+    found, real, whole = (greys - inter) / slope, kind.kind == "f", 8 * kind.itemsize
+    if not real:
+        nearest = np.rint(found)
+        if empty is not None:  # rounded up, it would not be empty
+            down = np.floor(found + 1e-9) if slope > 0 else np.ceil(found - 1e-9)
+            nearest = np.where(greys <= empty, down, nearest)
+        found = nearest
+    used, limits = bits or whole, np.finfo(kind) if real else np.iinfo(kind)
+    least, most = (end if real else int(end) >> (whole - used) for end in (limits.min, limits.max))
+    beyond = (found < least) | (found > most)
+    if beyond.any():
+        grey, held = "labels must have a 0", f"{kind.newbyteorder('=')}"
+        if empty is not None:
+            grey = "map must have a grey value of empty"
+        if (slope, inter, used) != (1, 0, whole):
+            low, high = sorted(slope * float(end) + inter for end in (least, most))
+            held += f", {low:g} to {high:g}"
+        raise ValueError(
+            f"{grey} that {name} can hold, for what was removed to have one: it holds {held}, got {greys[beyond][0]:g}"
+        )
+    return found[:-1].astype(kind)
 
 
 def _voxels(like: Volume | LabelVolume) -> NDArray[Any]:
@@ -243,7 +223,7 @@ def _voxels(like: Volume | LabelVolume) -> NDArray[Any]:
 def changed_values(like: Volume | LabelVolume, changed: Changes) -> NDArray[Any]:
     """The voxels' values, of their type, after the changes."""
     new = _voxels(like).copy()
-    new[changed.where] = Coding(new.dtype).stored(changed.values, like.path, changed.empty)
+    new[changed.where] = coded(changed.values, like.path, changed.empty, new.dtype)
     return new
 
 
@@ -299,18 +279,7 @@ def check_series(like: Volume | LabelVolume, empty: float | None) -> None:
         pass
 
 
-def write_series(target: Path, like: Volume | LabelVolume, changed: Changes, beside: Beside) -> None:
-    """Writes a folder of slices, which appears when it is whole; where `like` is whole, under the data sets of the original's."""
-    with new_folder(target) as part:
-        if is_whole(like):
-            for k, content in enumerate(_derived(like, changed)):
-                write_synced(part / slice_name(k), content)
-        else:
-            write_slices(part, _grey(like, changed.empty, changed))
-        beside(part, content_digest(part))
-
-
-def _derived(like: Volume | LabelVolume, changed: Changes) -> Iterator[bytes]:
+def _derived(like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str, bytes]]:
     """Each slice under its own data set, as a derived image of a new series (PS3.3, C.7.6.1 and C.12.1)."""
     import pydicom
 
@@ -322,8 +291,7 @@ def _derived(like: Volume | LabelVolume, changed: Changes) -> Iterator[bytes]:
         if k == 0:
             series.update(text_of(found, "SeriesInstanceUID").encode() + source.encode())
         stored, coding = _stored(found, plane, name)
-        coding.check(changed.empty, name)
-        stored[changed.where[k]] = coding.stored(changed.values[ends[k] : ends[k + 1]], name, changed.empty)
+        stored[changed.where[k]] = coded(changed.values[ends[k] : ends[k + 1]], name, changed.empty, *coding)
         content, own = stored.tobytes(), uid_of(series.digest() + source.encode() + b"%d" % k)
         kind = "OW" if is_packed(found) else found.get_item("PixelData").VR
         written = io.BytesIO()
@@ -347,11 +315,13 @@ def _derived(like: Volume | LabelVolume, changed: Changes) -> Iterator[bytes]:
             raise ValueError(
                 f"{name}: the DICOM file cannot be taken apart, so its header cannot be kept"
             ) from None
-        yield written.getvalue()
+        yield slice_name(k), written.getvalue()
 
 
-def _stored(found: Any, plane: NDArray[Any], name: str) -> tuple[NDArray[Any], Coding]:
-    """The numbers that a slice stores, and how these are grey values."""
+def _stored(
+    found: Any, plane: NDArray[Any], name: str
+) -> tuple[NDArray[Any], tuple[np.dtype[Any], float, float, int]]:
+    """The numbers that a slice stores, and how `coded` has them."""
     whole, used, top = (short_of(found, key) for key in ("BitsAllocated", "BitsStored", "HighBit"))
     if whole not in (8, 16, 32) or not 0 < used <= whole or top != used - 1:
         raise ValueError(
@@ -382,7 +352,7 @@ def _stored(found: Any, plane: NDArray[Any], name: str) -> tuple[NDArray[Any], C
         spare = whole - used  # bits above those that are used may hold anything
         again = ((stored << spare) >> spare) * slope + inter
         if np.allclose(again, plane, rtol=1e-6, atol=1e-3 * abs(slope)):
-            return stored, Coding(kind, slope, inter, used)
+            return stored, (kind, slope, inter, used)
     raise ValueError(
         f"{name}: the pixels of the DICOM file are not the values that were read of it, so its header cannot be kept"
     )
@@ -418,52 +388,31 @@ def stack_slices(path: str) -> Slices | None:
     return None
 
 
-def check_whole_stack(slices: Slices, like: Volume | LabelVolume) -> None:
-    """ValueError unless a volume has the voxels of the stack."""
-    turned = ROWS_ALONG_X in like.notes
-    sides = (slices.columns, slices.rows) if turned else (slices.rows, slices.columns)
-    if (len(slices.paths), *sides) != like.shape:
-        raise ValueError(
-            f"{like.path}: a stack must be whole to be saved as one, {(len(slices.paths), *sides)} voxels, got {like.shape}"
-        )
-
-
-def write_stack(
-    target: Path, slices: Slices, like: Volume | LabelVolume, changed: Changes, beside: Beside
-) -> None:
-    """Writes a folder of slices of the same names, sizes and kind, which appears when it is whole.
-
-    Of coloured slices, the changed ones become transparent (black, without transparency).
-    """
+def _drawn(slices: Slices, like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str, bytes]]:
+    """Slices of the same names, sizes and kind, the changed voxels of coloured ones transparent (black, without transparency)."""
     from PIL import Image
 
     new = changed_values(like, changed) if isinstance(like, Volume) else None
     turn = (1, 0) if ROWS_ALONG_X in like.notes else (0, 1)
-    with new_folder(target) as part:
-        for k, path in enumerate(slices.paths):
-            image = pixels(path).copy()
-            if new is None:
-                image[changed.where[k].transpose(turn)] = 0
-                image[image[..., 3] == 0] = 0  # without transparency nothing else says that they are empty
-            elif image.ndim == 2:
-                image[...] = new[k].transpose(turn)
-            else:
-                image[..., :3] = new[k].transpose(turn)[..., None]
-            written = io.BytesIO()
-            made = Image.fromarray(image[..., :3] if slices.kind == "RGB" else image)
-            made.save(written, format="PNG", compress_level=3)
-            write_synced(part / path.name, written.getvalue())
-        if Path(like.path).is_file():  # the YAML file of the original, with the slices beside it
-            import yaml
+    for k, path in enumerate(slices.paths):
+        image, written = pixels(path).copy(), io.BytesIO()
+        if new is None:
+            image[changed.where[k].transpose(turn)] = 0
+            image[image[..., 3] == 0] = 0  # without transparency nothing else says that they are empty
+        elif image.ndim == 2:
+            image[...] = new[k].transpose(turn)
+        else:
+            image[..., :3] = new[k].transpose(turn)[..., None]
+        made = Image.fromarray(image[..., :3] if slices.kind == "RGB" else image)
+        made.save(written, format="PNG", compress_level=3)
+        yield path.name, written.getvalue()
+    if Path(like.path).is_file():  # the YAML file of the original, with the slices beside it
+        import yaml
 
-            content = yaml.safe_load(Path(like.path).read_text(encoding="utf-8"))
-            (named,) = (
-                name for name in content if str(name).startswith("VOLUME ")
-            )  # as read_description has it
-            content[named]["images"]["path"] = "./"
-            text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
-            (part / Path(like.path).name).write_text(text, encoding="utf-8")
-        beside(part, content_digest(part))
+        content = yaml.safe_load(Path(like.path).read_text(encoding="utf-8"))
+        (named,) = (name for name in content if str(name).startswith("VOLUME "))  # as read_description has it
+        content[named]["images"]["path"] = "./"
+        yield Path(like.path).name, yaml.safe_dump(content, sort_keys=False, allow_unicode=True).encode()
 
 
 def check_drilled(
@@ -482,15 +431,10 @@ def check_drilled(
         raise ValueError(f"mapping must be given: that with which the bone was made of {like.path}")
     else:
         empty = float(grey_of_levels(mapping)[0])
-        Coding(like.values.dtype).check(empty, like.path)
-    if is_series(target, like):
-        if target.suffix.lower() in (".dcm", ".dicom", ".ima"):
-            raise ValueError(f"path must be a new folder for a DICOM series, and not one file, got {target}")
-        _check_new_folder(target)
-        check_series(like, empty)
-        return None
-    slices = None if target.name.lower().endswith(ENDINGS) else stack_slices(like.path)
-    if slices is None:
+        coded(np.empty(0), like.path, empty, like.values.dtype)
+    series = is_series(target, like)
+    slices = None if series or target.name.lower().endswith(ENDINGS) else stack_slices(like.path)
+    if not series and slices is None:
         ending_of(target, f"{', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}")
         if (size := len(os.fsencode(target.name))) > _LONGEST:
             raise ValueError(
@@ -500,14 +444,19 @@ def check_drilled(
         if target.exists() and not is_drilled(target):
             raise FileExistsError(f"path must be a new file or one of save_drilled, {target} is neither")
         return None
-    check_whole_stack(slices, like)
-    _check_new_folder(target)
-    return slices
-
-
-def _check_new_folder(target: Path) -> None:
+    if series and target.suffix.lower() in (".dcm", ".dicom", ".ima"):
+        raise ValueError(f"path must be a new folder for a DICOM series, and not one file, got {target}")
     if target.exists():
         raise FileExistsError(f"path must be a new folder, {target} is there")
+    if slices is None:
+        check_series(like, empty)
+        return None
+    sides = (slices.columns, slices.rows) if ROWS_ALONG_X in like.notes else (slices.rows, slices.columns)
+    if (shape := (len(slices.paths), *sides)) != like.shape:
+        raise ValueError(
+            f"{like.path}: a stack must be whole to be saved as one, {shape} voxels, got {like.shape}"
+        )
+    return slices
 
 
 def is_series(target: Path, like: Volume | LabelVolume) -> bool:
@@ -532,12 +481,9 @@ def check_place(bone: VoxelBone, like: Volume | LabelVolume) -> None:
 
 def check_original(bone: VoxelBone, like: Volume | LabelVolume) -> None:
     """A half-drilled volume will do for the original while nothing grew on it since."""
-    source = Path(like.path)
-    if not source.exists() or not sidecars(source):
-        return
     try:
-        beside, _ = own_sidecar(source)
-    except ValueError:
+        beside, _ = own_sidecar(Path(like.path))
+    except (ValueError, OSError):
         return
     before, _ = load_bone(beside)
     if before.shape == bone.shape and (more := int(np.count_nonzero(bone.density > before.density))):
@@ -656,14 +602,15 @@ def save_drilled(
     def beside(where: Path, digest: str) -> None:
         save_bone(where, bone, tick, source=json.dumps({**told, "sha256": digest}))
 
-    def in_folder(folder: Path, digest: str) -> None:
-        beside(folder / IN_FOLDER, digest)
-
-    if slices is not None:
-        write_stack(target, slices, like, changed, in_folder)
-        return
-    if is_series(target, like):
-        write_series(target, like, changed, in_folder)
+    if slices is not None or is_series(target, like):
+        with new_folder(target) as part:
+            if slices is None and not is_whole(like):
+                write_slices(part, _grey(like, changed.empty, changed))
+            else:
+                made = _derived(like, changed) if slices is None else _drawn(slices, like, changed)
+                for name, content in made:
+                    write_synced(part / name, content)
+            beside(part / IN_FOLDER, content_digest(part))
         return
     new = changed_values(like, changed)
     if isinstance(like, LabelVolume):  # what the table says where the file said nothing, for a new header

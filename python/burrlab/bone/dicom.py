@@ -101,7 +101,7 @@ def read_dicom(
 
 
 def _notes(slices: list[_Slice], others: Sequence[str]) -> tuple[str, ...]:
-    """What positions cannot show: slices that are lost at the ends, or at even distances."""
+    """What positions cannot show: slices that may be missing at the ends or at even distances, and files left out."""
     notes = []
     numbers = sorted({s.number for s in slices if s.number is not None})
     if len(numbers) == len(slices) and numbers[-1] - numbers[0] >= len(numbers):
@@ -341,9 +341,9 @@ def _values(part: _Slice, shape: tuple[int, int]) -> NDArray[Any]:
 
 @contextlib.contextmanager
 def _listening(name: str) -> Iterator[None]:
-    """ValueError with what codecs of compressed slices print on C's `stderr`; many tell damage there alone.
+    """ValueError with what codecs print on C's `stderr`: many tell of damage there alone.
 
-    File descriptor 2 stays where it is: nothing that others write is turned away.
+    File descriptor 2 stays where it is, so that nothing that others write is lost.
     """
     libc = ctypes.CDLL(None)
     if not hasattr(libc, "gnu_get_libc_version"):  # `stderr` is a constant in other libraries
@@ -366,7 +366,7 @@ def _listening(name: str) -> Iterator[None]:
 
 @functools.cache
 def _memory() -> tuple[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]:
-    """A stream of C in memory, never closed, its text and the size of that."""
+    """A C stream in memory that is never closed, its text and the size of its text."""
     text, size = ctypes.c_void_p(), ctypes.c_size_t()
     opened = ctypes.CDLL(None).open_memstream
     opened.restype = ctypes.c_void_p

@@ -88,7 +88,7 @@ def followed(target: Path) -> Path:
 
 
 def sidecars(target: Path) -> list[Path]:
-    """Those of a file that are there, of whatever content of it; of a link, beside it and where it leads."""
+    """The exact states beside a file, whatever content of it they belong to; for a link, also those where it leads."""
     found: list[Path] = []
     for place in dict.fromkeys((target, followed(target))):
         folder, name = place.parent.resolve(), re.compile(re.escape(place.name) + r"\..{16}\.bone\.h5")
@@ -139,7 +139,7 @@ def _told(path: Path) -> dict[str, Any]:
 
 
 class Changes(NamedTuple):
-    """Which voxels get another value, these values, and of grey ones that of empty."""
+    """Which voxels get another value, these values, and for grey volumes the grey value of empty."""
 
     where: NDArray[np.bool_]
     values: NDArray[np.float64]
@@ -147,7 +147,7 @@ class Changes(NamedTuple):
 
 
 def grey_of_levels(mapping: OccupancyMap) -> NDArray[np.float64]:
-    """Grey value of each level 0 to 255, by the map turned round; of empty, the highest that is empty.
+    """Grey value that the map takes to each level 0 to 255; for level 0, the highest such value.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def grey_of_levels(mapping: OccupancyMap) -> NDArray[np.float64]:
 
 
 def changes(bone: VoxelBone, like: Volume | LabelVolume, mapping: OccupancyMap | None) -> Changes:
-    """Grey values of what lost something, by the map turned round; label 0 where less than half is left."""
+    """What the voxels that lost bone become: the grey value of what is left, or label 0 where less than half is left."""
     density, pristine = bone.density, bone.pristine
     lost = density < pristine
     if isinstance(like, LabelVolume):
@@ -480,7 +480,7 @@ def check_place(bone: VoxelBone, like: Volume | LabelVolume) -> None:
 
 
 def check_original(bone: VoxelBone, like: Volume | LabelVolume) -> None:
-    """A half-drilled volume will do for the original while nothing grew on it since."""
+    """ValueError if `like` is itself half-drilled and has less than the bone."""
     try:
         beside, _ = own_sidecar(Path(like.path))
     except (ValueError, OSError):

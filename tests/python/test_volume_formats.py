@@ -27,7 +27,7 @@ def parse_meta_image(path):
     """Values, spacing, offset and axes (rows) of an .mha: its text up to ElementDataFile, then the values."""
     content = path.read_bytes()
     text, _, rest = content.partition(b"ElementDataFile = LOCAL\n")
-    fields = dict(line.split(" = ") for line in text.decode().splitlines())
+    fields = dict(line.split(" = ", 1) for line in text.decode().splitlines())
     data = zlib.decompress(rest) if fields["CompressedData"] == "True" else rest
     kind = {
         "MET_UCHAR": "u1",

@@ -164,9 +164,9 @@ def _check_not_negative(numbers: Array, said: str) -> None:
         )
 
 
-def _text(content: bytes, encoding: str = "utf-8") -> str:
+def _text(content: bytes) -> str:
     """Of a header's line, without its end and the control characters that no refusal may quote."""
-    return re.sub(r"[\0-\x08\x0a-\x1f\x7f]", "\ufffd", content.rstrip(b"\r\n").decode(encoding, "replace"))
+    return re.sub(r"[\0-\x08\x0a-\x1f\x7f]", "\ufffd", content.rstrip(b"\r\n").decode("utf-8", "replace"))
 
 
 def _count(text: str, what: str, name: str) -> int:
@@ -439,7 +439,7 @@ def _meta_fields(name: str) -> tuple[dict[str, str], int]:
     fields: dict[str, str] = {}
     with open(name, "rb") as file:
         while (raw := file.readline(1 << 16)) and len(fields) < 10_000:
-            key, sign, value = _text(raw, "latin-1").partition("=")
+            key, sign, value = _text(raw).partition("=")
             if not sign:
                 break
             fields[key.strip()] = value.strip()
@@ -522,7 +522,9 @@ def nifti_header(name: str) -> tuple[Header, Layout]:
         np.dtype(order + kind), encoding, [Path(place)], skip=at["offset"], slope=slope, inter=inter
     )
     spacing, origin, direction, notes = _nifti_place(at, shape, name)
-    kept = {key: _text(at[own][0].partition(b"\0")[0]) for key, own in _KEPT_NIFTI.items()}
+    kept = {  # whatever ends without a zero, ITK refuses to write
+        key: at[own][0][:-1].partition(b"\0")[0].decode("utf-8", "ignore") for key, own in _KEPT_NIFTI.items()
+    }
     return Header(shape, spacing, origin, direction, notes, kept), layout
 
 

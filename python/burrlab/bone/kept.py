@@ -303,14 +303,15 @@ def _derived(like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str
                 reference.ReferencedSOPClassUID = text_of(found, "SOPClassUID")
                 reference.ReferencedSOPInstanceUID = source
                 found.ImageType = ["DERIVED", "SECONDARY", *text_of(found, "ImageType").split("\\")[2:]]
-                found.SOPInstanceUID, found.SeriesInstanceUID = own, uid_of(series.digest())
+                found.SOPInstanceUID = found.file_meta.MediaStorageSOPInstanceUID = own
+                found.SeriesInstanceUID = uid_of(series.digest())
                 found.DerivationDescription, found.SourceImageSequence = _DERIVATION, [reference]
                 found["PixelData"] = pydicom.DataElement(
                     "PixelData", kind or "OW", content + b"\0" * (len(content) % 2)
                 )
                 for tag in _STALE:
                     found.pop(tag, None)
-                found.save_as(written, enforce_file_format=True)
+                found.save_as(written, enforce_file_format=not found.preamble)
         except Exception:
             raise ValueError(
                 f"{name}: the DICOM file cannot be taken apart, so its header cannot be kept"

@@ -29,7 +29,7 @@ import burrlab
 import burrlab._core as _core
 from burrlab import materials
 from burrlab.anatomy.watch import Watch
-from burrlab.bone.formats import ENDINGS, read_stored, write_volume
+from burrlab.bone.formats import write_volume
 from burrlab.bone.kept import load_drilled, save_drilled
 from burrlab.bone.recipe import LabelledRecipe, VolumeRecipe
 from burrlab.bone.slices import read_stack
@@ -50,7 +50,7 @@ Seed = Callable[[Path], object]
 def _volume(name: str) -> object:
     if ".seg." in name:
         return burrlab.read_labels(name)
-    return burrlab.read_volume(name), read_stored(name) if name.endswith(ENDINGS) else None
+    return burrlab.read_volume(name)
 
 
 def _dicom(name: str) -> object:

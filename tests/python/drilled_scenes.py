@@ -52,7 +52,7 @@ def nrrd(path: Path, values: np.ndarray, encoding: str = "raw", endian: str = "l
         f"NRRD0005\n# a comment that stays\ntype: {kinds[values.dtype.str[1:]]}\ndimension: 3\nspace: right-anterior-superior\n"
         f"sizes: {' '.join(str(n) for n in values.shape[::-1])}\nspace directions: (0.3,0,0) (0,0.4,0) (0,0,0.5)\n"
         f"kinds: domain domain domain\nendian: {endian}\nencoding: {encoding}\nspace origin: (1.5,-2.25,3)\n"
-        "Patient:=phantom 7\nDICOM_note:=kept, with := inside\n\n"
+        "Patient:=phantom 7\nPatient Name:=Jörg\nDICOM_note:=kept, with := inside\n\n"
     )
     path.write_bytes(head.encode() + (gzip.compress(data) if encoding == "gzip" else data))
     return path
@@ -68,7 +68,7 @@ def nifti(path: Path, values: np.ndarray, slope: float = 0.0, inter: float = 0.0
     struct.pack_into("<8f", head, 76, 1.0, 0.3, 0.4, 0.5, 0, 0, 0, 0)
     struct.pack_into("<3f", head, 108, 352.0 + 16, slope, inter)
     head[123] = 2
-    head[148:170] = b"described as it pleases"[:22]
+    head[148:228] = b"described as it pleases, in so many words that no zero ends it: ".ljust(80, b".")
     struct.pack_into("<2h", head, 252, 3, 4)
     struct.pack_into("<3f", head, 268, 1.5, -2.25, 3.0)
     struct.pack_into("<12f", head, 280, 0.3, 0, 0, 1.5, 0, 0.4, 0, -2.25, 0, 0, 0.5, 3.0)
@@ -91,7 +91,7 @@ def meta(path: Path, values: np.ndarray, compressed: bool) -> Path:
     head = (
         f"ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = {compressed}\n{size}"
         "TransformMatrix = 1 0 0 0 1 0 0 0 1\nOffset = 1.5 -2.25 3\nCenterOfRotation = 0 0 0\nAnatomicalOrientation = RAI\n"
-        "ElementSpacing = 0.3 0.4 0.5\nDimSize = 18 16 14\nElementType = MET_SHORT\nElementDataFile = LOCAL\n"
+        "Patient = phantom 7\nPatient Name = Jörg = Ä\nElementSpacing = 0.3 0.4 0.5\nDimSize = 18 16 14\nElementType = MET_SHORT\nElementDataFile = LOCAL\n"
     )
     path.write_bytes(head.encode() + data)
     return path

@@ -1,28 +1,35 @@
-"""Half-drilled volumes: header, values and exact state of every format, and what happens when the writer dies."""
+"""Half-drilled volumes: values, fields and exact state of every format, refusals, and what happens when the writer dies."""
 
 from __future__ import annotations
 
-import gzip
 import os
+import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from drilled_scenes import MAKERS, MAP, SHAPE, drilled, greys, nifti, nrrd, stack
+from drilled_scenes import MAKERS, MAP, SHAPE, drilled, greys, meta, nifti, nrrd, stack
 
 from burrlab import materials
 from burrlab._core import Burr, erode
-from burrlab.bone.formats import read_volume
+from burrlab.bone.formats import format_of, read_volume, write_volume
 from burrlab.bone.image import OccupancyMap, Volume
-from burrlab.bone.kept import grey_of_levels, load_drilled, save_drilled
+from burrlab.bone.kept import check_drilled, grey_of_levels, load_drilled, save_drilled
+from burrlab.bone.recipe import DrilledRecipe, VolumeRecipe
 from burrlab.bone.slices import read_stack
 from burrlab.bone.snapshot import save_bone
+from burrlab.volume import write_dicom
+
+pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+pynrrd = pytest.importorskip("nrrd", reason="an independent reader, extra `medical`")
+nibabel = pytest.importorskip("nibabel", reason="an independent reader, extra `medical`")
+from test_volume_formats import independently  # noqa: E402
 
 
 @pytest.mark.parametrize("name", MAKERS)
 def test_header_values_and_state(tmp_path: Path, name: str) -> None:
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     original = MAKERS[name](tmp_path / name)
     volume = read_volume(original)
     bone = drilled(volume)
@@ -44,56 +51,36 @@ def test_header_values_and_state(tmp_path: Path, name: str) -> None:
     assert (loaded.bone.digest(), loaded.tick, loaded.mapping) == (bone.digest(), 40, MAP)
     assert loaded.source == str(original)
     assert loaded.bone.removed_of("facial nerve") == bone.removed_of("facial nerve") > 0
-    assert head_of(saved) == head_of(original)
+    kept, told = (format_of(path.name).read(str(path))[0].fields for path in (saved, original))
+    assert kept == told
+    assert "nii" in name or told["Patient"] == "phantom 7"
+    np.testing.assert_array_equal(independently(saved)[0], again.values)
+    if "nrrd" in name:
+        assert pynrrd.read_header(str(saved))["Patient"] == "phantom 7"
+    if "nii" in name:
+        assert nibabel.load(saved).header["descrip"].item().startswith(b"described as it please")
 
 
-def head_of(path: Path) -> bytes:
-    """Everything before the values, but for the size of packed ones."""
-    content = path.read_bytes()
-    if path.suffix == ".nrrd":
-        return content[: content.index(b"\n\n")]
-    if path.suffix == ".mha":
-        lines = content[: content.index(b"LOCAL\n")].split(b"\n")
-        return b"\n".join(line for line in lines if not line.startswith(b"CompressedDataSize"))
-    return (gzip.decompress(content) if path.suffix == ".gz" else content)[:368]
-
-
-def test_independent_readers_see_the_same(tmp_path: Path) -> None:
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
-    pynrrd = pytest.importorskip("nrrd", reason="pynrrd, an independent reader, is not installed")
-    nibabel = pytest.importorskip("nibabel", reason="nibabel, an independent reader, is not installed")
-    volume = read_volume(nrrd(tmp_path / "a.nrrd", greys(), encoding="gzip"))
-    bone = drilled(volume)
-    save_drilled(tmp_path / "b.nrrd", bone, volume, mapping=MAP)
-    values, header = pynrrd.read(str(tmp_path / "b.nrrd"))
-    np.testing.assert_array_equal(values.transpose(2, 1, 0), read_volume(tmp_path / "b.nrrd").values)
-    assert header["Patient"] == "phantom 7"
-    volume = read_volume(nifti(tmp_path / "a.nii.gz", greys()))
-    save_drilled(tmp_path / "b.nii.gz", drilled(volume), volume, mapping=MAP)
-    image = nibabel.load(tmp_path / "b.nii.gz")
-    np.testing.assert_array_equal(
-        np.asarray(image.dataobj).transpose(2, 1, 0), read_volume(tmp_path / "b.nii.gz").values
-    )
-    assert image.header["descrip"].item() == b"described as it please"
-    assert (int(image.header["qform_code"]), int(image.header["sform_code"])) == (3, 4)
-    assert len(image.header.extensions) == 1
-
-
-def test_scaled_values_are_written_as_they_are_stored(tmp_path: Path) -> None:
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
-    stored = ((greys() + 1024) // 2).astype("u2")
-    volume = read_volume(nifti(tmp_path / "a.nii", stored, slope=2.0, inter=-1024.0))
-    bone = drilled(volume)
-    save_drilled(tmp_path / "b.nii", bone, volume, mapping=MAP)
-    raw = np.frombuffer((tmp_path / "b.nii").read_bytes()[368:], "<u2").reshape(SHAPE)
-    whole = bone.density == bone.pristine
-    np.testing.assert_array_equal(raw[whole], stored[whole])
-    assert (raw[(bone.density == 0) & ~whole] == (200 + 1024) / 2).all()
+@pytest.mark.parametrize("name", ["a.nii", "a.nrrd", "a.mha"])
+def test_scaled_values_and_values_as_text_are_saved_as_numbers(tmp_path: Path, name: str) -> None:
+    if name == "a.nii":
+        path = nifti(tmp_path / name, ((greys() + 1024) // 2).astype("u2"), slope=2.0, inter=-1024.0)
+    else:
+        path = nrrd(tmp_path / name, greys()) if name == "a.nrrd" else meta(tmp_path / name, greys(), False)
+        head = path.read_bytes()[: -greys().nbytes].replace(b"encoding: raw", b"encoding: ascii")
+        text = " ".join(map(str, greys().ravel())).encode() + b"\n"
+        path.write_bytes(head.replace(b"BinaryData = True", b"BinaryData = False") + text)
+    volume = read_volume(path)
+    bone, saved = drilled(volume), tmp_path / f"b{path.suffix}"
+    assert check_drilled(saved, volume, MAP) is None
+    save_drilled(saved, bone, volume, mapping=MAP)
+    whole, again = bone.density == bone.pristine, read_volume(saved).values
+    np.testing.assert_array_equal(again[whole], volume.values[whole])
+    assert (again[(bone.density == 0) & ~whole] == 200).all()
 
 
 def test_what_has_no_header_of_its_own_gets_one(tmp_path: Path) -> None:
     """Crops, other spacings, other endings (so DICOM too): the geometry is kept, the fields of the header are not."""
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
     crop = volume.crop_voxels((2, 2, 2), (13, 15, 17))
     fine = volume.resample(0.25)
@@ -109,7 +96,6 @@ def test_what_has_no_header_of_its_own_gets_one(tmp_path: Path) -> None:
 
 
 def test_drilling_goes_on_from_a_saved_volume(tmp_path: Path) -> None:
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
     bone = drilled(volume)
     once, path = bone.copy(), tmp_path / "b.nrrd"
@@ -131,7 +117,6 @@ def test_drilling_goes_on_from_a_saved_volume(tmp_path: Path) -> None:
 
 def test_saved_twice_under_a_relative_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same content has the same exact state: the second save must not take it for an older one."""
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     monkeypatch.chdir(tmp_path)
     volume = read_volume(nrrd(Path("a.nrrd"), greys()))
     bone = drilled(volume)
@@ -142,7 +127,6 @@ def test_saved_twice_under_a_relative_name(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_a_changed_or_missing_part_is_found(tmp_path: Path) -> None:
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
     path = tmp_path / "b.nrrd"
     save_drilled(path, drilled(volume), volume, mapping=MAP)
@@ -185,7 +169,6 @@ def test_killed_in_the_middle_there_is_the_old_pair_or_the_new_one(
         volume = read_stack(stack(tmp_path / "s", greys("u2")), spacing=(0.3, 0.4, 0.5))
         assert isinstance(volume, Volume)
     else:
-        pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
         volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
     old, new = volume.to_bone(MAP), drilled(volume)
     path, left, calls = tmp_path / name, [0], [0]
@@ -209,8 +192,6 @@ def test_killed_in_the_middle_there_is_the_old_pair_or_the_new_one(
                 patch.setattr(module, what, dying(getattr(module, what)))
             patch.setattr("shutil.rmtree", lambda *a, **k: None if left[0] <= 0 else real_rmtree(*a, **k))
             save_drilled(path, new, volume, mapping=MAP)
-
-    import shutil
 
     real_rmtree = shutil.rmtree
     run(10**6)
@@ -248,7 +229,6 @@ def test_the_map_turned_round() -> None:
 
 
 def test_another_volume_under_the_name_of_a_half_drilled_one_is_not_replaced(tmp_path: Path) -> None:
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
     bone = drilled(volume)
     save_drilled(tmp_path / "b.nrrd", bone, volume, mapping=MAP)
@@ -263,3 +243,116 @@ def test_another_volume_under_the_name_of_a_half_drilled_one_is_not_replaced(tmp
     state.rename(tmp_path / state.name.replace("b.nrrd", "a.nrrd"))
     with pytest.raises(ValueError, match="path must be another file than the original"):
         save_drilled(tmp_path / "a.nrrd", bone, volume, mapping=MAP)
+
+
+def test_bad_saves_are_refused(tmp_path: Path) -> None:
+    volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
+    bone = volume.to_bone(MAP)
+    before = (tmp_path / "a.nrrd").read_bytes()
+
+    (tmp_path / "mine.nrrd").write_text("something else")
+    grid = (0.3, 0.4, 0.5), (0, 0, 0), np.eye(3)
+    small, real = Volume(np.full(SHAPE, 200, np.uint8), *grid, "small"), Volume(greys("f4"), *grid, "real")
+    below, far = OccupancyMap.two_point(-100, 180), OccupancyMap.two_point(-1e300, 1200)
+    other = volume.crop_voxels((0, 0, 0), (5, 5, 5)).to_bone(MAP)
+    for kind, match, path, changed in (
+        (ValueError, "mapping must be given: that with which the bone was made of", "b.nrrd", {"mapping": None}),
+        (ValueError, "tick must be a whole number", "b.nrrd", {"tick": -1}),
+        (ValueError, "path must be another file than the original", "a.nrrd", {}),
+        (ValueError, r"path must end in .nrrd, .nii, .nii.gz or .mha, got .*b.txt", "b.txt", {}),
+        (FileNotFoundError, "folder must exist", "none/b.nrrd", {}),
+        (ValueError, "name of at most 225 bytes, .*, got 226", "x" * 221 + ".nrrd", {}),
+        (FileExistsError, r"path must be a new file or one of save_drilled, .*mine.nrrd is neither", "mine.nrrd", {}),
+        (ValueError, r"bone must be on the voxels of .*: it has shape \(5, 5, 5\)", "b.nrrd", {"bone": other}),
+        (ValueError, "map must rise from 0", "b.nrrd", {"mapping": OccupancyMap.table((0, 1, 2), (0, 1, 0))}),
+        (ValueError, "map must have a grey value of empty that small can hold, .*: it holds uint8, got -100", "b.nrrd",
+         {"bone": small.to_bone(below), "like": small, "mapping": below}),
+        (ValueError, "it holds float32, got -1e", "b.nrrd", {"bone": real.to_bone(far), "like": real, "mapping": far}),
+    ):  # fmt: skip
+        options: dict[str, Any] = {"bone": bone, "like": volume, "mapping": MAP, **changed}
+        with pytest.raises(kind, match=match):
+            save_drilled(tmp_path / path, **options)
+    assert (tmp_path / "a.nrrd").read_bytes() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.nrrd", "mine.nrrd"]
+
+
+def test_a_missing_library_is_told_before_there_is_a_bone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
+    monkeypatch.setitem(sys.modules, "SimpleITK", None)
+    with pytest.raises(
+        ImportError, match=r"writing volumes needs SimpleITK: pip install 'burrlab\[medical\]'"
+    ):
+        check_drilled(tmp_path / "b.nrrd", volume, MAP)
+
+
+@pytest.mark.parametrize("slope", [1.0, -1.0])
+def test_what_was_removed_is_empty_after_rounding(tmp_path: Path, slope: float) -> None:
+    """A steep map about half a grey value: rounded to the nearest, nothing left would be half full."""
+    values = np.full(SHAPE, 30, "i2")
+    volume = read_volume(nifti(tmp_path / "a.nii", (values * slope).astype("i2"), slope=slope))
+    steep = OccupancyMap.two_point(10.6, 11.2)
+    bone = volume.to_bone(steep)
+    density = bone.density.copy()
+    density[3:5] = 0
+    bone.restore(density)
+    save_drilled(tmp_path / "b.nii", bone, volume, mapping=steep)
+    np.testing.assert_array_equal(steep.levels(read_volume(tmp_path / "b.nii").values), density)
+
+
+def test_links_and_dots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A link is followed, on reading and on writing; `..` after one goes where the system takes it."""
+    (tmp_path / "far" / "away").mkdir(parents=True)
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    os.symlink("../far/away", "door")
+    volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
+    bone, whole = drilled(volume), volume.to_bone(MAP)
+    os.symlink("door/../b.nrrd", "link.nrrd")  # far/b.nrrd
+    for state in (whole, bone):
+        save_drilled("link.nrrd", state, volume, mapping=MAP)
+        assert Path("link.nrrd").is_symlink()
+        assert len(list((tmp_path / "far").glob("b.nrrd.*.bone.h5"))) == 1
+        for path in ("link.nrrd", "door/../b.nrrd", tmp_path / "far" / "b.nrrd"):
+            assert load_drilled(path).bone.digest() == state.digest()
+            assert DrilledRecipe(os.fspath(path)).bone().digest() == state.digest()
+    assert sorted(os.listdir()) == ["door", "link.nrrd"]
+    with pytest.raises(ValueError, match="like must be the original"):
+        save_drilled("c.nrrd", whole, read_volume("link.nrrd"), mapping=MAP)
+    save_drilled("link.nrrd", bone, read_volume("link.nrrd"), mapping=MAP, tick=3)
+    assert load_drilled("link.nrrd").tick == 3
+    for file in (tmp_path / "far").glob(
+        "b.nrrd*"
+    ):  # as programs that keep large files elsewhere do: a link for each
+        os.symlink(file, file.name.replace("b.nrrd", "d.nrrd"))
+    assert load_drilled("d.nrrd").bone.digest() == bone.digest()
+    os.symlink(tmp_path / "a.nrrd", "original.nrrd")
+    with pytest.raises(ValueError, match="path must be another file than the original"):
+        save_drilled("original.nrrd", bone, volume, mapping=MAP)
+    recipe = VolumeRecipe("door/../../a.nrrd", MAP)
+    assert recipe.path == os.fspath(tmp_path / "a.nrrd")
+
+
+def test_a_folder_that_is_not_writable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is left behind, and nothing is changed."""
+    volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
+    (tmp_path / "shut").mkdir()
+    bone = drilled(volume)
+    monkeypatch.setattr(os, "access", lambda *_: False)  # the system asks nothing of root
+    for write in (
+        lambda: check_drilled(tmp_path / "shut" / "b.nrrd", volume, MAP),
+        lambda: save_drilled(tmp_path / "shut" / "b.nrrd", bone, volume, mapping=MAP),
+        lambda: write_volume(tmp_path / "shut" / "b.nii", volume),
+        lambda: write_dicom(tmp_path / "shut" / "b", volume),
+    ):
+        with pytest.raises(PermissionError, match=r"folder must be writable, got .*shut"):
+            write()
+    assert os.listdir(tmp_path / "shut") == []
+
+
+def test_the_longest_name(tmp_path: Path) -> None:
+    volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
+    for name in (f"{'ü' * 110}.nrrd", f"{'x' * 218}.nii.gz"):
+        save_drilled(tmp_path / name, drilled(volume), volume, mapping=MAP)
+        assert load_drilled(tmp_path / name).tick == 0

@@ -15,7 +15,7 @@ from test_segments import FIELDS, seg_nrrd
 import burrlab
 from burrlab import materials
 from burrlab._core import Burr, ScriptedDevice, VoxelBone
-from burrlab.bone.formats import read_labels, read_volume, write_volume
+from burrlab.bone.formats import format_of, read_labels, read_volume, write_volume
 from burrlab.bone.image import LabelVolume
 from burrlab.bone.kept import load_drilled, save_drilled
 from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe
@@ -77,7 +77,7 @@ def test_kept_seen_and_gone_on_with(kind: str, tmp_path: Path) -> None:
     like = made.like()
     save_drilled(path, bone, like, mapping=made.mapping, tick=tick)
 
-    values, affine = independent(path)
+    values, vectors, origin = independent(path)
     original = like.labels if isinstance(like, LabelVolume) else like.values
     whole = bone.density == bone.pristine
     assert np.count_nonzero(~whole) > 100
@@ -85,9 +85,9 @@ def test_kept_seen_and_gone_on_with(kind: str, tmp_path: Path) -> None:
     gone = (bone.density == 0) & ~whole
     assert np.count_nonzero(gone) > 10
     assert (values[gone] == 0).all()
-    if affine is not None:  # turned as the original, centre of the first voxel where it was
-        np.testing.assert_allclose(affine[:3, :3], like.direction * like.spacing, atol=1e-6)
-        np.testing.assert_allclose(affine[:3, 3], like.origin, atol=1e-5)
+    if vectors is not None:  # turned as the original, centre of the first voxel where it was
+        np.testing.assert_allclose(vectors, like.direction * like.spacing, atol=1e-6)
+        np.testing.assert_allclose(origin, like.origin, atol=1e-5)
 
     kept = load_drilled(path)
     assert (kept.bone.digest(), kept.tick, kept.mapping) == (bone.digest(), 500, made.mapping)
@@ -106,63 +106,40 @@ def test_kept_seen_and_gone_on_with(kind: str, tmp_path: Path) -> None:
     again = load_drilled(path)
     assert (again.bone.digest(), again.tick) == (later.digest(), 900)
     np.testing.assert_array_equal(again.bone.pristine, made.bone().pristine)
-    values, _ = independent(path)
+    values, *_ = independent(path)
     assert (values[(later.density == 0) & (later.pristine > 0)] == 0).all()
     untouched = later.density == later.pristine
     np.testing.assert_array_equal(values[untouched], original[untouched])
 
 
-def independent(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
-    """Values (z, y, x), and the matrix from voxel (x, y, z) to LPS, by readers that are not ours."""
+def independent(path: Path) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+    """Values (z, y, x), vectors of a voxel along x, y, z and origin in LPS, by readers that are not ours."""
     if any(path.glob("*.dcm")):
-        return dicom(path)
+        pydicom = pytest.importorskip("pydicom", reason="an independent reader, extra `medical`")
+        slices = sorted(
+            map(pydicom.dcmread, path.glob("*.dcm")), key=lambda s: float(s.ImagePositionPatient[2])
+        )
+        places = np.array([s.ImagePositionPatient for s in slices], float)
+        turn = np.reshape(slices[0].ImageOrientationPatient, (2, 3)).astype(float).T
+        vectors = np.column_stack(
+            [turn * np.array(slices[0].PixelSpacing, float)[::-1], places[1] - places[0]]
+        )
+        return (
+            np.stack([s.pixel_array * s.RescaleSlope + s.RescaleIntercept for s in slices]),
+            vectors,
+            places[0],
+        )
     if path.is_dir():
-        planes = []
-        for file in sorted(path.glob("*.png")):
-            with Image.open(file) as image:
-                planes.append(np.asarray(image))
-        colours = np.stack(planes).astype(int)
+        colours = np.stack([np.asarray(Image.open(file)) for file in sorted(path.glob("*.png"))]).astype(int)
         code = np.zeros(colours.shape[:3], int)
         for label, name in ((1, "Bone"), (10, "Facial_Nerve")):
             code[(colours == (*VOLUMETRIC_DRILLING[name], 255)).all(axis=-1)] = label
         assert ((code > 0) == (colours[..., 3] > 0)).all()
-        return code.swapaxes(1, 2), None  # rows lie along x
-    if ".nii" in path.name:
-        nibabel = pytest.importorskip("nibabel", reason="nibabel, an independent reader, is not installed")
-        image = nibabel.load(path)
-        return np.asarray(image.dataobj).transpose(2, 1, 0), np.diag([-1, -1, 1, 1]) @ image.affine
-    if path.suffix == ".nrrd":
-        nrrd = pytest.importorskip("nrrd", reason="pynrrd, an independent reader, is not installed")
-        values, header = nrrd.read(str(path))
-        assert header["space"] == "left-posterior-superior"
-        matrix = np.eye(4)
-        matrix[:3, :3] = header["space directions"].T
-        matrix[:3, 3] = header["space origin"]
-        return values.transpose(2, 1, 0), matrix
-    import zlib
+        return code.swapaxes(1, 2), None, None  # rows lie along x
+    from test_volume_formats import independently
 
-    head, _, data = path.read_bytes().partition(b"ElementDataFile = LOCAL\n")
-    fields = dict(line.split(" = ", 1) for line in head.decode().splitlines())
-    data = zlib.decompress(data) if fields["CompressedData"] == "True" else data
-    shape = [int(n) for n in fields["DimSize"].split()][::-1]
-    matrix = np.eye(4)
-    axes = np.array([float(n) for n in fields["TransformMatrix"].split()]).reshape(3, 3)
-    matrix[:3, :3] = axes.T * np.array([float(n) for n in fields["ElementSpacing"].split()])
-    matrix[:3, 3] = [float(n) for n in fields["Offset"].split()]
-    return np.frombuffer(data, "<i2").reshape(shape), matrix
-
-
-def dicom(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """By pydicom."""
-    pydicom = pytest.importorskip("pydicom", reason="pydicom, an independent reader, is not installed")
-    slices = sorted(map(pydicom.dcmread, path.glob("*.dcm")), key=lambda s: float(s.ImagePositionPatient[2]))
-    places = np.array([[float(p) for p in s.ImagePositionPatient] for s in slices])
-    down, across = (float(s) for s in slices[0].PixelSpacing)
-    matrix = np.eye(4)
-    turn = np.reshape([float(v) for v in slices[0].ImageOrientationPatient], (2, 3)).T
-    matrix[:3, :3] = np.column_stack([turn * (across, down), places[1] - places[0]])
-    matrix[:3, 3] = places[0]
-    return np.stack([s.pixel_array * s.RescaleSlope + s.RescaleIntercept for s in slices]), matrix
+    values, spacing, origin, turn = independently(path)
+    return values, turn * spacing, origin
 
 
 def test_a_segmentation_keeps_names_and_layers_become_labels(tmp_path: Path) -> None:
@@ -172,8 +149,9 @@ def test_a_segmentation_keeps_names_and_layers_become_labels(tmp_path: Path) -> 
     save_drilled(tmp_path / name, bone, made.like(), tick=tick)
     again = read_labels(tmp_path / name)
     assert again.names == {1: "Bone", 4: "Facial_Nerve"}
-    head = (tmp_path / "a.seg.nrrd").read_bytes().partition(b"\n\n")[0]
-    assert (tmp_path / name).read_bytes().startswith(head + b"\n\n")
+    kept = format_of(name)
+    assert kept is not None
+    assert kept.read(str(tmp_path / name))[0].fields == FIELDS
     two = np.stack([labels() == 1, labels() == 4], axis=-1)
     fields = {**FIELDS, "Segment1_LabelValue": "1", "Segment1_Layer": "1"}
     layered = read_labels(seg_nrrd(tmp_path / "b.seg.nrrd", two, fields))

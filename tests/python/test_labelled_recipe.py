@@ -78,8 +78,8 @@ def test_a_half_drilled_segmentation_keeps_names_and_colours(
     kept, nerve = read_labels("kept.seg.nrrd"), "Facial_Nerve" if bone == "Bone" else "facial nerve"
     assert kept.names == {1: bone, 4: nerve}
     assert kept.colours == (recipe.like().colours or {1: (255, 249, 219), 4: (244, 214, 49)})
-    if bone == "Bone" and voxel is None:  # the header of the file, byte by byte
-        assert Path("kept.seg.nrrd").read_bytes() == Path(source).read_bytes()
+    if bone == "Bone" and voxel is None:
+        np.testing.assert_array_equal(kept.labels, recipe.like().labels)
 
 
 def test_a_session_touches_what_is_there(tmp_path: Path) -> None:

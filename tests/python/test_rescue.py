@@ -33,42 +33,28 @@ def full(after: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cli_bone, "save_bone", save)
 
 
-@pytest.mark.parametrize("after", [1, 2])
-def test_kept_beside_or_among_temporary_files(
-    after: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("after", "temporary"), [(1, "."), (2, "."), (9, "."), (9, "missing")])
+def test_kept_beside_or_among_temporary_files_or_nowhere(
+    after: int,
+    temporary: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / temporary))
     path = str(tmp_path / "bone.h5")
     full(after, monkeypatch)
     assert main([*SESSION, "--save", path]) == 3
-    told = capsys.readouterr()
+    told, sentence = capsys.readouterr(), f"burrlab session: {path}: No space left on device"
     assert "200 ticks" in told.out, "the report is told all the same"
-    sentence = f"burrlab session: {path}: No space left on device; the bone's exact state is kept as "
-    assert sentence in told.err
-    place = Path(told.err.split(sentence)[1].strip())
+    if after == 9:
+        assert told.err.endswith(f"{sentence}\n")
+        assert list(tmp_path.iterdir()) == [], "nothing is left"
+        return
+    place = Path(told.err.split(f"{sentence}; the bone's exact state is kept as ")[1].strip())
     assert place == (tmp_path / "bone.h5.h5" if after == 1 else place.parent / "bone.h5")
     assert burrlab.load_bone(place)[1] == 200
     assert not Path(path).exists()
-
-
-def test_nowhere_to_keep_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
-    path = str(tmp_path / "bone.h5")
-    full(9, monkeypatch)
-    assert main([*SESSION, "--save", path]) == 3
-    assert capsys.readouterr().err.endswith(f"burrlab session: {path}: No space left on device\n")
-
-
-def test_nothing_is_left_where_it_could_not_be_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    full(9, monkeypatch)
-    assert main([*SESSION, "--save", str(tmp_path / "bone.h5")]) == 3
-    assert list(tmp_path.iterdir()) == []
-    assert "200 ticks" in capsys.readouterr().out
 
 
 def full_disk(trace: Path) -> None:

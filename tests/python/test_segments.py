@@ -33,7 +33,6 @@ def seg_nrrd(path: Path, values: np.ndarray, fields: dict[str, str]) -> Path:
 
 
 def test_names_and_colours_of_a_label_map(tmp_path: Path) -> None:
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     values = np.random.default_rng(2).choice([0, 1, 4], (3, 4, 5))
     labels = read_labels(seg_nrrd(tmp_path / "a.seg.nrrd", values, FIELDS))
     np.testing.assert_array_equal(labels.labels, values)
@@ -44,7 +43,8 @@ def test_names_and_colours_of_a_label_map(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("far", [2, 70_000])
 def test_names_and_colours_survive_nrrd(tmp_path: Path, far: int) -> None:
-    nrrd = pytest.importorskip("nrrd", reason="extra `medical` is not installed")
+    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+    nrrd = pytest.importorskip("nrrd", reason="an independent reader, extra `medical`")
     values = np.zeros((4, 5, 6), np.int32)
     values[1:3, 2, 3:], values[3, 4, 5] = 1, far
     names, colours = {1: "Facial_Nerve", far: "a\\b\nö", 9: "absent"}, {1: (1, 2, 3), 3: (255, 128, 0)}
@@ -70,7 +70,6 @@ def layered() -> tuple[np.ndarray, dict[str, str]]:
 
 
 def test_layers_become_one_volume(tmp_path: Path) -> None:
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     values, fields = layered()
     labels = read_labels(seg_nrrd(tmp_path / "a.seg.nrrd", values, fields))
     expected = values[..., 0] + 2 * values[..., 1]
@@ -87,7 +86,6 @@ def test_layers_become_one_volume(tmp_path: Path) -> None:
 
 
 def test_overlap_is_refused(tmp_path: Path) -> None:
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     values, fields = layered()
     values[0, 1, :2, 1] = 1
     with pytest.raises(

@@ -10,7 +10,6 @@ from session_scenes import make_records, small_bone, tools
 import burrlab
 import burrlab._core as _core
 import burrlab.common.files as files
-from burrlab.bone.kept import replace_whole
 
 
 def test_levels_geometry_and_tick_come_back(tmp_path):
@@ -61,66 +60,75 @@ def test_a_failed_save_leaves_the_older_file(tmp_path, monkeypatch):
     assert [p.name for p in tmp_path.iterdir()] == ["bone.h5"]
 
 
-@pytest.mark.parametrize("tick", [-1, 2**64])
-def test_tick_out_of_range(tmp_path, tick):
-    with pytest.raises(ValueError, match="tick must be a whole number from 0 and below 2\\^64"):
-        burrlab.save_bone(tmp_path / "bone.h5", small_bone(), tick)
+def test_what_cannot_be_saved(tmp_path):
+    """The name of a trace, given by mistake, does not cost the trace; an older bone is replaced."""
+    trace, bone = tmp_path / "session.h5", small_bone()
+    with h5py.File(trace, "w") as made:
+        made.attrs["format"] = "burrlab trace"
+    for name, tick, error, said in (
+        ("bone.h5", -1, ValueError, r"tick must be a whole number from 0 and below 2\^64"),
+        ("bone.h5", 2**64, ValueError, r"tick must be a whole number from 0 and below 2\^64"),
+        ("bone.h5", 1.5, TypeError, "integer"), ("nowhere/bone.h5", 1, FileNotFoundError, r"folder must exist, got .*nowhere"),
+        ("session.h5", 1, FileExistsError, "path must be a new file or a burrlab bone"),
+    ):  # fmt: skip
+        with pytest.raises(error, match=said):
+            burrlab.save_bone(tmp_path / name, bone, tick)
+    with h5py.File(trace) as kept:
+        assert kept.attrs["format"] == "burrlab trace"
+    for tick in (1, np.int64(7)):
+        burrlab.save_bone(tmp_path / "bone.h5", bone, tick)
+        assert burrlab.load_bone(tmp_path / "bone.h5")[1] == tick
 
 
-def test_what_is_no_bone(tmp_path):
-    file = tmp_path / "bone.h5"
-    with pytest.raises(FileNotFoundError):
-        burrlab.load_bone(file)
-    file.write_text("no HDF5")
-    with pytest.raises(ValueError, match="is not a burrlab bone: not an HDF5 file"):
-        burrlab.load_bone(file)
-    with h5py.File(file, "w") as made:
-        made.attrs["format"] = "something"
-    with pytest.raises(ValueError, match=r"is not a burrlab bone$"):
-        burrlab.load_bone(file)
+def no_file(path):
+    path.unlink()
 
 
-def test_a_newer_format(tmp_path):
-    burrlab.save_bone(tmp_path / "bone.h5", small_bone())
-    with h5py.File(tmp_path / "bone.h5", "a") as file:
-        file.attrs["format_version"] = 3
-    with pytest.raises(ValueError, match="of format 3, and this version reads up to 2"):
-        burrlab.load_bone(tmp_path / "bone.h5")
+def no_hdf5(path):
+    path.write_text("no HDF5")
 
 
-def change_a_voxel(file):
-    file["density"][0, 0, 0] -= 1
+def cut_short(path):
+    path.write_bytes(path.read_bytes()[:-1000])
 
 
-def raise_a_voxel(file):
-    file["pristine"][0, 0, 0] = 0
+def attribute(name, value):
+    def change(path):
+        with h5py.File(path, "a") as file:
+            file.attrs[name] = value
+
+    return change
 
 
-def lose_a_table(file):
-    del file["density"]
+def voxel(table, less):
+    def change(path):
+        with h5py.File(path, "a") as file:
+            file[table][0, 0, 0] -= less or file[table][0, 0, 0]
+
+    return change
+
+
+def lose_a_table(path):
+    with h5py.File(path, "a") as file:
+        del file["density"]
 
 
 @pytest.mark.parametrize(
-    ("damage", "said"),
+    ("damage", "error", "said"),
     [
-        (change_a_voxel, "is damaged: the bone has digest"), (lose_a_table, "is damaged"),
-        (raise_a_voxel, "density must be at most the pristine level"),
+        (no_file, FileNotFoundError, "No such file"), (no_hdf5, ValueError, "is not a burrlab bone: not an HDF5 file"),
+        (cut_short, ValueError, "is damaged: it was cut short"), (lose_a_table, ValueError, "is damaged"),
+        (attribute("format", "something"), ValueError, r"is not a burrlab bone$"),
+        (attribute("format_version", 3), ValueError, "of format 3, and this version reads up to 2"),
+        (voxel("density", 1), ValueError, "is damaged: the bone has digest"),
+        (voxel("pristine", 0), ValueError, "density must be at most the pristine level"),
     ],
 )  # fmt: skip
-def test_damage_is_found(tmp_path, damage, said):
+def test_what_is_no_bone(tmp_path, damage, error, said):
     burrlab.save_bone(tmp_path / "bone.h5", small_bone())
-    with h5py.File(tmp_path / "bone.h5", "a") as file:
-        damage(file)
-    with pytest.raises(ValueError, match=said):
+    damage(tmp_path / "bone.h5")
+    with pytest.raises(error, match=said):
         burrlab.load_bone(tmp_path / "bone.h5")
-
-
-def test_a_file_cut_short(tmp_path):
-    file = tmp_path / "bone.h5"
-    burrlab.save_bone(file, small_bone())
-    file.write_bytes(file.read_bytes()[:-1000])
-    with pytest.raises(ValueError, match="is damaged: it was cut short"):
-        burrlab.load_bone(file)
 
 
 def test_restore_sets_present_levels_only():
@@ -134,30 +142,6 @@ def test_restore_sets_present_levels_only():
         burrlab.VoxelBone.block((1, 1, 1), 0.1, level=254).restore(np.full((10, 10, 10), 255, np.uint8))
 
 
-def test_only_a_bone_is_replaced(tmp_path):
-    """The name of a trace, given by mistake, does not cost the trace."""
-    file = tmp_path / "bone.h5"
-    for tick in (1, 2):
-        burrlab.save_bone(file, small_bone(), tick)
-    assert burrlab.load_bone(file)[1] == 2
-    trace = tmp_path / "session.h5"
-    with h5py.File(trace, "w") as made:
-        made.attrs["format"] = "burrlab trace"
-    with pytest.raises(FileExistsError, match="path must be a new file or a burrlab bone"):
-        burrlab.save_bone(trace, small_bone())
-    with h5py.File(trace) as kept:
-        assert kept.attrs["format"] == "burrlab trace"
-
-
-def test_a_tick_is_a_whole_number(tmp_path):
-    with pytest.raises(TypeError, match="integer"):
-        burrlab.save_bone(tmp_path / "bone.h5", small_bone(), 1.5)
-    with pytest.raises(FileNotFoundError, match=r"folder must exist, got .*nowhere"):
-        burrlab.save_bone(tmp_path / "nowhere" / "bone.h5", small_bone())
-    burrlab.save_bone(tmp_path / "bone.h5", small_bone(), np.int64(7))
-    assert burrlab.load_bone(tmp_path / "bone.h5")[1] == 7
-
-
 def test_no_link_is_followed_and_two_writers_share_nothing(tmp_path):
     """Under the names that parts of files had, and that a folder's part has."""
     victim, folder = tmp_path / "victim", tmp_path / "folder"
@@ -167,7 +151,8 @@ def test_no_link_is_followed_and_two_writers_share_nothing(tmp_path):
     for name, target in (("a.h5.part", victim), (".b.nrrd.part", victim), (".kept.part", folder)):
         (tmp_path / name).symlink_to(target)
     burrlab.save_bone(tmp_path / "a.h5", burrlab.VoxelBone.block((1, 1, 1), 0.1))
-    replace_whole(tmp_path / "b.nrrd", b"")
+    with files.new_part(tmp_path / "b.nrrd") as part:
+        part.replace(tmp_path / "b.nrrd")
     with pytest.raises(OSError, match="symbolic links"), files.new_folder(tmp_path / "kept"):
         pass
     assert victim.read_text() == (folder / "its").read_text() == "mine"

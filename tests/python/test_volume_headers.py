@@ -17,6 +17,7 @@ from volume_scenes import a_volume, raw
 NRRD = "NRRD0004\ntype: int16\nendian: little\nencoding: raw\n"
 
 META = "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\n"
+SPACING = "ElementSpacing = 1 1 1\n"
 
 
 def test_names_and_colours_of_a_segmentation(tmp_path):
@@ -29,29 +30,19 @@ def test_names_and_colours_of_a_segmentation(tmp_path):
     assert labels.colours == {7: (255, 204, 0)}
 
 
-def test_nrrd_without_spacing_is_asked_for(tmp_path):
-    path = raw(tmp_path / "v.nrrd", NRRD + "dimension: 3\nsizes: 5 4 3\nspacings: 0.5 nan 0.5\n")
-    with pytest.raises(ValueError, match=r"v\.nrrd: the file does not say the voxel spacing along y"):
-        burrlab.read_volume(path)
-    path = raw(tmp_path / "v.nrrd", NRRD + "dimension: 3\nsizes: 5 4 3\n")
-    with pytest.raises(ValueError, match="does not say the voxel spacing along x, y, z"):
-        burrlab.read_volume(path)
-    volume = burrlab.read_volume(path, spacing=0.3)
-    np.testing.assert_array_equal(volume.spacing, 0.3)
+@pytest.mark.parametrize(
+    ("name", "head", "given", "found"),
+    [
+        ("v.nrrd", NRRD + 'spacings: 5e-4 5e-4 1e-3\nunits: "m" "m" "m"\n', None, (0.5, 0.5, 1)),
+        ("v.nrrd", NRRD, 0.3, (0.3, 0.3, 0.3)), ("v.mha", META, (1, 2, 3), (1, 2, 3)),
+        ("v.mha", META + "ElementSize = 1 1 4\n", None, (1, 1, 4)),
+    ],
+)  # fmt: skip
+def test_the_spacing_of_the_file_or_the_given_one(tmp_path, name, head, given, found):
+    sizes = "dimension: 3\nsizes: 5 4 3\n" if name == "v.nrrd" else "DimSize = 5 4 3\n"
+    volume = burrlab.read_volume(raw(tmp_path / name, head + sizes), spacing=given)
+    np.testing.assert_allclose(volume.spacing, found)
     assert len(volume.notes) == 2  # neither orientation nor origin
-
-
-def test_nrrd_spacings_in_metres(tmp_path):
-    path = raw(
-        tmp_path / "v.nrrd",
-        NRRD + 'dimension: 3\nsizes: 5 4 3\nspacings: 5e-4 5e-4 1e-3\nunits: "m" "m" "m"\n',
-    )
-    np.testing.assert_allclose(burrlab.read_volume(path).spacing, (0.5, 0.5, 1.0))
-    path = raw(
-        tmp_path / "v.nrrd", NRRD + 'dimension: 3\nsizes: 5 4 3\nspacings: 1 1 1\nunits: "m" "mm" "ell"\n'
-    )
-    with pytest.raises(ValueError, match="units of space in the NRRD header must be one of"):
-        burrlab.read_volume(path)
 
 
 @pytest.mark.parametrize(
@@ -72,26 +63,69 @@ def test_a_fourth_axis_of_one_is_no_axis(tmp_path, head):
     np.testing.assert_array_equal(volume.spacing, (1, 1, 2))
 
 
+GRID, MGRID = "dimension: 3\nsizes: 5 4 3\n", "DimSize = 5 4 3\n"
+
+
 @pytest.mark.parametrize(
     ("head", "message"),
     [
+        (GRID, "does not say the voxel spacing along x, y, z; it must be given"),
+        (GRID + "spacings: 0.5 nan 0.5\n", "does not say the voxel spacing along y"),
+        (GRID + 'spacings: 1 1 1\nunits: "m" "mm" "ell"\n', "units of space in the NRRD header must be one of"),
         ("dimension: 4\nsizes: 5 4 1 3\nkinds: domain domain domain vector\n", "one value a voxel, got sizes 5 x 4 x 1 x 3"),
-        ("dimension: 2\nsizes: 5 12\n", "three dimensions"),
-        ("dimension: 3\n", "the NRRD header has no sizes"),
-        ("dimension: 3\nsizes: 5 4 3\nspacings: 1 -1 1\n", r"v.nrrd: spacings of the NRRD header must be positive, got 1 -1 1"),
+        ("dimension: 2\nsizes: 5 12\n", "three dimensions"), ("dimension: 3\n", "the NRRD header has no sizes"),
+        (GRID + "spacings: 1 -1 1\n", "spacings of the NRRD header must be positive, got 1 -1 1"),
         ("dimension: 3\nsizes: 5 4 3 1\n", "contradicts its dimension 3"),
-        ("dimension: 3\nsizes: 5 4 3\nspace: LPS\nspace directions: (1,0) (0,1) (1,1)\n", "three vectors of three"),
-        ("dimension: 3\nsizes: 5 4 3\nspace: LPS\nspace directions: (1,0,0) (0.5,1,0) (0,0,1)\n", "not orthonormal"),
-        ("dimension: 3\nsizes: 5 4 3\nspace: LPS\nspace directions: (a,0,0) (0,1,0) (0,0,1)\n", "is no vector"),
-        ("dimension: 3\nsizes: 5 4 3\nspace: LPS\nspace directions: (1,0) (0,1,0) (0,0,1)\n", "three vectors of three"),
-        ("dimension: 3\nsizes: 5 4 3\nspace: LPS\nspace directions: (nan,0,0) (0,1,0) (0,0,1)\n", r"v\.nrrd: the direction matrix must be of 3 x 3 finite"),
-        ("dimension: 3\nsizes: 5 4 3\nspacings: 1 1\n", "spacings of the NRRD header are '1 1'"),
-        ("dimension: 3\nsizes: 5 4 3\nspacings: 1 1 1\nspace origin: (1,2)\n", "space origin of the NRRD header must be"),
+        (GRID + "space: LPS\nspace directions: (1,0) (0,1) (1,1)\n", "three vectors of three"),
+        (GRID + "space: LPS\nspace directions: (1,0) (0,1,0) (0,0,1)\n", "three vectors of three"),
+        (GRID + "space: LPS\nspace directions: (1,0,0) (0.5,1,0) (0,0,1)\n", "not orthonormal"),
+        (GRID + "space: LPS\nspace directions: (a,0,0) (0,1,0) (0,0,1)\n", "is no vector"),
+        (GRID + "space: LPS\nspace directions: (nan,0,0) (0,1,0) (0,0,1)\n", "the direction matrix must be of 3 x 3 finite"),
+        (GRID + "spacings: 1 1\n", "spacings of the NRRD header are '1 1'"),
+        (GRID + "spacings: 1 1 1\nspace origin: (1,2)\n", "space origin of the NRRD header must be"),
+        (GRID + "encoding: bzip2\n", "'encoding' must be once in the NRRD header, got it twice"),
+        (GRID + "byte skip: x\nspacings: 1 1 1\n", "byte skip must be a number of bytes or lines, or -1, got 'x'"),
+        (MGRID, "does not say the voxel spacing along x, y, z"),
+        (MGRID + "ElementSpacing = -1 1 1\n", "ElementSpacing of the MetaImage header must be positive, got -1 1 1"),
+        (MGRID + "ElementSpacing = 1 1 0\n", "does not say the voxel spacing along z"),
+        (MGRID + "ElementSpacing = a b c\n", "ElementSpacing of the MetaImage header is 'a b c'"),
+        (MGRID + "ElementSpacing = 1 1\n", "ElementSpacing must hold 3 numbers, got 2"),
+        (MGRID + SPACING + "Offset = nan 0 0\n", "origin must be three finite numbers"),
+        (MGRID + SPACING + "TransformMatrix = 1 0 0 0.5 1 0 0 0 1\n", "not orthonormal"),
+        (MGRID + SPACING + "TransformMatrix = 1 0 0 1\n", "TransformMatrix must hold 9 numbers, got 4"),
+        (MGRID + SPACING + "ElementNumberOfChannels = 3\n", "one value a voxel, got 3"),
+        (MGRID + SPACING + "DistanceUnits = ell\n", "DistanceUnits must be one of"),
+        (SPACING, "the MetaImage header has no DimSize"), ("DimSize = 60\n" + SPACING, "three dimensions"),
+        *[(f"DimSize = {n} 4 3\n" + SPACING, f"DimSize must hold whole numbers, got {n} 4 3") for n in ("inf", "nan", "5.5")],
     ],
 )  # fmt: skip
-def test_wrong_nrrd(tmp_path, head, message):
-    with pytest.raises(ValueError, match=message):
-        burrlab.read_volume(raw(tmp_path / "v.nrrd", NRRD + head))
+def test_wrong_headers(tmp_path, head, message):
+    name, first = ("v.mha", META) if " = " in head else ("v.nrrd", NRRD)
+    path = raw(tmp_path / name, first + head)
+    with pytest.raises(ValueError, match=rf"{name}: .*{message}"):
+        burrlab.read_volume(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (b"type: int16", b"type: block", "type of the NRRD file must be one of whole or real numbers, got 'block'"),
+        (b"endian: little", b"endian: middle", "endian of the NRRD file must be little or big, got 'middle'"),
+        (b"encoding: raw", b"encoding: bzip2", "encoding of the NRRD file must be raw, gzip, text or hex, got 'bzip2'"),
+        (b"encoding: raw", b"encoding: gzip\nbyte skip: -1", "byte skip of -1 goes with raw values, got encoding gzip"),
+        (b"\n\n" + a_volume().values.tobytes(), b"\n", "the values must follow the NRRD header in the same file"),
+        (b"= MET_SHORT", b"= MET_STRING", "ElementType of the MetaImage header must be one of .*, got 'MET_STRING'"),
+        (b"CompressedData = False", b"CompressedData = True\nHeaderSize = -1", "HeaderSize of -1 goes with raw values"),
+    ],
+)  # fmt: skip
+def test_values_that_cannot_be_found(tmp_path, old, new, message):
+    name, head = (
+        ("v.mha", META + MGRID + SPACING) if b"= " in new else ("v.nrrd", NRRD + GRID + "spacings: 1 1 1\n")
+    )
+    path = raw(tmp_path / name, head)
+    path.write_bytes(path.read_bytes().replace(old, new, 1))
+    with pytest.raises(ValueError, match=rf"{name}: {message}"):
+        burrlab.read_volume(path)
 
 
 _SIZES = "DimSize = 5 4 3\nElementSpacing = 1 1 1\nElementType = MET_SHORT\n"
@@ -113,62 +147,6 @@ _DIRECTIONS = "dimension: 3\nsizes: 5 4 3\nspace directions: (1,0,0) (0,1,0) (0,
 def test_an_orientation_that_is_not_said_is_noted_once(tmp_path, name, head, notes):
     found = burrlab.read_volume(raw(tmp_path / name, head)).notes
     assert [note.split(": LPS assumed")[0] for note in found if "LPS assumed" in note] == notes
-
-
-@pytest.mark.parametrize(
-    ("head", "message"),
-    [
-        ("DimSize = 5 4 3\n", "does not say the voxel spacing along x, y, z"),
-        (
-            "DimSize = 5 4 3\nElementSpacing = -1 1 1\n",
-            "v.mha: ElementSpacing of the MetaImage header must be positive, got -1 1 1",
-        ),
-        (
-            "DimSize = 5 4 3\nElementSpacing = 1 1 1\nOffset = nan 0 0\n",
-            "v.mha: origin must be three finite numbers",
-        ),
-        ("DimSize = 5 4 3\nElementSpacing = 1 1 0\n", "does not say the voxel spacing along z"),
-        (
-            "DimSize = 5 4 3\nElementSpacing = 1 1 1\nTransformMatrix = 1 0 0 0.5 1 0 0 0 1\n",
-            "not orthonormal",
-        ),
-        (
-            "DimSize = 5 4 3\nElementSpacing = 1 1 1\nTransformMatrix = 1 0 0 1\n",
-            "must hold 9 numbers, got 4",
-        ),
-        (
-            "DimSize = 5 4 3\nElementSpacing = 1 1 1\nElementNumberOfChannels = 3\n",
-            "one value a voxel, got 3",
-        ),
-        ("DimSize = 5 4 3\nElementSpacing = a b c\n", "ElementSpacing of the MetaImage header is 'a b c'"),
-        ("DimSize = 60\nElementSpacing = 1 1 1\n", "three dimensions"),
-        ("DimSize = 5 4 3\nElementSpacing = 1 1 1\nDistanceUnits = ell\n", "DistanceUnits must be one of"),
-        ("ElementSpacing = 1 1 1\n", "the MetaImage header has no DimSize"),
-        (
-            "DimSize = inf 4 3\nElementSpacing = 1 1 1\n",
-            r"v\.mha: DimSize must hold whole numbers, got inf 4 3",
-        ),
-        (
-            "DimSize = nan 4 3\nElementSpacing = 1 1 1\n",
-            r"v\.mha: DimSize must hold whole numbers, got nan 4 3",
-        ),
-        (
-            "DimSize = 5.5 4 3\nElementSpacing = 1 1 1\n",
-            r"v\.mha: DimSize must hold whole numbers, got 5\.5 4 3",
-        ),
-        ("DimSize = 5 4 3\nElementSpacing = 1 1\n", r"v\.mha: ElementSpacing must hold 3 numbers, got 2"),
-    ],
-)
-def test_wrong_meta_image(tmp_path, head, message):
-    with pytest.raises(ValueError, match=message):
-        burrlab.read_volume(raw(tmp_path / "v.mha", META + head))
-
-
-def test_meta_image_without_spacing_takes_the_given_or_the_size_of_elements(tmp_path):
-    path = raw(tmp_path / "v.mha", META + "DimSize = 5 4 3\n")
-    np.testing.assert_array_equal(burrlab.read_volume(path, spacing=(1, 2, 3)).spacing, (1, 2, 3))
-    path = raw(tmp_path / "v.mha", META + "DimSize = 5 4 3\nElementSize = 1 1 4\n")
-    np.testing.assert_array_equal(burrlab.read_volume(path).spacing, (1, 1, 4))
 
 
 def test_meta_image_with_its_values_in_another_file(tmp_path):

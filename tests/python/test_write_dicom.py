@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ import burrlab
 from burrlab.bone.image import Volume, same_geometry
 from burrlab.volume import write_dicom
 
-pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+sitk = pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pydicom = pytest.importorskip("pydicom", reason="the independent reader, extra `dev`")
 
 TURNED = np.linalg.qr(np.random.default_rng(7).normal(size=(3, 3)))[0]
@@ -64,26 +66,24 @@ def test_the_same_volume_is_the_same_series(tmp_path):
 
 
 def test_errors(tmp_path, monkeypatch):
-    volume = a_volume()
-    with pytest.raises(ValueError, match=r"values must be one of uint8, int16, uint16 to be .* got float32"):
-        write_dicom(tmp_path / "ct", a_volume("float32"))
-    with pytest.raises(ValueError, match="direction must be right-handed to be written as DICOM"):
-        write_dicom(tmp_path / "ct", a_volume(direction=TURNED * (1, 1, -1)))
-    with pytest.raises(FileNotFoundError, match="folder must exist"):
-        write_dicom(tmp_path / "none" / "ct", volume)
     (tmp_path / "file").write_text("something")
-    with pytest.raises(FileExistsError, match="folder must be new"):
-        write_dicom(tmp_path / "file", volume)
+    for name, volume, error, match in (
+        ("ct", a_volume("float32"), ValueError, "values must be one of uint8, int16, uint16 to be .* got float32"),
+        ("ct", a_volume(direction=TURNED * (1, 1, -1)), ValueError, "direction must be right-handed to be written as DICOM"),
+        ("none/ct", a_volume(), FileNotFoundError, "folder must exist"),
+        ("file", a_volume(), FileExistsError, "folder must be new"),
+    ):  # fmt: skip
+        with pytest.raises(error, match=match):
+            write_dicom(tmp_path / name, volume)
     with monkeypatch.context() as patch:
-        patch.setitem(__import__("sys").modules, "SimpleITK", None)
+        patch.setitem(sys.modules, "SimpleITK", None)
         with pytest.raises(ImportError, match=r"pip install 'burrlab\[medical\]'"):
-            write_dicom(tmp_path / "ct", volume)
-    import SimpleITK as sitk
+            write_dicom(tmp_path / "ct", a_volume())
 
     def broken(*_):
         raise RuntimeError("disk full")
 
     monkeypatch.setattr(sitk.ImageFileWriter, "Execute", broken)
     with pytest.raises(OSError, match="the slices cannot be written"):
-        write_dicom(tmp_path / "ct", volume)
+        write_dicom(tmp_path / "ct", a_volume())
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -1,14 +1,6 @@
-"""DICOM series: slices sorted by their position, and refused unless they make one regular grid.
+"""DICOM series: slices sorted by their position, refused unless they make one regular grid; and grey volumes written as CT slices.
 
-Tags after DICOM PS3.3, Image Plane and Modality LUT modules; they and the values are read by SimpleITK (GDCM).
-
-Writing a grey volume as a DICOM series, one file a slice (SimpleITK, GDCM).
-
-Tags after DICOM PS3.3, CT Image; UIDs of the form 2.25.<UUID> after PS3.5, annex B.2.
-
-A DICOM file taken apart into its data elements, and put together again with some of them changed.
-
-Encoding after DICOM PS3.5, chapter 7 and annex A; file meta information after PS3.10, chapter 7.
+Headers are read by pydicom, pixels by SimpleITK (GDCM). Tags after DICOM PS3.3, UIDs of the form 2.25.<UUID> after PS3.5, annex B.2.
 """
 
 from __future__ import annotations
@@ -17,11 +9,13 @@ import contextlib
 import ctypes
 import functools
 import hashlib
+import io
 import math
 import os
 import re
 import threading
 import uuid
+import warnings
 import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -32,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab.bone.header import Header, plain_name
+from burrlab.bone.header import Header, medical, plain_name
 from burrlab.bone.image import Array, Volume, checked_direction
 from burrlab.common.check import DEFLATE, check_memory
 from burrlab.common.files import check_folder, new_folder
@@ -40,16 +34,19 @@ from burrlab.common.records import in_one_line
 
 #: How far the distances of slices may differ from one another, a part of the distance (headers round).
 EVEN = 1e-2
-_BIG_ENDIAN = b"1.2.840.10008.1.2.2\0"  # transfer syntax Explicit VR Big Endian
-_DEFLATED = b"1.2.840.10008.1.2.1.99"
+#: How far the slices may shift sideways from the first to the last, a part of a pixel: more is a gantry tilt.
+STRAIGHT = 0.1
+#: Name of the exact state of a half-drilled volume in a folder of slices.
+IN_FOLDER = "bone.h5"
+#: Types that are written.
+KINDS = ("uint8", "int16", "uint16")
+_CT_IMAGE = "1.2.840.10008.5.1.4.1.1.2"
+_DEFLATED = b"1.2.840.10008.1.2.1.99"  # its transfer syntax
 #: What any file may unpack to (ours): compressed pixels all alike may take next to nothing [bytes].
 _SMALL = 1 << 26
 # Columns and rows of one value a pixel where JPEG 2000 (marker SIZ) and JPEG-LS (SOF) begin.
 _CODED = re.compile(rb"\xff\x4f\xff\x51.{4}(.{4})(.{4})|\xff\xf7\0\x0b[\x02-\x10](..)(..)\x01", re.DOTALL)
-#: Name of the exact state of a half-drilled volume in a folder of slices.
-IN_FOLDER = "bone.h5"
-#: How far the slices may shift sideways from the first to the last, a part of a pixel: more is a gantry tilt.
-STRAIGHT = 0.1
+_OPEN = 0xFFFFFFFF  # the length of compressed pixels
 _ONE_LISTENS = threading.Lock()
 
 
@@ -80,6 +77,8 @@ def read_dicom(
 
     `others` are files of the folder that are no DICOM: they are noted.
     """
+    for library in ("SimpleITK", "pydicom"):
+        medical(library, "reading DICOM")
     slices = _of_series([_header_of(name) for name in names], where, series)
     _check_alike(slices, where)
     turn = np.column_stack([slices[0].rows, slices[0].columns])
@@ -102,7 +101,7 @@ def read_dicom(
 
 
 def _notes(slices: list[_Slice], others: Sequence[str]) -> tuple[str, ...]:
-    """What positions cannot show: slices that are lost at the ends, or at even distances."""
+    """What positions cannot show: slices that may be missing at the ends or at even distances, and files left out."""
     notes = []
     numbers = sorted({s.number for s in slices if s.number is not None})
     if len(numbers) == len(slices) and numbers[-1] - numbers[0] >= len(numbers):
@@ -153,49 +152,84 @@ def is_dicom(name: str) -> bool:
         return file.read(132)[128:] == b"DICM"
 
 
-def _header_of(name: str) -> _Slice:
-    import SimpleITK as sitk
+def dataset(name: str) -> Any:
+    """A slice as pydicom reads it, its elements as they are stored; ValueError where it is none with pixels."""
+    import pydicom
 
-    reader = sitk.ImageFileReader()
-    reader.SetImageIO("GDCMImageIO")
-    reader.SetFileName(plain_name(name))
-    _check_deflated(name)
-    try:
-        with _listening(name):
-            reader.ReadImageInformation()
-    except RuntimeError:
+    content = Path(name).read_bytes()
+    if _DEFLATED in content[:1024]:  # pydicom and GDCM inflate it whole
+        stream = zlib.decompressobj(-zlib.MAX_WBITS)
+        with contextlib.suppress(zlib.error):  # behind the file meta information
+            stream.decompress(content[144 + int.from_bytes(content[140:144], "little") :], _SMALL)
+        if stream.unconsumed_tail:
+            raise ValueError(f"{name}: the deflated data must be of at most {_SMALL} bytes")
+    with contextlib.suppress(Exception), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found: Any = pydicom.dcmread(io.BytesIO(content), force=True)
+        raw = [item for item in map(found.get_item, found.keys()) if item.is_raw]
+        whole = all(
+            item.length in (_OPEN, len(item.value or b"")) for item in raw
+        )  # GDCM makes room for what is told
+        if whole and isinstance(found.get_item("PixelData").value, bytes):
+            return found
+    raise ValueError(f"{name}: cannot be read as a DICOM image: it is cut short, damaged, or holds no image")
+
+
+def text_of(found: Any, keyword: str) -> str:
+    """Of an element as it is stored; empty where it is not there."""
+    value = found.get_item(keyword).value if keyword in found else b""
+    return in_one_line(value.decode("latin-1").strip(" \0")) if isinstance(value, bytes) else ""
+
+
+def short_of(found: Any, keyword: str) -> int:
+    """The one whole number of an element (US); -1 where it is not there."""
+    value = found.get_item(keyword).value if keyword in found else b""
+    order: Any = "little" if found.original_encoding[1] else "big"
+    return int.from_bytes(value, order) if isinstance(value, bytes) and len(value) == 2 else -1
+
+
+def is_packed(found: Any) -> bool:
+    """Whether the pixels are compressed."""
+    return bool(found.get_item("PixelData").length == _OPEN)
+
+
+def _header_of(name: str) -> _Slice:
+    found = dataset(plain_name(name))
+
+    def numbers(keyword: str, count: int) -> tuple[float, ...]:
+        try:
+            values = tuple(float(part) for part in text_of(found, keyword).split("\\"))
+        except ValueError:
+            values = ()
+        return values if len(values) == count and np.all(np.isfinite(values)) else (np.nan,) * count
+
+    def whole(keyword: str) -> int | None:
+        text = text_of(found, keyword)
+        return int(text) if text.lstrip("+-").isdecimal() else None
+
+    rows, columns, bits, values = (
+        short_of(found, keyword) for keyword in ("Rows", "Columns", "BitsAllocated", "SamplesPerPixel")
+    )
+    if min(rows, columns, bits) < 1:
         raise ValueError(
             f"{name}: cannot be read as a DICOM image: it is cut short, damaged, or holds no image"
-        ) from None
-
-    def text(tag: str) -> str:
-        return in_one_line(reader.GetMetaData(tag).strip(" \0")) if reader.HasMetaDataKey(tag) else ""
-
-    def numbers(tag: str, count: int) -> tuple[float, ...]:
-        try:
-            found = tuple(float(part) for part in text(tag).split("\\"))
-        except ValueError:
-            found = ()
-        return found if len(found) == count and np.all(np.isfinite(found)) else (np.nan,) * count
-
-    def whole(tag: str) -> int | None:
-        return int(text(tag)) if text(tag).lstrip("+-").isdecimal() else None
-
-    size = reader.GetSize()
-    if len(size) > 2 and any(n > 1 for n in size[2:]):
-        raise ValueError(f"{name}: DICOM files of several frames are not read: convert it to NRRD or NIfTI")
-    if reader.GetNumberOfComponents() != 1 or text("0028|0004") not in ("MONOCHROME2", ""):
-        raise ValueError(
-            f"{name}: a volume needs three dimensions and one value a voxel, got a {text('0028|0004')} image of "
-            f"{reader.GetNumberOfComponents()} values"
         )
-    down, across = (s if s > 0 else np.nan for s in numbers("0028|0030", 2))  # between rows, between columns
-    position, turn = numbers("0020|0032", 3), numbers("0020|0037", 6)
+    if (whole("NumberOfFrames") or 1) > 1:
+        raise ValueError(f"{name}: DICOM files of several frames are not read: convert it to NRRD or NIfTI")
+    shades = text_of(found, "PhotometricInterpretation")
+    if abs(values) != 1 or shades not in ("MONOCHROME2", ""):
+        raise ValueError(
+            f"{name}: a volume needs three dimensions and one value a voxel, got a {shades} image of {abs(values)} values"
+        )
+    down, across = (
+        s if s > 0 else np.nan for s in numbers("PixelSpacing", 2)
+    )  # between rows, between columns
+    position, turn = numbers("ImagePositionPatient", 3), numbers("ImageOrientationPatient", 6)
     if np.any(np.isnan(position)) or np.any(np.isnan(turn)):
         raise ValueError(f"{name}: the DICOM header does not say the slice's position and orientation")
     return _Slice(
-        name, text("0020|000e"), (int(size[0]), int(size[1])), (across, down), turn[:3], turn[3:], np.array(position),
-        int(text("0028|0100") or 8), whole("0020|0013"), whole("0020|1002"),
+        name, text_of(found, "SeriesInstanceUID"), (columns, rows), (across, down), turn[:3], turn[3:], np.array(position), bits,
+        whole("InstanceNumber"), whole("ImagesInAcquisition"),
     )  # fmt: skip
 
 
@@ -273,22 +307,10 @@ def _size(part: _Slice) -> int:
     return part.size[0] * part.size[1] * part.bits // 8
 
 
-def _check_deflated(name: str) -> None:
-    """ValueError where the data set of a deflated file is larger than any slice's: GDCM would inflate it whole."""
-    with open(name, "rb") as file:
-        head = file.read(1024)
-        if _DEFLATED in head:
-            file.seek(144 + int.from_bytes(head[140:144], "little"))  # behind the file meta information
-            stream = zlib.decompressobj(-zlib.MAX_WBITS)
-            with contextlib.suppress(zlib.error):
-                stream.decompress(file.read(), _SMALL)
-            if stream.unconsumed_tail:
-                raise ValueError(f"{name}: the deflated data must be of at most {_SMALL} bytes")
-
-
 def _check_whole(part: _Slice) -> None:
     """ValueError where the pixel data is shorter than rows and columns ask for: GDCM would fill the rest up."""
-    content, wanted = Path(part.name).read_bytes(), _size(part)
+    found, wanted = dataset(part.name), _size(part)
+    content = found.get_item("PixelData").value
     if wanted > max(DEFLATE * len(content), _SMALL):  # before a decoder makes room for it
         raise ValueError(
             f"{part.name}: the pixel data is cut short: {len(content)} bytes cannot hold {wanted}"
@@ -299,17 +321,8 @@ def _check_whole(part: _Slice) -> None:
             raise ValueError(
                 f"{part.name}: the compressed pixels must be of the header's size, got {coded} of them"
             )
-    big = _BIG_ENDIAN in content[:1024]
-    tag = b"\x7f\xe0\x00\x10" if big else b"\xe0\x7f\x10\x00"
-    found, place = [], content.find(tag)
-    while place >= 0:
-        at = place + (
-            8 if content[place + 4 : place + 6] in (b"OW", b"OB") else 4
-        )  # with and without its type
-        found.append(int.from_bytes(content[at : at + 4], "big" if big else "little"))  # all ones: compressed
-        place = content.find(tag, place + 4)
-    if found and max(found) < wanted:
-        raise ValueError(f"{part.name}: the pixel data is cut short: {max(found)} bytes of {wanted}")
+    if not is_packed(found) and len(content) < wanted:
+        raise ValueError(f"{part.name}: the pixel data is cut short: {len(content)} bytes of {wanted}")
 
 
 def _values(part: _Slice, shape: tuple[int, int]) -> NDArray[Any]:
@@ -318,17 +331,19 @@ def _values(part: _Slice, shape: tuple[int, int]) -> NDArray[Any]:
     _check_whole(part)
     try:
         with _listening(part.name):
-            image = sitk.ReadImage(plain_name(part.name), imageIO="GDCMImageIO")
+            values = np.asarray(sitk.GetArrayFromImage(sitk.ReadImage(part.name, imageIO="GDCMImageIO")))
     except RuntimeError:
-        raise ValueError(f"{part.name}: the pixel data of the slice cannot be read whole") from None
-    return np.asarray(sitk.GetArrayFromImage(image)).reshape(shape)
+        values = np.empty(0)
+    if values.size != math.prod(shape):
+        raise ValueError(f"{part.name}: the pixel data of the slice cannot be read whole")
+    return values.reshape(shape)
 
 
 @contextlib.contextmanager
 def _listening(name: str) -> Iterator[None]:
-    """ValueError with what codecs of compressed slices print on C's `stderr`; many tell damage there alone.
+    """ValueError with what codecs print on C's `stderr`: many tell of damage there alone.
 
-    File descriptor 2 stays where it is: nothing that others write is turned away.
+    File descriptor 2 stays where it is, so that nothing that others write is lost.
     """
     libc = ctypes.CDLL(None)
     if not hasattr(libc, "gnu_get_libc_version"):  # `stderr` is a constant in other libraries
@@ -351,7 +366,7 @@ def _listening(name: str) -> Iterator[None]:
 
 @functools.cache
 def _memory() -> tuple[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]:
-    """A stream of C in memory, never closed, its text and the size of that."""
+    """A C stream in memory that is never closed, its text and the size of its text."""
     text, size = ctypes.c_void_p(), ctypes.c_size_t()
     opened = ctypes.CDLL(None).open_memstream
     opened.restype = ctypes.c_void_p
@@ -360,11 +375,6 @@ def _memory() -> tuple[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]:
 
 def _text(values: tuple[float, ...] | tuple[int, ...]) -> str:
     return "(" + ", ".join(f"{v:g}" for v in values) + ")"
-
-
-#: Types that are written.
-KINDS = ("uint8", "int16", "uint16")
-_CT_IMAGE = "1.2.840.10008.5.1.4.1.1.2"
 
 
 def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:
@@ -413,10 +423,7 @@ def check_slices(volume: Volume) -> None:
         )
     if np.linalg.det(volume.direction) < 0:
         raise ValueError("direction must be right-handed to be written as DICOM, got a left-handed one")
-    try:
-        import SimpleITK  # noqa: F401
-    except ImportError as error:
-        raise ImportError("writing volumes needs SimpleITK: pip install 'burrlab[medical]'") from error
+    medical("SimpleITK", "writing volumes")
 
 
 def write_slices(folder: Path, volume: Volume) -> None:
@@ -461,175 +468,3 @@ def slice_name(k: int) -> str:
 def uid_of(content: bytes) -> str:
     """A UID that the same content always gets."""
     return f"2.25.{uuid.UUID(bytes=hashlib.sha256(content).digest()[:16]).int}"
-
-
-IMPLICIT, EXPLICIT = "1.2.840.10008.1.2", "1.2.840.10008.1.2.1"
-_DEFLATED_SYNTAX, _BIG = "1.2.840.10008.1.2.1.99", "1.2.840.10008.1.2.2"
-PIXELS = 0x7FE00010
-_META, _SYNTAX, _INSTANCE = 0x00020000, 0x00020010, 0x00020003
-_LONG = (b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV")
-_ITEM, _ITEM_END, _SEQUENCE_END = 0xFFFEE000, 0xFFFEE00D, 0xFFFEE0DD
-_OPEN = 0xFFFFFFFF  # a length that is not told
-
-
-@dataclass(frozen=True)
-class Element:
-    """Its type (VR, empty where the file does not say it), and the bytes of the whole element and of its value."""
-
-    kind: bytes
-    whole: bytes
-    value: bytes
-
-
-@dataclass(frozen=True)
-class Elements:
-    """Of a file.
-
-    Attributes
-    ----------
-    meta, data : dict of int to Element
-        By tag, 0xGGGGEEEE: file meta information, and the data set without its group lengths.
-    syntax : str
-        UID of the transfer syntax; of a deflated data set, that of the inflated one.
-    """
-
-    meta: dict[int, Element]
-    data: dict[int, Element]
-    syntax: str
-
-    @property
-    def order(self) -> str:
-        """Of the bytes of numbers: "<" or ">"."""
-        return ">" if self.syntax == _BIG else "<"
-
-    @property
-    def packed(self) -> bool:
-        """Whether the pixels are compressed."""
-        return self.syntax not in (IMPLICIT, EXPLICIT, _BIG)
-
-    @property
-    def unpacked(self) -> str:
-        """The transfer syntax of the file with its pixels not compressed."""
-        return EXPLICIT if self.packed else self.syntax
-
-    def text(self, tag: int) -> str:
-        """Value of a text element; empty where it is not there."""
-        found = self.data.get(tag)
-        return "" if found is None else found.value.decode("latin-1").strip(" \0")
-
-    def number(self, tag: int, default: float) -> float:
-        """The one number of a text element; NaN where it is none."""
-        try:
-            return float(text) if (text := self.text(tag)) else default
-        except ValueError:
-            return math.nan
-
-    def short(self, tag: int) -> int:
-        """The one whole number of a binary element (US); -1 where it is not there."""
-        found = self.data.get(tag)
-        if found is None or len(found.value) != 2:
-            return -1
-        return int.from_bytes(found.value, "big" if self.order == ">" else "little")
-
-    def changed(self, values: dict[int, tuple[bytes, bytes] | None], instance: str) -> bytes:
-        """The file with other elements (type and value; None takes one out), under another SOPInstanceUID; pixels not packed."""
-        syntax = self.unpacked
-        meta = {tag: element.whole for tag, element in self.meta.items() if tag != _META}
-        for tag, uid in ((_SYNTAX, syntax), (_INSTANCE, instance)):
-            meta[tag] = encoded(tag, b"UI", padded(uid, b"\0"), EXPLICIT)
-        data = {tag: element.whole for tag, element in self.data.items()}
-        for tag, pair in values.items():
-            data.pop(tag, None)
-            if pair is not None:
-                data[tag] = encoded(tag, *pair, syntax)
-        head = b"".join(meta[tag] for tag in sorted(meta))
-        size = encoded(_META, b"UL", len(head).to_bytes(4, "little"), EXPLICIT)
-        return bytes(128) + b"DICM" + size + head + b"".join(data[tag] for tag in sorted(data))
-
-
-def elements_of(content: bytes, name: str) -> Elements:
-    """Takes a file apart; ValueError where it has no file meta information, or its elements do not fill it."""
-    if content[128:132] != b"DICM":
-        raise ValueError(f"{name}: the DICOM file has no file meta information, so its header cannot be kept")
-    try:
-        meta: dict[int, Element] = {}
-        at = 132
-        while content[at : at + 2] == b"\x02\0":
-            tag, element, at = _element(content, at, "<", True)
-            meta[tag] = element
-        syntax = meta[_SYNTAX].value.decode("ascii").strip(" \0")
-        body = content[at:]
-        if syntax == _DEFLATED_SYNTAX:
-            body, syntax = zlib.decompressobj(-zlib.MAX_WBITS).decompress(body), EXPLICIT
-        order, data, at = ">" if syntax == _BIG else "<", {}, 0
-        while at < len(body):
-            tag, element, at = _element(body, at, order, syntax != IMPLICIT)
-            if tag & 0xFFFF:
-                data[tag] = element
-    except (ValueError, KeyError, RecursionError, zlib.error):
-        raise ValueError(
-            f"{name}: the DICOM file cannot be taken apart, so its header cannot be kept"
-        ) from None
-    return Elements(meta, data, syntax)
-
-
-def encoded(tag: int, kind: bytes, value: bytes, syntax: str) -> bytes:
-    """An element's bytes; the value must have an even length."""
-    assert len(value) % 2 == 0
-    order = "big" if syntax == _BIG else "little"
-    head = (tag >> 16).to_bytes(2, order) + (tag & 0xFFFF).to_bytes(2, order)  # type: ignore[arg-type]
-    if syntax == IMPLICIT or not kind:  # items have no type
-        return head + len(value).to_bytes(4, order) + value  # type: ignore[arg-type]
-    if kind in _LONG:
-        return head + kind + b"\0\0" + len(value).to_bytes(4, order) + value  # type: ignore[arg-type]
-    return head + kind + len(value).to_bytes(2, order) + value  # type: ignore[arg-type]
-
-
-def padded(text: str, end: bytes = b" ") -> bytes:
-    """Text of an even length, as `Elements.text` reads it: bytes that are no ASCII stay as they are."""
-    return text.encode("latin-1") + end * (len(text) % 2)
-
-
-def _number(content: bytes, at: int, size: int, order: str) -> int:
-    if at + size > len(content):
-        raise ValueError("ends in the middle of an element")
-    return int.from_bytes(content[at : at + size], "big" if order == ">" else "little")
-
-
-def _tag(content: bytes, at: int, order: str) -> int:
-    return _number(content, at, 2, order) << 16 | _number(content, at + 2, 2, order)
-
-
-def _element(content: bytes, at: int, order: str, explicit: bool) -> tuple[int, Element, int]:
-    """Tag, element, and where the next begins."""
-    tag, kind, size = _tag(content, at, order), b"", 4
-    start = at + 4
-    if explicit and tag >> 16 != 0xFFFE:
-        kind = content[start : start + 2]
-        if not (len(kind) == 2 and kind.isalpha() and kind.isupper()):
-            raise ValueError("no type")
-        start, size = (start + 4, 4) if kind in _LONG else (start + 2, 2)
-    length = _number(content, start, size, order)
-    start += size
-    unsaid = size == 4 and length == _OPEN
-    end = _end(content, start, order, explicit and kind != b"UN") if unsaid else start + length
-    if end > len(content):
-        raise ValueError("ends in the middle of an element")
-    return tag, Element(kind, content[at:end], content[start:end]), end
-
-
-def _end(content: bytes, at: int, order: str, explicit: bool) -> int:
-    """Where a sequence without a length ends, its delimiter included."""
-    while True:
-        tag, length = _tag(content, at, order), _number(content, at + 4, 4, order)
-        at += 8
-        if tag == _SEQUENCE_END:
-            return at
-        if tag != _ITEM:
-            raise ValueError("no item")
-        if length != _OPEN:
-            at += length
-            continue
-        while _tag(content, at, order) != _ITEM_END:
-            _, _, at = _element(content, at, order, explicit)
-        at += 8

@@ -1,31 +1,27 @@
-"""What a file says about where its voxels lie, and what must be asked for.
+"""Headers of volume files: where the voxels lie, how the values are stored, what is assumed and what must be asked for.
 
-Headers of NRRD files. Fields after the format definition, teem.sourceforge.net/nrrd/format.html.
-
-Headers of MetaImage files (.mha, .mhd). Fields after the MetaIO documentation, itk.org/Wiki/ITK/MetaIO.
-
-NIfTI-1 and NIfTI-2 files, read by their own headers.
-
-Layout after nifti1.h and nifti2.h of the NIfTI Data Format Working Group.
+NRRD after teem.sourceforge.net/nrrd/format.html, MetaImage after itk.org/Wiki/ITK/MetaIO, NIfTI after nifti1.h and nifti2.h.
 """
 
 from __future__ import annotations
 
 import gzip
+import importlib
 import json
 import math
 import re
 import struct
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, BinaryIO
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from burrlab.bone.image import Array, checked_spacing
-from burrlab.common.check import first_bytes, shown
+from burrlab.common.check import shown
 
 #: In every note on an orientation that a file does not say, and in pictures of its bone.
 LPS_ASSUMED = "LPS assumed"
@@ -52,8 +48,10 @@ class Header:
         Columns are the voxel axes, LPS.
     notes : tuple of str
         What is assumed where the file is silent.
-    names, colours : dict
-        Of labels.
+    fields : mapping of str to str
+        What the file says beyond the geometry, as it can be written again.
+    layers : int
+        Of a segmentation of 3D Slicer: volumes in the file, the first axis of its values.
     files : tuple of str
         Of a DICOM series, in the order of its slices.
     """
@@ -63,8 +61,8 @@ class Header:
     origin: Array
     direction: Array
     notes: tuple[str, ...] = ()
-    names: dict[int, str] = field(default_factory=dict)
-    colours: dict[int, tuple[int, int, int]] = field(default_factory=dict)
+    fields: Mapping[str, str] = field(default_factory=dict)
+    layers: int = 1
     files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -73,6 +71,21 @@ class Header:
         if mirrored:
             said = f"voxel axes are left-handed: the bone frame, in which pictures are drawn, is a {MIRRORED}"
             object.__setattr__(self, "notes", (*self.notes, said))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where and how a file's values are stored; a grey value is slope * stored + inter."""
+
+    kind: np.dtype[Any]  # with byte order
+    encoding: str  # raw, gzip (or zlib), text, hex
+    files: list[Path]
+    start: int = 0  # of what is encoded [bytes]
+    lines: int = 0  # before the values
+    skip: int = 0  # bytes before them, once unpacked, or -1: they are the last ones
+    told: str = ""  # how many packed bytes there are, where the header says it
+    slope: float = 1.0
+    inter: float = 0.0
 
 
 def assumed(notes: Iterable[str]) -> str:
@@ -89,19 +102,6 @@ def told_notes(source: Any) -> tuple[str, ...]:
         return ()
 
 
-def check_not_negative(numbers: Array, said: str) -> None:
-    """ValueError for a spacing below 0: some readers mirror the volume then, others drop the sign."""
-    if np.any(numbers < 0):
-        raise ValueError(
-            f"{said} must be positive, got {' '.join(f'{n:g}' for n in numbers)}: is the volume mirrored?"
-        )
-
-
-def header_text(content: bytes, encoding: str = "utf-8") -> str:
-    """Of a header's line, without its end and the control characters that no refusal may quote."""
-    return re.sub(r"[\0-\x08\x0a-\x1f\x7f]", "\ufffd", content.rstrip(b"\r\n").decode(encoding, "replace"))
-
-
 def plain_name(name: str) -> str:
     """A name as SimpleITK takes it, which ends the process for others; ValueError where it is not UTF-8."""
     try:
@@ -109,6 +109,14 @@ def plain_name(name: str) -> str:
     except UnicodeEncodeError:
         raise ValueError(f"path must be UTF-8, got {name!r}") from None
     return name
+
+
+def medical(module: str, what: str) -> Any:
+    """A library of the extra `medical`; ImportError with one sentence where it is not installed."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise ImportError(f"{what} needs {module}: pip install 'burrlab[medical]'") from error
 
 
 def settled_spacing(header: Header, given: float | ArrayLike | None, name: str) -> Array:
@@ -130,13 +138,6 @@ def settled_spacing(header: Header, given: float | ArrayLike | None, name: str) 
     return np.where(missing, asked, header.spacing)
 
 
-def unit_columns(vectors: Array) -> tuple[Array, Array]:
-    """Lengths of the columns and the columns of length 1; NaN where one has none."""
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        lengths = np.sqrt((vectors**2).sum(axis=0))
-        return lengths, vectors / lengths
-
-
 def three_sizes(sizes: list[int], name: str) -> tuple[int, int, int]:
     """(z, y, x) of sizes x, y, z and further ones of 1; ValueError for anything else."""
     kept = sizes[:3] + [n for n in sizes[3:] if n != 1]
@@ -148,65 +149,128 @@ def three_sizes(sizes: list[int], name: str) -> tuple[int, int, int]:
     return z, y, x
 
 
+def _unit_columns(vectors: Array) -> tuple[Array, Array]:
+    """Lengths of the columns and the columns of length 1; NaN where one has none."""
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        lengths = np.sqrt((vectors**2).sum(axis=0))
+        return lengths, vectors / lengths
+
+
+def _check_not_negative(numbers: Array, said: str) -> None:
+    """ValueError for a spacing below 0: some readers mirror the volume then, others drop the sign."""
+    if np.any(numbers < 0):
+        raise ValueError(
+            f"{said} must be positive, got {' '.join(f'{n:g}' for n in numbers)}: is the volume mirrored?"
+        )
+
+
+def _text(content: bytes) -> str:
+    """Of a header's line, without its end and the control characters that no refusal may quote."""
+    return re.sub(r"[\0-\x08\x0a-\x1f\x7f]", "\ufffd", content.rstrip(b"\r\n").decode("utf-8", "replace"))
+
+
+def _count(text: str, what: str, name: str) -> int:
+    if not re.fullmatch(r"-1|\d{1,18}", text):
+        raise ValueError(f"{name}: {what} must be a number of bytes or lines, or -1, got {shown(text)}")
+    return int(text)
+
+
+def _value_files(told: str, name: str) -> list[Path]:
+    """The files that a header names: one, a list, or a pattern with the first, last and step of its numbers."""
+    first, *names = told.splitlines() or [""]
+    words = first.split()
+    if words[:1] == ["LIST"]:
+        names = [line.strip() for line in names if line.strip()]
+    elif len(words) >= 4 and re.fullmatch(r"[^%]*%0?\d?d[^%]*", words[0]):
+        low, high, step = (_count(word, "pattern of the data file", name) for word in words[1:4])
+        numbers = range(low, high + (1 if step > 0 else -1), step or 1)
+        names = [words[0] % n for n in numbers[: 1 << 16]]
+    else:
+        names = [first]
+    return [Path(name).parent / part for part in names or [""]]
+
+
+# ---- NRRD ----
+
 _TO_LPS = {
     "left-posterior-superior": (1.0, 1.0), "lps": (1.0, 1.0),
     "right-anterior-superior": (-1.0, -1.0), "ras": (-1.0, -1.0),
     "left-anterior-superior": (1.0, -1.0), "las": (1.0, -1.0),
 }  # fmt: skip
 _SYNONYMS = {"datafile": "data file", "byteskip": "byte skip", "lineskip": "line skip"}
-# Kinds of an axis whose samples are values of one voxel.
-_VALUES = ("color", "vector", "point", "gradient", "normal", "complex", "quaternion", "matrix", "hsv", "xyz")
+#: Kinds of an axis whose samples are values of one voxel.
+_VALUES = re.compile("^list$|color|vector|point|gradient|normal|complex|quaternion|matrix|hsv|xyz")
+_NRRD_KINDS = {
+    "i1": ("signed char", "int8", "int8_t"),
+    "u1": ("uchar", "unsigned char", "uint8", "uint8_t"),
+    "i2": ("short", "short int", "signed short", "signed short int", "int16", "int16_t"),
+    "u2": ("ushort", "unsigned short", "unsigned short int", "uint16", "uint16_t"),
+    "i4": ("int", "signed int", "int32", "int32_t"),
+    "u4": ("uint", "unsigned int", "uint32", "uint32_t"),
+    "i8": ("longlong", "long long", "long long int", "signed long long", "signed long long int", "int64", "int64_t"),
+    "u8": ("ulonglong", "unsigned long long", "unsigned long long int", "uint64", "uint64_t"),
+    "f4": ("float",),
+    "f8": ("double",),
+}  # fmt: skip
+_NRRD_ENCODINGS = {"gz": "gzip", "txt": "text", "ascii": "text"} | {
+    e: e for e in ("raw", "gzip", "text", "hex")
+}
 
 
-def segment_layers(name: str) -> tuple[int, dict[str, str]]:
-    """How many layers a segmentation of 3D Slicer has in its file, 1 if none, and the fields that describe its segments."""
-    fields, keys, _ = nrrd_fields(name)
-    kinds, sizes = fields.get("kinds", "").lower().split(), fields.get("sizes", "").split()
-    layered = len(sizes) == 4 and kinds[:1] == ["list"] and re.fullmatch(r"\d{1,9}", sizes[0])
-    return (int(sizes[0]) if layered else 1), keys
-
-
-def read_nrrd_header(name: str, *, layers: bool = False) -> Header:
-    """Place of the voxels, of each layer if asked; ValueError with one sentence where the header cannot be read."""
-    fields, keys, _ = nrrd_fields(name)
+def nrrd_header(name: str) -> tuple[Header, Layout]:
+    """Place of the voxels, and of their values; ValueError with one sentence where the header cannot be read."""
+    fields, keys, end = _nrrd_fields(plain_name(name))
     try:
         sizes = [int(n) for n in fields["sizes"].split()]
         dimension = int(fields["dimension"])
     except (KeyError, ValueError):
         raise ValueError(f"{name}: cannot be read as a volume: the NRRD header has no sizes") from None
-    kinds = [kind.lower() for kind in fields.get("kinds", "").split()] or ["?"] * len(sizes)
-    vectors = _vectors(fields, name)
-    counts = {len(sizes), len(kinds), len(vectors or sizes)}
-    if counts != {dimension} or dimension > 16:  # the format's limit
+    kinds = fields.get("kinds", "").lower().split() or ["?"] * len(sizes)
+    told = re.findall(r"\([^()]*\)|none", fields.get("space directions", ""))
+    vectors = [() if part == "none" else _vector(part, name) for part in told]
+    if {len(sizes), len(kinds), len(vectors or sizes)} != {dimension} or dimension > 16:  # the format's limit
         raise ValueError(
             f"{name}: cannot be read as a volume: the NRRD header contradicts its dimension {shown(dimension)}"
         )
-    spatial = [i for i in range(dimension) if (vectors[i] if vectors else not _holds_values(kinds[i]))]
+    spatial = [i for i in range(dimension) if (vectors[i] if vectors else not _VALUES.search(kinds[i]))]
     while len(spatial) > 3 and 1 in (rest := [sizes[i] for i in spatial]):
         del spatial[len(rest) - 1 - rest[::-1].index(1)]
-    if len(spatial) != 3 or any(
-        n > 1 for i, n in enumerate(sizes) if i not in spatial and not (layers and i == 0)
-    ):
+    layers = sizes[0] if dimension == 4 and kinds[0] == "list" and 0 not in spatial else 1
+    others = [n for i, n in enumerate(sizes) if i not in spatial]
+    if len(spatial) != 3 or max(others, default=1) > layers:
         raise ValueError(
             f"{name}: a volume needs three dimensions and one value a voxel, got sizes {' x '.join(map(shown, sizes))}"
         )
-    shape = three_sizes([sizes[i] for i in spatial], name)
-    names, colours = _segments(keys)
-    notes: list[str] = []
+    shape, notes, turn = three_sizes([sizes[i] for i in spatial], name), [], np.ones(3)
+    if vectors or "space origin" in fields:
+        space = fields.get("space", "").lower().removesuffix("-time").rstrip("t")
+        if vectors and space not in _TO_LPS:
+            notes.append(f"space '{space}' of the NRRD header is no anatomical one: {LPS_ASSUMED}")
+        turn = np.array([*_TO_LPS.get(space, (1.0, 1.0)), 1.0]) * _unit(fields.get("space units"), name)
     if vectors:
         if any(len(vectors[i]) != 3 for i in spatial):
             raise ValueError(f"{name}: space directions of the NRRD header must be three vectors of three")
         table = np.array([vectors[i] for i in spatial], dtype=float).T
-        table = _to_lps(fields, name, notes)[:, None] * _unit(fields.get("space units"), name, notes) * table
-        spacing, direction = unit_columns(table)
-        origin = _origin(fields, name, notes)
-        return Header(shape, spacing, origin, direction, tuple(notes), names, colours)
-    spacing = _spacings(fields, spatial, name, notes)
-    notes.append(f"the NRRD header says no orientation: {LPS_ASSUMED}, voxel axes along L, P, S")
-    return Header(shape, spacing, _origin(fields, name, notes), np.eye(3), tuple(notes), names, colours)
+        spacing, direction = _unit_columns(turn[:, None] * table)
+    else:
+        spacing, direction = _nrrd_spacings(fields, spatial, name), np.eye(3)
+        notes.append(f"the NRRD header says no orientation: {LPS_ASSUMED}, voxel axes along L, P, S")
+    if (said := fields.get("space origin")) is None:
+        notes.append("the NRRD header has no origin: (0, 0, 0) is assumed")
+        origin = np.zeros(3)
+    else:
+        origin = np.array(_vector(said, name))
+        if origin.shape != (3,) or not np.all(np.isfinite(origin)):
+            raise ValueError(
+                f"{name}: space origin of the NRRD header must be three finite numbers, got {shown(said)}"
+            )
+        origin = turn * origin
+    kept = {key: text for key, text in keys.items() if not key.startswith("NRRD_")}  # these turn ITK's writer
+    header = Header(shape, spacing, origin, direction, tuple(notes), kept, layers)
+    return header, _nrrd_layout(fields, end, name)
 
 
-def nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
+def _nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
     """Fields, keys, and where the values begin, 0 if nowhere; the names of a list of files follow the word LIST."""
     fields: dict[str, str] = {}
     keys: dict[str, str] = {}
@@ -214,7 +278,7 @@ def nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
         if not file.readline(64).startswith(b"NRRD"):
             raise ValueError(f"{name}: cannot be read as a volume: no NRRD header")
         while raw := file.readline(1 << 20):
-            line = header_text(raw)
+            line = _text(raw)
             if not line:
                 return fields, keys, file.tell()
             if line.startswith("#"):
@@ -224,31 +288,20 @@ def nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
                 value = re.sub(r"\\([n\\])", lambda m: "\n" if m[1] == "n" else "\\", value)
                 keys[key.strip()] = value.strip()
             else:
-                field, _, value = line.partition(":")
-                field, value = field.strip().lower(), value.strip()
-                field = _SYNONYMS.get(field, field)
-                if field == "data file" and value.startswith("LIST"):
+                key, _, value = line.partition(":")
+                key, value = key.strip().lower(), value.strip()
+                key = _SYNONYMS.get(key, key)
+                if key == "data file" and value.startswith("LIST"):
                     value += "\n" + file.read(1 << 24).decode("utf-8", "replace")
-                if field in fields:
-                    raise ValueError(f"{name}: {shown(field)} must be once in the NRRD header, got it twice")
-                fields[field] = value
+                if key in fields:
+                    raise ValueError(f"{name}: {shown(key)} must be once in the NRRD header, got it twice")
+                fields[key] = value
             if len(fields) + len(keys) > 100_000 or file.tell() > 1 << 26:
                 raise ValueError(f"{name}: cannot be read as a volume: the NRRD header has no end")
     return fields, keys, 0
 
 
-def _vectors(fields: dict[str, str], name: str) -> list[tuple[float, ...]]:
-    """Of `space directions`, one an axis, () for "none"."""
-    text = fields.get("space directions")
-    if text is None:
-        return []
-    found: list[tuple[float, ...]] = []
-    for part in re.findall(r"\([^()]*\)|none", text):
-        found.append(() if part == "none" else _numbers(part, name))
-    return found
-
-
-def _numbers(text: str, name: str) -> tuple[float, ...]:
+def _vector(text: str, name: str) -> tuple[float, ...]:
     try:
         return tuple(float(number) for number in text.strip("() ").split(","))
     except ValueError:
@@ -257,25 +310,9 @@ def _numbers(text: str, name: str) -> tuple[float, ...]:
         ) from None
 
 
-def _holds_values(kind: str) -> bool:
-    return kind == "list" or any(word in kind for word in _VALUES)
-
-
-def _to_lps(fields: dict[str, str], name: str, notes: list[str]) -> Array:
-    space = fields.get("space", "").lower().removesuffix("-time").rstrip("t")
-    signs = _TO_LPS.get(space)
-    if signs is None:
-        if not any(LPS_ASSUMED in note for note in notes):
-            notes.append(f"space '{space}' of the NRRD header is no anatomical one: {LPS_ASSUMED}")
-        signs = (1.0, 1.0)
-    return np.array([*signs, 1.0])
-
-
-def _unit(text: str | None, name: str, notes: list[str]) -> float:
+def _unit(text: str | None, name: str) -> float:
     """Millimetres of the units of space, which must be alike; none named: mm, by the format's use in medicine."""
-    units = set(re.findall(r'"([^"]*)"', text or "")) - {"", "???"}
-    if not units:
-        return 1.0
+    units = set(re.findall(r'"([^"]*)"', text or "")) - {"", "???"} or {"mm"}
     if len(units) > 1 or (unit := units.pop().lower()) not in MILLIMETRES:
         raise ValueError(
             f"{name}: units of space in the NRRD header must be one of {', '.join(MILLIMETRES)}, got {shown(text)}"
@@ -283,22 +320,8 @@ def _unit(text: str | None, name: str, notes: list[str]) -> float:
     return MILLIMETRES[unit]
 
 
-def _origin(fields: dict[str, str], name: str, notes: list[str]) -> Array:
-    text = fields.get("space origin")
-    if text is None:
-        notes.append("the NRRD header has no origin: (0, 0, 0) is assumed")
-        return np.zeros(3)
-    origin = np.array(_numbers(text, name))
-    if origin.shape != (3,) or not np.all(np.isfinite(origin)):
-        raise ValueError(
-            f"{name}: space origin of the NRRD header must be three finite numbers, got {shown(text)}"
-        )
-    return np.asarray(_to_lps(fields, name, notes) * _unit(fields.get("space units"), name, notes) * origin)
-
-
-def _spacings(fields: dict[str, str], spatial: list[int], name: str, notes: list[str]) -> Array:
-    text = fields.get("spacings")
-    if text is None:
+def _nrrd_spacings(fields: dict[str, str], spatial: list[int], name: str) -> Array:
+    if (text := fields.get("spacings")) is None:
         return np.full(3, np.nan)
     try:
         every = [float(number) for number in text.split()]
@@ -307,119 +330,154 @@ def _spacings(fields: dict[str, str], spatial: list[int], name: str, notes: list
         raise ValueError(
             f"{name}: cannot be read as a volume: spacings of the NRRD header are '{text}'"
         ) from None
-    check_not_negative(found, f"{name}: spacings of the NRRD header")
+    _check_not_negative(found, f"{name}: spacings of the NRRD header")
     units = re.findall(r'"([^"]*)"', fields.get("units", ""))
     wanted = " ".join(f'"{units[i]}"' for i in spatial) if len(units) > max(spatial) else None
-    return np.asarray(_unit(wanted, name, notes) * np.where(found > 0, found, np.nan))
+    return _unit(wanted, name) * np.where(found > 0, found, np.nan)
 
 
-def _segments(keys: dict[str, str]) -> tuple[dict[int, str], dict[int, tuple[int, int, int]]]:
-    """Names and colours by label, where 3D Slicer wrote them (Segment0_LabelValue, _Name, _Color)."""
-    names: dict[int, str] = {}
-    colours: dict[int, tuple[int, int, int]] = {}
-    for key, value in keys.items():
-        found = re.fullmatch(r"(Segment\d+)_LabelValue", key)
-        if found is None or not re.fullmatch(r"\d{1,18}", value):
-            continue
-        label, segment = int(value), found[1]
-        if name := keys.get(f"{segment}_Name"):
-            names[label] = name
-        try:
-            r, g, b = (round(255 * float(part)) for part in keys[f"{segment}_Color"].split())
-        except (KeyError, ValueError, OverflowError):
-            continue
-        if all(0 <= channel <= 255 for channel in (r, g, b)):
-            colours[label] = (r, g, b)
-    return names, colours
-
-
-_END = "ElementDataFile"  # the last field: then come the values
-
-
-def read_meta_header(name: str) -> Header:
-    """Place of the voxels; ValueError with one sentence where the header cannot be read."""
-    fields, _ = meta_fields(name)
-    sizes = _sizes(fields, name)
-    if len(sizes) < 3:
+def _nrrd_layout(fields: dict[str, str], end: int, name: str) -> Layout:
+    said = fields.get("encoding", "").lower()
+    encoding = _NRRD_ENCODINGS.get(said)
+    if encoding is None:
         raise ValueError(
-            f"{name}: a volume needs three dimensions and one value a voxel, got {len(sizes)} dimensions"
+            f"{name}: encoding of the NRRD file must be raw, gzip, text or hex, got {shown(said)}"
         )
-    if fields.get("NDims") != str(len(sizes)) or len(sizes) > 10:  # the format's limit
+    told = fields.get("type", "").lower()
+    kind = next((np.dtype(k) for k, words in _NRRD_KINDS.items() if told in words), None)
+    if kind is None:
         raise ValueError(
-            f"{name}: NDims of the MetaImage header must be the {len(sizes)} numbers of DimSize, at most 10, got "
+            f"{name}: type of the NRRD file must be one of whole or real numbers, got {shown(told)}"
+        )
+    if encoding != "text" and kind.itemsize > 1:
+        if (order := fields.get("endian", "").lower()) not in ("little", "big"):
+            raise ValueError(f"{name}: endian of the NRRD file must be little or big, got {shown(order)}")
+        kind = kind.newbyteorder("<" if order == "little" else ">")
+    lines, skip = (_count(fields.get(f"{what} skip", "0"), f"{what} skip", name) for what in ("line", "byte"))
+    if skip < 0 and encoding != "raw":
+        raise ValueError(f"{name}: byte skip of -1 goes with raw values, got encoding {encoding}")
+    if (apart := fields.get("data file")) is not None:
+        return Layout(kind, encoding, _value_files(apart, name), 0, lines, skip)
+    if not end:
+        raise ValueError(f"{name}: the values must follow the NRRD header in the same file")
+    return Layout(kind, encoding, [Path(name)], end, lines, skip)
+
+
+# ---- MetaImage ----
+
+_LAST = "ElementDataFile"  # then come the values
+_META_KINDS = {
+    "MET_CHAR": "i1", "MET_UCHAR": "u1", "MET_SHORT": "i2", "MET_USHORT": "u2", "MET_INT": "i4", "MET_UINT": "u4",
+    "MET_LONG": "i4", "MET_ULONG": "u4", "MET_LONG_LONG": "i8", "MET_ULONG_LONG": "u8", "MET_FLOAT": "f4",
+    "MET_DOUBLE": "f8",
+}  # fmt: skip
+#: Fields that say where the voxels and the values lie, or that only a writer can say.
+_META_OWN = re.compile(
+    "Object|NDims|DimSize|Offset$|Position|Origin|TransformMatrix|TransformType|Rotation|Orientation|CenterOfRotation|Anatomical"
+    "|DistanceUnits|Binary|Compress|HeaderSize|Element|Color|Name$|ID$|ParentID|Modality|SequenceID|AcquisitionDate|Comment|Segment"
+)
+
+
+def meta_header(name: str) -> tuple[Header, Layout]:
+    """Place of the voxels, and of their values; ValueError with one sentence where the header cannot be read."""
+    fields, end = _meta_fields(plain_name(name))
+
+    def numbers(*keys: str, default: list[float] | None = None) -> Array:
+        """Of the first of these fields that is there."""
+        key = next((key for key in keys if key in fields), None)
+        if key is None and default is not None:
+            return np.array(default)
+        if key is None:
+            raise ValueError(f"{name}: cannot be read as a volume: the MetaImage header has no {keys[0]}")
+        try:
+            return np.array([float(number) for number in fields[key].split()])
+        except ValueError:
+            raise ValueError(
+                f"{name}: cannot be read as a volume: {key} of the MetaImage header is '{fields[key][:100]}'"
+            ) from None
+
+    sizes, needs = numbers("DimSize"), f"{name}: a volume needs three dimensions and one value a voxel, got"
+    if not np.all(np.isfinite(sizes) & (sizes == np.rint(sizes))):
+        raise ValueError(f"{name}: DimSize must hold whole numbers, got {fields['DimSize'][:100]}")
+    if (n := len(sizes)) < 3:
+        raise ValueError(f"{needs} {n} dimensions")
+    if fields.get("NDims") != str(n) or n > 10:  # the format's limit
+        raise ValueError(
+            f"{name}: NDims of the MetaImage header must be the {n} numbers of DimSize, at most 10, got "
             f"{shown(fields.get('NDims'))}"
         )
-    if fields.get("ElementNumberOfChannels", "1") != "1":
-        raise ValueError(
-            f"{name}: a volume needs three dimensions and one value a voxel, got {fields['ElementNumberOfChannels'][:100]} values"
-        )
-    shape, n = three_sizes(sizes, name), len(sizes)
+    if (channels := fields.get("ElementNumberOfChannels", "1")) != "1":
+        raise ValueError(f"{needs} {channels[:100]} values")
+    shape, notes = three_sizes([int(size) for size in sizes], name), []
     unit = fields.get("DistanceUnits", "mm").lower()
     scale = MILLIMETRES.get("mm" if unit == "?" else unit)
     if scale is None:
         raise ValueError(f"{name}: DistanceUnits must be one of {', '.join(MILLIMETRES)}, got {unit[:100]}")
-    notes = []
-    spacing = scale * _field_numbers(fields, ("ElementSpacing", "ElementSize"), name, [np.nan] * n)[:3]
-    check_not_negative(spacing, f"{name}: ElementSpacing of the MetaImage header")
-    if len(spacing) != 3:
-        raise ValueError(f"{name}: ElementSpacing must hold {n} numbers, got {len(spacing)}")
-    matrix = _field_numbers(fields, ("TransformMatrix", "Rotation", "Orientation"), name, [])
+    spacing = scale * numbers("ElementSpacing", "ElementSize", default=[np.nan] * n)[:3]
+    _check_not_negative(spacing, f"{name}: ElementSpacing of the MetaImage header")
+    matrix = numbers("TransformMatrix", "Rotation", "Orientation", default=[])
     if len(matrix) == 0:
         if fields.get("AnatomicalOrientation") != "RAI":  # in the words of MetaImage, from there: LPS
             notes.append(f"the MetaImage header says no orientation: {LPS_ASSUMED}, voxel axes along L, P, S")
         matrix = np.eye(n).ravel()
-    if len(matrix) != n * n:
-        raise ValueError(f"{name}: TransformMatrix must hold {n * n} numbers, got {len(matrix)}")
-    direction = matrix.reshape(n, n)[:3, :3].T  # its rows are the voxel axes
-    origin = _field_numbers(fields, ("Offset", "Position", "Origin"), name, [])
+    for key, found, count in (("ElementSpacing", spacing, 3), ("TransformMatrix", matrix, n * n)):
+        if len(found) != count:
+            raise ValueError(f"{name}: {key} must hold {count} numbers, got {len(found)}")
+    origin = numbers("Offset", "Position", "Origin", default=[])
     if len(origin) == 0:
         notes.append("the MetaImage header has no origin: (0, 0, 0) is assumed")
         origin = np.zeros(n)
-    return Header(shape, spacing, scale * origin[:3], direction, tuple(notes))
+    direction = matrix.reshape(n, n)[:3, :3].T  # its rows are the voxel axes
+    kept = {key: text for key, text in fields.items() if not _META_OWN.match(key) and len(key + text) < 4000}
+    return Header(shape, spacing, scale * origin[:3], direction, tuple(notes), kept), _meta_layout(
+        fields, end, name
+    )
 
 
-def meta_fields(name: str) -> tuple[dict[str, str], int]:
+def _meta_fields(name: str) -> tuple[dict[str, str], int]:
     """Of the header, and the place in the file where that ends; the names of a list of files follow the word LIST."""
     fields: dict[str, str] = {}
     with open(name, "rb") as file:
         while (raw := file.readline(1 << 16)) and len(fields) < 10_000:
-            key, sign, value = header_text(raw, "latin-1").partition("=")
+            key, sign, value = _text(raw).partition("=")
             if not sign:
                 break
             fields[key.strip()] = value.strip()
-            if key.strip() == _END:
+            if key.strip() == _LAST:
                 told = raw.partition(b"=")[2]  # in the letters of the file system
                 told += file.read(1 << 24) if told.split()[:1] == [b"LIST"] else b""
-                fields[_END] = "\n".join(map(header_text, told.splitlines())).strip()
+                fields[_LAST] = "\n".join(map(_text, told.splitlines())).strip()
                 return fields, file.tell()
     raise ValueError(f"{name}: cannot be read as a volume: no MetaImage header")
 
 
-def _sizes(fields: dict[str, str], name: str) -> list[int]:
-    found = _field_numbers(fields, ("DimSize",), name)
-    if not np.all(np.isfinite(found) & (found == np.rint(found))):
-        raise ValueError(f"{name}: DimSize must hold whole numbers, got {fields['DimSize'][:100]}")
-    return [int(n) for n in found]
+def _meta_layout(fields: dict[str, str], end: int, name: str) -> Layout:
+    kind = _META_KINDS.get(fields.get("ElementType", ""))
+    if kind is None:
+        raise ValueError(
+            f"{name}: ElementType of the MetaImage header must be one of {', '.join(_META_KINDS)}, got "
+            f"{shown(fields.get('ElementType'))}"
+        )
+    big = fields.get("BinaryDataByteOrderMSB", fields.get("ElementByteOrderMSB", "False"))
+    told = [fields.get("BinaryData", "True"), fields.get("CompressedData", "False"), big]
+    binary, packed, big_endian = (text[:1].lower() in ("t", "1") for text in told)
+    local, size = fields[_LAST].upper() == "LOCAL", fields.get("CompressedDataSize", "none")
+    before = _count(fields.get("HeaderSize", "") or "0", "HeaderSize", name)
+    if before < 0 and (packed or not binary):
+        raise ValueError(f"{name}: HeaderSize of -1 goes with raw values")
+    return Layout(
+        np.dtype(kind).newbyteorder(">" if big_endian else "<") if binary else np.dtype(kind),
+        "text" if not binary else "gzip" if packed else "raw",
+        [Path(name)] if local else _value_files(fields[_LAST], name),
+        before if before > 0 else end if local else 0,
+        skip=min(before, 0),
+        told=size if local or size != "none" else "",  # of a file of their own, its size serves
+    )
 
 
-def _field_numbers(
-    fields: dict[str, str], keys: tuple[str, ...], name: str, default: list[float] | None = None
-) -> Array:
-    """Of the first of these fields that is there."""
-    for key in keys:
-        if key in fields:
-            try:
-                return np.array([float(number) for number in fields[key].split()])
-            except ValueError:
-                raise ValueError(
-                    f"{name}: cannot be read as a volume: {key} of the MetaImage header is '{fields[key][:100]}'"
-                ) from None
-    if default is None:
-        raise ValueError(f"{name}: cannot be read as a volume: the MetaImage header has no {keys[0]}")
-    return np.array(default)
+# ---- NIfTI ----
 
-
-_KINDS = {
+_NIFTI_KINDS = {
     2: "u1",
     4: "i2",
     8: "i4",
@@ -431,179 +489,133 @@ _KINDS = {
     1024: "i8",
     1280: "u8",
 }
-_UNITS = {1: 1e3, 2: 1.0, 3: 1e-3}  # xyzt_units: metres, millimetres, micrometres
+_NIFTI_UNITS = {1: 1e3, 2: 1.0, 3: 1e-3}  # xyzt_units: metres, millimetres, micrometres
 _NIFTI_TO_LPS = np.diag([-1.0, -1.0, 1.0])  # NIfTI's x and y point right and forward
 #: sform and qform, and their lengths and pixdim, may differ by this part of a voxel or of a spacing.
 _AGREE = 1e-3
+#: Type and place of each field, in version 1 and in version 2.
+_NIFTI_FIELDS = {
+    "dim": (("8h", 40), ("8q", 16)), "datatype": (("h", 70), ("h", 12)), "pixdim": (("8f", 76), ("8d", 104)),
+    "offset": (("f", 108), ("q", 168)), "scale": (("2f", 112), ("2d", 176)), "units": (("B", 123), ("i", 500)),
+    "descrip": (("80s", 148), ("80s", 240)), "aux_file": (("24s", 228), ("24s", 320)), "codes": (("2h", 252), ("2i", 344)),
+    "quatern": (("3f", 256), ("3d", 352)), "qoffset": (("3f", 268), ("3d", 376)), "srow": (("12f", 280), ("12d", 400)),
+}  # fmt: skip
+_KEPT_NIFTI = {"ITK_FileNotes": "descrip", "aux_file": "aux_file"}  # as SimpleITK writes them again
 
 
-@dataclass(frozen=True)
-class Fields:
-    """Of either version of the header."""
-
-    order: str
-    dim: tuple[int, ...]
-    datatype: int
-    bits: int
-    pixdim: tuple[float, ...]
-    offset: int
-    slope: float
-    inter: float
-    units: int
-    qform_code: int
-    sform_code: int
-    quatern: tuple[float, ...]
-    qoffset: tuple[float, ...]
-    srow: tuple[float, ...]
-    apart: bool  # values in a file of their own
-
-
-def read_nifti(name: str) -> tuple[Header, NDArray[Any]]:
-    """Header and values (z, y, x); ValueError with one sentence for anything that cannot be read whole."""
-    stem = name[:-4] if name.lower().endswith((".img", ".hdr")) else None
-    fields, _ = file_fields(name if stem is None else stem + ".hdr", name)
-    shape = three_sizes(list(fields.dim[1 : fields.dim[0] + 1]), name)
-    kind = _KINDS.get(fields.datatype)
+def nifti_header(name: str) -> tuple[Header, Layout]:
+    """Place of the voxels, and of their values; ValueError with one sentence where the header cannot be read."""
+    pair = name[:-4] if name.lower().endswith((".img", ".hdr")) else None
+    at, order, apart = _nifti_fields(name if pair is None else pair + ".hdr", name)
+    shape = three_sizes(list(at["dim"][1 : at["dim"][0] + 1]), name)
+    kind = _NIFTI_KINDS.get(at["datatype"][0])
     if kind is None:
         raise ValueError(
-            f"{name}: a volume needs three dimensions and one value a voxel, got NIfTI datatype {fields.datatype}"
+            f"{name}: a volume needs three dimensions and one value a voxel, got NIfTI datatype {at['datatype'][0]}"
         )
-    wanted = fields.offset + math.prod(shape) * np.dtype(kind).itemsize
-    with open(stem + ".img" if stem is not None and fields.apart else name, "rb") as file:
-        content, _ = first_bytes(file, wanted, _is_packed(file), name)
-    if len(content) < wanted:
-        raise ValueError(f"{name}: the file is cut short: {len(content)} bytes of {wanted}")
-    stored = content[fields.offset :].view(fields.order + kind).reshape(shape)
-    return _header(fields, shape, name), _scaled(stored, fields)
+    slope, inter = at["scale"]
+    if not (math.isfinite(slope) and math.isfinite(inter)) or slope == 0:
+        slope, inter = 1.0, 0.0
+    place = pair + ".img" if pair is not None and apart else name
+    encoding = "gzip" if _is_packed(place) else "raw"
+    layout = Layout(
+        np.dtype(order + kind), encoding, [Path(place)], skip=at["offset"], slope=slope, inter=inter
+    )
+    spacing, origin, direction, notes = _nifti_place(at, shape, name)
+    kept = {  # whatever ends without a zero, ITK refuses to write
+        key: at[own][0][:-1].partition(b"\0")[0].decode("utf-8", "ignore") for key, own in _KEPT_NIFTI.items()
+    }
+    return Header(shape, spacing, origin, direction, notes, kept), layout
 
 
-def file_fields(path: str, name: str) -> tuple[Fields, bool]:
-    """The header of a file, and whether that is packed."""
+def _is_packed(path: str) -> bool:
     with open(path, "rb") as file:
-        packed = _is_packed(file)
-        try:
-            head = (gzip.GzipFile(fileobj=file) if packed else file).read(540)
-        except (EOFError, OSError, zlib.error) as error:
-            raise ValueError(f"{name}: the compressed data is cut short or damaged ({error})") from error
-    return header_fields(head, name), packed
+        return file.read(2) == b"\x1f\x8b"
 
 
-def _is_packed(file: BinaryIO) -> bool:
-    found = file.read(2) == b"\x1f\x8b"
-    file.seek(0)
-    return found
-
-
-def header_fields(content: bytes, name: str) -> Fields:
-    """Of an unpacked file; ValueError where it holds no NIfTI header."""
+def _nifti_fields(path: str, name: str) -> tuple[dict[str, Any], str, bool]:
+    """Fields of either version, byte order, and whether the values are in a file of their own."""
+    try:
+        with gzip.open(path) if _is_packed(path) else open(path, "rb") as file:
+            content = file.read(540)
+    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
+        raise ValueError(f"{name}: the compressed data is cut short or damaged ({error})") from error
     if len(content) < 348:
         raise ValueError(f"{name}: the file is too short for a NIfTI header")
     for order in "<>":
         (size,) = struct.unpack(order + "i", content[:4])
-        if size == 348 and content[344:347] in (b"n+1", b"ni1"):
-            return _checked_offset(_version_1(content, order), size, name)
-        if size == 540 and content[4:7] in (b"n+2", b"ni2") and len(content) >= 540:
-            return _checked_offset(_version_2(content, order), size, name)
+        version = {348: 1, 540: 2}.get(size, 0)
+        magic = content[344:347] if version == 1 else content[4:7]
+        if not version or magic not in (b"n+%d" % version, b"ni%d" % version) or len(content) < size:
+            continue
+        places = {key: both[version - 1] for key, both in _NIFTI_FIELDS.items()}
+        at: dict[str, Any] = {
+            k: struct.unpack_from(order + kind, content, n) for k, (kind, n) in places.items()
+        }
+        apart, offset = magic[:2] == b"ni", at["offset"][0]
+        if version == 1:
+            offset = int(offset) if math.isfinite(offset) and offset >= 0 and not apart else 0
+        if offset < (0 if apart else size):
+            raise ValueError(
+                f"{name}: the values must begin behind the NIfTI header of {size} bytes, got vox_offset {offset}"
+            )
+        return {**at, "offset": offset}, order, apart
     raise ValueError(f"{name}: cannot be read as a volume: no NIfTI header")
 
 
-def _checked_offset(fields: Fields, size: int, name: str) -> Fields:
-    if fields.offset < (0 if fields.apart else size):
-        raise ValueError(
-            f"{name}: the values must begin behind the NIfTI header of {size} bytes, got vox_offset {fields.offset}"
-        )
-    return fields
-
-
-def stored_kind(fields: Fields) -> str | None:
-    """NumPy's name of the numbers of a file, without byte order; None where they are others."""
-    return _KINDS.get(fields.datatype)
-
-
-def _version_1(content: bytes, order: str) -> Fields:
-    def at(place: int, kind: str) -> Any:
-        return struct.unpack_from(order + kind, content, place)
-
-    apart = content[344:347] == b"ni1"
-    values: list[Any] = [
-        order, at(40, "8h"), *at(70, "2h"), at(76, "8f"), 0 if apart else _whole(*at(108, "f")), *at(112, "2f"),
-        content[123] & 7, *at(252, "2h"), at(256, "3f"), at(268, "3f"), at(280, "12f"), apart,
-    ]  # fmt: skip
-    return Fields(*values)
-
-
-def _version_2(content: bytes, order: str) -> Fields:
-    def at(place: int, kind: str) -> Any:
-        return struct.unpack_from(order + kind, content, place)
-
-    (units,) = at(500, "i")
-    values: list[Any] = [
-        order, at(16, "8q"), *at(12, "2h"), at(104, "8d"), *at(168, "q"), *at(176, "2d"), units & 7,
-        *at(344, "2i"), at(352, "3d"), at(376, "3d"), at(400, "12d"), content[4:7] == b"ni2",
-    ]  # fmt: skip
-    return Fields(*values)
-
-
-def _whole(value: float) -> int:
-    return int(value) if math.isfinite(value) and value >= 0 else 0
-
-
-def _scaled(stored: NDArray[Any], fields: Fields) -> NDArray[Any]:
-    """slope * stored + inter, unless the slope is 0 or there is nothing to do."""
-    slope, inter = fields.slope, fields.inter
-    native = np.require(stored, stored.dtype.newbyteorder("="), "A")
-    if not (math.isfinite(slope) and math.isfinite(inter)) or slope == 0 or (slope, inter) == (1.0, 0.0):
-        return native
-    single = native.dtype.itemsize <= 2 or native.dtype == np.float32
-    values = np.empty(native.shape, np.float32 if single else np.float64)
-    with np.errstate(over="ignore"):  # what is infinite is refused with its place
-        for k, plane in enumerate(native):  # a plane at a time: no copies of the large volume
-            values[k] = plane * np.float64(slope) + np.float64(inter)
-    return values
-
-
-def _header(fields: Fields, shape: tuple[int, int, int], name: str) -> Header:
-    notes = []
-    if fields.units not in _UNITS:
+def _nifti_place(
+    at: dict[str, Any], shape: tuple[int, int, int], name: str
+) -> tuple[Array, Array, Array, tuple[str, ...]]:
+    """Spacing, origin, direction and notes."""
+    unit, notes = at["units"][0] & 7, []
+    if unit not in _NIFTI_UNITS:
         notes.append("the NIfTI header names no unit of length: millimetres are assumed")
-    scale = _UNITS.get(fields.units, 1.0)
-    pixdim = np.array(fields.pixdim[1:4], dtype=float)
+    scale = _NIFTI_UNITS.get(unit, 1.0)
+    pixdim = np.array(at["pixdim"][1:4], dtype=float)
     spacing = np.where(np.isfinite(pixdim) & (pixdim > 0), scale * pixdim, np.nan)
-    q = s = None
-    if fields.qform_code > 0:
-        q = _from_quaternion(fields.quatern, -1.0 if fields.pixdim[0] < 0 else 1.0, name)
-    if fields.sform_code > 0:
-        s = np.array(fields.srow, dtype=float).reshape(3, 4)
+    q_code, s_code = at["codes"]
+    q_origin = origin = scale * np.array(at["qoffset"], dtype=float)
+    q = direction = _from_quaternion(at, name) if q_code > 0 else np.eye(3)
+    if s_code > 0:
+        s = np.array(at["srow"], dtype=float).reshape(3, 4)
         if not np.all(np.isfinite(s)):
             raise ValueError(f"{name}: the sform of the NIfTI header holds values that are not finite")
-    if s is not None:
-        lengths, direction = unit_columns(s[:, :3])
+        lengths, direction = _unit_columns(s[:, :3])
         lengths, origin = scale * lengths, scale * s[:, 3]
         off = np.abs(lengths - spacing) > _AGREE * lengths
         if np.any(off) or not np.all(lengths > 0):
-            raise ValueError(
-                f"{name}: spacing by sform, {_text(lengths)} mm, and by pixdim, {_text(spacing)} mm, must agree"
+            by_sform, by_pixdim = (
+                f"({', '.join(f'{v:g}' for v in values)}) mm" for values in (lengths, spacing)
             )
-        if q is not None:
-            _check_agree(q, scale * np.array(fields.qoffset), direction, origin, lengths, shape, name)
+            raise ValueError(f"{name}: spacing by sform, {by_sform}, and by pixdim, {by_pixdim}, must agree")
         spacing = lengths
-    elif q is not None:
-        direction, origin = q, scale * np.array(fields.qoffset, dtype=float)
-    else:
+        far = (np.array(shape[::-1]) - 1) * spacing
+        ends = [far * bits for bits in np.ndindex(2, 2, 2)]
+        apart = [
+            np.linalg.norm((q_origin + q @ end) - (origin + direction @ end)) for end in ends if q_code > 0
+        ]
+        if max(apart, default=0.0) > 0.1 * spacing.min():
+            raise ValueError(
+                f"{name}: qform and sform of the NIfTI header place the volume differently, by up to {max(apart):.3g} mm; set the code "
+                "of the one that is wrong to 0"
+            )
+    elif q_code <= 0:
         notes.append(
             f"the NIfTI header says no orientation (qform and sform code 0): {LPS_ASSUMED}, voxel axes along L, P, S, from (0, 0, 0)"
         )
-        return Header(shape, spacing, np.zeros(3), np.eye(3), tuple(notes))
+        return spacing, np.zeros(3), np.eye(3), tuple(notes)
     if not np.all(np.isfinite(origin)):
         raise ValueError(f"{name}: the origin in the NIfTI header is not finite")
-    return Header(shape, spacing, _NIFTI_TO_LPS @ origin, _NIFTI_TO_LPS @ direction, tuple(notes))
+    return spacing, _NIFTI_TO_LPS @ origin, _NIFTI_TO_LPS @ direction, tuple(notes)
 
 
-def _from_quaternion(quatern: tuple[float, ...], handed: float, name: str) -> Array:
-    b, c, d = (float(part) for part in quatern)
+def _from_quaternion(at: dict[str, Any], name: str) -> Array:
+    b, c, d = at["quatern"]
     square = b * b + c * c + d * d
     if not square <= 1.0 + 1e-5:
-        raise ValueError(f"{name}: the quaternion of the NIfTI header is not of length 1, got {quatern}")
+        raise ValueError(
+            f"{name}: the quaternion of the NIfTI header is not of length 1, got {at['quatern']}"
+        )
     if square > 1.0:
         b, c, d = (part / math.sqrt(square) for part in (b, c, d))
     a = math.sqrt(max(1.0 - square, 0.0))
@@ -614,30 +626,4 @@ def _from_quaternion(quatern: tuple[float, ...], handed: float, name: str) -> Ar
             [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - b * b - c * c],
         ]
     )
-    return np.asarray(turn * (1.0, 1.0, handed))
-
-
-def _check_agree(
-    q: Array,
-    q_origin: Array,
-    s: Array,
-    s_origin: Array,
-    spacing: Array,
-    shape: tuple[int, int, int],
-    name: str,
-) -> None:
-    """ValueError where qform and sform put a corner of the volume a tenth of a voxel apart."""
-    far = (np.array(shape[::-1]) - 1) * spacing
-    off = max(
-        float(np.linalg.norm((q_origin + q @ (far * bits)) - (s_origin + s @ (far * bits))))
-        for bits in np.ndindex(2, 2, 2)
-    )
-    if off > 0.1 * spacing.min():
-        raise ValueError(
-            f"{name}: qform and sform of the NIfTI header place the volume differently, by up to {off:.3g} mm; set the code of "
-            "the one that is wrong to 0"
-        )
-
-
-def _text(values: Array) -> str:
-    return "(" + ", ".join(f"{v:g}" for v in values) + ")"
+    return np.asarray(turn * (1.0, 1.0, -1.0 if at["pixdim"][0] < 0 else 1.0))

@@ -1,29 +1,19 @@
-"""The two files of a half-drilled volume: the volume itself, and beside it the exact state of its bone.
-
-What a half-drilled volume's voxels hold, and the bytes of its file.
-
-Half-drilled volumes as DICOM series: derived images, each under the header of the slice that it was made of.
-
-Tags after DICOM PS3.3: General Image (C.7.6.1), Image Pixel (C.7.6.3), SOP Common (C.12.1).
-
-Half-drilled volumes as stacks of PNG slices.
-
-What is looked at before a half-drilled volume is saved.
-
-Half-drilled volumes: saved in the format of the original, for other programs, and reloaded exactly.
-"""
+"""Half-drilled volumes: the exact state of the bone in a file of its own, and beside it the volume as other programs read it."""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
+import io
 import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterator
+import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,29 +22,27 @@ from burrlab._core import VoxelBone
 from burrlab.bone.dicom import (
     IN_FOLDER,
     KINDS,
-    PIXELS,
-    Elements,
     check_slices,
+    dataset,
     dicom_files,
-    elements_of,
-    encoded,
     holds_dicom,
-    padded,
+    is_packed,
+    short_of,
     slice_name,
+    text_of,
     uid_of,
     write_slices,
 )
 from burrlab.bone.formats import (
     ENDINGS,
-    Coding,
-    can_keep_header,
-    check_stored,
+    ending_of,
+    format_of,
+    new_volume,
     read_labels,
-    read_stored,
     read_volume,
-    write_volume,
+    segment_fields,
 )
-from burrlab.bone.header import segment_layers
+from burrlab.bone.header import medical
 from burrlab.bone.image import LabelVolume, OccupancyMap, Volume, same_geometry
 from burrlab.bone.slices import (
     ROWS_ALONG_X,
@@ -66,12 +54,8 @@ from burrlab.bone.slices import (
     read_stack,
 )
 from burrlab.bone.snapshot import FORMAT, FORMAT_VERSION, check_tick, load_bone, open_hdf5, save_bone
-from burrlab.common.files import attributes, check_folder, new_folder, new_part, write_synced
+from burrlab.common.files import attributes, check_folder, new_folder, write_synced
 from burrlab.common.records import UNREADABLE
-
-if TYPE_CHECKING:
-    from PIL import Image
-
 
 KIND = "burrlab drilled volume"
 _LONGEST = 255 - len(".0123456789abcdef.bone.h5.part")
@@ -98,46 +82,28 @@ def sidecar(target: Path, digest: str) -> Path:
     return target.with_name(f"{target.name}.{digest[:16]}.bone.h5")
 
 
-def check_name(target: Path) -> None:
-    """ValueError where a file's name leaves no room for that of the exact state beside it."""
-    if (size := len(os.fsencode(target.name))) > _LONGEST:
-        raise ValueError(
-            f"path must have a name of at most {_LONGEST} bytes, for the exact state to be named after it, got {size}"
-        )
-
-
 def followed(target: Path) -> Path:
     """Where a link leads: its file is replaced, and not the link."""
     return target.resolve() if target.is_symlink() else target
 
 
 def sidecars(target: Path) -> list[Path]:
-    """Those that are there, of whatever content of the volume; of a link, beside it and where it leads."""
-    if target.is_dir():
-        return [target / IN_FOLDER] if (target / IN_FOLDER).is_file() else []
-    return [beside for place in dict.fromkeys((target, followed(target))) for beside in _named(place)]
-
-
-def _named(target: Path) -> list[Path]:
-    head, tail = f"{target.name}.", ".bone.h5"
-    folder = target.parent.resolve()
-    if not folder.is_dir():
-        return []
-    return sorted(
-        path
-        for path in folder.iterdir()
-        if path.name.startswith(head)
-        and path.name.endswith(tail)
-        and len(path.name) == len(head) + 16 + len(tail)
-    )
+    """The exact states beside a file, whatever content of it they belong to; for a link, also those where it leads."""
+    found: list[Path] = []
+    for place in dict.fromkeys((target, followed(target))):
+        folder, name = place.parent.resolve(), re.compile(re.escape(place.name) + r"\..{16}\.bone\.h5")
+        found += (
+            sorted(path for path in folder.iterdir() if name.fullmatch(path.name)) if folder.is_dir() else []
+        )
+    return found
 
 
 def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
     """The exact state that belongs to what a volume holds now, and what it says of itself; errors as `load_drilled`."""
     digest = content_digest(target)
     beside = sidecar(target, digest)
-    if not beside.is_file() and (there := sidecar(followed(target), digest)).is_file():
-        beside = there
+    if not beside.is_file():
+        beside = sidecar(followed(target), digest)
     if not beside.is_file():
         others = ", ".join(other.name for other in sidecars(target))
         found = (
@@ -154,20 +120,11 @@ def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
 
 def is_drilled(target: Path) -> bool:
     """Whether a file or folder is a half-drilled volume as it was saved, and not another one under its name."""
-    if not sidecars(target):
-        return False
     try:
         own_sidecar(target)
     except (ValueError, OSError):
         return False
     return True
-
-
-def replace_whole(target: Path, content: bytes) -> None:
-    """Writes a file that appears, or replaces an older one, when it is whole and on disk."""
-    with new_part(target) as part:
-        write_synced(part, content)
-        part.replace(target)
 
 
 def _told(path: Path) -> dict[str, Any]:
@@ -182,7 +139,7 @@ def _told(path: Path) -> dict[str, Any]:
 
 
 class Changes(NamedTuple):
-    """Which voxels get another value, these values, and of grey ones that of empty."""
+    """Which voxels get another value, these values, and for grey volumes the grey value of empty."""
 
     where: NDArray[np.bool_]
     values: NDArray[np.float64]
@@ -190,7 +147,7 @@ class Changes(NamedTuple):
 
 
 def grey_of_levels(mapping: OccupancyMap) -> NDArray[np.float64]:
-    """Grey value of each level 0 to 255, by the map turned round; of empty, the highest that is empty.
+    """Grey value that the map takes to each level 0 to 255; for level 0, the highest such value.
 
     Raises
     ------
@@ -211,7 +168,7 @@ def grey_of_levels(mapping: OccupancyMap) -> NDArray[np.float64]:
 
 
 def changes(bone: VoxelBone, like: Volume | LabelVolume, mapping: OccupancyMap | None) -> Changes:
-    """Grey values of what lost something, by the map turned round; label 0 where less than half is left."""
+    """What the voxels that lost bone become: the grey value of what is left, or label 0 where less than half is left."""
     density, pristine = bone.density, bone.pristine
     lost = density < pristine
     if isinstance(like, LabelVolume):
@@ -222,84 +179,92 @@ def changes(bone: VoxelBone, like: Volume | LabelVolume, mapping: OccupancyMap |
     return Changes(lost, np.minimum(greys[density[lost]], was), float(greys[0]))
 
 
-def file_ending(target: Path) -> str:
-    """The ending that says the format; ValueError for none of them."""
-    ending = next((e for e in ENDINGS if target.name.lower().endswith(e)), None)
-    if ending is None:
-        raise ValueError(f"path must end in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}, got {target}")
-    return ending
+def coded(
+    greys: NDArray[np.float64],
+    name: str,
+    empty: float | None,
+    kind: np.dtype[Any],
+    slope: float = 1.0,
+    inter: float = 0.0,
+    bits: int | None = None,
+) -> NDArray[Any]:
+    """Grey values slope * stored + inter as a file stores them, to the nearest whole number; `empty` and what is below it, down.
 
-
-def check_header(target: Path, like: Volume | LabelVolume, mapping: OccupancyMap | None) -> None:
-    """ValueError where the header of the original should be kept under other values, and cannot be, or does not hold empty."""
-    if _keeps_ending(target, like):
-        try:
-            coding = check_stored(like.path)
-            coding.check(None if mapping is None else float(grey_of_levels(mapping)[0]), like.path)
-        except ValueError:
-            if is_whole(like):
-                raise
-
-
-def changed_file(target: Path, like: Volume | LabelVolume, changed: Changes) -> bytes:
-    """The bytes of the volume's file with other values, under the header of the original where that can be kept."""
-    ending = file_ending(target)
-    if _keeps_ending(target, like) and is_whole(like):
-        stored = read_stored(like.path)
-        new = stored.values.copy()
-        new[changed.where] = stored.coding.stored(changed.values, like.path, changed.empty)
-        return stored.content(new)
-    part = target.with_name(f".{target.name}.values{ending}")
-    try:
-        write_volume(part, with_changes(like, changed))
-        return part.read_bytes()
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def changed_values(like: Volume | LabelVolume, changed: Changes) -> NDArray[Any]:
-    """The voxels' values, of their type, after the changes."""
-    new = _voxels(like).copy()
-    new[changed.where] = Coding(new.dtype).stored(changed.values, like.path, changed.empty)
-    return new
-
-
-def with_changes(like: Volume | LabelVolume, changed: Changes) -> Volume | LabelVolume:
-    """The volume with these values."""
-    new = changed_values(like, changed)
-    return replace(like, labels=new) if isinstance(like, LabelVolume) else replace(like, values=new)
-
-
-def _keeps_ending(target: Path, like: Volume | LabelVolume) -> bool:
-    return can_keep_header(like.path) and like.path.lower().endswith(file_ending(target))
-
-
-def is_whole(like: Volume | LabelVolume) -> bool:
-    """Whether the volume is what its file holds, in one layer, not cropped, resampled or changed."""
-    if like.path.lower().endswith(".nrrd") and segment_layers(like.path)[0] > 1:
-        return False
-    read = read_volume if isinstance(like, Volume) else read_labels
-    try:
-        whole = read(like.files or like.path, spacing=like.spacing)
-    except ValueError:  # another spacing than the file's
-        return False
-    return same_geometry(whole, like) and np.array_equal(_voxels(whole), _voxels(like))
+    ValueError if one, or that of empty (of labels 0), is beyond what numbers of this kind, or of so many bits of it, can hold.
+    """
+    greys = np.append(greys, empty or 0.0)
+    found, real, whole = (greys - inter) / slope, kind.kind == "f", 8 * kind.itemsize
+    if not real:
+        nearest = np.rint(found)
+        if empty is not None:  # rounded up, it would not be empty
+            down = np.floor(found + 1e-9) if slope > 0 else np.ceil(found - 1e-9)
+            nearest = np.where(greys <= empty, down, nearest)
+        found = nearest
+    used, limits = bits or whole, np.finfo(kind) if real else np.iinfo(kind)
+    least, most = (end if real else int(end) >> (whole - used) for end in (limits.min, limits.max))
+    beyond = (found < least) | (found > most)
+    if beyond.any():
+        grey, held = "labels must have a 0", f"{kind.newbyteorder('=')}"
+        if empty is not None:
+            grey = "map must have a grey value of empty"
+        if (slope, inter, used) != (1, 0, whole):
+            low, high = sorted(slope * float(end) + inter for end in (least, most))
+            held += f", {low:g} to {high:g}"
+        raise ValueError(
+            f"{grey} that {name} can hold, for what was removed to have one: it holds {held}, got {greys[beyond][0]:g}"
+        )
+    return found[:-1].astype(kind)
 
 
 def _voxels(like: Volume | LabelVolume) -> NDArray[Any]:
     return like.labels if isinstance(like, LabelVolume) else like.values
 
 
-_TYPE, _CLASS, _INSTANCE, _SERIES = 0x00080008, 0x00080016, 0x00080018, 0x0020000E
-_SAID, _SOURCES = 0x00082111, 0x00082112  # DerivationDescription, SourceImageSequence
-_ITEM = 0xFFFEE000
+def changed_values(like: Volume | LabelVolume, changed: Changes) -> NDArray[Any]:
+    """The voxels' values, of their type, after the changes."""
+    new = _voxels(like).copy()
+    new[changed.where] = coded(changed.values, like.path, changed.empty, new.dtype)
+    return new
+
+
+def kept_fields(target: Path, like: Volume | LabelVolume) -> dict[str, str]:
+    """What the file of the original says beyond its geometry, where the new one is of its format."""
+    kept = format_of(target.name)
+    if kept is None:
+        return {}
+    header = None
+    if kept is format_of(like.path):
+        with contextlib.suppress(ValueError, OSError):  # it is another file by now
+            header, _ = kept.read(like.path)
+    fields = {} if header is None else {key: text for key, text in header.fields.items() if text}
+    whole = header is not None and header.shape == like.shape and header.layers <= 1
+    if kept.keeps_labels and isinstance(like, LabelVolume) and not whole:  # extents and layers are others
+        own = segment_fields(like.labels, like.names, like.colours)
+        fields = {key: text for key, text in fields.items() if not key.startswith("Segment")} | own
+    return fields
+
+
 #: What no longer holds: when the instance was made, least and highest pixel of image and series, icon, signatures; where packed
 #: pixels begin and end.
 _STALE = (
     0x00080012, 0x00080013, 0x00280106, 0x00280107, 0x00280108, 0x00280109, 0x00880200, 0x4FFE0001, 0xFFFAFFFA, 0x7FE00001,
     0x7FE00002,
 )  # fmt: skip
+#: Transfer syntax by whether types are implicit, and whether bytes are little-endian.
+_NOT_PACKED = {
+    (True, True): "1.2.840.10008.1.2", (False, True): "1.2.840.10008.1.2.1", (False, False): "1.2.840.10008.1.2.2",
+}  # fmt: skip
 _DERIVATION = "burrlab: half-drilled; what was removed has the grey value of empty"
+
+
+def is_whole(like: Volume | LabelVolume) -> bool:
+    """Whether a volume is what its DICOM slices hold, not cropped, resampled or changed."""
+    read = read_volume if isinstance(like, Volume) else read_labels
+    try:
+        whole = read(like.files, spacing=like.spacing)
+    except ValueError:  # another spacing than the files'
+        return False
+    return same_geometry(whole, like) and np.array_equal(_voxels(whole), _voxels(like))
 
 
 def check_series(like: Volume | LabelVolume, empty: float | None) -> None:
@@ -310,119 +275,88 @@ def check_series(like: Volume | LabelVolume, empty: float | None) -> None:
         except ValueError as error:
             raise ValueError(f"{error}; the ending of another format, as .nrrd, saves it as that") from None
         return
-    for name, _, _, coding in _slices(like):
-        coding.check(empty, name)
+    for _ in _derived(like, Changes(np.zeros(like.shape, bool), np.empty(0), empty)):
+        pass
 
 
-def write_series(
-    target: Path,
-    like: Volume | LabelVolume,
-    changed: Changes,
-    beside: Callable[[Path, str], None],
-) -> None:
-    """Writes a folder of slices, which appears when it is whole.
+def _derived(like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str, bytes]]:
+    """Each slice under its own data set, as a derived image of a new series (PS3.3, C.7.6.1 and C.12.1)."""
+    import pydicom
 
-    Parameters
-    ----------
-    target : Path
-        A folder that is not yet there.
-    like : Volume or LabelVolume
-        Read of DICOM slices. Their headers are kept where it is whole; else `write_dicom` makes new ones.
-    changed : Changes
-    beside : callable
-        Called with the folder before it appears and the digest of its slices.
-    """
-    with new_folder(target) as part:
-        if is_whole(like):
-            _write_again(part, like, changed)
-        else:
-            write_slices(part, _grey(like, changed.empty, changed))
-        beside(part, content_digest(part))
-
-
-def _write_again(folder: Path, like: Volume | LabelVolume, changed: Changes) -> None:
-    counts = np.count_nonzero(changed.where, axis=(1, 2))
-    ends = np.concatenate([[0], np.cumsum(counts)])
+    ends = np.concatenate([[0], np.cumsum(np.count_nonzero(changed.where, axis=(1, 2)))])
     series = hashlib.sha256(np.packbits(changed.where).tobytes() + changed.values.tobytes())
-    for k, (name, elements, stored, coding) in enumerate(_slices(like)):
+    for k, (name, plane) in enumerate(zip(like.files, _voxels(like), strict=True)):
+        found = dataset(name)
+        source = text_of(found, "SOPInstanceUID")
         if k == 0:
-            series.update(elements.text(_SERIES).encode() + elements.text(_INSTANCE).encode())
-        values = changed.values[ends[k] : ends[k + 1]]
-        stored[changed.where[k]] = coding.stored(values, name, changed.empty)
-        source = elements.text(_INSTANCE)
-        own = uid_of(series.digest() + source.encode() + b"%d" % k)
-        content = elements.changed(
-            {
-                **dict.fromkeys(_STALE),
-                _TYPE: (b"CS", padded("\\".join(["DERIVED", "SECONDARY", *elements.text(_TYPE).split("\\")[2:]]))),
-                _INSTANCE: (b"UI", padded(own, b"\0")),
-                _SERIES: (b"UI", padded(uid_of(series.digest()), b"\0")),
-                _SAID: (b"ST", padded(_DERIVATION)),
-                _SOURCES: (b"SQ", _reference(elements)),
-                PIXELS: _pixels(elements, stored),
-            },
-            own,
-        )  # fmt: skip
-        write_synced(folder / slice_name(k), content)
+            series.update(text_of(found, "SeriesInstanceUID").encode() + source.encode())
+        stored, coding = _stored(found, plane, name)
+        stored[changed.where[k]] = coded(changed.values[ends[k] : ends[k + 1]], name, changed.empty, *coding)
+        content, own = stored.tobytes(), uid_of(series.digest() + source.encode() + b"%d" % k)
+        kind = "OW" if is_packed(found) else found.get_item("PixelData").VR
+        written = io.BytesIO()
+        try:
+            with pydicom.config.disable_value_validation(), warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                found.file_meta.TransferSyntaxUID = _NOT_PACKED[found.original_encoding]
+                reference = pydicom.Dataset()
+                reference.ReferencedSOPClassUID = text_of(found, "SOPClassUID")
+                reference.ReferencedSOPInstanceUID = source
+                found.ImageType = ["DERIVED", "SECONDARY", *text_of(found, "ImageType").split("\\")[2:]]
+                found.SOPInstanceUID = found.file_meta.MediaStorageSOPInstanceUID = own
+                found.SeriesInstanceUID = uid_of(series.digest())
+                found.DerivationDescription, found.SourceImageSequence = _DERIVATION, [reference]
+                found["PixelData"] = pydicom.DataElement(
+                    "PixelData", kind or "OW", content + b"\0" * (len(content) % 2)
+                )
+                for tag in _STALE:
+                    found.pop(tag, None)
+                found.save_as(written, enforce_file_format=not found.preamble)
+        except Exception:
+            raise ValueError(
+                f"{name}: the DICOM file cannot be taken apart, so its header cannot be kept"
+            ) from None
+        yield slice_name(k), written.getvalue()
 
 
-def _reference(elements: Elements) -> bytes:
-    """The one item of a sequence that names the instance that this one is derived from."""
-    syntax = elements.unpacked
-    pairs = ((0x00081150, elements.text(_CLASS)), (0x00081155, elements.text(_INSTANCE)))
-    item = b"".join(encoded(tag, b"UI", padded(uid, b"\0"), syntax) for tag, uid in pairs)
-    return encoded(_ITEM, b"", item, syntax)
-
-
-def _pixels(elements: Elements, stored: NDArray[Any]) -> tuple[bytes, bytes]:
-    content = stored.tobytes()
-    kind = b"OW" if elements.packed else elements.data[PIXELS].kind
-    return kind, content + b"\0" * (len(content) % 2)
-
-
-def _slices(
-    like: Volume | LabelVolume,
-) -> Iterator[tuple[str, Elements, NDArray[Any], Coding]]:
-    """Of each slice its file, the elements, the numbers that it stores, and how these are grey values."""
-    for name, plane in zip(like.files, _values(like), strict=True):
-        elements = elements_of(Path(name).read_bytes(), name)
-        yield name, elements, *_stored(elements, plane, name)
-
-
-def _stored(elements: Elements, plane: NDArray[Any], name: str) -> tuple[NDArray[Any], Coding]:
-    whole, used, top = (elements.short(tag) for tag in (0x00280100, 0x00280101, 0x00280102))
+def _stored(
+    found: Any, plane: NDArray[Any], name: str
+) -> tuple[NDArray[Any], tuple[np.dtype[Any], float, float, int]]:
+    """The numbers that a slice stores, and how `coded` has them."""
+    whole, used, top = (short_of(found, key) for key in ("BitsAllocated", "BitsStored", "HighBit"))
     if whole not in (8, 16, 32) or not 0 < used <= whole or top != used - 1:
         raise ValueError(
             f"{name}: the DICOM file must store whole numbers of 8, 16 or 32 bits to keep its header, got {whole} bits allocated, "
             f"{used} stored, the highest at {top}"
         )
-    if whole == 8 and elements.order == ">":
+    order = "<" if found.original_encoding[1] else ">"
+    if whole == 8 and order == ">":
         raise ValueError(
             f"{name}: 8 bits a pixel in big-endian words cannot be kept: convert the series first"
         )
-    kind = np.dtype(f"{elements.order}{'i' if elements.short(0x00280103) == 1 else 'u'}{whole // 8}")
-    scale = elements.number(0x00281053, 1.0), elements.number(0x00281052, 0.0)
+    kind = np.dtype(f"{order}{'i' if short_of(found, 'PixelRepresentation') == 1 else 'u'}{whole // 8}")
+    scale = [1.0, 0.0]
+    with contextlib.suppress(ValueError):
+        scale = [
+            float(text_of(found, f"Rescale{key}") or one) for key, one in (("Slope", 1), ("Intercept", 0))
+        ]
     for slope, inter in (scale, (1.0, 0.0)):  # the reader leaves the scale of some kinds of images alone
         if slope == 0 or not (math.isfinite(slope) and math.isfinite(inter)):
             continue
-        if elements.packed:
+        if is_packed(found):
             stored = np.rint((plane.astype(np.float64) - inter) / slope).astype(kind)
         else:
-            content = elements.data[PIXELS].value if PIXELS in elements.data else b""
+            content = found.get_item("PixelData").value
             if len(content) < plane.size * kind.itemsize:
                 break
             stored = np.frombuffer(content, kind, plane.size).reshape(plane.shape).copy()
         spare = whole - used  # bits above those that are used may hold anything
-        found = ((stored << spare) >> spare) * slope + inter
-        if np.allclose(found, plane, rtol=1e-6, atol=1e-3 * abs(slope)):
-            return stored, Coding(kind, slope, inter, used)
+        again = ((stored << spare) >> spare) * slope + inter
+        if np.allclose(again, plane, rtol=1e-6, atol=1e-3 * abs(slope)):
+            return stored, (kind, slope, inter, used)
     raise ValueError(
         f"{name}: the pixels of the DICOM file are not the values that were read of it, so its header cannot be kept"
     )
-
-
-def _values(like: Volume | LabelVolume) -> NDArray[Any]:
-    return like.labels if isinstance(like, LabelVolume) else like.values
 
 
 def _grey(like: Volume | LabelVolume, empty: float | None, changed: Changes | None = None) -> Volume:
@@ -430,7 +364,7 @@ def _grey(like: Volume | LabelVolume, empty: float | None, changed: Changes | No
 
     Whole grey values that became fractions on other voxels are rounded.
     """
-    own = _values(like)
+    own = _voxels(like)
     if isinstance(like, Volume) and own.dtype.kind == "f":
         original = read_volume(list(like.files))
         if original.values.dtype.kind in "iu" and not np.allclose(original.spacing, like.spacing, rtol=1e-6):
@@ -455,91 +389,31 @@ def stack_slices(path: str) -> Slices | None:
     return None
 
 
-def check_whole_stack(slices: Slices, like: Volume | LabelVolume) -> None:
-    """ValueError unless a volume has the voxels of the stack."""
-    turned = ROWS_ALONG_X in like.notes
-    sides = (slices.columns, slices.rows) if turned else (slices.rows, slices.columns)
-    if (len(slices.paths), *sides) != like.shape:
-        raise ValueError(
-            f"{like.path}: a stack must be whole to be saved as one, {(len(slices.paths), *sides)} voxels, got {like.shape}"
-        )
-
-
-def write_stack(
-    target: Path,
-    slices: Slices,
-    like: Volume | LabelVolume,
-    changed: Changes,
-    beside: Callable[[Path, str], None],
-) -> None:
-    """Writes a folder of slices of the same names, sizes and kind, which appears when it is whole.
-
-    Parameters
-    ----------
-    target : Path
-        A folder that is not yet there.
-    slices : Slices
-        Of the original.
-    like : Volume or LabelVolume
-        Read of them.
-    changed : Changes
-        Of coloured slices they become transparent (black, without transparency).
-    beside : callable
-        Called with the folder before it appears and the digest of its slices.
-    """
-    new = changed_values(like, changed) if isinstance(like, Volume) else None
-    with new_folder(target) as part:
-        for k, path in enumerate(slices.paths):
-            here, plane = changed.where[k], None if new is None else new[k]
-            if ROWS_ALONG_X in like.notes:
-                here, plane = here.T, None if plane is None else plane.T
-            _write_slice(path, part / path.name, slices, here, plane)
-        if Path(like.path).is_file():
-            _write_description(Path(like.path), part)
-        beside(part, content_digest(part))
-
-
-def _write_slice(
-    path: Path, copy: Path, slices: Slices, where: NDArray[np.bool_], plane: NDArray[Any] | None
-) -> None:
-    with copy.open("wb") as file:
-        if not where.any() and slices.kind != "palette" and slices.bits >= 8:  # others change their kind
-            file.write(path.read_bytes())
-        else:
-            _draw(path, slices.kind, where, plane).save(file, format="PNG", compress_level=3)
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def _draw(path: Path, kind: str, where: NDArray[np.bool_], plane: NDArray[Any] | None) -> Image.Image:
+def _drawn(slices: Slices, like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str, bytes]]:
+    """Slices of the same names, sizes and kind, the changed voxels of coloured ones transparent (black, without transparency)."""
     from PIL import Image
 
-    image = pixels(path).copy()
-    if plane is None:
-        image[where] = 0
-        image[image[..., 3] == 0] = 0  # without transparency nothing else says that they are empty
-    elif image.ndim == 2:
-        image[...] = plane
-    else:
-        image[..., :3] = plane[..., None]
-    return Image.fromarray(image[..., :3] if kind == "RGB" else image)
+    new = changed_values(like, changed) if isinstance(like, Volume) else None
+    turn = (1, 0) if ROWS_ALONG_X in like.notes else (0, 1)
+    for k, path in enumerate(slices.paths):
+        image, written = pixels(path).copy(), io.BytesIO()
+        if new is None:
+            image[changed.where[k].transpose(turn)] = 0
+            image[image[..., 3] == 0] = 0  # without transparency nothing else says that they are empty
+        elif image.ndim == 2:
+            image[...] = new[k].transpose(turn)
+        else:
+            image[..., :3] = new[k].transpose(turn)[..., None]
+        made = Image.fromarray(image[..., :3] if slices.kind == "RGB" else image)
+        made.save(written, format="PNG", compress_level=3)
+        yield path.name, written.getvalue()
+    if Path(like.path).is_file():  # the YAML file of the original, with the slices beside it
+        import yaml
 
-
-def _write_description(path: Path, folder: Path) -> None:
-    """The YAML file of the original, with the slices beside it; comments go where its style is not that of the simulator's."""
-    import yaml
-
-    text, copy = path.read_text(encoding="utf-8"), folder / path.name
-    block = re.search(r"^(\s*)images:[^\n]*\n(?:\1\s+[^\n]*\n?|\s*\n)*", text, flags=re.MULTILINE)
-    if block is not None:
-        own = re.sub(r"^(\s*path:)[^\n]*", r"\g<1> ./", block[0], count=1, flags=re.MULTILINE)
-        copy.write_text(text[: block.start()] + own + text[block.end() :], encoding="utf-8")
-        if read_description(copy, unit=1.0).folder.resolve() == folder.resolve():
-            return
-    content = yaml.safe_load(text)
-    (named,) = (name for name in content if str(name).startswith("VOLUME "))  # as read_description has it
-    content[named]["images"]["path"] = "./"
-    copy.write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
+        content = yaml.safe_load(Path(like.path).read_text(encoding="utf-8"))
+        (named,) = (name for name in content if str(name).startswith("VOLUME "))  # as read_description has it
+        content[named]["images"]["path"] = "./"
+        yield Path(like.path).name, yaml.safe_dump(content, sort_keys=False, allow_unicode=True).encode()
 
 
 def check_drilled(
@@ -558,29 +432,32 @@ def check_drilled(
         raise ValueError(f"mapping must be given: that with which the bone was made of {like.path}")
     else:
         empty = float(grey_of_levels(mapping)[0])
-        Coding(like.values.dtype).check(empty, like.path)
-    if is_series(target, like):
-        if target.suffix.lower() in (".dcm", ".dicom", ".ima"):
-            raise ValueError(f"path must be a new folder for a DICOM series, and not one file, got {target}")
-        _check_new_folder(target)
-        check_series(like, empty)
-        return None
-    slices = None if target.name.lower().endswith(ENDINGS) else stack_slices(like.path)
-    if slices is None:
-        file_ending(target)
-        check_name(target)
+        coded(np.empty(0), like.path, empty, like.values.dtype)
+    series = is_series(target, like)
+    slices = None if series or target.name.lower().endswith(ENDINGS) else stack_slices(like.path)
+    if not series and slices is None:
+        ending_of(target, f"{', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}")
+        if (size := len(os.fsencode(target.name))) > _LONGEST:
+            raise ValueError(
+                f"path must have a name of at most {_LONGEST} bytes, for the exact state to be named after it, got {size}"
+            )
+        medical("SimpleITK", "writing volumes")
         if target.exists() and not is_drilled(target):
             raise FileExistsError(f"path must be a new file or one of save_drilled, {target} is neither")
-        check_header(target, like, mapping)
         return None
-    check_whole_stack(slices, like)
-    _check_new_folder(target)
-    return slices
-
-
-def _check_new_folder(target: Path) -> None:
+    if series and target.suffix.lower() in (".dcm", ".dicom", ".ima"):
+        raise ValueError(f"path must be a new folder for a DICOM series, and not one file, got {target}")
     if target.exists():
         raise FileExistsError(f"path must be a new folder, {target} is there")
+    if slices is None:
+        check_series(like, empty)
+        return None
+    sides = (slices.columns, slices.rows) if ROWS_ALONG_X in like.notes else (slices.rows, slices.columns)
+    if (shape := (len(slices.paths), *sides)) != like.shape:
+        raise ValueError(
+            f"{like.path}: a stack must be whole to be saved as one, {shape} voxels, got {like.shape}"
+        )
+    return slices
 
 
 def is_series(target: Path, like: Volume | LabelVolume) -> bool:
@@ -604,13 +481,10 @@ def check_place(bone: VoxelBone, like: Volume | LabelVolume) -> None:
 
 
 def check_original(bone: VoxelBone, like: Volume | LabelVolume) -> None:
-    """A half-drilled volume will do for the original while nothing grew on it since."""
-    source = Path(like.path)
-    if not source.exists() or not sidecars(source):
-        return
+    """ValueError if `like` is itself half-drilled and has less than the bone."""
     try:
-        beside, _ = own_sidecar(source)
-    except ValueError:
+        beside, _ = own_sidecar(Path(like.path))
+    except (ValueError, OSError):
         return
     before, _ = load_bone(beside)
     if before.shape == bone.shape and (more := int(np.count_nonzero(bone.density > before.density))):
@@ -674,7 +548,7 @@ def save_drilled(
     Parameters
     ----------
     path : path-like
-        With the ending of the original, for its header to be kept: .nrrd (.seg.nrrd), .nii, .nii.gz, .mha. For a stack of PNG
+        With the ending of the original, for its fields to be kept: .nrrd (.seg.nrrd), .nii, .nii.gz, .mha. For a stack of PNG
         slices or a DICOM series, a new folder.
     bone : VoxelBone
         On the voxels of `like`.
@@ -688,10 +562,11 @@ def save_drilled(
     Raises
     ------
     ValueError
-        If bone and volume are on different voxels, the map is missing, given for labels, cannot be turned round or has a grey
-        value of empty that the file cannot store, the path is the original's, its ending is none of these, its name is too long, the header
-        cannot be kept (values as text, or in another place than right behind it), the tick out of range, or `like` is itself
-        half-drilled and has less than the bone.
+        If bone and volume are on different voxels; the map is missing, given for labels, falls, or has a grey value of empty that
+        the file cannot store; the path is the original's, its ending is none of these or its name is too long; the tick is out
+        of range; the data set of a slice cannot be kept; or `like` is itself half-drilled and has less than the bone.
+    ImportError
+        Without SimpleITK, or of a DICOM series pydicom (extra `medical`).
     FileExistsError
         If there is something else under that name.
     FileNotFoundError
@@ -702,12 +577,12 @@ def save_drilled(
     Notes
     -----
     Voxels of which nothing was removed keep their value to the bit, but for a resampled DICOM series: its slices hold whole numbers.
-    The others get the grey value that the map gives for what is left of them, and never a higher one than they had; nothing left is the grey value of empty. Of labels alone, a voxel of
-    which less than half is left gets label 0. The header is that of the original file, byte by byte, where `like` is that file's
-    whole volume; a cropped or resampled one, and a segmentation in several layers, gets a new header, of NRRD with the names and
-    colours of its labels. Slices of a DICOM series are
-    derived images of a new series, of the same study: UIDs, image type and derivation are theirs, all else is that of the slice that
-    they were made of.
+    The others get the grey value that the map gives for what is left of them, and never a higher one than they had; nothing left
+    is the grey value of empty. Of labels alone, a voxel of which less than half is left gets label 0.
+
+    The file is written as `write_volume` writes, with what the original says beyond its geometry: keys and values of NRRD, the
+    description of NIfTI, fields of MetaImage that are not its own. Slices of a DICOM series are derived images of a new series, of
+    the same study: UIDs, image type and derivation are theirs, all else is that of the slice that they were made of.
 
     Beside `NAME` lies `NAME.<digest>.bone.h5` (in a stack's folder, `bone.h5`), a bone as `save_bone` writes it. It is written
     first, and bears the digest of the volume it belongs to: whoever is killed in between leaves the old pair or the new one.
@@ -728,25 +603,28 @@ def save_drilled(
     def beside(where: Path, digest: str) -> None:
         save_bone(where, bone, tick, source=json.dumps({**told, "sha256": digest}))
 
-    def in_folder(folder: Path, digest: str) -> None:
-        beside(folder / IN_FOLDER, digest)
-
-    if slices is not None:
-        write_stack(target, slices, like, changed, in_folder)
+    if slices is not None or is_series(target, like):
+        with new_folder(target) as part:
+            if slices is None and not is_whole(like):
+                write_slices(part, _grey(like, changed.empty, changed))
+            else:
+                made = _derived(like, changed) if slices is None else _drawn(slices, like, changed)
+                for name, content in made:
+                    write_synced(part / name, content)
+            beside(part / IN_FOLDER, content_digest(part))
         return
-    if is_series(target, like):
-        write_series(target, like, changed, in_folder)
-        return
+    new = changed_values(like, changed)
     if isinstance(like, LabelVolume):  # what the table says where the file said nothing, for a new header
         names, colours = ({t.label: getattr(t, of) for t in bone.tissues or ()} for of in ("name", "colour"))
-        like = replace(like, names=names | like.names, colours=colours | like.colours)
-    content = changed_file(target, like, changed)
-    digest = hashlib.sha256(content).hexdigest()
-    own = sidecar(target, digest)
-    before = [other for other in sidecars(target) if other.name != own.name]
-    beside(own, digest)
-    replace_whole(target, content)  # from here on the new pair counts
-    for other in before:
+        like = replace(like, labels=new, names=names | like.names, colours=colours | like.colours)
+    else:
+        like = replace(like, values=new)
+    with new_volume(target, like, kept_fields(target, like)) as part:
+        digest = content_digest(part)
+        own = sidecar(target, digest)
+        before = [other for other in sidecars(target) if other.name != own.name]
+        beside(own, digest)
+    for other in before:  # the new pair counts since the file was replaced
         other.unlink(missing_ok=True)
 
 

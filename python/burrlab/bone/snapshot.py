@@ -1,4 +1,4 @@
-"""A bone in the middle of its life, kept in a file: present and pristine levels, and how many ticks it has seen."""
+"""The exact state of a bone in an HDF5 file: present and pristine levels, tissues and tick; and how damaged files are read safely."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def save_bone(path: str | os.PathLike[str], bone: VoxelBone, tick: int = 0, *, s
     tick : int
         Ticks executed on it so far: part of its state, because the next tick's random numbers follow from it.
     source : str
-        Where the volume comes from, kept with it.
+        Where the volume comes from; it is kept in the file.
 
     Raises
     ------
@@ -228,7 +228,11 @@ def _unfiltered(content: bytes, filters: list[int], found: h5py.Dataset, where: 
 def write_bone(group: h5py.Group, bone: VoxelBone, tick: int, *, source: str = "") -> None:
     """Puts a bone into a group: `density`, and `pristine` and `tissue` where there are any, (z, y, x) uint8."""
     density, pristine = bone.density, bone.pristine
-    packed: dict[str, Any] = {"chunks": _chunk(bone.shape), "compression": "gzip", "compression_opts": 1}
+    packed: dict[str, Any] = {
+        "chunks": tuple(min(64, side) for side in bone.shape),
+        "compression": "gzip",
+        "compression_opts": 1,
+    }
     group.create_dataset("density", data=density, **packed)
     if not np.array_equal(density, pristine):
         group.create_dataset("pristine", data=pristine, **packed)
@@ -291,7 +295,3 @@ def tissues_from_json(text: str) -> Tissues:
 def check_tick(tick: int) -> None:
     if not 0 <= operator.index(tick) < 2**64:
         raise ValueError(f"tick must be a whole number from 0 and below 2^64, got {tick}")
-
-
-def _chunk(shape: tuple[int, int, int]) -> tuple[int, ...]:
-    return tuple(min(64, side) for side in shape)

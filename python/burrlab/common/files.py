@@ -1,10 +1,6 @@
-"""Files and folders that are made anew: where, and that a folder appears when it is whole.
+"""Files that appear when they are whole, are locked or are on disk; HDF5 files that a full disk or damage cannot turn into a crash.
 
-HDF5 files: new ones, where a full disk is an OSError and no more; and what hangs libhdf5 in damaged ones.
-
-What a reader of a bone or trace asks libhdf5 for, in a process of its own: a file that hangs or crashes it does so here.
-
-Files that one process at a time writes, to the disk.
+Run as a script, it asks libhdf5 for what a reader would, so that a damaged file hangs or crashes that process and no other.
 """
 
 from __future__ import annotations
@@ -34,7 +30,7 @@ _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 
 
 def check_folder(target: Path) -> None:
-    """FileNotFoundError or PermissionError where nothing can be made beside a path, before there is anything to lose."""
+    """FileNotFoundError or PermissionError where no file can be made beside a path."""
     folder = target.resolve().parent
     if not folder.is_dir():
         raise FileNotFoundError(f"folder must exist, got {folder}")
@@ -43,7 +39,7 @@ def check_folder(target: Path) -> None:
 
 
 def kept_elsewhere(path: str, name: str, write: Callable[[str], object]) -> str | None:
-    """Where else something could be written: beside its path, or under a name among temporary files; None: nowhere."""
+    """Where else something was written: beside its path, or among temporary files; None if it could be nowhere."""
     beside, folder = f"{path}{Path(name).suffix}", ""
     if not os.path.lexists(beside) and (
         os.path.isfile(path) or not os.path.exists(path)
@@ -63,7 +59,7 @@ def kept_elsewhere(path: str, name: str, write: Callable[[str], object]) -> str 
 
 
 def lock(file: int, taken: str, *, wait: bool = False) -> None:
-    """Takes the lock of an open file or folder; it ends when that is closed, and with the process, however that ends.
+    """Takes the lock of an open file or folder, which ends when that is closed and with the process.
 
     Raises
     ------
@@ -80,9 +76,9 @@ def lock(file: int, taken: str, *, wait: bool = False) -> None:
 
 @contextlib.contextmanager
 def new_part(target: Path, ending: str = "") -> Iterator[Path]:
-    """A new, empty file beside a path, of a name that nobody else has, to be moved there once it is whole; else it is gone.
+    """A new, empty file beside a path, under a name of its own, to be moved to the path once it is whole; else it is removed.
 
-    A kill leaves it behind, and it stands in nobody's way. OSError where it cannot be made.
+    A process that is killed leaves it behind. OSError where it cannot be made.
     """
     check_folder(target)
     part = target.with_name(f".{target.name[:40]}.{os.getpid()}-{secrets.token_hex(4)}.part{ending}")
@@ -98,7 +94,7 @@ def new_part(target: Path, ending: str = "") -> Iterator[Path]:
 
 @contextlib.contextmanager
 def new_folder(target: Path) -> Iterator[Path]:
-    """A folder to be filled, which gets its name at the end, and is gone after an error; OSError where it cannot be made."""
+    """A folder to be filled, which gets its name at the end and is removed after an error; OSError where it cannot be made."""
     part = target.with_name(f".{target.name}.part")
     part.mkdir(exist_ok=True)
     descriptor = os.open(part, os.O_RDONLY | _NO_LINK)
@@ -145,8 +141,8 @@ def new_hdf5(path: str | os.PathLike[str], **options: Any) -> Iterator[h5py.File
 
     Notes
     -----
-    libhdf5 writes much of a file when it is closed, and where that fails, leaves its memory in disorder: processes crash at
-    once or at their end. So it is told of no error, and the first is raised when it has done.
+    libhdf5 writes much of a file when it is closed. Where that fails it leaves its memory in disorder, and the process crashes
+    at once or at its end. So libhdf5 is told of no error, and the first one is raised when the file is closed.
 
     The format of HDF5 1.10 has checksums on all that describes the data but texts of no fixed length: `put_attributes`.
     """
@@ -178,7 +174,7 @@ def put_attributes(item: h5py.Group | h5py.Dataset, values: Mapping[str, Any]) -
 
 
 def attributes(item: h5py.Group | h5py.Dataset) -> dict[str, Any]:
-    """All of them, texts of a fixed length or not as str."""
+    """All attributes, texts as str."""
     for name in item.attrs:
         check_heap(item, item.attrs.get_id(name).dtype)
     return {
@@ -195,7 +191,7 @@ def check_heap(item: h5py.Group | h5py.Dataset, dtype: Any) -> None:
 
 def check_walk(path: str | os.PathLike[str]) -> None:
     """ValueError where libhdf5 hangs or crashes in a file, as it does in damaged ones without checksums."""
-    command = [sys.executable, "-P", str(Path(__file__).with_name("hdf5_walk.py")), os.fspath(path)]
+    command = [sys.executable, "-P", __file__, os.fspath(path)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
     with contextlib.suppress(subprocess.TimeoutExpired):
         if not subprocess.run(
@@ -237,7 +233,7 @@ _MEMORY, _TIME = 4 << 30, 2  # that the process may have [bytes], and of the pro
 
 
 def walk(item: Any, depth: int = 0) -> None:
-    """Attributes, members, and where each chunk lies; values of what is small."""
+    """Asks for attributes, members, the place of each chunk, and the values of small datasets."""
     dict(item.attrs.items())
     if hasattr(item, "keys"):
         for name in ["none", *itertools.islice(item, 1000 if depth < 4 else 0)]:
@@ -279,7 +275,7 @@ def locked(file: int, path: Path, *, wait: bool = False) -> Iterator[None]:
 
 
 def synced_write(file: int, path: Path, text: bytes) -> None:
-    """All of the text behind what is there, on the disk, or none of it.
+    """Appends all of the text to a file, on disk, or none of it.
 
     Raises
     ------

@@ -14,6 +14,7 @@ from session_scenes import small_bone
 from view_scenes import frames_in, read, write_trace
 
 import burrlab
+import burrlab.cli.view as cli_view
 from burrlab.bone.snapshot import save_bone
 from burrlab.cli import main
 from burrlab.effects.effects import effects_of
@@ -90,11 +91,8 @@ def test_pictures_of_a_trace_go_through_the_entry(trace, tmp_path, capsys):
 
 
 def test_effects_have_dust_and_water(trace, capsys, monkeypatch):
-    import burrlab.view.web as web
-
     served = {}
-    monkeypatch.setattr(web, "check_page", lambda **_: None)
-    monkeypatch.setattr(web, "serve", lambda source, **options: served.update(options))
+    monkeypatch.setattr(cli_view, "serve", lambda source, **options: served.update(options))
     assert call(capsys, trace, "--web", "--effects")[0] == 0
     list(effects_of(TracePlayer(burrlab.load_trace(trace)), served["effects"]))
     balance = served["effects"].balance()
@@ -258,22 +256,18 @@ def test_missing_libraries_are_one_sentence(trace, tmp_path):
 
 
 def test_depth_is_mapped_along_the_axis_that_shows_the_opening():
-    from burrlab.cli.view import _widest_opening
-
     for start, axis in (((10, 10, 8.5), "-z"), ((-0.5, 10, 4), "x"), ((10, 20.5, 4), "-y")):
         bone = burrlab.VoxelBone.block((20, 20, 8), 0.5)
         burrlab.BurrContact(bone, burrlab.Burr(2.5), burrlab.materials["bone"], 1).run([start] * 100, 1.0)
         assert bone.removed > 0
-        assert _widest_opening(bone) == axis
+        assert cli_view._widest_opening(bone) == axis
 
 
 def test_a_narrow_depth_map_leaves_no_empty_half(tmp_path):
-    from burrlab.cli.view import _write_pictures
-
     bone = burrlab.VoxelBone.block((20, 20, 8), 0.5)
     contact = burrlab.BurrContact(bone, burrlab.Burr(2.5), burrlab.materials["bone"], 1)
     contact.run([(10, y, 8.5) for y in np.linspace(3, 17, 400)], 1.0)
-    _write_pictures(str(tmp_path / "a.png"), bone, (10, 10, 7), [], [], {"written": []})
+    cli_view._write_pictures(str(tmp_path / "a.png"), bone, (10, 10, 7), "")
     picture = read(tmp_path / "a-depth.png")
     inked = np.flatnonzero((picture[..., :3] < 250).any(axis=(0, 2)))
     assert inked[0] < 0.1 * picture.shape[1]

@@ -15,7 +15,8 @@ from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.tissues import write_tissues
 from burrlab.cli import main
-from burrlab.cli.session import add_watch_options, chosen_watch
+from burrlab.cli.options import add_options
+from burrlab.cli.session import WATCH, chosen_watch
 from burrlab.session.anatomy import replica_events, replica_report
 from burrlab.session.network import follow
 
@@ -116,7 +117,7 @@ def test_a_bone_without_tissues_is_not_watched(capsys) -> None:
 
 def options(given):
     parser = argparse.ArgumentParser()
-    add_watch_options(parser)
+    add_options(parser, [WATCH])
     return parser.parse_args(given)
 
 

@@ -1,7 +1,4 @@
-"""The bone of a session from the command line: which it is, and where it is kept at the end.
-
-What the labels of a file are: burrlab tissues.
-"""
+"""The bone of a session, where it is kept at the end, and what the labels of a file are: burrlab tissues."""
 
 from __future__ import annotations
 
@@ -39,15 +36,18 @@ from burrlab.bone.tissues import (
     tissues_text,
 )
 from burrlab.cli.options import (
+    JSON,
     OF_LABELS,
     PLACE,
-    AddCommand,
+    STACK,
+    Command,
+    Group,
     Options,
     Recipe,
-    add_stack_options,
     chosen_recipe,
     deliver,
     not_kept,
+    option,
     refuse_options,
     require_options,
     say_notes,
@@ -61,15 +61,18 @@ _GAP = 0.5  # between the burr of a simulated hand and the bone at the start [mm
 _OTHERS = ("volume", "labels", "map", "spacing", "series", "crop", "voxel", "transpose", *OF_LABELS)
 
 
-def add_bone_options(parser: argparse.ArgumentParser) -> None:
-    """Adds `--bone` and `--save`."""
-    kept = parser.add_argument_group("a bone that is kept, half-drilled")
-    kept.add_argument(
-        "--save", metavar="FILE",
-        help="keep the bone at the end: in the volume's format and with its header (.nrrd, .nii, .nii.gz, .mha; a new folder for PNG "
-        "slices or DICOM), with the exact state beside it; or .h5, the exact state alone",
-    )  # fmt: skip
-    kept.add_argument("--bone", metavar="FILE", help="go on with a bone that --save has kept")
+#: A bone that is kept, and one to go on with.
+KEPT = Group(
+    "a bone that is kept, half-drilled",
+    (
+        option(
+            "--save",
+            "keep the bone at the end: in the volume's format and with its header (.nrrd, .nii, .nii.gz, .mha; a new folder for PNG "
+            "slices or DICOM), with the exact state beside it; or .h5, the exact state alone", metavar="FILE",
+        ),
+        option("--bone", "go on with a bone that --save has kept", metavar="FILE"),
+    ),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -207,25 +210,6 @@ _EAR = ("external auditory canal", "temporomandibular joint", "facial nerve")
 #: Of directions: what points less than this part of its length to a side is not said to point there (ours).
 _SURE = 0.3
 _LAST = 26  # characters of the synonyms: a line holds 80
-
-
-def add_tissues_command(command: AddCommand) -> None:
-    """Adds `tissues` to the parser of `burrlab`."""
-    tissues = command("tissues", _tissues, "The labels of a segmentation, with voxels, and what they are.")
-    tissues.add_argument(
-        "file", metavar="FILE", nargs="?",
-        help="labels (NRRD, NIfTI, MetaImage, coloured PNG slices or their YAML file), or a table (.csv); without it, the structures "
-        "that are known by name",
-    )  # fmt: skip
-    tissues.add_argument("--tissues", metavar="FILE.csv", help="a table to look the labels up in")
-    tissues.add_argument(
-        "--template", metavar="FILE.csv", help="write a table of the file's labels, to be completed"
-    )
-    tissues.add_argument(
-        "--spacing", type=spacing, metavar="X,Y,Z", help="of the voxels, where the file has none [mm]"
-    )
-    add_stack_options(tissues)
-    tissues.add_argument("--json", metavar="FILE", help="write the result as JSON; - for standard output")
 
 
 def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[dict[str, Any]]:
@@ -438,3 +422,16 @@ def _cell(value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(value)
     return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+TISSUES_COMMAND = Command("tissues", _tissues, "The labels of a segmentation, with voxels, and what they are.", (
+    option(
+        "file", "labels (NRRD, NIfTI, MetaImage, coloured PNG slices or their YAML file), or a table (.csv); without it, the "
+        "structures that are known by name", metavar="FILE", nargs="?",
+    ),
+    option("--tissues", "a table to look the labels up in", metavar="FILE.csv"),
+    option("--template", "write a table of the file's labels, to be completed", metavar="FILE.csv"),
+    option("--spacing", "of the voxels, where the file has none [mm]", type=spacing, metavar="X,Y,Z"),
+    *STACK,
+    JSON,
+))  # fmt: skip

@@ -1,17 +1,4 @@
-"""Curves for the page's charts: points of an SVG polyline, few whatever the number of ticks.
-
-What a page says beside its picture: numbers, tissues, curves and marks of one moment.
-
-The mouse on a picture that the server draws: turning, moving and zooming of a camera.
-
-The page's cameras, by name.
-
-The state of a web page and what keeps it: the newest wish of the user is done, those before it are passed over.
-
-What a browser may call of the page: the wishes and the controls that the page has, nothing else of trame.
-
-The page itself: Vuetify components around a picture that the server draws.
-"""
+"""The page of a scene: its words, curves and cameras, what a browser may wish, and its Vuetify components."""
 
 from __future__ import annotations
 
@@ -136,22 +123,8 @@ _TURN = 200.0  # across the picture [degree]
 _ZOOM = 1.15  # a step of the wheel
 
 
-def turn(camera: Any, right: float, up: float) -> None:
-    """Around the focus, as if the bone were dragged.
-
-    Parameters
-    ----------
-    camera : pyvista.Camera
-    right, up : float
-        Way of the mouse, in parts of the picture's height.
-    """
-    camera.Azimuth(-_TURN * right)
-    camera.Elevation(-_TURN * up)
-    camera.OrthogonalizeViewUp()
-
-
 def move(camera: Any, right: float, up: float) -> None:
-    """Across the line of sight; what is at the focus follows the mouse. Parameters as for `turn`."""
+    """Across the line of sight, in parts of the picture's height; what is at the focus follows the mouse."""
     position, focus = np.array(camera.position), np.array(camera.focal_point)
     sight = focus - position
     distance = float(np.linalg.norm(sight))
@@ -160,11 +133,6 @@ def move(camera: Any, right: float, up: float) -> None:
     height = 2.0 * distance * np.tan(np.deg2rad(camera.view_angle) / 2)
     by = -height * (right * rightwards + up * upwards)
     camera.position, camera.focal_point = tuple(position + by), tuple(focus + by)
-
-
-def zoom(camera: Any, steps: float) -> None:
-    """Nearer by so many steps of a wheel, or farther."""
-    camera.Dolly(_ZOOM ** float(np.clip(steps, -20.0, 20.0)))
 
 
 _AXES = {
@@ -176,40 +144,6 @@ _AXES = {
     "+z": (0, 0, 1),
 }
 PRESETS = ("surgeon", "burr", *_AXES)
-
-
-class PageCameras:
-    """Viewpoints of a source.
-
-    Parameters
-    ----------
-    source : PageSource
-    surgeon : Viewpoint, optional
-        The first one; default: along the forces of a trace, else from above.
-    """
-
-    def __init__(self, source: PageSource, surgeon: Viewpoint | None) -> None:
-        self.source = source
-        approach = source.approach()
-        self._into = None if approach is None else approach.axis
-        self.surgeon = approach_view(source.bone, approach) if surgeon is None else surgeon
-
-    def viewpoint(self, preset: str) -> Viewpoint:
-        """surgeon, burr (once one is known), or along an axis."""
-        bone, burrs = self.source.bone, self.source.burrs
-        if preset == "burr" and len(burrs.radii) and np.isfinite(burrs.centers[0]).all():
-            width = 8.0 * float(burrs.radii[0])
-            return looking_at(burrs.centers[0], self._into, width, 40.0)
-        if preset in _AXES:
-            return surgeon_view(bone, axis=_AXES[preset], tilt=0.0)
-        return self.surgeon
-
-    def burr_or_middle(self) -> Any:
-        """The first burr's centre, or the middle of the volume until it is known [mm]."""
-        centers, bone = self.source.burrs.centers, self.source.bone
-        if len(centers) > 0 and bool(np.isfinite(centers[0]).all()):
-            return centers[0]
-        return np.array(bone.origin) + np.array(bone.spacing) * (np.array(bone.shape[::-1]) - 1) / 2
 
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -246,8 +180,9 @@ class Page:
         stereo: bool = False,
     ) -> None:
         self.server, self.source, self.scene = server, source, scene
-        self.cameras = PageCameras(source, surgeon)
-        scene.look(self.cameras.surgeon)
+        self._approach = source.approach()
+        self._surgeon = approach_view(source.bone, self._approach) if surgeon is None else surgeon
+        scene.look(self._surgeon)
         self.state = server.state
         self._wanted, self._sent, self._clock = 0.0, -1.0, 0.0
         self._draw, self._on_way = True, -_PATIENCE  # since when a picture is on its way
@@ -255,7 +190,6 @@ class Page:
         self._drag = np.zeros(2)
         self._drag_moves, self._wheel = False, 0.0
         self._changed: list[NDArray[np.uint32]] = []  # bricks, and not yet drawn
-        self._counts = tuple(-(-n // 8) for n in source.bone.shape)
         first, last = source.span
         self.state.update({
             "title": source.title, "kind": source.kind, "source_state": source.state, "wanted_s": 0.0, "time_s": 0.0,
@@ -264,27 +198,27 @@ class Page:
             "prepared": 0, "problem": "", "numbers": [], "tissues": [], "distances": [], "events": [], "charts": [],
             "values": [], "picture": "", "picture_number": 0,
         })  # fmt: skip
-        self.state.change("wanted_s")(self._wish)
-        self.state.change("slices")(self._show_slices)
-        self.state.change("stereo")(self._show_stereo)
-        self.state.change("effects")(self._show_effects)
-        self.state.change("playing")(self._play)
-        self.state.change("speed")(self._play)
-        for name, call in (
-            ("drag", self.drag),
-            ("wheel", self.wheel),
-            ("shown", self.shown),
-            ("draw", self.draw),
-        ):
-            server.trigger(name)(call)
+        for name, told in (
+            ("wanted_s", self._wish), ("slices", self._show_slices), ("stereo", self._show_stereo),
+            ("effects", self._show_effects), ("playing", self._play), ("speed", self._play),
+        ):  # fmt: skip
+            self.state.change(name)(told)
+        for call in (self.drag, self.wheel, self.shown, self.draw):
+            server.trigger(call.__name__)(call)
         scene.draw_fast()
         self._show_stereo(self.state.stereo)
         self._advance(0.0)
         self._picture(smooth=True)
 
     def look(self, preset: str) -> None:
-        """Camera as named: surgeon, burr, or along an axis."""
-        self.scene.look(self.cameras.viewpoint(preset))
+        """Camera as named: surgeon, burr (once it is known), or along an axis."""
+        source, view = self.source, self._surgeon
+        if preset == "burr" and source.first_center is not None:
+            into = None if self._approach is None else self._approach.axis
+            view = looking_at(source.first_center, into, 8.0 * source.radii[0], 40.0)
+        elif preset in _AXES:
+            view = surgeon_view(source.bone, axis=_AXES[preset], tilt=0.0)
+        self.scene.look(view)
         self._draw = True
 
     def step(self, ticks: int) -> None:
@@ -367,27 +301,29 @@ class Page:
     def _move_camera(self) -> None:
         camera = self.scene.plotter.camera
         if self._drag.any():
-            (move if self._drag_moves else turn)(camera, *self._drag)
+            right, up = self._drag
+            if self._drag_moves:
+                move(camera, right, up)
+            else:  # around the focus, as if the bone were dragged
+                camera.Azimuth(-_TURN * right)
+                camera.Elevation(-_TURN * up)
+                camera.OrthogonalizeViewUp()
             self._drag[:], self._draw = 0.0, True
         if self._wheel:
-            zoom(camera, self._wheel)
+            camera.Dolly(_ZOOM ** float(np.clip(self._wheel, -20.0, 20.0)))
             self._wheel, self._draw = 0.0, True
 
     def _advance(self, seconds: float) -> None:
         """Bone, burrs and words to a moment."""
-        source, scene = self.source, self.scene
-        self._changed.append(source.go(seconds))
+        source, state = self.source, self.state
+        first, last = source.span
+        self._changed.append(source.go(min(max(seconds, first), last)))
         self._changed = [np.unique(np.concatenate(self._changed))]
-        if len(bricks := self._changed[0]):
-            scene.update(source.bone, np.stack(np.unravel_index(bricks, self._counts), axis=1))
+        source.show_in(self.scene, self._changed[0], parcels=state.effects)
         self._changed = []  # not before: what failed is drawn by the next turn
-        burrs = source.burrs
-        scene.move_burrs(burrs.centers, burrs.on.tolist())
-        scene.set_parcels(source.parcels if self.state.effects else None)
-        if self.state.slices:
+        if state.slices:
             self._cut()
         self._sent = seconds
-        state = self.state
         if state.playing or source.kind == "live":
             state.wanted_s = seconds
         state.time_s, state.source_state = round(source.time, 4), source.state
@@ -440,7 +376,11 @@ class Page:
         self._draw = True
 
     def _cut(self) -> None:
-        self.scene.set_slices(self.cameras.burr_or_middle())
+        """Slices through the first burr's centre, or the middle of the volume until it is known."""
+        bone = self.source.bone
+        middle = np.array(bone.origin) + np.array(bone.spacing) * (np.array(bone.shape[::-1]) - 1) / 2
+        known = self.source.first_center
+        self.scene.set_slices(middle if known is None else known)
 
 
 def _number(value: Any) -> bool:

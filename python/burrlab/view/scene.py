@@ -1,11 +1,4 @@
-"""What drawing needs beside burrlab: the extra `viz3d`, and a place to draw to where there is no screen.
-
-Both eyes of a scene, side by side in its window.
-
-A scene's window, looked after from here and not by VTK's own loop, which Ctrl-C does not end.
-
-The scene: bone, burrs, particles, slices, curves, in a pyvista plotter on a screen or off it.
-"""
+"""The scene of a bone in a pyvista plotter: off a screen, in a window that Ctrl-C ends, for one eye or both."""
 
 from __future__ import annotations
 
@@ -30,6 +23,8 @@ from burrlab.view.actors import (
     ScaleBar,
     SceneChart,
     SlicePanels,
+    configure,
+    new,
 )
 from burrlab.view.camera import Viewpoint, eyes, surgeon_view
 from burrlab.view.surface import Surface, tissue_palette
@@ -61,16 +56,14 @@ def prepare_off_screen() -> None:
     OSError
         If there is neither a screen nor a library that draws without one; VTK itself would end the process.
     """
-    if not sys.platform.startswith("linux") or os.environ.get("VTK_DEFAULT_OPENGL_WINDOW"):
+    chosen = os.environ.get("VTK_DEFAULT_OPENGL_WINDOW") or os.environ.get("DISPLAY")
+    if chosen or not sys.platform.startswith("linux"):
         return
-    if os.environ.get("DISPLAY"):
-        return
-    if ctypes.util.find_library("EGL"):
-        os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
-    elif ctypes.util.find_library("OSMesa"):
-        os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkOSOpenGLRenderWindow"
-    else:
-        raise OSError(f"drawing without a screen needs the Debian packages {PACKAGES}")
+    for library, kind in (("EGL", "vtkEGLRenderWindow"), ("OSMesa", "vtkOSOpenGLRenderWindow")):
+        if ctypes.util.find_library(library):
+            os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = kind
+            return
+    raise OSError(f"drawing without a screen needs the Debian packages {PACKAGES}")
 
 
 def check_screen() -> None:
@@ -84,6 +77,14 @@ def check_screen() -> None:
 
 
 SIZE = (1536, 768)  # of a window for both eyes, unless asked for [pixel]
+
+
+def viewpoint_of(plotter: Any) -> Viewpoint:
+    """Of its camera."""
+    camera = plotter.camera
+    return Viewpoint(
+        tuple(camera.position), tuple(camera.focal_point), tuple(camera.up), float(camera.view_angle)
+    )
 
 
 class StereoEyes:
@@ -101,20 +102,18 @@ class StereoEyes:
     """
 
     def __init__(self, plotter: Any, note: str = "") -> None:
-        from vtkmodules.vtkRenderingCore import vtkRenderer
-
-        self.plotter = plotter
-        self.separation, self.swap = 62.0, False
+        self.plotter, self.separation, self.swap = plotter, 62.0, False
         self._shared: dict[int, Any] = {}
         self._shared_at = -1  # VTK's time of the main renderer's list
         self._alone: int | None = None
         main = plotter.renderer
-        self.renderers = [vtkRenderer(), vtkRenderer()]  # left half, right half
+        ground = {
+            name: getattr(main, f"Get{name}")()
+            for name in ("Background", "Background2", "GradientBackground")
+        }
+        self.renderers = [new("vtkRenderer", **ground) for _ in range(2)]  # left half, right half
         for renderer in self.renderers:
             renderer.InteractiveOff()  # the mouse moves the main renderer's camera
-            renderer.SetBackground(main.GetBackground())
-            renderer.SetBackground2(main.GetBackground2())
-            renderer.SetGradientBackground(main.GetGradientBackground())
             for light in main.GetLights():
                 renderer.AddLight(light)
             plotter.render_window.AddRenderer(renderer)
@@ -158,36 +157,29 @@ class StereoEyes:
         if not self.on:
             return
         main = self.plotter.renderer
-        self._share()
+        props = main.GetViewProps()
+        if props.GetMTime() != self._shared_at:
+            self._share(props)
         left, low, right, high = main.GetViewport()
         middle = (left + right) / 2
         places = [(left, right)] * 2 if self._alone is not None else [(left, middle), (middle, right)]
         width, height = self.plotter.window_size
         aspect = (places[0][1] - places[0][0]) * width / ((high - low) * height)
-        camera = self.plotter.camera
-        view = Viewpoint(
-            tuple(camera.position), tuple(camera.focal_point), tuple(camera.up), float(camera.view_angle)
-        )
-        pair = eyes(view, self.separation, aspect)
+        clipping = self.plotter.camera.clipping_range
+        pair = eyes(viewpoint_of(self.plotter), self.separation, aspect)
         for renderer, scale, place, (eye, shift) in zip(
             self.renderers, self.scales, places, pair[::-1] if self.swap else pair, strict=True
         ):
             renderer.SetViewport(place[0], low, place[1], high)
             renderer.SetUseFXAA(main.GetUseFXAA())
-            own = renderer.GetActiveCamera()
-            own.SetPosition(eye.position)
-            own.SetFocalPoint(eye.focus)
-            own.SetViewUp(eye.up)
-            own.SetViewAngle(eye.angle)
-            own.SetWindowCenter(shift, 0.0)
-            own.SetClippingRange(camera.clipping_range)
+            configure(
+                renderer.GetActiveCamera(), Position=eye.position, FocalPoint=eye.focus, ViewUp=eye.up, ViewAngle=eye.angle,
+                WindowCenter=(shift, 0.0), ClippingRange=clipping,
+            )  # fmt: skip
             scale.fit(self.plotter)
 
-    def _share(self) -> None:
+    def _share(self, props: Any) -> None:
         """What the main renderer draws of three dimensions."""
-        props = self.plotter.renderer.GetViewProps()
-        if props.GetMTime() == self._shared_at:
-            return
         self._shared_at = props.GetMTime()
         now = {id(prop): prop for prop in props if prop.IsA("vtkProp3D")}
         for renderer in self.renderers:
@@ -340,17 +332,14 @@ class Scene:
         self.chart = SceneChart(self.plotter, module) if chart else None
         self.scale = ScaleBar(self.plotter.renderer, note)
         self.legend = Legend(self.plotter.renderer, bone, self.surface) if legend else None
-        self._add_lights(module)
-        self._eyes: StereoEyes | None = None
-        self.look(surgeon_view(bone))
-        if stereo:
-            self.set_stereo(True)
-
-    def _add_lights(self, module: Any) -> None:
         # over the left shoulder, a fill from the right, and a weak one from the eye
         for place, strength in (((-0.7, 0.9, 1.0), 0.75), ((1.0, 0.2, 0.6), 0.28), ((0.0, 0.0, 1.0), 0.22)):
             light = module.Light(position=place, light_type="camera light", intensity=strength)
             self.plotter.add_light(light)
+        self._eyes: StereoEyes | None = None
+        self.look(surgeon_view(bone))
+        if stereo:
+            self.set_stereo(True)
 
     def look(self, viewpoint: Viewpoint) -> None:
         """Sets the camera."""
@@ -362,10 +351,7 @@ class Scene:
     @property
     def viewpoint(self) -> Viewpoint:
         """Of the camera now."""
-        camera = self.plotter.camera
-        return Viewpoint(
-            tuple(camera.position), tuple(camera.focal_point), tuple(camera.up), float(camera.view_angle)
-        )
+        return viewpoint_of(self.plotter)
 
     def update(self, bone: VoxelBone, bricks: ArrayLike | None = None) -> int:
         """Takes over what changed of a bone; not drawn before the next picture or `render`.
@@ -391,7 +377,7 @@ class Scene:
         self.bone = bone
         self.actors.replace(self.surface, blocks)
         if self.panels is not None and blocks:
-            self.panels.refresh(bone)
+            self.panels.cut(bone, self.panels.point)
         return len(blocks)
 
     def move_burrs(self, centers: ArrayLike, on: Sequence[bool] | None = None) -> None:
@@ -427,15 +413,13 @@ class Scene:
         ValueError
             If the point is not three finite numbers.
         """
-        if point is None:
-            if self.panels is not None:
-                self.panels.remove()
+        if point is not None:
+            self.panels = self.panels or SlicePanels(self.plotter)
+            self.panels.cut(self.bone, point)
+            self.panels.move_burrs(self._burrs.centers, self.radii)
+        elif self.panels is not None:
+            self.panels.remove()
             self.panels = None
-            return
-        if self.panels is None:
-            self.panels = SlicePanels(self.plotter)
-        self.panels.cut(self.bone, point)
-        self.panels.move_burrs(self._burrs.centers, self.radii)
 
     def set_curves(self, time: ArrayLike, force: ArrayLike, depth: ArrayLike) -> None:
         """Force [N] and penetration depth [mm] over time [s], in a chart."""

@@ -18,7 +18,6 @@ from typing import Any
 from burrlab.effects.companion import Companion
 from burrlab.effects.effects import Effects
 from burrlab.view.camera import Viewpoint
-from burrlab.view.live import picture_note
 from burrlab.view.page import Page, build_layout, restrict
 from burrlab.view.page_source import PageSource, Shown, page_source
 from burrlab.view.scene import Scene
@@ -89,9 +88,19 @@ def serve(
     if not 0 <= port <= 65535:
         raise ValueError(f"port must be from 0 to 65535, got {port!r}")
     check_page(host=host, port=port)
-    note = note or picture_note(source)
     asyncio.run(
-        _serve(shown, host, port, open_browser, size, level, viewpoint, stereo, note, on_ready or _tell)
+        _serve(
+            shown,
+            host,
+            port,
+            open_browser,
+            size,
+            level,
+            viewpoint,
+            stereo,
+            note or shown.note,
+            on_ready or _tell,
+        )
     )
 
 

@@ -223,11 +223,27 @@ def test_hidden_fraction() -> None:
         (lambda: Effects(bone_with_tissues(), budget=0), "budget must be positive"),
         (lambda: Effects(bone_with_tissues(), seed=-1), "seed must be a whole number from 0"),
         (lambda: Effects(bone_with_tissues(), down=(0, 0, 0)), "length of down must be positive"),
+        (lambda: Nozzle((0, 0, 0), rate=1.1e6), r"rate of the nozzle must be at most 1e6 mm\^3/s"),
+        (lambda: Nozzle((0, 0, 0), speed=1.1e6), "speed of the nozzle must be at most 1e6 mm/s"),
+        (
+            lambda: Nozzle((0, 0, 0), (0, 0, 1e200)),
+            "length of direction of the nozzle must be positive and finite",
+        ),
+        (lambda: of_block(9e3, 1e3), "volume of a voxel / 255 must be"),
+        (lambda: of_block(9e-4, 1e-4), "volume of a voxel / 255"),
+        (
+            lambda: of_block(1, 0.1, origin=(0, 1e17, 0)),
+            "distance of the bone's origin from 0 must be at most 1e9 voxels",
+        ),
     ],
 )
 def test_refusals(make, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         make()
+
+
+def of_block(side: float, voxel: float, **place) -> Effects:
+    return Effects(burrlab.VoxelBone.block((side,) * 3, voxel, **place), seed=1)
 
 
 def test_unknown_parameter() -> None:
@@ -249,6 +265,9 @@ def test_frames_are_refused() -> None:
         "center of a burr must be finite": lambda: effects.step(0.05, None, [((0, 0, np.nan), 1.0)]),
         "burrs must be": lambda: effects.step(0.05, None, [((0, 0), 1.0)]),
         "done of a decision": lambda: effects.step(0.05, decision=(100, 2, 3)),
+        "sub_steps of a decision must be at most 64, got 65": lambda: effects.step(
+            0.05, decision=(100, 65, 1)
+        ),
     }.items():
         with pytest.raises(ValueError, match=sentence):
             call()

@@ -141,22 +141,33 @@ def test_files_are_pictures(scene, tmp_path):
 
 def test_refused_by_the_scene(scene):
     bone = scene.bone
-    with pytest.raises(ValueError, match="radii must be positive and finite, got 0"):
-        Scene(bone, [0.0], off_screen=True)
-    with pytest.raises(ValueError, match="size must be at least 16 pixels each way, got 8 x 100"):
-        Scene(bone, [], off_screen=True, size=(8, 100))
-    with pytest.raises(ValueError, match="level must be from 1 to 255, got 0"):
-        Scene(bone, [], off_screen=True, level=0)
-    with pytest.raises(ValueError, match=r"centers must have the shape \(1, 3\), got \(2, 3\)"):
-        scene.move_burrs(np.zeros((2, 3)))
-    with pytest.raises(ValueError, match="blood, water is missing"):
-        scene.set_parcels(np.zeros(0, [("position", "f8", 3), ("radius", "f8"), ("dust", "i8")]))
-    with pytest.raises(ValueError, match="point must be three finite numbers"):
-        scene.set_slices((0, 0, np.nan))
-    with pytest.raises(ValueError, match="separation must be zero or positive and finite, got -1"):
-        scene.stereo_picture(-1)
-    with pytest.raises(ValueError, match="bone must have the shape of the surface"):
-        scene.update(burrlab.VoxelBone.block((1, 1, 1), 0.1))
+    few = np.zeros(0, [("position", "f8", 3), ("radius", "f8"), ("dust", "i8")])
+    for call, sentence in (
+        (lambda: Scene(bone, [0.0], off_screen=True), "radii must be positive and finite, got 0"),
+        (
+            lambda: Scene(bone, [], off_screen=True, size=(8, 100)),
+            "size must be at least 16 pixels each way, got 8 x 100",
+        ),
+        (lambda: Scene(bone, [], off_screen=True, level=0), "level must be from 1 to 255, got 0"),
+        (lambda: scene.move_burrs(np.zeros((2, 3))), r"centers must have the shape \(1, 3\), got \(2, 3\)"),
+        (lambda: scene.set_parcels(few), "blood, water is missing"),
+        (lambda: scene.set_slices((0, 0, np.nan)), "point must be three finite numbers"),
+        (lambda: scene.stereo_picture(-1), "separation must be zero or positive and finite, got -1"),
+        (
+            lambda: scene.update(burrlab.VoxelBone.block((1, 1, 1), 0.1)),
+            "bone must have the shape of the surface",
+        ),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            call()
+
+
+def holds(scene, bone):
+    """Whether the scene draws the surface of this bone."""
+    drawn, fresh = scene.surface.blocks, surface_blocks(bone)
+    return fresh.keys() == drawn.keys() and all(
+        np.array_equal(drawn[block].points, made.points) for block, made in fresh.items()
+    )
 
 
 def test_a_view_of_a_trace_holds_its_bone(tmp_path):
@@ -166,21 +177,19 @@ def test_a_view_of_a_trace_holds_its_bone(tmp_path):
     view = TraceView(trace, off_screen=True, size=SIZE, slices=True)
     assert view.go(trace.duration) > 0
     assert view.player.bone.digest() == digest
-    fresh = surface_blocks(view.player.bone)
-    assert fresh.keys() == view.scene.surface.blocks.keys()
-    for block, made in view.scene.surface.blocks.items():
-        np.testing.assert_array_equal(made.points, fresh[block].points)
+    assert holds(view.scene, view.player.bone)
     assert view.scene._burrs.balls[0].GetPosition() == pytest.approx(trace.ticks["burr"]["center_mm"][-1, 0])
     frames = list(view.frames(fps=5.0, start=0.0, stop=0.4, stereo=True))
     assert len(frames) == 3
     assert frames[0].shape == (240, 640, 3)
     assert differing(frames[0], frames[-1]).any()
-    with pytest.raises(ValueError, match="fps must be positive and finite, got 0"):
-        next(view.frames(fps=0))
-    with pytest.raises(ValueError, match="start and stop must lie from 0 to"):
-        next(view.frames(stop=99.0))
-    with pytest.raises(ValueError, match="seconds must be from 0 to"):
-        view.go(99.0)
+    for call, sentence in (
+        (lambda: next(view.frames(fps=0)), "fps must be positive and finite, got 0"),
+        (lambda: next(view.frames(stop=99.0)), "start and stop must lie from 0 to"),
+        (lambda: view.go(99.0), "seconds must be from 0 to"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            call()
     view.close()
     with pytest.raises(TypeError):
         TraceView(small_bone(), off_screen=True)
@@ -188,13 +197,9 @@ def test_a_view_of_a_trace_holds_its_bone(tmp_path):
 
 def check_live(view, bone, tick):
     """The scene holds this state and draws its surface."""
-    assert view.bone.digest() == bone.digest()
-    assert view.tick == tick
+    assert (view.bone.digest(), view.tick) == (bone.digest(), tick)
     assert bone.removed > 0
-    fresh = surface_blocks(bone)
-    assert fresh.keys() == view.scene.surface.blocks.keys()
-    for block, made in fresh.items():
-        np.testing.assert_array_equal(made.points, view.scene.surface.blocks[block].points)
+    assert holds(view.scene, bone)
 
 
 def test_a_live_view_ends_with_the_bone_of_the_session():

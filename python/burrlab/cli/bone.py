@@ -77,7 +77,7 @@ KEPT = Group(
 
 @dataclass(frozen=True)
 class Start:
-    """What a session begins with.
+    """What a session begins with: its bone, and how the bone is kept at the end.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class Start:
 
 @contextlib.contextmanager
 def rescued(path: str, bone: VoxelBone, tick: int) -> Iterator[None]:
-    """Where a bone cannot be kept as asked, as on a full disk, keeps its exact state elsewhere; the NotKept says where."""
+    """Keeps a bone's exact state elsewhere where it cannot be kept as asked, as on a full disk; the NotKept says where."""
     try:
         yield
     except (OSError, ValueError) as error:
@@ -124,7 +124,7 @@ def rescued(path: str, bone: VoxelBone, tick: int) -> Iterator[None]:
 
 
 def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) -> Start:
-    """Of the options; ValueError where they do not fit, or the bone could not be saved as asked."""
+    """The start that the options describe; ValueError where they do not fit, or the bone could not be saved as asked."""
     recipe = _recipe(options, material)
     if recipe is None:
         if options.axis is not None:
@@ -189,7 +189,7 @@ def _placed(
 def _kept_as(
     path: str | None, recipe: Recipe | DrilledRecipe | None
 ) -> tuple[Volume | LabelVolume | None, OccupancyMap | None]:
-    """In which volume's format the bone is saved, and its map; errors as `save_drilled`, before any work."""
+    """The volume in whose format the bone is saved, and its map; errors as `save_drilled`, before any work."""
     if path is None:
         return None, None
     if Path(path).suffix.lower() == ".h5":
@@ -213,7 +213,7 @@ _LAST = 26  # characters of the synonyms: a line holds 80
 
 
 def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[dict[str, Any]]:
-    """Of each label of a volume: voxels, volume [mm^3], name in the file, and the tissue that it is.
+    """A row for each label of a volume: voxels, volume [mm^3], name in the file, and the tissue that it is.
 
     Parameters
     ----------
@@ -238,7 +238,7 @@ def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[di
 
 
 def ear_side(labels: LabelVolume, tissues: Tissues | None = None) -> dict[str, str] | None:
-    """How ear canal, jaw joint and the facial nerve's exit lie, and of which side such an ear is.
+    """The directions in which ear canal, jaw joint and the facial nerve's exit lie, and the side of such an ear.
 
     Parameters
     ----------
@@ -293,7 +293,7 @@ def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _farthest(points: NDArray[np.float64], far: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Middle of the tenth of points that is farthest."""
+    """Middle of the farthest tenth of the points."""
     return np.asarray(points[far >= np.quantile(far, 0.9)].mean(axis=0))
 
 
@@ -394,7 +394,7 @@ def _hex(colour: tuple[int, int, int]) -> str:
 
 
 def _text(rows: list[dict[str, Any]]) -> str:
-    """Rows under the names of their columns."""
+    """A table of the rows, under the names of their columns."""
     texts = [list(rows[0])] + [[_cell(value) for value in row.values()] for row in rows]
     if isinstance(list(rows[0].values())[-1], list):  # a long last column goes on below itself
         texts = [line for text in texts for line in _wrapped(text)]

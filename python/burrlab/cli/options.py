@@ -143,7 +143,7 @@ MATERIAL = (
 
 
 def chosen_material(options: Options) -> Material:
-    """Of the options: a named one, or that with changes."""
+    """The material of the options: a named one, or that with changes."""
     named = burrlab.materials[options.material]
     given = {key: getattr(options, key) for key in ("c_e", "alpha", "shape")}
     if set(given.values()) == {None}:
@@ -195,11 +195,11 @@ def plot(path: str | None, draw: Callable[[], Axes]) -> None:
 
 
 class NotKept(OSError):
-    """The work is done, and what it was to keep is not whole where it was asked for."""
+    """The work is done, but its result is not whole where it was asked for."""
 
 
 def not_kept(path: str, name: str, error: Exception, write: Callable[[str], object], what: str) -> NotKept:
-    """After an error of writing: keeps it elsewhere, if that can be, and says so."""
+    """The error after a file could not be written: the result is kept elsewhere, if that can be, and the error says where."""
     number, why = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
     place = kept_elsewhere(path, name, write)
     return NotKept(number, f"{why or error}{f'; {what} is kept as {place}' if place else ''}", path)
@@ -245,7 +245,7 @@ def check_outputs(options: Options) -> None:
 
 
 def _read_files(options: Options) -> set[Path]:
-    """What the other options name, if there is such a file."""
+    """The files that exist among what the other options name."""
     # an experiment looks after its own files
     named = [value for name, value in vars(options).items() if name not in (*_FILES, "config")]
     texts = [text for value in named for text in (value if isinstance(value, list) else [value])]
@@ -253,7 +253,7 @@ def _read_files(options: Options) -> set[Path]:
 
 
 def deliver(options: Options, result: dict[str, Any], text: str) -> None:
-    """A result as JSON, where that is asked for, and as text, which is there where the file cannot be written."""
+    """Prints a result as text, and writes it as JSON where that is asked for; the text is printed first."""
     if options.json == "-":
         print(json.dumps(result, allow_nan=False))
         return
@@ -264,20 +264,20 @@ def deliver(options: Options, result: dict[str, Any], text: str) -> None:
 
 
 def sentence(error: Exception) -> str:
-    """What an error says, in one line."""
+    """The message of an error in one line."""
     if isinstance(error, OSError) and error.strerror is not None:  # without the number of the error
         return error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
     return " ".join(str(error).split())
 
 
 def say(text: str) -> None:
-    """A message to standard error."""
+    """Prints a message to standard error."""
     show_line("")
     print(f"burrlab: {text}", file=sys.stderr, flush=True)
 
 
 def show_line(line: str) -> None:
-    """A line that the next one replaces, on a terminal."""
+    """Shows a line on a terminal, until the next one replaces it."""
     if sys.stderr.isatty():
         print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
 
@@ -291,7 +291,7 @@ def show_progress(what: str) -> Iterator[Callable[[float], object]]:
 
 @contextlib.contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """SIGTERM and a closed terminal end what runs as Ctrl-C does: the force zero, the trace whole."""
+    """Lets SIGTERM and a closed terminal end what runs as Ctrl-C does: with force zero and a whole trace."""
     names = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     if threading.current_thread() is not threading.main_thread():
         names = []  # only the main thread may
@@ -316,7 +316,7 @@ def filling(text: str) -> tuple[str, float]:
 
 
 def label_or_word(text: str) -> str | int:
-    """A label, or "nearest", with names of structures."""
+    """A label, or "nearest", or that with names of structures."""
     if text in ("nearest", "refuse") or text.startswith("nearest:"):
         return text
     if not (text.isascii() and text.isdecimal()):
@@ -417,7 +417,7 @@ LABELS = Group(
 
 
 def unknown_colours(options: argparse.Namespace) -> str | int:
-    """What --unknown says; they are refused without it."""
+    """What --unknown says; without it unknown colours are refused."""
     return "refuse" if options.unknown is None else options.unknown
 
 
@@ -430,7 +430,7 @@ def transposed(options: argparse.Namespace, *paths: str | None) -> bool | None:
 
 
 def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | None = None) -> Recipe | None:
-    """Of the options; None without --volume and --labels.
+    """The recipe that the options describe; None without --volume and --labels.
 
     ValueError for options that do not fit, or a burr too small for the voxels.
     """
@@ -467,7 +467,7 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
 
 
 def _sizeless(labels: str) -> bool:
-    """Whether they are slices without a description, for which --spacing is the one source."""
+    """Whether these are slices without a description of their size, so that --spacing alone says it."""
     return is_stack(labels) and Path(labels).suffix.lower() not in (".yaml", ".yml")
 
 
@@ -487,7 +487,7 @@ def _grey_recipe(options: argparse.Namespace, burr: Burr | None) -> VolumeRecipe
 
 
 def chosen_specimen(options: argparse.Namespace, burr: Burr, material: Material) -> Specimen | None:
-    """Of a volume or labels, with --entry and --axis; None without them."""
+    """The specimen of a volume or labels, with --entry and --axis; None without a volume or labels."""
     given = "volume" if options.volume is not None else "labels"
     if getattr(options, given) is not None:
         require_options(options, (("map",) if given == "volume" else ()) + PLACE, f"--{given}")

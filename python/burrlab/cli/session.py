@@ -74,7 +74,7 @@ def check_live(options: Options) -> None:
 
 
 def start_effects(options: Options, source: Session | Replica) -> Companion | None:
-    """Those that were asked for, with the session's seed, from now to its end."""
+    """Starts the effects that were asked for, with the session's seed; None without them."""
     if not options.effects:
         return None
     seed = source.seed if isinstance(source, Session) else int(json.loads(source.hello)["seed"])
@@ -82,7 +82,7 @@ def start_effects(options: Options, source: Session | Replica) -> Companion | No
 
 
 def end_effects(effects: Companion | None) -> tuple[str, dict[str, Any]]:
-    """What there is to say of them after the end of what they were beside, for people and for JSON; nothing of None."""
+    """Ends the effects and reports them, as text and for JSON; both empty without effects."""
     if effects is None:
         return "", {}
     effects.wait(2.0)  # for the last frame
@@ -98,7 +98,7 @@ def end_effects(effects: Companion | None) -> tuple[str, dict[str, Any]]:
 
 
 def show_live(options: Options, source: Session | Replica, effects: Companion | None = None) -> None:
-    """A window until it is closed or the session ends, or a page until Ctrl-C, which ends both: KeyboardInterrupt."""
+    """Shows a window until it is closed or the session ends, or a page until Ctrl-C; KeyboardInterrupt if the session goes on then."""
     if options.view:
         both_eyes: dict[str, Any] = {"stereo": True, "size": SIZE} if options.stereo else {}
         view = LiveView(source, effects=effects, **both_eyes)
@@ -154,7 +154,7 @@ def watch_asked_for(options: argparse.Namespace) -> bool:
 
 
 def chosen_watch(options: argparse.Namespace, bone: VoxelBone) -> Watch | None:
-    """Of the options; None where there is nothing to watch. ValueError for options that do not fit the bone."""
+    """The watch that the options describe; None where there is nothing to watch. ValueError if they do not fit the bone."""
     limits: dict[str, Any] = {
         name: value for name in _LIMITS if (value := getattr(options, name)) is not None
     }
@@ -217,7 +217,7 @@ def _session(options: Options) -> int:
 
 @contextlib.contextmanager
 def _kept(options: Options, start: Start, session: burrlab.Session) -> Iterator[None]:
-    """Keeps the bone once the session has ended, and if it ended on an error too."""
+    """Keeps the bone once the session has ended, also if it ended on an error."""
     try:
         yield
     finally:
@@ -311,7 +311,7 @@ def _replica(options: Options) -> int:
 
 
 def _tell_events(replica: Replica, known: int) -> int:
-    """Says what happened near watched structures but for the first events; how many there are."""
+    """Says the events near watched structures that are not known yet; returns the number of all events."""
     events = replica_events(replica, known)
     for event in events:
         if event.kind != "away":

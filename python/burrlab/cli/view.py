@@ -116,7 +116,7 @@ def _view(options: Options) -> int:
 
 
 def _check(options: Options) -> None:
-    """ValueError before any work for what does not go together, or could not be written."""
+    """ValueError, before any work, for options that do not go together and files that could not be written."""
     of_volume = options.volume is not None or options.labels is not None
     if (options.file is not None) + (options.bone is not None) + of_volume != 1:
         raise ValueError("view needs one of TRACE, --bone FILE, and --volume or --labels FILE")
@@ -155,7 +155,7 @@ def _needs_scene(options: Options) -> bool:
 
 
 def _viewpoint(options: Options, bone: VoxelBone, player: TracePlayer | None) -> Viewpoint | None:
-    """As asked for in the bone frame; None if not."""
+    """The viewpoint that the options ask for, in the bone frame; None if they ask for none."""
     if options.entry is not None:
         return surgeon_view(bone, options.entry, options.axis, width=options.width)
     if options.width is None:
@@ -173,7 +173,7 @@ def _player(file: str) -> TracePlayer:
 
 
 def _chosen_bone(options: Options) -> tuple[VoxelBone, list[str]]:
-    """Of --bone, --volume or --labels, and what was assumed; entry and axis are in the bone frame afterwards."""
+    """The bone of --bone, --volume or --labels, and what was assumed of it; brings entry and axis into the bone frame."""
     recipe = (
         chosen_recipe(options, materials["bone"]) if options.bone is None else DrilledRecipe(options.bone)
     )
@@ -189,7 +189,7 @@ def _chosen_bone(options: Options) -> tuple[VoxelBone, list[str]]:
 
 
 def _write_pictures(path: str, bone: VoxelBone, point: Any, note: str, **burrs: Any) -> list[str]:
-    """Writes slices, and the depth map of what was removed; the files."""
+    """Writes slices, and a depth map if bone was removed; returns the files."""
     figure, written = Figure(figsize=(9.6, 3.9), layout="constrained"), [str(path)]
     plot_slices(bone, point, note=note, figure=figure, **burrs)
     figure.savefig(path, dpi=200)
@@ -207,7 +207,7 @@ def _depth_file(pictures: str) -> Path:
 
 
 def _widest_opening(bone: VoxelBone) -> str:
-    """The direction of looking, of six, in which most of the surface is seen to have gone; the first where several do."""
+    """The one of six directions of looking along which the opening is widest; the first of equal ones."""
     area = dict(zip("xyz", (bone.spacing[k - 2] * bone.spacing[k - 1] for k in range(3)), strict=True))
     return max(
         ("-z", "z", "x", "-x", "y", "-y"),

@@ -21,7 +21,7 @@ from burrlab._core import (
 )
 from burrlab.common.check import real
 from burrlab.effects.effects import FrameRecord, to_seed
-from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance, to_report
+from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance
 from burrlab.session.session import Session
 
 DEFAULT_BUDGET = 0.020  # [s]
@@ -107,17 +107,17 @@ class Companion:
         self.set_sucker(sucker)
 
     def start(self) -> Companion:
-        """Once. ValueError the second time."""
+        """Starts its thread. ValueError the second time."""
         self._core.start()
         return self
 
     def stop(self) -> None:
-        """Ends it after the frame that it is in. Further calls do nothing, nor does one in a fork."""
+        """Ends it after the current frame. Further calls do nothing, nor does a call in a fork."""
         if self._process == os.getpid():
             self._core.stop()
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Until it has ended, at most so long [s]; whether it has. Can be interrupted."""
+        """Waits until it has ended, at most so long [s]; returns whether it has. Can be interrupted."""
         left = float("inf") if seconds is None else seconds
         while left > 0 and not self._core.wait(min(left, 0.1)):
             left -= 0.1
@@ -157,7 +157,7 @@ class Companion:
 
     @property
     def first_tick(self) -> int:
-        """Of the bone that it began with."""
+        """Tick of the bone that it began with."""
         return self._core.first_tick
 
     @property
@@ -171,7 +171,7 @@ class Companion:
         return self._core.quantum
 
     def newest(self) -> dict[str, Any]:
-        """Of one and the same frame: frame (made so far), tick, parcels, balance, removed (levels by tissue's number),
+        """Values of one frame: frame (made so far), tick, parcels, balance, removed (levels by tissue's number),
         bleeding [mm^3/s], hidden (of burr 0; nan without camera or burr)."""
         raw = self._core.newest()
         raw["balance"] = to_balance(raw["balance"], self.quantum)
@@ -180,7 +180,7 @@ class Companion:
 
     @property
     def parcels(self) -> NDArray[np.void]:
-        """Of the newest frame, a copy, as `Effects.parcels`."""
+        """A copy of the newest frame's parcels, as `Effects.parcels`."""
         parcels: NDArray[np.void] = self._core.newest()["parcels"]
         return parcels
 
@@ -195,7 +195,7 @@ class Companion:
 
     def report(self) -> EffectsReport:
         """Frames, what they took in all (asking the follower, moving, copying out) and what was given up."""
-        return to_report(self._core.newest()["report"], self.budget)
+        return EffectsReport(budget=self.budget, **self._core.newest()["report"])
 
     def __repr__(self) -> str:
         state = "running" if self.running else "not running"
@@ -203,6 +203,6 @@ class Companion:
 
 
 def _nobody_starts(loop: HapticLoop, follower: Follower) -> None:
-    """Of a session that is gone: what waits for its start is told that there will be none."""
+    """Ends what waits for the start of a session that is gone."""
     if not loop.started:
         follower.stop()

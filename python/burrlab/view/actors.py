@@ -103,7 +103,7 @@ class BlockActors:
         )
 
     def replace(self, surface: Surface, blocks: Iterable[Block]) -> None:
-        """Takes over these blocks of the surface; those that are gone there go here."""
+        """Takes over these blocks of the surface, also those that are gone."""
         for block in blocks:
             made = surface.blocks.get(block)
             actor = self.actors.get(block)
@@ -168,7 +168,7 @@ class BurrActors:
 
 
 class _Rim:
-    """The circle in which a ball is seen, dashed, before all else."""
+    """The rim of a ball as seen from the eye: a dashed circle in front of everything else."""
 
     def __init__(self, renderer: Any) -> None:
         # three points a dash, and a gap of one step
@@ -318,7 +318,7 @@ class Legend:
 
 
 def font_size(height: int) -> int:
-    """Of all words in a view of this height [pixel]."""
+    """Size of all words in a view of this height [pixel]."""
     return max(11, int(height / 52))
 
 
@@ -330,12 +330,12 @@ class Ground:
         flat_actor(renderer, self.lines.mesh, Color=(0.04, 0.05, 0.07), Opacity=0.62).SetLayerNumber(0)
 
     def place(self, left: float, low: float, right: float, high: float) -> None:
-        """Its edges."""
+        """Puts its edges."""
         self.lines.place([(left, low), (right, low), (right, high), (left, high)])
 
 
 class ScaleBar:
-    """A bar of a round length, true at the distance of what the camera looks at; above it a note on the bone, if there is one."""
+    """A bar of a round length, true at the distance of the camera's focus, below a note on the bone if there is one."""
 
     def __init__(self, renderer: Any, note: str = "") -> None:
         self.renderer, self.ground, self.note = renderer, Ground(renderer), note
@@ -367,7 +367,7 @@ class ScaleBar:
 
 
 def scale_length(most: float) -> float:
-    """The longest of the round lengths, 0.1 to 100 mm, that is not above `most` [mm]."""
+    """The longest of the round lengths, 0.1 to 100 mm, that is at most `most` [mm]."""
     return max((length for length in _LENGTHS if length <= most), default=_LENGTHS[0])
 
 
@@ -408,7 +408,7 @@ class SceneChart:
             self.charts.append(chart)
 
     def replace(self, time: ArrayLike, force: ArrayLike, depth: ArrayLike) -> None:
-        """The last ten seconds of these values; nothing where there are fewer than two."""
+        """Shows the last ten seconds of these values; hides the charts where there are fewer than two."""
         t = np.asarray(time, float)
         kept = t >= (t[-1] - _SPAN if len(t) else 0.0)
         shown = int(np.count_nonzero(kept)) > 1
@@ -429,7 +429,7 @@ class SceneChart:
 
 
 def round_value(most: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is not above a positive value."""
+    """The largest of 1, 2 and 5 times a power of ten that is at most a positive value."""
     power = 10.0 ** np.floor(np.log10(most))
     return float(power * max(step for step in (1, 2, 5) if step * power <= most * (1 + 1e-12)))
 
@@ -448,14 +448,14 @@ class SlicePanels:
         plotter.renderer.SetViewport(0.0, 0.0, 1 - _SHARE, 1.0)
 
     def cut(self, bone: VoxelBone, point: ArrayLike) -> None:
-        """Slices of the bone through a point [mm]."""
+        """Shows slices of the bone through a point [mm]."""
         images = [slice_image(bone, point, plane) for plane in PLANES]
         self.point = np.asarray(point, float)
         for panel, image in zip(self.panels, images, strict=True):
             panel.show(image, self.point)
 
     def move_burrs(self, centers: NDArray[np.float64], radii: Sequence[float]) -> None:
-        """Outlines of the burrs where they meet the planes."""
+        """Outlines the burrs where they meet the planes."""
         for panel in self.panels:
             panel.outline(centers, radii)
 
@@ -534,7 +534,7 @@ class _Panel:
 
 
 def _draw_lines(actor: Any, lines: Sequence[NDArray[np.float64]]) -> None:
-    """Lines of (x, y) just in front of a slice."""
+    """Puts lines of (x, y) just in front of a slice."""
     ends = np.cumsum([0, *map(len, lines)])
     drawn = Lines(range(first, last) for first, last in itertools.pairwise(ends))
     points = np.concatenate([*lines, np.zeros((0, 2))])

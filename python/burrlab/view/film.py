@@ -153,7 +153,7 @@ def write_video(
 
 
 def check_film(file: Path, fps: float) -> None:
-    """ValueError for an ending or a number of frames a second that no film has."""
+    """ValueError unless the file's ending and the frames a second are those of a film."""
     most = _MOST_FPS.get(file.suffix.lower())
     if most is None:
         raise ValueError(f"a film must end in .mp4 or .gif, got {file.name}")
@@ -169,14 +169,12 @@ def ffmpeg() -> str:
     OSError
         If there is neither.
     """
-    found = shutil.which("ffmpeg")
-    if found:
+    if found := shutil.which("ffmpeg"):
         return found
     with contextlib.suppress(ImportError, RuntimeError):
         import imageio_ffmpeg
 
-        program: str = imageio_ffmpeg.get_ffmpeg_exe()
-        return program
+        return str(imageio_ffmpeg.get_ffmpeg_exe())
     raise OSError(
         "an MP4 needs ffmpeg: apt-get install ffmpeg, or pip install imageio-ffmpeg; a film that ends in .gif needs neither"
     )

@@ -1,4 +1,4 @@
-"""Beside a running session, or on a replica: what is there now, twenty times a second, at no cost for the loop."""
+"""A scene that follows a running session or a replica, at no cost for the loop."""
 
 from __future__ import annotations
 

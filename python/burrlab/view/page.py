@@ -104,7 +104,7 @@ def charts(source: PageSource) -> list[dict[str, Any]]:
 
 
 def values(source: PageSource) -> list[list[str]]:
-    """That the charts' curves have now: of each chart, a text a burr."""
+    """Present values of the charts' curves: for each chart a text a burr."""
     force = np.linalg.norm(source.force, axis=1)
     return [[f"{value:.{places}f}" for value in now] for now, places in ((force, 2), (source.depth, 3))]
 
@@ -124,7 +124,7 @@ _ZOOM = 1.15  # a step of the wheel
 
 
 def move(camera: Any, right: float, up: float) -> None:
-    """Across the line of sight, in parts of the picture's height; what is at the focus follows the mouse."""
+    """Moves a camera across its line of sight, in parts of the picture's height: what is at the focus follows the mouse."""
     position, focus = np.array(camera.position), np.array(camera.focal_point)
     sight = focus - position
     distance = float(np.linalg.norm(sight))
@@ -199,19 +199,19 @@ class Page:
             "values": [], "picture": "", "picture_number": 0,
         })  # fmt: skip
         for name, told in (
-            ("wanted_s", self._wish), ("slices", self._show_slices), ("stereo", self._show_stereo),
-            ("effects", self._show_effects), ("playing", self._play), ("speed", self._play),
+            ("wanted_s", self._wish), ("slices", self._switch), ("stereo", self._switch),
+            ("effects", self._switch), ("playing", self._play), ("speed", self._play),
         ):  # fmt: skip
             self.state.change(name)(told)
         for call in (self.drag, self.wheel, self.shown, self.draw):
             server.trigger(call.__name__)(call)
         scene.draw_fast()
-        self._show_stereo(self.state.stereo)
+        scene.set_stereo(self.state.stereo)
         self._advance(0.0)
         self._picture(smooth=True)
 
     def look(self, preset: str) -> None:
-        """Camera as named: surgeon, burr (once it is known), or along an axis."""
+        """Sets the camera by name: surgeon, burr (once it is known), or along an axis."""
         source, view = self.source, self._surgeon
         if preset == "burr" and source.first_center is not None:
             into = None if self._approach is None else self._approach.axis
@@ -222,30 +222,30 @@ class Page:
         self._draw = True
 
     def step(self, ticks: int) -> None:
-        """So many ticks on or back [ms, at 1 kHz]."""
+        """Goes so many ticks on, or back."""
         period = self.source.span[1] / max(len(self.source.history.time), 1)
         self._ask(self._wanted + ticks * period)
 
     def seek(self, part: float) -> None:
-        """To that part of the charts' time axis, 0 to 1."""
+        """Goes to that part of the charts' time axis, 0 to 1."""
         first, last = self.source.span
         self._ask(first + min(max(float(part), 0.0), 1.0) * (last - first))
 
     def go(self, seconds: float) -> None:
-        """To a moment [s]."""
+        """Goes to a moment [s]."""
         self._ask(float(seconds))
 
     def drag(self, right: float, up: float, moves: bool) -> None:
-        """The mouse went so far, in parts of the picture's height: turns the bone, or moves it."""
+        """Turns the bone, or moves it: the mouse went so far, in parts of the picture's height."""
         self._drag += float(right), float(up)
         self._drag_moves = bool(moves)
 
     def wheel(self, steps: float) -> None:
-        """The wheel turned; positive is nearer."""
+        """Zooms by so many steps of the wheel; positive is nearer."""
         self._wheel += float(steps)
 
     def shown(self, width: int = 0, height: int = 0) -> None:
-        """A browser shows the newest picture, and says its place's size if that is news."""
+        """Notes that a browser shows the newest picture, and the size of its place if that has changed."""
         self._on_way = -_PATIENCE
         if width and height:
             size = tuple(int(min(max(n, 64), most)) for n, most in zip((width, height), _MOST, strict=True))
@@ -254,11 +254,11 @@ class Page:
                 self._draw = True
 
     def draw(self) -> None:
-        """Once more, as for a window of another size."""
+        """Draws once more, as for a window of another size."""
         self._draw = True
 
     async def run(self) -> None:
-        """Until it is cancelled."""
+        """Serves wishes until it is cancelled."""
         while True:
             begin = time.monotonic()
             try:
@@ -275,7 +275,7 @@ class Page:
             with self.state as state:
                 state.prepared = prepared
             if prepared == 100:
-                self._show_effects(self.state.effects)
+                self._switch()
         if not self.state.distances and (rows := source.distances()):  # their fields are made meanwhile
             with self.state as state:
                 state.distances = rows
@@ -314,7 +314,7 @@ class Page:
             self._wheel, self._draw = 0.0, True
 
     def _advance(self, seconds: float) -> None:
-        """Bone, burrs and words to a moment."""
+        """Brings bone, burrs and words to a moment."""
         source, state = self.source, self.state
         first, last = source.span
         self._changed.append(source.go(min(max(seconds, first), last)))
@@ -360,23 +360,17 @@ class Page:
         with self.state as state:
             state.wanted_s = self._wanted
 
-    def _show_slices(self, slices: bool, **_: Any) -> None:
-        if slices:
+    def _switch(self, **_: Any) -> None:
+        self.scene.set_stereo(bool(self.state.stereo))
+        self.scene.set_parcels(self.source.parcels if self.state.effects else None)
+        if self.state.slices:
             self._cut()
         else:
             self.scene.set_slices(None)
         self._draw = True
 
-    def _show_stereo(self, stereo: bool, **_: Any) -> None:
-        self.scene.set_stereo(bool(stereo))
-        self._draw = True
-
-    def _show_effects(self, effects: bool, **_: Any) -> None:
-        self.scene.set_parcels(self.source.parcels if effects else None)
-        self._draw = True
-
     def _cut(self) -> None:
-        """Slices through the first burr's centre, or the middle of the volume until it is known."""
+        """Shows slices through the first burr's centre, or through the middle of the volume until it is known."""
         bone = self.source.bone
         middle = np.array(bone.origin) + np.array(bone.spacing) * (np.array(bone.shape[::-1]) - 1) / 2
         known = self.source.first_center
@@ -395,7 +389,7 @@ WISHES: dict[str, Callable[[Any], bool]] = {
 
 
 def restrict(handler: Any) -> None:
-    """Leaves a handler of wslink no other calls than the page makes, with arguments of their kinds; others do nothing.
+    """Restricts a handler of wslink to the calls that the page makes, with arguments of their kinds; others do nothing.
 
     trame's own would let a browser end the server, and change whatever is shown in all others, scripts as well.
     """
@@ -415,7 +409,7 @@ def restrict(handler: Any) -> None:
                 await trigger(core, name, arguments, {})
 
     def none(*_: Any, **__: Any) -> None:
-        """What trame's page tells of itself."""
+        """Ignores what trame's page tells of itself."""
 
     handler.functionMap = {
         "trame.state.get": calls["trame.state.get"],
@@ -519,40 +513,31 @@ def _head(page: Page, html: Any, v3: Any) -> None:
 
 
 def _side(page: Page, html: Any) -> None:
-    html.H2("now")
-    with html.Table(), html.Tr(v_for="row in numbers", key="row.name"):
-        html.Td("{{ row.name }}")
-        html.Td("{{ row.value }}", classes="burrlab-number", colspan=("row.unit ? 1 : 2",))
-        html.Td("{{ row.unit }}", classes="burrlab-unit", v_if="row.unit")
-    with html.Div(v_if="distances.length"):
-        html.H2("burr's surface to structure")
-        with html.Table(), html.Tr(v_for="row in distances", key="row.name"):
-            with html.Td():
-                html.Span(classes="burrlab-mark", style=("'background: ' + row.colour",))
-                html.Span("{{ row.name }}")
-            html.Td("{{ row.value }}", classes="burrlab-number", style=("row.near ? 'color: #ff7b72' : ''",))
-            html.Td("mm", classes="burrlab-unit")
-    with html.Div(v_if="tissues.length"):
-        html.H2("removed by tissue")
-        with html.Table(), html.Tr(v_for="row in tissues", key="row.name"):
-            with html.Td():
-                html.Span(classes="burrlab-mark", style=("'background: ' + row.colour",))
-                html.Span("{{ row.name }}")
-            html.Td(
-                "{{ row.removed }}", classes="burrlab-number",
-                style=("row.hurt ? 'color: #ff7b72' : ''",),
-            )  # fmt: skip
-            html.Td("mm³", classes="burrlab-unit")
-    with html.Div(v_if="events.length"):
-        html.H2("events")
-        with (
-            html.Table(),
-            html.Tr(v_for="row in events", classes="burrlab-event", click=(page.go, "[row.time_s]")),
-        ):
-            html.Td("{{ row.clock }}", style="width: 5em;", classes="burrlab-number pr-3")
-            with html.Td():
-                html.Span(classes="burrlab-mark", style=("'background: ' + row.colour",))
-                html.Span("{{ row.text }}")
+    name, number, unit = "{{ row.name }}", {"classes": "burrlab-number"}, {"classes": "burrlab-unit"}
+    red, keyed = "row.{} ? 'color: #ff7b72' : ''", {"key": "row.name"}
+    near, hurt = ({**number, "style": (red.format(word),)} for word in ("near", "hurt"))
+    tables: tuple[tuple[str, str, dict[str, Any], dict[str, dict[str, Any] | None]], ...] = (
+        ("now", "numbers", keyed, {
+            name: {}, "{{ row.value }}": {**number, "colspan": ("row.unit ? 1 : 2",)},
+            "{{ row.unit }}": {**unit, "v_if": "row.unit"},
+        }),
+        ("burr's surface to structure", "distances", keyed, {name: None, "{{ row.value }}": near, "mm": unit}),
+        ("removed by tissue", "tissues", keyed, {name: None, "{{ row.removed }}": hurt, "mm³": unit}),
+        ("events", "events", {"classes": "burrlab-event", "click": (page.go, "[row.time_s]")}, {
+            "{{ row.clock }}": {"style": "width: 5em;", "classes": "burrlab-number pr-3"}, "{{ row.text }}": None,
+        }),
+    )  # fmt: skip
+    for heading, rows, line, cells in tables:
+        with html.Div(v_if=f"{rows}.length") if rows != "numbers" else contextlib.nullcontext():
+            html.H2(heading)
+            with html.Table(), html.Tr(v_for=f"row in {rows}", **line):
+                for text, look in cells.items():
+                    if look is not None:
+                        html.Td(text, **look)
+                        continue
+                    with html.Td():  # behind a mark in the row's colour
+                        html.Span(classes="burrlab-mark", style=("'background: ' + row.colour",))
+                        html.Span(text)
 
 
 def _charts(page: Page, html: Any) -> None:

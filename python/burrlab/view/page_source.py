@@ -96,7 +96,7 @@ class StructureDistances:
 
 
 def page_event(time: float, row: np.void, structures: Sequence[str]) -> PageEvent:
-    """Of a row of a trace's or a watch's events."""
+    """The event of a row of a trace's or a watch's events."""
     kind, distance = KINDS[int(row["kind"])], float(row["distance_mm"])
     what, colour = _KINDS[kind]
     text = f"{what} {structures[int(row['structure'])]}"
@@ -111,7 +111,7 @@ _RATE = 20.0  # frames of a second of the trace that are made [Hz]
 
 
 class ParcelHistory:
-    """Frames of a trace's parcels, in bounded memory: where they take more, every second one is given up.
+    """Frames of a trace's parcels in bounded memory: every second frame is dropped where they take more.
 
     Parameters
     ----------
@@ -131,18 +131,18 @@ class ParcelHistory:
 
     @property
     def made(self) -> float:
-        """Part of the trace, 0 to 1."""
+        """Part of the trace whose frames are made, 0 to 1."""
         frames = self._duration * _RATE
         return min(1.0, self._made / frames) if frames else 1.0
 
     @property
     def bytes(self) -> int:
-        """That the kept frames take."""
+        """Memory of the kept frames [bytes]."""
         with self._lock:
             return sum(frame.nbytes for frame in self._frames)
 
     def make(self, cancel: threading.Event | None = None) -> bool:
-        """All of it; may run in a thread. Returns whether it came to the end."""
+        """Makes all frames; may run in a thread. Returns whether it came to the end."""
         player = TracePlayer(self._trace, every=self._duration + 1.0)  # goes forward only
         size = 0
         for _ in effects_of(player, self._effects, rate=_RATE):
@@ -162,7 +162,7 @@ class ParcelHistory:
         return True
 
     def at(self, seconds: float) -> NDArray[np.void] | None:
-        """Of the newest kept frame that is not after this time; None where there is none yet."""
+        """The newest kept frame at or before this time [s]; None where there is none yet."""
         with self._lock:
             i = int(seconds * _RATE / self._every + 1e-6)
             if not 0 < i <= len(self._frames):
@@ -193,7 +193,7 @@ class HasParcels(Protocol):
 
 
 class PageSource:
-    """A bone at a moment, and how to get to another one; of this class itself the bone rests.
+    """A bone at a moment, and the way to other moments. This class itself is a bone that rests.
 
     Attributes
     ----------
@@ -230,7 +230,7 @@ class PageSource:
 
     @property
     def history(self) -> History:
-        """Until the moment, or longer."""
+        """Time, force and depth until the moment, or longer."""
         return History(np.zeros(0), np.zeros((0, len(self.radii))), np.zeros((0, len(self.radii))))
 
     @property
@@ -250,11 +250,11 @@ class PageSource:
         return centers[0] if len(centers) and bool(np.isfinite(centers[0]).all()) else None
 
     def approach(self) -> Approach | None:
-        """Into the bone; None if that is not known."""
+        """The way into the bone; None if that is not known."""
         return None
 
     def go(self, seconds: float) -> NDArray[np.uint32]:
-        """To that moment, or to the newest one of what runs; numbers of the bricks that changed."""
+        """Goes to that moment [s], or to the newest one of a session; returns numbers of the bricks that changed."""
         return np.empty(0, np.uint32)
 
     def distances(self) -> list[dict[str, Any]]:
@@ -277,7 +277,7 @@ class PageSource:
         slices: bool = False,
         curves: bool = False,
     ) -> int:
-        """Takes the moment over into a scene of the bone, of which these bricks changed; blocks made anew."""
+        """Shows the moment in a scene; these bricks changed. Returns the number of blocks that were made anew."""
         blocks = scene.update(self.bone, bricks) if len(bricks) else 0
         scene.move_burrs(self.burrs.centers, self.burrs.on.tolist())
         scene.set_parcels(self.parcels if parcels else None)
@@ -355,7 +355,7 @@ class ReplaySource(PageSource):
 
 
 class LiveSource(PageSource):
-    """What runs or has ended: a bone of one's own that takes over the bricks that changed.
+    """A running or ended session, or its replica: a bone of its own takes over the bricks that changed.
 
     Parameters
     ----------
@@ -442,7 +442,7 @@ class LiveSource(PageSource):
             self.state = str(source.status["reason"] or "ended") if source.wait(0.0) else "following"
 
     def _hear(self, tick: int) -> None:
-        """Events that are new; when they were follows from the newest tick's time."""
+        """Takes over new events; their times follow from the newest tick's."""
         if self._structures:
             asked = self._source.follower if isinstance(self._source, Session) else self._source
             for row in Watched.of(asked.watched(len(self.events)), np.zeros(0, np.int64)).events:
@@ -451,7 +451,7 @@ class LiveSource(PageSource):
 
 
 def page_source(source: Shown, effects: Any = None) -> PageSource:
-    """The source of a page. TypeError if it is none, or its effects are not of its kind."""
+    """The source of what is to be shown. TypeError if that is of another kind, or the effects do not go with it."""
     if isinstance(source, Trace | TracePlayer):
         if not isinstance(effects, Effects | None):
             raise TypeError(f"effects of a trace must be Effects, got {effects!r}")

@@ -80,7 +80,7 @@ SIZE = (1536, 768)  # of a window for both eyes, unless asked for [pixel]
 
 
 def viewpoint_of(plotter: Any) -> Viewpoint:
-    """Of its camera."""
+    """The viewpoint of a plotter's camera."""
     camera = plotter.camera
     return Viewpoint(
         tuple(camera.position), tuple(camera.focal_point), tuple(camera.up), float(camera.view_angle)
@@ -88,8 +88,9 @@ def viewpoint_of(plotter: Any) -> Viewpoint:
 
 
 class StereoEyes:
-    """A renderer for each eye in place of a plotter's own one, which goes on holding what is drawn, the camera between
-    the eyes that mouse and presets move, and the view's place in the window.
+    """A renderer for each eye, drawn in place of a plotter's own renderer.
+
+    The own renderer still holds what is drawn, the camera between the eyes, and the view's place in the window.
 
     Legend and curves are left out: both eyes would see them in one plane, that of the focus, across bone which is nearer.
     The scale bar stays, since that plane is where it is true.
@@ -129,7 +130,7 @@ class StereoEyes:
 
     @property
     def on(self) -> bool:
-        """Whether the eyes are drawn, and not what lies between them."""
+        """Whether the two eyes are drawn instead of the view between them."""
         return not self.plotter.renderer.GetDraw()
 
     @on.setter
@@ -140,7 +141,7 @@ class StereoEyes:
             renderer.SetDraw(on)
 
     def one_by_one(self, separation: float, *, swap: bool = False) -> Iterator[None]:
-        """Shows the left half's eye over the whole view, then the right half's; then all as before. ValueError as `set`."""
+        """Shows each eye in turn over the whole view, then all as before. ValueError as `set`."""
         before = self.on, self.separation, self.swap
         try:
             self.set(separation, swap=swap)
@@ -153,7 +154,7 @@ class StereoEyes:
             self.on = before[0]
 
     def follow(self) -> None:
-        """Takes over camera, place and actors; before each drawing."""
+        """Takes over camera, place and actors before each drawing."""
         if not self.on:
             return
         main = self.plotter.renderer
@@ -179,7 +180,7 @@ class StereoEyes:
             scale.fit(self.plotter)
 
     def _share(self, props: Any) -> None:
-        """What the main renderer draws of three dimensions."""
+        """Takes over the main renderer's actors in space."""
         self._shared_at = props.GetMTime()
         now = {id(prop): prop for prop in props if prop.IsA("vtkProp3D")}
         for renderer in self.renderers:
@@ -275,7 +276,7 @@ class Scene:
     stereo : bool
         Both eyes side by side in the window, as `set_stereo` does.
     outline : bool
-        Draw each burr's rim as a dashed line through the bone before it. Nobody sees that who drills.
+        Draw each burr's rim as a dashed line through the bone before it. A surgeon does not see that.
     note : str
         A few words on the bone, above the scale bar.
 
@@ -350,7 +351,7 @@ class Scene:
 
     @property
     def viewpoint(self) -> Viewpoint:
-        """Of the camera now."""
+        """Viewpoint of the camera now."""
         return viewpoint_of(self.plotter)
 
     def update(self, bone: VoxelBone, bricks: ArrayLike | None = None) -> int:
@@ -513,7 +514,7 @@ class Scene:
                 time.sleep(1 / 60)
 
     def draw_fast(self) -> None:
-        """Without multi-sampling and the backs of the surface: of a software renderer's time, a quarter is left."""
+        """Draws without multi-sampling and backs of the surface, in a quarter of a software renderer's time."""
         self.plotter.render_window.SetMultiSamples(0)
         self.actors.property.BackfaceCullingOn()
 

@@ -176,7 +176,7 @@ def blocks_of_bricks(bricks: ArrayLike, bone: VoxelBone) -> list[Block]:
 
 
 class Surface:
-    """The blocks of a bone, kept up with it.
+    """The blocks of a bone, kept up to date with it.
 
     Parameters
     ----------

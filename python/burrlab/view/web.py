@@ -99,20 +99,31 @@ def serve(
             viewpoint,
             stereo,
             note or shown.note,
-            on_ready or _tell,
+            on_ready,
         )
     )
 
 
 def check_page(*, host: str = "127.0.0.1", port: int = 0) -> None:
     """ImportError without trame, OSError where nobody could listen, RuntimeError where an event loop runs."""
-    _check_no_loop()
-    _check_trame()
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        pass
+    else:
+        raise RuntimeError(
+            "serve blocks until the page ends, and an event loop runs here: use a script or a terminal"
+        )
+    try:
+        import trame.ui.vuetify3
+        import trame.widgets.vuetify3  # noqa: F401
+    except ImportError:
+        raise ImportError("the page needs trame: pip install 'burrlab[viz3d]'") from None
     _check_free(host, port)
 
 
 def warning(address: str) -> str:
-    """That goes with a page's address."""
+    """A page's address with a warning of who can use it."""
     return (
         f"{address}  (keep it to yourself: whoever has this address can see and work the page; Ctrl-C ends)"
     )
@@ -120,7 +131,7 @@ def warning(address: str) -> str:
 
 async def _serve(
     source: PageSource, host: str, port: int, open_browser: bool, size: tuple[int, int], level: int,
-    viewpoint: Viewpoint | None, stereo: bool, note: str, on_ready: Callable[[str], object],
+    viewpoint: Viewpoint | None, stereo: bool, note: str, on_ready: Callable[[str], object] | None,
 ) -> None:  # fmt: skip
     scene = Scene(
         source.bone, source.radii, off_screen=True, size=size, level=level, chart=False, outline=source.kind == "replay", note=note
@@ -140,7 +151,10 @@ async def _serve(
             if task.done():
                 task.result()
             address = f"http://{_named(host, server.port)}/{secret}/"
-            on_ready(address)
+            if on_ready is None:
+                print(warning(address), flush=True)
+            else:
+                on_ready(address)
             if open_browser:
                 webbrowser.open(address)
             source.open()
@@ -162,7 +176,7 @@ def _server() -> Any:
 
 
 def _prepare(web: Any, protocol: Any, host: str, secret: str) -> None:
-    """All lies below the secret, for who asks for it by the address that is listened on, and may call what the page needs."""
+    """Serves below the secret only, to those who use the address listened on, and restricts their calls."""
     from aiohttp.web import HTTPForbidden, json_response
     from yarl import URL
 
@@ -181,7 +195,7 @@ def _prepare(web: Any, protocol: Any, host: str, secret: str) -> None:
         return await resolve(request.clone(rel_url=URL(f"/{rest}", encoded=True)))
 
     async def launch(request: Any) -> Any:
-        """trame's page asks a launcher first, which tells the secret of its connection."""
+        """Answers trame's page as a launcher does, with the secret of its connection."""
         return json_response({"sessionURL": f"ws://{request.host}/{secret}/ws", "secret": secret})
 
     web.app.router.resolve = below
@@ -197,7 +211,7 @@ def _named(host: str, port: int) -> str:
 
 @contextlib.contextmanager
 def _ended_by_signals(end: asyncio.Event) -> Iterator[None]:
-    """Ctrl-C and SIGTERM end the page in order, where this is the main thread."""
+    """Lets Ctrl-C and SIGTERM end the page in order, where this is the main thread."""
     loop, before = asyncio.get_running_loop(), {}
     for number in (signal.SIGINT, signal.SIGTERM):
         handler = signal.getsignal(number)
@@ -215,22 +229,12 @@ def _ended_by_signals(end: asyncio.Event) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _own_arguments() -> Iterator[None]:
-    """trame would read the program's arguments as its own."""
+    """Hides the program's arguments, which trame would read as its own."""
     before, sys.argv = sys.argv, sys.argv[:1]
     try:
         yield
     finally:
         sys.argv = before
-
-
-def _check_no_loop() -> None:
-    try:
-        asyncio.get_running_loop()
-    except RuntimeError:
-        return
-    raise RuntimeError(
-        "serve blocks until the page ends, and an event loop runs here: use a script or a terminal"
-    )
 
 
 def _check_free(host: str, port: int) -> None:
@@ -242,15 +246,3 @@ def _check_free(host: str, port: int) -> None:
             probe.bind(address)
     except OSError as error:
         raise OSError(f"cannot listen on {host}:{port}: {error.strerror or error}") from None
-
-
-def _check_trame() -> None:
-    try:
-        import trame.ui.vuetify3
-        import trame.widgets.vuetify3  # noqa: F401
-    except ImportError:
-        raise ImportError("the page needs trame: pip install 'burrlab[viz3d]'") from None
-
-
-def _tell(address: str) -> None:
-    print(warning(address), flush=True)

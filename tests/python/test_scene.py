@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rendering_probe import need_drawing
 from replica_scenes import Leader
-from scene_pictures import SIZE, differing, small_scene  # noqa: F401
+from scene_pictures import SIZE, differing, open_scene, small_scene  # noqa: F401
 from session_scenes import small_bone, tools
 from view_scenes import parcels, read, write_trace
 
@@ -47,19 +47,18 @@ def test_a_burr_inside_the_bone_is_outlined_where_that_is_asked_for(scene):
     before = scene.picture()
     scene.move_burrs(hidden, [True])
     assert not differing(scene.picture(), before).any()
-    outlined = Scene(scene.bone, [1.0], off_screen=True, size=SIZE, chart=False, outline=True)
-    outlined.look(scene.viewpoint)
-    assert not differing(outlined.picture(), before).any()  # no place is known yet
-    outlined.move_burrs(hidden, [True])
-    rows, columns = np.nonzero(differing(outlined.picture(), before))
-    distance = outlined.viewpoint.distance
+    with open_scene(scene.bone, chart=False, outline=True) as outlined:
+        outlined.look(scene.viewpoint)
+        assert not differing(outlined.picture(), before).any()  # no place is known yet
+        outlined.move_burrs(hidden, [True])
+        rows, columns = np.nonzero(differing(outlined.picture(), before))
+        outlined.move_burrs([[np.nan] * 3])
+        assert not differing(outlined.picture(), before).any()
+    distance = scene.viewpoint.distance
     pixel = 8.0 / 240 * (distance + 1.2) / distance
     x, y = (columns - 159.5) * pixel, (119.5 - rows) * pixel
     np.testing.assert_allclose(np.hypot(x - 0.5, y), 1.0, atol=0.12)
     assert len(np.unique(np.arctan2(y, x - 0.5).round(1))) > 40  # all around
-    outlined.move_burrs([[np.nan] * 3])
-    assert not differing(outlined.picture(), before).any()
-    outlined.close()
 
 
 def test_an_update_draws_what_a_new_scene_draws(scene):
@@ -72,24 +71,20 @@ def test_an_update_draws_what_a_new_scene_draws(scene):
     assert 0 < scene.update(bone, changed) < len(scene.surface.blocks) + 1
     updated = scene.picture()
     assert differing(updated, seen).any()
-    anew = Scene(bone, [1.0], off_screen=True, size=SIZE, chart=False)
-    anew.look(scene.viewpoint)
-    np.testing.assert_array_equal(anew.picture(), updated)
-    anew.close()
+    with open_scene(bone, chart=False) as anew:
+        anew.look(scene.viewpoint)
+        np.testing.assert_array_equal(anew.picture(), updated)
 
 
 def test_neighbouring_blocks_show_no_seam():
     """A flat top across four blocks is one colour."""
-    need_drawing()
     bone = burrlab.VoxelBone.block((9.6, 9.6, 3), 0.1, origin=(0, 0, 0))
-    scene = Scene(bone, [], off_screen=True, size=SIZE)
     assert len(surface_blocks(bone)) == 9
-    scene.look(surgeon_view(bone, (4.75, 4.75, 2.95), width=6.0, tilt=0.0))
-    scene.scale.bar.SetVisibility(False)
-    middle = scene.picture()[40:190, 60:260].astype(int)
-    assert np.abs(np.diff(middle, axis=0)).max() <= 2
-    assert np.abs(np.diff(middle, axis=1)).max() <= 2
-    scene.close()
+    with open_scene(bone, []) as scene:
+        scene.look(surgeon_view(bone, (4.75, 4.75, 2.95), width=6.0, tilt=0.0))
+        scene.scale.bar.SetVisibility(False)
+        middle = scene.picture()[40:190, 60:260].astype(int)
+    assert max(np.abs(np.diff(middle, axis=axis)).max() for axis in (0, 1)) <= 2
 
 
 def test_particles_slices_and_curves_are_seen(scene):
@@ -107,27 +102,23 @@ def test_particles_slices_and_curves_are_seen(scene):
 
 @pytest.mark.parametrize("shape", [(30, 30, 1), (1, 30, 30), (30, 1, 30), (1, 1, 1)])
 def test_slices_of_one_row_are_seen(shape):
-    need_drawing()
     bone = burrlab.VoxelBone(np.full(shape, 255, np.uint8), 0.2)
-    scene = Scene(bone, [], off_screen=True, size=(640, 480), chart=False)
-    scene.set_slices((0.0, 0.0, 0.0))
-    panels = scene.picture()[:, 475:].reshape(3, 160, -1, 3).astype(int)
+    with open_scene(bone, [], size=(640, 480), chart=False) as scene:
+        scene.set_slices((0.0, 0.0, 0.0))
+        panels = scene.picture()[:, 475:].reshape(3, 160, -1, 3).astype(int)
     assert ((np.abs(panels - BONE).max(axis=3) < 12).sum(axis=(1, 2)) > 50).all()
-    scene.close()
 
 
 def test_a_chart_appears_with_its_values():
-    need_drawing()
-    scene = Scene(small_bone(), [1.0], off_screen=True, size=SIZE)
-    plain = scene.picture()
     time = np.linspace(0, 1, 20)
-    scene.set_curves(time[:1], time[:1], time[:1])
-    assert not differing(scene.picture(), plain).any()
-    scene.set_curves(time, time**2, time)
-    changed = differing(scene.picture(), plain)
+    with open_scene(small_bone()) as scene:
+        plain = scene.picture()
+        scene.set_curves(time[:1], time[:1], time[:1])
+        assert not differing(scene.picture(), plain).any()
+        scene.set_curves(time, time**2, time)
+        changed = differing(scene.picture(), plain)
     assert changed[160:, :100].any()
     assert not changed[:120].any()
-    scene.close()
 
 
 def test_files_are_pictures(scene, tmp_path):

@@ -28,6 +28,13 @@ PATH = [(-3, 0, 1.5), (-3, 0, -0.6), (3, 0, -0.6), (0, 0, -1.2)], [0, 1, 3, 4]
 BLOCK = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
 
 
+def turned(page):
+    """The page after one look at what is new, which a browser shows."""
+    page._turn(0.0)
+    page.shown()
+    return page
+
+
 @pytest.fixture(scope="module")
 def trace(tmp_path_factory):
     return burrlab.load_trace(nerve_trace(tmp_path_factory.mktemp("web") / "session.h5"))
@@ -39,33 +46,28 @@ def live(bone, **options):
 
 def test_beside_a_session_to_its_end():
     bone = nerve_bone()
-    with live(bone, watch=Watch(bone, approach=0.5)) as session:
-        page = make_page(page_source(session))
-        while session.running:
-            page._turn(0.0)
-            page.shown()
-        session.wait()  # the follower may be behind
-        page._turn(0.0)
-        final, ticks = session.snapshot()
-        assert page.source.bone.digest() == final.digest()
-        assert page.source.bone.removed == final.removed > 0
-        assert page.state.time_s == pytest.approx(ticks / 1000)
-        assert page.state.source_state == session.reason
-        said = [(event.kind, event.structure) for event in session.anatomy().events]
-        assert [tuple(row["text"].split(",")[0].split(" ")[::2]) for row in page.state.events] == said
-        for row, event in zip(page.state.events, session.anatomy().events, strict=True):
-            assert row["time_s"] == pytest.approx(event.tick / 1000, abs=2e-3)
-        assert page.state.charts[0]["lines"][0]
-        assert page.state.numbers[0]["value"] == page.state["values"][0][0]
-
-
-def test_before_the_first_tick():
-    session = live(nerve_bone())
-    page = make_page(page_source(session))
-    page._turn(0.0)
+    session = live(bone, watch=Watch(bone, approach=0.5))
+    page = turned(make_page(page_source(session)))
     said = {row["name"]: row["value"] for row in page.state.numbers}
     assert (said["centre"], said["force"], said["bone removed"]) == ("not known", "0.00", "0.00")
     assert page.state.source_state == "not started"
+    with session:
+        while session.running:
+            turned(page)
+        session.wait()  # the follower may be behind
+        turned(page)
+    final, ticks = session.snapshot()
+    assert page.source.bone.digest() == final.digest()
+    assert page.source.bone.removed == final.removed > 0
+    assert page.state.time_s == pytest.approx(ticks / 1000)
+    assert page.state.source_state == session.reason
+    events = session.anatomy().events
+    said = [tuple(row["text"].split(",")[0].split(" ")[::2]) for row in page.state.events]
+    assert said == [(event.kind, event.structure) for event in events]
+    times = [row["time_s"] for row in page.state.events]
+    assert times == pytest.approx([event.tick / 1000 for event in events], abs=2e-3)
+    assert page.state.charts[0]["lines"][0]
+    assert page.state.numbers[0]["value"] == page.state["values"][0][0]
 
 
 def test_beside_a_replica():
@@ -76,14 +78,8 @@ def test_beside_a_replica():
         try:
             page = make_page(page_source(replica))
             assert (page.state.title, page.state.source_state) == ("replica", "following")
-
-            def ended():
-                page._turn(0.0)
-                page.shown()
-                return replica.wait(0.0)
-
-            assert soon(ended, 30.0)
-            page._turn(0.0)
+            assert soon(lambda: turned(page) and replica.wait(0.0), 30.0)
+            turned(page)
             assert page.source.bone.digest() == replica.digest() == session.snapshot()[0].digest()
             assert page.source.bone.removed > 0
             assert page.state.source_state not in ("following", "")
@@ -108,12 +104,9 @@ def test_parcels_of_a_companion():
 def test_parcels_of_a_trace(trace):
     past = ParcelHistory(trace, Effects(trace.bone(), seed=1))
     assert past.at(2.0) is None
-    assert past.make()
-    assert past.made == 1.0
-    assert past.at(0.0) is None
-    other, player = Effects(trace.bone(), seed=1), burrlab.view.TracePlayer(trace)
-    some = 0
-    for time in effects_of(player, other):
+    assert (past.make(), past.made, past.at(0.0)) == (True, 1.0, None)
+    other, some = Effects(trace.bone(), seed=1), 0
+    for time in effects_of(burrlab.view.TracePlayer(trace), other):
         frame, parcels = past.at(time), other.parcels
         assert len(frame) == len(parcels)
         some = max(some, len(parcels))

@@ -114,7 +114,8 @@ class Start:
 
 @contextlib.contextmanager
 def rescued(path: str, bone: VoxelBone, tick: int) -> Iterator[None]:
-    """Keeps a bone's exact state elsewhere where it cannot be kept as asked, as on a full disk; the NotKept says where."""
+    """Keeps a bone's exact state elsewhere where it cannot be kept as asked, as on a full disk; the NotKept
+    says where."""
     try:
         yield
     except (OSError, ValueError) as error:
@@ -124,7 +125,8 @@ def rescued(path: str, bone: VoxelBone, tick: int) -> Iterator[None]:
 
 
 def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) -> Start:
-    """The start that the options describe; ValueError where they do not fit, or the bone could not be saved as asked."""
+    """The start that the options describe; ValueError where they do not fit, or the bone could not be saved
+    as asked."""
     recipe = _recipe(options, material)
     if recipe is None:
         if options.axis is not None:
@@ -189,7 +191,8 @@ def _placed(
 def _kept_as(
     path: str | None, recipe: Recipe | DrilledRecipe | None
 ) -> tuple[Volume | LabelVolume | None, OccupancyMap | None]:
-    """The volume in whose format the bone is saved, and its map; errors as `save_drilled`, before any work."""
+    """The volume in whose format the bone is saved, and its map; errors as `save_drilled`, before any
+    work."""
     if path is None:
         return None, None
     if Path(path).suffix.lower() == ".h5":
@@ -219,7 +222,8 @@ def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[di
     ----------
     labels : LabelVolume
     tissues : Tissues, optional
-        A table; without it the names of the file say what the labels are. `tissue` is None where neither does.
+        A table; without it the names of the file say what the labels are. `tissue` is None where neither
+        does.
     """
     own = {} if tissues is None else {tissue.label: tissue.name for tissue in tissues}
     voxel = float(labels.spacing.prod())
@@ -238,7 +242,8 @@ def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[di
 
 
 def ear_side(labels: LabelVolume, tissues: Tissues | None = None) -> dict[str, str] | None:
-    """The directions in which ear canal, jaw joint and the facial nerve's exit lie, and the side of such an ear.
+    """The directions in which ear canal, jaw joint and the facial nerve's exit lie, and the side of such an
+    ear.
 
     Parameters
     ----------
@@ -249,16 +254,18 @@ def ear_side(labels: LabelVolume, tissues: Tissues | None = None) -> dict[str, s
     Returns
     -------
     dict or None
-        `lateral`, `anterior` and `inferior`, the axes that are nearest ("-x"), and `side`, "right" or "left"; empty where the three
-        lie so that no side can be told. None where one of them is missing, or there twice.
+        `lateral`, `anterior` and `inferior`, the axes that are nearest ("-x"), and `side`, "right" or "left";
+        empty where the three lie so that no side can be told. None where one of them is missing, or there
+        twice.
 
     Notes
     -----
-    Lateral is the canal's long axis, away from the nerve, which passes its inner end. Anterior leads from the canal's
-    middle to the joint's, across lateral. The nerve's exit is the tenth of its voxels that is farthest from its innermost tenth,
-    and inferior is the side of the plane of lateral and anterior, through the canal's middle, on which it lies. So nothing depends on
-    the names of axes: in the coordinates of the file, right-handed as LPS and RAS are, (lateral x anterior) . inferior is -1 in
-    a right ear and +1 in a left one. A mirrored file shows the other ear.
+    Lateral is the canal's long axis, away from the nerve, which passes its inner end. Anterior leads from the
+    canal's middle to the joint's, across lateral. The nerve's exit is the tenth of its voxels that is
+    farthest from its innermost tenth, and inferior is the side of the plane of lateral and anterior, through
+    the canal's middle, on which it lies. So nothing depends on the names of axes: in the coordinates of the
+    file, right-handed as LPS and RAS are, (lateral x anterior) . inferior is -1 in a right ear and +1 in a
+    left one. A mirrored file shows the other ear.
     """
     table = labels_table(labels, tissues)
     clouds = []
@@ -298,7 +305,8 @@ def _farthest(points: NDArray[np.float64], far: NDArray[np.float64]) -> NDArray[
 
 
 def template(labels: LabelVolume) -> Tissues:
-    """A table of the labels of a volume with what the default table knows of their names; c_e and alpha the bone's.
+    """A table of the labels of a volume with what the default table knows of their names; c_e and alpha the
+    bone's.
 
     ValueError where there are more labels than a bone has tissues.
     """
@@ -326,19 +334,19 @@ def template(labels: LabelVolume) -> Tissues:
 
 
 def _tissues(options: Options) -> int:
-    if options.file is None or options.file.lower().endswith(".csv"):
+    is_table = options.file is not None and options.file.lower().endswith(".csv")
+    if options.file is None or is_table:
         names = ("tissues", "template", "spacing", "unit", "unknown", "transpose")
         refuse_options(options, names, "goes with a file of labels")
-    if options.file is None:
-        found: list[dict[str, Any]] = [
-            {"name": t.name, "colour": _hex(t.colour), "critical": t.critical, "bleeds": t.bleeds, "synonyms": list(t.synonyms)}
-            for t in KNOWN
-        ]  # fmt: skip
-        deliver(options, {"tissues": found}, _text(found))
-        return 0
-    if options.file.lower().endswith(".csv"):
-        found = [_plain(tissue) for tissue in read_tissues(options.file)]
-        deliver(options, {"file": options.file, "tissues": found}, _text(found))
+        result: dict[str, Any] = {
+            "tissues": [
+                {"name": t.name, "colour": _hex(t.colour), "critical": t.critical, "bleeds": t.bleeds, "synonyms": list(t.synonyms)}
+                for t in KNOWN
+            ]
+        }  # fmt: skip
+        if is_table:
+            result = {"file": options.file, "tissues": [_plain(one) for one in read_tissues(options.file)]}
+        deliver(options, result, _text(result["tissues"]))
         return 0
     table = None if options.tissues is None else read_tissues(options.tissues)
     listed = options.unknown is None and is_stack(options.file)  # shown here, refused where a bone is made
@@ -415,12 +423,11 @@ def _wrapped(cells: list[str]) -> list[list[str]]:
 
 
 def _cell(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if value is None:
-        return "?"
     if isinstance(value, list):
         return ", ".join(value)
+    named = {None: "?", True: "yes", False: "no"}
+    if value is None or isinstance(value, bool):
+        return named[value]
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 

@@ -80,8 +80,8 @@ def command_parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command; 0 done (a run without a number too), 1 different or failed, 2 wrong input, 3 done and not kept
-    as asked, 130 interrupted."""
+    """Runs one command; 0 done (a run without a number too), 1 different or failed, 2 wrong input, 3 done and
+    not kept as asked, 130 interrupted."""
     started()
     options = argparse.Namespace(command="")
     try:

@@ -1,4 +1,5 @@
-"""What the commands share: options and their types, refusals, what is written and said, the end by a signal."""
+"""What the commands share: options and their types, refusals, what is written and said, the end by a
+signal."""
 
 from __future__ import annotations
 
@@ -45,7 +46,8 @@ class Option(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Options under a title of their own in the help; without a title, options of which one at most is given."""
+    """Options under a title of their own in the help; without a title, options of which one at most is
+    given."""
 
     title: str
     options: tuple[Option, ...]
@@ -199,7 +201,8 @@ class NotKept(OSError):
 
 
 def not_kept(path: str, name: str, error: Exception, write: Callable[[str], object], what: str) -> NotKept:
-    """The error after a file could not be written: the result is kept elsewhere, if that can be, and the error says where."""
+    """The error after a file could not be written: the result is kept elsewhere, if that can be, and the
+    error says where."""
     number, why = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
     place = kept_elsewhere(path, name, write)
     return NotKept(number, f"{why or error}{f'; {what} is kept as {place}' if place else ''}", path)

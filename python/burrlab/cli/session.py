@@ -61,16 +61,16 @@ from burrlab.view.web import check_page, serve, warning
 
 
 def check_live(options: Options) -> None:
-    """Before anything is started: ValueError for an option that nothing would look at, ImportError without an extra,
-    OSError without a screen or where the port is taken."""
-    if not options.view and options.web is None:
-        refuse_options(options, ("effects", "stereo"), "goes with --view or --web")
-    else:
+    """Before anything is started: ValueError for an option that nothing would look at, ImportError without an
+    extra, OSError without a screen or where the port is taken."""
+    if options.view:
         pyvista()
-        if options.view:
-            check_screen()
-            return
+        check_screen()
+    elif options.web is not None:
+        pyvista()
         check_page(port=options.web)
+    else:
+        refuse_options(options, ("effects", "stereo"), "goes with --view or --web")
 
 
 def start_effects(options: Options, source: Session | Replica) -> Companion | None:
@@ -88,17 +88,17 @@ def end_effects(effects: Companion | None) -> tuple[str, dict[str, Any]]:
     effects.wait(2.0)  # for the last frame
     effects.stop()
     report, balance = effects.report(), effects.balance()
-    lines = [f"effects at assumed rates, seed {effects.seed}: {report}"]
-    if effects.error:
-        lines.append(f"effects ended early: {effects.error}")
+    ended = f"\neffects ended early: {effects.error}" if effects.error else ""
+    lines = [f"\neffects at assumed rates, seed {effects.seed}: {report}{ended}"]
     lines += [f"{name}: {account}" for name, account in balance.items()]
     accounts = {name: {**account.volumes(), "exact": account.exact} for name, account in balance.items()}
     plain = {"seed": effects.seed, "error": effects.error, **report.to_dict(), "balance_mm3": accounts}
-    return "\n" + "\n".join(lines), {"effects": plain}
+    return "\n".join(lines), {"effects": plain}
 
 
 def show_live(options: Options, source: Session | Replica, effects: Companion | None = None) -> None:
-    """Shows a window until it is closed or the session ends, or a page until Ctrl-C; KeyboardInterrupt if the session goes on then."""
+    """Shows a window until it is closed or the session ends, or a page until Ctrl-C; KeyboardInterrupt if the
+    session goes on then."""
     if options.view:
         both_eyes: dict[str, Any] = {"stereo": True, "size": SIZE} if options.stereo else {}
         view = LiveView(source, effects=effects, **both_eyes)
@@ -154,7 +154,8 @@ def watch_asked_for(options: argparse.Namespace) -> bool:
 
 
 def chosen_watch(options: argparse.Namespace, bone: VoxelBone) -> Watch | None:
-    """The watch that the options describe; None where there is nothing to watch. ValueError if they do not fit the bone."""
+    """The watch that the options describe; None where there is nothing to watch. ValueError if they do not
+    fit the bone."""
     limits: dict[str, Any] = {
         name: value for name in _LIMITS if (value := getattr(options, name)) is not None
     }

@@ -116,7 +116,8 @@ def _view(options: Options) -> int:
 
 
 def _check(options: Options) -> None:
-    """ValueError, before any work, for options that do not go together and files that could not be written."""
+    """ValueError, before any work, for options that do not go together and files that could not be
+    written."""
     of_volume = options.volume is not None or options.labels is not None
     if (options.file is not None) + (options.bone is not None) + of_volume != 1:
         raise ValueError("view needs one of TRACE, --bone FILE, and --volume or --labels FILE")
@@ -173,7 +174,8 @@ def _player(file: str) -> TracePlayer:
 
 
 def _chosen_bone(options: Options) -> tuple[VoxelBone, list[str]]:
-    """The bone of --bone, --volume or --labels, and what was assumed of it; brings entry and axis into the bone frame."""
+    """The bone of --bone, --volume or --labels, and what was assumed of it; brings entry and axis into the
+    bone frame."""
     recipe = (
         chosen_recipe(options, materials["bone"]) if options.bone is None else DrilledRecipe(options.bone)
     )

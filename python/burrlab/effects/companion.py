@@ -28,20 +28,22 @@ DEFAULT_BUDGET = 0.020  # [s]
 
 
 class Companion:
-    """Runs effects in a thread of their own, fed by the session's follower or a replica; the loop is not touched.
+    """Runs effects in a thread of their own, fed by the session's follower or a replica; the loop is not
+    touched.
 
     Parameters
     ----------
     session : Session or Replica
-        A session started or not, a replica started. Bone that is gone by now made no dust, so a companion that is to see
-        all of it is made first.
+        A session started or not, a replica started. Bone that is gone by now made no dust, so a companion
+        that is to see all of it is made first.
     rate : float
         Frames a second, 1 to 200 [Hz], on the wall clock.
     budget : float, optional
         Of a frame [s]; None: it takes what it takes.
     realtime : bool
-        Asks for a priority before ordinary threads and below the loop's, so that frames are not late because other
-        programs run; only with a budget that is at most half of a period. `realtime_notes` says what was granted.
+        Asks for a priority before ordinary threads and below the loop's, so that frames are not late because
+        other programs run; only with a budget that is at most half of a period. `realtime_notes` says what
+        was granted.
     camera : Camera, optional
         For `hidden_fraction`.
     nozzle, sucker, parameters, seed, down, spin
@@ -54,8 +56,8 @@ class Companion:
 
     Notes
     -----
-    It ends by itself one frame after the session has ended, so that all that was removed has become dust, or when a
-    session that was never started is gone. A session
+    It ends by itself one frame after the session has ended, so that all that was removed has become dust, or
+    when a session that was never started is gone. A session
     on a virtual clock is followed on the wall clock all the same.
 
     Examples
@@ -152,7 +154,8 @@ class Companion:
 
     @property
     def realtime_notes(self) -> list[str]:
-        """A sentence for each thing that the system was asked for, granted or not; empty before the first frame."""
+        """A sentence for each thing that the system was asked for, granted or not; empty before the first
+        frame."""
         return self._core.realtime_notes
 
     @property
@@ -162,7 +165,8 @@ class Companion:
 
     @property
     def frames(self) -> list[FrameRecord]:
-        """(seconds, tick, decision) of all frames so far: `effects_of(player, effects, frames=...)` makes them again."""
+        """(seconds, tick, decision) of all frames so far: `effects_of(player, effects, frames=...)` makes
+        them again."""
         return self._core.frames
 
     @property
@@ -171,8 +175,8 @@ class Companion:
         return self._core.quantum
 
     def newest(self) -> dict[str, Any]:
-        """Values of one frame: frame (made so far), tick, parcels, balance, removed (levels by tissue's number),
-        bleeding [mm^3/s], hidden (of burr 0; nan without camera or burr)."""
+        """Values of one frame: frame (made so far), tick, parcels, balance, removed (levels by tissue's
+        number), bleeding [mm^3/s], hidden (of burr 0; nan without camera or burr)."""
         raw = self._core.newest()
         raw["balance"] = to_balance(raw["balance"], self.quantum)
         del raw["report"]
@@ -186,7 +190,8 @@ class Companion:
 
     @property
     def hidden(self) -> float:
-        """Part of burr 0 that is hidden in the newest frame; nan without a camera or before the first tick."""
+        """Part of burr 0 that is hidden in the newest frame; nan without a camera or before the first
+        tick."""
         return float(self._core.newest()["hidden"])
 
     def balance(self) -> dict[str, SubstanceBalance]:

@@ -26,8 +26,8 @@ BurrAt = tuple[ArrayLike, float]
 class Effects:
     """What a burr leaves in the field of view: dust, blood, water, paste.
 
-    Parcels carry integer quanta of mass, one level of one voxel, so that for each substance, after every frame,
-    made = present + sucked + drained exactly.
+    Parcels carry integer quanta of mass, one level of one voxel, so that for each substance, after every
+    frame, made = present + sucked + drained exactly.
 
     Parameters
     ----------
@@ -49,8 +49,8 @@ class Effects:
     Raises
     ------
     ValueError
-        If a direction is zero, the budget is not positive, the seed is out of range, or voxels are too small, too large
-        or too far from 0 to be counted.
+        If a direction is zero, the budget is not positive, the seed is out of range, or voxels are too small,
+        too large or too far from 0 to be counted.
 
     Examples
     --------
@@ -124,8 +124,8 @@ class Effects:
         dt_s : float
             That it stands for [s], at most 10.
         update : mapping, optional
-            What changed of the bone since the last frame, as `Follower.take` gives it: `bricks` (n, 3) (z, y, x), or
-            their numbers (n,), and `density`, 512 levels each.
+            What changed of the bone since the last frame, as `Follower.take` gives it: `bricks` (n, 3) (z, y,
+            x), or their numbers (n,), and `density`, 512 levels each.
         burrs : list of (center, radius)
             Where the burrs are [mm].
         decision : (merge_to, sub_steps, done), optional
@@ -134,8 +134,8 @@ class Effects:
         Returns
         -------
         (int, int, int)
-            The decision: parcels at most before it moved them, sub-steps planned, sub-steps after which the rest was
-            made in one.
+            The decision: parcels at most before it moved them, sub-steps planned, sub-steps after which the
+            rest was made in one.
 
         Raises
         ------
@@ -181,7 +181,8 @@ class Effects:
 
     @property
     def removed(self) -> list[int]:
-        """Levels removed since the beginning, by tissue's number; a single one without tissues; empty before any."""
+        """Levels removed since the beginning, by tissue's number; a single one without tissues; empty before
+        any."""
         return self._core.removed
 
     @property
@@ -210,8 +211,8 @@ class Effects:
         Returns
         -------
         float
-            The disc is sampled on 64 x 64 points of its frame; light passes a parcel as its opacity lets it. nan where
-            the burr is not in the picture.
+            The disc is sampled on 64 x 64 points of its frame; light passes a parcel as its opacity lets it.
+            nan where the burr is not in the picture.
 
         Raises
         ------
@@ -255,9 +256,9 @@ def effects_of(
     rate : float
         Frames a second of the trace [Hz].
     frames : list of (seconds, tick, decision), optional
-        `Companion.frames` of the session that was recorded, in place of the rate: with the companion's seed, parameters,
-        nozzle and sucker its parcels come out again, to the bit. What was changed while it ran must be changed here too,
-        between two frames.
+        `Companion.frames` of the session that was recorded, in place of the rate: with the companion's seed,
+        parameters, nozzle and sucker its parcels come out again, to the bit. What was changed while it ran
+        must be changed here too, between two frames.
 
     Yields
     ------

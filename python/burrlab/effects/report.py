@@ -68,7 +68,8 @@ class EffectsReport:
     parcels_most : int
         At the end of a frame.
     wall_ms, cpu_ms : dict
-        p50, p90, p99, p999 and max of what a frame took [ms]: on the wall clock, and of its thread's CPU time.
+        p50, p90, p99, p999 and max of what a frame took [ms]: on the wall clock, and of its thread's CPU
+        time.
     """
 
     frames: int

@@ -15,7 +15,8 @@ from burrlab.view.surface import Block, Surface, SurfaceBlock
 
 
 def configure(thing: Any, **settings: Any) -> Any:
-    """Calls setters of a VTK object and returns it: Color=(r, g, b) is SetColor(r, g, b), InterpolationToPhong=() has none."""
+    """Calls setters of a VTK object and returns it: Color=(r, g, b) is SetColor(r, g, b),
+    InterpolationToPhong=() has none."""
     for name, value in settings.items():
         getattr(thing, f"Set{name}")(*value if isinstance(value, tuple) else (value,))
     return thing
@@ -70,7 +71,8 @@ class Lines:
 
 
 def polydata(block: SurfaceBlock, palette: NDArray[np.uint8]) -> Any:
-    """A block as vtkPolyData with normals and colours; its arrays are shared, not copied, where types allow."""
+    """A block as vtkPolyData with normals and colours; its arrays are shared, not copied, where types
+    allow."""
     from vtkmodules.util.numpy_support import numpy_to_vtkIdTypeArray
 
     cells = new("vtkCellArray")
@@ -335,7 +337,8 @@ class Ground:
 
 
 class ScaleBar:
-    """A bar of a round length, true at the distance of the camera's focus, below a note on the bone if there is one."""
+    """A bar of a round length, true at the distance of the camera's focus, below a note on the bone if there
+    is one."""
 
     def __init__(self, renderer: Any, note: str = "") -> None:
         self.renderer, self.ground, self.note = renderer, Ground(renderer), note

@@ -48,10 +48,11 @@ def surgeon_view(
     entry : (x, y, z), optional
         What is looked at [mm]; default: the middle of the volume's face where the axis enters.
     axis : (x, y, z), optional
-        Direction of the approach, into the bone; default: downwards, (0, 0, -1). Up in the view is z, or y where the approach
-        is along z.
+        Direction of the approach, into the bone; default: downwards, (0, 0, -1). Up in the view is z, or y
+        where the approach is along z.
     width : float, optional
-        That the view holds at the entry from top to bottom, and from side to side where it is square [mm]; default: the whole volume.
+        That the view holds at the entry from top to bottom, and from side to side where it is square [mm];
+        default: the whole volume.
     tilt : float
         Between approach and line of sight [degree].
 
@@ -133,7 +134,8 @@ _MEETING = 250.0
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """The middle of where bone was touched [mm], the direction in which it was met, and a width that holds it all [mm]."""
+    """The middle of where bone was touched [mm], the direction in which it was met, and a width that holds it
+    all [mm]."""
 
     entry: NDArray[np.float64]
     axis: NDArray[np.float64]
@@ -157,7 +159,8 @@ def trace_approach(player: TracePlayer) -> Approach | None:
 
 
 def approach_view(bone: VoxelBone, approach: Approach | None, *, width: float | None = None) -> Viewpoint:
-    """The view of a surgeon along an approach; without one, from above at the whole volume. `width` [mm] replaces its own."""
+    """The view of a surgeon along an approach; without one, from above at the whole volume. `width` [mm]
+    replaces its own."""
     if approach is None:
         return surgeon_view(bone, width=width)
     return looking_at(approach.entry, approach.axis, approach.width if width is None else width)

@@ -30,8 +30,8 @@ class TraceView:
     ----------
     trace : Trace or TracePlayer
     effects : Effects, optional
-        Of the trace's initial bone, without a frame yet: dust, blood and water, made here from the trace's beginning to
-        its end.
+        Of the trace's initial bone, without a frame yet: dust, blood and water, made here from the trace's
+        beginning to its end.
     slices : bool
         Show slices through the first burr's centre.
     **options
@@ -66,7 +66,8 @@ class TraceView:
         self.go(self.player.time)
 
     def go(self, seconds: float) -> int:
-        """Shows a time of the trace [s]; returns the number of blocks that were made anew. ValueError if it has no such time."""
+        """Shows a time of the trace [s]; returns the number of blocks that were made anew. ValueError if it
+        has no such time."""
         return self._replay.show_in(self.scene, self._replay.go(seconds), slices=self.slices, curves=True)
 
     def frames(

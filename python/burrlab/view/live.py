@@ -18,8 +18,8 @@ from burrlab.view.scene import Scene, SceneWindow
 class LiveView:
     """A scene that follows a session or a replica.
 
-    The loop is never asked: the follower's copy of the bone says which bricks changed, and the scene's own copy of the
-    bone takes them over.
+    The loop is never asked: the follower's copy of the bone says which bricks changed, and the scene's own
+    copy of the bone takes them over.
 
     Parameters
     ----------

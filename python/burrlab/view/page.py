@@ -124,7 +124,8 @@ _ZOOM = 1.15  # a step of the wheel
 
 
 def move(camera: Any, right: float, up: float) -> None:
-    """Moves a camera across its line of sight, in parts of the picture's height: what is at the focus follows the mouse."""
+    """Moves a camera across its line of sight, in parts of the picture's height: what is at the focus follows
+    the mouse."""
     position, focus = np.array(camera.position), np.array(camera.focal_point)
     sight = focus - position
     distance = float(np.linalg.norm(sight))
@@ -370,7 +371,8 @@ class Page:
         self._draw = True
 
     def _cut(self) -> None:
-        """Shows slices through the first burr's centre, or through the middle of the volume until it is known."""
+        """Shows slices through the first burr's centre, or through the middle of the volume until it is
+        known."""
         bone = self.source.bone
         middle = np.array(bone.origin) + np.array(bone.spacing) * (np.array(bone.shape[::-1]) - 1) / 2
         known = self.source.first_center
@@ -389,9 +391,11 @@ WISHES: dict[str, Callable[[Any], bool]] = {
 
 
 def restrict(handler: Any) -> None:
-    """Restricts a handler of wslink to the calls that the page makes, with arguments of their kinds; others do nothing.
+    """Restricts a handler of wslink to the calls that the page makes, with arguments of their kinds; others
+    do nothing.
 
-    trame's own would let a browser end the server, and change whatever is shown in all others, scripts as well.
+    trame's own would let a browser end the server, and change whatever is shown in all others, scripts as
+    well.
     """
     calls = handler.functionMap
     core, change = calls["trame.state.update"]

@@ -44,7 +44,8 @@ class PageEvent:
 
 
 class StructureDistances:
-    """Distance of the nearest burr's surface to each critical structure of a bone; its fields are made in the background.
+    """Distance of the nearest burr's surface to each critical structure of a bone; its fields are made in the
+    background.
 
     Parameters
     ----------
@@ -72,7 +73,8 @@ class StructureDistances:
             self._thread.join()
 
     def rows(self, burrs: Burrs) -> list[dict[str, Any]]:
-        """name, colour, value [mm] and near (below the approach's limit), a structure each; empty until it is ready."""
+        """name, colour, value [mm] and near (below the approach's limit), a structure each; empty until it is
+        ready."""
         watch = self._watch
         known = np.isfinite(burrs.centers).all(axis=1)
         if watch is None or not known.any():
@@ -254,7 +256,8 @@ class PageSource:
         return None
 
     def go(self, seconds: float) -> NDArray[np.uint32]:
-        """Goes to that moment [s], or to the newest one of a session; returns numbers of the bricks that changed."""
+        """Goes to that moment [s], or to the newest one of a session; returns numbers of the bricks that
+        changed."""
         return np.empty(0, np.uint32)
 
     def distances(self) -> list[dict[str, Any]]:
@@ -277,7 +280,8 @@ class PageSource:
         slices: bool = False,
         curves: bool = False,
     ) -> int:
-        """Shows the moment in a scene; these bricks changed. Returns the number of blocks that were made anew."""
+        """Shows the moment in a scene; these bricks changed. Returns the number of blocks that were made
+        anew."""
         blocks = scene.update(self.bone, bricks) if len(bricks) else 0
         scene.move_burrs(self.burrs.centers, self.burrs.on.tolist())
         scene.set_parcels(self.parcels if parcels else None)
@@ -451,7 +455,8 @@ class LiveSource(PageSource):
 
 
 def page_source(source: Shown, effects: Any = None) -> PageSource:
-    """The source of what is to be shown. TypeError if that is of another kind, or the effects do not go with it."""
+    """The source of what is to be shown. TypeError if that is of another kind, or the effects do not go with
+    it."""
     if isinstance(source, Trace | TracePlayer):
         if not isinstance(effects, Effects | None):
             raise TypeError(f"effects of a trace must be Effects, got {effects!r}")

@@ -106,10 +106,10 @@ def slice_image(bone: VoxelBone, point: ArrayLike, plane: str) -> SliceImage:
     # half full is drawn as full, as the surface is: soft tissue keeps its colour
     now, lost = (np.minimum(part[..., None] / 127.5, 1.0) for part in (levels, pristine - levels))
     pixels = now * colour + (1 - now) * (lost * np.asarray(REMOVED) + (1 - lost) * np.asarray(_EMPTY))
-    low = [origin[a] - spacing[a] / 2 for a in (right, up)]
-    high = [origin[a] + spacing[a] * (shape[a] - 0.5) for a in (right, up)]
+    left, low = (origin[a] - spacing[a] / 2 for a in (right, up))
+    most, high = (origin[a] + spacing[a] * (shape[a] - 0.5) for a in (right, up))
     return SliceImage(
-        plane, np.rint(pixels).astype(np.uint8), levels, numbers, (low[0], high[0], low[1], high[1]),
+        plane, np.rint(pixels).astype(np.uint8), levels, numbers, (left, most, low, high),
         origin[across] + index * spacing[across],
     )  # fmt: skip
 
@@ -250,8 +250,8 @@ def removed_thickness(bone: VoxelBone, *, axis: str = "-z") -> NDArray[np.float6
 def depth_map(bone: VoxelBone, *, axis: str = "-z", level: int = 128) -> NDArray[np.float64]:
     """Depth of a crater as one sees it: from the surface as it was to the surface as it is, along an axis.
 
-    The surface is where the level first reaches `level`, between voxel centres linearly. Where one sees through, the
-    far face of the volume takes its place.
+    The surface is where the level first reaches `level`, between voxel centres linearly. Where one sees
+    through, the far face of the volume takes its place.
 
     Parameters
     ----------
@@ -283,7 +283,8 @@ def depth_map(bone: VoxelBone, *, axis: str = "-z", level: int = 128) -> NDArray
 
 
 def _slabs(bone: VoxelBone, across: int) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
-    """Present and pristine levels in slabs of whole columns, so that a large volume is never copied at once."""
+    """Present and pristine levels in slabs of whole columns, so that a large volume is never copied at
+    once."""
     along = 1 if across == 2 else 0  # the first of the two axes that are left
     for begin in range(0, bone.shape[along], 32):
         start, size = [0, 0, 0], list(bone.shape)
@@ -292,7 +293,8 @@ def _slabs(bone: VoxelBone, across: int) -> Iterator[tuple[NDArray[np.uint8], ND
 
 
 def _first(levels: NDArray[np.uint8], along: int, backwards: bool, level: int) -> NDArray[np.float64]:
-    """The place where each column first reaches a level, in voxels from the outer face; its length where it never does."""
+    """The place where each column first reaches a level, in voxels from the outer face; its length where it
+    never does."""
     columns = np.moveaxis(levels, along, -1)[..., :: -1 if backwards else 1]
     solid = columns >= level
     index = solid.argmax(axis=-1)

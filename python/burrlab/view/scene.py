@@ -1,4 +1,5 @@
-"""The scene of a bone in a pyvista plotter: off a screen, in a window that Ctrl-C ends, for one eye or both."""
+"""The scene of a bone in a pyvista plotter: off a screen, in a window that Ctrl-C ends, for one eye or
+both."""
 
 from __future__ import annotations
 
@@ -90,10 +91,11 @@ def viewpoint_of(plotter: Any) -> Viewpoint:
 class StereoEyes:
     """A renderer for each eye, drawn in place of a plotter's own renderer.
 
-    The own renderer still holds what is drawn, the camera between the eyes, and the view's place in the window.
+    The own renderer still holds what is drawn, the camera between the eyes, and the view's place in the
+    window.
 
-    Legend and curves are left out: both eyes would see them in one plane, that of the focus, across bone which is nearer.
-    The scale bar stays, since that plane is where it is true.
+    Legend and curves are left out: both eyes would see them in one plane, that of the focus, across bone
+    which is nearer. The scale bar stays, since that plane is where it is true.
 
     Parameters
     ----------
@@ -122,8 +124,8 @@ class StereoEyes:
         self.on = False
 
     def set(self, separation: float, *, swap: bool = False) -> None:
-        """Distance of the eyes for a viewer at 500 mm, scaled to the camera's [mm]; the right eye on the left, for crossed
-        eyes. ValueError if the separation is negative or not finite."""
+        """Distance of the eyes for a viewer at 500 mm, scaled to the camera's [mm]; the right eye on the
+        left, for crossed eyes. ValueError if the separation is negative or not finite."""
         if not (np.isfinite(separation) and separation >= 0):
             raise ValueError(f"separation must be zero or positive and finite, got {separation}")
         self.separation, self.swap = separation, swap
@@ -198,8 +200,8 @@ _AGAIN = 0.5  # after which it is drawn though nothing is known to have changed,
 class SceneWindow:
     """Opens the window of a scene, in the main thread; a context manager.
 
-    Within it Ctrl-C is raised by `turn` only: what is raised in a function that VTK calls, and pyvista has some, is printed
-    and forgotten.
+    Within it Ctrl-C is raised by `turn` only: what is raised in a function that VTK calls, and pyvista has
+    some, is printed and forgotten.
 
     Parameters
     ----------
@@ -233,8 +235,8 @@ class SceneWindow:
         self._interrupted = True
 
     def turn(self, *, draw: bool = False) -> bool:
-        """Does what mouse, keys and the window's frame asked for since the last call, and draws if that or the caller needs
-        it; whether the window is still open. KeyboardInterrupt after Ctrl-C."""
+        """Does what mouse, keys and the window's frame asked for since the last call, and draws if that or
+        the caller needs it; whether the window is still open. KeyboardInterrupt after Ctrl-C."""
         self._events.process_events()
         if self._interrupted:
             raise KeyboardInterrupt
@@ -444,7 +446,8 @@ class Scene:
         return self._eyes is not None and self._eyes.on
 
     def set_stereo(self, on: bool, separation: float = 62.0, *, swap: bool = False) -> None:
-        """Draws both eyes, each in its half of the view, without legend and curves; parameters as of `stereo_picture`."""
+        """Draws both eyes, each in its half of the view, without legend and curves; parameters as of
+        `stereo_picture`."""
         if on:
             self._stereo_eyes().set(separation, swap=swap)
         if self._eyes is not None:
@@ -508,13 +511,15 @@ class Scene:
         _write_png(path, self.stereo_picture(separation, swap=swap))
 
     def show(self) -> None:
-        """Opens the window, to orbit in with the mouse, until it is closed, by its frame, q or Ctrl-C: KeyboardInterrupt."""
+        """Opens the window, to orbit in with the mouse, until it is closed, by its frame, q or Ctrl-C:
+        KeyboardInterrupt."""
         with SceneWindow(self) as window:
             while window.turn():
                 time.sleep(1 / 60)
 
     def draw_fast(self) -> None:
-        """Draws without multi-sampling and backs of the surface, in a quarter of a software renderer's time."""
+        """Draws without multi-sampling and backs of the surface, in a quarter of a software renderer's
+        time."""
         self.plotter.render_window.SetMultiSamples(0)
         self.actors.property.BackfaceCullingOn()
 

@@ -41,17 +41,18 @@ def serve(
 ) -> None:
     """Serves a page until Ctrl-C or SIGTERM.
 
-    Its address holds a secret, drawn anew each time: whoever has the address sees the page and can work it, all others get
-    nothing. By default it can be reached from this machine only. The page takes nothing from any other place.
+    Its address holds a secret, drawn anew each time: whoever has the address sees the page and can work it,
+    all others get nothing. By default it can be reached from this machine only. The page takes nothing from
+    any other place.
 
     Parameters
     ----------
     source : Trace, TracePlayer, Session, Replica or VoxelBone
-        A trace is replayed, with a time line; a session or a started replica is shown live, and goes on when the page
-        ends; a bone rests.
+        A trace is replayed, with a time line; a session or a started replica is shown live, and goes on when
+        the page ends; a bone rests.
     effects : Effects or Companion, optional
-        Dust, blood and water: of a trace, those that effects of its initial bone give, made in the background; of a
-        session or a replica, those of a companion that runs beside it.
+        Dust, blood and water: of a trace, those that effects of its initial bone give, made in the
+        background; of a session or a replica, those of a companion that runs beside it.
     host : str
         Address to listen on.
     port : int
@@ -67,7 +68,8 @@ def serve(
     stereo : bool
         Begin with both eyes side by side; the page has a switch for it.
     note : str
-        A few words on the bone, above the scale bar; default: of a trace, a session or a replica, what its notes assume.
+        A few words on the bone, above the scale bar; default: of a trace, a session or a replica, what its
+        notes assume.
     on_ready : callable, optional
         Called with the page's address; default: it is printed.
 
@@ -88,20 +90,8 @@ def serve(
     if not 0 <= port <= 65535:
         raise ValueError(f"port must be from 0 to 65535, got {port!r}")
     check_page(host=host, port=port)
-    asyncio.run(
-        _serve(
-            shown,
-            host,
-            port,
-            open_browser,
-            size,
-            level,
-            viewpoint,
-            stereo,
-            note or shown.note,
-            on_ready,
-        )
-    )
+    settings = {"size": size, "level": level, "note": note or shown.note, "outline": shown.kind == "replay"}
+    asyncio.run(_serve(shown, host, port, open_browser, viewpoint, stereo, on_ready, settings))
 
 
 def check_page(*, host: str = "127.0.0.1", port: int = 0) -> None:
@@ -130,12 +120,10 @@ def warning(address: str) -> str:
 
 
 async def _serve(
-    source: PageSource, host: str, port: int, open_browser: bool, size: tuple[int, int], level: int,
-    viewpoint: Viewpoint | None, stereo: bool, note: str, on_ready: Callable[[str], object] | None,
+    source: PageSource, host: str, port: int, open_browser: bool, viewpoint: Viewpoint | None, stereo: bool,
+    on_ready: Callable[[str], object] | None, settings: dict[str, Any],
 ) -> None:  # fmt: skip
-    scene = Scene(
-        source.bone, source.radii, off_screen=True, size=size, level=level, chart=False, outline=source.kind == "replay", note=note
-    )  # fmt: skip
+    scene = Scene(source.bone, source.radii, off_screen=True, chart=False, **settings)
     try:
         server = _server()
         page = Page(server, source, scene, surgeon=viewpoint, stereo=stereo)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -22,12 +23,18 @@ def configure(thing: Any, **settings: Any) -> Any:
     return thing
 
 
-def new(name: str, **settings: Any) -> Any:
-    """A VTK object of the class of this name, configured."""
+@functools.cache
+def vtk_class(name: str) -> Any:
+    """The class of VTK of this name."""
     from vtkmodules import vtkCommonCore, vtkCommonDataModel, vtkRenderingCore
 
     modules = (vtkCommonCore, vtkCommonDataModel, vtkRenderingCore)
-    return configure(next(getattr(one, name) for one in modules if hasattr(one, name))(), **settings)
+    return next(getattr(one, name) for one in modules if hasattr(one, name))
+
+
+def new(name: str, **settings: Any) -> Any:
+    """A VTK object of the class of this name, configured."""
+    return configure(vtk_class(name)(), **settings)
 
 
 def vtk_array(values: NDArray[Any], name: str | None = None, *, deep: bool = True) -> Any:

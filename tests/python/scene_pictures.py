@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
 import pytest
 from rendering_probe import need_drawing
@@ -13,13 +15,20 @@ from burrlab.view.scene import Scene
 SIZE = (320, 240)
 
 
-@pytest.fixture(name="scene")
-def small_scene():
+@contextlib.contextmanager
+def open_scene(bone, radii=(1.0,), *, chart=True, **options):
+    """A scene off screen that is closed afterwards."""
     need_drawing()
-    made = Scene(small_bone(), [1.0], off_screen=True, size=SIZE, chart=False)
-    made.look(surgeon_view(made.bone, (0, 0, 0), width=8.0, tilt=0.0))
+    made = Scene(bone, radii, **{"off_screen": True, "size": SIZE, "chart": chart, **options})
     yield made
     made.close()
+
+
+@pytest.fixture(name="scene")
+def small_scene():
+    with open_scene(small_bone(), chart=False) as made:
+        made.look(surgeon_view(made.bone, (0, 0, 0), width=8.0, tilt=0.0))
+        yield made
 
 
 def differing(one, other):

@@ -73,23 +73,26 @@ def test_eyes_agree_at_the_focus_and_part_behind_it(block):
     assert shift == 0
 
 
-@pytest.mark.parametrize(("most", "length"), [(7.3, 5.0), (5.0, 5.0), (0.05, 0.1), (1e4, 100.0)])
-def test_the_scale_is_of_a_round_length(most, length):
-    assert scale_length(most) == length
-
-
 @pytest.mark.parametrize(
-    ("most", "mark"), [(1.0, 1.0), (1.99, 1.0), (0.3, 0.2), (0.5, 0.5), (73.0, 50.0), (0.1, 0.1)]
+    ("rounded", "most", "found"),
+    [
+        *((scale_length, *pair) for pair in ((7.3, 5.0), (5.0, 5.0), (0.05, 0.1), (1e4, 100.0))),
+        *(
+            (round_value, *pair)
+            for pair in ((1.0, 1.0), (1.99, 1.0), (0.3, 0.2), (0.5, 0.5), (73.0, 50.0), (0.1, 0.1))
+        ),
+    ],
 )
-def test_a_curve_has_a_mark_at_a_round_value(most, mark):
-    assert round_value(most) == pytest.approx(mark)
+def test_scale_and_marks_of_curves_are_round(rounded, most, found):
+    assert rounded(most) == pytest.approx(found)
 
 
 def test_refused(block):
-    with pytest.raises(ValueError, match="axis must be three finite numbers, not all zero"):
-        surgeon_view(block, axis=(0, 0, 0))
-    for entry in ((1, 2), (0, 0, np.nan)):
-        with pytest.raises(ValueError, match=r"entry must be three finite numbers \(x, y, z\)"):
-            surgeon_view(block, entry=entry)
-    with pytest.raises(ValueError, match="width must be positive and tilt finite, got 0 and 28"):
-        surgeon_view(block, width=0)
+    entry = r"entry must be three finite numbers \(x, y, z\)"
+    for view, sentence in (
+        ({"axis": (0, 0, 0)}, "axis must be three finite numbers, not all zero"),
+        ({"entry": (1, 2)}, entry), ({"entry": (0, 0, np.nan)}, entry),
+        ({"width": 0}, "width must be positive and tilt finite, got 0 and 28"),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=sentence):
+            surgeon_view(block, **view)

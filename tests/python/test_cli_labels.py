@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import call
 from label_scenes import MAP, SPACING, greys, volume, write_files
 from PIL import Image
 
+import burrlab
 from burrlab._core import Burr, VoxelBone
 from burrlab.bone.kept import load_drilled
 from burrlab.bone.recipe import DrilledRecipe
@@ -155,19 +157,10 @@ def test_wrong_input(files: Path, words: list[str], message: str, capsys: pytest
     Path("small.csv").write_text("label,name\n1,bone\n")
     Path("ct.h5").write_text("a text")
     before = {path: path.stat().st_mtime_ns for path in files.rglob("*")}
-    assert main_status([*HAND, *words]) == 2
-    said = capsys.readouterr().err
+    code, _, said = call(capsys, *HAND, *words)
+    assert (code, said.count("\n")) == (2, 1)
     assert message in said
-    assert said.count("\n") == 1
     assert {path: path.stat().st_mtime_ns for path in files.rglob("*")} == before
-
-
-def main_status(words: list[str]) -> int:
-    """Of argparse too."""
-    try:
-        return main(words)
-    except SystemExit as ended:
-        return int(ended.code or 0)
 
 
 def test_a_descent_into_labels(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -217,8 +210,6 @@ def test_a_kept_bone_of_another_material(files: Path, capsys: pytest.CaptureFixt
 
 
 def test_a_published_session_on_a_kept_bone_is_followed(files: Path) -> None:
-    import burrlab
-
     bone = VoxelBone.block((8, 8, 4), 0.25)
     burrlab.save_bone("b.h5", bone, 50)
     kept = DrilledRecipe("b.h5")

@@ -7,8 +7,6 @@ from replica_scenes import soon
 
 import burrlab
 import burrlab.cli.session as cli_live
-import burrlab.view.scene as rendering
-import burrlab.view.web as web
 from burrlab.cli import main
 from burrlab.effects.companion import Companion
 from burrlab.session.network import block_recipe, make_bone
@@ -27,9 +25,9 @@ def shown(monkeypatch):
         served.get("meanwhile", lambda: None)()
         source.wait(60.0)
 
-    monkeypatch.setattr(rendering, "pyvista", lambda: None)
-    monkeypatch.setattr(web, "check_page", lambda **_: None)
-    monkeypatch.setattr(web, "serve", serve)
+    monkeypatch.setattr(cli_live, "pyvista", lambda: None)
+    monkeypatch.setattr(cli_live, "check_page", lambda **_: None)
+    monkeypatch.setattr(cli_live, "serve", serve)
     return served
 
 

@@ -10,6 +10,7 @@ import time
 
 import numpy as np
 import pytest
+from command_line import call
 
 import burrlab
 from burrlab.cli import main
@@ -75,41 +76,22 @@ def test_script_and_two_burrs(tmp_path, capsys):
         (["--device", "hand", "--record", "/nowhere/t.h5"], "--record: /nowhere/t.h5 cannot be written"),
         (["--device", "hand", "--voxel", "0.001"], "--voxel makes a block of 9e+12 voxels"),
         (["--device", "hand", "--host", "127.0.0.1"], "--host goes with --publish"),
+        ([], "the following arguments are required: --device"),
+        (["--device", "hand", "--publish", "70000"], "must be a port, 0 to 65535, got '70000'"),
+        # a trace is never replaced, and that is said before any work
+        (
+            ["--device", "hand", "--volume", "none", "--record", "x.nrrd"],
+            "--record must be a new file, x.nrrd exists",
+        ),
     ],
 )
 def test_wrong_input(arguments, message, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "x.nrrd").write_text("")
-    assert main(["session", "--duration", "0.1", *arguments]) == 2
-    said = capsys.readouterr().err
+    code, _, said = call(capsys, "session", "--duration", "0.1", *arguments)
+    assert (code, said.count("\n")) == (2, 1)
     assert message in said
-    assert said.count("\n") == 1
-
-
-def test_a_trace_is_never_replaced_and_that_is_said_before_any_work(capsys, tmp_path):
-    path = tmp_path / "a.h5"
-    path.write_bytes(b"a trace")
-    assert main(["session", "--device", "hand", "--volume", "no such file", "--record", str(path)]) == 2
-    assert f"--record must be a new file, {path} exists" in capsys.readouterr().err
-    assert path.read_bytes() == b"a trace"
-
-
-def test_bad_options(capsys):
-    for arguments, message in [
-        (["session"], "the following arguments are required: --device"),
-        (["session", "--device", "hand", "--publish", "70000"], "must be a port, 0 to 65535, got '70000'"),
-        (["replica", "here"], "must be HOST:PORT, got 'here'"),
-    ]:
-        with pytest.raises(SystemExit) as ended:
-            main(arguments)
-        assert ended.value.code == 2
-        assert message in capsys.readouterr().err
-
-
-def test_help_says_that_nobody_is_asked_who_he_is(capsys):
-    with pytest.raises(SystemExit):
-        main(["session", "--help"])
-    assert "there is no authentication" in " ".join(capsys.readouterr().out.split())
+    assert (tmp_path / "x.nrrd").read_text() == ""
 
 
 def start(*arguments):
@@ -198,8 +180,8 @@ def test_volume_that_is_elsewhere(monkeypatch, capsys):
         raise FileNotFoundError("ct.nrrd: no such file")
 
     monkeypatch.setattr("burrlab.cli.session.follow", missing)
-    assert main(["replica", "localhost:1"]) == 2
-    assert (
-        capsys.readouterr().err
-        == "burrlab replica: ct.nrrd: no such file; --volume says where the leader's volume lies here\n"
-    )
+    for address, said in (
+        ("localhost:1", "ct.nrrd: no such file; --volume says where the leader's volume lies here\n"),
+        ("here", "argument HOST:PORT: must be HOST:PORT, got 'here'\n"),
+    ):
+        assert call(capsys, "replica", address)[::2] == (2, f"burrlab replica: {said}")

@@ -9,13 +9,14 @@ import sys
 
 import numpy as np
 import pytest
+from command_line import call
 from rendering_probe import need_drawing
 from session_scenes import small_bone
 from view_scenes import frames_in, read, write_trace
 
 import burrlab
+import burrlab.cli.view as cli_view
 from burrlab.bone.snapshot import save_bone
-from burrlab.cli import main
 from burrlab.effects.effects import effects_of
 from burrlab.session.player import TracePlayer
 
@@ -44,15 +45,6 @@ def volume(tmp_path_factory):
     return file
 
 
-def call(capsys, *arguments):
-    try:
-        code = main(["view", *map(str, arguments)])
-    except SystemExit as stop:
-        code = stop.code
-    out, err = capsys.readouterr()
-    return code, out, err
-
-
 def test_pictures_need_no_extra(trace, tmp_path):
     """In a process that cannot import pyvista; the scene says so in one sentence."""
     made, depth = tmp_path / "slices.png", tmp_path / "slices-depth.png"
@@ -74,7 +66,7 @@ sys.exit(main(["view", {str(trace)!r}, "--png", {str(tmp_path / "a.png")!r}]))
 def test_pictures_of_a_volume_are_in_the_bone_frame(volume, tmp_path, capsys):
     made = tmp_path / "slices.png"
     code, out, _ = call(
-        capsys, "--volume", volume, "--map", "-1000:1000", "--pictures", made, "--entry", "9,21,32", "--json", "-"
+        capsys, "view", "--volume", volume, "--map", "-1000:1000", "--pictures", made, "--entry", "9,21,32", "--json", "-"
     )  # fmt: skip
     assert code == 0
     assert json.loads(out)["written"] == [str(made)]  # nothing removed: no depth
@@ -84,18 +76,15 @@ def test_pictures_of_a_volume_are_in_the_bone_frame(volume, tmp_path, capsys):
 def test_pictures_of_a_trace_go_through_the_entry(trace, tmp_path, capsys):
     seen = []
     for i, look in enumerate(((), ("--entry", "1,1,-1"))):
-        assert call(capsys, trace, "--pictures", tmp_path / f"{i}.png", *look)[0] == 0
+        assert call(capsys, "view", trace, "--pictures", tmp_path / f"{i}.png", *look)[0] == 0
         seen.append(read(tmp_path / f"{i}.png"))
     assert (seen[0] != seen[1]).any()
 
 
 def test_effects_have_dust_and_water(trace, capsys, monkeypatch):
-    import burrlab.view.web as web
-
     served = {}
-    monkeypatch.setattr(web, "check_page", lambda **_: None)
-    monkeypatch.setattr(web, "serve", lambda source, **options: served.update(options))
-    assert call(capsys, trace, "--web", "--effects")[0] == 0
+    monkeypatch.setattr(cli_view, "serve", lambda source, **options: served.update(options))
+    assert call(capsys, "view", trace, "--web", "--effects")[0] == 0
     list(effects_of(TracePlayer(burrlab.load_trace(trace)), served["effects"]))
     balance = served["effects"].balance()
     assert balance["dust"].made > 0
@@ -112,7 +101,6 @@ def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
         ("--video goes with a trace", "--volume", volume, "--video", "a.mp4"),
         ("--map goes with --volume or --labels", trace, "--map", "0:1"),
         ("--voxel goes with --volume or --labels", "--bone", trace, "--voxel", 1),
-        ("--unknown goes with --labels", trace, "--unknown", "nearest"),
         ("--onto goes with --labels", trace, "--onto"),
         ("--volume needs --map", "--volume", volume),
         ("--port goes with --web", trace, "--port", 8080),
@@ -139,40 +127,30 @@ def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
          trace, "--pictures", "./a.png", "--png", "a-depth.png"),
         ("entry lies 950 mm outside the bone, more than it is wide", trace, "--png", png, "--entry=0,0,950"),
     ):  # fmt: skip
-        code, out, err = call(capsys, *arguments)
+        code, out, err = call(capsys, "view", *arguments)
         assert (code, out, err) == (2, "", f"burrlab view: {said}\n")
     assert not png.exists()
 
 
 def test_bad_values_and_files(trace, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    code, out, err = call(capsys, trace, "--pictures", "-")  # is no file, and standard output takes none
-    assert (code, out) == (2, "")
-    assert err.startswith("burrlab view: --pictures: - must end in one of ")
-    assert list(tmp_path.glob("*-*")) == []
-    code, _, err = call(capsys, trace, "--size", "8x8")
-    assert code == 2
-    assert "must be WIDTHxHEIGHT of at least 16 pixels, got '8x8'" in err
-    code, _, err = call(capsys, trace, "--pictures", tmp_path / "a.xyz")
-    assert code == 2
-    assert err.startswith(f"burrlab view: --pictures: {tmp_path}/a.xyz must end in one of ")
-    code, _, err = call(capsys, trace, "--pict", tmp_path / "a.png")
-    assert code == 2
-    assert "unrecognized arguments: --pict" in err
-    code, _, err = call(capsys, trace, "--pictures", tmp_path / "a.png", "--at", 99)
-    assert (code, err.count("\n")) == (2, 1)
-    assert "--at must be from 0 to 0." in err
     (tmp_path / "ct.nrrd").write_text("NRRD0004\n")
-    for other in (tmp_path, tmp_path / "ct.nrrd"):
-        code, _, err = call(capsys, other, "--pictures", tmp_path / "a.png")
-        assert (code, err.count("\n")) == (2, 1)
-        assert "; --volume shows a volume, --bone a bone that was kept" in err
-    broken = tmp_path / "broken.h5"
-    broken.write_bytes(trace.read_bytes()[:1000])
-    for arguments in ((broken,), ("--bone", broken), (tmp_path / "none.h5",)):
-        code, out, err = call(capsys, *arguments, "--pictures", tmp_path / "b.png")
+    (tmp_path / "broken.h5").write_bytes(trace.read_bytes()[:1000])
+    no_trace = "; --volume shows a volume, --bone a bone that was kept"
+    for said, *arguments in (
+        ("burrlab view: --pictures: - must end in one of ", trace, "--pictures", "-"),  # is no file, nor text
+        ("must be WIDTHxHEIGHT of at least 16 pixels, got '8x8'", trace, "--size", "8x8"),
+        ("burrlab view: --pictures: a.xyz must end in one of ", trace, "--pictures", "a.xyz"),
+        ("unrecognized arguments: --pict", trace, "--pict", "a.png"),
+        ("--at must be from 0 to 0.", trace, "--pictures", "a.png", "--at", 99),
+        (no_trace, tmp_path, "--pictures", "a.png"), (no_trace, "ct.nrrd", "--pictures", "a.png"),
+        ("", "broken.h5", "--pictures", "b.png"), ("", "--bone", "broken.h5", "--pictures", "b.png"),
+        ("", "none.h5", "--pictures", "b.png"),
+    ):  # fmt: skip
+        code, out, err = call(capsys, "view", *arguments)
         assert (code, out, err.count("\n")) == (2, "", 1)
-    assert not list(tmp_path.glob("*.png"))
+        assert said in err
+    assert {file.name for file in tmp_path.iterdir()} == {"ct.nrrd", "broken.h5"}
 
 
 def test_a_window_without_a_screen_is_one_sentence(trace, capsys, monkeypatch):
@@ -181,7 +159,7 @@ def test_a_window_without_a_screen_is_one_sentence(trace, capsys, monkeypatch):
         pytest.skip("other systems have a screen")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    code, _, err = call(capsys, trace)
+    code, _, err = call(capsys, "view", trace)
     assert code == 2
     assert (
         err
@@ -193,14 +171,16 @@ def test_a_window_without_a_screen_is_one_sentence(trace, capsys, monkeypatch):
 def test_picture_film_and_stereo_of_a_trace(trace, tmp_path, capsys):
     need_drawing()
     png, stereo, film = tmp_path / "a.png", tmp_path / "b.png", tmp_path / "c.gif"
-    assert call(capsys, trace, "--png", png, "--at", 0.2, *SMALL)[0] == 0
-    assert call(capsys, trace, "--png", stereo, "--stereo", "--slices", *SMALL)[0] == 0
+    assert call(capsys, "view", trace, "--png", png, "--at", 0.2, *SMALL)[0] == 0
+    assert call(capsys, "view", trace, "--png", stereo, "--stereo", "--slices", *SMALL)[0] == 0
     assert read(png).shape == (240, 320, 3)
     wet = tmp_path / "wet.png"
-    assert call(capsys, trace, "--png", wet, "--at", 0.2, "--effects", *SMALL)[0] == 0
+    assert call(capsys, "view", trace, "--png", wet, "--at", 0.2, "--effects", *SMALL)[0] == 0
     assert (np.abs(read(wet).astype(int) - read(png)).max(axis=2) > 8).sum() > 20
     assert read(stereo).shape == (240, 640, 3)
-    code, out, _ = call(capsys, trace, "--video", film, "--fps", 10, "--speed", 0.5, "--json", "-", *SMALL)
+    code, out, _ = call(
+        capsys, "view", trace, "--video", film, "--fps", 10, "--speed", 0.5, "--json", "-", *SMALL
+    )
     assert code == 0
     duration = burrlab.load_trace(trace).duration
     frames = int(duration * 10 / 0.5 + 1e-9) + 1
@@ -212,8 +192,11 @@ def test_picture_film_and_stereo_of_a_trace(trace, tmp_path, capsys):
 def test_pictures_beside_a_film_are_of_the_time_asked_for(trace, tmp_path, capsys):
     need_drawing()
     film, both, alone = tmp_path / "c.gif", tmp_path / "both.png", tmp_path / "alone.png"
-    assert call(capsys, trace, "--video", film, "--fps", 5, "--pictures", both, "--at", 0, *SMALL)[0] == 0
-    assert call(capsys, trace, "--pictures", alone, "--at", 0)[0] == 0
+    assert (
+        call(capsys, "view", trace, "--video", film, "--fps", 5, "--pictures", both, "--at", 0, *SMALL)[0]
+        == 0
+    )
+    assert call(capsys, "view", trace, "--pictures", alone, "--at", 0)[0] == 0
     np.testing.assert_array_equal(read(both), read(alone))
 
 
@@ -226,13 +209,13 @@ def test_picture_of_bone_and_volume(volume, tmp_path, capsys):
     pictures = []
     for i, look in enumerate(looks):
         png = tmp_path / f"{i}.png"
-        assert call(capsys, "--bone", file, "--png", png, *look, *SMALL)[0] == 0
+        assert call(capsys, "view", "--bone", file, "--png", png, *look, *SMALL)[0] == 0
         pictures.append(read(png))
     assert pictures[0].shape == pictures[1].shape == (240, 320, 3)
     assert (pictures[0] != pictures[1]).any()
     png = tmp_path / "v.png"
     look = ("--entry", "8,22,32.5", "--axis", "0,0,-1", "--width", 8)
-    code = call(capsys, "--volume", volume, "--map", "-1000:1000", "--png", png, *look, *SMALL)[0]
+    code = call(capsys, "view", "--volume", volume, "--map", "-1000:1000", "--png", png, *look, *SMALL)[0]
     assert code == 0
     middle = read(png)[120, 160].astype(int)
     assert middle.min() > 90  # bone is where the entry is, in the volume's own coordinates
@@ -258,22 +241,18 @@ def test_missing_libraries_are_one_sentence(trace, tmp_path):
 
 
 def test_depth_is_mapped_along_the_axis_that_shows_the_opening():
-    from burrlab.cli.view import _widest_opening
-
     for start, axis in (((10, 10, 8.5), "-z"), ((-0.5, 10, 4), "x"), ((10, 20.5, 4), "-y")):
         bone = burrlab.VoxelBone.block((20, 20, 8), 0.5)
         burrlab.BurrContact(bone, burrlab.Burr(2.5), burrlab.materials["bone"], 1).run([start] * 100, 1.0)
         assert bone.removed > 0
-        assert _widest_opening(bone) == axis
+        assert cli_view._widest_opening(bone) == axis
 
 
 def test_a_narrow_depth_map_leaves_no_empty_half(tmp_path):
-    from burrlab.cli.view import _write_pictures
-
     bone = burrlab.VoxelBone.block((20, 20, 8), 0.5)
     contact = burrlab.BurrContact(bone, burrlab.Burr(2.5), burrlab.materials["bone"], 1)
     contact.run([(10, y, 8.5) for y in np.linspace(3, 17, 400)], 1.0)
-    _write_pictures(str(tmp_path / "a.png"), bone, (10, 10, 7), [], [], {"written": []})
+    cli_view._write_pictures(str(tmp_path / "a.png"), bone, (10, 10, 7), "")
     picture = read(tmp_path / "a-depth.png")
     inked = np.flatnonzero((picture[..., :3] < 250).any(axis=(0, 2)))
     assert inked[0] < 0.1 * picture.shape[1]

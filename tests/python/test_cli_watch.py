@@ -15,7 +15,8 @@ from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.tissues import write_tissues
 from burrlab.cli import main
-from burrlab.cli.session import add_watch_options, chosen_watch
+from burrlab.cli.options import add_options
+from burrlab.cli.session import WATCH, chosen_watch
 from burrlab.session.anatomy import replica_events, replica_report
 from burrlab.session.network import follow
 
@@ -94,21 +95,20 @@ def test_a_session_without_a_watch_counts_its_tissues(folder, capsys) -> None:
     assert "burr beside" not in out
 
 
-@pytest.mark.parametrize(
-    ("given", "sentence"),
-    [(["--watch", "none", "--touch", "1"], "--touch goes with a watch, not with --watch none"),
-     (["--watch", "vein"], "tissue must be one of bone, nerve, sinus, unused, got 'vein'")],
-)  # fmt: skip
-def test_options_are_checked(given, sentence) -> None:
-    with pytest.raises(ValueError, match=sentence):
-        chosen_watch(options(given), nerve_bone())
-
-
-def test_a_bone_without_tissues_is_not_watched(capsys) -> None:
+def test_options_are_checked(capsys) -> None:
     plain = burrlab.VoxelBone.block((2, 2, 2), 0.2)
     assert chosen_watch(options([]), plain) is None
-    with pytest.raises(ValueError, match="--approach needs a bone with tissues"):
-        chosen_watch(options(["--approach", "3"]), plain)
+    for given, bone, sentence in (
+        (
+            ["--watch", "none", "--touch", "1"],
+            nerve_bone(),
+            "--touch goes with a watch, not with --watch none",
+        ),
+        (["--watch", "vein"], nerve_bone(), "tissue must be one of bone, nerve, sinus, unused, got 'vein'"),
+        (["--approach", "3"], plain, "--approach needs a bone with tissues"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            chosen_watch(options(given), bone)
     with pytest.raises(SystemExit):
         options(["--injury", "-1"])
     assert "argument --injury: must be zero or positive, got '-1'" in capsys.readouterr().err
@@ -116,7 +116,7 @@ def test_a_bone_without_tissues_is_not_watched(capsys) -> None:
 
 def options(given):
     parser = argparse.ArgumentParser()
-    add_watch_options(parser)
+    add_options(parser, [WATCH])
     return parser.parse_args(given)
 
 

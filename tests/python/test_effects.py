@@ -18,8 +18,10 @@ from burrlab.session.player import TracePlayer
 WATER = Nozzle((2, 0, 3), (-0.5, 0, -0.9), rate=100)
 
 
-def carve(effects: Effects, bone: burrlab.VoxelBone, frames: int, decisions=None) -> None:
-    """Frames of 50 ms with five ticks of 10 ms of a burr that goes along x."""
+def carved(frames: int, decisions=None, **options) -> tuple[Effects, burrlab.VoxelBone]:
+    """Effects after frames of 50 ms, each with five ticks of 10 ms of a burr that goes along x; and the bone."""
+    bone = bone_with_tissues()
+    effects = Effects(bone, **{"seed": 1, "nozzle": WATER, **options})
     contact = burrlab.BurrContact(bone, burrlab.Burr(2.0), SOLID, seed=3)
     _core.take_changed_bricks(bone)
     for frame in range(frames):
@@ -33,12 +35,11 @@ def carve(effects: Effects, bone: burrlab.VoxelBone, frames: int, decisions=None
         assert all(account.exact for account in accounts.values())
         assert accounts["dust"].made == levels_removed(bone) == sum(effects.removed)
         assert effects._core.embedded == 0
+    return effects, bone
 
 
 def test_balance_of_a_cut() -> None:
-    bone = bone_with_tissues()
-    effects = Effects(bone, seed=1, nozzle=WATER, sucker=Sucker((1, 1, 0.5), rate=50))
-    carve(effects, bone, 40)
+    effects, bone = carved(40, sucker=Sucker((1, 1, 0.5), rate=50))
     accounts = effects.balance()
     assert accounts["blood"].made > 0
     assert accounts["water"].sucked > 0
@@ -50,9 +51,7 @@ def test_balance_of_a_cut() -> None:
 
 
 def test_parcels_are_what_the_balance_says() -> None:
-    bone = bone_with_tissues()
-    effects = Effects(bone, seed=1, nozzle=WATER)
-    carve(effects, bone, 20)
+    effects, _ = carved(20)
     parcels = effects.parcels
     for name, account in effects.balance().items():
         assert parcels[name].sum() == account.present
@@ -67,48 +66,31 @@ def test_parcels_are_what_the_balance_says() -> None:
 
 
 def test_same_frames_give_same_parcels() -> None:
-    runs = []
-    for seed in (1, 1, 2):
-        bone = bone_with_tissues()
-        runs.append(Effects(bone, seed=seed, nozzle=WATER))
-        carve(runs[-1], bone, 15)
-    assert (runs[0].parcels == runs[1].parcels).all()
-    assert len(runs[0].parcels) != len(runs[2].parcels) or not (runs[0].parcels == runs[2].parcels).all()
+    one, same, other = (carved(15, seed=seed)[0].parcels for seed in (1, 1, 2))
+    assert (one == same).all()
+    assert len(one) != len(other) or not (one == other).all()
 
 
 def test_decisions_of_the_clock_can_be_given_again() -> None:
-    bone = bone_with_tissues()
-    hurried = Effects(bone, seed=1, nozzle=WATER, budget=1e-5)
-    carve(hurried, bone, 30)
+    hurried, _ = carved(30, budget=1e-5)
     report = hurried.report()
-    assert report.crowded > 0
     assert report.sub_steps_least == 1
-    assert report.over_budget > 0
-    bone = bone_with_tissues()
-    again = Effects(bone, seed=1, nozzle=WATER)
-    carve(again, bone, 30, hurried.decisions)
+    assert min(report.crowded, report.over_budget) > 0
+    again, _ = carved(30, hurried.decisions)
     assert (hurried.parcels == again.parcels).all()
 
 
 def test_limit_merges_and_drops_nothing() -> None:
-    bone = bone_with_tissues()
-    effects = Effects(bone, seed=1, nozzle=WATER, parameters=EffectParameters(most_parcels=50))
-    carve(effects, bone, 30)
+    effects, _ = carved(30, parameters=EffectParameters(most_parcels=50))
     assert len(effects.parcels) <= 50
     assert effects.report().merged > 0
 
 
 def test_update_by_place_and_by_number() -> None:
-    results = []
-    for by_place in (True, False):
-        bone = bone_with_tissues()
-        effects = Effects(bone, seed=1)
-        density = np.zeros((1, 8, 8, 8), np.uint8)
-        effects.step(
-            0.05, {"bricks": np.array([[1, 2, 3]]) if by_place else [1 * 64 + 2 * 8 + 3], "density": density}
-        )
-        results.append(effects.balance()["dust"].made)
-    assert results[0] == results[1] == 512 * 255
+    for bricks in (np.array([[1, 2, 3]]), [1 * 64 + 2 * 8 + 3]):
+        effects = Effects(bone_with_tissues(), seed=1)
+        effects.step(0.05, {"bricks": bricks, "density": np.zeros((1, 8, 8, 8), np.uint8)})
+        assert effects.balance()["dust"].made == 512 * 255
 
 
 def test_what_a_follower_hands_out() -> None:
@@ -152,11 +134,14 @@ def test_the_budget_decides_how_fine(capsys) -> None:
     assert reports[2].parcels_most < reports[0].parcels_most
 
 
-def test_a_recorded_session(tmp_path: Path) -> None:
-    with session(1.0, record=tmp_path / "trace.h5") as made:
+def recorded(folder: Path, seconds: float) -> burrlab.Trace:
+    with session(seconds, record=folder / "trace.h5") as made:
         made.wait()
-    trace = burrlab.load_trace(tmp_path / "trace.h5")
-    parcels = []
+    return burrlab.load_trace(folder / "trace.h5")
+
+
+def test_a_recorded_session(tmp_path: Path) -> None:
+    trace, parcels = recorded(tmp_path, 1.0), []
     for _ in range(2):
         player = TracePlayer(trace)
         effects = Effects(player.bone, seed=1, nozzle=WATER)
@@ -170,9 +155,7 @@ def test_a_recorded_session(tmp_path: Path) -> None:
 
 
 def test_a_replay_that_goes_back_buries_nothing(tmp_path: Path) -> None:
-    with session(0.5, record=tmp_path / "trace.h5") as made:
-        made.wait()
-    player = TracePlayer(burrlab.load_trace(tmp_path / "trace.h5"))
+    player = TracePlayer(recorded(tmp_path, 0.5))
     effects = Effects(player.bone, seed=1)
     list(effects_of(player, effects))
     bricks = player.seek(0)
@@ -223,11 +206,27 @@ def test_hidden_fraction() -> None:
         (lambda: Effects(bone_with_tissues(), budget=0), "budget must be positive"),
         (lambda: Effects(bone_with_tissues(), seed=-1), "seed must be a whole number from 0"),
         (lambda: Effects(bone_with_tissues(), down=(0, 0, 0)), "length of down must be positive"),
+        (lambda: Nozzle((0, 0, 0), rate=1.1e6), r"rate of the nozzle must be at most 1e6 mm\^3/s"),
+        (lambda: Nozzle((0, 0, 0), speed=1.1e6), "speed of the nozzle must be at most 1e6 mm/s"),
+        (
+            lambda: Nozzle((0, 0, 0), (0, 0, 1e200)),
+            "length of direction of the nozzle must be positive and finite",
+        ),
+        (lambda: of_block(9e3, 1e3), "volume of a voxel / 255 must be"),
+        (lambda: of_block(9e-4, 1e-4), "volume of a voxel / 255"),
+        (
+            lambda: of_block(1, 0.1, origin=(0, 1e17, 0)),
+            "distance of the bone's origin from 0 must be at most 1e9 voxels",
+        ),
     ],
 )
 def test_refusals(make, sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         make()
+
+
+def of_block(side: float, voxel: float, **place) -> Effects:
+    return Effects(burrlab.VoxelBone.block((side,) * 3, voxel, **place), seed=1)
 
 
 def test_unknown_parameter() -> None:
@@ -249,6 +248,9 @@ def test_frames_are_refused() -> None:
         "center of a burr must be finite": lambda: effects.step(0.05, None, [((0, 0, np.nan), 1.0)]),
         "burrs must be": lambda: effects.step(0.05, None, [((0, 0), 1.0)]),
         "done of a decision": lambda: effects.step(0.05, decision=(100, 2, 3)),
+        "sub_steps of a decision must be at most 64, got 65": lambda: effects.step(
+            0.05, decision=(100, 65, 1)
+        ),
     }.items():
         with pytest.raises(ValueError, match=sentence):
             call()

@@ -31,14 +31,17 @@ def exact(companion: Companion) -> bool:
     return all(account.exact for account in companion.balance().values())
 
 
+def ended(companion: Companion) -> bool:
+    """By itself, and not on an error."""
+    return companion.wait(60) and not companion.running and companion.error == ""
+
+
 def test_all_that_was_removed_is_dust() -> None:
     # Not yet running: what it removes before a companion is made is no dust.
     made = session(1.0, wall_clock=True, realtime=False)
     with Companion(made, seed=1, nozzle=WATER, rate=50) as companion, made:
         assert made.wait(60)
-        assert companion.wait(60)
-        assert not companion.running
-        assert companion.error == ""
+        assert ended(companion)
     newest = companion.newest()
     assert newest["tick"] == made.snapshot()[1] > 100
     assert newest["frame"] == companion.report().frames > 0
@@ -68,8 +71,7 @@ def test_on_a_replica_beside_another_consumer() -> None:
         seen = []
         while not replica.wait(0.05):
             seen.append(replica.take()["bricks"])
-        assert companion.wait(60)
-        assert companion.error == ""
+        assert ended(companion)
         bone, ticks = replica.snapshot()
         newest = companion.newest()
     replica.stop()
@@ -145,8 +147,7 @@ def test_stopped_in_the_middle_and_changed_while_it_runs() -> None:
         companion.set_camera(None)
         companion.stop()
         companion.stop()
-        assert not companion.running
-        assert made.running
+        assert (companion.running, made.running) == (False, True)
         frames = companion.report().frames
         time.sleep(0.1)
         assert companion.report().frames == frames
@@ -165,25 +166,18 @@ def test_it_outlives_the_names_of_session_and_companion() -> None:
     Companion(session(0.1), seed=1).start()  # ends with its last reference
 
 
-def test_it_ends_with_a_session_that_was_never_started() -> None:
-    made = session(1.0)
-    companion = Companion(made, seed=1, rate=100).start()
-    assert not companion.wait(0.1)
-    made.stop()
-    assert companion.wait(20)
-    assert companion.error == ""
-    assert Companion(made, seed=1, rate=100).start().wait(20)
-
-
 @pytest.mark.parametrize("recorded", [False, True])
-def test_it_ends_with_a_session_that_nobody_can_start_any_more(tmp_path: Path, recorded: bool) -> None:
-    options = {"record": tmp_path / "trace.h5"} if recorded else {}
-    made = session(1.0, **options)
+@pytest.mark.parametrize("stopped", [False, True])
+def test_it_ends_with_a_session_that_was_never_started(tmp_path: Path, recorded: bool, stopped: bool) -> None:
+    """Stopped, or gone: at once, without the garbage collector."""
+    made = session(1.0, **({"record": tmp_path / "trace.h5"} if recorded else {}))
     companion = Companion(made, seed=1, rate=100).start()
     assert not companion.wait(0.1)
-    del made  # at once, without the garbage collector
-    assert companion.wait(20)
-    assert companion.error == ""
+    if stopped:
+        made.stop()
+        assert Companion(made, seed=1, rate=100).start().wait(20)
+    del made
+    assert ended(companion)
     assert companion.balance()["dust"].made == 0
 
 
@@ -240,6 +234,5 @@ def test_twenty_thousand_parcels_beside_the_loop(capsys) -> None:
     result = bench.run(60.0, 20_000)
     with capsys.disabled():
         print("\n" + result["text"])
-    assert result["exact"]
-    assert not result["failed"]
+    assert (result["exact"], bool(result["failed"])) == (True, False)
     assert result["report"]["parcels_most"] > EffectParameters().most_parcels // 2

@@ -98,35 +98,3 @@ def test_a_bone_of_few_voxels(shape) -> None:
         effects.step(0.05)
     assert effects.balance()["dust"].made == 255 * np.prod(shape)
     assert all(account.exact for account in effects.balance().values())
-
-
-@pytest.mark.parametrize(
-    ("make", "sentence"),
-    [
-        (lambda: Nozzle((0, 0, 0), rate=1.1e6), r"rate of the nozzle must be at most 1e6 mm\^3/s"),
-        (lambda: Nozzle((0, 0, 0), speed=1.1e6), "speed of the nozzle must be at most 1e6 mm/s"),
-        (
-            lambda: Nozzle((0, 0, 0), (0, 0, 1e200)),
-            "length of direction of the nozzle must be positive and finite",
-        ),
-        (
-            lambda: Effects(burrlab.VoxelBone.block((9e3, 9e3, 9e3), 1e3), seed=1),
-            "volume of a voxel / 255 must be",
-        ),
-        (
-            lambda: Effects(burrlab.VoxelBone.block((9e-4, 9e-4, 9e-4), 1e-4), seed=1),
-            "volume of a voxel / 255",
-        ),
-        (
-            lambda: Effects(burrlab.VoxelBone.block((1, 1, 1), 0.1, origin=(0, 1e17, 0)), seed=1),
-            "distance of the bone's origin from 0 must be at most 1e9 voxels",
-        ),
-        (
-            lambda: Effects(bone_with_tissues(), seed=1).step(0.05, decision=(100, 65, 1)),
-            "sub_steps of a decision must be at most 64, got 65",
-        ),
-    ],
-)
-def test_what_cannot_be_counted_is_refused(make, sentence) -> None:
-    with pytest.raises(ValueError, match=sentence):
-        make()

@@ -23,7 +23,7 @@ from burrlab.cli import main
 from burrlab.cli.bone import ear_side
 from burrlab.session.network import make_bone
 from burrlab.session.trace import load_trace
-from burrlab.view.live import picture_note
+from burrlab.view.page_source import page_source
 from burrlab.volume import write_dicom
 
 pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
@@ -159,7 +159,7 @@ def test_a_right_ear_stays_one(
     for words, there in told.items():
         assert [sum(words in note for note in r["notes"]) for r in (found, *results)] == [there] * 9
         assert [words in figure for figure in drawn] == [there] * len(drawn)
-        assert (words in picture_note(trace)) == there
+        assert (words in page_source(trace).note) == there
 
 
 def test_no_side_is_claimed_without_three_structures_in_three_directions() -> None:

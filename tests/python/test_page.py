@@ -19,6 +19,7 @@ import burrlab.view.page as page_chart
 from burrlab.effects.effects import Effects
 from burrlab.session.player import TracePlayer
 from burrlab.view.page_source import page_source
+from burrlab.view.surface import brick_numbers
 
 
 @pytest.fixture(scope="module")
@@ -31,11 +32,14 @@ def page(trace):
     return make_page(page_source(trace))
 
 
-def turn(page, now, *, shown=True):
-    """One look at what is wished, at a time of the clock."""
+def turn(page, now, *, shown=True, wanted=None):
+    """One look at what is wished, at a time of the clock; the number of the picture then."""
+    if wanted is not None:
+        page.state.tell("wanted_s", wanted)
     page._turn(now)
     if shown:
         page.shown()
+    return page.state.picture_number
 
 
 def rows(page):
@@ -44,61 +48,46 @@ def rows(page):
 
 @pytest.mark.parametrize("moment", [0.0, 1.234, 3.9995, 2.0, 0.5])
 def test_says_what_the_player_has(page, trace, moment):
-    page.state.tell("wanted_s", moment)
-    turn(page, 1.0)
+    turn(page, 1.0, wanted=moment)
     player = TracePlayer(trace)
     player.seek(moment)
-    assert page.source.bone.digest() == player.bone.digest()
+    bone, said, values = player.bone, rows(page), page.state["values"]
+    assert page.source.bone.digest() == bone.digest()
     assert page.state.time_s == pytest.approx(player.time)
-    said = rows(page)
-    assert said["bone removed"] == f"{player.bone.removed:.2f}"
-    assert said["force"] == page.state["values"][0][0] == f"{np.linalg.norm(player.force):.2f}"
-    assert said["penetration"] == page.state["values"][1][0] == f"{player.depth[0]:.3f}"
+    assert said["bone removed"] == f"{bone.removed:.2f}"
+    assert said["force"] == values[0][0] == f"{np.linalg.norm(player.force):.2f}"
+    assert said["penetration"] == values[1][0] == f"{player.depth[0]:.3f}"
     assert said["centre"] == ", ".join(f"{value:.2f}" for value in player.burrs.centers[0])
     assert (page.scene.centers == player.burrs.centers).all()
-    removed = {row["name"]: row["removed"] for row in page.state.tissues}
-    assert removed["nerve"] == f"{player.bone.removed_of('nerve'):.2f}"
-    assert [row["hurt"] for row in page.state.tissues if row["name"] == "nerve"] == [
-        player.bone.removed_of("nerve") > 0
-    ]
+    (nerve,) = [row for row in page.state.tissues if row["name"] == "nerve"]
+    lost = bone.removed_of("nerve")
+    assert (nerve["removed"], nerve["hurt"]) == (f"{lost:.2f}", lost > 0)
 
 
 def test_only_the_newest_wish_is_done(page):
     before = len(page.scene.updated)
-    for moment in np.linspace(0.1, 3.0, 30):
+    for moment in np.linspace(0.1, 2.9, 29):
         page.state.tell("wanted_s", moment)
-    turn(page, 1.0)
+    turn(page, 1.0, wanted=3.0)
     assert len(page.scene.updated) == before + 1
     assert page.state.time_s == pytest.approx(3.0)
 
 
 def test_waits_for_the_browser_then_no_longer(page):
-    page.state.tell("wanted_s", 1.0)
-    turn(page, 10.0, shown=False)
-    number = page.state.picture_number
-    page.state.tell("wanted_s", 2.0)
-    turn(page, 11.9, shown=False)
-    assert page.state.picture_number == number
-    turn(page, 12.1, shown=False)
-    assert page.state.picture_number == number + 1
+    number = turn(page, 10.0, shown=False, wanted=1.0)
+    assert turn(page, 11.9, shown=False, wanted=2.0) == number
+    assert turn(page, 12.1, shown=False) == number + 1
     page.shown()
-    page.state.tell("wanted_s", 1.5)
-    turn(page, 12.2)
-    assert page.state.picture_number == number + 2
+    assert turn(page, 12.2, wanted=1.5) == number + 2
 
 
 def test_a_picture_at_rest_is_smooth_once(page):
     assert page.scene.smooth
     page.draw()
-    turn(page, 1.0)
-    assert not page.scene.smooth
-    turn(page, 1.2)
-    assert not page.scene.smooth
-    turn(page, 1.4)
-    assert page.scene.smooth
-    number = page.state.picture_number
-    turn(page, 9.0)
-    assert page.state.picture_number == number
+    for now, smooth in ((1.0, False), (1.2, False), (1.4, True)):
+        number = turn(page, now)
+        assert page.scene.smooth == smooth
+    assert turn(page, 9.0) == number
     kind, data = page.state.picture.split(",")
     assert kind == "data:image/jpeg;base64"
     assert Image.open(io.BytesIO(base64.b64decode(data))).size == (8, 8)
@@ -131,8 +120,7 @@ def test_steps_and_seeks_stay_in_the_trace(page):
     ):  # fmt: skip
         wish()
         turn(page, 1.0)
-        assert page.state.wanted_s == pytest.approx(moment)
-        assert page.state.time_s == pytest.approx(moment)
+        assert (page.state.wanted_s, page.state.time_s) == pytest.approx((moment, moment))
 
 
 def test_the_mouse_moves_the_camera(page):
@@ -152,17 +140,15 @@ def test_the_mouse_moves_the_camera(page):
 
 
 def test_a_window_of_another_size(page):
-    page.shown(800, 500)
-    assert tuple(page.scene.plotter.window_size) == (800, 500)
-    page.shown(99999, 3)
-    assert tuple(page.scene.plotter.window_size) == (2560, 64)
+    for said, size in (((800, 500), (800, 500)), ((99999, 3), (2560, 64))):
+        page.shown(*said)
+        assert tuple(page.scene.plotter.window_size) == size
     turn(page, 1.0)
     assert page.scene.smooth is False
 
 
 def test_views_and_slices(page, trace):
-    page.state.tell("wanted_s", 2.0)
-    turn(page, 1.0)
+    turn(page, 1.0, wanted=2.0)
     center = page.source.burrs.centers[0]
     page.look("burr")
     assert page.scene.looked[-1].focus == pytest.approx(tuple(center))
@@ -175,6 +161,12 @@ def test_views_and_slices(page, trace):
     assert page.scene.cuts[-1] == pytest.approx(center)
     page.state.tell("slices", False)
     assert page.scene.cuts[-1] is None
+    assert not page.scene.stereo
+    for stereo in (True, False):
+        number = turn(page, 2.0)
+        page.state.tell("stereo", stereo)
+        assert page.scene.stereo == stereo
+        assert turn(page, 2.0) == number + 1
 
 
 def test_a_burr_far_away_is_looked_at(tmp_path):
@@ -186,8 +178,7 @@ def test_a_burr_far_away_is_looked_at(tmp_path):
     ) as session:
         session.wait()
     page = make_page(page_source(burrlab.load_trace(record)))
-    page.state.tell("wanted_s", 0.5)
-    turn(page, 1.0)
+    turn(page, 1.0, wanted=0.5)
     page.look("burr")
     assert page.scene.looked[-1].focus == pytest.approx((0, 0, 200), abs=0.5)
 
@@ -198,20 +189,7 @@ def test_a_trace_without_a_tick_has_all_its_parcels(tmp_path):
     trace = burrlab.load_trace(record)
     page = make_page(page_source(trace, Effects(trace.bone(), seed=1)))
     turn(page, 1.0)
-    assert page.source.prepared == 1.0
-    assert page.source.parcels is None
-
-
-def test_stereo_on_request(page):
-    assert not page.scene.stereo
-    turn(page, 1.0)
-    page.state.tell("stereo", True)
-    assert page.scene.stereo
-    number = page.state.picture_number
-    turn(page, 2.0)
-    assert page.state.picture_number == number + 1
-    page.state.tell("stereo", False)
-    assert not page.scene.stereo
+    assert (page.source.prepared, page.source.parcels) == (1.0, None)
 
 
 def test_an_error_is_said_and_the_page_goes_on(page):
@@ -257,15 +235,13 @@ def test_what_could_not_be_drawn_is_drawn_by_the_next_turn(page):
     before = page.source.bone.density
     page.scene.update = fails_at_first
     for moment in (2.0, 3.0):
-        page.state.tell("wanted_s", moment)
         with pytest.raises(MemoryError):
-            turn(page, moment)
+            turn(page, moment, wanted=moment)
     turn(page, 4.0)
     assert page.state.time_s == pytest.approx(3.0)
-    changed = np.unique(np.argwhere(page.source.bone.density != before) // 8, axis=0)
-    assert {tuple(brick) for brick in changed} <= {tuple(brick) for brick in seen[0]}
-    page.state.tell("wanted_s", 3.0005)
-    turn(page, 5.0)
+    changed = np.argwhere(page.source.bone.density != before) // 8
+    assert set(brick_numbers(changed, page.source.bone)) <= set(seen[0])
+    turn(page, 5.0, wanted=3.0005)
     assert len(seen) == 1  # and it is drawn once
 
 
@@ -286,7 +262,6 @@ def test_distances_once_their_fields_are_made(page, trace):
     assert page.state.distances == []
     page.source.open()
     page.source._distances.close()
-    turn(page, 1.0)
     page.go(trace.time()[trace.events[0]["tick"]])  # an approach
     turn(page, 2.0)
     nerve = next(row for row in page.state.distances if row["name"] == "nerve")
@@ -297,19 +272,18 @@ def test_distances_once_their_fields_are_made(page, trace):
 
 
 def test_curves_keep_their_peaks():
+    def points(time, values, span, most):
+        return [pair.split(",") for pair in page_chart.polyline(time, values, span, most).split()]
+
     time = np.arange(1, 60001) / 1000
     values = np.sin(time) ** 2
     values[33333] = 7.0
-    points = np.array(
-        [pair.split(",") for pair in page_chart.polyline(time, values, (0, 60), 10.0).split()], float
-    )
-    assert len(points) == 1000
-    assert (np.diff(points[:, 0]) >= 0).all()
-    peak = points[points[:, 1].argmin()]
-    assert peak == pytest.approx((1000 * 33.334 / 60, 30.0), abs=2)
-    few = page_chart.polyline(time[:3], values[:3], (0, 0.004), 1.0).split()
-    assert [pair.split(",")[0] for pair in few] == ["250.0", "500.0", "750.0"]
-    assert page_chart.polyline(time[:0], values[:0], (0, 1), 1.0) == ""
+    drawn = np.array(points(time, values, (0, 60), 10.0), float)
+    assert len(drawn) == 1000
+    assert (np.diff(drawn[:, 0]) >= 0).all()
+    assert drawn[drawn[:, 1].argmin()] == pytest.approx((1000 * 33.334 / 60, 30.0), abs=2)
+    assert [x for x, _ in points(time[:3], values[:3], (0, 0.004), 1.0)] == ["250.0", "500.0", "750.0"]
+    assert points(time[:0], values[:0], (0, 1), 1.0) == []
 
 
 @pytest.mark.parametrize(

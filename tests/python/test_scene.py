@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rendering_probe import need_drawing
 from replica_scenes import Leader
-from scene_pictures import SIZE, differing, small_scene  # noqa: F401
+from scene_pictures import SIZE, differing, open_scene, small_scene  # noqa: F401
 from session_scenes import small_bone, tools
 from view_scenes import parcels, read, write_trace
 
@@ -47,19 +47,18 @@ def test_a_burr_inside_the_bone_is_outlined_where_that_is_asked_for(scene):
     before = scene.picture()
     scene.move_burrs(hidden, [True])
     assert not differing(scene.picture(), before).any()
-    outlined = Scene(scene.bone, [1.0], off_screen=True, size=SIZE, chart=False, outline=True)
-    outlined.look(scene.viewpoint)
-    assert not differing(outlined.picture(), before).any()  # no place is known yet
-    outlined.move_burrs(hidden, [True])
-    rows, columns = np.nonzero(differing(outlined.picture(), before))
-    distance = outlined.viewpoint.distance
+    with open_scene(scene.bone, chart=False, outline=True) as outlined:
+        outlined.look(scene.viewpoint)
+        assert not differing(outlined.picture(), before).any()  # no place is known yet
+        outlined.move_burrs(hidden, [True])
+        rows, columns = np.nonzero(differing(outlined.picture(), before))
+        outlined.move_burrs([[np.nan] * 3])
+        assert not differing(outlined.picture(), before).any()
+    distance = scene.viewpoint.distance
     pixel = 8.0 / 240 * (distance + 1.2) / distance
     x, y = (columns - 159.5) * pixel, (119.5 - rows) * pixel
     np.testing.assert_allclose(np.hypot(x - 0.5, y), 1.0, atol=0.12)
     assert len(np.unique(np.arctan2(y, x - 0.5).round(1))) > 40  # all around
-    outlined.move_burrs([[np.nan] * 3])
-    assert not differing(outlined.picture(), before).any()
-    outlined.close()
 
 
 def test_an_update_draws_what_a_new_scene_draws(scene):
@@ -72,24 +71,20 @@ def test_an_update_draws_what_a_new_scene_draws(scene):
     assert 0 < scene.update(bone, changed) < len(scene.surface.blocks) + 1
     updated = scene.picture()
     assert differing(updated, seen).any()
-    anew = Scene(bone, [1.0], off_screen=True, size=SIZE, chart=False)
-    anew.look(scene.viewpoint)
-    np.testing.assert_array_equal(anew.picture(), updated)
-    anew.close()
+    with open_scene(bone, chart=False) as anew:
+        anew.look(scene.viewpoint)
+        np.testing.assert_array_equal(anew.picture(), updated)
 
 
 def test_neighbouring_blocks_show_no_seam():
     """A flat top across four blocks is one colour."""
-    need_drawing()
     bone = burrlab.VoxelBone.block((9.6, 9.6, 3), 0.1, origin=(0, 0, 0))
-    scene = Scene(bone, [], off_screen=True, size=SIZE)
     assert len(surface_blocks(bone)) == 9
-    scene.look(surgeon_view(bone, (4.75, 4.75, 2.95), width=6.0, tilt=0.0))
-    scene.scale.bar.SetVisibility(False)
-    middle = scene.picture()[40:190, 60:260].astype(int)
-    assert np.abs(np.diff(middle, axis=0)).max() <= 2
-    assert np.abs(np.diff(middle, axis=1)).max() <= 2
-    scene.close()
+    with open_scene(bone, []) as scene:
+        scene.look(surgeon_view(bone, (4.75, 4.75, 2.95), width=6.0, tilt=0.0))
+        scene.scale.bar.SetVisibility(False)
+        middle = scene.picture()[40:190, 60:260].astype(int)
+    assert max(np.abs(np.diff(middle, axis=axis)).max() for axis in (0, 1)) <= 2
 
 
 def test_particles_slices_and_curves_are_seen(scene):
@@ -107,27 +102,23 @@ def test_particles_slices_and_curves_are_seen(scene):
 
 @pytest.mark.parametrize("shape", [(30, 30, 1), (1, 30, 30), (30, 1, 30), (1, 1, 1)])
 def test_slices_of_one_row_are_seen(shape):
-    need_drawing()
     bone = burrlab.VoxelBone(np.full(shape, 255, np.uint8), 0.2)
-    scene = Scene(bone, [], off_screen=True, size=(640, 480), chart=False)
-    scene.set_slices((0.0, 0.0, 0.0))
-    panels = scene.picture()[:, 475:].reshape(3, 160, -1, 3).astype(int)
+    with open_scene(bone, [], size=(640, 480), chart=False) as scene:
+        scene.set_slices((0.0, 0.0, 0.0))
+        panels = scene.picture()[:, 475:].reshape(3, 160, -1, 3).astype(int)
     assert ((np.abs(panels - BONE).max(axis=3) < 12).sum(axis=(1, 2)) > 50).all()
-    scene.close()
 
 
 def test_a_chart_appears_with_its_values():
-    need_drawing()
-    scene = Scene(small_bone(), [1.0], off_screen=True, size=SIZE)
-    plain = scene.picture()
     time = np.linspace(0, 1, 20)
-    scene.set_curves(time[:1], time[:1], time[:1])
-    assert not differing(scene.picture(), plain).any()
-    scene.set_curves(time, time**2, time)
-    changed = differing(scene.picture(), plain)
+    with open_scene(small_bone()) as scene:
+        plain = scene.picture()
+        scene.set_curves(time[:1], time[:1], time[:1])
+        assert not differing(scene.picture(), plain).any()
+        scene.set_curves(time, time**2, time)
+        changed = differing(scene.picture(), plain)
     assert changed[160:, :100].any()
     assert not changed[:120].any()
-    scene.close()
 
 
 def test_files_are_pictures(scene, tmp_path):
@@ -141,22 +132,33 @@ def test_files_are_pictures(scene, tmp_path):
 
 def test_refused_by_the_scene(scene):
     bone = scene.bone
-    with pytest.raises(ValueError, match="radii must be positive and finite, got 0"):
-        Scene(bone, [0.0], off_screen=True)
-    with pytest.raises(ValueError, match="size must be at least 16 pixels each way, got 8 x 100"):
-        Scene(bone, [], off_screen=True, size=(8, 100))
-    with pytest.raises(ValueError, match="level must be from 1 to 255, got 0"):
-        Scene(bone, [], off_screen=True, level=0)
-    with pytest.raises(ValueError, match=r"centers must have the shape \(1, 3\), got \(2, 3\)"):
-        scene.move_burrs(np.zeros((2, 3)))
-    with pytest.raises(ValueError, match="blood, water is missing"):
-        scene.set_parcels(np.zeros(0, [("position", "f8", 3), ("radius", "f8"), ("dust", "i8")]))
-    with pytest.raises(ValueError, match="point must be three finite numbers"):
-        scene.set_slices((0, 0, np.nan))
-    with pytest.raises(ValueError, match="separation must be zero or positive and finite, got -1"):
-        scene.stereo_picture(-1)
-    with pytest.raises(ValueError, match="bone must have the shape of the surface"):
-        scene.update(burrlab.VoxelBone.block((1, 1, 1), 0.1))
+    few = np.zeros(0, [("position", "f8", 3), ("radius", "f8"), ("dust", "i8")])
+    for call, sentence in (
+        (lambda: Scene(bone, [0.0], off_screen=True), "radii must be positive and finite, got 0"),
+        (
+            lambda: Scene(bone, [], off_screen=True, size=(8, 100)),
+            "size must be at least 16 pixels each way, got 8 x 100",
+        ),
+        (lambda: Scene(bone, [], off_screen=True, level=0), "level must be from 1 to 255, got 0"),
+        (lambda: scene.move_burrs(np.zeros((2, 3))), r"centers must have the shape \(1, 3\), got \(2, 3\)"),
+        (lambda: scene.set_parcels(few), "blood, water is missing"),
+        (lambda: scene.set_slices((0, 0, np.nan)), "point must be three finite numbers"),
+        (lambda: scene.stereo_picture(-1), "separation must be zero or positive and finite, got -1"),
+        (
+            lambda: scene.update(burrlab.VoxelBone.block((1, 1, 1), 0.1)),
+            "bone must have the shape of the surface",
+        ),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            call()
+
+
+def holds(scene, bone):
+    """Whether the scene draws the surface of this bone."""
+    drawn, fresh = scene.surface.blocks, surface_blocks(bone)
+    return fresh.keys() == drawn.keys() and all(
+        np.array_equal(drawn[block].points, made.points) for block, made in fresh.items()
+    )
 
 
 def test_a_view_of_a_trace_holds_its_bone(tmp_path):
@@ -166,21 +168,19 @@ def test_a_view_of_a_trace_holds_its_bone(tmp_path):
     view = TraceView(trace, off_screen=True, size=SIZE, slices=True)
     assert view.go(trace.duration) > 0
     assert view.player.bone.digest() == digest
-    fresh = surface_blocks(view.player.bone)
-    assert fresh.keys() == view.scene.surface.blocks.keys()
-    for block, made in view.scene.surface.blocks.items():
-        np.testing.assert_array_equal(made.points, fresh[block].points)
+    assert holds(view.scene, view.player.bone)
     assert view.scene._burrs.balls[0].GetPosition() == pytest.approx(trace.ticks["burr"]["center_mm"][-1, 0])
     frames = list(view.frames(fps=5.0, start=0.0, stop=0.4, stereo=True))
     assert len(frames) == 3
     assert frames[0].shape == (240, 640, 3)
     assert differing(frames[0], frames[-1]).any()
-    with pytest.raises(ValueError, match="fps must be positive and finite, got 0"):
-        next(view.frames(fps=0))
-    with pytest.raises(ValueError, match="start and stop must lie from 0 to"):
-        next(view.frames(stop=99.0))
-    with pytest.raises(ValueError, match="seconds must be from 0 to"):
-        view.go(99.0)
+    for call, sentence in (
+        (lambda: next(view.frames(fps=0)), "fps must be positive and finite, got 0"),
+        (lambda: next(view.frames(stop=99.0)), "start and stop must lie from 0 to"),
+        (lambda: view.go(99.0), "seconds must be from 0 to"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            call()
     view.close()
     with pytest.raises(TypeError):
         TraceView(small_bone(), off_screen=True)
@@ -188,13 +188,9 @@ def test_a_view_of_a_trace_holds_its_bone(tmp_path):
 
 def check_live(view, bone, tick):
     """The scene holds this state and draws its surface."""
-    assert view.bone.digest() == bone.digest()
-    assert view.tick == tick
+    assert (view.bone.digest(), view.tick) == (bone.digest(), tick)
     assert bone.removed > 0
-    fresh = surface_blocks(bone)
-    assert fresh.keys() == view.scene.surface.blocks.keys()
-    for block, made in fresh.items():
-        np.testing.assert_array_equal(made.points, view.scene.surface.blocks[block].points)
+    assert holds(view.scene, bone)
 
 
 def test_a_live_view_ends_with_the_bone_of_the_session():

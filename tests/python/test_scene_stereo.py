@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rendering_probe import need_drawing
-from scene_pictures import SIZE, differing, small_scene  # noqa: F401
+from scene_pictures import SIZE, differing, open_scene, small_scene  # noqa: F401
 from session_scenes import small_bone
 from view_scenes import parcels
 
 import burrlab
-from burrlab.view.scene import Scene
 
 pytestmark = pytest.mark.slow
 
@@ -56,24 +54,20 @@ def test_both_eyes_in_one_window_are_those_of_the_pair(scene):
 
 
 def test_curves_and_legend_are_in_neither_eye():
-    need_drawing()
-    scene = Scene(small_bone(), [1.0], off_screen=True, size=SIZE)
     time = np.linspace(0, 1, 20)
-    plain = scene.stereo_picture()
-    scene.set_curves(time, time**2, time)
-    np.testing.assert_array_equal(scene.stereo_picture(), plain)
-    scene.set_stereo(True)
-    shown = scene.picture()
-    scene.set_curves(time[:1], time[:1], time[:1])
-    np.testing.assert_array_equal(scene.picture(), shown)
-    scene.close()
+    with open_scene(small_bone()) as scene:
+        plain = scene.stereo_picture()
+        scene.set_curves(time, time**2, time)
+        np.testing.assert_array_equal(scene.stereo_picture(), plain)
+        scene.set_stereo(True)
+        shown = scene.picture()
+        scene.set_curves(time[:1], time[:1], time[:1])
+        np.testing.assert_array_equal(scene.picture(), shown)
 
 
 def test_a_note_on_the_bone_stands_above_every_scale():
-    need_drawing()
-    scene = Scene(small_bone(), [], off_screen=True, size=SIZE, note="LPS assumed")
-    scene.picture()
-    scene.stereo_picture()
-    words = [scale.text.GetInput() for scale in (scene.scale, *scene._eyes.scales)]
+    with open_scene(small_bone(), [], note="LPS assumed") as scene:
+        scene.picture()
+        scene.stereo_picture()
+        words = [scale.text.GetInput() for scale in (scene.scale, *scene._eyes.scales)]
     assert [text.split("\n")[0] for text in words] == ["LPS assumed"] * 3
-    scene.close()

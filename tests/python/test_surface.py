@@ -21,10 +21,10 @@ from burrlab.view.surface import (
 RADIUS, VOXEL, CENTER = 40.0, 0.1, (47.3, 46.1, 48.9)  # of a ball (z, y, x), in voxels
 
 
-def ball(shape=(96, 96, 96), center=CENTER, radius=RADIUS, spacing=VOXEL):
-    z, y, x = np.indices(shape)
-    away = radius - np.sqrt((z - center[0]) ** 2 + (y - center[1]) ** 2 + (x - center[2]) ** 2)
-    return burrlab.VoxelBone(np.rint(np.clip(away + 0.5, 0, 1) * 255).astype(np.uint8), spacing)
+def ball():
+    z, y, x = np.indices((96, 96, 96))
+    away = RADIUS - np.sqrt((z - CENTER[0]) ** 2 + (y - CENTER[1]) ** 2 + (x - CENTER[2]) ** 2)
+    return burrlab.VoxelBone(np.rint(np.clip(away + 0.5, 0, 1) * 255).astype(np.uint8), VOXEL)
 
 
 def noise(seed, shape=(40, 35, 66)):
@@ -36,6 +36,11 @@ def joined(mesh):
     """(number of different vertices, triangles of them)."""
     unique, number = np.unique(mesh.points, axis=0, return_inverse=True)
     return len(unique), number.reshape(-1)[mesh.triangles]
+
+
+def directed_edges(triangles):
+    """Of each triangle its three, (3 t, 2)."""
+    return np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
 
 
 def assert_equal_blocks(some, others):
@@ -50,7 +55,7 @@ def assert_equal_blocks(some, others):
 def test_a_ball_is_closed_with_its_area_and_volume():
     mesh = Surface(ball()).merged()
     vertices, triangles = joined(mesh)
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    edges = directed_edges(triangles)
     different, uses = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
     assert (uses == 2).all()  # closed, across the borders of 27 blocks
     assert len(np.unique(edges, axis=0)) == len(edges)  # and turned the same way all over
@@ -64,27 +69,21 @@ def test_a_ball_is_closed_with_its_area_and_volume():
 
 
 def test_vertices_and_normals_of_a_ball_are_where_they_should_be():
-    mesh = Surface(ball()).merged()
-    out = mesh.points - VOXEL * np.array(CENTER[::-1])
-    away = np.linalg.norm(out, axis=1)
-    assert np.abs(away - RADIUS * VOXEL).max() < 0.5 * VOXEL
-    assert ((out / away[:, None]) * mesh.normals).sum(axis=1).min() > np.cos(np.deg2rad(5))
-    np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-6)
-
-
-def test_a_ball_of_unequal_voxels_is_round():
-    spacing = np.array([0.1, 0.1, 0.2])
+    """Of equal voxels and of unequal ones."""
     z, y, x = np.indices((40, 80, 80))
-    away = (
-        np.sqrt(((x - 40) * 0.1) ** 2 + ((y - 40) * 0.1) ** 2 + ((z - 20) * 0.2) ** 2) - 3.0
-    )  # signed distance [mm]
+    away = np.sqrt(((x - 40) * 0.1) ** 2 + ((y - 40) * 0.1) ** 2 + ((z - 20) * 0.2) ** 2) - 3.0  # [mm]
     levels = np.rint(np.clip(0.5 - away / 0.2, 0, 1) * 255).astype(np.uint8)
-    bone = burrlab.VoxelBone(levels, tuple(spacing), (1.0, 2.0, 3.0))
-    mesh = Surface(bone).merged()
-    out = mesh.points - (np.array([1.0, 2.0, 3.0]) + np.array([40, 40, 20]) * spacing)
-    radius = np.linalg.norm(out, axis=1)
-    assert np.abs(radius - 3.0).max() < 0.1
-    assert ((out / radius[:, None]) * mesh.normals).sum(axis=1).min() > np.cos(np.deg2rad(8))
+    unequal = burrlab.VoxelBone(levels, (0.1, 0.1, 0.2), (1.0, 2.0, 3.0))
+    for bone, center, radius, apart, angle in (
+        (ball(), VOXEL * np.array(CENTER[::-1]), RADIUS * VOXEL, 0.5 * VOXEL, 5),
+        (unequal, np.array([5.0, 6.0, 7.0]), 3.0, 0.1, 8),
+    ):
+        mesh = Surface(bone).merged()
+        out = mesh.points - center
+        length = np.linalg.norm(out, axis=1)
+        assert np.abs(length - radius).max() < apart
+        assert ((out / length[:, None]) * mesh.normals).sum(axis=1).min() > np.cos(np.deg2rad(angle))
+        np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1, atol=1e-6)
 
 
 @pytest.mark.parametrize("make", [ball, lambda: burrlab.VoxelBone(noise(1), 0.1)])
@@ -109,7 +108,7 @@ def test_borders_are_covered_by_both_sides():
     """Every edge that one block uses once is used once by a neighbour: no gap."""
     surface = Surface(burrlab.VoxelBone(noise(2, (36, 35, 34)), 0.1))
     _, triangles = joined(surface.merged())
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    edges = directed_edges(triangles)
     directed, uses = np.unique(edges, axis=0, return_counts=True)
     forth = {tuple(edge): int(n) for edge, n in zip(directed.tolist(), uses, strict=True)}
     assert all(forth.get((b, a), 0) == n for (a, b), n in forth.items())
@@ -259,16 +258,21 @@ def test_levels_move_the_surface():
 
 def test_refused():
     bone = burrlab.VoxelBone.block((2, 2, 2), 0.1)
-    for level in (0, 256):
-        with pytest.raises(ValueError, match=f"level must be from 1 to 255, got {level}"):
-            Surface(bone, level=level)
-    with pytest.raises(ValueError, match="every index of a block must be from 0 to below 1, got 1"):
-        surface_blocks(bone, [(0, 0, 1)])
-    with pytest.raises(ValueError, match="bricks must be from 0 to below 27, got 3 to 27"):
-        brick_places([3, 27], bone)
-    with pytest.raises(ValueError, match=r"bricks must have the shape \(n,\) or \(n, 3\), got \(1, 2\)"):
-        brick_places([[1, 2]], bone)
-    with pytest.raises(ValueError, match=r"bricks must lie within \(3, 3, 3\)"):
-        blocks_of_bricks([[0, 0, 3]], bone)
-    with pytest.raises(ValueError, match="bone must have the shape of the surface"):
-        Surface(bone).update(burrlab.VoxelBone.block((2, 2, BLOCK * 0.1 + 2), 0.1), [])
+    larger = burrlab.VoxelBone.block((2, 2, BLOCK * 0.1 + 2), 0.1)
+    for call, sentence in (
+        (lambda: Surface(bone, level=0), "level must be from 1 to 255, got 0"),
+        (lambda: Surface(bone, level=256), "level must be from 1 to 255, got 256"),
+        (
+            lambda: surface_blocks(bone, [(0, 0, 1)]),
+            "every index of a block must be from 0 to below 1, got 1",
+        ),
+        (lambda: brick_places([3, 27], bone), "bricks must be from 0 to below 27, got 3 to 27"),
+        (
+            lambda: brick_places([[1, 2]], bone),
+            r"bricks must have the shape \(n,\) or \(n, 3\), got \(1, 2\)",
+        ),
+        (lambda: blocks_of_bricks([[0, 0, 3]], bone), r"bricks must lie within \(3, 3, 3\)"),
+        (lambda: Surface(bone).update(larger, []), "bone must have the shape of the surface"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            call()

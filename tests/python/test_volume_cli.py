@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from command_line import call
 
 import burrlab
 from burrlab.bone.image import OccupancyMap
@@ -113,12 +114,9 @@ def test_what_is_assumed_is_said(tmp_path, capsys):
 )
 @pytest.mark.parametrize("command", [["descend", "--force", "1"], ["session", "--device", "hand"]])
 def test_wrong_options(capsys, command, words, message):
-    try:
-        code = main([*command, *words])
-    except SystemExit as error:
-        code = error.code
+    code, _, said = call(capsys, *command, *words)
     assert code == 2
-    assert message in capsys.readouterr().err
+    assert message in said
 
 
 def test_a_session_in_a_resampled_volume(tmp_path, capsys):
@@ -151,29 +149,6 @@ def test_a_session_in_a_resampled_volume(tmp_path, capsys):
     recipe = json.loads(trace.source)
     assert recipe["map"] == [[-1000, 0], [0, 0.5], [1000, 1]]
     assert make_bone(recipe).digest() == trace.bone().digest()
-
-
-def test_a_real_ct_resampled_from_the_command_line(hand, capsys):
-    ask = [
-        "descend",
-        "--volume",
-        str(hand),
-        "--map",
-        "90:180",
-        "--force",
-        "0.3",
-        "--entry",
-        "65,50,103",
-        "--axis",
-        "0,1,0",
-    ]
-    ask += ["--ideal", "--seed", "1", "--crop", "58,45,96:72,80,110", "--json", "-"]
-    assert main([*ask, "--radius", "1.5"]) == 2
-    assert "--voxel 0.2 (voxel=0.2) makes finer ones" in capsys.readouterr().err
-    assert main([*ask, "--radius", "1.5", "--voxel", "0.2"]) == 0
-    result = json.loads(capsys.readouterr().out)
-    assert result["provenance"]["spacing_mm"] == [0.2] * 3
-    assert not any(text.startswith("coarse") for text in result["warnings"])
 
 
 def test_a_real_ct_keeps_its_mass(hand):

@@ -10,13 +10,13 @@ import threading
 import numpy as np
 import pytest
 from anatomy_scenes import nerve_bone, straight, tool
-from page_scenes import Scene, make_page
+from command_line import call
+from page_scenes import Scene, make_page, nerve_trace
 from replica_scenes import soon
 
 import burrlab
 import burrlab.view.web as web
 from burrlab.anatomy.watch import Watch
-from burrlab.cli import main
 from burrlab.effects.companion import Companion
 from burrlab.effects.effects import Effects, effects_of
 from burrlab.session.network import block_recipe, follow, make_bone
@@ -28,14 +28,16 @@ PATH = [(-3, 0, 1.5), (-3, 0, -0.6), (3, 0, -0.6), (0, 0, -1.2)], [0, 1, 3, 4]
 BLOCK = block_recipe((8, 8, 4), 0.2, origin=(-3.9, -3.9, -3.9))
 
 
+def turned(page):
+    """The page after one look at what is new, which a browser shows."""
+    page._turn(0.0)
+    page.shown()
+    return page
+
+
 @pytest.fixture(scope="module")
 def trace(tmp_path_factory):
-    file = tmp_path_factory.mktemp("web") / "session.h5"
-    with burrlab.Session(
-        nerve_bone(), tool(), straight(*PATH), seed=1, duration=4.0, wall_clock=False, record=file
-    ) as session:
-        session.wait()
-    return burrlab.load_trace(file)
+    return burrlab.load_trace(nerve_trace(tmp_path_factory.mktemp("web") / "session.h5"))
 
 
 def live(bone, **options):
@@ -44,33 +46,28 @@ def live(bone, **options):
 
 def test_beside_a_session_to_its_end():
     bone = nerve_bone()
-    with live(bone, watch=Watch(bone, approach=0.5)) as session:
-        page = make_page(page_source(session))
-        while session.running:
-            page._turn(0.0)
-            page.shown()
-        session.wait()  # the follower may be behind
-        page._turn(0.0)
-        final, ticks = session.snapshot()
-        assert page.source.bone.digest() == final.digest()
-        assert page.source.bone.removed == final.removed > 0
-        assert page.state.time_s == pytest.approx(ticks / 1000)
-        assert page.state.source_state == session.reason
-        said = [(event.kind, event.structure) for event in session.anatomy().events]
-        assert [tuple(row["text"].split(",")[0].split(" ")[::2]) for row in page.state.events] == said
-        for row, event in zip(page.state.events, session.anatomy().events, strict=True):
-            assert row["time_s"] == pytest.approx(event.tick / 1000, abs=2e-3)
-        assert page.state.charts[0]["lines"][0]
-        assert page.state.numbers[0]["value"] == page.state["values"][0][0]
-
-
-def test_before_the_first_tick():
-    session = live(nerve_bone())
-    page = make_page(page_source(session))
-    page._turn(0.0)
+    session = live(bone, watch=Watch(bone, approach=0.5))
+    page = turned(make_page(page_source(session)))
     said = {row["name"]: row["value"] for row in page.state.numbers}
     assert (said["centre"], said["force"], said["bone removed"]) == ("not known", "0.00", "0.00")
     assert page.state.source_state == "not started"
+    with session:
+        while session.running:
+            turned(page)
+        session.wait()  # the follower may be behind
+        turned(page)
+    final, ticks = session.snapshot()
+    assert page.source.bone.digest() == final.digest()
+    assert page.source.bone.removed == final.removed > 0
+    assert page.state.time_s == pytest.approx(ticks / 1000)
+    assert page.state.source_state == session.reason
+    events = session.anatomy().events
+    said = [tuple(row["text"].split(",")[0].split(" ")[::2]) for row in page.state.events]
+    assert said == [(event.kind, event.structure) for event in events]
+    times = [row["time_s"] for row in page.state.events]
+    assert times == pytest.approx([event.tick / 1000 for event in events], abs=2e-3)
+    assert page.state.charts[0]["lines"][0]
+    assert page.state.numbers[0]["value"] == page.state["values"][0][0]
 
 
 def test_beside_a_replica():
@@ -81,14 +78,8 @@ def test_beside_a_replica():
         try:
             page = make_page(page_source(replica))
             assert (page.state.title, page.state.source_state) == ("replica", "following")
-
-            def ended():
-                page._turn(0.0)
-                page.shown()
-                return replica.wait(0.0)
-
-            assert soon(ended, 30.0)
-            page._turn(0.0)
+            assert soon(lambda: turned(page) and replica.wait(0.0), 30.0)
+            turned(page)
             assert page.source.bone.digest() == replica.digest() == session.snapshot()[0].digest()
             assert page.source.bone.removed > 0
             assert page.state.source_state not in ("following", "")
@@ -98,7 +89,8 @@ def test_beside_a_replica():
 
 def test_parcels_of_a_companion():
     bone = nerve_bone()
-    with live(bone) as session, Companion(session, seed=1) as companion:
+    session = live(bone)
+    with Companion(session, seed=1) as companion, session:  # what is gone before makes no dust
         session.wait()
         assert companion.wait(30)
         page = make_page(page_source(session, companion))
@@ -112,12 +104,9 @@ def test_parcels_of_a_companion():
 def test_parcels_of_a_trace(trace):
     past = ParcelHistory(trace, Effects(trace.bone(), seed=1))
     assert past.at(2.0) is None
-    assert past.make()
-    assert past.made == 1.0
-    assert past.at(0.0) is None
-    other, player = Effects(trace.bone(), seed=1), burrlab.view.TracePlayer(trace)
-    some = 0
-    for time in effects_of(player, other):
+    assert (past.make(), past.made, past.at(0.0)) == (True, 1.0, None)
+    other, some = Effects(trace.bone(), seed=1), 0
+    for time in effects_of(burrlab.view.TracePlayer(trace), other):
         frame, parcels = past.at(time), other.parcels
         assert len(frame) == len(parcels)
         some = max(some, len(parcels))
@@ -143,29 +132,48 @@ def test_parcels_stop_when_asked(trace):
 
 
 def test_refused_sources(trace):
-    with pytest.raises(
-        TypeError, match="source must be a Trace, TracePlayer, Session, Replica or VoxelBone, got 'a'"
+    for source, effects, sentence in (
+        ("a", None, "source must be a Trace, TracePlayer, Session, Replica or VoxelBone, got 'a'"),
+        (trace, 1, "effects of a trace must be Effects, got 1"),
+        (live(nerve_bone()), 1, "effects of a session must be a Companion, got 1"),
+        (nerve_bone(), 1, "effects go with a trace or a session, got 1 with a bone"),
     ):
-        serve("a")
-    with pytest.raises(TypeError, match="effects of a trace must be Effects, got 1"):
-        serve(trace, effects=1)
-    with pytest.raises(TypeError, match="effects of a session must be a Companion, got 1"):
-        serve(live(nerve_bone()), effects=1)
-    with pytest.raises(TypeError, match="effects go with a trace or a session, got 1 with a bone"):
-        serve(nerve_bone(), effects=1)
+        with pytest.raises(TypeError, match=sentence):
+            serve(source, effects=effects)
 
 
-def test_refused_ports():
-    for port in (-1, 65536):
-        with pytest.raises(ValueError, match=f"port must be from 0 to 65535, got {port}"):
-            serve(nerve_bone(), port=port)
+def test_refused_ports(capsys, tmp_path):
+    """A taken one also before anything else is done on the command line."""
     pytest.importorskip("trame", reason="needs the extra viz3d")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        with pytest.raises(OSError, match=f"cannot listen on 127.0.0.1:{port}: Address already in use"):
-            serve(nerve_bone(), port=port)
-    with pytest.raises(OSError, match=r"cannot listen on 192\.0\.2\.1:0: "):  # an address for documents
-        serve(nerve_bone(), host="192.0.2.1")
+        for kind, sentence, place in (
+            (ValueError, "port must be from 0 to 65535, got -1", {"port": -1}),
+            (ValueError, "port must be from 0 to 65535, got 65536", {"port": 65536}),
+            (OSError, f"cannot listen on 127.0.0.1:{port}: Address already in use", {"port": port}),
+            (
+                OSError,
+                r"cannot listen on 192\.0\.2\.1:0: ",
+                {"host": "192.0.2.1"},
+            ),  # an address for documents
+        ):
+            with pytest.raises(kind, match=sentence):
+                serve(nerve_bone(), **place)
+        words = [
+            "session",
+            "--device",
+            "hand",
+            "--duration",
+            "1",
+            "--record",
+            tmp_path / "none.h5",
+            "--web",
+            port,
+        ]
+        code, _, err = call(capsys, *words)
+    assert code != 0
+    assert f"cannot listen on 127.0.0.1:{port}: Address already in use" in err
+    assert not (tmp_path / "none.h5").exists()
 
 
 def test_refused_in_an_event_loop():
@@ -278,24 +286,13 @@ def test_a_missing_extra(monkeypatch, name):
         serve(nerve_bone())
 
 
-def test_refused_on_the_command_line(capsys, tmp_path):
+def test_refused_on_the_command_line(capsys):
     device = ["--device", "hand", "--duration", "1"]
     for arguments, sentence in (
-        (["view", "x.h5", "--port", "1"], "--port goes with --web"),
         (["view", "--bone", "x.h5", "--web", "--effects"], "--effects goes with a trace"),
         (["session", "--web", "--view", *device], "argument --view: not allowed with argument --web"),
         (["session", "--web", "65536", *device], "must be a port, 0 to 65535, got '65536'"),
     ):
-        try:
-            code = main(arguments)
-        except SystemExit as end:
-            code = end.code
+        code, _, err = call(capsys, *arguments)
         assert code == 2
-        assert sentence in capsys.readouterr().err
-    pytest.importorskip("trame", reason="needs the extra viz3d")
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        file = tmp_path / "none.h5"
-        assert main(["session", "--web", str(port), "--record", str(file), *device]) != 0
-        assert not file.exists()
-        assert f"cannot listen on 127.0.0.1:{port}: Address already in use" in capsys.readouterr().err
+        assert sentence in err

@@ -1,7 +1,4 @@
-"""The bone of a session from the command line: which it is, and where it is kept at the end.
-
-What the labels of a file are: burrlab tissues.
-"""
+"""The bone of a session, where it is kept at the end, and what the labels of a file are: burrlab tissues."""
 
 from __future__ import annotations
 
@@ -39,15 +36,18 @@ from burrlab.bone.tissues import (
     tissues_text,
 )
 from burrlab.cli.options import (
+    JSON,
     OF_LABELS,
     PLACE,
-    AddCommand,
+    STACK,
+    Command,
+    Group,
     Options,
     Recipe,
-    add_stack_options,
     chosen_recipe,
     deliver,
     not_kept,
+    option,
     refuse_options,
     require_options,
     say_notes,
@@ -61,20 +61,23 @@ _GAP = 0.5  # between the burr of a simulated hand and the bone at the start [mm
 _OTHERS = ("volume", "labels", "map", "spacing", "series", "crop", "voxel", "transpose", *OF_LABELS)
 
 
-def add_bone_options(parser: argparse.ArgumentParser) -> None:
-    """Adds `--bone` and `--save`."""
-    kept = parser.add_argument_group("a bone that is kept, half-drilled")
-    kept.add_argument(
-        "--save", metavar="FILE",
-        help="keep the bone at the end: in the volume's format and with its header (.nrrd, .nii, .nii.gz, .mha; a new folder for PNG "
-        "slices or DICOM), with the exact state beside it; or .h5, the exact state alone",
-    )  # fmt: skip
-    kept.add_argument("--bone", metavar="FILE", help="go on with a bone that --save has kept")
+#: A bone that is kept, and one to go on with.
+KEPT = Group(
+    "a bone that is kept, half-drilled",
+    (
+        option(
+            "--save",
+            "keep the bone at the end: in the volume's format and with its header (.nrrd, .nii, .nii.gz, .mha; a new folder for PNG "
+            "slices or DICOM), with the exact state beside it; or .h5, the exact state alone", metavar="FILE",
+        ),
+        option("--bone", "go on with a bone that --save has kept", metavar="FILE"),
+    ),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Start:
-    """What a session begins with.
+    """What a session begins with: its bone, and how the bone is kept at the end.
 
     Attributes
     ----------
@@ -111,7 +114,8 @@ class Start:
 
 @contextlib.contextmanager
 def rescued(path: str, bone: VoxelBone, tick: int) -> Iterator[None]:
-    """Where a bone cannot be kept as asked, as on a full disk, keeps its exact state elsewhere; the NotKept says where."""
+    """Keeps a bone's exact state elsewhere where it cannot be kept as asked, as on a full disk; the NotKept
+    says where."""
     try:
         yield
     except (OSError, ValueError) as error:
@@ -121,7 +125,8 @@ def rescued(path: str, bone: VoxelBone, tick: int) -> Iterator[None]:
 
 
 def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) -> Start:
-    """Of the options; ValueError where they do not fit, or the bone could not be saved as asked."""
+    """The start that the options describe; ValueError where they do not fit, or the bone could not be saved
+    as asked."""
     recipe = _recipe(options, material)
     if recipe is None:
         if options.axis is not None:
@@ -186,7 +191,8 @@ def _placed(
 def _kept_as(
     path: str | None, recipe: Recipe | DrilledRecipe | None
 ) -> tuple[Volume | LabelVolume | None, OccupancyMap | None]:
-    """In which volume's format the bone is saved, and its map; errors as `save_drilled`, before any work."""
+    """The volume in whose format the bone is saved, and its map; errors as `save_drilled`, before any
+    work."""
     if path is None:
         return None, None
     if Path(path).suffix.lower() == ".h5":
@@ -209,33 +215,15 @@ _SURE = 0.3
 _LAST = 26  # characters of the synonyms: a line holds 80
 
 
-def add_tissues_command(command: AddCommand) -> None:
-    """Adds `tissues` to the parser of `burrlab`."""
-    tissues = command("tissues", _tissues, "The labels of a segmentation, with voxels, and what they are.")
-    tissues.add_argument(
-        "file", metavar="FILE", nargs="?",
-        help="labels (NRRD, NIfTI, MetaImage, coloured PNG slices or their YAML file), or a table (.csv); without it, the structures "
-        "that are known by name",
-    )  # fmt: skip
-    tissues.add_argument("--tissues", metavar="FILE.csv", help="a table to look the labels up in")
-    tissues.add_argument(
-        "--template", metavar="FILE.csv", help="write a table of the file's labels, to be completed"
-    )
-    tissues.add_argument(
-        "--spacing", type=spacing, metavar="X,Y,Z", help="of the voxels, where the file has none [mm]"
-    )
-    add_stack_options(tissues)
-    tissues.add_argument("--json", metavar="FILE", help="write the result as JSON; - for standard output")
-
-
 def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[dict[str, Any]]:
-    """Of each label of a volume: voxels, volume [mm^3], name in the file, and the tissue that it is.
+    """A row for each label of a volume: voxels, volume [mm^3], name in the file, and the tissue that it is.
 
     Parameters
     ----------
     labels : LabelVolume
     tissues : Tissues, optional
-        A table; without it the names of the file say what the labels are. `tissue` is None where neither does.
+        A table; without it the names of the file say what the labels are. `tissue` is None where neither
+        does.
     """
     own = {} if tissues is None else {tissue.label: tissue.name for tissue in tissues}
     voxel = float(labels.spacing.prod())
@@ -254,7 +242,8 @@ def labels_table(labels: LabelVolume, tissues: Tissues | None = None) -> list[di
 
 
 def ear_side(labels: LabelVolume, tissues: Tissues | None = None) -> dict[str, str] | None:
-    """How ear canal, jaw joint and the facial nerve's exit lie, and of which side such an ear is.
+    """The directions in which ear canal, jaw joint and the facial nerve's exit lie, and the side of such an
+    ear.
 
     Parameters
     ----------
@@ -265,16 +254,18 @@ def ear_side(labels: LabelVolume, tissues: Tissues | None = None) -> dict[str, s
     Returns
     -------
     dict or None
-        `lateral`, `anterior` and `inferior`, the axes that are nearest ("-x"), and `side`, "right" or "left"; empty where the three
-        lie so that no side can be told. None where one of them is missing, or there twice.
+        `lateral`, `anterior` and `inferior`, the axes that are nearest ("-x"), and `side`, "right" or "left";
+        empty where the three lie so that no side can be told. None where one of them is missing, or there
+        twice.
 
     Notes
     -----
-    Lateral is the canal's long axis, away from the nerve, which passes its inner end. Anterior leads from the canal's
-    middle to the joint's, across lateral. The nerve's exit is the tenth of its voxels that is farthest from its innermost tenth,
-    and inferior is the side of the plane of lateral and anterior, through the canal's middle, on which it lies. So nothing depends on
-    the names of axes: in the coordinates of the file, right-handed as LPS and RAS are, (lateral x anterior) . inferior is -1 in
-    a right ear and +1 in a left one. A mirrored file shows the other ear.
+    Lateral is the canal's long axis, away from the nerve, which passes its inner end. Anterior leads from the
+    canal's middle to the joint's, across lateral. The nerve's exit is the tenth of its voxels that is
+    farthest from its innermost tenth, and inferior is the side of the plane of lateral and anterior, through
+    the canal's middle, on which it lies. So nothing depends on the names of axes: in the coordinates of the
+    file, right-handed as LPS and RAS are, (lateral x anterior) . inferior is -1 in a right ear and +1 in a
+    left one. A mirrored file shows the other ear.
     """
     table = labels_table(labels, tissues)
     clouds = []
@@ -309,12 +300,13 @@ def _unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _farthest(points: NDArray[np.float64], far: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Middle of the tenth of points that is farthest."""
+    """Middle of the farthest tenth of the points."""
     return np.asarray(points[far >= np.quantile(far, 0.9)].mean(axis=0))
 
 
 def template(labels: LabelVolume) -> Tissues:
-    """A table of the labels of a volume with what the default table knows of their names; c_e and alpha the bone's.
+    """A table of the labels of a volume with what the default table knows of their names; c_e and alpha the
+    bone's.
 
     ValueError where there are more labels than a bone has tissues.
     """
@@ -342,19 +334,19 @@ def template(labels: LabelVolume) -> Tissues:
 
 
 def _tissues(options: Options) -> int:
-    if options.file is None or options.file.lower().endswith(".csv"):
+    is_table = options.file is not None and options.file.lower().endswith(".csv")
+    if options.file is None or is_table:
         names = ("tissues", "template", "spacing", "unit", "unknown", "transpose")
         refuse_options(options, names, "goes with a file of labels")
-    if options.file is None:
-        found: list[dict[str, Any]] = [
-            {"name": t.name, "colour": _hex(t.colour), "critical": t.critical, "bleeds": t.bleeds, "synonyms": list(t.synonyms)}
-            for t in KNOWN
-        ]  # fmt: skip
-        deliver(options, {"tissues": found}, _text(found))
-        return 0
-    if options.file.lower().endswith(".csv"):
-        found = [_plain(tissue) for tissue in read_tissues(options.file)]
-        deliver(options, {"file": options.file, "tissues": found}, _text(found))
+        result: dict[str, Any] = {
+            "tissues": [
+                {"name": t.name, "colour": _hex(t.colour), "critical": t.critical, "bleeds": t.bleeds, "synonyms": list(t.synonyms)}
+                for t in KNOWN
+            ]
+        }  # fmt: skip
+        if is_table:
+            result = {"file": options.file, "tissues": [_plain(one) for one in read_tissues(options.file)]}
+        deliver(options, result, _text(result["tissues"]))
         return 0
     table = None if options.tissues is None else read_tissues(options.tissues)
     listed = options.unknown is None and is_stack(options.file)  # shown here, refused where a bone is made
@@ -410,7 +402,7 @@ def _hex(colour: tuple[int, int, int]) -> str:
 
 
 def _text(rows: list[dict[str, Any]]) -> str:
-    """Rows under the names of their columns."""
+    """A table of the rows, under the names of their columns."""
     texts = [list(rows[0])] + [[_cell(value) for value in row.values()] for row in rows]
     if isinstance(list(rows[0].values())[-1], list):  # a long last column goes on below itself
         texts = [line for text in texts for line in _wrapped(text)]
@@ -431,10 +423,22 @@ def _wrapped(cells: list[str]) -> list[list[str]]:
 
 
 def _cell(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if value is None:
-        return "?"
     if isinstance(value, list):
         return ", ".join(value)
+    named = {None: "?", True: "yes", False: "no"}
+    if value is None or isinstance(value, bool):
+        return named[value]
     return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+TISSUES_COMMAND = Command("tissues", _tissues, "The labels of a segmentation, with voxels, and what they are.", (
+    option(
+        "file", "labels (NRRD, NIfTI, MetaImage, coloured PNG slices or their YAML file), or a table (.csv); without it, the "
+        "structures that are known by name", metavar="FILE", nargs="?",
+    ),
+    option("--tissues", "a table to look the labels up in", metavar="FILE.csv"),
+    option("--template", "write a table of the file's labels, to be completed", metavar="FILE.csv"),
+    option("--spacing", "of the voxels, where the file has none [mm]", type=spacing, metavar="X,Y,Z"),
+    *STACK,
+    JSON,
+))  # fmt: skip

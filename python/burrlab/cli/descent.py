@@ -1,7 +1,4 @@
-"""Virtual descents on the command line: burrlab descend | sweep | materials.
-
-The fit of c_e and alpha on the command line: burrlab fit.
-"""
+"""Virtual descents and fits on the command line: burrlab descend | sweep | materials | fit."""
 
 from __future__ import annotations
 
@@ -12,58 +9,32 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from tqdm import tqdm
 
 import burrlab
 from burrlab._core import Burr, Shape
 from burrlab.bone.header import assumed, told_notes
 from burrlab.cli.options import (
-    AddCommand,
+    JSON,
+    LABELS,
+    MATERIAL,
+    OUTPUT,
+    VOLUME,
+    Command,
     Options,
-    add_label_options,
-    add_material_options,
-    add_output_options,
-    add_volume_options,
     chosen_material,
     chosen_specimen,
     count,
     deliver,
+    flag,
+    option,
+    parsed_by,
+    plot,
     positive,
     save_figure,
     seed,
-    shape,
+    show_progress,
 )
-
-
-def add_descent_commands(command: AddCommand) -> None:
-    """Adds the commands on descents to the parser of `burrlab`."""
-    descent = command(
-        "descend", _descend, "Sink a burr at constant force and measure its penetration velocity."
-    )
-    descent.add_argument("--force", type=positive, required=True, help="set-point [N]")
-    descent.add_argument(
-        "--ideal", action="store_true", help="hold the force exactly, without rig and controller"
-    )
-    _experiment_options(descent)
-    add_output_options(descent)
-
-    sweep = command("sweep", _sweep, "Penetration velocity against force, written as CSV.")
-    sweep.add_argument(
-        "--forces", type=_forces, required=True, metavar="FIRST:LAST:COUNT", help="[N]; or F,F,..."
-    )
-    sweep.add_argument("--repeats", type=count, default=1, help="descents at each force, default 1")
-    sweep.add_argument("--out", required=True, metavar="FILE.csv")
-    sweep.add_argument(
-        "--rig", action="store_true", help="through controller and virtual rig; else the force is exact"
-    )
-    sweep.add_argument(
-        "--store", metavar="FILE", help="keep every descent as it ends (JSON lines), and take from there what an earlier sweep of "
-        "the same parameters and seed has done: an interrupted one goes on; needs --seed",
-    )  # fmt: skip
-    _experiment_options(sweep)
-    add_output_options(sweep)
-    add_output_options(
-        command("materials", _materials, "The paper's materials and their source."), plot=False
-    )
 
 
 def _forces(text: str) -> list[float]:
@@ -73,20 +44,6 @@ def _forces(text: str) -> list[float]:
     if len(parts) != 3:
         raise argparse.ArgumentTypeError(f"must be FIRST:LAST:COUNT or F,F,..., got '{text}'")
     return [float(f) for f in np.linspace(positive(parts[0]), positive(parts[1]), count(parts[2]))]
-
-
-def _experiment_options(parser: argparse.ArgumentParser) -> None:
-    add_material_options(parser)
-    parser.add_argument("--voxel", type=positive, help="voxel spacing [mm], default 0.1, or a volume's own")
-    parser.add_argument("--dt", type=positive, default=1.0, help="tick [ms], default 1")
-    parser.add_argument("--seed", type=seed, help="default: drawn and recorded")
-    parser.add_argument("--scheme", choices=["layer", "cell"], default="layer", help="default: layer")
-    parser.add_argument("--stop", type=positive, help="immersion at which a run ends [mm], default R/3")
-    parser.add_argument(
-        "--max-duration", type=positive, default=120.0, help="[s] of the experiment, default 120"
-    )
-    add_volume_options(parser)
-    add_label_options(parser)
 
 
 def _specimen(options: Options, burr: Burr) -> burrlab.Specimen | None:
@@ -99,16 +56,13 @@ def _specimen(options: Options, burr: Burr) -> burrlab.Specimen | None:
 def _descend(options: Options) -> int:
     burr, material = Burr(options.radius), chosen_material(options)
     specimen = _specimen(options, burr)
-    from tqdm import tqdm
-
-    with tqdm(total=100, desc="descent", unit="%", disable=not sys.stderr.isatty(), leave=False) as bar:
+    with show_progress("descent") as progress:
         run = burrlab.descend(
             burr, material, options.force, voxel=options.voxel or 0.1, dt=options.dt, seed=options.seed,
             scheme=options.scheme, ideal=options.ideal, specimen=specimen, stop=options.stop,
-            max_duration=options.max_duration, progress=lambda done: bar.update(int(100 * done) - bar.n),
+            max_duration=options.max_duration, progress=progress,
         )  # fmt: skip
-    if options.plot is not None:
-        save_figure(run.plot()[0], options.plot)
+    plot(options.plot, lambda: run.plot()[0])
     deliver(options, run.to_dict(), f"{run!r}\nseed {run.provenance['seed']}")
     return 130 if run.status == "interrupted" else 0
 
@@ -160,39 +114,6 @@ def _materials(options: Options) -> int:
     return 0
 
 
-def add_fit_command(command: AddCommand) -> None:
-    """Adds `fit` to the parser of `burrlab`."""
-    fit = command("fit", _fit, "Fit c_e and alpha, and say what the data determine.")
-    fit.add_argument("file", metavar="FILE.csv", nargs="*", help="velocity-force curves")
-    fit.add_argument("--radius", type=positive, help="burr radius R of files that do not say it [mm]")
-    fit.add_argument(
-        "--indentation",
-        metavar="FILE.csv",
-        action="append",
-        default=[],
-        help="static indentation, repeatable",
-    )
-    fit.add_argument(
-        "--trace", metavar="FILE.csv", action="append", default=[], help="depth-time record, repeatable"
-    )
-    fit.add_argument(
-        "--shape", type=shape, default=Shape("parabolic"), help="erosion shape f, default parabolic"
-    )
-    fit.add_argument("--engine", choices=["mean-field", "voxel"], default="mean-field")
-    fit.add_argument("--residuals", choices=["relative", "absolute", "sigma"], default="relative")
-    fit.add_argument("--voxel", type=positive, default=0.1, help="voxel engine: spacing [mm]")
-    fit.add_argument("--seed", type=seed, default=0)
-    fit.add_argument(
-        "--alpha-lines", type=positive, metavar="D", help="also draw alpha +- D [1/ms], as the paper does"
-    )
-    fit.add_argument("--log", action="store_true", help="logarithmic axes in the figure")
-    fit.add_argument("--region", metavar="FILE", help="write a figure of the joint region of c_e and alpha")
-    fit.add_argument("--profile", metavar="FILE", help="write a figure of c_e's profile likelihood")
-    fit.add_argument("--test", type=_pair, metavar="C_E,ALPHA", help="are these in the joint region?")
-    fit.add_argument("--store", metavar="FILE", help="voxel engine: keeps descents, the same command goes on")
-    add_output_options(fit)
-
-
 def _pair(text: str) -> tuple[float, float]:
     values = [positive(part) for part in text.split(",")]
     if len(values) != 2:
@@ -211,12 +132,9 @@ def _fit(options: Options) -> int:
         seed=options.seed,
     )
     given = {} if options.test is None else {"given": options.test}
-    if options.plot is not None:
-        save_figure(result.plot(alpha_lines=options.alpha_lines, log=options.log), options.plot)
-    if options.region is not None:
-        save_figure(result.plot_region(points=given), options.region)
-    if options.profile is not None:
-        save_figure(result.plot_profile(), options.profile)
+    plot(options.plot, lambda: result.plot(alpha_lines=options.alpha_lines, log=options.log))
+    plot(options.region, lambda: result.plot_region(points=given))
+    plot(options.profile, result.plot_profile)
     plain, text = result.to_dict(), result.report()
     if options.test is not None:
         test = result.test(*options.test)
@@ -256,8 +174,6 @@ def _bar() -> Callable[[int, int], object] | None:
     """A progress bar on a terminal."""
     if not sys.stderr.isatty():
         return None
-    from tqdm import tqdm
-
     bar = tqdm(desc="descents", leave=False)
 
     def show(done: int, total: int) -> None:
@@ -265,3 +181,58 @@ def _bar() -> Callable[[int, int], object] | None:
         bar.update(done - bar.n)
 
     return show
+
+
+_EXPERIMENT = (
+    *MATERIAL,
+    option("--voxel", "voxel spacing [mm], default 0.1, or a volume's own", type=positive),
+    option("--dt", "tick [ms], default 1", type=positive, default=1.0),
+    option("--seed", "default: drawn and recorded", type=seed),
+    option("--scheme", "default: layer", choices=["layer", "cell"], default="layer"),
+    option("--stop", "immersion at which a run ends [mm], default R/3", type=positive),
+    option("--max-duration", "[s] of the experiment, default 120", type=positive, default=120.0),
+    VOLUME,
+    LABELS,
+    *OUTPUT,
+)
+DESCENT_COMMANDS = (
+    Command("descend", _descend, "Sink a burr at constant force and measure its penetration velocity.", (
+        option("--force", "set-point [N]", type=positive, required=True),
+        flag("--ideal", "hold the force exactly, without rig and controller"),
+        *_EXPERIMENT,
+    )),
+    Command("sweep", _sweep, "Penetration velocity against force, written as CSV.", (
+        option("--forces", "[N]; or F,F,...", type=_forces, required=True, metavar="FIRST:LAST:COUNT"),
+        option("--repeats", "descents at each force, default 1", type=count, default=1),
+        option("--out", required=True, metavar="FILE.csv"),
+        flag("--rig", "through controller and virtual rig; else the force is exact"),
+        option(
+            "--store", "keep every descent as it ends (JSON lines), and take from there what an earlier sweep of "
+            "the same parameters and seed has done: an interrupted one goes on; needs --seed", metavar="FILE",
+        ),
+        *_EXPERIMENT,
+    )),
+    Command("materials", _materials, "The paper's materials and their source.", (JSON,)),
+    Command("fit", _fit, "Fit c_e and alpha, and say what the data determine.", (
+        option("file", "velocity-force curves", metavar="FILE.csv", nargs="*"),
+        option("--radius", "burr radius R of files that do not say it [mm]", type=positive),
+        option(
+            "--indentation", "static indentation, repeatable", metavar="FILE.csv", action="append", default=[]
+        ),
+        option("--trace", "depth-time record, repeatable", metavar="FILE.csv", action="append", default=[]),
+        option(
+            "--shape", "erosion shape f, default parabolic", type=parsed_by(Shape), default=Shape("parabolic")
+        ),
+        option("--engine", choices=["mean-field", "voxel"], default="mean-field"),
+        option("--residuals", choices=["relative", "absolute", "sigma"], default="relative"),
+        option("--voxel", "voxel engine: spacing [mm]", type=positive, default=0.1),
+        option("--seed", type=seed, default=0),
+        option("--alpha-lines", "also draw alpha +- D [1/ms], as the paper does", type=positive, metavar="D"),
+        flag("--log", "logarithmic axes in the figure"),
+        option("--region", "write a figure of the joint region of c_e and alpha", metavar="FILE"),
+        option("--profile", "write a figure of c_e's profile likelihood", metavar="FILE"),
+        option("--test", "are these in the joint region?", type=_pair, metavar="C_E,ALPHA"),
+        option("--store", "voxel engine: keeps descents, the same command goes on", metavar="FILE"),
+        *OUTPUT,
+    )),
+)  # fmt: skip

@@ -9,12 +9,22 @@ from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 import burrlab
-from burrlab.cli.bone import add_tissues_command
-from burrlab.cli.descent import add_descent_commands, add_fit_command
+from burrlab.cli.bone import TISSUES_COMMAND
+from burrlab.cli.descent import DESCENT_COMMANDS
 from burrlab.cli.experiment import add_experiment_commands
-from burrlab.cli.options import SIGNED, NotKept, Options, add_output_options, check_outputs, deliver, sentence
-from burrlab.cli.session import add_session_commands, add_trace_commands
-from burrlab.cli.view import add_view_command
+from burrlab.cli.options import (
+    JSON,
+    SIGNED,
+    Command,
+    NotKept,
+    Options,
+    add_options,
+    check_outputs,
+    deliver,
+    sentence,
+)
+from burrlab.cli.session import SESSION_COMMANDS
+from burrlab.cli.view import VIEW_COMMAND
 from burrlab.common.files import NO_ROOM
 from burrlab.common.provenance import provenance
 from burrlab.starting import started
@@ -59,20 +69,19 @@ def command_parser() -> argparse.ArgumentParser:
         sub.set_defaults(run=run)
         return sub
 
-    add_descent_commands(command)
-    add_fit_command(command)
-    add_session_commands(command)
-    add_trace_commands(command)
-    add_view_command(command)
+    def add(*described: Command) -> None:
+        for one in described:
+            add_options(command(one.name, one.run, one.text), one.options)
+
+    add(*DESCENT_COMMANDS, *SESSION_COMMANDS, VIEW_COMMAND)
     add_experiment_commands(command)
-    add_tissues_command(command)
-    add_output_options(command("version", _version, "Version and what it runs on."), plot=False)
+    add(TISSUES_COMMAND, Command("version", _version, "Version and what it runs on.", (JSON,)))
     return parser
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command; 0 done (a run without a number too), 1 different or failed, 2 wrong input, 3 done and not kept
-    as asked, 130 interrupted."""
+    """Runs one command; 0 done (a run without a number too), 1 different or failed, 2 wrong input, 3 done and
+    not kept as asked, 130 interrupted."""
     started()
     options = argparse.Namespace(command="")
     try:

@@ -1,9 +1,5 @@
-"""What the commands share: types of their options, and options that several of them have.
-
-What a command writes: results, figures, a line on a terminal; and how its work is ended.
-
-Options of the commands that take a volume: file, map, box, voxels.
-"""
+"""What the commands share: options and their types, refusals, what is written and said, the end by a
+signal."""
 
 from __future__ import annotations
 
@@ -17,7 +13,9 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+from tqdm import tqdm
 
 import burrlab
 from burrlab._core import Burr, Material, Shape
@@ -35,6 +33,54 @@ if TYPE_CHECKING:
 Options = argparse.Namespace
 #: Adds a command: its name, what runs it, its help.
 AddCommand = Callable[[str, Callable[[Options], int], str], argparse.ArgumentParser]
+Recipe = VolumeRecipe | LabelledRecipe
+Numbers = tuple[float, float, float]
+Made = TypeVar("Made")
+
+
+class Option(NamedTuple):
+    """An option of a command, as `argparse` takes it."""
+
+    name: str
+    settings: dict[str, Any]
+
+
+class Group(NamedTuple):
+    """Options under a title of their own in the help; without a title, options of which one at most is
+    given."""
+
+    title: str
+    options: tuple[Option, ...]
+
+
+class Command(NamedTuple):
+    """A command: its name, what runs it, its help, its options in the order of the help."""
+
+    name: str
+    run: Callable[[Options], int]
+    text: str
+    options: tuple[Option | Group, ...]
+
+
+def option(name: str, help: str | None = None, **settings: Any) -> Option:
+    """With a value, or with the action that the settings name."""
+    return Option(name, {"help": help, **settings})
+
+
+def flag(name: str, help: str, default: bool | None = False) -> Option:
+    """Without a value; the default None tells that it was not given."""
+    return Option(name, {"help": help, "action": "store_true", "default": default})
+
+
+def add_options(parser: Any, options: Sequence[Option | Group]) -> None:
+    """Adds options and groups of options to a parser."""
+    for one in options:
+        if isinstance(one, Option):
+            parser.add_argument(one.name, **one.settings)
+        elif one.title:
+            add_options(parser.add_argument_group(one.title), one.options)
+        else:
+            add_options(parser.add_mutually_exclusive_group(), one.options)
 
 
 def number(text: str) -> float:
@@ -56,72 +102,64 @@ def positive(text: str) -> float:
     return value
 
 
-def count(text: str) -> int:
-    """A whole number from 1."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1, got '{text}'")
-    return int(text)
+def whole_number(rule: str, least: int = 0, most: float = math.inf) -> Callable[[str], int]:
+    """The type of an option that takes a whole number, and the rule as its refusal says it."""
+
+    def parse(text: str) -> int:
+        if not (text.isdecimal() and least <= int(text) <= most):
+            raise argparse.ArgumentTypeError(f"must be {rule}, got '{text}'")
+        return int(text)
+
+    return parse
 
 
-def seed(text: str) -> int:
-    """A whole number below 2^64."""
-    if not text.isdecimal() or int(text) >= 2**64:
-        raise argparse.ArgumentTypeError(f"must be a whole number below 2^64, got '{text}'")
-    return int(text)
+count = whole_number("a whole number from 1", 1)
+whole = whole_number("a whole number from 0")
+seed = whole_number("a whole number below 2^64", most=2**64 - 1)
+port = whole_number("a port, 0 to 65535", most=65535)
 
 
-def shape(text: str) -> Shape:
-    """An erosion shape by its name."""
-    try:
-        return Shape(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+def parsed_by(parse: Callable[[str], Made]) -> Callable[[str], Made]:
+    """The type of an option whose refusal is the sentence of the ValueError of `parse`."""
+
+    def parsed(text: str) -> Made:
+        try:
+            return parse(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parsed
 
 
-def whole(text: str) -> int:
-    """A whole number from 0."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"must be a whole number from 0, got '{text}'")
-    return int(text)
-
-
-def port(text: str) -> int:
-    """A port; 0 is any free one."""
-    if not text.isdecimal() or int(text) > 65535:
-        raise argparse.ArgumentTypeError(f"must be a port, 0 to 65535, got '{text}'")
-    return int(text)
-
-
-def add_output_options(parser: argparse.ArgumentParser, plot: bool = True) -> None:
-    """Adds `--json` and `--plot`."""
-    parser.add_argument("--json", metavar="FILE", help="write the result as JSON; - for standard output")
-    if plot:
-        parser.add_argument("--plot", metavar="FILE", help="write a figure (PNG, PDF, SVG by its ending)")
-
-
-def add_material_options(parser: argparse.ArgumentParser) -> None:
-    """Adds the material and the burr."""
-    parser.add_argument("--material", choices=sorted(burrlab.materials), default="bone", help="default: bone")
-    parser.add_argument("--c-e", type=positive, help="elastic constant instead of the material's [N/mm^2]")
-    parser.add_argument("--alpha", type=positive, help="erosion rate instead of the material's [1/ms]")
-    parser.add_argument(
-        "--shape", type=shape, help="erosion shape f: parabolic, linear, quartic, constant, power(k)"
-    )
-    parser.add_argument("--radius", type=positive, default=3.0, help="burr radius R [mm], default 3")
+JSON = option("--json", "write the result as JSON; - for standard output", metavar="FILE")
+OUTPUT = (JSON, option("--plot", "write a figure (PNG, PDF, SVG by its ending)", metavar="FILE"))
+MATERIAL = (
+    option("--material", "default: bone", choices=sorted(burrlab.materials), default="bone"),
+    option("--c-e", "elastic constant instead of the material's [N/mm^2]", type=positive),
+    option("--alpha", "erosion rate instead of the material's [1/ms]", type=positive),
+    option(
+        "--shape", "erosion shape f: parabolic, linear, quartic, constant, power(k)", type=parsed_by(Shape)
+    ),
+    option("--radius", "burr radius R [mm], default 3", type=positive, default=3.0),
+)
 
 
 def chosen_material(options: Options) -> Material:
-    """Of the options: a named one, or that with changes."""
+    """The material of the options: a named one, or that with changes."""
     named = burrlab.materials[options.material]
-    if options.c_e is None and options.alpha is None and options.shape is None:
+    given = {key: getattr(options, key) for key in ("c_e", "alpha", "shape")}
+    if set(given.values()) == {None}:
         return named
-    return Material(
-        f"{named.name}, modified",
-        c_e=named.c_e if options.c_e is None else options.c_e,
-        alpha=named.alpha if options.alpha is None else options.alpha,
-        shape=named.shape if options.shape is None else options.shape,
-        source="command line",
-    )
+    changed = {key: getattr(named, key) if value is None else value for key, value in given.items()}
+    return Material(f"{named.name}, modified", **changed, source="command line")
+
+
+#: Options whose values may begin with a minus.
+SIGNED = ("--entry", "--axis", "--map", "--crop")
+#: Options that say where a descent begins.
+PLACE = ("entry", "axis")
+#: Options that labels alone look at.
+OF_LABELS = ("tissues", "unit", "fill", "onto", "unknown", "smooth")
 
 
 def refuse_options(options: Options, names: Sequence[str], why: str) -> None:
@@ -152,12 +190,19 @@ def save_figure(axes: Axes, path: str) -> None:
     _write(path, f"figure{Path(path).suffix}", lambda place: figure.savefig(place, dpi=200), "the figure")
 
 
+def plot(path: str | None, draw: Callable[[], Axes]) -> None:
+    """Draws and writes a figure where one is asked for."""
+    if path is not None:
+        save_figure(draw(), path)
+
+
 class NotKept(OSError):
-    """The work is done, and what it was to keep is not whole where it was asked for."""
+    """The work is done, but its result is not whole where it was asked for."""
 
 
 def not_kept(path: str, name: str, error: Exception, write: Callable[[str], object], what: str) -> NotKept:
-    """After an error of writing: keeps it elsewhere, if that can be, and says so."""
+    """The error after a file could not be written: the result is kept elsewhere, if that can be, and the
+    error says where."""
     number, why = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
     place = kept_elsewhere(path, name, write)
     return NotKept(number, f"{why or error}{f'; {what} is kept as {place}' if place else ''}", path)
@@ -203,7 +248,7 @@ def check_outputs(options: Options) -> None:
 
 
 def _read_files(options: Options) -> set[Path]:
-    """What the other options name, if there is such a file."""
+    """The files that exist among what the other options name."""
     # an experiment looks after its own files
     named = [value for name, value in vars(options).items() if name not in (*_FILES, "config")]
     texts = [text for value in named for text in (value if isinstance(value, list) else [value])]
@@ -211,7 +256,7 @@ def _read_files(options: Options) -> set[Path]:
 
 
 def deliver(options: Options, result: dict[str, Any], text: str) -> None:
-    """A result as JSON, where that is asked for, and as text, which is there where the file cannot be written."""
+    """Prints a result as text, and writes it as JSON where that is asked for; the text is printed first."""
     if options.json == "-":
         print(json.dumps(result, allow_nan=False))
         return
@@ -222,27 +267,34 @@ def deliver(options: Options, result: dict[str, Any], text: str) -> None:
 
 
 def sentence(error: Exception) -> str:
-    """What an error says, in one line."""
+    """The message of an error in one line."""
     if isinstance(error, OSError) and error.strerror is not None:  # without the number of the error
         return error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
     return " ".join(str(error).split())
 
 
 def say(text: str) -> None:
-    """A message to standard error."""
+    """Prints a message to standard error."""
     show_line("")
     print(f"burrlab: {text}", file=sys.stderr, flush=True)
 
 
 def show_line(line: str) -> None:
-    """A line that the next one replaces, on a terminal."""
+    """Shows a line on a terminal, until the next one replaces it."""
     if sys.stderr.isatty():
         print(f"\r\x1b[K{line}", end="", file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager
+def show_progress(what: str) -> Iterator[Callable[[float], object]]:
+    """A bar on a terminal, moved by a function that takes the part done, 0 to 1."""
+    with tqdm(total=100, desc=what, unit="%", disable=not sys.stderr.isatty(), leave=False) as bar:
+        yield lambda done: bar.update(int(100 * done) - bar.n)
+
+
+@contextlib.contextmanager
 def ended_by_signals() -> Iterator[None]:
-    """SIGTERM and a closed terminal end what runs as Ctrl-C does: the force zero, the trace whole."""
+    """Lets SIGTERM and a closed terminal end what runs as Ctrl-C does: with force zero and a whole trace."""
     names = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     if threading.current_thread() is not threading.main_thread():
         names = []  # only the main thread may
@@ -252,197 +304,6 @@ def ended_by_signals() -> Iterator[None]:
     finally:
         for name, handler in before.items():
             signal.signal(name, handler)
-
-
-Recipe = VolumeRecipe | LabelledRecipe
-
-#: Options whose values may begin with a minus.
-SIGNED = ("--entry", "--axis", "--map", "--crop")
-#: Options that say where a descent begins.
-PLACE = ("entry", "axis")
-#: Options that labels alone look at.
-OF_LABELS = ("tissues", "unit", "fill", "onto", "unknown", "smooth")
-
-Numbers = tuple[float, float, float]
-
-
-def add_volume_options(parser: argparse.ArgumentParser) -> None:
-    """Adds `--volume` and what goes with it, but for --voxel, which a block has too."""
-    volume = parser.add_argument_group(
-        "a grey volume instead of a block (NRRD, NIfTI, MetaImage, a folder of DICOM or PNG slices; extra medical)"
-    )
-    volume.add_argument(
-        "--volume", metavar="FILE", help="the grey volume, a file or folder; --voxel resamples it"
-    )
-    volume.add_argument(
-        "--map", type=grey_map, metavar="LO:HI",
-        help="grey values of empty and solid; or a table GREY:OCCUPANCY,GREY:OCCUPANCY,..., 0 to 1",
-    )  # fmt: skip
-    volume.add_argument(
-        "--entry",
-        type=vector,
-        metavar="X,Y,Z",
-        help="where the axis begins, volume's own coordinates, LPS [mm]",
-    )
-    volume.add_argument(
-        "--axis", type=vector, metavar="X,Y,Z", help="direction of the descent (a block too; default 0,0,-1)"
-    )
-    volume.add_argument(
-        "--spacing",
-        type=spacing,
-        metavar="X,Y,Z",
-        help="of the volume's voxels, where its file has none, and of labels in slices [mm]",
-    )
-    volume.add_argument("--series", metavar="UID", help="SeriesInstanceUID in a folder with several")
-    volume.add_argument(
-        "--crop",
-        type=box,
-        metavar="X,Y,Z:X,Y,Z",
-        help="two corners of the part that is kept, volume's own coordinates [mm]",
-    )
-
-
-def add_label_options(parser: argparse.ArgumentParser) -> None:
-    """Adds `--labels` and what goes with it."""
-    labels = parser.add_argument_group(
-        "labels of tissues: with --volume on its voxels, or alone, then what is labelled is solid"
-    )
-    labels.add_argument(
-        "--labels",
-        metavar="FILE",
-        help="NRRD (.seg.nrrd), NIfTI, MetaImage; coloured PNG slices or their YAML file",
-    )
-    labels.add_argument(
-        "--tissues",
-        metavar="FILE.csv",
-        help="what the labels are (`burrlab tissues`); default by their names",
-    )
-    labels.add_argument(
-        "--fill", type=filling, action="append", default=[], metavar="TISSUE:OCCUPANCY",
-        help="the least occupancy of a tissue, 0 to 1, where the map takes it as empty; as often as needed",
-    )  # fmt: skip
-    labels.add_argument(
-        "--onto",
-        action="store_true",
-        help="labels on other voxels than the volume: bring the nearest on its own",
-    )
-    labels.add_argument(
-        "--smooth", type=positive, metavar="MM",
-        help="of labels alone: standard deviation of a Gaussian over the border of solid and empty [mm]",
-    )  # fmt: skip
-    add_stack_options(labels)
-
-
-def add_stack_options(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
-    """Adds what coloured slices need."""
-    parser.add_argument(
-        "--unknown",
-        type=label_or_word,
-        metavar="LABEL|nearest[:NAME,NAME]",
-        help="what colours in no table are, default refused: this label, or the nearest; critical structures only by name",
-    )
-    parser.add_argument(
-        "--transpose", action=argparse.BooleanOptionalAction,
-        help="the number of a pixel's row in PNG slices, grey ones too, counts along x, and not along y; default yes with a YAML file",
-    )  # fmt: skip
-    parser.add_argument(
-        "--unit", type=positive, metavar="MM", help="of the dimensions in a YAML file [mm], default a metre"
-    )
-
-
-def unknown_colours(options: argparse.Namespace) -> str | int:
-    """What --unknown says; they are refused without it."""
-    return "refuse" if options.unknown is None else options.unknown
-
-
-def transposed(options: argparse.Namespace, *paths: str | None) -> bool | None:
-    """What --transpose says; ValueError where none of the files is a stack."""
-    if not any(path is not None and is_stack(path) for path in paths):
-        refuse_options(options, ("transpose",), "and --no-transpose go with PNG slices")
-    asked: bool | None = options.transpose
-    return asked
-
-
-def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | None = None) -> Recipe | None:
-    """Of the options; None without --volume and --labels.
-
-    ValueError for options that do not fit, or a burr too small for the voxels.
-    """
-    transpose = transposed(options, options.volume, options.labels)
-    if options.labels is None:
-        refuse_options(options, OF_LABELS, "goes with --labels")
-        return _grey_recipe(options, burr)
-    grey = None
-    if options.volume is not None:
-        grey = _grey_recipe(options, burr)
-        refuse_options(options, ("smooth",), "goes without --volume")
-    else:
-        refuse_options(options, ("map", "series", "onto"), "goes with --volume")
-    own = options.spacing if grey is None or _sizeless(options.labels) else None
-    stack: dict[str, Any] = {
-        "unknown": unknown_colours(options),
-        "unit": options.unit,
-        "transpose": transpose if is_stack(options.labels) else None,
-    }
-    if options.tissues is None:
-        tissues = default_tissues(labels_of(options.labels, spacing=own, **stack), material=material)
-    else:
-        tissues = read_tissues(options.tissues, material=material)
-    alone = {} if grey is not None else {"crop": options.crop, "voxel": _same(options.voxel)}
-    recipe = LabelledRecipe(
-        options.labels, tissues, grey, dict(options.fill), own, **stack, **alone, onto=options.onto,
-        smooth=options.smooth,
-    )  # fmt: skip
-    if burr is not None:
-        recipe.check_burr(burr)
-    return recipe
-
-
-def _sizeless(labels: str) -> bool:
-    """Whether they are slices without a description, for which --spacing is the one source."""
-    return is_stack(labels) and Path(labels).suffix.lower() not in (".yaml", ".yml")
-
-
-def _grey_recipe(options: argparse.Namespace, burr: Burr | None) -> VolumeRecipe | None:
-    if options.volume is None:
-        refuse_options(options, ("map", "entry", "spacing", "series", "crop"), "goes with --volume")
-        return None
-    if options.map is None:
-        raise ValueError("--volume needs --map")
-    recipe = VolumeRecipe(
-        options.volume, options.map, options.spacing, options.series, options.crop, options.voxel,
-        options.transpose if is_stack(options.volume) else None,
-    )  # fmt: skip
-    if burr is not None:
-        recipe.check_burr(burr)
-    return recipe
-
-
-def chosen_specimen(options: argparse.Namespace, burr: Burr, material: Material) -> Specimen | None:
-    """Of a volume or labels, with --entry and --axis; None without them."""
-    given = "volume" if options.volume is not None else "labels"
-    if getattr(options, given) is not None:
-        require_options(options, (("map",) if given == "volume" else ()) + PLACE, f"--{given}")
-    recipe = chosen_recipe(options, material, burr)
-    if recipe is None:
-        return None
-    specimen = recipe.specimen(entry=options.entry, axis=options.axis)
-    say_notes(recipe)
-    return specimen
-
-
-def say_notes(recipe: Recipe | DrilledRecipe) -> None:
-    """Prints to standard error what was assumed on the way to the bone."""
-    for note in recipe.notes():
-        print(f"burrlab: {note}", file=sys.stderr)
-
-
-def grey_map(text: str) -> OccupancyMap:
-    """LO:HI or a table."""
-    try:
-        return OccupancyMap.parse(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def filling(text: str) -> tuple[str, float]:
@@ -458,7 +319,7 @@ def filling(text: str) -> tuple[str, float]:
 
 
 def label_or_word(text: str) -> str | int:
-    """A label, or "nearest", with names of structures."""
+    """A label, or "nearest", or that with names of structures."""
     if text in ("nearest", "refuse") or text.startswith("nearest:"):
         return text
     if not (text.isascii() and text.isdecimal()):
@@ -485,10 +346,6 @@ def box(text: str) -> tuple[Numbers, Numbers]:
     return _three(low, "X,Y,Z:X,Y,Z", text), _three(high, "X,Y,Z:X,Y,Z", text)
 
 
-def _same(value: float | None) -> Numbers | None:
-    return None if value is None else (value, value, value)
-
-
 def _three(text: str, form: str, whole: str) -> Numbers:
     try:
         x, y, z = (float(part) for part in text.split(","))
@@ -497,3 +354,155 @@ def _three(text: str, form: str, whole: str) -> Numbers:
     if not all(map(math.isfinite, (x, y, z))):
         raise argparse.ArgumentTypeError(f"must be {form} of finite numbers, got '{whole}'")
     return x, y, z
+
+
+#: A volume and what goes with it, but for --voxel, which a block has too.
+VOLUME = Group(
+    "a grey volume instead of a block (NRRD, NIfTI, MetaImage, a folder of DICOM or PNG slices; extra medical)",
+    (
+        option("--volume", "the grey volume, a file or folder; --voxel resamples it", metavar="FILE"),
+        option(
+            "--map", "grey values of empty and solid; or a table GREY:OCCUPANCY,GREY:OCCUPANCY,..., 0 to 1",
+            type=parsed_by(OccupancyMap.parse), metavar="LO:HI",
+        ),
+        option(
+            "--entry", "where the axis begins, volume's own coordinates, LPS [mm]", type=vector, metavar="X,Y,Z"
+        ),
+        option("--axis", "direction of the descent (a block too; default 0,0,-1)", type=vector, metavar="X,Y,Z"),
+        option(
+            "--spacing", "of the volume's voxels, where its file has none, and of labels in slices [mm]",
+            type=spacing, metavar="X,Y,Z",
+        ),
+        option("--series", "SeriesInstanceUID in a folder with several", metavar="UID"),
+        option(
+            "--crop", "two corners of the part that is kept, volume's own coordinates [mm]",
+            type=box, metavar="X,Y,Z:X,Y,Z",
+        ),
+    ),
+)  # fmt: skip
+#: What coloured slices need.
+STACK = (
+    option(
+        "--unknown",
+        "what colours in no table are, default refused: this label, or the nearest; critical structures only by name",
+        type=label_or_word, metavar="LABEL|nearest[:NAME,NAME]",
+    ),
+    option(
+        "--transpose",
+        "the number of a pixel's row in PNG slices, grey ones too, counts along x, and not along y; default yes with a YAML file",
+        action=argparse.BooleanOptionalAction,
+    ),
+    option("--unit", "of the dimensions in a YAML file [mm], default a metre", type=positive, metavar="MM"),
+)  # fmt: skip
+LABELS = Group(
+    "labels of tissues: with --volume on its voxels, or alone, then what is labelled is solid",
+    (
+        option(
+            "--labels", "NRRD (.seg.nrrd), NIfTI, MetaImage; coloured PNG slices or their YAML file", metavar="FILE"
+        ),
+        option(
+            "--tissues", "what the labels are (`burrlab tissues`); default by their names", metavar="FILE.csv"
+        ),
+        option(
+            "--fill",
+            "the least occupancy of a tissue, 0 to 1, where the map takes it as empty; as often as needed",
+            type=filling, action="append", default=[], metavar="TISSUE:OCCUPANCY",
+        ),
+        flag("--onto", "labels on other voxels than the volume: bring the nearest on its own"),
+        option(
+            "--smooth",
+            "of labels alone: standard deviation of a Gaussian over the border of solid and empty [mm]",
+            type=positive, metavar="MM",
+        ),
+        *STACK,
+    ),
+)  # fmt: skip
+
+
+def unknown_colours(options: argparse.Namespace) -> str | int:
+    """What --unknown says; without it unknown colours are refused."""
+    return "refuse" if options.unknown is None else options.unknown
+
+
+def transposed(options: argparse.Namespace, *paths: str | None) -> bool | None:
+    """What --transpose says; ValueError where none of the files is a stack."""
+    if not any(path is not None and is_stack(path) for path in paths):
+        refuse_options(options, ("transpose",), "and --no-transpose go with PNG slices")
+    asked: bool | None = options.transpose
+    return asked
+
+
+def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | None = None) -> Recipe | None:
+    """The recipe that the options describe; None without --volume and --labels.
+
+    ValueError for options that do not fit, or a burr too small for the voxels.
+    """
+    transpose = transposed(options, options.volume, options.labels)
+    if options.labels is None:
+        refuse_options(options, OF_LABELS, "goes with --labels")
+        return _grey_recipe(options, burr)
+    grey = None
+    if options.volume is not None:
+        grey = _grey_recipe(options, burr)
+        refuse_options(options, ("smooth",), "goes without --volume")
+    else:
+        refuse_options(options, ("map", "series", "onto"), "goes with --volume")
+    own = options.spacing if grey is None or _sizeless(options.labels) else None
+    stack: dict[str, Any] = {
+        "unknown": unknown_colours(options),
+        "unit": options.unit,
+        "transpose": transpose if is_stack(options.labels) else None,
+    }
+    if options.tissues is None:
+        tissues = default_tissues(labels_of(options.labels, spacing=own, **stack), material=material)
+    else:
+        tissues = read_tissues(options.tissues, material=material)
+    alone = (
+        {} if grey is not None else {"crop": options.crop, "voxel": options.voxel and (options.voxel,) * 3}
+    )
+    recipe = LabelledRecipe(
+        options.labels, tissues, grey, dict(options.fill), own, **stack, **alone, onto=options.onto,
+        smooth=options.smooth,
+    )  # fmt: skip
+    if burr is not None:
+        recipe.check_burr(burr)
+    return recipe
+
+
+def _sizeless(labels: str) -> bool:
+    """Whether these are slices without a description of their size, so that --spacing alone says it."""
+    return is_stack(labels) and Path(labels).suffix.lower() not in (".yaml", ".yml")
+
+
+def _grey_recipe(options: argparse.Namespace, burr: Burr | None) -> VolumeRecipe | None:
+    if options.volume is None:
+        refuse_options(options, ("map", "entry", "spacing", "series", "crop"), "goes with --volume")
+        return None
+    if options.map is None:
+        raise ValueError("--volume needs --map")
+    recipe = VolumeRecipe(
+        options.volume, options.map, options.spacing, options.series, options.crop, options.voxel,
+        options.transpose if is_stack(options.volume) else None,
+    )  # fmt: skip
+    if burr is not None:
+        recipe.check_burr(burr)
+    return recipe
+
+
+def chosen_specimen(options: argparse.Namespace, burr: Burr, material: Material) -> Specimen | None:
+    """The specimen of a volume or labels, with --entry and --axis; None without a volume or labels."""
+    given = "volume" if options.volume is not None else "labels"
+    if getattr(options, given) is not None:
+        require_options(options, (("map",) if given == "volume" else ()) + PLACE, f"--{given}")
+    recipe = chosen_recipe(options, material, burr)
+    if recipe is None:
+        return None
+    specimen = recipe.specimen(entry=options.entry, axis=options.axis)
+    say_notes(recipe)
+    return specimen
+
+
+def say_notes(recipe: Recipe | DrilledRecipe) -> None:
+    """Prints to standard error what was assumed on the way to the bone."""
+    for note in recipe.notes():
+        print(f"burrlab: {note}", file=sys.stderr)

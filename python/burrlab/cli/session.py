@@ -1,23 +1,13 @@
-"""What is shown beside a session or a replica on the command line: a window or a page.
-
-Options of the commands that watch critical structures: which ones, and when nearness to them is told.
-
-The live commands: burrlab session | replica.
-
-What is done with a trace: burrlab replay | metrics | export.
-"""
+"""What runs live and what is done with its trace: burrlab session | replica | replay | metrics | export."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
 import json
-import math
 import os
-import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -25,29 +15,35 @@ import numpy as np
 
 import burrlab
 from burrlab._core import Burr, Device, Nozzle, Replica, VoxelBone
-from burrlab.anatomy.target import TargetComparison, compare_with_target
+from burrlab.anatomy.target import compare_with_target
 from burrlab.anatomy.watch import Watch, critical_structures
 from burrlab.bone.formats import read_labels
-from burrlab.bone.image import LabelVolume
 from burrlab.bone.snapshot import check_bone_file
-from burrlab.cli.bone import Start, add_bone_options, chosen_start, rescued
+from burrlab.cli.bone import KEPT, Start, chosen_start, rescued
 from burrlab.cli.options import (
-    AddCommand,
+    JSON,
+    LABELS,
+    MATERIAL,
+    OUTPUT,
+    VOLUME,
+    Command,
+    Group,
     Options,
-    add_label_options,
-    add_material_options,
-    add_output_options,
-    add_volume_options,
     chosen_material,
     deliver,
     ended_by_signals,
+    flag,
+    number,
+    option,
+    parsed_by,
+    plot,
     port,
     positive,
     refuse_options,
-    save_figure,
     say,
     seed,
     show_line,
+    show_progress,
     whole,
 )
 from burrlab.common.files import kept_elsewhere
@@ -58,45 +54,27 @@ from burrlab.session.metrics import HYSTERESIS, THRESHOLD, session_metrics
 from burrlab.session.network import follow
 from burrlab.session.replay import replay
 from burrlab.session.session import Session
-from burrlab.session.trace import Trace, load_trace
+from burrlab.session.trace import load_trace
 from burrlab.view.live import LiveView
 from burrlab.view.scene import SIZE, check_screen, pyvista
 from burrlab.view.web import check_page, serve, warning
 
 
-def add_live_options(command: argparse.ArgumentParser) -> None:
-    """`--view` and `--web`, and what is shown there."""
-    shown = command.add_mutually_exclusive_group()
-    shown.add_argument("--view", action="store_true", help="show it in a window (extra viz3d)")
-    shown.add_argument(
-        "--web", type=port, nargs="?", const=0, metavar="PORT",
-        help="show it in a web page on this machine, until Ctrl-C (extra viz3d); default any free port; whoever has the address that is printed can work it",
-    )  # fmt: skip
-    command.add_argument(
-        "--effects", action="store_true", default=None,
-        help="dust, blood and, from a nozzle beside the burr, water, at assumed rates; with --view or --web",
-    )  # fmt: skip
-    command.add_argument(
-        "--stereo", action="store_true", default=None,
-        help="both eyes side by side; with --view or --web, whose page has a switch for it",
-    )  # fmt: skip
-
-
 def check_live(options: Options) -> None:
-    """Before anything is started: ValueError for an option that nothing would look at, ImportError without an extra,
-    OSError without a screen or where the port is taken."""
-    if not options.view and options.web is None:
-        refuse_options(options, ("effects", "stereo"), "goes with --view or --web")
-    else:
+    """Before anything is started: ValueError for an option that nothing would look at, ImportError without an
+    extra, OSError without a screen or where the port is taken."""
+    if options.view:
         pyvista()
-        if options.view:
-            check_screen()
-            return
+        check_screen()
+    elif options.web is not None:
+        pyvista()
         check_page(port=options.web)
+    else:
+        refuse_options(options, ("effects", "stereo"), "goes with --view or --web")
 
 
 def start_effects(options: Options, source: Session | Replica) -> Companion | None:
-    """Those that were asked for, with the session's seed, from now to its end."""
+    """Starts the effects that were asked for, with the session's seed; None without them."""
     if not options.effects:
         return None
     seed = source.seed if isinstance(source, Session) else int(json.loads(source.hello)["seed"])
@@ -104,28 +82,23 @@ def start_effects(options: Options, source: Session | Replica) -> Companion | No
 
 
 def end_effects(effects: Companion | None) -> tuple[str, dict[str, Any]]:
-    """What there is to say of them after the end of what they were beside, for people and for JSON; nothing of None."""
+    """Ends the effects and reports them, as text and for JSON; both empty without effects."""
     if effects is None:
         return "", {}
     effects.wait(2.0)  # for the last frame
     effects.stop()
     report, balance = effects.report(), effects.balance()
-    lines = [f"effects at assumed rates, seed {effects.seed}: {report}"]
-    if effects.error:
-        lines.append(f"effects ended early: {effects.error}")
+    ended = f"\neffects ended early: {effects.error}" if effects.error else ""
+    lines = [f"\neffects at assumed rates, seed {effects.seed}: {report}{ended}"]
     lines += [f"{name}: {account}" for name, account in balance.items()]
     accounts = {name: {**account.volumes(), "exact": account.exact} for name, account in balance.items()}
     plain = {"seed": effects.seed, "error": effects.error, **report.to_dict(), "balance_mm3": accounts}
-    return "\n" + "\n".join(lines), {"effects": plain}
+    return "\n".join(lines), {"effects": plain}
 
 
-def show_live(
-    options: Options,
-    source: Session | Replica,
-    say: Callable[[str], object],
-    effects: Companion | None = None,
-) -> None:
-    """A window until it is closed or the session ends, or a page until Ctrl-C, which ends both: KeyboardInterrupt."""
+def show_live(options: Options, source: Session | Replica, effects: Companion | None = None) -> None:
+    """Shows a window until it is closed or the session ends, or a page until Ctrl-C; KeyboardInterrupt if the
+    session goes on then."""
     if options.view:
         both_eyes: dict[str, Any] = {"stereo": True, "size": SIZE} if options.stereo else {}
         view = LiveView(source, effects=effects, **both_eyes)
@@ -144,23 +117,35 @@ def show_live(
             raise KeyboardInterrupt
 
 
-_LIMITS = ("approach", "touch", "injury")
-_NOTHING = "none"
+def _not_negative(text: str) -> float:
+    try:
+        value = number(text)
+    except argparse.ArgumentTypeError:
+        value = -1.0
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"must be zero or positive, got '{text}'")
+    return value
 
 
-def add_watch_options(parser: argparse.ArgumentParser) -> None:
-    """Adds `--watch`, `--approach`, `--touch` and `--injury`."""
-    watch = parser.add_argument_group("critical structures, where the bone has tissues (docs/anatomy.md)")
-    watch.add_argument(
-        "--watch", action="append", metavar="TISSUE",
-        help="a structure to watch, as often as needed; default all that are critical; 'none' for no watch",
-    )  # fmt: skip
-    for name, unit, what in (
-        ("approach", "MM", "distance of the burr's surface at which an approach is told [mm], default 2"),
-        ("touch", "MM", "and a touch [mm], default 0"),
-        ("injury", "MM3", "volume removed from a structure from which on it is told as injured [mm^3], default 0"),
-    ):  # fmt: skip
-        watch.add_argument(f"--{name}", type=_not_negative, metavar=unit, help=what)
+_LIMITS = {
+    "approach": ("MM", "distance of the burr's surface at which an approach is told [mm], default 2"),
+    "touch": ("MM", "and a touch [mm], default 0"),
+    "injury": (
+        "MM3",
+        "volume removed from a structure from which on it is told as injured [mm^3], default 0",
+    ),
+}
+WATCH = Group(
+    "critical structures, where the bone has tissues (docs/anatomy.md)",
+    (
+        option(
+            "--watch",
+            "a structure to watch, as often as needed; default all that are critical; 'none' for no watch",
+            action="append", metavar="TISSUE",
+        ),
+        *(option(f"--{name}", text, type=_not_negative, metavar=unit) for name, (unit, text) in _LIMITS.items()),
+    ),
+)  # fmt: skip
 
 
 def watch_asked_for(options: argparse.Namespace) -> bool:
@@ -169,13 +154,14 @@ def watch_asked_for(options: argparse.Namespace) -> bool:
 
 
 def chosen_watch(options: argparse.Namespace, bone: VoxelBone) -> Watch | None:
-    """Of the options; None where there is nothing to watch. ValueError for options that do not fit the bone."""
+    """The watch that the options describe; None where there is nothing to watch. ValueError if they do not
+    fit the bone."""
     limits: dict[str, Any] = {
         name: value for name in _LIMITS if (value := getattr(options, name)) is not None
     }
-    if options.watch == [_NOTHING]:
+    if options.watch == ["none"]:
         if limits:
-            raise ValueError(f"--{next(iter(limits))} goes with a watch, not with --watch {_NOTHING}")
+            raise ValueError(f"--{next(iter(limits))} goes with a watch, not with --watch none")
         return None
     if not watch_asked_for(options) and not critical_structures(bone):
         return None
@@ -183,78 +169,6 @@ def chosen_watch(options: argparse.Namespace, bone: VoxelBone) -> Watch | None:
         given = next(name for name in ("watch", *_LIMITS) if getattr(options, name) is not None)
         raise ValueError(f"--{given} needs a bone with tissues")
     return Watch(bone, structures=options.watch, **limits)
-
-
-def _not_negative(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value >= 0):
-        raise argparse.ArgumentTypeError(f"must be zero or positive, got '{text}'")
-    return value
-
-
-def add_session_commands(command: AddCommand) -> None:
-    """Adds the live commands to the parser of `burrlab`."""
-    session = command("session", _session, "Burr in real time, with a device or a simulated hand.")
-    session.add_argument(
-        "--device", action="append", required=True, metavar="hand|scripted:FILE|igtl:HOST:PORT",
-        help="what moves the burr: a simulated hand, a CSV of time_s,x_mm,y_mm,z_mm[,on], or a server's OpenIGTLink TRANSFORM "
-        "stream; given twice, two burrs",
-    )  # fmt: skip
-    session.add_argument(
-        "--lost-after", type=positive, default=100.0, metavar="MS",
-        help="age at which a position over the network counts as lost, and the session stops [ms], default 100; a peer that sends "
-        "only what changes (3D Slicer) needs more",
-    )  # fmt: skip
-    session.add_argument("--record", metavar="FILE", help="write the complete trace (HDF5), a new file")
-    session.add_argument(
-        "--publish", type=port, metavar="PORT",
-        help="publish poses, forces and ticks over OpenIGTLink on this port (0: any free one); there is no authentication: "
-        "whoever reaches the port can read the session",
-    )  # fmt: skip
-    session.add_argument("--host", help="address to publish on, default 127.0.0.1: this machine only")
-    session.add_argument(
-        "--header-version", type=int, choices=[1, 2], default=1, help="of the OpenIGTLink messages, default 1"
-    )
-    session.add_argument("--duration", type=positive, metavar="S", help="[s], default until Ctrl-C")
-    add_live_options(session)
-    session.add_argument("--rate", type=positive, default=1000.0, help="of the loop [Hz], default 1000")
-    add_material_options(session)
-    session.add_argument("--push", type=positive, default=1.0, help="of a simulated hand [N], default 1")
-    session.add_argument(
-        "--voxel", type=positive, help="of the block of 30 x 30 x 10 mm [mm], default 0.1, or a volume's own"
-    )
-    add_volume_options(session)
-    add_label_options(session)
-    add_bone_options(session)
-    add_watch_options(session)
-    session.add_argument("--seed", type=seed, help="default: drawn and recorded")
-    session.add_argument("--force-limit", type=positive, default=8.0, help="of the force sent [N], default 8")
-    session.add_argument("--slew-limit", type=positive, default=1.0, help="of its change [N/ms], default 1")
-    session.add_argument(
-        "--coupling", type=positive, help="spring between device and burr [N/mm], default none"
-    )
-    session.add_argument(
-        "--no-realtime", action="store_true", help="do not ask for real-time priority and locked memory"
-    )
-    add_output_options(session)
-
-    replica = command("replica", _replica, "Hold a bit-identical copy of a published session's bone.")
-    replica.add_argument("address", type=_address, metavar="HOST:PORT", help="of a session with --publish")
-    replica.add_argument("--volume", metavar="FILE", help="the leader's volume, where it lies elsewhere here")
-    replica.add_argument("--duration", type=positive, metavar="S", help="[s], default until the session ends")
-    add_live_options(replica)
-    replica.add_argument("--save", metavar="FILE", help="write the bone at the end (HDF5)")
-    add_output_options(replica, plot=False)
-
-
-def _address(text: str) -> tuple[str, int]:
-    try:
-        return parse_address(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def _session(options: Options) -> int:
@@ -282,42 +196,29 @@ def _session(options: Options) -> int:
     with _kept(options, start, session):
         with ended_by_signals(), session:
             try:
-                show_live(options, session, say, effects)
+                show_live(options, session, effects)
                 while not session.wait(1.0):
                     show_line(_line(session))
             except KeyboardInterrupt:
                 interrupted = True
                 session.stop("interrupted")
         show_line("")
-        return _told(options, session, effects, interrupted)
-
-
-def _told(options: Options, session: burrlab.Session, effects: Companion | None, interrupted: bool) -> int:
-    report = session.report()
-    effects_text, effects_plain = end_effects(effects)
-    deliver(
-        options,
-        {
-            "seed": session.seed,
-            "interrupted": interrupted,
-            **report.to_dict(),
-            **effects_plain,
+        report = session.report()
+        effects_text, effects_plain = end_effects(effects)
+        result = {
+            "seed": session.seed, "interrupted": interrupted, **report.to_dict(), **effects_plain,
             "provenance": session.provenance,
-        },
-        f"{report}\nseed {session.seed}{effects_text}",
-    )
-    if options.plot is not None:
-        save_figure(report.plot()[0], options.plot)
+        }  # fmt: skip
+        deliver(options, result, f"{report}\nseed {session.seed}{effects_text}")
+        plot(options.plot, lambda: report.plot()[0])
     if options.record is not None and not report.recording["complete"]:
         return 3
-    if interrupted:
-        return 130
-    return 1 if session.failed else 0
+    return 130 if interrupted else int(session.failed)
 
 
 @contextlib.contextmanager
 def _kept(options: Options, start: Start, session: burrlab.Session) -> Iterator[None]:
-    """Keeps the bone once the session has ended, and if it ended on an error too."""
+    """Keeps the bone once the session has ended, also if it ended on an error."""
     try:
         yield
     finally:
@@ -377,8 +278,13 @@ def _replica(options: Options) -> int:
     interrupted, told = False, 0
     effects = start_effects(options, replica)
     try:
-        with ended_by_signals(), _stopped_after(replica, options.duration):
-            show_live(options, replica, say, effects)
+        with ended_by_signals(), contextlib.ExitStack() as stack:
+            if options.duration is not None:  # ends a window or a page, too
+                timer = threading.Timer(min(options.duration, threading.TIMEOUT_MAX), replica.stop)
+                timer.daemon = True
+                timer.start()
+                stack.callback(timer.cancel)
+            show_live(options, replica, effects)
             while not replica.wait(1.0):
                 told = _tell_events(replica, told)
                 status = replica.status
@@ -395,42 +301,18 @@ def _replica(options: Options) -> int:
     if anatomy is not None:
         said.append(str(anatomy))
         status["anatomy"] = anatomy.to_dict()
-    with _copy_kept(options, replica):
+    try:
         deliver(options, {**status, **effects_plain}, "\n".join(said) + effects_text)
-    if interrupted:
-        return 130
-    return 1 if status["divergences"] or status["failed"] else 0
-
-
-@contextlib.contextmanager
-def _stopped_after(replica: Replica, seconds: float | None) -> Iterator[None]:
-    """Also while a window or a page is shown, which then stands still."""
-    if seconds is None:
-        yield
-        return
-    timer = threading.Timer(min(seconds, threading.TIMEOUT_MAX), replica.stop)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
-
-
-@contextlib.contextmanager
-def _copy_kept(options: Options, replica: Replica) -> Iterator[None]:
-    """Keeps the bone once all is said, and if that ended on an error too."""
-    try:
-        yield
-    finally:
+    finally:  # the bone is kept if that ended on an error, too
         if options.save is not None:
             bone, tick = replica.snapshot()
             with rescued(options.save, bone, tick):
                 burrlab.save_bone(options.save, bone, tick)
+    return 130 if interrupted else int(bool(status["divergences"] or status["failed"]))
 
 
 def _tell_events(replica: Replica, known: int) -> int:
-    """Says what happened near watched structures but for the first events; how many there are."""
+    """Says the events near watched structures that are not known yet; returns the number of all events."""
     events = replica_events(replica, known)
     for event in events:
         if event.kind != "away":
@@ -438,46 +320,9 @@ def _tell_events(replica: Replica, known: int) -> int:
     return known + len(events)
 
 
-def add_trace_commands(command: AddCommand) -> None:
-    """Adds the commands on traces to the parser of `burrlab`."""
-    replay = command(
-        "replay", _replay, "Execute a trace again and compare: exit status 0 equal, 1 different."
-    )
-    replay.add_argument("file", metavar="FILE", help="a trace")
-    replay.add_argument(
-        "--until", type=whole, metavar="TICK", help="tick before which to stop, default the end"
-    )
-    add_output_options(replay, plot=False)
-
-    metrics = command("metrics", _metrics, "How the burr was handled: time, motion, force, bone removed.")
-    metrics.add_argument("file", metavar="FILE", help="a trace")
-    metrics.add_argument("--burr", type=whole, default=0, metavar="INDEX", help="default 0")
-    metrics.add_argument("--threshold", type=positive, metavar="N", help="of the force [N], default 2")
-    metrics.add_argument("--hysteresis", type=positive, metavar="MM", help="least stroke [mm], default 1")
-    metrics.add_argument(
-        "--target", metavar="VOLUME", help="labels on the bone's grid, not 0 where bone was to be removed"
-    )
-    metrics.add_argument(
-        "--onto",
-        action="store_true",
-        help="a target on other voxels than the bone: bring the nearest on its own",
-    )
-    add_watch_options(metrics)
-    add_output_options(metrics)
-
-    export = command(
-        "export", _export, "Write a trace as the simulator volumetric_drilling records a session."
-    )
-    export.add_argument("file", metavar="FILE", help="a trace")
-    export.add_argument("--out", required=True, metavar="FILE.hdf5", help="a new file")
-    export.add_argument("--burr", type=whole, default=0, metavar="INDEX", help="that is the drill, default 0")
-    export.add_argument("--old", action="store_true", help="in the layout of its recordings before 2025")
-    add_output_options(export, plot=False)
-
-
 def _replay(options: Options) -> int:
     trace = load_trace(options.file)
-    with _bar() as progress:
+    with show_progress("replay") as progress:
         again = replay(trace, until=options.until, progress=progress)
     where = f"{again.ticks} ticks from {trace.first_tick}, {again.digests} digests compared"
     said = f"equal: {where}" if again.equal else f"different: {again.difference}"
@@ -509,35 +354,30 @@ def _metrics(options: Options) -> int:
         watch = chosen_watch(options, trace.bone()) if asked else None
         if asked and watch is None:
             raise ValueError("--watch must name structures of the trace's bone, got none")
-        with _bar() as progress:
+        with show_progress("replay") as progress:
             anatomy = anatomy_report(trace, watch=watch, progress=progress)
         metrics = replace(metrics, anatomy=anatomy)
     result, text = metrics.to_dict(), repr(metrics)
     if target is not None:
-        removed = _against(trace, target, options.onto)
+        with show_progress("replay") as progress:
+            again = replay(trace, progress=progress)
+        if again.difference is not None:
+            raise ValueError(f"--target: the trace replays otherwise than recorded: {again.difference}")
+        removed = compare_with_target(again.bone, target, onto=options.onto)
         before = trace.bone().removed
         result["target"] = {"file": options.target, **removed.to_dict(), "removed_before_mm3": before}
         text += f"\n\nagainst {options.target}\n{removed.table()}"
         if before > 0:
             text += f"\n{before:.2f} mm^3 of that were removed before this session"
-    if options.plot is not None:
-        save_figure(metrics.plot()[0], options.plot)
+    plot(options.plot, lambda: metrics.plot()[0])
     deliver(options, result, text)
     return 0
-
-
-def _against(trace: Trace, target: LabelVolume, onto: bool) -> TargetComparison:
-    with _bar() as progress:
-        again = replay(trace, progress=progress)
-    if again.difference is not None:
-        raise ValueError(f"--target: the trace replays otherwise than recorded: {again.difference}")
-    return compare_with_target(again.bone, target, onto=onto)
 
 
 def _export(options: Options) -> int:
     if os.path.exists(options.out):
         raise ValueError(f"--out must be a new file, {options.out} exists")
-    with _bar() as progress:
+    with show_progress("replay") as progress:
         export_volumetric_drilling(
             load_trace(options.file), options.out, burr=options.burr, layout="old" if options.old else "new",
             progress=progress,
@@ -546,10 +386,83 @@ def _export(options: Options) -> int:
     return 0
 
 
-@contextmanager
-def _bar() -> Iterator[Callable[[float], object]]:
-    """What takes the part done, 0 to 1, and shows it."""
-    from tqdm import tqdm
-
-    with tqdm(total=100, desc="replay", unit="%", disable=not sys.stderr.isatty(), leave=False) as bar:
-        yield lambda done: bar.update(int(100 * done) - bar.n)
+_LIVE = (
+    Group("", (
+        flag("--view", "show it in a window (extra viz3d)"),
+        option(
+            "--web", "show it in a web page on this machine, until Ctrl-C (extra viz3d); default any free port; whoever has the "
+            "address that is printed can work it", type=port, nargs="?", const=0, metavar="PORT",
+        ),
+    )),
+    flag(
+        "--effects", "dust, blood and, from a nozzle beside the burr, water, at assumed rates; with --view or --web", None
+    ),
+    flag("--stereo", "both eyes side by side; with --view or --web, whose page has a switch for it", None),
+)  # fmt: skip
+_TRACE = option("file", "a trace", metavar="FILE")
+SESSION_COMMANDS = (
+    Command("session", _session, "Burr in real time, with a device or a simulated hand.", (
+        option(
+            "--device", "what moves the burr: a simulated hand, a CSV of time_s,x_mm,y_mm,z_mm[,on], or a server's OpenIGTLink "
+            "TRANSFORM stream; given twice, two burrs",
+            action="append", required=True, metavar="hand|scripted:FILE|igtl:HOST:PORT",
+        ),
+        option(
+            "--lost-after", "age at which a position over the network counts as lost, and the session stops [ms], default 100; a "
+            "peer that sends only what changes (3D Slicer) needs more", type=positive, default=100.0, metavar="MS",
+        ),
+        option("--record", "write the complete trace (HDF5), a new file", metavar="FILE"),
+        option(
+            "--publish", "publish poses, forces and ticks over OpenIGTLink on this port (0: any free one); there is no "
+            "authentication: whoever reaches the port can read the session", type=port, metavar="PORT",
+        ),
+        option("--host", "address to publish on, default 127.0.0.1: this machine only"),
+        option("--header-version", "of the OpenIGTLink messages, default 1", type=int, choices=[1, 2], default=1),
+        option("--duration", "[s], default until Ctrl-C", type=positive, metavar="S"),
+        *_LIVE,
+        option("--rate", "of the loop [Hz], default 1000", type=positive, default=1000.0),
+        *MATERIAL,
+        option("--push", "of a simulated hand [N], default 1", type=positive, default=1.0),
+        option("--voxel", "of the block of 30 x 30 x 10 mm [mm], default 0.1, or a volume's own", type=positive),
+        VOLUME,
+        LABELS,
+        KEPT,
+        WATCH,
+        option("--seed", "default: drawn and recorded", type=seed),
+        option("--force-limit", "of the force sent [N], default 8", type=positive, default=8.0),
+        option("--slew-limit", "of its change [N/ms], default 1", type=positive, default=1.0),
+        option("--coupling", "spring between device and burr [N/mm], default none", type=positive),
+        flag("--no-realtime", "do not ask for real-time priority and locked memory"),
+        *OUTPUT,
+    )),
+    Command("replica", _replica, "Hold a bit-identical copy of a published session's bone.", (
+        option("address", "of a session with --publish", type=parsed_by(parse_address), metavar="HOST:PORT"),
+        option("--volume", "the leader's volume, where it lies elsewhere here", metavar="FILE"),
+        option("--duration", "[s], default until the session ends", type=positive, metavar="S"),
+        *_LIVE,
+        option("--save", "write the bone at the end (HDF5)", metavar="FILE"),
+        JSON,
+    )),
+    Command("replay", _replay, "Execute a trace again and compare: exit status 0 equal, 1 different.", (
+        _TRACE,
+        option("--until", "tick before which to stop, default the end", type=whole, metavar="TICK"),
+        JSON,
+    )),
+    Command("metrics", _metrics, "How the burr was handled: time, motion, force, bone removed.", (
+        _TRACE,
+        option("--burr", "default 0", type=whole, default=0, metavar="INDEX"),
+        option("--threshold", "of the force [N], default 2", type=positive, metavar="N"),
+        option("--hysteresis", "least stroke [mm], default 1", type=positive, metavar="MM"),
+        option("--target", "labels on the bone's grid, not 0 where bone was to be removed", metavar="VOLUME"),
+        flag("--onto", "a target on other voxels than the bone: bring the nearest on its own"),
+        WATCH,
+        *OUTPUT,
+    )),
+    Command("export", _export, "Write a trace as the simulator volumetric_drilling records a session.", (
+        _TRACE,
+        option("--out", "a new file", required=True, metavar="FILE.hdf5"),
+        option("--burr", "that is the drill, default 0", type=whole, default=0, metavar="INDEX"),
+        flag("--old", "in the layout of its recordings before 2025"),
+        JSON,
+    )),
+)  # fmt: skip

@@ -21,27 +21,29 @@ from burrlab._core import (
 )
 from burrlab.common.check import real
 from burrlab.effects.effects import FrameRecord, to_seed
-from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance, to_report
+from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance
 from burrlab.session.session import Session
 
 DEFAULT_BUDGET = 0.020  # [s]
 
 
 class Companion:
-    """Runs effects in a thread of their own, fed by the session's follower or a replica; the loop is not touched.
+    """Runs effects in a thread of their own, fed by the session's follower or a replica; the loop is not
+    touched.
 
     Parameters
     ----------
     session : Session or Replica
-        A session started or not, a replica started. Bone that is gone by now made no dust, so a companion that is to see
-        all of it is made first.
+        A session started or not, a replica started. Bone that is gone by now made no dust, so a companion
+        that is to see all of it is made first.
     rate : float
         Frames a second, 1 to 200 [Hz], on the wall clock.
     budget : float, optional
         Of a frame [s]; None: it takes what it takes.
     realtime : bool
-        Asks for a priority before ordinary threads and below the loop's, so that frames are not late because other
-        programs run; only with a budget that is at most half of a period. `realtime_notes` says what was granted.
+        Asks for a priority before ordinary threads and below the loop's, so that frames are not late because
+        other programs run; only with a budget that is at most half of a period. `realtime_notes` says what
+        was granted.
     camera : Camera, optional
         For `hidden_fraction`.
     nozzle, sucker, parameters, seed, down, spin
@@ -54,8 +56,8 @@ class Companion:
 
     Notes
     -----
-    It ends by itself one frame after the session has ended, so that all that was removed has become dust, or when a
-    session that was never started is gone. A session
+    It ends by itself one frame after the session has ended, so that all that was removed has become dust, or
+    when a session that was never started is gone. A session
     on a virtual clock is followed on the wall clock all the same.
 
     Examples
@@ -107,17 +109,17 @@ class Companion:
         self.set_sucker(sucker)
 
     def start(self) -> Companion:
-        """Once. ValueError the second time."""
+        """Starts its thread. ValueError the second time."""
         self._core.start()
         return self
 
     def stop(self) -> None:
-        """Ends it after the frame that it is in. Further calls do nothing, nor does one in a fork."""
+        """Ends it after the current frame. Further calls do nothing, nor does a call in a fork."""
         if self._process == os.getpid():
             self._core.stop()
 
     def wait(self, seconds: float | None = None) -> bool:
-        """Until it has ended, at most so long [s]; whether it has. Can be interrupted."""
+        """Waits until it has ended, at most so long [s]; returns whether it has. Can be interrupted."""
         left = float("inf") if seconds is None else seconds
         while left > 0 and not self._core.wait(min(left, 0.1)):
             left -= 0.1
@@ -152,17 +154,19 @@ class Companion:
 
     @property
     def realtime_notes(self) -> list[str]:
-        """A sentence for each thing that the system was asked for, granted or not; empty before the first frame."""
+        """A sentence for each thing that the system was asked for, granted or not; empty before the first
+        frame."""
         return self._core.realtime_notes
 
     @property
     def first_tick(self) -> int:
-        """Of the bone that it began with."""
+        """Tick of the bone that it began with."""
         return self._core.first_tick
 
     @property
     def frames(self) -> list[FrameRecord]:
-        """(seconds, tick, decision) of all frames so far: `effects_of(player, effects, frames=...)` makes them again."""
+        """(seconds, tick, decision) of all frames so far: `effects_of(player, effects, frames=...)` makes
+        them again."""
         return self._core.frames
 
     @property
@@ -171,8 +175,8 @@ class Companion:
         return self._core.quantum
 
     def newest(self) -> dict[str, Any]:
-        """Of one and the same frame: frame (made so far), tick, parcels, balance, removed (levels by tissue's number),
-        bleeding [mm^3/s], hidden (of burr 0; nan without camera or burr)."""
+        """Values of one frame: frame (made so far), tick, parcels, balance, removed (levels by tissue's
+        number), bleeding [mm^3/s], hidden (of burr 0; nan without camera or burr)."""
         raw = self._core.newest()
         raw["balance"] = to_balance(raw["balance"], self.quantum)
         del raw["report"]
@@ -180,13 +184,14 @@ class Companion:
 
     @property
     def parcels(self) -> NDArray[np.void]:
-        """Of the newest frame, a copy, as `Effects.parcels`."""
+        """A copy of the newest frame's parcels, as `Effects.parcels`."""
         parcels: NDArray[np.void] = self._core.newest()["parcels"]
         return parcels
 
     @property
     def hidden(self) -> float:
-        """Part of burr 0 that is hidden in the newest frame; nan without a camera or before the first tick."""
+        """Part of burr 0 that is hidden in the newest frame; nan without a camera or before the first
+        tick."""
         return float(self._core.newest()["hidden"])
 
     def balance(self) -> dict[str, SubstanceBalance]:
@@ -195,7 +200,7 @@ class Companion:
 
     def report(self) -> EffectsReport:
         """Frames, what they took in all (asking the follower, moving, copying out) and what was given up."""
-        return to_report(self._core.newest()["report"], self.budget)
+        return EffectsReport(budget=self.budget, **self._core.newest()["report"])
 
     def __repr__(self) -> str:
         state = "running" if self.running else "not running"
@@ -203,6 +208,6 @@ class Companion:
 
 
 def _nobody_starts(loop: HapticLoop, follower: Follower) -> None:
-    """Of a session that is gone: what waits for its start is told that there will be none."""
+    """Ends what waits for the start of a session that is gone."""
     if not loop.started:
         follower.stop()

@@ -1,12 +1,10 @@
-"""Dust, blood, water and a sucker, frame by frame.
-
-The secondary effects of a recorded session.
-"""
+"""Dust, blood, water and a sucker, frame by frame, beside a bone or a recorded session."""
 
 from __future__ import annotations
 
+import itertools
 import secrets
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 import burrlab._core as _core
 from burrlab._core import Camera, EffectParameters, Nozzle, Sucker, VoxelBone, read_bricks
 from burrlab.common.check import real, require_type, whole
-from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance, to_report
+from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance
 from burrlab.session.player import TracePlayer
 
 #: (merge_to, sub_steps, done): what the clock decided in a frame.
@@ -28,8 +26,8 @@ BurrAt = tuple[ArrayLike, float]
 class Effects:
     """What a burr leaves in the field of view: dust, blood, water, paste.
 
-    Parcels carry integer quanta of mass, one level of one voxel, so that for each substance, after every frame,
-    made = present + sucked + drained exactly.
+    Parcels carry integer quanta of mass, one level of one voxel, so that for each substance, after every
+    frame, made = present + sucked + drained exactly.
 
     Parameters
     ----------
@@ -51,8 +49,8 @@ class Effects:
     Raises
     ------
     ValueError
-        If a direction is zero, the budget is not positive, the seed is out of range, or voxels are too small, too large
-        or too far from 0 to be counted.
+        If a direction is zero, the budget is not positive, the seed is out of range, or voxels are too small,
+        too large or too far from 0 to be counted.
 
     Examples
     --------
@@ -119,15 +117,15 @@ class Effects:
         *,
         decision: Decision | None = None,
     ) -> Decision:
-        """One frame.
+        """Makes one frame.
 
         Parameters
         ----------
         dt_s : float
             That it stands for [s], at most 10.
         update : mapping, optional
-            What changed of the bone since the last frame, as `Follower.take` gives it: `bricks` (n, 3) (z, y, x), or
-            their numbers (n,), and `density`, 512 levels each.
+            What changed of the bone since the last frame, as `Follower.take` gives it: `bricks` (n, 3) (z, y,
+            x), or their numbers (n,), and `density`, 512 levels each.
         burrs : list of (center, radius)
             Where the burrs are [mm].
         decision : (merge_to, sub_steps, done), optional
@@ -136,8 +134,8 @@ class Effects:
         Returns
         -------
         (int, int, int)
-            The decision: parcels at most before it moved them, sub-steps planned, sub-steps after which the rest was
-            made in one.
+            The decision: parcels at most before it moved them, sub-steps planned, sub-steps after which the
+            rest was made in one.
 
         Raises
         ------
@@ -148,11 +146,8 @@ class Effects:
         if update is not None:
             bricks = self._numbers(np.asarray(update["bricks"]))
             density = np.ascontiguousarray(update["density"], np.uint8)
-        centers = (
-            np.array([np.ravel(real(center, "center of a burr")) for center, _ in burrs])
-            if burrs
-            else np.empty((0, 3))
-        )
+        places = [np.ravel(real(center, "center of a burr")) for center, _ in burrs]
+        centers = np.array(places) if places else np.empty((0, 3))
         radii = np.array([float(real(radius, "radius")) for _, radius in burrs])
         done = self._core.step(float(real(dt_s, "dt_s")), bricks, density, centers, radii, decision)
         self._hidden = float("nan")
@@ -186,17 +181,18 @@ class Effects:
 
     @property
     def removed(self) -> list[int]:
-        """Levels removed since the beginning, by tissue's number; a single one without tissues; empty before any."""
+        """Levels removed since the beginning, by tissue's number; a single one without tissues; empty before
+        any."""
         return self._core.removed
 
     @property
     def bleeding(self) -> float:
-        """Of all wounds now [mm^3/s]."""
+        """Rate of all wounds now [mm^3/s]."""
         return self._core.bleeding
 
     @property
     def decisions(self) -> list[Decision]:
-        """Of all frames, for `step(decision=...)` of another run."""
+        """Decisions of all frames, for `step(decision=...)` of another run."""
         return self._core.decisions
 
     def balance(self) -> dict[str, SubstanceBalance]:
@@ -215,8 +211,8 @@ class Effects:
         Returns
         -------
         float
-            The disc is sampled on 64 x 64 points of its frame; light passes a parcel as its opacity lets it. nan where
-            the burr is not in the picture.
+            The disc is sampled on 64 x 64 points of its frame; light passes a parcel as its opacity lets it.
+            nan where the burr is not in the picture.
 
         Raises
         ------
@@ -228,7 +224,7 @@ class Effects:
 
     def report(self) -> EffectsReport:
         """Frames, what they took and what was given up."""
-        return to_report(self._core.report(), self.budget)
+        return EffectsReport(budget=self.budget, **self._core.report())
 
     def __repr__(self) -> str:
         report = self.report()
@@ -249,7 +245,7 @@ def effects_of(
     rate: float = 20.0,
     frames: Sequence[FrameRecord] | None = None,
 ) -> Iterator[float]:
-    """Goes through a trace frame by frame, and lets effects see each.
+    """Goes through a trace frame by frame and steps the effects with each.
 
     Parameters
     ----------
@@ -260,9 +256,9 @@ def effects_of(
     rate : float
         Frames a second of the trace [Hz].
     frames : list of (seconds, tick, decision), optional
-        `Companion.frames` of the session that was recorded, in place of the rate: with the companion's seed, parameters,
-        nozzle and sucker its parcels come out again, to the bit. What was changed while it ran must be changed here too,
-        between two frames.
+        `Companion.frames` of the session that was recorded, in place of the rate: with the companion's seed,
+        parameters, nozzle and sucker its parcels come out again, to the bit. What was changed while it ran
+        must be changed here too, between two frames.
 
     Yields
     ------
@@ -286,37 +282,32 @@ def effects_of(
     if not 0 < rate < float("inf"):
         raise ValueError(f"rate must be positive, got {rate!r}")
     if frames is None:
-        return _at_rate(player, effects, rate)
+        return _made(player, effects, _at_rate(player, rate))
     first = player.trace.first_tick
     ticks = [tick for _, tick, _ in frames]
     if ticks and not first <= min(ticks) <= max(ticks) <= first + player.ticks:
         raise ValueError(
             f"ticks of the frames must be from {first} to {first + player.ticks}, got {min(ticks)} to {max(ticks)}"
         )
-    return _again(player, effects, frames)
+    again = ((player.seek_tick(tick), seconds, decision) for seconds, tick, decision in frames)
+    return _made(player, effects, again)
 
 
-def _at_rate(player: TracePlayer, effects: Effects, rate: float) -> Iterator[float]:
-    frame, begin = 0, player.time
-    while player.done < player.ticks:
-        frame += 1
-        _step(player, effects, player.seek(min(begin + frame / rate, player.duration)), 1 / rate)
+#: Bricks that changed, seconds that a frame stands for, what the clock decided.
+_Move = tuple[NDArray[np.uint32], float, Decision | None]
+
+
+def _at_rate(player: TracePlayer, rate: float) -> Iterator[_Move]:
+    begin = player.time
+    for frame in itertools.count(1):
+        if player.done == player.ticks:
+            return
+        yield player.seek(min(begin + frame / rate, player.duration)), 1 / rate, None
+
+
+def _made(player: TracePlayer, effects: Effects, moves: Iterable[_Move]) -> Iterator[float]:
+    for bricks, seconds, decision in moves:
+        burrs = list(zip(player.burrs.centers, player.burrs.radii, strict=True)) if player.done else []
+        update = {"bricks": bricks, "density": read_bricks(player.bone, bricks)}
+        effects.step(seconds, update, burrs, decision=decision)
         yield player.time
-
-
-def _again(player: TracePlayer, effects: Effects, frames: Sequence[FrameRecord]) -> Iterator[float]:
-    for seconds, tick, decision in frames:
-        _step(player, effects, player.seek_tick(tick), seconds, decision)
-        yield player.time
-
-
-def _step(
-    player: TracePlayer,
-    effects: Effects,
-    bricks: NDArray[np.uint32],
-    seconds: float,
-    decision: Decision | None = None,
-) -> None:
-    burrs = list(zip(player.burrs.centers, player.burrs.radii, strict=True)) if player.done else []
-    update = {"bricks": bricks, "density": read_bricks(player.bone, bricks)}
-    effects.step(seconds, update, burrs, decision=decision)

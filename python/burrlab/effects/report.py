@@ -1,4 +1,4 @@
-"""What there is to say of the secondary effects: each substance's account, and what was given up for time."""
+"""Reports of the secondary effects: each substance's account, and what was given up for time."""
 
 from __future__ import annotations
 
@@ -68,7 +68,8 @@ class EffectsReport:
     parcels_most : int
         At the end of a frame.
     wall_ms, cpu_ms : dict
-        p50, p90, p99, p999 and max of what a frame took [ms]: on the wall clock, and of its thread's CPU time.
+        p50, p90, p99, p999 and max of what a frame took [ms]: on the wall clock, and of its thread's CPU
+        time.
     """
 
     frames: int
@@ -87,7 +88,7 @@ class EffectsReport:
     cpu_ms: dict[str, float]
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """The report for JSON."""
         return asdict(self)
 
     def __repr__(self) -> str:
@@ -109,10 +110,6 @@ class EffectsReport:
                 f"given up: {self.coarse} frames with fewer sub-steps, {self.cut} cut, {self.crowded} with parcels merged",
             ]
         return "\n".join(lines)
-
-
-def to_report(raw: dict[str, Any], budget: float | None) -> EffectsReport:
-    return EffectsReport(budget=budget, **raw)
 
 
 def to_balance(raw: dict[str, tuple[int, int, int, int]], quantum: float) -> dict[str, SubstanceBalance]:

@@ -1,18 +1,9 @@
-"""Surface blocks as VTK actors, one a block, so that a changed block is one small upload.
-
-Burrs as VTK actors: balls, and the outline of what bone hides of them.
-
-Dust, blood and water as little spheres, coloured by what they hold.
-
-What names and measures the scene: legend of tissues, scale bar.
-
-Force and depth over time, in the lower left of the view.
-
-Slices through the three planes, in panels of their own beside the view.
-"""
+"""What a scene draws, as VTK actors: surface, burrs, parcels, legend, scale bar, curves, slices."""
 
 from __future__ import annotations
 
+import functools
+import itertools
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -24,28 +15,83 @@ from burrlab.view.pictures import PLANES, SliceImage, slice_image
 from burrlab.view.surface import Block, Surface, SurfaceBlock
 
 
-def polydata(block: SurfaceBlock, palette: NDArray[np.uint8]) -> Any:
-    """A block as vtkPolyData with normals and colours; its arrays are shared, not copied, where types allow."""
-    from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
-    from vtkmodules.vtkCommonCore import vtkPoints
-    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
+def configure(thing: Any, **settings: Any) -> Any:
+    """Calls setters of a VTK object and returns it: Color=(r, g, b) is SetColor(r, g, b),
+    InterpolationToPhong=() has none."""
+    for name, value in settings.items():
+        getattr(thing, f"Set{name}")(*value if isinstance(value, tuple) else (value,))
+    return thing
 
-    points = vtkPoints()
-    points.SetData(numpy_to_vtk(block.points))
-    cells = vtkCellArray()
+
+@functools.cache
+def vtk_class(name: str) -> Any:
+    """The class of VTK of this name."""
+    from vtkmodules import vtkCommonCore, vtkCommonDataModel, vtkRenderingCore
+
+    modules = (vtkCommonCore, vtkCommonDataModel, vtkRenderingCore)
+    return next(getattr(one, name) for one in modules if hasattr(one, name))
+
+
+def new(name: str, **settings: Any) -> Any:
+    """A VTK object of the class of this name, configured."""
+    return configure(vtk_class(name)(), **settings)
+
+
+def vtk_array(values: NDArray[Any], name: str | None = None, *, deep: bool = True) -> Any:
+    """An array for VTK; unless it is deep it shares its memory where types allow."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+
+    made = numpy_to_vtk(np.ascontiguousarray(values), deep=deep)
+    return made if name is None else configure(made, Name=name)
+
+
+def flat_actor(renderer: Any, mesh: Any, **look: Any) -> Any:
+    """An actor in pixels, in front of the scene."""
+    actor = new("vtkActor2D", Mapper=new("vtkPolyDataMapper2D", InputData=mesh))
+    configure(actor.GetProperty(), **look)
+    renderer.AddViewProp(actor)
+    return actor
+
+
+class Lines:
+    """Lines, or filled polygons, through numbered points that move.
+
+    Parameters
+    ----------
+    cells : iterable of sequence of int
+        The points of each line.
+    filled : bool
+    """
+
+    def __init__(self, cells: Iterable[Sequence[int]], *, filled: bool = False) -> None:
+        made, self._points = new("vtkCellArray"), new("vtkPoints")
+        for cell in cells:
+            made.InsertNextCell(len(cell), cell)
+        self.mesh = new("vtkPolyData", Points=self._points, **{"Polys" if filled else "Lines": made})
+
+    def place(self, points: ArrayLike) -> Lines:
+        """Puts all points, (n, 2) or (n, 3)."""
+        at = np.asarray(points, np.float32)
+        self._points.SetData(vtk_array(np.pad(at, ((0, 0), (0, 3 - at.shape[1])))))
+        self.mesh.Modified()
+        return self
+
+
+def polydata(block: SurfaceBlock, palette: NDArray[np.uint8]) -> Any:
+    """A block as vtkPolyData with normals and colours; its arrays are shared, not copied, where types
+    allow."""
+    from vtkmodules.util.numpy_support import numpy_to_vtkIdTypeArray
+
+    cells = new("vtkCellArray")
     cells.SetData(3, numpy_to_vtkIdTypeArray(block.triangles.astype(np.int64).ravel(), deep=True))
-    mesh = vtkPolyData()
-    mesh.SetPoints(points)
-    mesh.SetPolys(cells)
-    mesh.GetPointData().SetNormals(numpy_to_vtk(block.normals))
-    colours = numpy_to_vtk(block.colours(palette), deep=True)
-    colours.SetName("colour")
-    mesh.GetPointData().SetScalars(colours)
+    mesh = new("vtkPolyData", Points=new("vtkPoints", Data=vtk_array(block.points, deep=False)), Polys=cells)
+    colours = vtk_array(block.colours(palette), "colour")
+    configure(mesh.GetPointData(), Normals=vtk_array(block.normals, deep=False), Scalars=colours)
     return mesh
 
 
 class BlockActors:
-    """The actors of a surface in a renderer.
+    """The actors of a surface in a renderer, one a block, so that a changed block is one small upload.
 
     Parameters
     ----------
@@ -54,21 +100,19 @@ class BlockActors:
     """
 
     def __init__(self, renderer: Any, palette: NDArray[np.uint8]) -> None:
-        from vtkmodules.vtkRenderingCore import vtkProperty
-
         self.renderer, self.palette = renderer, palette
         self.actors: dict[Block, Any] = {}
-        self.property = vtkProperty()
-        self.property.SetInterpolationToPhong()
-        self.property.SetAmbient(0.16)
-        self.property.SetDiffuse(0.86)
-        self.property.SetSpecular(0.18)
-        self.property.SetSpecularPower(18.0)
+        self.property = new(
+            "vtkProperty",
+            InterpolationToPhong=(),
+            Ambient=0.16,
+            Diffuse=0.86,
+            Specular=0.18,
+            SpecularPower=18.0,
+        )
 
     def replace(self, surface: Surface, blocks: Iterable[Block]) -> None:
-        """Takes over these blocks of the surface; those that are gone there go here."""
-        from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
-
+        """Takes over these blocks of the surface, also those that are gone."""
         for block in blocks:
             made = surface.blocks.get(block)
             actor = self.actors.get(block)
@@ -77,9 +121,8 @@ class BlockActors:
                     self.renderer.RemoveActor(self.actors.pop(block))
                 continue
             if actor is None:
-                actor = self.actors[block] = vtkActor()
-                actor.SetMapper(vtkPolyDataMapper())
-                actor.SetProperty(self.property)
+                actor = new("vtkActor", Mapper=new("vtkPolyDataMapper"), Property=self.property)
+                self.actors[block] = actor
                 self.renderer.AddActor(actor)
             actor.GetMapper().SetInputData(polydata(made, self.palette))
 
@@ -105,19 +148,16 @@ class BurrActors:
     """
 
     def __init__(self, plotter: Any, module: Any, radii: Sequence[float], *, outline: bool) -> None:
-        self.plotter, self.radii = plotter, tuple(radii)
+        self.plotter, self.radii, self.balls = plotter, tuple(radii), []
         self.centers = np.full((len(self.radii), 3), np.nan)
-        self.balls = [self._add_ball(module, radius) for radius in self.radii]
+        for radius in self.radii:
+            sphere = module.Sphere(radius=radius, theta_resolution=48, phi_resolution=48)
+            ball = plotter.add_mesh(
+                sphere, color=OFF, smooth_shading=True, ambient=0.15, diffuse=0.7, specular=0.9,
+                specular_power=40, render=False, reset_camera=False,
+            )  # fmt: skip
+            self.balls.append(configure(ball, Visibility=False))  # until its place is known
         self.rims = [_Rim(plotter.renderer) for _ in self.radii] if outline else []
-
-    def _add_ball(self, module: Any, radius: float) -> Any:
-        sphere = module.Sphere(radius=radius, theta_resolution=48, phi_resolution=48)
-        actor = self.plotter.add_mesh(
-            sphere, color=OFF, smooth_shading=True, ambient=0.15, diffuse=0.7, specular=0.9,
-            specular_power=40, render=False, reset_camera=False,
-        )  # fmt: skip
-        actor.SetVisibility(False)  # until its place is known
-        return actor
 
     def place(self, centers: NDArray[np.float64], on: Sequence[bool] | None) -> None:
         """Puts the centres (burrs, 3) [mm]; those that do not turn are darker."""
@@ -137,32 +177,17 @@ class BurrActors:
 
 
 class _Rim:
-    """The circle in which a ball is seen, dashed, before all else."""
+    """The rim of a ball as seen from the eye: a dashed circle in front of everything else."""
 
     def __init__(self, renderer: Any) -> None:
-        from vtkmodules.vtkCommonCore import vtkPoints
-        from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-        from vtkmodules.vtkRenderingCore import vtkActor, vtkPolyDataMapper
-
-        self.points, lines, self.mesh = vtkPoints(), vtkCellArray(), vtkPolyData()
-        self.points.SetNumberOfPoints(4 * _DASHES)
-        for dash in range(_DASHES):  # three points each, and a gap of one step
-            lines.InsertNextCell(3)
-            for k in range(3):
-                lines.InsertCellPoint(4 * dash + k)
-        self.mesh.SetPoints(self.points)
-        self.mesh.SetLines(lines)
-        mapper = vtkPolyDataMapper()
-        mapper.SetInputData(self.mesh)
-        mapper.SetResolveCoincidentTopologyToPolygonOffset()
-        mapper.SetRelativeCoincidentTopologyLineOffsetParameters(0.0, _IN_FRONT)
-        self.actor = vtkActor()
-        self.actor.SetMapper(mapper)
-        look = self.actor.GetProperty()
-        look.SetLighting(False)
-        look.SetColor(*_OUTLINE)
-        look.SetLineWidth(1.5)
-        self.actor.SetVisibility(False)
+        # three points a dash, and a gap of one step
+        self.lines = Lines(range(4 * dash, 4 * dash + 3) for dash in range(_DASHES))
+        mapper = new(
+            "vtkPolyDataMapper", InputData=self.lines.mesh, ResolveCoincidentTopologyToPolygonOffset=(),
+            RelativeCoincidentTopologyLineOffsetParameters=(0.0, _IN_FRONT),
+        )  # fmt: skip
+        self.actor = new("vtkActor", Mapper=mapper, Visibility=False)
+        configure(self.actor.GetProperty(), Lighting=False, Color=_OUTLINE, LineWidth=1.5)
         renderer.AddActor(self.actor)
 
     def fit(self, eye: NDArray[np.float64], center: NDArray[np.float64], radius: float) -> None:
@@ -177,14 +202,8 @@ class _Rim:
         side /= np.linalg.norm(side)
         turn = np.linspace(0.0, 2 * np.pi, 4 * _DASHES, endpoint=False)[:, None]
         share = radius / distance
-        ring = center + radius * share * away
-        ring = ring + radius * np.sqrt(1 - share**2) * (
-            np.cos(turn) * side + np.sin(turn) * np.cross(away, side)
-        )
-        for i, point in enumerate(ring):
-            self.points.SetPoint(i, *point)
-        self.points.Modified()
-        self.mesh.Modified()
+        around = np.cos(turn) * side + np.sin(turn) * np.cross(away, side)
+        self.lines.place(center + radius * share * away + radius * np.sqrt(1 - share**2) * around)
 
 
 FIELDS = ("position", "radius", "dust", "blood", "water")
@@ -200,20 +219,14 @@ def parcel_colours(parcels: NDArray[np.void]) -> NDArray[np.uint8]:
     ValueError
         If the array has no fields position, radius, dust, blood and water.
     """
-    check_parcels(parcels)
+    missing = [name for name in FIELDS if name not in (parcels.dtype.names or ())]
+    if missing:
+        raise ValueError(f"parcels must have the fields {', '.join(FIELDS)}; {', '.join(missing)} is missing")
     weights = np.stack([_STRENGTH[name] * parcels[name].astype(float) for name in _COLOURS], axis=1)
     total = weights.sum(axis=1, keepdims=True)
     weights = np.divide(weights, total, out=np.full_like(weights, 1 / 3), where=total > 0)
     mixed: NDArray[np.uint8] = np.rint(weights @ np.array(list(_COLOURS.values()), float)).astype(np.uint8)
     return mixed
-
-
-def check_parcels(parcels: NDArray[np.void]) -> None:
-    """ValueError unless it is an array with the fields that are drawn."""
-    names = parcels.dtype.names or ()
-    missing = [name for name in FIELDS if name not in names]
-    if missing:
-        raise ValueError(f"parcels must have the fields {', '.join(FIELDS)}; {', '.join(missing)} is missing")
 
 
 #: A disc that is darker towards its rim, as a ball lit from the eye.
@@ -227,49 +240,33 @@ diffuseColor *= facing;
 
 
 class ParcelActor:
-    """Points drawn as shaded discs that face the eye, so that 20 000 cost one upload."""
+    """Dust, blood and water as shaded discs that face the eye, so that 20 000 cost one upload."""
 
     def __init__(self, renderer: Any) -> None:
-        from vtkmodules.vtkRenderingCore import vtkActor, vtkPointGaussianMapper
-
-        self.mapper = vtkPointGaussianMapper()
-        self.mapper.SetScaleArray("radius")
-        self.mapper.SetScaleFactor(1.0)
-        self.mapper.SetEmissive(False)
+        self.mapper = new(
+            "vtkPointGaussianMapper",
+            ScaleArray="radius",
+            ScaleFactor=1.0,
+            Emissive=False,
+            SplatShaderCode=_BALL,
+        )
         # of the shape in which a disc of radius 1 lies; a triangle before VTK 9.6
-        bound = getattr(self.mapper, "SetBoundScale", None)
-        if bound is not None:
-            bound(1.0)
-        else:
-            self.mapper.SetTriangleScale(2.0)
-        self.mapper.SetSplatShaderCode(_BALL)
-        self.actor = vtkActor()
-        self.actor.SetMapper(self.mapper)
-        self.actor.SetVisibility(False)
+        bound = {"BoundScale": 1.0} if hasattr(self.mapper, "SetBoundScale") else {"TriangleScale": 2.0}
+        self.actor = new("vtkActor", Mapper=configure(self.mapper, **bound), Visibility=False)
         renderer.AddActor(self.actor)
 
     def replace(self, parcels: NDArray[np.void] | None) -> None:
         """Draws these instead; None or an empty array: nothing."""
-        if parcels is None or len(parcels) == 0:
-            if parcels is not None:
-                check_parcels(parcels)
-            self.actor.SetVisibility(False)
+        self.actor.SetVisibility(parcels is not None and len(parcels) > 0)
+        if parcels is None:
             return
-        from vtkmodules.util.numpy_support import numpy_to_vtk
-        from vtkmodules.vtkCommonCore import vtkPoints
-        from vtkmodules.vtkCommonDataModel import vtkPolyData
-
-        colours = numpy_to_vtk(parcel_colours(parcels), deep=True)
-        points = vtkPoints()
-        points.SetData(numpy_to_vtk(np.ascontiguousarray(parcels["position"], np.float32), deep=True))
-        radii = numpy_to_vtk(np.ascontiguousarray(parcels["radius"], np.float32), deep=True)
-        radii.SetName("radius")
-        mesh = vtkPolyData()
-        mesh.SetPoints(points)
-        mesh.GetPointData().AddArray(radii)
-        mesh.GetPointData().SetScalars(colours)
-        self.mapper.SetInputData(mesh)
-        self.actor.SetVisibility(True)
+        colours = parcel_colours(parcels)
+        if len(parcels):
+            points = new("vtkPoints", Data=vtk_array(parcels["position"].astype(np.float32)))
+            mesh = new("vtkPolyData", Points=points)
+            mesh.GetPointData().AddArray(vtk_array(parcels["radius"].astype(np.float32), "radius"))
+            mesh.GetPointData().SetScalars(vtk_array(colours))
+            self.mapper.SetInputData(mesh)
 
 
 _TEXT = (0.92, 0.93, 0.95)
@@ -294,23 +291,22 @@ class Legend:
     """Colour and name of every tissue, at the upper left; nothing without tissues."""
 
     def __init__(self, renderer: Any, bone: VoxelBone, surface: Surface) -> None:
-        from vtkmodules.vtkRenderingCore import vtkTextActor
-
         self.renderer, self.ground, self.rows = renderer, Ground(renderer), []
         table = bone.tissues
         for number in shown_tissues(bone, surface):
             assert table is not None
-            tissue, box, text = table[number], vtkTextActor(), vtkTextActor()
-            colour = [part / 255 for part in tissue.colour]
-            box.SetInput("M")  # a box: the letter cannot be told from what lies behind it
-            text.SetInput(tissue.name + (" (critical)" if tissue.critical else ""))
-            box.GetTextProperty().SetBackgroundColor(*colour)
-            box.GetTextProperty().SetBackgroundOpacity(1.0)
-            for actor, tone in ((box, colour), (text, _TEXT)):
-                actor.GetTextProperty().SetColor(*tone)
-                actor.GetTextProperty().SetVerticalJustificationToCentered()
+            tissue = table[number]
+            colour = tuple(part / 255 for part in tissue.colour)
+            # a box: the letter cannot be told from what lies behind it
+            row = (
+                new("vtkTextActor", Input="M"),
+                new("vtkTextActor", Input=tissue.name + (" (critical)" if tissue.critical else "")),
+            )
+            configure(row[0].GetTextProperty(), BackgroundColor=colour, BackgroundOpacity=1.0)
+            for actor, tone in zip(row, (colour, _TEXT), strict=True):
+                configure(actor.GetTextProperty(), Color=tone, VerticalJustificationToCentered=())
                 renderer.AddViewProp(actor)
-            self.rows.append((box, text))
+            self.rows.append(row)
 
     def fit(self) -> None:
         """Follows the window's size."""
@@ -331,7 +327,7 @@ class Legend:
 
 
 def font_size(height: int) -> int:
-    """Of all words in a view of this height [pixel]."""
+    """Size of all words in a view of this height [pixel]."""
     return max(11, int(height / 52))
 
 
@@ -339,61 +335,24 @@ class Ground:
     """A dark, translucent rectangle behind words, in pixels."""
 
     def __init__(self, renderer: Any) -> None:
-        from vtkmodules.vtkCommonCore import vtkPoints
-        from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-        from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D
-
-        self.points, cells, self.mesh = vtkPoints(), vtkCellArray(), vtkPolyData()
-        self.points.SetNumberOfPoints(4)
-        cells.InsertNextCell(4)
-        for i in range(4):
-            self.points.SetPoint(i, 0.0, 0.0, 0.0)
-            cells.InsertCellPoint(i)
-        self.mesh.SetPoints(self.points)
-        self.mesh.SetPolys(cells)
-        mapper = vtkPolyDataMapper2D()
-        mapper.SetInputData(self.mesh)
-        actor = vtkActor2D()
-        actor.SetMapper(mapper)
-        actor.GetProperty().SetColor(0.04, 0.05, 0.07)
-        actor.GetProperty().SetOpacity(0.62)
-        actor.SetLayerNumber(0)
-        renderer.AddViewProp(actor)
+        self.lines = Lines([range(4)], filled=True).place(np.zeros((4, 2)))
+        flat_actor(renderer, self.lines.mesh, Color=(0.04, 0.05, 0.07), Opacity=0.62).SetLayerNumber(0)
 
     def place(self, left: float, low: float, right: float, high: float) -> None:
-        """Its edges."""
-        for i, (x, y) in enumerate(((left, low), (right, low), (right, high), (left, high))):
-            self.points.SetPoint(i, x, y, 0.0)
-        self.points.Modified()
-        self.mesh.Modified()
+        """Puts its edges."""
+        self.lines.place([(left, low), (right, low), (right, high), (left, high)])
 
 
 class ScaleBar:
-    """A bar of a round length, true at the distance of what the camera looks at; above it a note on the bone, if there is one."""
+    """A bar of a round length, true at the distance of the camera's focus, below a note on the bone if there
+    is one."""
 
     def __init__(self, renderer: Any, note: str = "") -> None:
-        from vtkmodules.vtkCommonCore import vtkPoints
-        from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-        from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D, vtkTextActor
-
         self.renderer, self.ground, self.note = renderer, Ground(renderer), note
-        self.points, lines, self.mesh = vtkPoints(), vtkCellArray(), vtkPolyData()
-        self.points.SetNumberOfPoints(6)
-        for a, b in ((0, 1), (2, 3), (4, 5)):
-            lines.InsertNextCell(2)
-            lines.InsertCellPoint(a)
-            lines.InsertCellPoint(b)
-        self.mesh.SetPoints(self.points)
-        self.mesh.SetLines(lines)
-        mapper = vtkPolyDataMapper2D()
-        mapper.SetInputData(self.mesh)
-        self.bar, self.text = vtkActor2D(), vtkTextActor()
-        self.bar.SetMapper(mapper)
-        self.bar.GetProperty().SetColor(*_TEXT)
-        self.bar.GetProperty().SetLineWidth(2.0)
-        self.text.GetTextProperty().SetColor(*_TEXT)
-        self.text.GetTextProperty().SetJustificationToCentered()
-        renderer.AddViewProp(self.bar)
+        self.lines = Lines([(0, 1), (2, 3), (4, 5)]).place(np.zeros((6, 2)))
+        self.bar = flat_actor(renderer, self.lines.mesh, Color=_TEXT, LineWidth=2.0)
+        self.text = new("vtkTextActor")
+        configure(self.text.GetTextProperty(), Color=_TEXT, JustificationToCentered=())
         renderer.AddViewProp(self.text)
 
     def fit(self, plotter: Any) -> None:
@@ -402,26 +361,23 @@ class ScaleBar:
         camera = plotter.camera
         seen = 2 * camera.distance * np.tan(np.deg2rad(camera.view_angle) / 2)  # [mm] from bottom to top
         length = scale_length(0.22 * width * seen / max(height, 1))
-        pixels = length * height / seen
         right, low, tick = 0.97 * width, 0.045 * height, 0.008 * height
-        left = right - pixels
-        for i, place in enumerate((
-            (left, low), (right, low), (left, low - tick), (left, low + tick), (right, low - tick), (right, low + tick)
-        )):  # fmt: skip
-            self.points.SetPoint(i, *place, 0.0)
-        self.points.Modified()
-        self.mesh.Modified()
-        self.text.SetInput(f"{self.note}\n{length:g} mm".lstrip())
-        size = font_size(height)
+        left, size = right - length * height / seen, font_size(height)
+        ends = [(x, y) for x in (left, right) for y in (low - tick, low + tick)]
+        self.lines.place([(left, low), (right, low), *ends])
+        configure(
+            self.text,
+            Input=f"{self.note}\n{length:g} mm".lstrip(),
+            Position=((left + right) / 2, low + 1.2 * tick),
+        )
         self.text.GetTextProperty().SetFontSize(size)
-        self.text.SetPosition((left + right) / 2, low + 1.2 * tick)
         self.ground.place(
             left - size, low - 2.4 * tick, right + size, low + 2.4 * tick + (2.6 if self.note else 1.3) * size
         )
 
 
 def scale_length(most: float) -> float:
-    """The longest of the round lengths, 0.1 to 100 mm, that is not above `most` [mm]."""
+    """The longest of the round lengths, 0.1 to 100 mm, that is at most `most` [mm]."""
     return max((length for length in _LENGTHS if length <= most), default=_LENGTHS[0])
 
 
@@ -462,7 +418,7 @@ class SceneChart:
             self.charts.append(chart)
 
     def replace(self, time: ArrayLike, force: ArrayLike, depth: ArrayLike) -> None:
-        """The last ten seconds of these values; nothing where there are fewer than two."""
+        """Shows the last ten seconds of these values; hides the charts where there are fewer than two."""
         t = np.asarray(time, float)
         kept = t >= (t[-1] - _SPAN if len(t) else 0.0)
         shown = int(np.count_nonzero(kept)) > 1
@@ -483,7 +439,7 @@ class SceneChart:
 
 
 def round_value(most: float) -> float:
-    """The largest of 1, 2 and 5 times a power of ten that is not above a positive value."""
+    """The largest of 1, 2 and 5 times a power of ten that is at most a positive value."""
     power = 10.0 ** np.floor(np.log10(most))
     return float(power * max(step for step in (1, 2, 5) if step * power <= most * (1 + 1e-12)))
 
@@ -501,21 +457,15 @@ class SlicePanels:
         self.panels = [_Panel(plotter, plane, row) for row, plane in enumerate(PLANES)]
         plotter.renderer.SetViewport(0.0, 0.0, 1 - _SHARE, 1.0)
 
-    main_share = 1 - _SHARE  # of the window's width, that the view has left
-
     def cut(self, bone: VoxelBone, point: ArrayLike) -> None:
-        """Slices of the bone through a point [mm]."""
+        """Shows slices of the bone through a point [mm]."""
         images = [slice_image(bone, point, plane) for plane in PLANES]
         self.point = np.asarray(point, float)
         for panel, image in zip(self.panels, images, strict=True):
             panel.show(image, self.point)
 
-    def refresh(self, bone: VoxelBone) -> None:
-        """The same slices of the bone as it is now."""
-        self.cut(bone, self.point)
-
     def move_burrs(self, centers: NDArray[np.float64], radii: Sequence[float]) -> None:
-        """Outlines of the burrs where they meet the planes."""
+        """Outlines the burrs where they meet the planes."""
         for panel in self.panels:
             panel.outline(centers, radii)
 
@@ -527,73 +477,56 @@ class SlicePanels:
 
 
 class _Panel:
-    def __init__(self, plotter: Any, plane: str, row: int) -> None:
-        from vtkmodules.vtkRenderingCore import (
-            vtkActor,
-            vtkImageActor,
-            vtkPolyDataMapper,
-            vtkRenderer,
-            vtkTextActor,
-        )
+    """One plane's slice, with a cross at its point and the burrs' circles."""
 
+    def __init__(self, plotter: Any, plane: str, row: int) -> None:
         self.plane = plane
         self.image: SliceImage | None = None
-        self.renderer = vtkRenderer()
-        self.renderer.SetViewport(1 - _SHARE, 1 - (row + 1) / 3, 1.0, 1 - row / 3)
-        self.renderer.SetBackground(0.03, 0.035, 0.045)
+        self.renderer = new(
+            "vtkRenderer",
+            Viewport=(1 - _SHARE, 1 - (row + 1) / 3, 1.0, 1 - row / 3),
+            Background=(0.03, 0.035, 0.045),
+        )
         self.renderer.InteractiveOff()
-        self.picture, self.lines, self.text = vtkImageActor(), vtkActor(), vtkTextActor()
-        self.circles = vtkActor()
-        for actor, colour in ((self.lines, _CROSS), (self.circles, _BURR)):
-            actor.SetMapper(vtkPolyDataMapper())
-            actor.GetProperty().SetColor(*colour)
-            actor.GetProperty().SetLighting(False)
-        self.lines.GetProperty().SetOpacity(0.45)
-        self.circles.GetProperty().SetLineWidth(2.0)
+        self.picture, self.text = new("vtkImageActor"), new("vtkTextActor", Position=(8, 6))
+        self.lines, self.circles = (new("vtkActor", Mapper=new("vtkPolyDataMapper")) for _ in range(2))
+        configure(self.lines.GetProperty(), Color=_CROSS, Lighting=False, Opacity=0.45)
+        configure(self.circles.GetProperty(), Color=_BURR, Lighting=False, LineWidth=2.0)
         for actor in (self.picture, self.lines, self.circles, self.text):
             self.renderer.AddViewProp(actor)
         self.picture.InterpolateOff()
         self.picture.GetMapper().BorderOn()  # whole voxels at the rim, and slices of one row
-        self.text.GetTextProperty().SetColor(*_SLICE_TEXT)
-        self.text.GetTextProperty().SetFontSize(max(11, plotter.window_size[1] // 56))
-        self.text.SetPosition(8, 6)
+        size = max(11, plotter.window_size[1] // 56)
+        configure(self.text.GetTextProperty(), Color=_SLICE_TEXT, FontSize=size)
         plotter.render_window.AddRenderer(self.renderer)
 
     def show(self, image: SliceImage, point: NDArray[np.float64]) -> None:
-        from vtkmodules.util.numpy_support import numpy_to_vtk
-        from vtkmodules.vtkCommonDataModel import vtkImageData
-
         self.image = image
         left, right, bottom, top = image.extent
         rows, columns = image.levels.shape
-        data = vtkImageData()
-        data.SetDimensions(columns, rows, 1)
         step = (right - left) / columns, (top - bottom) / rows
-        data.SetSpacing(*step, 1.0)
-        data.SetOrigin(left + step[0] / 2, bottom + step[1] / 2, 0.0)
-        data.GetPointData().SetScalars(numpy_to_vtk(image.pixels.reshape(-1, 3), deep=True))
+        data = new(
+            "vtkImageData", Dimensions=(columns, rows, 1), Spacing=(*step, 1.0),
+            Origin=(left + step[0] / 2, bottom + step[1] / 2, 0.0),
+        )  # fmt: skip
+        data.GetPointData().SetScalars(vtk_array(image.pixels.reshape(-1, 3)))
         self.picture.SetInputData(data)
         across, along, up = PLANES[self.plane]
         u, v = float(point[along]), float(point[up])
-        self.lines.GetMapper().SetInputData(
-            _polylines([np.array([[left, v], [right, v]]), np.array([[u, bottom], [u, top]])])
-        )
+        _draw_lines(self.lines, [np.array([[left, v], [right, v]]), np.array([[u, bottom], [u, top]])])
         self.text.SetInput(
             f"{'xyz'[across]} = {image.position:.1f} mm ({'xyz'[along]} right, {'xyz'[up]} up)"
         )
-        camera = self.renderer.GetActiveCamera()
-        camera.ParallelProjectionOn()
-        middle = (left + right) / 2, (bottom + top) / 2
-        camera.SetViewUp(0.0, 1.0, 0.0)
         width, height = self.renderer.GetSize()
         aspect = width / height if height else 1.0
         # the words have a strip of their own below
         strip = min(2.2 * self.text.GetTextProperty().GetFontSize() / max(height, 1), 0.4)
         scale = 0.51 * max((top - bottom) / (1 - strip), (right - left) / aspect)
-        camera.SetParallelScale(scale)
-        low = middle[1] - scale * strip
-        camera.SetFocalPoint(middle[0], low, 0.0)
-        camera.SetPosition(middle[0], low, 100.0)
+        middle, low = (left + right) / 2, (bottom + top) / 2 - scale * strip
+        configure(
+            self.renderer.GetActiveCamera(), ParallelProjection=True, ViewUp=(0.0, 1.0, 0.0), ParallelScale=scale,
+            FocalPoint=(middle, low, 0.0), Position=(middle, low, 100.0),
+        )  # fmt: skip
         self.renderer.ResetCameraClippingRange()
 
     def outline(self, centers: NDArray[np.float64], radii: Sequence[float]) -> None:
@@ -607,19 +540,13 @@ class _Panel:
             cut = self.image.burr_radius(center, radius) if np.isfinite(center).all() else 0.0
             if cut > 0:
                 rings.append(np.array([center[along], center[up]]) + cut * circle)
-        self.circles.GetMapper().SetInputData(_polylines(rings))
+        _draw_lines(self.circles, rings)
 
 
-def _polylines(lines: Sequence[NDArray[np.float64]]) -> Any:
-    """Lines of (x, y) just in front of the picture."""
-    from vtkmodules.vtkCommonCore import vtkPoints
-    from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
-
-    points, cells, mesh = vtkPoints(), vtkCellArray(), vtkPolyData()
-    for line in lines:
-        cells.InsertNextCell(len(line))
-        for x, y in line:
-            cells.InsertCellPoint(points.InsertNextPoint(float(x), float(y), 0.1))
-    mesh.SetPoints(points)
-    mesh.SetLines(cells)
-    return mesh
+def _draw_lines(actor: Any, lines: Sequence[NDArray[np.float64]]) -> None:
+    """Puts lines of (x, y) just in front of a slice."""
+    ends = np.cumsum([0, *map(len, lines)])
+    drawn = Lines(range(first, last) for first, last in itertools.pairwise(ends))
+    points = np.concatenate([*lines, np.zeros((0, 2))])
+    drawn.place(np.column_stack([points, np.full(len(points), 0.1)]))
+    actor.GetMapper().SetInputData(drawn.mesh)

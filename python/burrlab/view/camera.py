@@ -1,7 +1,4 @@
-"""From where one looks: viewpoints, and the two eyes of a stereo pair.
-
-How a trace went into the bone, and the view along it: the first camera of pictures, windows, films and pages.
-"""
+"""From where one looks: viewpoints, the two eyes of a stereo pair, and the way of a trace into the bone."""
 
 from __future__ import annotations
 
@@ -16,6 +13,7 @@ from burrlab.session.player import TracePlayer
 
 _ANGLE = 30.0  # of the view, top to bottom [degree]
 _TILT = 28.0  # between approach and line of sight [degree]
+_DOWN = (0.0, 0.0, -1.0)
 _VIEWER = 500.0  # distance of a viewer for whom a separation of the eyes is given [mm]
 
 
@@ -30,7 +28,7 @@ class Viewpoint:
 
     @property
     def distance(self) -> float:
-        """From camera to focus [mm]."""
+        """Distance from camera to focus [mm]."""
         return float(np.linalg.norm(np.subtract(self.position, self.focus)))
 
 
@@ -42,7 +40,7 @@ def surgeon_view(
     width: float | None = None,
     tilt: float = _TILT,
 ) -> Viewpoint:
-    """As a surgeon looks: at the entry, along the axis of the approach, tilted so that depth is seen.
+    """The view of a surgeon: at the entry, along the axis of the approach, tilted so that depth is seen.
 
     Parameters
     ----------
@@ -50,10 +48,11 @@ def surgeon_view(
     entry : (x, y, z), optional
         What is looked at [mm]; default: the middle of the volume's face where the axis enters.
     axis : (x, y, z), optional
-        Direction of the approach, into the bone; default: downwards, (0, 0, -1). Up in the view is z, or y where the approach
-        is along z.
+        Direction of the approach, into the bone; default: downwards, (0, 0, -1). Up in the view is z, or y
+        where the approach is along z.
     width : float, optional
-        That the view holds at the entry from top to bottom, and from side to side where it is square [mm]; default: the whole volume.
+        That the view holds at the entry from top to bottom, and from side to side where it is square [mm];
+        default: the whole volume.
     tilt : float
         Between approach and line of sight [degree].
 
@@ -62,15 +61,13 @@ def surgeon_view(
     ValueError
         If the axis is zero, the entry farther away than the bone is wide, or a value is not finite.
     """
-    into = _unit("axis", (0.0, 0.0, -1.0) if axis is None else axis)
+    into = _unit("axis", _DOWN if axis is None else axis)
     spacing, shape = np.array(bone.spacing), np.array(bone.shape[::-1])
     half = spacing * shape / 2
     middle = np.array(bone.origin) - spacing / 2 + half
     if entry is None:
         away = half / np.maximum(np.abs(into), 1e-9)
-        focus = middle - into * away.min()
-        if width is None:
-            focus = middle - 0.35 * into * away.min()
+        focus = middle - (0.35 if width is None else 1.0) * into * away.min()
     else:
         focus = np.asarray(entry, float)
         if focus.shape != (3,) or not np.isfinite(focus).all():
@@ -82,8 +79,8 @@ def surgeon_view(
 
 
 def looking_at(focus: ArrayLike, axis: ArrayLike | None, width: float, tilt: float = _TILT) -> Viewpoint:
-    """As `surgeon_view` at a point of which nobody asks whether it is near a bone: a burr may be lifted far away."""
-    into = _unit("axis", (0.0, 0.0, -1.0) if axis is None else axis)
+    """As `surgeon_view`, at a point that may lie far from the bone, as a lifted burr does."""
+    into = _unit("axis", _DOWN if axis is None else axis)
     if not (np.isfinite(width) and width > 0 and np.isfinite(tilt)):
         raise ValueError(f"width must be positive and tilt finite, got {width} and {tilt}")
     side = np.eye(3)[2] if abs(into[2]) < 0.9 else np.eye(3)[1]
@@ -131,14 +128,14 @@ def _tuple(values: NDArray[np.float64]) -> tuple[float, ...]:
     return tuple(float(value) for value in values)
 
 
-_MEETING = (
-    250.0  # when a burr has just met bone, and the force is along the normal: later it cuts sideways too [ms]
-)
+#: When a burr has just met bone, and the force is along the normal: later it cuts sideways too [ms].
+_MEETING = 250.0
 
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """The middle of where bone was touched [mm], the direction in which it was met, and a width that holds it all [mm]."""
+    """The middle of where bone was touched [mm], the direction in which it was met, and a width that holds it
+    all [mm]."""
 
     entry: NDArray[np.float64]
     axis: NDArray[np.float64]
@@ -146,7 +143,7 @@ class Approach:
 
 
 def trace_approach(player: TracePlayer) -> Approach | None:
-    """Of all burrs of a trace; None where none touched bone. The direction is that of the first forces on it."""
+    """The approach of all burrs of a trace, along the first forces on them; None where none touched bone."""
     burr = player.trace.ticks["burr"]
     touched = burr["touching"] > 0
     if not touched.any():
@@ -155,14 +152,15 @@ def trace_approach(player: TracePlayer) -> Approach | None:
     first = forces[: max(round(_MEETING / player.trace.period), 1)]
     push = -first.sum(axis=0)
     if np.linalg.norm(push) < 1e-6 * max(np.linalg.norm(first, axis=1).sum(), 1e-12):
-        push = np.array([0.0, 0.0, -1.0])
+        push = np.array(_DOWN)
     low, high = centers.min(axis=0), centers.max(axis=0)
     width = 1.6 * float(np.linalg.norm(high - low)) + 7 * float(player.burrs.radii.max())
     return Approach((low + high) / 2, push / np.linalg.norm(push), width)
 
 
 def approach_view(bone: VoxelBone, approach: Approach | None, *, width: float | None = None) -> Viewpoint:
-    """As a surgeon looks along it; without one, from above at the whole volume. `width`: that the view holds instead [mm]."""
+    """The view of a surgeon along an approach; without one, from above at the whole volume. `width` [mm]
+    replaces its own."""
     if approach is None:
         return surgeon_view(bone, width=width)
     return looking_at(approach.entry, approach.axis, approach.width if width is None else width)

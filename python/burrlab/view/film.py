@@ -1,7 +1,4 @@
-"""A recorded session seen: a scene at any of its moments, and a film of it.
-
-Pictures as a film: MP4 by ffmpeg, GIF by Pillow.
-"""
+"""A recorded session as a scene at any of its moments, and films of it: MP4 by ffmpeg, GIF by Pillow."""
 
 from __future__ import annotations
 
@@ -17,16 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab.bone.header import assumed
 from burrlab.common.files import new_part
 from burrlab.effects.effects import Effects
 from burrlab.session.player import TracePlayer
 from burrlab.session.trace import Trace
-from burrlab.view.camera import approach_view, trace_approach
-from burrlab.view.page_source import ParcelHistory
+from burrlab.view.camera import approach_view
+from burrlab.view.page_source import ReplaySource
 from burrlab.view.scene import Scene
-
-_CURVE_POINTS = 600
 
 
 class TraceView:
@@ -36,8 +30,8 @@ class TraceView:
     ----------
     trace : Trace or TracePlayer
     effects : Effects, optional
-        Of the trace's initial bone, without a frame yet: dust, blood and water, made here from the trace's beginning to
-        its end.
+        Of the trace's initial bone, without a frame yet: dust, blood and water, made here from the trace's
+        beginning to its end.
     slices : bool
         Show slices through the first burr's centre.
     **options
@@ -63,33 +57,18 @@ class TraceView:
         **options: Any,
     ) -> None:
         self.player = trace if isinstance(trace, TracePlayer) else TracePlayer(trace)
-        self._parcels = None if effects is None else ParcelHistory(self.player.trace, effects)
-        if self._parcels is not None:
-            self._parcels.make()
-        self.slices = slices
-        radii = self.player.burrs.radii.tolist()
-        self.scene = Scene(
-            self.player.bone, radii, **{"outline": True, "note": assumed(self.player.trace.notes), **options}
-        )
-        self.scene.look(approach_view(self.player.bone, trace_approach(self.player)))
+        self._replay, self.slices = ReplaySource(self.player, effects), slices
+        if self._replay.past is not None:
+            self._replay.past.make()
+        settings = {"outline": True, "note": self._replay.note, **options}
+        self.scene = Scene(self.player.bone, self._replay.radii, **settings)
+        self.scene.look(approach_view(self.player.bone, self._replay.approach()))
         self.go(self.player.time)
 
     def go(self, seconds: float) -> int:
-        """Shows a time of the trace [s]; returns the number of blocks that were made anew. ValueError if it has no such time."""
-        player, scene = self.player, self.scene
-        blocks = scene.update(player.bone, player.seek(seconds))
-        burrs = player.burrs
-        scene.move_burrs(burrs.centers, burrs.on.tolist())
-        if self.slices and len(burrs.centers) and np.isfinite(burrs.centers[0]).all():
-            scene.set_slices(burrs.centers[0])
-        history, done = player.history, player.done
-        first = int(np.searchsorted(history.time, player.time - 10.0))
-        rows = slice(first, done, max((done - first) // _CURVE_POINTS, 1))
-        if history.force.shape[1]:
-            scene.set_curves(history.time[rows], history.force[rows, 0], history.depth[rows, 0])
-        if self._parcels is not None:
-            scene.set_parcels(self._parcels.at(player.time))
-        return blocks
+        """Shows a time of the trace [s]; returns the number of blocks that were made anew. ValueError if it
+        has no such time."""
+        return self._replay.show_in(self.scene, self._replay.go(seconds), slices=self.slices, curves=True)
 
     def frames(
         self,
@@ -175,7 +154,7 @@ def write_video(
 
 
 def check_film(file: Path, fps: float) -> None:
-    """ValueError for an ending or a number of frames a second that no film has."""
+    """ValueError unless the file's ending and the frames a second are those of a film."""
     most = _MOST_FPS.get(file.suffix.lower())
     if most is None:
         raise ValueError(f"a film must end in .mp4 or .gif, got {file.name}")
@@ -191,14 +170,12 @@ def ffmpeg() -> str:
     OSError
         If there is neither.
     """
-    found = shutil.which("ffmpeg")
-    if found:
+    if found := shutil.which("ffmpeg"):
         return found
     with contextlib.suppress(ImportError, RuntimeError):
         import imageio_ffmpeg
 
-        program: str = imageio_ffmpeg.get_ffmpeg_exe()
-        return program
+        return str(imageio_ffmpeg.get_ffmpeg_exe())
     raise OSError(
         "an MP4 needs ffmpeg: apt-get install ffmpeg, or pip install imageio-ffmpeg; a film that ends in .gif needs neither"
     )

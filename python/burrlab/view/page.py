@@ -1,17 +1,4 @@
-"""Curves for the page's charts: points of an SVG polyline, few whatever the number of ticks.
-
-What a page says beside its picture: numbers, tissues, curves and marks of one moment.
-
-The mouse on a picture that the server draws: turning, moving and zooming of a camera.
-
-The page's cameras, by name.
-
-The state of a web page and what keeps it: the newest wish of the user is done, those before it are passed over.
-
-What a browser may call of the page: the wishes and the controls that the page has, nothing else of trame.
-
-The page itself: Vuetify components around a picture that the server draws.
-"""
+"""The page of a scene: its words, curves and cameras, what a browser may wish, and its Vuetify components."""
 
 from __future__ import annotations
 
@@ -117,7 +104,7 @@ def charts(source: PageSource) -> list[dict[str, Any]]:
 
 
 def values(source: PageSource) -> list[list[str]]:
-    """That the charts' curves have now: of each chart, a text a burr."""
+    """Present values of the charts' curves: for each chart a text a burr."""
     force = np.linalg.norm(source.force, axis=1)
     return [[f"{value:.{places}f}" for value in now] for now, places in ((force, 2), (source.depth, 3))]
 
@@ -136,22 +123,9 @@ _TURN = 200.0  # across the picture [degree]
 _ZOOM = 1.15  # a step of the wheel
 
 
-def turn(camera: Any, right: float, up: float) -> None:
-    """Around the focus, as if the bone were dragged.
-
-    Parameters
-    ----------
-    camera : pyvista.Camera
-    right, up : float
-        Way of the mouse, in parts of the picture's height.
-    """
-    camera.Azimuth(-_TURN * right)
-    camera.Elevation(-_TURN * up)
-    camera.OrthogonalizeViewUp()
-
-
 def move(camera: Any, right: float, up: float) -> None:
-    """Across the line of sight; what is at the focus follows the mouse. Parameters as for `turn`."""
+    """Moves a camera across its line of sight, in parts of the picture's height: what is at the focus follows
+    the mouse."""
     position, focus = np.array(camera.position), np.array(camera.focal_point)
     sight = focus - position
     distance = float(np.linalg.norm(sight))
@@ -160,11 +134,6 @@ def move(camera: Any, right: float, up: float) -> None:
     height = 2.0 * distance * np.tan(np.deg2rad(camera.view_angle) / 2)
     by = -height * (right * rightwards + up * upwards)
     camera.position, camera.focal_point = tuple(position + by), tuple(focus + by)
-
-
-def zoom(camera: Any, steps: float) -> None:
-    """Nearer by so many steps of a wheel, or farther."""
-    camera.Dolly(_ZOOM ** float(np.clip(steps, -20.0, 20.0)))
 
 
 _AXES = {
@@ -176,40 +145,6 @@ _AXES = {
     "+z": (0, 0, 1),
 }
 PRESETS = ("surgeon", "burr", *_AXES)
-
-
-class PageCameras:
-    """Viewpoints of a source.
-
-    Parameters
-    ----------
-    source : PageSource
-    surgeon : Viewpoint, optional
-        The first one; default: along the forces of a trace, else from above.
-    """
-
-    def __init__(self, source: PageSource, surgeon: Viewpoint | None) -> None:
-        self.source = source
-        approach = source.approach()
-        self._into = None if approach is None else approach.axis
-        self.surgeon = approach_view(source.bone, approach) if surgeon is None else surgeon
-
-    def viewpoint(self, preset: str) -> Viewpoint:
-        """surgeon, burr (once one is known), or along an axis."""
-        bone, burrs = self.source.bone, self.source.burrs
-        if preset == "burr" and len(burrs.radii) and np.isfinite(burrs.centers[0]).all():
-            width = 8.0 * float(burrs.radii[0])
-            return looking_at(burrs.centers[0], self._into, width, 40.0)
-        if preset in _AXES:
-            return surgeon_view(bone, axis=_AXES[preset], tilt=0.0)
-        return self.surgeon
-
-    def burr_or_middle(self) -> Any:
-        """The first burr's centre, or the middle of the volume until it is known [mm]."""
-        centers, bone = self.source.burrs.centers, self.source.bone
-        if len(centers) > 0 and bool(np.isfinite(centers[0]).all()):
-            return centers[0]
-        return np.array(bone.origin) + np.array(bone.spacing) * (np.array(bone.shape[::-1]) - 1) / 2
 
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
@@ -246,8 +181,9 @@ class Page:
         stereo: bool = False,
     ) -> None:
         self.server, self.source, self.scene = server, source, scene
-        self.cameras = PageCameras(source, surgeon)
-        scene.look(self.cameras.surgeon)
+        self._approach = source.approach()
+        self._surgeon = approach_view(source.bone, self._approach) if surgeon is None else surgeon
+        scene.look(self._surgeon)
         self.state = server.state
         self._wanted, self._sent, self._clock = 0.0, -1.0, 0.0
         self._draw, self._on_way = True, -_PATIENCE  # since when a picture is on its way
@@ -255,7 +191,6 @@ class Page:
         self._drag = np.zeros(2)
         self._drag_moves, self._wheel = False, 0.0
         self._changed: list[NDArray[np.uint32]] = []  # bricks, and not yet drawn
-        self._counts = tuple(-(-n // 8) for n in source.bone.shape)
         first, last = source.span
         self.state.update({
             "title": source.title, "kind": source.kind, "source_state": source.state, "wanted_s": 0.0, "time_s": 0.0,
@@ -264,54 +199,54 @@ class Page:
             "prepared": 0, "problem": "", "numbers": [], "tissues": [], "distances": [], "events": [], "charts": [],
             "values": [], "picture": "", "picture_number": 0,
         })  # fmt: skip
-        self.state.change("wanted_s")(self._wish)
-        self.state.change("slices")(self._show_slices)
-        self.state.change("stereo")(self._show_stereo)
-        self.state.change("effects")(self._show_effects)
-        self.state.change("playing")(self._play)
-        self.state.change("speed")(self._play)
-        for name, call in (
-            ("drag", self.drag),
-            ("wheel", self.wheel),
-            ("shown", self.shown),
-            ("draw", self.draw),
-        ):
-            server.trigger(name)(call)
+        for name, told in (
+            ("wanted_s", self._wish), ("slices", self._switch), ("stereo", self._switch),
+            ("effects", self._switch), ("playing", self._play), ("speed", self._play),
+        ):  # fmt: skip
+            self.state.change(name)(told)
+        for call in (self.drag, self.wheel, self.shown, self.draw):
+            server.trigger(call.__name__)(call)
         scene.draw_fast()
-        self._show_stereo(self.state.stereo)
+        scene.set_stereo(self.state.stereo)
         self._advance(0.0)
         self._picture(smooth=True)
 
     def look(self, preset: str) -> None:
-        """Camera as named: surgeon, burr, or along an axis."""
-        self.scene.look(self.cameras.viewpoint(preset))
+        """Sets the camera by name: surgeon, burr (once it is known), or along an axis."""
+        source, view = self.source, self._surgeon
+        if preset == "burr" and source.first_center is not None:
+            into = None if self._approach is None else self._approach.axis
+            view = looking_at(source.first_center, into, 8.0 * source.radii[0], 40.0)
+        elif preset in _AXES:
+            view = surgeon_view(source.bone, axis=_AXES[preset], tilt=0.0)
+        self.scene.look(view)
         self._draw = True
 
     def step(self, ticks: int) -> None:
-        """So many ticks on or back [ms, at 1 kHz]."""
+        """Goes so many ticks on, or back."""
         period = self.source.span[1] / max(len(self.source.history.time), 1)
         self._ask(self._wanted + ticks * period)
 
     def seek(self, part: float) -> None:
-        """To that part of the charts' time axis, 0 to 1."""
+        """Goes to that part of the charts' time axis, 0 to 1."""
         first, last = self.source.span
         self._ask(first + min(max(float(part), 0.0), 1.0) * (last - first))
 
     def go(self, seconds: float) -> None:
-        """To a moment [s]."""
+        """Goes to a moment [s]."""
         self._ask(float(seconds))
 
     def drag(self, right: float, up: float, moves: bool) -> None:
-        """The mouse went so far, in parts of the picture's height: turns the bone, or moves it."""
+        """Turns the bone, or moves it: the mouse went so far, in parts of the picture's height."""
         self._drag += float(right), float(up)
         self._drag_moves = bool(moves)
 
     def wheel(self, steps: float) -> None:
-        """The wheel turned; positive is nearer."""
+        """Zooms by so many steps of the wheel; positive is nearer."""
         self._wheel += float(steps)
 
     def shown(self, width: int = 0, height: int = 0) -> None:
-        """A browser shows the newest picture, and says its place's size if that is news."""
+        """Notes that a browser shows the newest picture, and the size of its place if that has changed."""
         self._on_way = -_PATIENCE
         if width and height:
             size = tuple(int(min(max(n, 64), most)) for n, most in zip((width, height), _MOST, strict=True))
@@ -320,11 +255,11 @@ class Page:
                 self._draw = True
 
     def draw(self) -> None:
-        """Once more, as for a window of another size."""
+        """Draws once more, as for a window of another size."""
         self._draw = True
 
     async def run(self) -> None:
-        """Until it is cancelled."""
+        """Serves wishes until it is cancelled."""
         while True:
             begin = time.monotonic()
             try:
@@ -341,7 +276,7 @@ class Page:
             with self.state as state:
                 state.prepared = prepared
             if prepared == 100:
-                self._show_effects(self.state.effects)
+                self._switch()
         if not self.state.distances and (rows := source.distances()):  # their fields are made meanwhile
             with self.state as state:
                 state.distances = rows
@@ -367,27 +302,29 @@ class Page:
     def _move_camera(self) -> None:
         camera = self.scene.plotter.camera
         if self._drag.any():
-            (move if self._drag_moves else turn)(camera, *self._drag)
+            right, up = self._drag
+            if self._drag_moves:
+                move(camera, right, up)
+            else:  # around the focus, as if the bone were dragged
+                camera.Azimuth(-_TURN * right)
+                camera.Elevation(-_TURN * up)
+                camera.OrthogonalizeViewUp()
             self._drag[:], self._draw = 0.0, True
         if self._wheel:
-            zoom(camera, self._wheel)
+            camera.Dolly(_ZOOM ** float(np.clip(self._wheel, -20.0, 20.0)))
             self._wheel, self._draw = 0.0, True
 
     def _advance(self, seconds: float) -> None:
-        """Bone, burrs and words to a moment."""
-        source, scene = self.source, self.scene
-        self._changed.append(source.go(seconds))
+        """Brings bone, burrs and words to a moment."""
+        source, state = self.source, self.state
+        first, last = source.span
+        self._changed.append(source.go(min(max(seconds, first), last)))
         self._changed = [np.unique(np.concatenate(self._changed))]
-        if len(bricks := self._changed[0]):
-            scene.update(source.bone, np.stack(np.unravel_index(bricks, self._counts), axis=1))
+        source.show_in(self.scene, self._changed[0], parcels=state.effects)
         self._changed = []  # not before: what failed is drawn by the next turn
-        burrs = source.burrs
-        scene.move_burrs(burrs.centers, burrs.on.tolist())
-        scene.set_parcels(source.parcels if self.state.effects else None)
-        if self.state.slices:
+        if state.slices:
             self._cut()
         self._sent = seconds
-        state = self.state
         if state.playing or source.kind == "live":
             state.wanted_s = seconds
         state.time_s, state.source_state = round(source.time, 4), source.state
@@ -424,23 +361,22 @@ class Page:
         with self.state as state:
             state.wanted_s = self._wanted
 
-    def _show_slices(self, slices: bool, **_: Any) -> None:
-        if slices:
+    def _switch(self, **_: Any) -> None:
+        self.scene.set_stereo(bool(self.state.stereo))
+        self.scene.set_parcels(self.source.parcels if self.state.effects else None)
+        if self.state.slices:
             self._cut()
         else:
             self.scene.set_slices(None)
         self._draw = True
 
-    def _show_stereo(self, stereo: bool, **_: Any) -> None:
-        self.scene.set_stereo(bool(stereo))
-        self._draw = True
-
-    def _show_effects(self, effects: bool, **_: Any) -> None:
-        self.scene.set_parcels(self.source.parcels if effects else None)
-        self._draw = True
-
     def _cut(self) -> None:
-        self.scene.set_slices(self.cameras.burr_or_middle())
+        """Shows slices through the first burr's centre, or through the middle of the volume until it is
+        known."""
+        bone = self.source.bone
+        middle = np.array(bone.origin) + np.array(bone.spacing) * (np.array(bone.shape[::-1]) - 1) / 2
+        known = self.source.first_center
+        self.scene.set_slices(middle if known is None else known)
 
 
 def _number(value: Any) -> bool:
@@ -455,9 +391,11 @@ WISHES: dict[str, Callable[[Any], bool]] = {
 
 
 def restrict(handler: Any) -> None:
-    """Leaves a handler of wslink no other calls than the page makes, with arguments of their kinds; others do nothing.
+    """Restricts a handler of wslink to the calls that the page makes, with arguments of their kinds; others
+    do nothing.
 
-    trame's own would let a browser end the server, and change whatever is shown in all others, scripts as well.
+    trame's own would let a browser end the server, and change whatever is shown in all others, scripts as
+    well.
     """
     calls = handler.functionMap
     core, change = calls["trame.state.update"]
@@ -475,7 +413,7 @@ def restrict(handler: Any) -> None:
                 await trigger(core, name, arguments, {})
 
     def none(*_: Any, **__: Any) -> None:
-        """What trame's page tells of itself."""
+        """Ignores what trame's page tells of itself."""
 
     handler.functionMap = {
         "trame.state.get": calls["trame.state.get"],
@@ -579,40 +517,31 @@ def _head(page: Page, html: Any, v3: Any) -> None:
 
 
 def _side(page: Page, html: Any) -> None:
-    html.H2("now")
-    with html.Table(), html.Tr(v_for="row in numbers", key="row.name"):
-        html.Td("{{ row.name }}")
-        html.Td("{{ row.value }}", classes="burrlab-number", colspan=("row.unit ? 1 : 2",))
-        html.Td("{{ row.unit }}", classes="burrlab-unit", v_if="row.unit")
-    with html.Div(v_if="distances.length"):
-        html.H2("burr's surface to structure")
-        with html.Table(), html.Tr(v_for="row in distances", key="row.name"):
-            with html.Td():
-                html.Span(classes="burrlab-mark", style=("'background: ' + row.colour",))
-                html.Span("{{ row.name }}")
-            html.Td("{{ row.value }}", classes="burrlab-number", style=("row.near ? 'color: #ff7b72' : ''",))
-            html.Td("mm", classes="burrlab-unit")
-    with html.Div(v_if="tissues.length"):
-        html.H2("removed by tissue")
-        with html.Table(), html.Tr(v_for="row in tissues", key="row.name"):
-            with html.Td():
-                html.Span(classes="burrlab-mark", style=("'background: ' + row.colour",))
-                html.Span("{{ row.name }}")
-            html.Td(
-                "{{ row.removed }}", classes="burrlab-number",
-                style=("row.hurt ? 'color: #ff7b72' : ''",),
-            )  # fmt: skip
-            html.Td("mm³", classes="burrlab-unit")
-    with html.Div(v_if="events.length"):
-        html.H2("events")
-        with (
-            html.Table(),
-            html.Tr(v_for="row in events", classes="burrlab-event", click=(page.go, "[row.time_s]")),
-        ):
-            html.Td("{{ row.clock }}", style="width: 5em;", classes="burrlab-number pr-3")
-            with html.Td():
-                html.Span(classes="burrlab-mark", style=("'background: ' + row.colour",))
-                html.Span("{{ row.text }}")
+    name, number, unit = "{{ row.name }}", {"classes": "burrlab-number"}, {"classes": "burrlab-unit"}
+    red, keyed = "row.{} ? 'color: #ff7b72' : ''", {"key": "row.name"}
+    near, hurt = ({**number, "style": (red.format(word),)} for word in ("near", "hurt"))
+    tables: tuple[tuple[str, str, dict[str, Any], dict[str, dict[str, Any] | None]], ...] = (
+        ("now", "numbers", keyed, {
+            name: {}, "{{ row.value }}": {**number, "colspan": ("row.unit ? 1 : 2",)},
+            "{{ row.unit }}": {**unit, "v_if": "row.unit"},
+        }),
+        ("burr's surface to structure", "distances", keyed, {name: None, "{{ row.value }}": near, "mm": unit}),
+        ("removed by tissue", "tissues", keyed, {name: None, "{{ row.removed }}": hurt, "mm³": unit}),
+        ("events", "events", {"classes": "burrlab-event", "click": (page.go, "[row.time_s]")}, {
+            "{{ row.clock }}": {"style": "width: 5em;", "classes": "burrlab-number pr-3"}, "{{ row.text }}": None,
+        }),
+    )  # fmt: skip
+    for heading, rows, line, cells in tables:
+        with html.Div(v_if=f"{rows}.length") if rows != "numbers" else contextlib.nullcontext():
+            html.H2(heading)
+            with html.Table(), html.Tr(v_for=f"row in {rows}", **line):
+                for text, look in cells.items():
+                    if look is not None:
+                        html.Td(text, **look)
+                        continue
+                    with html.Td():  # behind a mark in the row's colour
+                        html.Span(classes="burrlab-mark", style=("'background: ' + row.colour",))
+                        html.Span(text)
 
 
 def _charts(page: Page, html: Any) -> None:

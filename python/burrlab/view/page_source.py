@@ -1,18 +1,12 @@
-"""What a page says of critical structures: how near the burrs are, and what happened.
-
-Dust, blood and water of a recorded session at its moments, made once from its beginning to its end.
-
-A running session, or a replica of one, for a page.
-
-What a page shows: a trace with its player, a running session, or a bone that rests.
-"""
+"""What scenes and pages show: a trace, a running session or its replica, or a bone, each at one moment."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import threading
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
@@ -22,13 +16,14 @@ from numpy.typing import NDArray
 from burrlab._core import Replica, VoxelBone, restore_bricks
 from burrlab.anatomy.events import KINDS, Watched
 from burrlab.anatomy.watch import Watch
+from burrlab.bone.header import assumed, told_notes
 from burrlab.effects.companion import Companion
 from burrlab.effects.effects import Effects, effects_of
 from burrlab.session.player import Burrs, History, TracePlayer
 from burrlab.session.session import Session
 from burrlab.session.trace import Trace
 from burrlab.view.camera import Approach, trace_approach
-from burrlab.view.live import _radii, _taker
+from burrlab.view.scene import Scene
 from burrlab.view.surface import brick_numbers
 
 _KINDS = {  # what is said of an event, and its colour
@@ -49,7 +44,8 @@ class PageEvent:
 
 
 class StructureDistances:
-    """Distance of the nearest burr's surface to each critical structure of a bone; its fields are made in the background.
+    """Distance of the nearest burr's surface to each critical structure of a bone; its fields are made in the
+    background.
 
     Parameters
     ----------
@@ -60,17 +56,15 @@ class StructureDistances:
     """
 
     def __init__(self, bone: VoxelBone, settings: Mapping[str, Any] | None = None) -> None:
-        tissues = bone.tissues
-        self._watch: Any = None
-        self._settings = settings
-        self._bone: VoxelBone | None = None
-        if tissues is not None and (settings or any(tissue.critical for tissue in tissues)):
-            self._bone = bone.copy()  # the other goes on changing
+        self._watch: Watch | None = None
         self._thread = threading.Thread(target=self._make, name="burrlab distances", daemon=True)
+        self._bone, self._settings = bone, settings
 
     def open(self) -> None:
-        """Starts the work."""
-        if self._bone is not None:
+        """Starts the work; the bone must rest until this returns."""
+        tissues = self._bone.tissues
+        if tissues is not None and (self._settings or any(tissue.critical for tissue in tissues)):
+            self._bone = self._bone.copy()  # the other goes on changing
             self._thread.start()
 
     def close(self) -> None:
@@ -78,13 +72,9 @@ class StructureDistances:
         if self._thread.ident is not None:
             self._thread.join()
 
-    @property
-    def ready(self) -> bool:
-        """All is there that will be."""
-        return self._bone is None
-
     def rows(self, burrs: Burrs) -> list[dict[str, Any]]:
-        """name, colour, value [mm] and near (below the approach's limit), a structure each; empty until it is ready."""
+        """name, colour, value [mm] and near (below the approach's limit), a structure each; empty until it is
+        ready."""
         watch = self._watch
         known = np.isfinite(burrs.centers).all(axis=1)
         if watch is None or not known.any():
@@ -102,36 +92,18 @@ class StructureDistances:
         return rows
 
     def _make(self) -> None:
-        assert self._bone is not None
-        try:
-            self._watch = (
-                Watch.of_settings(self._bone, self._settings) if self._settings else Watch(self._bone)
-            )
-        except ValueError:  # no voxel of a critical tissue
-            pass
-        finally:
-            self._bone = None
+        with contextlib.suppress(ValueError):  # no voxel of a critical tissue
+            settings = self._settings
+            self._watch = Watch.of_settings(self._bone, settings) if settings else Watch(self._bone)
 
 
 def page_event(time: float, row: np.void, structures: Sequence[str]) -> PageEvent:
-    """Of a row of a trace's or a watch's events."""
+    """The event of a row of a trace's or a watch's events."""
     kind, distance = KINDS[int(row["kind"])], float(row["distance_mm"])
     what, colour = _KINDS[kind]
     text = f"{what} {structures[int(row['structure'])]}"
     told = kind in ("approach", "away") and np.isfinite(distance)
     return PageEvent(time, f"{text}, {distance:.2f} mm" if told else text, colour)
-
-
-def trace_events(player: TracePlayer) -> list[PageEvent]:
-    """Those that a trace holds."""
-    trace, events = player.trace, player.events
-    if not len(events):
-        return []
-    names = [row["name"] for row in trace.watch["structures"]]
-    at = [min(max(int(event["tick"]) - trace.first_tick, 0), player.ticks - 1) for event in events]
-    return [
-        page_event(float(player.history.time[i]), event, names) for i, event in zip(at, events, strict=True)
-    ]
 
 
 #: What is drawn of a parcel, as finely as it is seen: within 0.03 mm, and shares of 255.
@@ -141,7 +113,7 @@ _RATE = 20.0  # frames of a second of the trace that are made [Hz]
 
 
 class ParcelHistory:
-    """Frames of a trace's parcels, in bounded memory: where they take more, every second one is given up.
+    """Frames of a trace's parcels in bounded memory: every second frame is dropped where they take more.
 
     Parameters
     ----------
@@ -161,18 +133,18 @@ class ParcelHistory:
 
     @property
     def made(self) -> float:
-        """Part of the trace, 0 to 1."""
+        """Part of the trace whose frames are made, 0 to 1."""
         frames = self._duration * _RATE
         return min(1.0, self._made / frames) if frames else 1.0
 
     @property
     def bytes(self) -> int:
-        """That the kept frames take."""
+        """Memory of the kept frames [bytes]."""
         with self._lock:
             return sum(frame.nbytes for frame in self._frames)
 
     def make(self, cancel: threading.Event | None = None) -> bool:
-        """All of it; may run in a thread. Returns whether it came to the end."""
+        """Makes all frames; may run in a thread. Returns whether it came to the end."""
         player = TracePlayer(self._trace, every=self._duration + 1.0)  # goes forward only
         size = 0
         for _ in effects_of(player, self._effects, rate=_RATE):
@@ -192,7 +164,7 @@ class ParcelHistory:
         return True
 
     def at(self, seconds: float) -> NDArray[np.void] | None:
-        """Of the newest kept frame that is not after this time; None where there is none yet."""
+        """The newest kept frame at or before this time [s]; None where there is none yet."""
         with self._lock:
             i = int(seconds * _RATE / self._every + 1e-6)
             if not 0 < i <= len(self._frames):
@@ -209,63 +181,225 @@ def _drawn(parcels: NDArray[np.void]) -> NDArray[np.void]:
     return frame
 
 
-_SHOWN = 30.0  # in the charts [s]
+#: What a page can show.
+Shown: TypeAlias = Trace | TracePlayer | Session | Replica | VoxelBone
+_SHOWN = 30.0  # of a session, in the charts [s]
+_CURVE_POINTS = 600  # of a scene's curves
 
 
-class LiveSource:
-    """What runs or has ended: a bone of one's own that takes over the bricks that changed.
+class HasParcels(Protocol):
+    """As `burrlab.effects.Effects` and `Companion`."""
+
+    @property
+    def parcels(self) -> NDArray[np.void]: ...
+
+
+class PageSource:
+    """A bone at a moment, and the way to other moments. This class itself is a bone that rests.
+
+    Attributes
+    ----------
+    kind : str
+        replay, live or still.
+    title, state, note : str
+        Its name; a word or sentence on it; what is assumed of the bone.
+    radii : tuple of float
+        Of the burrs [mm].
+    span : (float, float)
+        First and last moment of the charts [s].
+    time : float
+        The moment [s].
+    burrs, force, depth
+        At the moment, as of a `TracePlayer`.
+    has_effects : bool
+        Whether there is dust, blood and water.
+    """
+
+    kind = "still"
+
+    def __init__(self, bone: VoxelBone, radii: Sequence[float] = (), watch: Any = None) -> None:
+        self.bone, self.radii, self.title, self.note = bone, tuple(radii), "bone", ""
+        self.state = f"{bone.mass:.0f} mm³ of bone"
+        self.time, self.span = 0.0, (0.0, 0.0)
+        n = len(self.radii)
+        self.burrs = Burrs(
+            np.full((n, 3), np.nan), np.array(self.radii), np.zeros(n, bool), np.zeros(n, bool)
+        )
+        self.force, self.depth = np.zeros((n, 3)), np.zeros(n)
+        self.events: list[PageEvent] = []
+        self.has_effects = False
+        self._distances = StructureDistances(bone, watch)
+
+    @property
+    def history(self) -> History:
+        """Time, force and depth until the moment, or longer."""
+        return History(np.zeros(0), np.zeros((0, len(self.radii))), np.zeros((0, len(self.radii))))
+
+    @property
+    def prepared(self) -> float:
+        """Part of the work in the background that is done, 0 to 1."""
+        return 1.0
+
+    @property
+    def parcels(self) -> NDArray[np.void] | None:
+        """Dust, blood and water at the moment; None where there are no effects."""
+        return None
+
+    @property
+    def first_center(self) -> NDArray[np.float64] | None:
+        """Centre of the first burr [mm]; None until it is known."""
+        centers = self.burrs.centers
+        return centers[0] if len(centers) and bool(np.isfinite(centers[0]).all()) else None
+
+    def approach(self) -> Approach | None:
+        """The way into the bone; None if that is not known."""
+        return None
+
+    def go(self, seconds: float) -> NDArray[np.uint32]:
+        """Goes to that moment [s], or to the newest one of a session; returns numbers of the bricks that
+        changed."""
+        return np.empty(0, np.uint32)
+
+    def distances(self) -> list[dict[str, Any]]:
+        """Rows for the page: name, colour, value [mm], whether it is near."""
+        return self._distances.rows(self.burrs)
+
+    def open(self) -> None:
+        """Begins the work in the background."""
+
+    def close(self) -> None:
+        """Ends it."""
+        self._distances.close()
+
+    def show_in(
+        self,
+        scene: Scene,
+        bricks: NDArray[np.uint32],
+        *,
+        parcels: bool = True,
+        slices: bool = False,
+        curves: bool = False,
+    ) -> int:
+        """Shows the moment in a scene; these bricks changed. Returns the number of blocks that were made
+        anew."""
+        blocks = scene.update(self.bone, bricks) if len(bricks) else 0
+        scene.move_burrs(self.burrs.centers, self.burrs.on.tolist())
+        scene.set_parcels(self.parcels if parcels else None)
+        if slices and self.first_center is not None:
+            scene.set_slices(self.first_center)
+        if curves and self.radii:
+            history = self.history
+            first = int(np.searchsorted(history.time, self.time - 10.0))
+            end = int(np.searchsorted(history.time, self.time, side="right"))
+            rows = slice(first, end, max((end - first) // _CURVE_POINTS, 1))
+            scene.set_curves(history.time[rows], history.force[rows, 0], history.depth[rows, 0])
+        return blocks
+
+
+class ReplaySource(PageSource):
+    """A trace, prepared in the background while it can already be looked at."""
+
+    kind = "replay"
+
+    def __init__(self, player: TracePlayer, effects: Effects | None = None) -> None:
+        trace = player.trace
+        super().__init__(player.bone, [burr.radius for burr, _ in trace.tools], trace.watch)
+        self.player, self.title, self.span = player, trace.path.name, (0.0, player.duration)
+        self.state = f"{player.duration:.1f} s, {player.ticks} ticks, seed {trace.seed}"
+        self.note = assumed(trace.notes)
+        if player.events:
+            names = [row["name"] for row in trace.watch["structures"]]
+            for event in player.events:
+                at = min(max(int(event["tick"]) - trace.first_tick, 0), player.ticks - 1)
+                self.events.append(page_event(float(player.history.time[at]), event, names))
+        self.past = None if effects is None else ParcelHistory(trace, effects)
+        self.has_effects = effects is not None
+        self._cancel = threading.Event()
+        self._thread = threading.Thread(target=self._prepare, name="burrlab page", daemon=True)
+        self._take_over()
+
+    @property
+    def history(self) -> History:
+        return self.player.history
+
+    @property
+    def prepared(self) -> float:
+        bone = self.player.prepared
+        return bone if self.past is None else 0.5 * (bone + self.past.made)
+
+    @property
+    def parcels(self) -> NDArray[np.void] | None:
+        return None if self.past is None else self.past.at(self.time)
+
+    def approach(self) -> Approach | None:
+        return trace_approach(self.player)
+
+    def go(self, seconds: float) -> NDArray[np.uint32]:
+        bricks = self.player.seek(seconds)
+        self._take_over()
+        return bricks
+
+    def _take_over(self) -> None:
+        player = self.player
+        self.time, self.burrs, self.force, self.depth = player.time, player.burrs, player.force, player.depth
+
+    def open(self) -> None:
+        self._thread.start()
+        self._distances.open()
+
+    def close(self) -> None:
+        self._cancel.set()
+        super().close()
+        if self._thread.ident is not None:
+            self._thread.join()
+
+    def _prepare(self) -> None:
+        if self.player.prepare(cancel=self._cancel) and self.past is not None:
+            self.past.make(self._cancel)
+
+
+class LiveSource(PageSource):
+    """A running or ended session, or its replica: a bone of its own takes over the bricks that changed.
 
     Parameters
     ----------
     source : Session or Replica
         A replica must have been started, and nothing else may take what changed of it.
     effects : optional
-        Whatever has `parcels`, as `burrlab.effects.Companion`.
+        Whatever has `parcels`.
+
+    Attributes
+    ----------
+    tick : int
+        Ticks that are shown.
+
+    Raises
+    ------
+    TypeError
+        If the source is neither.
     """
 
     kind = "live"
-    prepared = 1.0
 
-    def __init__(self, source: Session | Replica, effects: Any = None) -> None:
-        self._source, self._effects = source, effects
-        self.has_effects = effects is not None
-        self.title = "session" if isinstance(source, Session) else "replica"
-        self.radii = tuple(_radii(source))
-        self._take = _taker(source)
-        self.bone, _ = source.snapshot()  # after the view was made: nothing is missed
-        about = source.provenance if isinstance(source, Session) else json.loads(source.hello)
-        self._period = 1.0 / float(about["rate_Hz"])  # [s]
+    def __init__(self, source: Session | Replica, effects: HasParcels | None = None) -> None:
+        if isinstance(source, Session):
+            view, about = source.follower.view(), source.provenance
+            self._take: Callable[[], Any] = lambda: source.follower.take(view)
+        elif isinstance(source, Replica):
+            self._take, about = source.take, json.loads(source.hello)
+        else:
+            raise TypeError(f"source must be a Session or a Replica, got {type(source).__name__}")
+        bone, self.tick = source.snapshot()  # after the view was made: nothing is missed
         watch = about.get("watch")
+        super().__init__(bone, [float(tool["radius_mm"]) for tool in about["tools"]], watch)
+        self._source, self._effects, self.has_effects = source, effects, effects is not None
+        self.title = "session" if isinstance(source, Session) else "replica"
+        self.note = assumed(told_notes(about.get("source")))
+        self._period = 1.0 / float(about["rate_Hz"])  # [s]
         self._structures = [str(row["name"]) for row in watch["structures"]] if watch else []
-        self._distances = StructureDistances(self.bone, watch)
-        self.events: list[PageEvent] = []
-        self._newest: Any = None
         self._past: deque[tuple[float, NDArray[np.float64], NDArray[np.float64]]] = deque()
-
-    @property
-    def time(self) -> float:
-        return 0.0 if self._newest is None else float(self._newest["time"])
-
-    @property
-    def span(self) -> tuple[float, float]:
-        return max(0.0, self.time - _SHOWN), max(self.time, _SHOWN)
-
-    @property
-    def burrs(self) -> Burrs:
-        n, radii = len(self.radii), np.array(self.radii)
-        if self._newest is None:
-            none = np.zeros(n, bool)
-            return Burrs(np.full((n, 3), np.nan), radii, none, none)
-        burr = self._newest["burr"][:n]
-        return Burrs(burr["center"].copy(), radii, burr["on"] > 0, burr["touching"] > 0)
-
-    @property
-    def force(self) -> NDArray[np.float64]:
-        return self._of("force", (len(self.radii), 3))
-
-    @property
-    def depth(self) -> NDArray[np.float64]:
-        return self._of("penetration", (len(self.radii),))
+        self.span = 0.0, _SHOWN
+        self._tell_state()
 
     @property
     def history(self) -> History:
@@ -277,224 +411,52 @@ class LiveSource:
         )
 
     @property
-    def state(self) -> str:
-        source = self._source
-        if isinstance(source, Session):
-            return "running" if source.running else source.reason or "not started"
-        return str(source.status["reason"] or "ended") if source.wait(0.0) else "following"
-
-    @property
     def parcels(self) -> NDArray[np.void] | None:
         return None if self._effects is None else self._effects.parcels
 
-    def approach(self) -> None:
-        return None
-
     def go(self, seconds: float) -> NDArray[np.uint32]:
         update = self._take()
-        if update["newest"] is not None:
-            self._newest = update["newest"]
-            if not self._past or self.time > self._past[-1][0]:
+        self.tick, newest = update["tick"], update["newest"]
+        if newest is not None:
+            burr, before = newest["burr"][: len(self.radii)], self.time
+            self.time = float(newest["time"])
+            self.span = max(0.0, self.time - _SHOWN), max(self.time, _SHOWN)
+            self.burrs = Burrs(burr["center"].copy(), self.burrs.radii, burr["on"] > 0, burr["touching"] > 0)
+            self.force, self.depth = burr["force"].copy(), burr["penetration"].copy()
+            if not self._past or self.time > before:
                 self._past.append((self.time, np.linalg.norm(self.force, axis=1), self.depth))
             while self._past[0][0] < self.time - _SHOWN:
                 self._past.popleft()
             self._hear(update["tick"])
+        self._tell_state()
         if not len(update["bricks"]):
             return np.empty(0, np.uint32)
         bricks = brick_numbers(update["bricks"], self.bone)
         restore_bricks(self.bone, bricks, update["density"].reshape(-1, 512))
         return bricks
 
-    def distances(self) -> list[dict[str, Any]]:
-        return self._distances.rows(self.burrs)
-
     def open(self) -> None:
         self._distances.open()
 
-    def close(self) -> None:
-        self._distances.close()
+    def _tell_state(self) -> None:
+        source = self._source
+        if isinstance(source, Session):
+            self.state = "running" if source.running else source.reason or "not started"
+        else:
+            self.state = str(source.status["reason"] or "ended") if source.wait(0.0) else "following"
 
     def _hear(self, tick: int) -> None:
-        """Events that are new; when they were follows from the newest tick's time."""
-        if not self._structures:
-            return
-        source = self._source
-        asked = source.follower if isinstance(source, Session) else source
-        rows = Watched.of(asked.watched(len(self.events)), np.zeros(0, np.int64)).events
-        for row in rows:
-            at = max(self.time - (tick - int(row["tick"])) * self._period, 0.0)
-            self.events.append(page_event(at, row, self._structures))
-
-    def _of(self, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-        if self._newest is None:
-            return np.zeros(shape)
-        values: NDArray[np.float64] = self._newest["burr"][name][: shape[0]].copy()
-        return values
-
-
-#: What a page can show.
-Shown: TypeAlias = Trace | TracePlayer | Session | Replica | VoxelBone
-
-
-class PageSource(Protocol):
-    """The bone at a moment, and how to get to another one."""
-
-    @property
-    def kind(self) -> str:
-        """replay, live or still."""
-        ...
-
-    @property
-    def title(self) -> str: ...
-    @property
-    def bone(self) -> VoxelBone: ...
-    @property
-    def radii(self) -> tuple[float, ...]:
-        """Of the burrs [mm]."""
-        ...
-
-    @property
-    def span(self) -> tuple[float, float]:
-        """First and last moment of the charts [s]."""
-        ...
-
-    @property
-    def time(self) -> float: ...
-    @property
-    def burrs(self) -> Burrs: ...
-    @property
-    def force(self) -> NDArray[np.float64]: ...
-    @property
-    def depth(self) -> NDArray[np.float64]: ...
-    @property
-    def history(self) -> History: ...
-    @property
-    def prepared(self) -> float: ...
-    @property
-    def events(self) -> Sequence[PageEvent]: ...
-    @property
-    def parcels(self) -> NDArray[np.void] | None:
-        """Dust, blood and water at the moment; None where there are no effects."""
-        ...
-
-    @property
-    def has_effects(self) -> bool: ...
-    @property
-    def state(self) -> str:
-        """A word or sentence on the source itself."""
-        ...
-
-    def approach(self) -> Approach | None:
-        """Into the bone; None if that is not known."""
-        ...
-
-    def go(self, seconds: float) -> NDArray[np.uint32]:
-        """To that moment, or to the newest one of what runs; numbers of the bricks that changed."""
-        ...
-
-    def distances(self) -> list[dict[str, Any]]:
-        """Rows for the page: name, colour, value [mm], whether it is near."""
-        ...
-
-    def open(self) -> None: ...
-    def close(self) -> None: ...
-
-
-class ReplaySource:
-    """A trace, prepared in the background while it can already be looked at."""
-
-    kind = "replay"
-
-    def __init__(self, player: TracePlayer, effects: Effects | None = None) -> None:
-        self.player, self.bone = player, player.bone
-        self.title = player.trace.path.name
-        self.radii = tuple(burr.radius for burr, _ in player.trace.tools)
-        self.events = trace_events(player)
-        self._distances = StructureDistances(player.bone, player.trace.watch)
-        self._past = None if effects is None else ParcelHistory(player.trace, effects)
-        self.has_effects = effects is not None
-        self._cancel = threading.Event()
-        self._thread = threading.Thread(target=self._prepare, name="burrlab page", daemon=True)
-        self.state = f"{player.duration:.1f} s, {player.ticks} ticks, seed {player.trace.seed}"
-
-    span = property(lambda self: (0.0, self.player.duration))
-    time = property(lambda self: self.player.time)
-    burrs = property(lambda self: self.player.burrs)
-    force = property(lambda self: self.player.force)
-    depth = property(lambda self: self.player.depth)
-    history = property(lambda self: self.player.history)
-
-    @property
-    def prepared(self) -> float:
-        bone = self.player.prepared
-        return bone if self._past is None else 0.5 * (bone + self._past.made)
-
-    @property
-    def parcels(self) -> NDArray[np.void] | None:
-        return None if self._past is None else self._past.at(self.time)
-
-    def approach(self) -> Approach | None:
-        return trace_approach(self.player)
-
-    def go(self, seconds: float) -> NDArray[np.uint32]:
-        return self.player.seek(min(max(seconds, 0.0), self.player.duration))
-
-    def distances(self) -> list[dict[str, Any]]:
-        return self._distances.rows(self.burrs)
-
-    def open(self) -> None:
-        self._thread.start()
-        self._distances.open()
-
-    def close(self) -> None:
-        self._cancel.set()
-        self._distances.close()
-        if self._thread.ident is not None:
-            self._thread.join()
-
-    def _prepare(self) -> None:
-        if self.player.prepare(cancel=self._cancel) and self._past is not None:
-            self._past.make(self._cancel)
-
-
-class StillSource:
-    """A bone, and nothing that happens to it."""
-
-    kind = "still"
-    title = "bone"
-    radii: tuple[float, ...] = ()
-    span = (0.0, 0.0)
-    time = 0.0
-    prepared = 1.0
-    events: Sequence[PageEvent] = ()
-    parcels = None
-    has_effects = False
-
-    def __init__(self, bone: VoxelBone) -> None:
-        self.bone = bone
-        self.burrs = Burrs(np.zeros((0, 3)), np.zeros(0), np.zeros(0, bool), np.zeros(0, bool))
-        self.force, self.depth = np.zeros((0, 3)), np.zeros(0)
-        self.history = History(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
-        self.state = f"{bone.mass:.0f} mm³ of bone"
-
-    def approach(self) -> None:
-        return None
-
-    def go(self, seconds: float) -> NDArray[np.uint32]:
-        return np.empty(0, np.uint32)
-
-    def distances(self) -> list[dict[str, Any]]:
-        return []
-
-    def open(self) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
+        """Takes over new events; their times follow from the newest tick's."""
+        if self._structures:
+            asked = self._source.follower if isinstance(self._source, Session) else self._source
+            for row in Watched.of(asked.watched(len(self.events)), np.zeros(0, np.int64)).events:
+                at = max(self.time - (tick - int(row["tick"])) * self._period, 0.0)
+                self.events.append(page_event(at, row, self._structures))
 
 
 def page_source(source: Shown, effects: Any = None) -> PageSource:
-    """The source of a page. TypeError if it is none, or its effects are not of its kind."""
+    """The source of what is to be shown. TypeError if that is of another kind, or the effects do not go with
+    it."""
     if isinstance(source, Trace | TracePlayer):
         if not isinstance(effects, Effects | None):
             raise TypeError(f"effects of a trace must be Effects, got {effects!r}")
@@ -506,5 +468,5 @@ def page_source(source: Shown, effects: Any = None) -> PageSource:
     if isinstance(source, VoxelBone):
         if effects is not None:
             raise TypeError(f"effects go with a trace or a session, got {effects!r} with a bone")
-        return StillSource(source)
+        return PageSource(source)
     raise TypeError(f"source must be a Trace, TracePlayer, Session, Replica or VoxelBone, got {source!r}")

@@ -1,13 +1,10 @@
-"""A slice through a bone as a picture: tissues' colours by how much bone there is.
-
-Pictures of a bone by matplotlib alone: slices through three planes, depth map of a crater.
-"""
+"""Pictures of a bone by matplotlib alone: slices through three planes, the depth map of a crater."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -109,10 +106,10 @@ def slice_image(bone: VoxelBone, point: ArrayLike, plane: str) -> SliceImage:
     # half full is drawn as full, as the surface is: soft tissue keeps its colour
     now, lost = (np.minimum(part[..., None] / 127.5, 1.0) for part in (levels, pristine - levels))
     pixels = now * colour + (1 - now) * (lost * np.asarray(REMOVED) + (1 - lost) * np.asarray(_EMPTY))
-    low = [origin[a] - spacing[a] / 2 for a in (right, up)]
-    high = [origin[a] + spacing[a] * (shape[a] - 0.5) for a in (right, up)]
+    left, low = (origin[a] - spacing[a] / 2 for a in (right, up))
+    most, high = (origin[a] + spacing[a] * (shape[a] - 0.5) for a in (right, up))
     return SliceImage(
-        plane, np.rint(pixels).astype(np.uint8), levels, numbers, (low[0], high[0], low[1], high[1]),
+        plane, np.rint(pixels).astype(np.uint8), levels, numbers, (left, most, low, high),
         origin[across] + index * spacing[across],
     )  # fmt: skip
 
@@ -155,7 +152,11 @@ def plot_slices(
     ValueError
         If the point is not three finite numbers, or there is not a centre for every radius.
     """
-    places = _centers(point, radii, centers)
+    places = np.asarray(centers, float).reshape(-1, 3)
+    if len(places) == 0 and len(radii) == 1:
+        places = np.asarray(point, float).reshape(1, 3)
+    if len(places) != len(radii):
+        raise ValueError(f"centers must be one for each of {len(radii)} radii, got {len(places)}")
     images = [slice_image(bone, point, plane) for plane in PLANES]
     if figure is None:
         figure = Figure(figsize=(9.6, 3.9), layout="constrained")
@@ -166,7 +167,7 @@ def plot_slices(
     )
     for axes, image in zip(made, images, strict=True):
         _draw_slice(axes, image, np.asarray(point, float), radii, places)
-    handles: list[Artist] = list(_tissue_handles(bone, images))
+    handles: list[Artist] = [*_tissue_handles(bone, images)]
     if any(axes.patches for axes in made):
         handles.append(Line2D([], [], color=_BURR, marker="o", fillstyle="none", linestyle="", label="burr"))
     if handles:
@@ -174,15 +175,6 @@ def plot_slices(
             handles=handles, loc="outside lower center", ncols=min(len(handles), 7), frameon=False, fontsize=8
         )
     return made
-
-
-def _centers(point: ArrayLike, radii: Sequence[float], centers: ArrayLike) -> NDArray[np.float64]:
-    places = np.asarray(centers, float).reshape(-1, 3)
-    if len(places) == 0 and len(radii) == 1:
-        places = np.asarray(point, float).reshape(1, 3)
-    if len(places) != len(radii):
-        raise ValueError(f"centers must be one for each of {len(radii)} radii, got {len(places)}")
-    return places
 
 
 def _draw_slice(
@@ -210,26 +202,23 @@ def _draw_slice(
 
 
 def _tissue_handles(bone: VoxelBone, images: Sequence[SliceImage]) -> list[Patch]:
-    """Colour and name of what one of the slices shows."""
-    removed = [Patch(facecolor=_fractions(REMOVED), label="removed")] if bone.removed > 0 else []
-    if bone.tissues is None:
-        return removed
-    shown = sorted({
+    """Colour and name of everything that one of the slices shows."""
+    shown = {
         int(number)
         for image in images
         if image.tissues is not None
         for number in np.unique(image.tissues[image.levels > 0])
-    })  # fmt: skip
-    table = list(bone.tissues)
+    }
+    table = list(bone.tissues or ())
+    edge: dict[str, Any] = {"edgecolor": "0.3", "linewidth": 0.5}
+    rows: list[tuple[str, Any, dict[str, Any]]] = [
+        (table[i].name, table[i].colour, edge) for i in sorted(shown)
+    ]
+    if bone.removed > 0:
+        rows.append(("removed", REMOVED, {}))
     return [
-        Patch(facecolor=_fractions(table[i].colour), edgecolor="0.3", linewidth=0.5, label=table[i].name)
-        for i in shown
-    ] + removed
-
-
-def _fractions(colour: Sequence[int]) -> tuple[float, float, float]:
-    red, green, blue = colour
-    return red / 255, green / 255, blue / 255
+        Patch(facecolor=(r / 255, g / 255, b / 255), label=name, **look) for name, (r, g, b), look in rows
+    ]
 
 
 def removed_thickness(bone: VoxelBone, *, axis: str = "-z") -> NDArray[np.float64]:
@@ -254,18 +243,15 @@ def removed_thickness(bone: VoxelBone, *, axis: str = "-z") -> NDArray[np.float6
         If the axis is another.
     """
     across = _axis(axis)
-    slabs = [
-        (pristine - present).sum(axis=2 - across, dtype=np.int64)
-        for present, pristine in _slabs(bone, across)
-    ]
+    slabs = [(before - now).sum(axis=2 - across, dtype=np.int64) for now, before in _slabs(bone, across)]
     return np.concatenate(slabs, axis=0) * (bone.spacing[across] / 255.0)
 
 
 def depth_map(bone: VoxelBone, *, axis: str = "-z", level: int = 128) -> NDArray[np.float64]:
     """Depth of a crater as one sees it: from the surface as it was to the surface as it is, along an axis.
 
-    The surface is where the level first reaches `level`, between voxel centres linearly. Where one sees through, the
-    far face of the volume takes its place.
+    The surface is where the level first reaches `level`, between voxel centres linearly. Where one sees
+    through, the far face of the volume takes its place.
 
     Parameters
     ----------
@@ -297,7 +283,8 @@ def depth_map(bone: VoxelBone, *, axis: str = "-z", level: int = 128) -> NDArray
 
 
 def _slabs(bone: VoxelBone, across: int) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.uint8]]]:
-    """Present and pristine levels in slabs of whole columns, so that a large volume is never copied at once."""
+    """Present and pristine levels in slabs of whole columns, so that a large volume is never copied at
+    once."""
     along = 1 if across == 2 else 0  # the first of the two axes that are left
     for begin in range(0, bone.shape[along], 32):
         start, size = [0, 0, 0], list(bone.shape)
@@ -306,7 +293,8 @@ def _slabs(bone: VoxelBone, across: int) -> Iterator[tuple[NDArray[np.uint8], ND
 
 
 def _first(levels: NDArray[np.uint8], along: int, backwards: bool, level: int) -> NDArray[np.float64]:
-    """Where each column first reaches a level, in voxels from the outer face; its length where it never does."""
+    """The place where each column first reaches a level, in voxels from the outer face; its length where it
+    never does."""
     columns = np.moveaxis(levels, along, -1)[..., :: -1 if backwards else 1]
     solid = columns >= level
     index = solid.argmax(axis=-1)

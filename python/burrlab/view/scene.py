@@ -1,11 +1,5 @@
-"""What drawing needs beside burrlab: the extra `viz3d`, and a place to draw to where there is no screen.
-
-Both eyes of a scene, side by side in its window.
-
-A scene's window, looked after from here and not by VTK's own loop, which Ctrl-C does not end.
-
-The scene: bone, burrs, particles, slices, curves, in a pyvista plotter on a screen or off it.
-"""
+"""The scene of a bone in a pyvista plotter: off a screen, in a window that Ctrl-C ends, for one eye or
+both."""
 
 from __future__ import annotations
 
@@ -30,6 +24,8 @@ from burrlab.view.actors import (
     ScaleBar,
     SceneChart,
     SlicePanels,
+    configure,
+    new,
 )
 from burrlab.view.camera import Viewpoint, eyes, surgeon_view
 from burrlab.view.surface import Surface, tissue_palette
@@ -61,16 +57,14 @@ def prepare_off_screen() -> None:
     OSError
         If there is neither a screen nor a library that draws without one; VTK itself would end the process.
     """
-    if not sys.platform.startswith("linux") or os.environ.get("VTK_DEFAULT_OPENGL_WINDOW"):
+    chosen = os.environ.get("VTK_DEFAULT_OPENGL_WINDOW") or os.environ.get("DISPLAY")
+    if chosen or not sys.platform.startswith("linux"):
         return
-    if os.environ.get("DISPLAY"):
-        return
-    if ctypes.util.find_library("EGL"):
-        os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
-    elif ctypes.util.find_library("OSMesa"):
-        os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkOSOpenGLRenderWindow"
-    else:
-        raise OSError(f"drawing without a screen needs the Debian packages {PACKAGES}")
+    for library, kind in (("EGL", "vtkEGLRenderWindow"), ("OSMesa", "vtkOSOpenGLRenderWindow")):
+        if ctypes.util.find_library(library):
+            os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = kind
+            return
+    raise OSError(f"drawing without a screen needs the Debian packages {PACKAGES}")
 
 
 def check_screen() -> None:
@@ -86,12 +80,22 @@ def check_screen() -> None:
 SIZE = (1536, 768)  # of a window for both eyes, unless asked for [pixel]
 
 
-class StereoEyes:
-    """A renderer for each eye in place of a plotter's own one, which goes on holding what is drawn, the camera between
-    the eyes that mouse and presets move, and the view's place in the window.
+def viewpoint_of(plotter: Any) -> Viewpoint:
+    """The viewpoint of a plotter's camera."""
+    camera = plotter.camera
+    return Viewpoint(
+        tuple(camera.position), tuple(camera.focal_point), tuple(camera.up), float(camera.view_angle)
+    )
 
-    Legend and curves are left out: both eyes would see them in one plane, that of the focus, across bone which is nearer.
-    The scale bar stays, since that plane is where it is true.
+
+class StereoEyes:
+    """A renderer for each eye, drawn in place of a plotter's own renderer.
+
+    The own renderer still holds what is drawn, the camera between the eyes, and the view's place in the
+    window.
+
+    Legend and curves are left out: both eyes would see them in one plane, that of the focus, across bone
+    which is nearer. The scale bar stays, since that plane is where it is true.
 
     Parameters
     ----------
@@ -101,20 +105,18 @@ class StereoEyes:
     """
 
     def __init__(self, plotter: Any, note: str = "") -> None:
-        from vtkmodules.vtkRenderingCore import vtkRenderer
-
-        self.plotter = plotter
-        self.separation, self.swap = 62.0, False
+        self.plotter, self.separation, self.swap = plotter, 62.0, False
         self._shared: dict[int, Any] = {}
         self._shared_at = -1  # VTK's time of the main renderer's list
         self._alone: int | None = None
         main = plotter.renderer
-        self.renderers = [vtkRenderer(), vtkRenderer()]  # left half, right half
+        ground = {
+            name: getattr(main, f"Get{name}")()
+            for name in ("Background", "Background2", "GradientBackground")
+        }
+        self.renderers = [new("vtkRenderer", **ground) for _ in range(2)]  # left half, right half
         for renderer in self.renderers:
             renderer.InteractiveOff()  # the mouse moves the main renderer's camera
-            renderer.SetBackground(main.GetBackground())
-            renderer.SetBackground2(main.GetBackground2())
-            renderer.SetGradientBackground(main.GetGradientBackground())
             for light in main.GetLights():
                 renderer.AddLight(light)
             plotter.render_window.AddRenderer(renderer)
@@ -122,15 +124,15 @@ class StereoEyes:
         self.on = False
 
     def set(self, separation: float, *, swap: bool = False) -> None:
-        """Distance of the eyes for a viewer at 500 mm, scaled to the camera's [mm]; the right eye on the left, for crossed
-        eyes. ValueError if the separation is negative or not finite."""
+        """Distance of the eyes for a viewer at 500 mm, scaled to the camera's [mm]; the right eye on the
+        left, for crossed eyes. ValueError if the separation is negative or not finite."""
         if not (np.isfinite(separation) and separation >= 0):
             raise ValueError(f"separation must be zero or positive and finite, got {separation}")
         self.separation, self.swap = separation, swap
 
     @property
     def on(self) -> bool:
-        """Whether the eyes are drawn, and not what lies between them."""
+        """Whether the two eyes are drawn instead of the view between them."""
         return not self.plotter.renderer.GetDraw()
 
     @on.setter
@@ -141,7 +143,7 @@ class StereoEyes:
             renderer.SetDraw(on)
 
     def one_by_one(self, separation: float, *, swap: bool = False) -> Iterator[None]:
-        """Shows the left half's eye over the whole view, then the right half's; then all as before. ValueError as `set`."""
+        """Shows each eye in turn over the whole view, then all as before. ValueError as `set`."""
         before = self.on, self.separation, self.swap
         try:
             self.set(separation, swap=swap)
@@ -154,40 +156,33 @@ class StereoEyes:
             self.on = before[0]
 
     def follow(self) -> None:
-        """Takes over camera, place and actors; before each drawing."""
+        """Takes over camera, place and actors before each drawing."""
         if not self.on:
             return
         main = self.plotter.renderer
-        self._share()
+        props = main.GetViewProps()
+        if props.GetMTime() != self._shared_at:
+            self._share(props)
         left, low, right, high = main.GetViewport()
         middle = (left + right) / 2
         places = [(left, right)] * 2 if self._alone is not None else [(left, middle), (middle, right)]
         width, height = self.plotter.window_size
         aspect = (places[0][1] - places[0][0]) * width / ((high - low) * height)
-        camera = self.plotter.camera
-        view = Viewpoint(
-            tuple(camera.position), tuple(camera.focal_point), tuple(camera.up), float(camera.view_angle)
-        )
-        pair = eyes(view, self.separation, aspect)
+        clipping = self.plotter.camera.clipping_range
+        pair = eyes(viewpoint_of(self.plotter), self.separation, aspect)
         for renderer, scale, place, (eye, shift) in zip(
             self.renderers, self.scales, places, pair[::-1] if self.swap else pair, strict=True
         ):
             renderer.SetViewport(place[0], low, place[1], high)
             renderer.SetUseFXAA(main.GetUseFXAA())
-            own = renderer.GetActiveCamera()
-            own.SetPosition(eye.position)
-            own.SetFocalPoint(eye.focus)
-            own.SetViewUp(eye.up)
-            own.SetViewAngle(eye.angle)
-            own.SetWindowCenter(shift, 0.0)
-            own.SetClippingRange(camera.clipping_range)
+            configure(
+                renderer.GetActiveCamera(), Position=eye.position, FocalPoint=eye.focus, ViewUp=eye.up, ViewAngle=eye.angle,
+                WindowCenter=(shift, 0.0), ClippingRange=clipping,
+            )  # fmt: skip
             scale.fit(self.plotter)
 
-    def _share(self) -> None:
-        """What the main renderer draws of three dimensions."""
-        props = self.plotter.renderer.GetViewProps()
-        if props.GetMTime() == self._shared_at:
-            return
+    def _share(self, props: Any) -> None:
+        """Takes over the main renderer's actors in space."""
         self._shared_at = props.GetMTime()
         now = {id(prop): prop for prop in props if prop.IsA("vtkProp3D")}
         for renderer in self.renderers:
@@ -205,8 +200,8 @@ _AGAIN = 0.5  # after which it is drawn though nothing is known to have changed,
 class SceneWindow:
     """Opens the window of a scene, in the main thread; a context manager.
 
-    Within it Ctrl-C is raised by `turn` only: what is raised in a function that VTK calls, and pyvista has some, is printed
-    and forgotten.
+    Within it Ctrl-C is raised by `turn` only: what is raised in a function that VTK calls, and pyvista has
+    some, is printed and forgotten.
 
     Parameters
     ----------
@@ -240,8 +235,8 @@ class SceneWindow:
         self._interrupted = True
 
     def turn(self, *, draw: bool = False) -> bool:
-        """Does what mouse, keys and the window's frame asked for since the last call, and draws if that or the caller needs
-        it; whether the window is still open. KeyboardInterrupt after Ctrl-C."""
+        """Does what mouse, keys and the window's frame asked for since the last call, and draws if that or
+        the caller needs it; whether the window is still open. KeyboardInterrupt after Ctrl-C."""
         self._events.process_events()
         if self._interrupted:
             raise KeyboardInterrupt
@@ -283,7 +278,7 @@ class Scene:
     stereo : bool
         Both eyes side by side in the window, as `set_stereo` does.
     outline : bool
-        Draw each burr's rim as a dashed line through the bone before it. Nobody sees that who drills.
+        Draw each burr's rim as a dashed line through the bone before it. A surgeon does not see that.
     note : str
         A few words on the bone, above the scale bar.
 
@@ -340,17 +335,14 @@ class Scene:
         self.chart = SceneChart(self.plotter, module) if chart else None
         self.scale = ScaleBar(self.plotter.renderer, note)
         self.legend = Legend(self.plotter.renderer, bone, self.surface) if legend else None
-        self._add_lights(module)
-        self._eyes: StereoEyes | None = None
-        self.look(surgeon_view(bone))
-        if stereo:
-            self.set_stereo(True)
-
-    def _add_lights(self, module: Any) -> None:
         # over the left shoulder, a fill from the right, and a weak one from the eye
         for place, strength in (((-0.7, 0.9, 1.0), 0.75), ((1.0, 0.2, 0.6), 0.28), ((0.0, 0.0, 1.0), 0.22)):
             light = module.Light(position=place, light_type="camera light", intensity=strength)
             self.plotter.add_light(light)
+        self._eyes: StereoEyes | None = None
+        self.look(surgeon_view(bone))
+        if stereo:
+            self.set_stereo(True)
 
     def look(self, viewpoint: Viewpoint) -> None:
         """Sets the camera."""
@@ -361,11 +353,8 @@ class Scene:
 
     @property
     def viewpoint(self) -> Viewpoint:
-        """Of the camera now."""
-        camera = self.plotter.camera
-        return Viewpoint(
-            tuple(camera.position), tuple(camera.focal_point), tuple(camera.up), float(camera.view_angle)
-        )
+        """Viewpoint of the camera now."""
+        return viewpoint_of(self.plotter)
 
     def update(self, bone: VoxelBone, bricks: ArrayLike | None = None) -> int:
         """Takes over what changed of a bone; not drawn before the next picture or `render`.
@@ -391,7 +380,7 @@ class Scene:
         self.bone = bone
         self.actors.replace(self.surface, blocks)
         if self.panels is not None and blocks:
-            self.panels.refresh(bone)
+            self.panels.cut(bone, self.panels.point)
         return len(blocks)
 
     def move_burrs(self, centers: ArrayLike, on: Sequence[bool] | None = None) -> None:
@@ -427,15 +416,13 @@ class Scene:
         ValueError
             If the point is not three finite numbers.
         """
-        if point is None:
-            if self.panels is not None:
-                self.panels.remove()
+        if point is not None:
+            self.panels = self.panels or SlicePanels(self.plotter)
+            self.panels.cut(self.bone, point)
+            self.panels.move_burrs(self._burrs.centers, self.radii)
+        elif self.panels is not None:
+            self.panels.remove()
             self.panels = None
-            return
-        if self.panels is None:
-            self.panels = SlicePanels(self.plotter)
-        self.panels.cut(self.bone, point)
-        self.panels.move_burrs(self._burrs.centers, self.radii)
 
     def set_curves(self, time: ArrayLike, force: ArrayLike, depth: ArrayLike) -> None:
         """Force [N] and penetration depth [mm] over time [s], in a chart."""
@@ -459,7 +446,8 @@ class Scene:
         return self._eyes is not None and self._eyes.on
 
     def set_stereo(self, on: bool, separation: float = 62.0, *, swap: bool = False) -> None:
-        """Draws both eyes, each in its half of the view, without legend and curves; parameters as of `stereo_picture`."""
+        """Draws both eyes, each in its half of the view, without legend and curves; parameters as of
+        `stereo_picture`."""
         if on:
             self._stereo_eyes().set(separation, swap=swap)
         if self._eyes is not None:
@@ -523,13 +511,15 @@ class Scene:
         _write_png(path, self.stereo_picture(separation, swap=swap))
 
     def show(self) -> None:
-        """Opens the window, to orbit in with the mouse, until it is closed, by its frame, q or Ctrl-C: KeyboardInterrupt."""
+        """Opens the window, to orbit in with the mouse, until it is closed, by its frame, q or Ctrl-C:
+        KeyboardInterrupt."""
         with SceneWindow(self) as window:
             while window.turn():
                 time.sleep(1 / 60)
 
     def draw_fast(self) -> None:
-        """Without multi-sampling and the backs of the surface: of a software renderer's time, a quarter is left."""
+        """Draws without multi-sampling and backs of the surface, in a quarter of a software renderer's
+        time."""
         self.plotter.render_window.SetMultiSamples(0)
         self.actors.property.BackfaceCullingOn()
 

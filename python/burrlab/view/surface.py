@@ -76,8 +76,8 @@ def surface_blocks(
 ) -> dict[Block, SurfaceBlock]:
     """The surface where the level passes from below `level` to at least `level`, by surface nets.
 
-    A vertex lies in the middle of the surface's crossings of a cell's edges, where a cell is a cube of eight voxel
-    centres. Beyond the volume there is nothing, so that the surface is closed.
+    A vertex lies in the middle of the surface's crossings of a cell's edges, where a cell is a cube of eight
+    voxel centres. Beyond the volume there is nothing, so that the surface is closed.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def blocks_of_bricks(bricks: ArrayLike, bone: VoxelBone) -> list[Block]:
 
 
 class Surface:
-    """The blocks of a bone, kept up with it.
+    """The blocks of a bone, kept up to date with it.
 
     Parameters
     ----------

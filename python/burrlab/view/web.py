@@ -18,7 +18,6 @@ from typing import Any
 from burrlab.effects.companion import Companion
 from burrlab.effects.effects import Effects
 from burrlab.view.camera import Viewpoint
-from burrlab.view.live import picture_note
 from burrlab.view.page import Page, build_layout, restrict
 from burrlab.view.page_source import PageSource, Shown, page_source
 from burrlab.view.scene import Scene
@@ -42,17 +41,18 @@ def serve(
 ) -> None:
     """Serves a page until Ctrl-C or SIGTERM.
 
-    Its address holds a secret, drawn anew each time: whoever has the address sees the page and can work it, all others get
-    nothing. By default it can be reached from this machine only. The page takes nothing from any other place.
+    Its address holds a secret, drawn anew each time: whoever has the address sees the page and can work it,
+    all others get nothing. By default it can be reached from this machine only. The page takes nothing from
+    any other place.
 
     Parameters
     ----------
     source : Trace, TracePlayer, Session, Replica or VoxelBone
-        A trace is replayed, with a time line; a session or a started replica is shown live, and goes on when the page
-        ends; a bone rests.
+        A trace is replayed, with a time line; a session or a started replica is shown live, and goes on when
+        the page ends; a bone rests.
     effects : Effects or Companion, optional
-        Dust, blood and water: of a trace, those that effects of its initial bone give, made in the background; of a
-        session or a replica, those of a companion that runs beside it.
+        Dust, blood and water: of a trace, those that effects of its initial bone give, made in the
+        background; of a session or a replica, those of a companion that runs beside it.
     host : str
         Address to listen on.
     port : int
@@ -68,7 +68,8 @@ def serve(
     stereo : bool
         Begin with both eyes side by side; the page has a switch for it.
     note : str
-        A few words on the bone, above the scale bar; default: of a trace, a session or a replica, what its notes assume.
+        A few words on the bone, above the scale bar; default: of a trace, a session or a replica, what its
+        notes assume.
     on_ready : callable, optional
         Called with the page's address; default: it is printed.
 
@@ -89,33 +90,40 @@ def serve(
     if not 0 <= port <= 65535:
         raise ValueError(f"port must be from 0 to 65535, got {port!r}")
     check_page(host=host, port=port)
-    note = note or picture_note(source)
-    asyncio.run(
-        _serve(shown, host, port, open_browser, size, level, viewpoint, stereo, note, on_ready or _tell)
-    )
+    settings = {"size": size, "level": level, "note": note or shown.note, "outline": shown.kind == "replay"}
+    asyncio.run(_serve(shown, host, port, open_browser, viewpoint, stereo, on_ready, settings))
 
 
 def check_page(*, host: str = "127.0.0.1", port: int = 0) -> None:
     """ImportError without trame, OSError where nobody could listen, RuntimeError where an event loop runs."""
-    _check_no_loop()
-    _check_trame()
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        pass
+    else:
+        raise RuntimeError(
+            "serve blocks until the page ends, and an event loop runs here: use a script or a terminal"
+        )
+    try:
+        import trame.ui.vuetify3
+        import trame.widgets.vuetify3  # noqa: F401
+    except ImportError:
+        raise ImportError("the page needs trame: pip install 'burrlab[viz3d]'") from None
     _check_free(host, port)
 
 
 def warning(address: str) -> str:
-    """That goes with a page's address."""
+    """A page's address with a warning of who can use it."""
     return (
         f"{address}  (keep it to yourself: whoever has this address can see and work the page; Ctrl-C ends)"
     )
 
 
 async def _serve(
-    source: PageSource, host: str, port: int, open_browser: bool, size: tuple[int, int], level: int,
-    viewpoint: Viewpoint | None, stereo: bool, note: str, on_ready: Callable[[str], object],
+    source: PageSource, host: str, port: int, open_browser: bool, viewpoint: Viewpoint | None, stereo: bool,
+    on_ready: Callable[[str], object] | None, settings: dict[str, Any],
 ) -> None:  # fmt: skip
-    scene = Scene(
-        source.bone, source.radii, off_screen=True, size=size, level=level, chart=False, outline=source.kind == "replay", note=note
-    )  # fmt: skip
+    scene = Scene(source.bone, source.radii, off_screen=True, chart=False, **settings)
     try:
         server = _server()
         page = Page(server, source, scene, surgeon=viewpoint, stereo=stereo)
@@ -131,7 +139,10 @@ async def _serve(
             if task.done():
                 task.result()
             address = f"http://{_named(host, server.port)}/{secret}/"
-            on_ready(address)
+            if on_ready is None:
+                print(warning(address), flush=True)
+            else:
+                on_ready(address)
             if open_browser:
                 webbrowser.open(address)
             source.open()
@@ -153,7 +164,7 @@ def _server() -> Any:
 
 
 def _prepare(web: Any, protocol: Any, host: str, secret: str) -> None:
-    """All lies below the secret, for who asks for it by the address that is listened on, and may call what the page needs."""
+    """Serves below the secret only, to those who use the address listened on, and restricts their calls."""
     from aiohttp.web import HTTPForbidden, json_response
     from yarl import URL
 
@@ -172,7 +183,7 @@ def _prepare(web: Any, protocol: Any, host: str, secret: str) -> None:
         return await resolve(request.clone(rel_url=URL(f"/{rest}", encoded=True)))
 
     async def launch(request: Any) -> Any:
-        """trame's page asks a launcher first, which tells the secret of its connection."""
+        """Answers trame's page as a launcher does, with the secret of its connection."""
         return json_response({"sessionURL": f"ws://{request.host}/{secret}/ws", "secret": secret})
 
     web.app.router.resolve = below
@@ -188,7 +199,7 @@ def _named(host: str, port: int) -> str:
 
 @contextlib.contextmanager
 def _ended_by_signals(end: asyncio.Event) -> Iterator[None]:
-    """Ctrl-C and SIGTERM end the page in order, where this is the main thread."""
+    """Lets Ctrl-C and SIGTERM end the page in order, where this is the main thread."""
     loop, before = asyncio.get_running_loop(), {}
     for number in (signal.SIGINT, signal.SIGTERM):
         handler = signal.getsignal(number)
@@ -206,22 +217,12 @@ def _ended_by_signals(end: asyncio.Event) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _own_arguments() -> Iterator[None]:
-    """trame would read the program's arguments as its own."""
+    """Hides the program's arguments, which trame would read as its own."""
     before, sys.argv = sys.argv, sys.argv[:1]
     try:
         yield
     finally:
         sys.argv = before
-
-
-def _check_no_loop() -> None:
-    try:
-        asyncio.get_running_loop()
-    except RuntimeError:
-        return
-    raise RuntimeError(
-        "serve blocks until the page ends, and an event loop runs here: use a script or a terminal"
-    )
 
 
 def _check_free(host: str, port: int) -> None:
@@ -233,15 +234,3 @@ def _check_free(host: str, port: int) -> None:
             probe.bind(address)
     except OSError as error:
         raise OSError(f"cannot listen on {host}:{port}: {error.strerror or error}") from None
-
-
-def _check_trame() -> None:
-    try:
-        import trame.ui.vuetify3
-        import trame.widgets.vuetify3  # noqa: F401
-    except ImportError:
-        raise ImportError("the page needs trame: pip install 'burrlab[viz3d]'") from None
-
-
-def _tell(address: str) -> None:
-    print(warning(address), flush=True)

@@ -18,9 +18,9 @@ from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullLocator
 
 from burrlab._core import Shape
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
+from burrlab.common.records import Codec
 from burrlab.fitting.hypotheses import p_text
 from burrlab.fitting.observations import Floats
-from burrlab.fitting.record import _plain
 from burrlab.fitting.result import Fit, _plain_ticks
 from burrlab.fitting.shape_family import NODES, PowerProfile, Threshold
 
@@ -323,7 +323,7 @@ def to_dict(comparison: ShapeComparison) -> dict[str, Any]:
         }
         for row in comparison.rows
     ]
-    made: dict[str, Any] = _plain(
+    made: dict[str, Any] = Codec().plain(
         {
             "rows": rows,
             "power": comparison.power,

@@ -196,21 +196,20 @@ def test_field_parameters_are_checked(parameters, message):
         BoneField(**parameters)
 
 
-def test_specimen_parameters_are_checked(burr):
-    field = BoneField(correlation_length=0.3)
-    for seed in (-1, 2**64):
-        with pytest.raises(ValueError, match=rf"seed must be in 0..2\^64 - 1, got {seed}"):
-            field.specimen(burr, 0.2, seed=seed)
-    with pytest.raises(
-        ValueError, match=r"correlation_length must be at least one voxel, 0\.4 mm, got 0\.3 mm"
-    ):
-        field.specimen(burr, (0.1, 0.1, 0.4), seed=1)
-    with pytest.raises(ValueError, match="voxel must be positive and finite, got 0"):
-        field.specimen(burr, 0.0, seed=1)
-    with pytest.raises(ValueError, match="depth must be positive"):
-        field.specimen(burr, 0.2, depth=-1.0, seed=1)
-    with pytest.raises(ValueError, match="axis must be three finite numbers"):
-        field.specimen(burr, 0.2, seed=1, axis=(0, 0, 0))
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"seed": -1}, r"seed must be in 0..2\^64 - 1, got -1"),
+        ({"seed": 2**64}, rf"seed must be in 0..2\^64 - 1, got {2**64}"),
+        ({"voxel": (0.1, 0.1, 0.4)}, r"correlation_length must be at least one voxel, 0\.4 mm, got 0\.3 mm"),
+        ({"voxel": 0.0}, "voxel must be positive and finite, got 0"),
+        ({"depth": -1.0}, "depth must be positive"),
+        ({"axis": (0, 0, 0)}, "axis must be three finite numbers"),
+    ],
+)
+def test_specimen_parameters_are_checked(burr, change, message):
+    with pytest.raises(ValueError, match=message):
+        BoneField(correlation_length=0.3).specimen(burr, **{"voxel": 0.2, "seed": 1, **change})
 
 
 def predict(field=None, forces=(1.0, 2.0), **options):
@@ -321,25 +320,31 @@ def test_repr_dict_and_plot():
     assert pickle.loads(pickle.dumps(scatter)).pooled == scatter.pooled
 
 
-def test_prediction_parameters_are_checked(burr, bone):
-    for forces in ([], 1.0):
-        with pytest.raises(ValueError, match="forces must be a list of at least one force"):
-            predict(forces=forces)
-    for forces in ([1.0, -1.0], [1.0, np.nan], [1.0, 1.0]):
-        with pytest.raises(ValueError, match="every force must be positive and finite, and given once"):
-            predict(forces=forces)
-    with pytest.raises(ValueError, match="repeats must be at least 2, got 1"):
-        predict(repeats=1)
-    with pytest.raises(ValueError, match=r"seed must be in 0..2\^64 - 1, got -1"):
-        predict(seed=-1)
-    with pytest.raises(ValueError, match="dt must be positive and finite, got 0"):
-        predict(dt=0.0)
-    with pytest.raises(ValueError, match="correlation_length must be at least one voxel"):
-        predict(voxel=0.6)
-    for arguments, name in (((3.0, bone, [1.0], BoneField()), "burr"), ((burr, "bone", [1.0], BoneField()), "material"),
-                            ((burr, bone, [1.0], 0.8), "field")):  # fmt: skip
-        with pytest.raises(TypeError, match=f"{name} must be a "):
-            predicted_scatter(*arguments)
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        *(({"forces": forces}, "forces must be a list of at least one force") for forces in ([], 1.0)),
+        *(({"forces": forces}, "every force must be positive and finite, and given once")
+          for forces in ([1.0, -1.0], [1.0, np.nan], [1.0, 1.0])),
+        ({"repeats": 1}, "repeats must be at least 2, got 1"),
+        ({"seed": -1}, r"seed must be in 0..2\^64 - 1, got -1"),
+        ({"dt": 0.0}, "dt must be positive and finite, got 0"),
+        ({"voxel": 0.6}, "correlation_length must be at least one voxel"),
+    ],
+)  # fmt: skip
+def test_prediction_parameters_are_checked(change, message):
+    with pytest.raises(ValueError, match=message):
+        predict(**change)
+
+
+@pytest.mark.parametrize(
+    ("place", "name", "value"), [(0, "burr", 3.0), (1, "material", "bone"), (3, "field", 0.8)]
+)
+def test_prediction_types_are_checked(burr, bone, place, name, value):
+    arguments = [burr, bone, [1.0], BoneField()]
+    arguments[place] = value
+    with pytest.raises(TypeError, match=f"{name} must be a "):
+        predicted_scatter(*arguments)
 
 
 @pytest.mark.slow

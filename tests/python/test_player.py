@@ -168,19 +168,21 @@ def test_preparing_ends_when_asked(scene):
     assert player.bone.digest() == scene[1][1500]
 
 
-def test_refusals(scene):
-    with pytest.raises(TypeError, match="trace must be a Trace"):
-        TracePlayer("session.h5")
-    for name in ("every", "memory"):
-        with pytest.raises(ValueError, match=f"{name} must be positive, got 0"):
-            play(scene, **{name: 0})
-    player = play(scene)
-    for seconds in (-0.1, 3.1, float("nan")):
-        with pytest.raises(ValueError, match=r"seconds must be from 0 to 3\.06"):
-            player.seek(seconds)
-    for tick in (FIRST - 1, FIRST + 3001):
-        with pytest.raises(ValueError, match=f"tick must be from {FIRST} to {FIRST + 3000}, got {tick}"):
-            player.seek_tick(tick)
+@pytest.mark.parametrize(
+    ("ask", "error", "told"),
+    [
+        (lambda scene: TracePlayer("session.h5"), TypeError, "trace must be a Trace"),
+        (lambda scene: play(scene, every=0), ValueError, "every must be positive, got 0"),
+        (lambda scene: play(scene, memory=0), ValueError, "memory must be positive, got 0"),
+        *((lambda scene, at=at: play(scene).seek(at), ValueError, r"seconds must be from 0 to 3\.06")
+          for at in (-0.1, 3.1, float("nan"))),
+        *((lambda scene, at=at: play(scene).seek_tick(at), ValueError, f"tick must be from {FIRST} to {FIRST + 3000}, got {at}")
+          for at in (FIRST - 1, FIRST + 3001)),
+    ],
+)  # fmt: skip
+def test_refusals(scene, ask, error, told):
+    with pytest.raises(error, match=told):
+        ask(scene)
 
 
 def test_bricks_are_restored_under_their_pristine_levels():

@@ -1,7 +1,4 @@
-"""Checks of what the public functions are given.
-
-What a file, or a number of voxels, may take of the machine: told before it is taken.
-"""
+"""Checks of what public functions are given, and of the memory that a file or a bone would take."""
 
 from __future__ import annotations
 
@@ -132,3 +129,22 @@ def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDA
             return values[:have], rest
         stream = zlib.decompressobj(32 + zlib.MAX_WBITS)
     raise ValueError(f"{name}: the compressed data must hold {size} bytes, as the header says, got far more")
+
+
+def refuse(broken: object, sentence: str) -> None:
+    """ValueError with this sentence where a rule is broken."""
+    if broken:
+        raise ValueError(sentence)
+
+
+def check_positive(name: str, value: float) -> None:
+    """ValueError unless a number is positive and finite."""
+    refuse(not 0 < value < math.inf, f"{name} must be positive and finite, got {value}")
+
+
+def seed_or_new(seed: int | None) -> int:
+    """The seed, or a drawn one for None; ValueError unless it is from 0 and below 2^64."""
+    if seed is None:
+        return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+    refuse(not 0 <= seed < 2**64, f"seed must be in 0..2^64 - 1, got {seed}")
+    return seed

@@ -195,7 +195,7 @@ def check_heap(item: h5py.Group | h5py.Dataset, dtype: Any) -> None:
 
 def check_walk(path: str | os.PathLike[str]) -> None:
     """ValueError where libhdf5 hangs or crashes in a file, as it does in damaged ones without checksums."""
-    command = [sys.executable, "-P", str(Path(__file__).with_name("hdf5_walk.py")), os.fspath(path)]
+    command = [sys.executable, "-P", __file__, os.fspath(path)]
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OPENBLAS_NUM_THREADS": "1"}
     with contextlib.suppress(subprocess.TimeoutExpired):
         if not subprocess.run(

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 import numpy as np
 
 from burrlab._core import Burr, Material, Shape
+from burrlab.common.check import refuse
 
 if TYPE_CHECKING:
     from cattrs import Converter
@@ -58,8 +59,8 @@ def in_one_line(error: object, most: int = 200) -> str:
 
 def check_texts(value: object) -> None:
     """ValueError where a text in a JSON value has control characters or half a character, as no name has."""
-    if re.search(r"[\ud800-\udfff]|(?<!\\)(?:\\\\)*\\[bfnrtu]", json.dumps(value, ensure_ascii=False)):
-        raise ValueError("a text has control characters")
+    found = re.search(r"[\ud800-\udfff]|(?<!\\)(?:\\\\)*\\[bfnrtu]", json.dumps(value, ensure_ascii=False))
+    refuse(found, "a text has control characters")
 
 
 def _whole(text: str) -> int:
@@ -70,8 +71,7 @@ def _whole(text: str) -> int:
 
 def _real(text: str) -> float:
     number = float(text)
-    if not math.isfinite(number):
-        raise ValueError(f"{text} is not finite")
+    refuse(not math.isfinite(number), f"{text} is not finite")
     return number
 
 
@@ -178,23 +178,20 @@ class Codec:
             return None
         return next(text for text, number in _SPELT.items() if repr(number) == repr(float(value)))
 
-    def _number(self, value: Any, _: Any = None) -> float:
+    def _number(self, value: Any, _: Any = None, *, null: float = math.nan) -> float:
         if value is None and self._not_finite == "null":
-            return math.nan
+            return null
         if self._not_finite == "spelt" and isinstance(value, str) and value in _SPELT:
             return _SPELT[value]
         number = float(_of_type((float, int), value, float))
-        if not math.isfinite(number):
-            raise ValueError(f"must be finite, got {value}")
+        refuse(not math.isfinite(number), f"must be finite, got {value}")
         return number
 
     def _array(self, value: Any, _: Any) -> Any:
         found = np.array(_of_type((list,), value, list), dtype=object)
         wrong = set(map(type, found.flat)) - {float, int, type(None)}
-        if wrong:
-            raise TypeError(
-                f"must be of numbers, got {' and '.join(sorted(kind.__name__ for kind in wrong))}"
-            )
+        named = " and ".join(sorted(kind.__name__ for kind in wrong))
+        refuse(wrong, f"must be of numbers, got {named}")
         return found.astype(np.float64)
 
     def _taken_apart(self, kind: type) -> Callable[[Any], Any]:
@@ -223,23 +220,17 @@ class Codec:
         overrides: dict[str, Any] = {name: override(rename=key) for name, key in keys.items()}
         for (one, name), meaning in self._null.items():
             if one is kind:
-                hook = functools.partial(self._or, meaning)
+                hook = functools.partial(self._number, null=meaning)
                 overrides[name] = override(rename=keys[name], struct_hook=hook)
         strict = self._not_finite != "spelt"
         made: Any = make_dict_structure_fn(kind, converter, _cattrs_forbid_extra_keys=strict, **overrides)
 
         def read(value: Any, _: Any) -> Any:
             missing = [key for key in needed if key not in _of_type((dict,), value, dict)]
-            if missing:
-                raise ValueError(
-                    f"{kind.__name__} needs {', '.join(missing)}, which the record does not have"
-                )
+            refuse(missing, f"{kind.__name__} needs {', '.join(missing)}, which the record does not have")
             return made({key: part for key, part in value.items() if key not in derived}, kind)
 
         return read
-
-    def _or(self, meaning: float, value: Any, _: Any) -> float:
-        return meaning if value is None else self._number(value)
 
     def _chosen(self, value: Any, union: Any) -> Any:
         """What a field that holds one of several types holds."""
@@ -248,8 +239,10 @@ class Codec:
             return None
         if isinstance(value, dict) and self._kinds:
             name, rest = str(value.get("kind")), {key: part for key, part in value.items() if key != "kind"}
-            if name not in self._kinds:
-                raise ValueError(f"kind must be one of {', '.join(self._kinds)}, got {reprlib.repr(name)}")
+            refuse(
+                name not in self._kinds,
+                f"kind must be one of {', '.join(self._kinds)}, got {reprlib.repr(name)}",
+            )
             return self._converter.structure(rest, self._kinds[name])
         for kind in some:
             names = {f.name for f in fields(kind) if f.init} if dataclasses.is_dataclass(kind) else None
@@ -275,8 +268,7 @@ def _is_list(declared: Any) -> bool:
 
 
 def _is_choice(declared: Any) -> bool:
-    some = [kind for kind in typing.get_args(declared) if kind is not type(None)]
-    return typing.get_origin(declared) in _UNIONS and len(some) > 1
+    return typing.get_origin(declared) in _UNIONS and len({*typing.get_args(declared)} - {type(None)}) > 1
 
 
 def _of_type(kinds: tuple[type, ...], value: Any, kind: type) -> Any:
@@ -286,8 +278,8 @@ def _of_type(kinds: tuple[type, ...], value: Any, kind: type) -> Any:
 
 
 def _one_of(value: Any, declared: Any) -> Any:
-    if value not in typing.get_args(declared):
-        raise ValueError(f"must be one of {', '.join(typing.get_args(declared))}, got {reprlib.repr(value)}")
+    some = typing.get_args(declared)
+    refuse(value not in some, f"must be one of {', '.join(some)}, got {reprlib.repr(value)}")
     return value
 
 
@@ -309,8 +301,8 @@ def _sequence(declared: Any, converter: Converter) -> Callable[[Any, Any], Any]:
 
     def read(value: Any, _: Any) -> Any:
         _of_type((list, tuple), value, list)
-        if make is tuple and kinds[-1] is not Ellipsis and len(value) != len(kinds):
-            raise ValueError(f"must have {len(kinds)} values, got {len(value)}")
+        due = len(kinds) if make is tuple and kinds[-1] is not Ellipsis else len(value)
+        refuse(len(value) != due, f"must have {due} values, got {len(value)}")
         if alike:
             return make(listed(value, list))
         return tuple(converter.structure(part, kind) for kind, part in zip(kinds, value, strict=True))

@@ -13,6 +13,7 @@ from scipy.signal import savgol_filter
 from burrlab._core import Burr, Material
 from burrlab.bone.header import assumed, told_notes
 from burrlab.bone.tissues import label_scatter
+from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, new_figure, tidy
 from burrlab.common.records import Codec, parsed
 from burrlab.common.table import by_value
@@ -146,8 +147,7 @@ class Descent:
         made = _CODEC.made(Descent, data)
         series = made.series
         shapes = {values.shape for values in (series.time, series.immersion, series.force, series.command)}
-        if len(shapes) > 1 or series.time.ndim != 1:
-            raise ValueError("its series differ in length")
+        refuse(len(shapes) > 1 or series.time.ndim != 1, "its series differ in length")
         return made
 
     def to_frame(self) -> pd.DataFrame:
@@ -178,17 +178,15 @@ class Descent:
             + "</table>"
         )
 
-    def _said(self) -> str:
-        return "".join(f"; {text}" for text in self.warnings)
-
     def __repr__(self) -> str:
         name = "unknown material" if self.material is None else self.material.name
         head = f"Descent({name}, {self.setpoint:g} N, R = {self.burr.radius:g} mm: {self.status}"
+        said = "".join(f"; {text}" for text in self.warnings)
         if self.penetration_velocity is None or self.window is None:
-            return f"{head}, {self.reason}{self._said()})"
+            return f"{head}, {self.reason}{said})"
         return (
             f"{head}, {self.penetration_velocity:.4g} mm/s between {self.window[0]:.3f} and {self.window[1]:.3f} mm, "
-            f"{self.velocity_fall or float('nan'):.2f} times faster in its first third than in its last{self._said()})"
+            f"{self.velocity_fall or float('nan'):.2f} times faster in its first third than in its last{said})"
         )
 
 

@@ -1,4 +1,4 @@
-"""What a watch saw: in a trace, as tables of full length at known places, and as events with a sentence each."""
+"""What a watch saw: tables at known places in a trace, and events that print as a sentence."""
 
 from __future__ import annotations
 
@@ -98,16 +98,16 @@ class WatchWriter:
         self._lock = threading.Lock()
 
     def add(self, events: NDArray[np.void]) -> None:
-        """From any thread."""
+        """Takes events to write; from any thread."""
         with self._lock:
             self._pending = np.concatenate([self._pending, events])
 
     def set_sums(self, watched: Watched) -> None:
-        """To be written at the end."""
+        """Takes the sums that `finish` writes."""
         self._sums = watched
 
     def write(self, file: int, until: int) -> None:
-        """Events of the ticks before `until`, and after them their count; the others wait."""
+        """Writes the events of ticks before `until`, and then their count; later events wait."""
         with self._lock:
             ready = int(np.argmin(np.append(self._pending["tick"] < until, False)))
             rows, self._pending = self._pending[:ready], self._pending[ready:]
@@ -119,7 +119,7 @@ class WatchWriter:
         _write(file, np.uint64(self._recorded), self._places["events_recorded"])
 
     def finish(self, file: int) -> None:
-        """The sums, and after them the word that they are there."""
+        """Writes the sums, and then the flag that says that they are there."""
         if (sums := self._sums) is not None:
             parts = {"doses": sums.doses, "removed_levels": sums.removed, "counts": sums.counts}
             for name, values in {**parts, "summed": np.uint8(1)}.items():

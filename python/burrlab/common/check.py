@@ -60,7 +60,7 @@ def shown(value: object) -> str:
 
 
 def available_memory() -> float:
-    """What the machine, or its container, still has [bytes]; infinity where it does not say."""
+    """Free memory of the machine or its container [bytes]; infinity where it is not known."""
     found = [math.inf]
     with contextlib.suppress(OSError, ValueError, AttributeError):
         found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
@@ -73,7 +73,7 @@ def available_memory() -> float:
 
 
 def check_memory(size: float, what: str) -> None:
-    """ValueError where something takes more than the machine has [bytes]."""
+    """ValueError where something needs more memory than there is [bytes]."""
     if size > (there := available_memory()):
         raise ValueError(f"{what} needs {size / 1e9:.3g} GB of memory, and {there / 1e9:.3g} GB are there")
 
@@ -92,9 +92,9 @@ def check_packed(size: float, packed: float, name: str) -> None:
 
 
 def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDArray[np.uint8], bytes]:
-    """From here on, at most `size` bytes, unpacked if they are packed; and what else the packed stream holds.
+    """At most `size` bytes from the file's position on, unpacked if they are packed, and what follows in the packed stream.
 
-    A packed stream is one of zlib or gzip. The file is left behind it, and its checksum has been looked at.
+    A packed stream is one of zlib or gzip. Its checksum is checked, and the file is left at its end.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""JSON text from elsewhere, read or refused in one sentence; results as plain objects for JSON, and back."""
+"""Reading JSON text, with a refusal in one sentence; and results as plain objects for JSON, and back."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Made = TypeVar("Made")
 
-#: What text leads to that is nested too deeply, too large, or of another kind than it should be.
+#: Errors of reading text that is nested too deeply, too large, or of another kind than expected.
 UNREADABLE = (
     LookupError,
     TypeError,
@@ -53,12 +53,12 @@ def parsed(
 
 
 def in_one_line(error: object, most: int = 200) -> str:
-    """What was raised by something from elsewhere, as another sentence may quote it."""
+    """An error as text on one short line, which another sentence can quote."""
     return re.sub(r"[\0-\x1f\x7f\ud800-\udfff]", "\ufffd", textwrap.shorten(str(error), most))
 
 
 def check_texts(value: object) -> None:
-    """ValueError where a text in a JSON value has control characters or half a character, as no name has."""
+    """ValueError where a text in a JSON value holds control characters or half of a character."""
     found = re.search(r"[\ud800-\udfff]|(?<!\\)(?:\\\\)*\\[bfnrtu]", json.dumps(value, ensure_ascii=False))
     refuse(found, "a text has control characters")
 

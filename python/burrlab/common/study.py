@@ -1,7 +1,4 @@
-"""Results on disk, each under a key that says what made it, so that a study can go on where it was ended.
-
-Many independent items of work: on threads, processes or a cluster, and resumed from a store.
-"""
+"""Studies: many independent items of work on threads, processes or a cluster, resumed from a store of results on disk."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a descent gives: series, window, velocity, status."""
+"""The result of a descent: series, window, velocity and status, its JSON and its figure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from burrlab.bone.tissues import label_scatter
 from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, new_figure, tidy
 from burrlab.common.records import Codec, parsed
-from burrlab.common.table import by_value
+from burrlab.common.table import by_value, frame
 from burrlab.theory.closed_forms import (
     FEWEST_TICKS,
     Array,
@@ -152,19 +152,8 @@ class Descent:
 
     def to_frame(self) -> pd.DataFrame:
         """The series as a pandas frame, columns with units; ImportError with one sentence without pandas."""
-        try:
-            import pandas as pd
-        except ImportError as error:
-            raise ImportError("to_frame needs pandas: pip install 'burrlab[pandas]'") from error
-        return pd.DataFrame(
-            {
-                "time_s": self.time,
-                "immersion_mm": self.immersion,
-                "force_N": self.force,
-                "velocity_mm_s": self.velocity,
-                "command_mm_s": self.command,
-            }
-        )
+        units = {"time": "s", "immersion": "mm", "force": "N", "velocity": "mm_s", "command": "mm_s"}
+        return frame({f"{name}_{unit}": getattr(self, name) for name, unit in units.items()})
 
     def plot(self, figure: Figure | None = None) -> list[Axes]:
         """Force, position and velocity over time, as the paper's Fig. 4; returns the three Axes."""

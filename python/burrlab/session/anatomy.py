@@ -20,7 +20,7 @@ from burrlab.session.trace import Trace, check_trace
 
 
 class SessionAnatomy:
-    """Asks a follower what it saw; says each event once.
+    """What a follower saw of tissues and watched structures; each event is told once.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class SessionAnatomy:
         return Watched.of(self._follower.watched(known), removed)
 
     def news(self) -> tuple[NDArray[np.void], list[str]]:
-        """(events since the last call, what to say of them): the end of a nearness is kept, and not said."""
+        """(events since the last call, sentences about them); the end of a nearness has no sentence."""
         if self.watch is None:
             return np.zeros(0, EVENT_DTYPE), []
         rows = self.watched(self._told).events

@@ -1,9 +1,4 @@
-"""Scripts for a burr's way, as CSV text.
-
-What moves a burr, in one word of text: of the command line and of protocols.
-
-A trace in the layout that the open temporal-bone simulator volumetric_drilling records.
-"""
+"""Devices from text and CSV files, and the export of a trace to the layout of the simulator volumetric_drilling."""
 
 from __future__ import annotations
 

@@ -339,7 +339,7 @@ class TracePlayer:
 
 
 class _Walk:
-    """One bone that goes to and fro in a trace, and leaves kept states where it is the first."""
+    """One bone that moves to any tick of a trace, and keeps the states that nobody has kept yet."""
 
     def __init__(self, trace: Trace, kept: BrickHistory, every: int) -> None:
         self._trace, self._kept, self._every = trace, kept, every
@@ -350,7 +350,7 @@ class _Walk:
         take_changed_bricks(self.bone)
 
     def go(self, done: int) -> NDArray[np.uint32]:
-        """To where so many ticks are executed; returns the bricks that changed."""
+        """Moves to the state after `done` ticks; returns the bricks that changed."""
         changed: list[NDArray[np.uint32]] = []
         with self._kept.lock:  # another walk may give up states
             key = self._kept.at_or_before(done)
@@ -366,7 +366,7 @@ class _Walk:
         return _union(changed)
 
     def _execute(self, done: int) -> NDArray[np.uint32]:
-        """Up to `done` or the next kept state, whichever comes first."""
+        """Executes ticks up to `done` or the next kept state, whichever comes first; returns the bricks that changed."""
         step = self._every << self._kept.thinned
         key = self._kept.after(self.done)
         if key is None:

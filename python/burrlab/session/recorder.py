@@ -331,7 +331,7 @@ class TraceWriter:
         self._ended = text
 
     def _lost(self) -> str:
-        """What others did to the file; empty where it is where it was made and begins as it was made."""
+        """What others did to the file, as text; empty if it is in its place with its beginning unchanged."""
         try:
             if not os.path.samestat(os.fstat(self._file), os.stat(self.path)):
                 return "was replaced"
@@ -340,7 +340,7 @@ class TraceWriter:
         return "" if os.pread(self._file, len(self._head), 0) == self._head else _OVERWRITTEN
 
     def _finish_file(self) -> None:
-        """Compacts the file, or what is still open of it where another is in its place."""
+        """Compacts the file; where another is in its place, the content that is still open goes elsewhere."""
         try:
             if lost := self._lost():
                 self._complete = False

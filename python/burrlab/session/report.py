@@ -1,4 +1,4 @@
-"""What a session says of itself, while it runs and after it."""
+"""The report of a session: its counts and times, while it runs and after it."""
 
 from __future__ import annotations
 

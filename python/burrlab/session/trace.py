@@ -1,4 +1,4 @@
-"""A trace: its layout, HDF5 whose structure is finished before the first tick, and a recorded session read back."""
+"""The trace of a session: an HDF5 file whose structure is finished before the first tick, made and read back."""
 
 from __future__ import annotations
 
@@ -361,7 +361,7 @@ class Trace:
 
 
 def check_trace(trace: Trace) -> None:
-    """TypeError unless it is a trace: the file's name is given too easily."""
+    """TypeError unless it is a `Trace`; a file's name is an easy mistake."""
     if not isinstance(trace, Trace):
         raise TypeError(f"trace must be a Trace, as load_trace gives it, got {trace!r}")
 

@@ -44,6 +44,19 @@ def whole(name: str, value: object, end: int, end_text: str) -> int:
     return number
 
 
+def check_positive(name: str, value: float) -> None:
+    """ValueError unless a number is positive and finite."""
+    refuse(not 0 < value < math.inf, f"{name} must be positive and finite, got {value}")
+
+
+def seed_or_new(seed: int | None) -> int:
+    """The seed, or a drawn one for None; ValueError unless it is from 0 and below 2^64."""
+    if seed is None:
+        return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+    refuse(not 0 <= seed < 2**64, f"seed must be in 0..2^64 - 1, got {seed}")
+    return seed
+
+
 #: Deflate makes at most so many bytes of one: two bits can stand for 258 bytes.
 DEFLATE = 1032
 #: What may follow the values in a packed stream (ours) [bytes].
@@ -135,16 +148,3 @@ def refuse(broken: object, sentence: str) -> None:
     """ValueError with this sentence where a rule is broken."""
     if broken:
         raise ValueError(sentence)
-
-
-def check_positive(name: str, value: float) -> None:
-    """ValueError unless a number is positive and finite."""
-    refuse(not 0 < value < math.inf, f"{name} must be positive and finite, got {value}")
-
-
-def seed_or_new(seed: int | None) -> int:
-    """The seed, or a drawn one for None; ValueError unless it is from 0 and below 2^64."""
-    if seed is None:
-        return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
-    refuse(not 0 <= seed < 2**64, f"seed must be in 0..2^64 - 1, got {seed}")
-    return seed

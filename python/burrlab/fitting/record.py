@@ -1,4 +1,4 @@
-"""What a fit keeps (parameters, evidence, the end of every start, residuals, data, provenance), and its JSON."""
+"""What a fit keeps: parameters, evidence, residuals, data and provenance; and its JSON."""
 
 from __future__ import annotations
 

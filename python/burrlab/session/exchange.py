@@ -132,8 +132,8 @@ def parse_address(text: str) -> tuple[str, int]:
         If the text is no HOST:PORT with a port of 1 to 65535.
     """
     host, colon, port = text.rpartition(":")
-    if not colon or not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise ValueError(f"must be HOST:PORT, got '{text}'")
+    fine = colon and host and port.isdecimal() and 0 < int(port) < 65536
+    refuse(not fine, f"must be HOST:PORT, got '{text}'")
     return host.strip("[]"), int(port)
 
 

@@ -77,8 +77,7 @@ def _real(text: str) -> float:
 
 #: Key of a derived number -> how it is made of the result, or key of a field -> its name.
 Keys: TypeAlias = Mapping[str, str | Callable[[Any], Any]]
-_SPELT = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
-_UNIONS = (typing.Union, types.UnionType)
+_SPELT = ("inf", "-inf", "nan")
 
 
 class Codec:
@@ -174,15 +173,13 @@ class Codec:
     def _written(self, value: float) -> Any:
         if math.isfinite(value) or self._not_finite == "kept":
             return value
-        if self._not_finite == "null":
-            return None
-        return next(text for text, number in _SPELT.items() if repr(number) == repr(float(value)))
+        return None if self._not_finite == "null" else str(float(value))
 
     def _number(self, value: Any, _: Any = None, *, null: float = math.nan) -> float:
         if value is None and self._not_finite == "null":
             return null
-        if self._not_finite == "spelt" and isinstance(value, str) and value in _SPELT:
-            return _SPELT[value]
+        if self._not_finite == "spelt" and value in _SPELT:
+            return float(value)
         number = float(_of_type((float, int), value, float))
         refuse(not math.isfinite(number), f"must be finite, got {value}")
         return number
@@ -249,7 +246,7 @@ class Codec:
             if isinstance(value, dict) and names == set(value):
                 return self._converter.structure(value, kind)
         fitting = [kind for kind in some if isinstance(kind, type) and isinstance(value, kind)]
-        kind = fitting[0] if fitting else float if float in some and value in tuple(_SPELT) else some[0]
+        kind = fitting[0] if fitting else float if float in some and value in _SPELT else some[0]
         return self._converter.structure(value, kind)
 
 
@@ -268,7 +265,8 @@ def _is_list(declared: Any) -> bool:
 
 
 def _is_choice(declared: Any) -> bool:
-    return typing.get_origin(declared) in _UNIONS and len({*typing.get_args(declared)} - {type(None)}) > 1
+    some = {*typing.get_args(declared)} - {type(None)}
+    return typing.get_origin(declared) in (typing.Union, types.UnionType) and len(some) > 1
 
 
 def _of_type(kinds: tuple[type, ...], value: Any, kind: type) -> Any:
@@ -324,9 +322,7 @@ def _sentence(error: Exception) -> str:
     return f"{place}{' ' if text.startswith('must') else ': '}{text}" if place else text
 
 
-@functools.cache
-def _spelt() -> Codec:
-    return Codec("spelt")
+_CODEC = Codec("spelt")
 
 
 def plain(value: Any) -> Any:
@@ -337,7 +333,7 @@ def plain(value: Any) -> Any:
     >>> plain({"interval": (0.5, float("inf"))})
     {'interval': [0.5, 'inf']}
     """
-    return _spelt().plain(value)
+    return _CODEC.plain(value)
 
 
 def restored(kind: type[Made], values: Mapping[str, Any]) -> Made:
@@ -348,4 +344,4 @@ def restored(kind: type[Made], values: Mapping[str, Any]) -> Made:
     ValueError
         If a field is missing, unknown, or holds something else than it should.
     """
-    return _spelt().made(kind, values)
+    return _CODEC.made(kind, values)

@@ -75,21 +75,20 @@ def test_depth_and_layers(phantom):
     assert whole.duration == whole.time[-1]
 
 
-@pytest.mark.parametrize("name", ["layer", "step", "speed", "depth"])
-def test_bad_numbers_are_refused(phantom, name):
-    with pytest.raises(ValueError, match=f"{name} must be positive, got -1"):
-        mastoidectomy_path(phantom, BURR, **{name: -1.0})
+PART = temporal_bone(0.5, seed=3, size=(6, 6, 6), corner=(20, -6, -6))
 
 
-def test_burrs_that_do_not_fit_are_refused(phantom):
-    with pytest.raises(ValueError, match="burr of 40 mm fits nowhere into the planned cavity"):
-        mastoidectomy_path(phantom, burrlab.Burr(40.0))
-
-
-def test_boxes_without_a_plan_are_refused():
-    part = temporal_bone(0.5, seed=3, size=(6, 6, 6), corner=(20, -6, -6))
-    with pytest.raises(ValueError, match="phantom must hold some of the planned cavity"):
-        mastoidectomy_path(part, BURR)
+@pytest.mark.parametrize(
+    ("place", "burr", "options", "told"),
+    [
+        *((None, BURR, {name: -1.0}, f"{name} must be positive, got -1") for name in ("layer", "step", "speed", "depth")),
+        (None, burrlab.Burr(40.0), {}, "burr of 40 mm fits nowhere into the planned cavity"),
+        (PART, BURR, {}, "phantom must hold some of the planned cavity"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(phantom, place, burr, options, told):
+    with pytest.raises(ValueError, match=told):
+        mastoidectomy_path(place or phantom, burr, **options)
 
 
 @pytest.mark.parametrize("axis", ["x", "-x", "y", "-y", "z", "-z"])

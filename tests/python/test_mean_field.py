@@ -198,50 +198,31 @@ def test_scaling() -> None:
     np.testing.assert_allclose(penetration_velocity(Burr(1.5), BONE, force / 4), base / 2, rtol=1e-12)
 
 
-def test_plot_returns_labelled_axes() -> None:
-    from matplotlib.figure import Figure
-
-    axes = mean_field_descent(BURR, BONE, 1.0).plot(Figure().subplots())
-    assert axes.get_xlabel() == "time [s]"
-    assert axes.get_ylabel() == "immersion [mm]"
+DESCENT = mean_field_descent(BURR, BONE, 1.0)
 
 
-def test_errors_of_the_descent() -> None:
-    for force in (0.0, -1.0, math.nan, math.inf):
-        with pytest.raises(ValueError, match="force must be positive and finite"):
-            mean_field_descent(BURR, BONE, force)
-    with pytest.raises(ValueError, match=r"force must be below c_e R\^2 \(stop/R\)\^1.5 = 3.715 N"):
-        mean_field_descent(BURR, BONE, 4.0)
-    for stop in (0.0, 3.1, math.nan):
-        with pytest.raises(ValueError, match="stop must be above 0 and at most R = 3 mm"):
-            mean_field_descent(BURR, BONE, 1.0, stop=stop)
-    with pytest.raises(ValueError, match="resolution must be positive"):
-        mean_field_descent(BURR, BONE, 1.0, resolution=0)
-    with pytest.raises(ValueError, match="alpha of the material must be positive"):
-        mean_field_descent(BURR, Material("ivory", c_e=1.0, alpha=0.0), 1.0)
-    with pytest.raises(ValueError, match="at most 200000"):
-        mean_field_descent(BURR, BONE, 1e-5)
-    with pytest.raises(ValueError, match="phi must be below"):
-        _core.mean_field_descent(Shape("linear"), 0.3, 1 / 3)
-
-
-def test_errors_of_windows_and_laws() -> None:
-    descent = mean_field_descent(BURR, BONE, 1.0)
-    with pytest.raises(ValueError, match=r"stop_mm must not lie beyond the descent's end, 1 mm, got 1\.2"):
-        descent.velocity(stop_mm=1.2)
-    with pytest.raises(ValueError, match="0 <= start < stop"):
-        descent.velocity(0.9, 0.8)
-    for window in ((0.3, 0.2), (-0.1, 0.2), (0.1, 1.5), (math.nan, 0.3), (None, 0.1)):
-        with pytest.raises(ValueError, match="0 <= start < stop"):
-            MasterCurve("parabolic").velocity_ratio(0.1, *window)
-    for phi in (0.0, -1.0, math.nan):
-        with pytest.raises(ValueError, match="phi must be positive"):
-            MasterCurve("parabolic").velocity_ratio([0.1, phi])
-    with pytest.raises(ValueError, match="force must be positive"):
-        penetration_velocity(BURR, BONE, [1.0, 0.0])
-    with pytest.raises(ValueError, match="force must be positive"):
-        thin_layer_velocity(BURR, BONE, -1.0, 0.5)
-    with pytest.raises(ValueError, match="immersion must be above 0 and at most R = 3 mm"):
-        thin_layer_velocity(BURR, BONE, 1.0, [0.5, 3.5])
-    with pytest.raises(ValueError, match="dimensions of time must be 1"):
-        _core.window_velocity([[0.0, 1.0]], [0.0, 1.0], 0.0, 1.0)
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        *((lambda f=f: mean_field_descent(BURR, BONE, f), "force must be positive and finite") for f in (0.0, -1.0, math.nan, math.inf)),
+        (lambda: mean_field_descent(BURR, BONE, 4.0), r"force must be below c_e R\^2 \(stop/R\)\^1.5 = 3.715 N"),
+        *((lambda s=s: mean_field_descent(BURR, BONE, 1.0, stop=s), "stop must be above 0 and at most R = 3 mm")
+          for s in (0.0, 3.1, math.nan)),
+        (lambda: mean_field_descent(BURR, BONE, 1.0, resolution=0), "resolution must be positive"),
+        (lambda: mean_field_descent(BURR, Material("ivory", c_e=1.0, alpha=0.0), 1.0), "alpha of the material must be positive"),
+        (lambda: mean_field_descent(BURR, BONE, 1e-5), "at most 200000"),
+        (lambda: _core.mean_field_descent(Shape("linear"), 0.3, 1 / 3), "phi must be below"),
+        (lambda: DESCENT.velocity(stop_mm=1.2), r"stop_mm must not lie beyond the descent's end, 1 mm, got 1\.2"),
+        (lambda: DESCENT.velocity(0.9, 0.8), "0 <= start < stop"),
+        *((lambda w=w: MasterCurve("parabolic").velocity_ratio(0.1, *w), "0 <= start < stop")
+          for w in ((0.3, 0.2), (-0.1, 0.2), (0.1, 1.5), (math.nan, 0.3), (None, 0.1))),
+        *((lambda p=p: MasterCurve("parabolic").velocity_ratio([0.1, p]), "phi must be positive") for p in (0.0, -1.0, math.nan)),
+        (lambda: penetration_velocity(BURR, BONE, [1.0, 0.0]), "force must be positive"),
+        (lambda: thin_layer_velocity(BURR, BONE, -1.0, 0.5), "force must be positive"),
+        (lambda: thin_layer_velocity(BURR, BONE, 1.0, [0.5, 3.5]), "immersion must be above 0 and at most R = 3 mm"),
+        (lambda: _core.window_velocity([[0.0, 1.0]], [0.0, 1.0], 0.0, 1.0), "dimensions of time must be 1"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(call, told: str) -> None:
+    with pytest.raises(ValueError, match=told):
+        call()

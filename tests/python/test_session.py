@@ -57,14 +57,11 @@ class TestVirtualClock:
     def test_goes_on_from_a_saved_bone(self, tmp_path):
         """Two halves with the tick index kept give the bone of one run."""
         time_, position = np.arange(0, 2.001, 0.5), np.array([[x, 0, 2.7] for x in (0, 3, 0, -3, 0)])
-        whole = burrlab.Session(
-            block(), TOOL, burrlab.ScriptedDevice(time_, position), seed=1, wall_clock=False
-        )
-        with whole:
+        with session(burrlab.ScriptedDevice(time_, position), record=tmp_path / "whole.h5") as whole:
             whole.wait()
-        positions = [_positions(whole, tmp_path, time_, position)]
+        positions = burrlab.load_trace(tmp_path / "whole.h5").array("device_position_mm")
         bone, tick = block(), 0
-        for part in np.array_split(positions[0], 2):
+        for part in np.array_split(positions, 2):
             with burrlab.Session(
                 bone, TOOL, burrlab.ReplayDevice(part), seed=1, tick=tick, wall_clock=False
             ) as half:
@@ -90,17 +87,6 @@ class TestVirtualClock:
         assert trace.array("removed_levels", burr=0).sum() > 0
         assert trace.array("removed_levels", burr=1).sum() == 0
         assert np.abs(trace.array("force_N", burr=1)).max() > 0.5
-
-
-def _positions(whole, folder, time_, position):
-    path = folder / "whole.h5"
-    again = burrlab.Session(
-        block(), TOOL, burrlab.ScriptedDevice(time_, position), seed=1, wall_clock=False, record=path
-    )
-    with again:
-        again.wait()
-    assert again.digests[-1] == whole.digests[-1]
-    return burrlab.load_trace(path).array("device_position_mm")
 
 
 class TestWallClock:
@@ -163,17 +149,14 @@ class TestWallClock:
         with session(wall_clock=True) as run:
             view = run.follower.view()
             shown = block().density.copy()
-            for _ in range(10):
+            for last in [False] * 10 + [True]:
                 time.sleep(0.1)
+                if last:
+                    run.stop()
                 update = run.follower.take(view)
                 for (z, y, x), levels in zip(8 * update["bricks"], update["density"], strict=True):
                     part = shown[z : z + 8, y : y + 8, x : x + 8]
                     part[...] = levels[tuple(slice(n) for n in part.shape)]
-            run.stop()
-            update = run.follower.take(view)
-            for (z, y, x), levels in zip(8 * update["bricks"], update["density"], strict=True):
-                part = shown[z : z + 8, y : y + 8, x : x + 8]
-                part[...] = levels[tuple(slice(n) for n in part.shape)]
         bone, _ = run.snapshot()
         np.testing.assert_array_equal(shown, bone.density)
         assert bone.removed > 0
@@ -237,9 +220,21 @@ class TestSafety:
         )  # of the stiffest direction
 
 
-class TestRefusals:
-    def test_numbers(self):
-        for options, message in [
+BURR, BONE = TOOL
+HANDS = [burrlab.HandDevice() for _ in range(3)]
+NO_TOOLS = r"tools must be \(Burr, Material\) or a list of such pairs, got"
+
+
+def begun_twice():
+    with session(duration=0.1) as run:
+        run.wait()
+    run.start()
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "told"),
+    [
+        *((lambda options=options: session(**options), ValueError, told) for options, told in [
             ({"rate": 0.0}, "rate must be positive, got 0"),
             ({"rate": 20_000.0}, "rate must be at most 10000 Hz, got 20000"),
             ({"duration": -1.0}, r"duration must be positive and below 1e9 s, got -1\.0"),
@@ -248,62 +243,53 @@ class TestRefusals:
             ({"force_limit": 0.0}, "limit must be positive"),
             ({"coupling": -1.0}, "coupling must be positive and finite, got -1"),
             ({"scheme": "box"}, "scheme must be layer or cell, got 'box'"),
-        ]:
-            with pytest.raises(ValueError, match=message):
-                session(**options)
+            ({"source": {"a": {1}}}, "source must be what JSON holds: "),
+        ]),
+        (lambda: session(HANDS[:2]), ValueError, "number of devices must be one a burr, 1, got 2"),
+        (lambda: burrlab.Session(block(), [TOOL] * 3, HANDS), ValueError, "number of burrs must be 1 or 2, got 3"),
+        *((lambda tools=tools: burrlab.Session(block(), tools, HANDS[0]), TypeError, NO_TOOLS)
+          for tools in (BURR, [BURR, BONE], (BONE, BURR), [TOOL, None])),
+        *((lambda devices=devices: burrlab.Session(block(), TOOL, devices), TypeError, "devices must be a Device or a list of them, got")
+          for devices in (3, ["hand"], None)),
+        (begun_twice, ValueError, "session must be started once"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(make, error, told):
+    with pytest.raises(error, match=told):
+        make()
 
-    def test_devices(self):
-        with pytest.raises(ValueError, match="number of devices must be one a burr, 1, got 2"):
-            session([burrlab.HandDevice(), burrlab.HandDevice()])
-        burr, bone = TOOL
-        for tools in (burr, [burr, bone], (bone, burr), [TOOL, None]):
-            with pytest.raises(
-                TypeError, match=r"tools must be \(Burr, Material\) or a list of such pairs, got"
-            ):
-                burrlab.Session(block(), tools, burrlab.HandDevice())
-        for devices in (3, ["hand"], None):
-            with pytest.raises(TypeError, match="devices must be a Device or a list of them, got"):
-                burrlab.Session(block(), TOOL, devices)
-        with pytest.raises(ValueError, match="number of burrs must be 1 or 2, got 3"):
-            burrlab.Session(block(), [TOOL] * 3, [burrlab.HandDevice()] * 3)
 
-    def test_existing_trace(self, tmp_path):
-        (tmp_path / "old.h5").write_text("mine")
-        with pytest.raises(FileExistsError, match="path must be a new file"):
-            session(record=tmp_path / "old.h5")
-        assert (tmp_path / "old.h5").read_text() == "mine"
+def test_a_file_that_is_there_is_no_trace(tmp_path):
+    (tmp_path / "old.h5").write_text("mine")
+    with pytest.raises(FileExistsError, match="path must be a new file"):
+        session(record=tmp_path / "old.h5")
+    assert (tmp_path / "old.h5").read_text() == "mine"
 
-    def test_twice(self):
-        run = session(duration=0.1)
-        with run:
-            run.wait()
-        with pytest.raises(ValueError, match="session must be started once"):
-            run.start()
 
-    def test_never_started(self):
-        run = session()
-        run.stop()
-        assert repr(run) == "Session(not started, 0 ticks, 0 late, 0 periods dropped)"
+def test_never_started():
+    run = session()
+    run.stop()
+    assert repr(run) == "Session(not started, 0 ticks, 0 late, 0 periods dropped)"
 
-    def test_executor(self):
-        executor = _core.TickExecutor(block(), [TOOL], 1)
-        records = np.zeros(2, _core.record_dtype)
-        records["k"], records["burrs"] = 1, 1
-        with pytest.raises(ValueError, match="index of a tick must be the next one, 1, got 0"):
-            executor.execute(records)
-        records["index"] = 0, 1
-        records["k"][1] = 9
-        with pytest.raises(ValueError, match="k of a tick must be 1 to 8, got 9"):
-            executor.execute(records)
-        records["k"][1] = 8
-        records["burr"]["center"][1, 0, 0] = np.nan
-        with pytest.raises(ValueError, match="center of a tick must be finite, got nan"):
-            executor.execute(records)
-        with pytest.raises(
-            ValueError, match=r"records must be an array of shape \(n,\) and type record_dtype"
-        ):
-            executor.execute(np.zeros(2))
-        assert executor.tick == 0
+
+@pytest.mark.parametrize(
+    ("index", "k", "x", "told"),
+    [
+        (0, 1, 0.0, "index of a tick must be the next one, 1, got 0"),
+        (1, 9, 0.0, "k of a tick must be 1 to 8, got 9"),
+        (1, 8, np.nan, "center of a tick must be finite, got nan"),
+    ],
+)
+def test_an_executor_refuses_all_records_for_a_wrong_one(index, k, x, told):
+    executor = _core.TickExecutor(block(), [TOOL], 1)
+    records = np.zeros(2, _core.record_dtype)
+    records["index"], records["k"], records["burrs"] = (0, index), (1, k), 1
+    records["burr"]["center"][1, 0, 0] = x
+    with pytest.raises(ValueError, match=told):
+        executor.execute(records)
+    with pytest.raises(ValueError, match=r"records must be an array of shape \(n,\) and type record_dtype"):
+        executor.execute(np.zeros(2))
+    assert executor.tick == 0
 
 
 def test_executor_is_steps():

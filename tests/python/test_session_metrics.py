@@ -148,28 +148,24 @@ def test_a_session_too_short_for_its_motion_says_so(tmp_path, ticks):
     found.plot()
 
 
-def test_wrong_parameters(tmp_path):
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"threshold": 0}, "threshold must be positive, got 0"),
+        ({"hysteresis": float("nan")}, "hysteresis must be positive, got nan"),
+        ({"burr": 1}, "burr must be an index below 1, got 1"),
+    ],
+)
+def test_wrong_parameters(tmp_path, options, told):
     trace = trace_of(tmp_path, np.zeros((10, 3)))
-    with pytest.raises(ValueError, match="threshold must be positive, got 0"):
-        burrlab.session_metrics(trace, threshold=0)
-    with pytest.raises(ValueError, match="hysteresis must be positive, got nan"):
-        burrlab.session_metrics(trace, hysteresis=float("nan"))
-    with pytest.raises(ValueError, match="burr must be an index below 1, got 1"):
-        burrlab.session_metrics(trace, burr=1)
+    with pytest.raises(ValueError, match=told):
+        burrlab.session_metrics(trace, **options)
+
+
+@pytest.mark.parametrize("ask", [burrlab.session_metrics, burrlab.replay])
+def test_a_name_is_no_trace(ask):
     with pytest.raises(TypeError, match=r"trace must be a Trace, as load_trace gives it, got 'session\.h5'"):
-        burrlab.session_metrics("session.h5")
-    with pytest.raises(TypeError, match="trace must be a Trace"):
-        burrlab.replay("session.h5")
-
-
-def test_table_and_figure(tmp_path):
-    found = burrlab.session_metrics(trace_of(tmp_path, stroking(5, 1.0, 8.0)), threshold=0.5)
-    assert "strokes, one way" in repr(found)
-    assert "threshold 0.5 N" in repr(found)
-    assert "<td>11</td>" in found._repr_html_()
-    axes = found.plot()
-    assert [a.get_ylabel() for a in axes] == ["force [N]", "speed [mm/s]", "removed [mm$^3$]"]
-    assert axes[2].get_xlabel() == "time [s]"
+        ask("session.h5")
 
 
 def test_command_line(tmp_path, capsys):

@@ -71,18 +71,20 @@ def test_hello_of_a_leader(leader):
     assert replica.initial_digest == make_bone(BLOCK).digest()
 
 
-def test_follow_needs_a_leader():
+@pytest.mark.parametrize(
+    ("host", "port", "options", "error", "told"),
+    [
+        ("127.0.0.1", 0, {}, ValueError, "port must be 1 to 65535, got 0"),
+        ("no such host", 1, {}, ValueError, "host must be a name or an address that can be looked up"),
+        ("127.0.0.1", None, {}, ConnectionError, "no leader answers at 127.0.0.1:"),
+        ("127.0.0.1", None, {"timeout": 0.0}, ValueError, "timeout must be positive, got 0.0"),
+    ],
+)
+def test_follow_needs_an_address(host, port, options, error, told):
     with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    with pytest.raises(ConnectionError, match=f"no leader answers at 127.0.0.1:{port}"):
-        follow("127.0.0.1", port, timeout=0.1)
-
-
-def test_follow_needs_an_address():
-    with pytest.raises(ValueError, match="port must be 1 to 65535, got 0"):
-        follow("127.0.0.1", 0)
-    with pytest.raises(ValueError, match="host must be a name or an address that can be looked up"):
-        follow("no such host", 1)
+        port = free.getsockname()[1] if port is None else port
+    with pytest.raises(error, match=told):
+        follow(host, port, **{"timeout": 0.1, **options})
 
 
 def test_follow_needs_the_same_bone(leader):

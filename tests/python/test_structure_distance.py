@@ -111,20 +111,25 @@ def test_estimates_beyond_the_searched_nodes_err_by_less_than_is_said() -> None:
     assert np.abs(field - exact)[inside].max() < 0.87
 
 
-def test_what_cannot_be_searched_is_refused() -> None:
-    plain = VoxelBone.block((2, 2, 2), 0.2)
-    with pytest.raises(ValueError, match="bone must have tissues, got one of a single material"):
-        StructureSearch(plain, 0)
-    bone = nerve_bone()
-    with pytest.raises(ValueError, match="tissue must be below 4, got 4"):
-        StructureSearch(bone, 4)
-    with pytest.raises(ValueError, match="structure must have voxels, 'unused' has none"):
-        StructureSearch(bone, 3)
-    search = StructureSearch(bone, 1)
-    with pytest.raises(ValueError, match="every point must be finite, got nan"):
-        search.distance((0.0, np.nan, 0.0))
-    with pytest.raises(ValueError, match=r"points must be \(x, y, z\) along their last axis"):
-        search.distance((0.0, 1.0))
+def nerve_field():
+    return structure_distances(nerve_bone(), [1])[0]
+
+
+@pytest.mark.parametrize(
+    ("ask", "sentence"),
+    [
+        (lambda: StructureSearch(VoxelBone.block((2, 2, 2), 0.2), 0), "bone must have tissues, got one of a single material"),
+        (lambda: StructureSearch(nerve_bone(), 4), "tissue must be below 4, got 4"),
+        (lambda: StructureSearch(nerve_bone(), 3), "structure must have voxels, 'unused' has none"),
+        (lambda: StructureSearch(nerve_bone(), 1).distance((0.0, np.nan, 0.0)), "every point must be finite, got nan"),
+        (lambda: StructureSearch(nerve_bone(), 1).distance((0.0, 1.0)), r"points must be \(x, y, z\) along their last axis"),
+        (lambda: nerve_field().of_sphere((0, 0, 0), 7.0), "radius must be at most 6 mm, got 7"),
+        (lambda: nerve_field().of_sphere((0, 0, 0), -1.0), "radius must be zero or positive"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(ask, sentence) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        ask()
 
 
 @pytest.mark.parametrize(
@@ -138,11 +143,3 @@ def test_a_field_is_checked(change, sentence) -> None:
     values = {"estimate": np.zeros((4, 4, 4), np.float32), "spacing": 0.4, "origin": (0, 0, 0), "error": 0.5}
     with pytest.raises(ValueError, match=sentence):
         StructureDistance(StructureSearch(nerve_bone(), 1), **{**values, **change})
-
-
-def test_the_radius_of_a_sphere_is_checked() -> None:
-    (nerve,) = structure_distances(nerve_bone(), [1])
-    with pytest.raises(ValueError, match="radius must be at most 6 mm, got 7"):
-        nerve.of_sphere((0, 0, 0), 7.0)
-    with pytest.raises(ValueError, match="radius must be zero or positive"):
-        nerve.of_sphere((0, 0, 0), -1.0)

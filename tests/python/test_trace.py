@@ -221,7 +221,7 @@ def test_a_limit_of_the_system_ends_recording(file):
         start = small_bone()
         records = make_records(small_bone(), 1500)
         writer = burrlab.TraceWriter(sys.argv[1], FakeReader(records), start, tools(), seed=SEED, duration=5)
-        limit = writer._places.ticks + 1000 * writer._row_bytes + 17
+        limit = writer._places["ticks"] + 1000 * writer._row_bytes + 17
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
         writer.start()
         writer.stop()
@@ -240,39 +240,32 @@ def test_a_limit_of_the_system_ends_recording(file):
     assert burrlab.replay(trace).equal
 
 
-def test_an_overrun_ring_ends_recording(file, records):
+@pytest.mark.parametrize(
+    ("reader", "options", "kept", "said"),
+    [
+        (lambda records: FakeReader(records[:300], lost_at_end=True), {}, 300,
+         "before tick 340: the ring was overrun: the disk or the processor was too slow"),
+        (lambda records: FakeReader(np.delete(records, 500), records[700:800]), {}, 500,
+         "before tick 540: the record of the next tick is missing, tick 541 came"),
+        (FakeReader, {"duration": 1.0}, 1000, "before tick 1040: the file has no room for more ticks: its duration is over"),
+    ],
+)  # fmt: skip
+def test_what_ends_recording(file, records, reader, options, kept, said):
     told = []
-    reader = FakeReader(records[:300], lost_at_end=True)
     made = burrlab.TraceWriter(
-        file, reader, small_bone(), tools(), seed=SEED, first_tick=40, on_end=told.append
+        file, reader(records), small_bone(), tools(), seed=SEED, first_tick=40, on_end=told.append, **options
     )
     made.start()
     made._thread.join(10)
-    assert told == [
-        "recording ended before tick 340: the ring was overrun: the disk or the processor was too slow"
-    ]
+    assert told == [made.ended] == [f"recording ended {said}"]
     made.stop()
     trace = burrlab.load_trace(file)
-    assert_holds(trace, records[:300])
+    assert_holds(trace, records[:kept])
     assert trace.ended == told[0]
 
 
-def test_a_missing_record_ends_recording_before_the_gap(file, records):
-    made = record(file, np.delete(records, 500), records[700:800])
-    assert made.ended == (
-        "recording ended before tick 540: the record of the next tick is missing, tick 541 came"
-    )
-    assert_holds(burrlab.load_trace(file), records[:500])
-
-
-def test_the_end_of_the_room_ends_recording(file, records):
-    made = record(file, records, duration=1.0)
-    assert made.ended == (
-        "recording ended before tick 1040: the file has no room for more ticks: its duration is over"
-    )
-    assert_holds(burrlab.load_trace(file), records[:1000])
-    exact = record(file.with_name("exact.h5"), records, duration=1.5)
-    assert exact.complete
+def test_a_duration_of_just_these_ticks_holds_them(file, records):
+    assert record(file, records, duration=1.5).complete
 
 
 def test_a_reader_that_fails_ends_recording(file):
@@ -294,7 +287,7 @@ def test_an_exception_of_the_session_is_the_reason(file, records):
     assert burrlab.load_trace(file).ended == "stopped by RuntimeError"
 
 
-def test_frames_and_columns(file):
+def test_frames_and_columns(file, monkeypatch):
     pandas = pytest.importorskip("pandas")
     records = make_records(small_bone(), 200, burrs=2)
     burrlab.TraceWriter(file, FakeReader(records), small_bone(), tools(2), seed=SEED).stop()
@@ -307,28 +300,22 @@ def test_frames_and_columns(file):
         table["device_velocity_z_mm_s"], records["burr"]["device_velocity"][:, 1, 2]
     )
     assert {"center_x_mm", "radius_mm", "removed_levels", "k", "time_s"} <= set(table.columns)
-    with pytest.raises(ValueError, match="burr must be an index below 2, got 2"):
-        trace.frame(2)
-    with pytest.raises(ValueError, match="burr must be an index below 2, got -1"):
-        trace.array("force_N", -1)
-    with pytest.raises(ValueError, match=r"name must be one of index, k, .*, got 'burr'"):
-        trace.array("burr")
-    with pytest.raises(ValueError, match="read-only"):
-        trace.array("force_N")[0] = 0.0
+    for ask, said in (
+        (lambda: trace.frame(2), "burr must be an index below 2, got 2"),
+        (lambda: trace.array("force_N", -1), "burr must be an index below 2, got -1"),
+        (lambda: trace.array("burr"), r"name must be one of index, k, .*, got 'burr'"),
+        (lambda: trace.array("force_N").fill(0.0), "read-only"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            ask()
     assert trace.time()[-1] == pytest.approx(trace.duration)
     assert trace.duration == records["k"].sum() / 1000.0
     assert trace.duration is trace.duration, "summed over all ticks at each look"
     assert trace.initial_digest is trace.initial_digest, "hashed at each look"
     assert dataclasses.replace(trace, ticks=trace.ticks[:10]).duration < trace.duration
-    assert "R = 1.5 mm in pettigrew" in repr(trace)
-    assert "<table>" in trace._repr_html_()
-
-
-def test_frames_need_pandas(file, records, monkeypatch):
-    record(file, records)
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(ImportError, match="a frame needs pandas: pip install"):
-        burrlab.load_trace(file).frame()
+        trace.frame()
 
 
 @pytest.mark.parametrize(

@@ -106,22 +106,21 @@ def test_a_session_that_removed_nothing(tmp_path):
         assert made["high_frequency_poses/mastoidectomy_drill/pose"].shape == (0, 7)
 
 
-def test_wrong_burr_and_folder(made, tmp_path):
+@pytest.mark.parametrize(
+    ("change", "error", "told"),
+    [
+        ({"burr": 2}, ValueError, "burr must be an index below 2, got 2"),
+        ({"layout": "newest"}, ValueError, "layout must be 'new' or 'old', got 'newest'"),
+        ({"path": "none/export.hdf5"}, FileNotFoundError, "folder must exist, got"),
+        ({"trace": "session.h5"}, TypeError, "trace must be a Trace, as load_trace gives it"),
+        ({"path": "session.h5"}, ValueError, "path must be another file than the trace"),
+    ],
+)
+def test_what_is_refused(made, tmp_path, monkeypatch, change, error, told):
     trace = made[1]
-    with pytest.raises(ValueError, match="burr must be an index below 2, got 2"):
-        burrlab.export_volumetric_drilling(trace, tmp_path / "export.hdf5", burr=2)
-    with pytest.raises(ValueError, match="layout must be 'new' or 'old', got 'newest'"):
-        burrlab.export_volumetric_drilling(trace, tmp_path / "export.hdf5", layout="newest")
-    with pytest.raises(FileNotFoundError, match="folder must exist, got"):
-        burrlab.export_volumetric_drilling(trace, tmp_path / "none" / "export.hdf5")
-    with pytest.raises(TypeError, match="trace must be a Trace, as load_trace gives it"):
-        burrlab.export_volumetric_drilling("session.h5", tmp_path / "export.hdf5")
-
-
-def test_the_trace_itself_is_not_overwritten(made):
-    trace = made[1]
-    with pytest.raises(ValueError, match="path must be another file than the trace"):
-        burrlab.export_volumetric_drilling(trace, trace.path)
+    monkeypatch.chdir(trace.path.parent)
+    with pytest.raises(error, match=told):
+        burrlab.export_volumetric_drilling(**{"trace": trace, "path": tmp_path / "export.hdf5", **change})
     assert len(burrlab.load_trace(trace.path)) == TICKS
 
 

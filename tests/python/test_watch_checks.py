@@ -31,25 +31,35 @@ def test_a_watch_is_checked(options, sentence) -> None:
         Watch(nerve_bone(), **options)
 
 
-def test_a_watch_needs_a_critical_structure_of_the_sessions_bone() -> None:
-    with pytest.raises(ValueError, match="bone must have tissues, got one of a single material"):
-        Watch(burrlab.VoxelBone.block((2, 2, 2), 0.2))
+def plain_bone():
     bone = nerve_bone()
     only = burrlab.Tissues([burrlab.Tissue("bone", label=0, c_e=2.0, alpha=0.1)], BONE)
     bone.set_tissues(only, np.zeros(bone.shape, np.uint8))
-    with pytest.raises(ValueError, match="structures must be named: no tissue of the bone is critical"):
-        Watch(bone)
-    with pytest.raises(ValueError, match="bone must be the one that the watch was made of, or a copy of it"):
-        burrlab.Session(
-            nerve_bone(), tool(), straight([(0, 0, 3), (0, 0, 2)], [0, 1]), watch=Watch(nerve_bone())
-        )
+    return bone
+
+
+def session_of(watch):
+    return burrlab.Session(nerve_bone(), tool(), straight([(0, 0, 3), (0, 0, 2)], [0, 1]), watch=watch)
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: Watch(burrlab.VoxelBone.block((2, 2, 2), 0.2)), "bone must have tissues, got one of a single material"),
+        (lambda: Watch(plain_bone()), "structures must be named: no tissue of the bone is critical"),
+        (lambda: session_of(Watch(nerve_bone())), "bone must be the one that the watch was made of, or a copy of it"),
+        (lambda: Watch(nerve_bone(), structures="nerve").distance((0, 0, 0), "sinus"), "structure must be one of nerve, got 'sinus'"),
+        (lambda: Watch(nerve_bone()).core([7.0]), "radius of a burr that is watched must be at most 6 mm, got 7"),
+    ],
+)  # fmt: skip
+def test_a_watch_needs_a_critical_structure_of_the_sessions_bone(make, sentence) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        make()
+
+
+def test_limits_and_structures_by_name() -> None:
     watch = Watch(nerve_bone(), approach={"nerve": 1.0}, structures="nerve")
-    assert watch.limits[0].approach == 1.0
-    assert watch.structures == ("nerve",)
-    with pytest.raises(ValueError, match="structure must be one of nerve, got 'sinus'"):
-        watch.distance((0, 0, 0), "sinus")
-    with pytest.raises(ValueError, match="radius of a burr that is watched must be at most 6 mm, got 7"):
-        watch.core([7.0])
+    assert (watch.limits[0].approach, watch.structures) == (1.0, ("nerve",))
 
 
 def test_a_trace_without_a_watch_takes_no_events(tmp_path) -> None:

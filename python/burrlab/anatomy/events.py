@@ -1,7 +1,4 @@
-"""What a watch saw, in a trace: tables of full length at known places, as the ticks are.
-
-Something that happened near a structure, as a sentence.
-"""
+"""What a watch saw: tables at known places in a trace, and events that print as a sentence."""
 
 from __future__ import annotations
 
@@ -9,7 +6,7 @@ import json
 import os
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +14,8 @@ from numpy.typing import NDArray
 
 import burrlab._core as _core
 from burrlab.bone.snapshot import read_dataset
+from burrlab.common.check import refuse
+from burrlab.common.records import Codec
 
 if TYPE_CHECKING:
     import h5py
@@ -71,18 +70,6 @@ class Watched:
         return np.array([self.gaps, self.ticks_passed_over, self.events_lost], np.uint64)
 
 
-@dataclass(frozen=True)
-class WatchPlaces:
-    """Where in the file the bytes of a watch go [bytes]."""
-
-    events: int
-    events_recorded: int
-    doses: int
-    removed_levels: int
-    counts: int
-    summed: int
-
-
 def create_watch(file: h5py.File, settings: str, burrs: int, tissues: int) -> dict[str, h5py.Dataset]:
     """The group with all of its structure but `events`; no event yet."""
     group = file.create_group(GROUP)
@@ -98,9 +85,12 @@ def create_watch(file: h5py.File, settings: str, burrs: int, tissues: int) -> di
 
 
 class WatchWriter:
-    """Writes events as they come, and the sums at the end; OSError where the disk does not take them."""
+    """Writes events as they come, and the sums at the end; OSError where the disk does not take them.
 
-    def __init__(self, places: WatchPlaces) -> None:
+    `places` says where in the file the bytes of each dataset of the watch go.
+    """
+
+    def __init__(self, places: Mapping[str, int]) -> None:
         self._places = places
         self._recorded = 0
         self._pending = np.zeros(0, EVENT_DTYPE)
@@ -108,34 +98,32 @@ class WatchWriter:
         self._lock = threading.Lock()
 
     def add(self, events: NDArray[np.void]) -> None:
-        """From any thread."""
+        """Takes events to write; from any thread."""
         with self._lock:
             self._pending = np.concatenate([self._pending, events])
 
     def set_sums(self, watched: Watched) -> None:
-        """To be written at the end."""
+        """Takes the sums that `finish` writes."""
         self._sums = watched
 
     def write(self, file: int, until: int) -> None:
-        """Events of the ticks before `until`, and after them their count; the others wait."""
+        """Writes the events of ticks before `until`, and then their count; later events wait."""
         with self._lock:
             ready = int(np.argmin(np.append(self._pending["tick"] < until, False)))
             rows, self._pending = self._pending[:ready], self._pending[ready:]
         rows = rows[: _core.most_watch_events - self._recorded]
         if not len(rows):
             return
-        _write(file, rows, self._places.events + self._recorded * EVENT_DTYPE.itemsize)
+        _write(file, rows, self._places["events"] + self._recorded * EVENT_DTYPE.itemsize)
         self._recorded += len(rows)
-        _write(file, np.uint64(self._recorded), self._places.events_recorded)
+        _write(file, np.uint64(self._recorded), self._places["events_recorded"])
 
     def finish(self, file: int) -> None:
-        """The sums, and after them the word that they are there."""
-        if self._sums is None:
-            return
-        _write(file, self._sums.doses, self._places.doses)
-        _write(file, self._sums.removed, self._places.removed_levels)
-        _write(file, self._sums.counts, self._places.counts)
-        _write(file, np.uint8(1), self._places.summed)
+        """Writes the sums, and then the flag that says that they are there."""
+        if (sums := self._sums) is not None:
+            parts = {"doses": sums.doses, "removed_levels": sums.removed, "counts": sums.counts}
+            for name, values in {**parts, "summed": np.uint8(1)}.items():
+                _write(file, values, self._places[name])
 
 
 def read_watch(file: h5py.File, burrs: int) -> tuple[dict[str, Any], Watched | None, NDArray[np.void]]:
@@ -144,15 +132,21 @@ def read_watch(file: h5py.File, burrs: int) -> tuple[dict[str, Any], Watched | N
         return {}, None, np.zeros(0, EVENT_DTYPE)
     group = file[GROUP]
     settings = json.loads(read_dataset(group, "settings"))
-    if not all(isinstance(row["name"], str) for row in settings["structures"]):
-        raise ValueError("its structures must have names")
+    refuse(
+        not all(isinstance(row["name"], str) for row in settings["structures"]),
+        "its structures must have names",
+    )
     recorded = int(read_dataset(group, "events_recorded"))
-    if recorded > len(group["events"]) or group["events"].dtype != EVENT_DTYPE:
-        raise ValueError("its events are not what their count says")
+    refuse(
+        recorded > len(group["events"]) or group["events"].dtype != EVENT_DTYPE,
+        "its events are not what their count says",
+    )
     events = _read_only(read_dataset(group, "events", recorded))
     doses = read_dataset(group, "doses")
-    if doses.dtype != DOSE_DTYPE or doses.shape != (burrs, len(settings["structures"])):
-        raise ValueError("its doses have other columns than this format has")
+    refuse(
+        doses.dtype != DOSE_DTYPE or doses.shape != (burrs, len(settings["structures"])),
+        "its doses have other columns than this format has",
+    )
     if not read_dataset(group, "summed"):
         return settings, None, events
     gaps, passed, lost = (int(n) for n in read_dataset(group, "counts"))
@@ -217,12 +211,7 @@ class AnatomyEvent:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON, units in the names; None where there is no number."""
-        plain = asdict(self)
-        for name, key in (("distance", "distance_mm"), ("force", "force_N"), ("removed", "removed_mm3"),
-                          ("center", "center_mm")):  # fmt: skip
-            plain[key] = plain.pop(name)
-        if not np.isfinite(self.distance):
-            plain["distance_mm"] = None
+        plain: dict[str, Any] = _CODEC.plain(self)
         return plain
 
     def __str__(self) -> str:
@@ -238,3 +227,7 @@ class AnatomyEvent:
             "away": f"away from {self.structure}",
         }[self.kind]
         return f"burr {self.burr}: {what} at tick {self.tick}"
+
+
+_UNITS = {"distance": "distance_mm", "force": "force_N", "removed": "removed_mm3", "center": "center_mm"}
+_CODEC = Codec(keys={AnatomyEvent: {_UNITS.get(f.name, f.name): f.name for f in fields(AnatomyEvent)}})

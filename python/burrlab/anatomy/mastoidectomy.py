@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from burrlab._core import Burr, ScriptedDevice
 from burrlab.bone.phantom.phantom import Phantom
+from burrlab.common.check import refuse
 from burrlab.common.table import by_value
 
 Floats = NDArray[np.float64]
@@ -104,8 +105,7 @@ def mastoidectomy_path(
     layer = burr.radius / 4 if layer is None else layer
     step = burr.radius / 2 if step is None else step
     for name, value in (("layer", layer), ("step", step), ("speed", speed), ("depth", depth)):
-        if value is not None and not 0 < value < math.inf:
-            raise ValueError(f"{name} must be positive, got {value}")
+        refuse(value is not None and not 0 < value < math.inf, f"{name} must be positive, got {value}")
     plan = _Plan.of(phantom, burr.radius)
     rows: list[tuple[Floats, bool]] = []
     layers = 0
@@ -117,8 +117,7 @@ def mastoidectomy_path(
         for stroke in strokes:
             rows += plan.approach(rows[-1][0] if rows else None, stroke[0])
             rows += [(place, True) for place in stroke]
-    if not rows:
-        raise ValueError(f"burr of {burr.radius:g} mm fits nowhere into the planned cavity")
+    refuse(not rows, f"burr of {burr.radius:g} mm fits nowhere into the planned cavity")
     center, on = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
     length = np.linalg.norm(np.diff(center, axis=0), axis=1)
     # ScriptedDevice wants times that increase, also where a point comes twice.
@@ -155,8 +154,7 @@ class _Plan:
             start[0] = -(start[0] + spacing[0] * (phantom.bone.shape[2] - 1))
         origin = start + spacing * [n // 2 for n in thin]
         spacing = spacing * thin
-        if not target.any():
-            raise ValueError("phantom must hold some of the planned cavity, got a box with none of it")
+        refuse(not target.any(), "phantom must hold some of the planned cavity, got a box with none of it")
         # The burr needs room beside the bone too, and above it.
         pad = math.ceil(2.0 * radius / spacing[0]) + 2
         target, bone = (np.pad(a, ((0, 0), (0, 0), (pad, 0))) for a in (target, bone))
@@ -171,10 +169,10 @@ class _Plan:
         edge = origin[0] + spacing[0] * x
         return cls(room, cuts & (room > 0), spacing, origin, sign, float(edge[0]), float(edge[-1]), radius)
 
-    def _index(self, place: Floats) -> tuple[int, int, int]:
+    def _room_at(self, place: Floats) -> float:
         at = np.rint((place - self.origin) / self.spacing).astype(int)
-        at = np.clip(at, 0, np.array(self.room.shape[::-1]) - 1)
-        return int(at[2]), int(at[1]), int(at[0])
+        x, y, z = np.clip(at, 0, np.array(self.room.shape[::-1]) - 1)
+        return float(self.room[z, y, x])
 
     def strokes(self, x: float, step: float) -> list[Floats]:
         """Polylines (n, 3) along which the burr cuts at that depth: to and fro along y, then around."""
@@ -200,19 +198,16 @@ class _Plan:
 
     def approach(self, here: Floats | None, there: Floats) -> list[tuple[Floats, bool]]:
         """Rows that bring the burr to a stroke: straight where it may go, else up and over, not turning."""
-        if here is not None and self._clear(here, there):
-            return [(here, True)]
+        if here is not None:  # straight, where all of the way is clear
+            count = int(np.max(np.abs(there - here) / self.spacing)) + 2
+            way = (here + t * (there - here) for t in np.linspace(0.0, 1.0, count))
+            if all(self._room_at(place) > 0 for place in way):
+                return [(here, True)]
         top = self.first - self.radius - LIFT
         over = [np.array([top, there[1], there[2]])]
         if here is not None:
             over = [here, np.array([top, here[1], here[2]]), *over]
         return [(place, False) for place in over]
-
-    def _clear(self, here: Floats, there: Floats) -> bool:
-        count = int(np.max(np.abs(there - here) / self.spacing)) + 2
-        return all(
-            self.room[self._index(here + t * (there - here))] > 0 for t in np.linspace(0.0, 1.0, count)
-        )
 
 
 def _runs(mask: Mask) -> list[tuple[int, int]]:

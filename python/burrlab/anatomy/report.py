@@ -1,7 +1,4 @@
-"""A burr beside a structure: how near, how long, with what force, and what it took away.
-
-What burrs did near critical structures, and which tissues they removed.
-"""
+"""What burrs did near critical structures: how near, how long and with what force, and which tissues they removed."""
 
 from __future__ import annotations
 
@@ -18,6 +15,8 @@ from numpy.typing import NDArray
 import burrlab._core as _core
 from burrlab._core import Tissues
 from burrlab.anatomy.events import DOSE_DTYPE, EVENT_DTYPE, AnatomyEvent, Watched
+from burrlab.anatomy.watch import check_structure
+from burrlab.common.check import refuse
 from burrlab.common.figures import new_figure, tidy
 
 if TYPE_CHECKING:
@@ -279,10 +278,8 @@ class AnatomyReport:
         ValueError
             If the structure was not watched, or there is no such burr.
         """
-        if structure not in self.structures:
-            raise ValueError(f"structure must be one of {', '.join(self.structures)}, got '{structure}'")
-        if not 0 <= burr < self.burrs:
-            raise ValueError(f"burr must be an index below {self.burrs}, got {burr}")
+        check_structure(structure, self.structures)
+        refuse(not 0 <= burr < self.burrs, f"burr must be an index below {self.burrs}, got {burr}")
         row = self.watched.doses[burr, self.structures.index(structure)]
         return Dose.of(row, structure, burr, self.period, self.voxel_volume)
 
@@ -350,8 +347,7 @@ class AnatomyReport:
 
 def _from(values: Iterable[tuple[str, float]], least: Mapping[str, float]) -> dict[str, float]:
     for number in least.values():
-        if not 0 <= number < math.inf:
-            raise ValueError(f"least must be finite and not negative, got {number!r}")
+        refuse(not 0 <= number < math.inf, f"least must be finite and not negative, got {number!r}")
     return {name: value for name, value in values if value > 0 and value >= least[name]}
 
 

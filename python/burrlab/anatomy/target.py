@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from burrlab._core import VoxelBone
 from burrlab.bone.image import LabelVolume
 from burrlab.bone.tissues import check_count, label_counts
+from burrlab.common.check import refuse
 from burrlab.common.figures import axes_or_new, tidy
 from burrlab.common.table import by_value, html_table
 
@@ -177,9 +178,10 @@ def compare_with_target(
         inside = region[rows]
         which = np.zeros(now.shape, np.uint8) if numbers is None else numbers[rows]
         for row, (where, levels) in enumerate(((inside, lost), (inside, now), (~inside, lost))):
-            sums[row] += _by_tissue(which[where], levels[where], len(names))
-    if sums[:2].sum() == 0:
-        raise ValueError("target must hold bone, got a region with none in it")
+            # Weights of bincount are doubles, which hold these sums exactly: at most 255 times 4 million.
+            counted = np.bincount(which[where], weights=levels[where], minlength=len(names))
+            sums[row] += counted.astype(np.int64)
+    refuse(sums[:2].sum() == 0, "target must hold bone, got a region with none in it")
     volume = float(np.prod(bone.spacing))
     shown = [k for k in range(len(names)) if sums[:, k].any()]
     overlap, missed, excess = sums[:, shown] * (volume / 255.0)
@@ -188,51 +190,43 @@ def compare_with_target(
     )
 
 
-def _by_tissue(numbers: NDArray[np.uint8], levels: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    # Weights of bincount are doubles, which hold these sums exactly: at most 255 times 4 million.
-    return np.bincount(numbers, weights=levels, minlength=count).astype(np.int64)
-
-
 def _region(bone: VoxelBone, target: NDArray[Any] | LabelVolume, onto: bool) -> NDArray[np.bool_]:
     labels = getattr(target, "labels", None)
     if labels is not None:
         path = cast("LabelVolume", target).path
         check_count(label_counts(labels, path), f"{path}: ")
     if onto:
-        if labels is None:
-            raise ValueError(
-                "target must be a LabelVolume to be brought onto the bone's voxels, got an array"
-            )
-        target = _brought_onto(bone, cast("LabelVolume", target))
+        refuse(
+            labels is None, "target must be a LabelVolume to be brought onto the bone's voxels, got an array"
+        )
+        target = cast("LabelVolume", target)
+        # The bone's voxels in the target's own coordinates, one zero seen from all of them.
+        grid = replace(
+            target, labels=np.broadcast_to(np.uint8(0), bone.shape), spacing=np.array(bone.spacing),
+            origin=target.patient_point(np.array(bone.origin)), path="the bone",
+        )  # fmt: skip
+        target = target.on(grid)
         labels = target.labels
     region = np.asarray(target if labels is None else labels != 0)
-    if region.dtype != np.bool_:
-        raise ValueError(f"target must be an array of bool, got {region.dtype}")
-    if region.shape != bone.shape:
-        hint = "" if labels is None else "; onto=True (--onto) brings it on the bone's voxels"
-        raise ValueError(f"target must have the bone's shape {bone.shape}, got {region.shape}{hint}")
+    refuse(region.dtype != np.bool_, f"target must be an array of bool, got {region.dtype}")
+    hint = "" if labels is None else "; onto=True (--onto) brings it on the bone's voxels"
+    refuse(
+        region.shape != bone.shape,
+        f"target must have the bone's shape {bone.shape}, got {region.shape}{hint}",
+    )
     if labels is not None:
         _check_grid(bone, target)
     return region
-
-
-def _brought_onto(bone: VoxelBone, target: LabelVolume) -> LabelVolume:
-    # The bone's voxels in the target's own coordinates, one zero seen from all of them.
-    grid = replace(
-        target, labels=np.broadcast_to(np.uint8(0), bone.shape), spacing=np.array(bone.spacing),
-        origin=target.patient_point(np.array(bone.origin)), path="the bone",
-    )  # fmt: skip
-    return target.on(grid)
 
 
 def _check_grid(bone: VoxelBone, target: Any) -> None:
     spacing, origin = np.asarray(target.spacing), np.asarray(target.bone_point(target.origin))
     step = np.asarray(bone.spacing)
     # A hundredth of a voxel: what headers lose by rounding.
-    if np.any(np.abs(spacing - step) * np.array(bone.shape[::-1]) > 0.01 * step) or np.any(
-        np.abs(origin - bone.origin) > 0.01 * step
-    ):
-        raise ValueError(
-            f"target must lie on the bone's grid, spacing {bone.spacing} and origin {bone.origin} mm, got "
-            f"{tuple(spacing.tolist())} and {tuple(origin.tolist())}; onto=True (--onto) brings it there"
-        )
+    far = np.abs(spacing - step) * np.array(bone.shape[::-1]) > 0.01 * step
+    far |= np.abs(origin - bone.origin) > 0.01 * step
+    refuse(
+        far.any(),
+        f"target must lie on the bone's grid, spacing {bone.spacing} and origin {bone.origin} mm, got "
+        f"{tuple(spacing.tolist())} and {tuple(origin.tolist())}; onto=True (--onto) brings it there",
+    )

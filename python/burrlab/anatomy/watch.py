@@ -1,7 +1,4 @@
-"""Fields of the distance to structures, made once: what a watch asks far from them.
-
-What is watched in a session: critical structures, and when nearness to them is told.
-"""
+"""What is watched in a session: critical structures, fields of the distance to them, and when nearness is told."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import distance_transform_edt, find_objects
 
 from burrlab._core import AnatomyWatch, StructureDistance, StructureSearch, VoxelBone
-from burrlab.common.check import real
+from burrlab.common.check import real, refuse
 
 SPACING = 0.4  # of the nodes [mm]
 MARGIN = 15.0  # about the structure [mm]
@@ -171,16 +168,18 @@ class Watch:
             raise ValueError("bone must have tissues, got one of a single material")
         if structures is None:
             structures = critical_structures(bone)
-            if not structures:
-                raise ValueError("structures must be named: no tissue of the bone is critical and has voxels")
+            refuse(
+                not structures, "structures must be named: no tissue of the bone is critical and has voxels"
+            )
         self.structures = tuple([structures] if isinstance(structures, str) else structures)
-        if len(set(self.structures)) < len(self.structures):
-            raise ValueError(f"structures must differ, got {', '.join(self.structures)}")
+        alike = len(set(self.structures)) < len(self.structures)
+        refuse(alike, f"structures must differ, got {', '.join(self.structures)}")
         numbers = [tissues.number(name) for name in self.structures]
         for name, limit in (("approach", approach), ("touch", touch), ("injury", injury)):
             for key in limit if isinstance(limit, Mapping) else ():
-                if key not in self.structures:
-                    raise ValueError(f"{name} must be of watched structures, got one of '{key}'")
+                refuse(
+                    key not in self.structures, f"{name} must be of watched structures, got one of '{key}'"
+                )
         self.limits = tuple(
             Limits(_of(approach, name, _APPROACH), _of(touch, name, _TOUCH), _of(injury, name, _INJURY))
             for name in self.structures
@@ -194,15 +193,11 @@ class Watch:
     @classmethod
     def of_settings(cls, bone: VoxelBone, settings: Mapping[str, Any]) -> Watch:
         """The watch that had these settings, on an equal bone. ValueError, KeyError or TypeError where they are none."""
-        rows = settings["structures"]
-        names = [row["name"] for row in rows]
-        of = {
-            key: {row["name"]: row[key] for row in rows} for key in ("approach_mm", "touch_mm", "injury_mm3")
-        }
-        return cls(
-            bone, approach=of["approach_mm"], touch=of["touch_mm"], injury=of["injury_mm3"],
-            hysteresis=settings["hysteresis_mm"], structures=names,
-        )  # fmt: skip
+        rows = {row["name"]: row for row in settings["structures"]}
+        keys = {"approach": "approach_mm", "touch": "touch_mm", "injury": "injury_mm3"}
+        limits: Any = {limit: {n: row[key] for n, row in rows.items()} for limit, key in keys.items()}
+        names = [row["name"] for row in settings["structures"]]
+        return cls(bone, hysteresis=settings["hysteresis_mm"], structures=names, **limits)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -243,8 +238,7 @@ class Watch:
         ValueError
             If the structure is not watched, or a number is not finite or out of range.
         """
-        if structure not in self.structures:
-            raise ValueError(f"structure must be one of {', '.join(self.structures)}, got '{structure}'")
+        check_structure(structure, self.structures)
         at = real(centers, "centers")
         return self._distances[self.structures.index(structure)].of_sphere(at, float(real(radius, "radius")))
 
@@ -253,6 +247,13 @@ class Watch:
             f"{n} {asdict(limit)}" for n, limit in zip(self.structures, self.limits, strict=True)
         )
         return f"Watch({said}, hysteresis={self.hysteresis:g})"
+
+
+def check_structure(structure: str, structures: Sequence[str]) -> None:
+    """ValueError unless a structure is one of those that are watched."""
+    refuse(
+        structure not in structures, f"structure must be one of {', '.join(structures)}, got '{structure}'"
+    )
 
 
 def critical_structures(bone: VoxelBone) -> list[str]:

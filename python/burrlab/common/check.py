@@ -1,7 +1,4 @@
-"""Checks of what the public functions are given.
-
-What a file, or a number of voxels, may take of the machine: told before it is taken.
-"""
+"""Checks of what public functions are given, and of the memory that a file or a bone would take."""
 
 from __future__ import annotations
 
@@ -47,6 +44,19 @@ def whole(name: str, value: object, end: int, end_text: str) -> int:
     return number
 
 
+def check_positive(name: str, value: float) -> None:
+    """ValueError unless a number is positive and finite."""
+    refuse(not 0 < value < math.inf, f"{name} must be positive and finite, got {value}")
+
+
+def seed_or_new(seed: int | None) -> int:
+    """The seed, or a drawn one for None; ValueError unless it is from 0 and below 2^64."""
+    if seed is None:
+        return int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+    refuse(not 0 <= seed < 2**64, f"seed must be in 0..2^64 - 1, got {seed}")
+    return seed
+
+
 #: Deflate makes at most so many bytes of one: two bits can stand for 258 bytes.
 DEFLATE = 1032
 #: What may follow the values in a packed stream (ours) [bytes].
@@ -63,7 +73,7 @@ def shown(value: object) -> str:
 
 
 def available_memory() -> float:
-    """What the machine, or its container, still has [bytes]; infinity where it does not say."""
+    """Free memory of the machine or its container [bytes]; infinity where it is not known."""
     found = [math.inf]
     with contextlib.suppress(OSError, ValueError, AttributeError):
         found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
@@ -76,7 +86,7 @@ def available_memory() -> float:
 
 
 def check_memory(size: float, what: str) -> None:
-    """ValueError where something takes more than the machine has [bytes]."""
+    """ValueError where something needs more memory than there is [bytes]."""
     if size > (there := available_memory()):
         raise ValueError(f"{what} needs {size / 1e9:.3g} GB of memory, and {there / 1e9:.3g} GB are there")
 
@@ -95,9 +105,9 @@ def check_packed(size: float, packed: float, name: str) -> None:
 
 
 def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDArray[np.uint8], bytes]:
-    """From here on, at most `size` bytes, unpacked if they are packed; and what else the packed stream holds.
+    """At most `size` bytes from the file's position on, unpacked if they are packed, and what follows in the packed stream.
 
-    A packed stream is one of zlib or gzip. The file is left behind it, and its checksum has been looked at.
+    A packed stream is one of zlib or gzip. Its checksum is checked, and the file is left at its end.
 
     Raises
     ------

@@ -1,11 +1,9 @@
-"""JSON text from elsewhere: whatever is wrong with it, one sentence.
-
-Results as plain objects for JSON and back without loss, by the types their fields are declared with.
-"""
+"""Reading JSON text, with a refusal in one sentence; and results as plain objects for JSON, and back."""
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import math
 import re
@@ -14,14 +12,21 @@ import textwrap
 import types
 import typing
 from collections.abc import Callable, Mapping
-from dataclasses import fields
-from typing import Any, TypeVar
+from dataclasses import MISSING, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 
+from burrlab._core import Burr, Material, Shape
+from burrlab.common.check import refuse
+
+if TYPE_CHECKING:
+    from cattrs import Converter
+
 Made = TypeVar("Made")
 
-#: What text leads to that is nested too deeply, too large, or of another kind than it should be.
+#: Errors of reading text that is nested too deeply, too large, or of another kind than expected.
 UNREADABLE = (
     LookupError,
     TypeError,
@@ -31,9 +36,6 @@ UNREADABLE = (
     RecursionError,
     SyntaxError,
 )
-_KINDS: dict[str, tuple[type, ...]] = {
-    "float": (float, int, type(None)), "int": (int,), "str": (str,), "ResidualKind": (str,), "bool": (bool,), "None": (type(None),)
-}  # fmt: skip  # None: what is not finite, in a fit's JSON
 
 
 def parsed(
@@ -51,25 +53,14 @@ def parsed(
 
 
 def in_one_line(error: object, most: int = 200) -> str:
-    """What was raised by something from elsewhere, as another sentence may quote it."""
+    """An error as text on one short line, which another sentence can quote."""
     return re.sub(r"[\0-\x1f\x7f\ud800-\udfff]", "\ufffd", textwrap.shorten(str(error), most))
 
 
 def check_texts(value: object) -> None:
-    """ValueError where a text in a JSON value has control characters or half a character, as no name has."""
-    if re.search(r"[\ud800-\udfff]|(?<!\\)(?:\\\\)*\\[bfnrtu]", json.dumps(value, ensure_ascii=False)):
-        raise ValueError("a text has control characters")
-
-
-def record(kind: Callable[..., Made], **values: Any) -> Made:
-    """A dataclass of values from JSON; TypeError or OverflowError where a number, text or flag is none that its field holds."""
-    for field in fields(kind):  # type: ignore[arg-type]
-        named = [_KINDS.get(part) for part in str(field.type).split(" | ")]
-        value = values.get(field.name)
-        if field.name in values and not any(kinds is None or type(value) in kinds for kinds in named):
-            raise TypeError(f"{field.name} must be {field.type}, got {reprlib.repr(value)}")
-        float(value) if type(value) is int else None
-    return kind(**values)
+    """ValueError where a text in a JSON value holds control characters or half of a character."""
+    found = re.search(r"[\ud800-\udfff]|(?<!\\)(?:\\\\)*\\[bfnrtu]", json.dumps(value, ensure_ascii=False))
+    refuse(found, "a text has control characters")
 
 
 def _whole(text: str) -> int:
@@ -80,15 +71,258 @@ def _whole(text: str) -> int:
 
 def _real(text: str) -> float:
     number = float(text)
-    if not math.isfinite(number):
-        raise ValueError(f"{text} is not finite")
+    refuse(not math.isfinite(number), f"{text} is not finite")
     return number
 
 
-T = TypeVar("T")
+#: Key of a derived number -> how it is made of the result, or key of a field -> its name.
+Keys: TypeAlias = Mapping[str, str | Callable[[Any], Any]]
+_SPELT = ("inf", "-inf", "nan")
 
-_UNIONS = (typing.Union, types.UnionType)
-_SPELT = {"inf": math.inf, "-inf": -math.inf, "nan": math.nan}
+
+class Codec:
+    """Dataclasses as plain objects for JSON, and back, by the types of their fields.
+
+    Arrays, tuples and NamedTuples become lists, mappings dicts, paths and shapes texts, a burr its radius [mm] and
+    a material a dict. Reading is strict: no text is taken for a number, no 2.9 for 2, no unknown key is passed over.
+
+    Parameters
+    ----------
+    not_finite : str
+        JSON has no infinity and no NaN. ``"null"`` writes them as null, which is read as NaN; ``"spelt"`` writes
+        "inf", "-inf" and "nan", and passes over unknown keys; ``"kept"`` leaves them to `json.dumps` and reads them
+        in arrays only.
+    keys : mapping
+        Class -> key in JSON -> name of its field, or a function of the object for what is derived from it: that is
+        written, and passed over on reading. A class that is not there has its fields.
+    null : mapping
+        (class, field) -> what null stands for, where it is another number than NaN.
+    kinds : mapping
+        Text under the key ``"kind"`` -> class, for fields that hold one of several.
+    """
+
+    def __init__(
+        self,
+        not_finite: str = "null",
+        *,
+        keys: Mapping[type, Keys] | None = None,
+        null: Mapping[tuple[type, str], float] | None = None,
+        kinds: Mapping[str, type] | None = None,
+    ) -> None:
+        self._not_finite, self._keys, self._null, self._kinds = (
+            not_finite,
+            keys or {},
+            null or {},
+            kinds or {},
+        )
+
+    def plain(self, value: Any) -> Any:
+        """The value as what JSON knows."""
+        return self._converter.unstructure(value)
+
+    def made(self, kind: type[Made], value: Any) -> Made:
+        """The object that `plain` took apart; ValueError in one sentence with the place of the first fault."""
+        import cattrs
+
+        try:
+            return self._converter.structure(value, kind)
+        except cattrs.BaseValidationError as error:
+            raise ValueError(_sentence(error)) from None
+
+    @functools.cached_property
+    def _converter(self) -> Converter:
+        import cattrs
+
+        made = cattrs.Converter()
+        made.register_unstructure_hook(float, self._written)
+        made.register_unstructure_hook(Path, str)
+        made.register_unstructure_hook(Shape, lambda shape: shape.name)
+        made.register_unstructure_hook(Burr, lambda burr: burr.radius)
+        names = ("name", "c_e", "alpha", "shape", "source")
+        made.register_unstructure_hook(
+            Material, lambda material: {name: self.plain(getattr(material, name)) for name in names}
+        )
+        made.register_unstructure_hook_func(
+            _is(np.ndarray, np.generic), lambda value: self.plain(value.tolist())
+        )
+        made.register_unstructure_hook_func(
+            _is(Mapping), lambda value: {str(name): self.plain(part) for name, part in value.items()}
+        )
+        made.register_unstructure_hook_func(
+            _is(tuple, list), lambda value: [self.plain(part) for part in value]
+        )
+        made.register_unstructure_hook_factory(dataclasses.is_dataclass, self._taken_apart)
+        for kind in (int, str, bool):
+            made.register_structure_hook(kind, functools.partial(_of_type, (kind,)))
+        made.register_structure_hook(float, self._number)
+        made.register_structure_hook(Burr, lambda value, _: Burr(self._number(value)))
+        made.register_structure_hook(Shape, lambda value, _: Shape(_of_type((str,), value, str)))
+        made.register_structure_hook(Material, lambda value, _: Material(**_of_type((dict,), value, dict)))
+        made.register_structure_hook_func(_is(np.ndarray), self._array)
+        made.register_structure_hook_func(lambda kind: typing.get_origin(kind) is Literal, _one_of)  # type: ignore[comparison-overlap]
+        made.register_structure_hook_factory(_is(Mapping), _mapping)
+        made.register_structure_hook_factory(_is_list, _sequence)
+        made.register_structure_hook_factory(dataclasses.is_dataclass, self._put_together)
+        made.register_structure_hook_func(_is_choice, self._chosen)
+        return made
+
+    def _known(self, kind: type) -> Keys:
+        """What `keys` says of a class, or of the one that it is made from."""
+        return next((self._keys[one] for one in kind.__mro__ if one in self._keys), {})
+
+    def _written(self, value: float) -> Any:
+        if math.isfinite(value) or self._not_finite == "kept":
+            return value
+        return None if self._not_finite == "null" else str(float(value))
+
+    def _number(self, value: Any, _: Any = None, *, null: float = math.nan) -> float:
+        if value is None and self._not_finite == "null":
+            return null
+        if self._not_finite == "spelt" and value in _SPELT:
+            return float(value)
+        number = float(_of_type((float, int), value, float))
+        refuse(not math.isfinite(number), f"must be finite, got {value}")
+        return number
+
+    def _array(self, value: Any, _: Any) -> Any:
+        found = np.array(_of_type((list,), value, list), dtype=object)
+        wrong = set(map(type, found.flat)) - {float, int, type(None)}
+        named = " and ".join(sorted(kind.__name__ for kind in wrong))
+        refuse(wrong, f"must be of numbers, got {named}")
+        return found.astype(np.float64)
+
+    def _taken_apart(self, kind: type) -> Callable[[Any], Any]:
+        """How a dataclass is written."""
+        own = {field.name: field.name for field in fields(kind) if field.init}
+        keys = self._known(kind) or own
+        tags = {one: {"kind": name} for name, one in self._kinds.items()}
+        tag = tags.get(kind, {})
+        return lambda value: {
+            **tag,
+            **{
+                key: self.plain(getattr(value, said) if isinstance(said, str) else said(value))
+                for key, said in keys.items()
+            },
+        }
+
+    def _put_together(self, kind: type, converter: Converter) -> Callable[[Any, Any], Any]:
+        """How a dataclass is read."""
+        from cattrs.gen import make_dict_structure_fn, override
+
+        keys = {field.name: field.name for field in fields(kind) if field.init}
+        known = self._known(kind)
+        keys |= {said: key for key, said in known.items() if isinstance(said, str)}
+        derived = {key for key, said in known.items() if not isinstance(said, str)}
+        needed = [keys[f.name] for f in fields(kind) if f.init and f.default is f.default_factory is MISSING]
+        overrides: dict[str, Any] = {name: override(rename=key) for name, key in keys.items()}
+        for (one, name), meaning in self._null.items():
+            if one is kind:
+                hook = functools.partial(self._number, null=meaning)
+                overrides[name] = override(rename=keys[name], struct_hook=hook)
+        strict = self._not_finite != "spelt"
+        made: Any = make_dict_structure_fn(kind, converter, _cattrs_forbid_extra_keys=strict, **overrides)
+
+        def read(value: Any, _: Any) -> Any:
+            missing = [key for key in needed if key not in _of_type((dict,), value, dict)]
+            refuse(missing, f"{kind.__name__} needs {', '.join(missing)}, which the record does not have")
+            return made({key: part for key, part in value.items() if key not in derived}, kind)
+
+        return read
+
+    def _chosen(self, value: Any, union: Any) -> Any:
+        """What a field that holds one of several types holds."""
+        some = [kind for kind in typing.get_args(union) if kind is not type(None)]
+        if value is None and len(some) < len(typing.get_args(union)):
+            return None
+        if isinstance(value, dict) and self._kinds:
+            name, rest = str(value.get("kind")), {key: part for key, part in value.items() if key != "kind"}
+            refuse(
+                name not in self._kinds,
+                f"kind must be one of {', '.join(self._kinds)}, got {reprlib.repr(name)}",
+            )
+            return self._converter.structure(rest, self._kinds[name])
+        for kind in some:
+            names = {f.name for f in fields(kind) if f.init} if dataclasses.is_dataclass(kind) else None
+            if isinstance(value, dict) and names == set(value):
+                return self._converter.structure(value, kind)
+        fitting = [kind for kind in some if isinstance(kind, type) and isinstance(value, kind)]
+        kind = fitting[0] if fitting else float if float in some and value in _SPELT else some[0]
+        return self._converter.structure(value, kind)
+
+
+def _is(*kinds: type) -> Callable[[Any], bool]:
+    """Whether a type, as a field is declared with, is one of `kinds`."""
+
+    def asked(declared: Any) -> bool:
+        found = typing.get_origin(declared) or declared
+        return isinstance(found, type) and issubclass(found, kinds)
+
+    return asked
+
+
+def _is_list(declared: Any) -> bool:
+    return (typing.get_origin(declared) or declared) in (list, tuple)
+
+
+def _is_choice(declared: Any) -> bool:
+    some = {*typing.get_args(declared)} - {type(None)}
+    return typing.get_origin(declared) in (typing.Union, types.UnionType) and len(some) > 1
+
+
+def _of_type(kinds: tuple[type, ...], value: Any, kind: type) -> Any:
+    if type(value) not in kinds:
+        raise TypeError(f"must be {kind.__name__}, got {reprlib.repr(value)}")
+    return value
+
+
+def _one_of(value: Any, declared: Any) -> Any:
+    some = typing.get_args(declared)
+    refuse(value not in some, f"must be one of {', '.join(some)}, got {reprlib.repr(value)}")
+    return value
+
+
+def _mapping(declared: Any, converter: Converter) -> Callable[[Any, Any], Any]:
+    from cattrs.gen import mapping_structure_factory
+
+    key, part = typing.get_args(declared) or (Any, Any)
+    made: Any = mapping_structure_factory(dict[key, part], converter)  # type: ignore[valid-type]
+    return lambda value, _: made(_of_type((dict,), value, dict), dict)
+
+
+def _sequence(declared: Any, converter: Converter) -> Callable[[Any, Any], Any]:
+    from cattrs.cols import list_structure_factory
+
+    kinds = typing.get_args(declared) or (Any, ...)
+    make = typing.get_origin(declared) or declared
+    alike = make is list or kinds[-1] is Ellipsis or len(set(kinds)) == 1
+    listed = list_structure_factory(list[kinds[0]], converter)  # type: ignore[valid-type]
+
+    def read(value: Any, _: Any) -> Any:
+        _of_type((list, tuple), value, list)
+        due = len(kinds) if make is tuple and kinds[-1] is not Ellipsis else len(value)
+        refuse(len(value) != due, f"must have {due} values, got {len(value)}")
+        if alike:
+            return make(listed(value, list))
+        return tuple(converter.structure(part, kind) for kind, part in zip(kinds, value, strict=True))
+
+    return read
+
+
+def _sentence(error: Exception) -> str:
+    """The first fault that the converter met, with its place."""
+    from cattrs import ForbiddenExtraKeysError, transform_error
+
+    def said(fault: BaseException, _: object) -> str:
+        if isinstance(fault, ForbiddenExtraKeysError):
+            return f"must not have the key {reprlib.repr(min(fault.extra_fields))}"
+        return in_one_line(fault) if str(fault) else type(fault).__name__
+
+    text, _, place = transform_error(error, "", said)[0].rpartition(" @ ")
+    place = place.lstrip(".")
+    return f"{place}{' ' if text.startswith('must') else ': '}{text}" if place else text
+
+
+_CODEC = Codec("spelt")
 
 
 def plain(value: Any) -> Any:
@@ -99,65 +333,15 @@ def plain(value: Any) -> Any:
     >>> plain({"interval": (0.5, float("inf"))})
     {'interval': [0.5, 'inf']}
     """
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value) if f.init}
-    if isinstance(value, (np.ndarray, np.generic)):
-        return plain(value.tolist())
-    if isinstance(value, Mapping):
-        return {str(name): plain(part) for name, part in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [plain(part) for part in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return "nan" if math.isnan(value) else "inf" if value > 0 else "-inf"
-    return value
+    return _CODEC.plain(value)
 
 
-def restored(kind: type[T], values: Mapping[str, Any]) -> T:
+def restored(kind: type[Made], values: Mapping[str, Any]) -> Made:
     """The dataclass that `plain` took apart.
 
     Raises
     ------
     ValueError
-        If a field is missing.
+        If a field is missing, unknown, or holds something else than it should.
     """
-    hints = typing.get_type_hints(kind)
-    names = [f.name for f in dataclasses.fields(kind) if f.init]  # type: ignore[arg-type]
-    missing = [name for name in names if name not in values]
-    if missing:
-        raise ValueError(f"{kind.__name__} needs {', '.join(missing)}, which the record does not have")
-    return kind(**{name: _value(hints[name], values[name]) for name in names})
-
-
-def _value(hint: Any, value: Any) -> Any:
-    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if value is None:
-        return None
-    if origin in _UNIONS:
-        return _value(_of_union(arguments, value), value)
-    if origin is tuple:
-        kinds = [arguments[0]] * len(value) if arguments[-1] is Ellipsis else arguments
-        return tuple(_value(kind, part) for kind, part in zip(kinds, value, strict=True))
-    if origin is list:
-        return [_value(arguments[0], part) for part in value]
-    if isinstance(origin, type) and issubclass(origin, Mapping):
-        return {name: _value(arguments[1], part) for name, part in value.items()}
-    if hint is float:
-        return _SPELT[value] if isinstance(value, str) else float(value)
-    if dataclasses.is_dataclass(hint) and isinstance(hint, type):
-        return restored(hint, value)
-    return value
-
-
-def _of_union(kinds: tuple[Any, ...], value: Any) -> Any:
-    """Which of several types a plain value was."""
-    some = [kind for kind in kinds if kind is not type(None)]
-    if len(some) == 1:
-        return some[0]
-    if isinstance(value, Mapping):
-        for kind in some:
-            if dataclasses.is_dataclass(kind) and {f.name for f in dataclasses.fields(kind) if f.init} == set(
-                value
-            ):
-                return kind
-    fitting = [kind for kind in some if isinstance(kind, type) and isinstance(value, kind)]
-    return fitting[0] if fitting else float if float in some and value in tuple(_SPELT) else Any
+    return _CODEC.made(kind, values)

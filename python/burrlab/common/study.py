@@ -1,7 +1,4 @@
-"""Results on disk, each under a key that says what made it, so that a study can go on where it was ended.
-
-Many independent items of work: on threads, processes or a cluster, and resumed from a store.
-"""
+"""Studies: many independent items of work on threads, processes or a cluster, resumed from a store of results on disk."""
 
 from __future__ import annotations
 
@@ -24,6 +21,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 import numpy as np
 
 from burrlab._core import Burr, Material, Shape, VoxelBone, __version__
+from burrlab.common.check import refuse
 from burrlab.common.records import UNREADABLE, parsed
 
 #: What a study takes for a store: one, or the path of its file.
@@ -152,8 +150,10 @@ def _decode(value: Any) -> Any:
     if kind == "dict":
         return {key: _decode(part) for key, part in content.items()}
     dtype, shape, data = content
-    if kind not in ("array", "number") or np.dtype(dtype).kind not in _NUMBERS:
-        raise ValueError(f"a result holds no {kind!r} of {dtype!r}")
+    refuse(
+        kind not in ("array", "number") or np.dtype(dtype).kind not in _NUMBERS,
+        f"a result holds no {kind!r} of {dtype!r}",
+    )
     array = np.frombuffer(base64.b64decode(data), dtype).reshape(shape).copy()
     return array if kind == "array" else array[()]
 
@@ -220,10 +220,10 @@ class Store:
             raise ValueError(
                 f"store must be a file of burrlab results or a new one, got {self.path}"
             ) from None
-        if found != FORMAT:
-            raise ValueError(
-                f"store must be of format {FORMAT}, got {self.path} of format {reprlib.repr(found)}"
-            )
+        refuse(
+            found != FORMAT,
+            f"store must be of format {FORMAT}, got {self.path} of format {reprlib.repr(found)}",
+        )
         for line in lines[1:]:
             if line == _HEADER:  # two processes made the file at once
                 continue
@@ -340,9 +340,7 @@ def _has_died(error: BaseException) -> bool:
 
 def cores() -> int:
     """Cores that this process may use: a batch system often gives fewer than the machine has."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class Study(Generic[Item, Result]):
@@ -369,8 +367,10 @@ class Study(Generic[Item, Result]):
                 "executor must be a concurrent.futures.Executor, of a dask client its client.get_executor(), "
                 f"got {executor!r}"
             )
-        if chunk is not None and not (isinstance(chunk, int) and chunk >= 1):
-            raise ValueError(f"chunk must be a whole number from 1, got {chunk!r}")
+        refuse(
+            chunk is not None and not (isinstance(chunk, int) and chunk >= 1),
+            f"chunk must be a whole number from 1, got {chunk!r}",
+        )
         self.results: dict[int, Result] = {}
         self._function, self._items = function, items
         self._executor, self._chunk, self._cancel = executor, chunk or 1, cancel
@@ -390,11 +390,11 @@ class Study(Generic[Item, Result]):
                 missing.append(i)
         if not missing:
             return
-        own = ThreadPoolExecutor(min(cores(), len(missing))) if self._executor is None else None
+        executor = self._executor or ThreadPoolExecutor(min(cores(), len(missing)))
         over = threading.Event()
         ended = False
         try:
-            self._submit(self._executor or own, missing, over)
+            self._submit(executor, missing, over)
             while self._open:
                 yield from self._take(self._next())
             ended = True
@@ -402,13 +402,12 @@ class Study(Generic[Item, Result]):
             for future in self._open:
                 future.cancel()
             over.set()
-            if own is not None:
-                own.shutdown(wait=True)
+            if executor is not self._executor:
+                executor.shutdown(wait=True)
             if not ended:
                 self._keep_finished()
 
-    def _submit(self, executor: Executor | None, missing: list[int], over: threading.Event) -> None:
-        assert executor is not None
+    def _submit(self, executor: Executor, missing: list[int], over: threading.Event) -> None:
         # Dask would know a task by its arguments, and answer with a failure that it remembers.
         options: dict[str, Any] = {"pure": False} if _is_dask(type(executor)) else {}
         event = over if isinstance(executor, ThreadPoolExecutor) else None

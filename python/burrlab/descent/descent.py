@@ -1,7 +1,4 @@
-"""The descent experiment: a burr that sinks into bone at constant force.
-
-The two ways to run a descent: force held exactly, and controller with rig.
-"""
+"""The descent experiment: a burr sinks into bone at a force that is held exactly, or by a controller and a rig."""
 
 from __future__ import annotations
 
@@ -14,7 +11,7 @@ import numpy as np
 
 from burrlab._core import Burr, BurrContact, ForceController, Material
 from burrlab.bone.specimen import Specimen, Vector, half_space
-from burrlab.common.check import real, require_type
+from burrlab.common.check import check_positive, real, refuse, require_type, seed_or_new
 from burrlab.common.provenance import provenance
 from burrlab.descent.result import Descent, Series, evaluate
 from burrlab.descent.rig import Rig, RigReading, VirtualRig
@@ -108,19 +105,20 @@ def descend(
         require_type("material", material, Material, "materials['bone']")
     stop = burr.radius / 3 if stop is None else float(real(stop, "stop"))
     for name, value in {"force": force, "dt": dt, "stop": stop, "max_duration": max_duration}.items():
-        if not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be positive and finite, got {value}")
+        check_positive(name, value)
     period = dt if rig is None or ideal else rig.period
-    if not max_duration * 1e3 / period < 2**63:
-        raise ValueError(f"max_duration must be below 2^63 ticks of {period:g} ms, got {max_duration:g} s")
-    if seed is None:
-        seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
-    if not 0 <= seed < 2**64:
-        raise ValueError(f"seed must be in 0..2^64 - 1, got {seed}")
-    if material is None and (rig is None or ideal):
-        raise ValueError("material must be given unless a rig of your own is")
-    if ideal and rig is not None:
-        raise ValueError("ideal and rig exclude one another: the exact mode has no rig")
+    refuse(
+        not max_duration * 1e3 / period < 2**63,
+        f"max_duration must be below 2^63 ticks of {period:g} ms, got {max_duration:g} s",
+    )
+    seed = seed_or_new(seed)
+    refuse(material is None and (rig is None or ideal), "material must be given unless a rig of your own is")
+    refuse(ideal and rig is not None, "ideal and rig exclude one another: the exact mode has no rig")
+
+    def interrupted(immersion: float) -> bool:
+        if progress is not None:
+            progress(min(max(immersion / stop, 0.0), 1.0))
+        return cancel is not None and cancel.is_set()
 
     contact: BurrContact | None = None
     if rig is None:
@@ -133,19 +131,18 @@ def descend(
         contact = BurrContact(specimen.bone, burr, material, seed=seed, scheme=scheme)
         if not ideal:
             rig = VirtualRig(contact, specimen, period=dt, clearance=free_clearance(contact, specimen, burr))
-    watch = Watch(stop, progress, cancel)
     acted: int | None = seed
     if rig is None:
         assert contact is not None
         assert specimen is not None
-        series, ending = hold(contact, specimen, force, stop, dt, max_duration, watch)
+        series, ending = hold(contact, specimen, force, stop, dt, max_duration, interrupted)
     else:
-        if force > rig.force_limit:
-            raise ValueError(
-                f"force must be within the rig's range of {rig.force_limit:g} N, got {force:g} N"
-            )
+        refuse(
+            force > rig.force_limit,
+            f"force must be within the rig's range of {rig.force_limit:g} N, got {force:g} N",
+        )
         dt = rig.period
-        series, ending = control(rig, burr, material, force, controller, stop, max_duration, watch)
+        series, ending = control(rig, burr, material, force, controller, stop, max_duration, interrupted)
         if contact is None:  # the caller's rig: its seed and bone acted, if it has them
             contact = rig.contact if isinstance(rig, VirtualRig) else None
             specimen = rig.specimen if isinstance(rig, VirtualRig) else None
@@ -186,18 +183,6 @@ _CHUNK = 256  # ticks between looks at progress and interrupts
 Progress = Callable[[float], object]
 
 
-class Watch:
-    """Progress and interrupts of one run."""
-
-    def __init__(self, stop: float, progress: Progress | None, cancel: threading.Event | None) -> None:
-        self.stop, self.progress, self.cancel = stop, progress, cancel
-
-    def interrupted(self, immersion: float) -> bool:
-        if self.progress is not None:
-            self.progress(min(max(immersion / self.stop, 0.0), 1.0))
-        return self.cancel is not None and self.cancel.is_set()
-
-
 def free_clearance(contact: BurrContact, specimen: Specimen, burr: Burr) -> float:
     """Distance of the tip from the surface at which a run begins out of contact [mm]."""
     for clearance in np.arange(0.2, 4 * burr.radius, 0.2):
@@ -213,7 +198,7 @@ def hold(
     stop: float,
     dt: float,
     max_duration: float,
-    watch: Watch,
+    interrupted: Callable[[float], bool],
 ) -> tuple[Series, str]:
     """The exact mode: every tick acts where the force is as asked."""
     burr = contact.burr
@@ -241,9 +226,14 @@ def hold(
             faint += part.faint
             immersion = float(part.position[-1]) if len(part.position) else immersion
             if part.reached:
-                ending = "stop" if done else _without_hold(contact, specimen, stop)
+                if done:
+                    ending = "stop"
+                else:
+                    depths = np.linspace(0.0, stop, 50)
+                    touched = any(contact.probe(specimen.center(h, burr)).touching for h in depths)
+                    ending = "overloaded" if touched else "never-touched"
                 break
-            if watch.interrupted(immersion):
+            if interrupted(immersion):
                 ending = "interrupted"
                 break
     except KeyboardInterrupt:
@@ -259,12 +249,6 @@ def hold(
     ), ending
 
 
-def _without_hold(contact: BurrContact, specimen: Specimen, stop: float) -> str:
-    depths = np.linspace(0.0, stop, 50)
-    touched = any(contact.probe(specimen.center(h, contact.burr)).touching for h in depths)
-    return "overloaded" if touched else "never-touched"
-
-
 def control(
     rig: Rig,
     burr: Burr,
@@ -273,7 +257,7 @@ def control(
     controller: ForceController | None,
     stop: float,
     max_duration: float,
-    watch: Watch,
+    interrupted: Callable[[float], bool],
 ) -> tuple[Series, str]:
     """Approach, then force control, until the stop."""
     scheduled = controller is None
@@ -322,7 +306,7 @@ def control(
             if immersion >= stop:
                 ending = "stop" if engaged or getattr(rig, "touched", False) else "never-touched"
                 break
-            if tick % 64 == 0 and watch.interrupted(max(immersion, 0.0)):
+            if tick % 64 == 0 and interrupted(max(immersion, 0.0)):
                 ending = "interrupted"
                 break
     except KeyboardInterrupt:
@@ -345,15 +329,15 @@ def control(
 
 def _check_reading(reading: RigReading, tick: int, setpoint: float) -> None:
     """ValueError on a reading that no command may follow; the rig is stopped then."""
-    if not (np.isfinite(reading.position) and np.isfinite(reading.force)):
-        raise ValueError(
-            f"the rig's reading must be finite, got {tuple(reading)} at sample {tick}; it was stopped"
-        )
-    if reading.force < -max(0.5 * setpoint, 0.1):
-        raise ValueError(
-            f"the rig's force must be positive where bone pushes the burr out, got {reading.force:.4g} N at sample "
-            f"{tick}; it was stopped"
-        )
+    refuse(
+        not np.isfinite(reading).all(),
+        f"the rig's reading must be finite, got {tuple(reading)} at sample {tick}; it was stopped",
+    )
+    refuse(
+        reading.force < -max(0.5 * setpoint, 0.1),
+        f"the rig's force must be positive where bone pushes the burr out, got {reading.force:.4g} N at sample "
+        f"{tick}; it was stopped",
+    )
 
 
 def _contact_threshold(force: float, rows: list[tuple[float, float, float]]) -> float:
@@ -373,8 +357,7 @@ def _first_contact(
     pressed = table[first:]
     if np.ptp(pressed[:, 0]) == 0:  # within one step of the encoder: from the step before it
         before = np.flatnonzero(table[:first, 0] < pressed[0, 0])
-        if before.size == 0:
-            raise ValueError("the rig's position must change before its force rises; it was stopped")
+        refuse(before.size == 0, "the rig's position must change before its force rises; it was stopped")
         pressed = table[before[-1] :]
     slope, intercept = np.polyfit(pressed[:, 0], np.maximum(pressed[:, 1], 0.0) ** (2 / 3), 1)
     slope = max(float(slope), 1e-3)

@@ -1,4 +1,4 @@
-"""What a descent gives: series, window, velocity, status."""
+"""The result of a descent: series, window, velocity and status, its JSON and its figure."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from scipy.signal import savgol_filter
 from burrlab._core import Burr, Material
 from burrlab.bone.header import assumed, told_notes
 from burrlab.bone.tissues import label_scatter
+from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, new_figure, tidy
-from burrlab.common.records import parsed, record
-from burrlab.common.table import by_value
+from burrlab.common.records import Codec, parsed
+from burrlab.common.table import by_value, frame
 from burrlab.theory.closed_forms import (
     FEWEST_TICKS,
     Array,
@@ -126,46 +127,14 @@ class Descent:
 
     def to_dict(self) -> dict[str, Any]:
         """The result without its series, ready for JSON."""
-        material = self.material
-        return {
-            "status": self.status,
-            "reason": self.reason,
-            "penetration_velocity_mm_s": self.penetration_velocity,
-            "window_mm": list(self.window) if self.window else None,
-            "velocity_fall": self.velocity_fall,
-            "force_N": self.setpoint,
-            "radius_mm": self.burr.radius,
-            "duration_s": self.duration,
-            "stop_mm": self.stop,
-            "layer_resolution": self.layer_resolution,
-            "warnings": list(self.warnings),
-            "phases_s": {name: list(span) for name, span in self.phases.items()},
-            "material": None
-            if material is None
-            else {
-                "name": material.name,
-                "c_e": material.c_e,
-                "alpha": material.alpha,
-                "shape": material.shape.name,
-                "source": material.source,
-            },
-            "seed": self.provenance.get("seed"),
-            "version": self.provenance["burrlab"],
-            "provenance": self.provenance,
-        }
+        plain: dict[str, Any] = _CODEC.plain(self)
+        return plain
 
     def save(self, path: str | Path) -> None:
         """Writes result and series as JSON, without loss."""
-        columns = {
-            name: getattr(self.series, name).tolist() for name in ("time", "immersion", "force", "command")
-        }
-        kinds = ("exact", "noise", "ambiguous", "faint")
-        text = {
-            **self.to_dict(),
-            "series": columns,
-            "record": {name: getattr(self.series, name) for name in kinds},
-        }
-        Path(path).write_text(json.dumps(text))
+        record = _CODEC.plain(self.series)
+        columns = {name: record.pop(name) for name in ("time", "immersion", "force", "command")}
+        Path(path).write_text(json.dumps({**self.to_dict(), "series": columns, "record": record}))
 
     @staticmethod
     def load(path: str | Path) -> Descent:
@@ -174,49 +143,17 @@ class Descent:
 
     @staticmethod
     def _of(data: dict[str, Any]) -> Descent:
-        made = data["material"]
-        material = None
-        if made is not None:
-            name = made.pop("name")
-            material = Material(name, **made)
-        columns = {name: np.array(values, dtype=float) for name, values in data["series"].items()}
-        series = record(Series, **columns, **data["record"])
-        if len({values.shape for values in columns.values()}) > 1 or series.time.ndim != 1:
-            raise ValueError("its series differ in length")
-        fields = ("status", "reason", "velocity_fall", "layer_resolution")
-        numbers = ("force_N", "stop_mm", "penetration_velocity_mm_s", *fields[2:])
-        if not all(np.isfinite(data[name]) for name in numbers if data[name] is not None):
-            raise ValueError("a number is not finite")
-        return record(
-            Descent,
-            burr=Burr(data["radius_mm"]),
-            material=material,
-            setpoint=data["force_N"],
-            stop=data["stop_mm"],
-            penetration_velocity=data["penetration_velocity_mm_s"],
-            window=tuple(map(float, data["window_mm"])) if data["window_mm"] else None,
-            phases={name: (float(span[0]), float(span[1])) for name, span in data["phases_s"].items()},
-            warnings=tuple(map(str, data["warnings"])),
-            series=series,
-            provenance=dict(data["provenance"]),
-            **{name: data[name] for name in fields},
-        )
+        data["series"] |= data.pop("record")
+        made = _CODEC.made(Descent, data)
+        series = made.series
+        shapes = {values.shape for values in (series.time, series.immersion, series.force, series.command)}
+        refuse(len(shapes) > 1 or series.time.ndim != 1, "its series differ in length")
+        return made
 
     def to_frame(self) -> pd.DataFrame:
         """The series as a pandas frame, columns with units; ImportError with one sentence without pandas."""
-        try:
-            import pandas as pd
-        except ImportError as error:
-            raise ImportError("to_frame needs pandas: pip install 'burrlab[pandas]'") from error
-        return pd.DataFrame(
-            {
-                "time_s": self.time,
-                "immersion_mm": self.immersion,
-                "force_N": self.force,
-                "velocity_mm_s": self.velocity,
-                "command_mm_s": self.command,
-            }
-        )
+        units = {"time": "s", "immersion": "mm", "force": "N", "velocity": "mm_s", "command": "mm_s"}
+        return frame({f"{name}_{unit}": getattr(self, name) for name, unit in units.items()})
 
     def plot(self, figure: Figure | None = None) -> list[Axes]:
         """Force, position and velocity over time, as the paper's Fig. 4; returns the three Axes."""
@@ -230,18 +167,41 @@ class Descent:
             + "</table>"
         )
 
-    def _said(self) -> str:
-        return "".join(f"; {text}" for text in self.warnings)
-
     def __repr__(self) -> str:
         name = "unknown material" if self.material is None else self.material.name
         head = f"Descent({name}, {self.setpoint:g} N, R = {self.burr.radius:g} mm: {self.status}"
+        said = "".join(f"; {text}" for text in self.warnings)
         if self.penetration_velocity is None or self.window is None:
-            return f"{head}, {self.reason}{self._said()})"
+            return f"{head}, {self.reason}{said})"
         return (
             f"{head}, {self.penetration_velocity:.4g} mm/s between {self.window[0]:.3f} and {self.window[1]:.3f} mm, "
-            f"{self.velocity_fall or float('nan'):.2f} times faster in its first third than in its last{self._said()})"
+            f"{self.velocity_fall or float('nan'):.2f} times faster in its first third than in its last{said})"
         )
+
+
+_CODEC = Codec(
+    "kept",
+    keys={
+        Descent: {
+            "status": "status",
+            "reason": "reason",
+            "penetration_velocity_mm_s": "penetration_velocity",
+            "window_mm": "window",
+            "velocity_fall": "velocity_fall",
+            "force_N": "setpoint",
+            "radius_mm": "burr",
+            "duration_s": lambda run: run.duration,
+            "stop_mm": "stop",
+            "layer_resolution": "layer_resolution",
+            "warnings": "warnings",
+            "phases_s": "phases",
+            "material": "material",
+            "seed": lambda run: run.provenance.get("seed"),
+            "version": lambda run: run.provenance["burrlab"],
+            "provenance": "provenance",
+        }
+    },
+)
 
 
 def evaluate(

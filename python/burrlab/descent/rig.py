@@ -8,6 +8,7 @@ import numpy as np
 
 from burrlab._core import BurrContact
 from burrlab.bone.specimen import Specimen
+from burrlab.common.check import check_positive, refuse
 
 
 class RigReading(NamedTuple):
@@ -91,14 +92,11 @@ class VirtualRig:
     ) -> None:
         named = {"lag": lag, "encoder_step": encoder_step, "noise": noise, "force_filter": force_filter}
         for name, value in named.items():
-            if not (np.isfinite(value) and value >= 0):
-                raise ValueError(f"{name} must be zero or positive and finite, got {value}")
+            refuse(not 0 <= value < np.inf, f"{name} must be zero or positive and finite, got {value}")
         positive = {"period": period, "velocity_limit": velocity_limit, "force_limit": force_limit}
         for name, value in positive.items():
-            if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be positive and finite, got {value}")
-        if not np.isfinite(clearance):
-            raise ValueError(f"clearance must be finite, got {clearance}")
+            check_positive(name, value)
+        refuse(not np.isfinite(clearance), f"clearance must be finite, got {clearance}")
         self.contact, self.specimen = contact, specimen
         self.period, self.velocity_limit, self.force_limit = period, velocity_limit, force_limit
         self.lag, self.encoder_step, self.noise, self.force_filter = lag, encoder_step, noise, force_filter
@@ -112,8 +110,7 @@ class VirtualRig:
 
     def command(self, velocity: float) -> None:
         """Sets the velocity, held within the limit [mm/s]; ValueError unless finite."""
-        if not np.isfinite(velocity):
-            raise ValueError(f"velocity must be finite, got {velocity}")
+        refuse(not np.isfinite(velocity), f"velocity must be finite, got {velocity}")
         self._command = float(np.clip(velocity, -self.velocity_limit, self.velocity_limit))
 
     def read(self) -> RigReading:

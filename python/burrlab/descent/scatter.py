@@ -13,7 +13,7 @@ from scipy import stats
 
 from burrlab._core import Burr, Material
 from burrlab.bone.uneven import BoneField
-from burrlab.common.check import require_type
+from burrlab.common.check import check_positive, refuse, require_type, seed_or_new
 from burrlab.common.figures import REFERENCE, VELOCITY, new_figure, tidy
 from burrlab.common.provenance import provenance
 from burrlab.common.study import StorePath, run_items, stored_as
@@ -167,12 +167,9 @@ class Scatter:
         contrast 0.1, correlation length 0.5 mm, R = 3 mm) the scatter is 5.8, 6.1 and 4.4 % at 0.5, 1 and 2 N,
         with a skewness of 0.1 to 0.3.
         """
-        if not 0 < sd < np.inf:
-            raise ValueError(f"sd must be positive and finite, got {sd}")
-        if n_dof < 1:
-            raise ValueError(f"n_dof must be at least 1, got {n_dof}")
-        if self.pooled_n_dof < 1:
-            raise ValueError("compare needs a force with at least two velocities, got none")
+        check_positive("sd", sd)
+        refuse(n_dof < 1, f"n_dof must be at least 1, got {n_dof}")
+        refuse(self.pooled_n_dof < 1, "compare needs a force with at least two velocities, got none")
         ratio = stats.f(n_dof, self.pooled_n_dof)
         at = (sd / self.pooled) ** 2
         p = float(min(1.0, 2 * min(ratio.cdf(at), ratio.sf(at))))
@@ -320,18 +317,17 @@ def predicted_scatter(
     require_type("material", material, Material, "materials['bone']")
     require_type("field", field, BoneField, "BoneField()")
     force = np.asarray(forces, dtype=float)
-    if force.ndim != 1 or force.size == 0:
-        raise ValueError(f"forces must be a list of at least one force, got {forces!r}")
-    if not np.all(np.isfinite(force) & (force > 0)) or len(set(force)) < force.size:
-        raise ValueError(f"every force must be positive and finite, and given once, got {forces!r}")
-    if repeats < 2:
-        raise ValueError(f"repeats must be at least 2, got {repeats}")
-    if seed is None and store is not None:
-        raise ValueError("a store needs a seed, for it finds results by it: got seed None")
-    if seed is None:
-        seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
-    if not 0 <= seed < 2**64:
-        raise ValueError(f"seed must be in 0..2^64 - 1, got {seed}")
+    refuse(force.ndim != 1 or force.size == 0, f"forces must be a list of at least one force, got {forces!r}")
+    refuse(
+        not np.all(np.isfinite(force) & (force > 0)) or len(set(force)) < force.size,
+        f"every force must be positive and finite, and given once, got {forces!r}",
+    )
+    refuse(repeats < 2, f"repeats must be at least 2, got {repeats}")
+    refuse(
+        seed is None and store is not None,
+        "a store needs a seed, for it finds results by it: got seed None",
+    )
+    seed = seed_or_new(seed)
     items = [
         ScatterItem(burr, material, float(f), bone, voxel, dt, item_seed(seed, float(f), k))
         for bone in (field, replace(field, contrast=0.0))

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from burrlab._core import Burr, Material
 from burrlab.bone.specimen import Specimen, Vector
-from burrlab.common.check import real, require_type, whole
+from burrlab.common.check import real, refuse, require_type, seed_or_new, whole
 from burrlab.common.provenance import provenance
 from burrlab.common.study import StorePath, Study, cancel_event, stored_as
 from burrlab.descent.descent import descend
@@ -171,39 +171,24 @@ def force_sweep(
     require_type("burr", burr, Burr, "Burr(3.0)")
     require_type("material", material, Material, "materials['bone']")
     values = real(forces, "forces")
-    if values.ndim != 1 or values.size == 0:
-        raise ValueError("forces must be a list of at least one force")
-    if not np.all(np.isfinite(values) & (values > 0)):
-        raise ValueError(f"every force must be positive and finite, got {forces!r}")
-    if whole("repeats", repeats, 2**31, "2^31") < 1:
-        raise ValueError(f"repeats must be at least 1, got {repeats}")
+    refuse(values.ndim != 1 or values.size == 0, "forces must be a list of at least one force")
+    finite = np.isfinite(values) & (values > 0)
+    refuse(not finite.all(), f"every force must be positive and finite, got {forces!r}")
+    refuse(whole("repeats", repeats, 2**31, "2^31") < 1, f"repeats must be at least 1, got {repeats}")
     if specimen is not None and not isinstance(specimen, Specimen | SpecimenSource):
         raise TypeError(
             f"specimen must be a Specimen or have a method specimen(burr, voxel, *, depth, seed), got {specimen!r}"
         )
     if seed is None:
-        if store is not None:
-            raise ValueError("seed must be given with a store, which finds results by it, got None")
-        seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
+        refuse(store is not None, "seed must be given with a store, which finds results by it, got None")
+        seed = seed_or_new(None)
     spacing = voxel if isinstance(voxel, int | float) else tuple(float(v) for v in voxel)
     drawn = _Given.of(specimen) if isinstance(specimen, Specimen) else specimen
     items = [
-        SweepItem(
-            burr,
-            material,
-            float(f),
-            item_seed(seed, float(f), k),
-            spacing,
-            dt,
-            scheme,
-            not rig,
-            drawn,
-            stop,
-            max_duration,
-        )
+        SweepItem(burr, material, float(f), item_seed(seed, float(f), k), spacing, dt, scheme, not rig, drawn, stop, max_duration)
         for f in values
         for k in range(repeats)
-    ]
+    ]  # fmt: skip
     # Slow descents first: low forces sink for long.
     order = sorted(range(len(items)), key=lambda i: items[i].force)
     study = Study(run_item, [items[i] for i in order], executor=executor, store=store)

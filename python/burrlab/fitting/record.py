@@ -5,18 +5,18 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import IO, Any, Self
 
 import numpy as np
 
 from burrlab._core import Burr, Shape
-from burrlab.common.records import parsed, record
+from burrlab.common.records import Codec, parsed
 from burrlab.common.table import by_value
 from burrlab.fitting.hypotheses import HypothesisTest, fall_with_depth, lack_of_fit
-from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile, Region
+from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import (
     Bounds,
@@ -226,12 +226,13 @@ class FitRecord:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain Python objects, ready for JSON; what is not finite is None."""
-        return to_dict(self)
+        plain: dict[str, Any] = _CODEC.plain(self)
+        return plain
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Self:
         """The fit that `to_dict` described."""
-        return record(cls, **from_dict(values))
+        return _CODEC.made(cls, values)
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Write the fit, data included, as JSON that `from_json` reads back without loss."""
@@ -256,162 +257,6 @@ class FitRecord:
                 return cls.from_json(stream)
         name = getattr(file, "name", "JSON text")
         return parsed(name, file.read(), "the JSON of a fit", cls.from_dict)
-
-
-_RENAMED = {"radius": "radius_mm", "residual_norm": "residual"}
-_KINDS: dict[str, type[Data]] = {
-    "velocity": VelocityCurve,
-    "indentation": Indentation,
-    "trace": DepthTrace,
-}
-
-
-def to_dict(fit: FitRecord) -> dict[str, Any]:
-    """See `Fit.to_dict`."""
-    values = {_RENAMED.get(f.name, f.name): _plain(getattr(fit, f.name)) for f in fields(fit)}
-    values["data"] = [
-        {"kind": next(kind for kind, made in _KINDS.items() if isinstance(one, made))} | _plain(one)
-        for one in fit.data
-    ]
-    identified = fit.identified
-    said = {
-        "intervals": {
-            name: {level: _ends(levels[level]) for level in LEVELS} for name, levels in fit.intervals.items()
-        },
-        "identified": None
-        if identified is None
-        else {
-            "exponent": identified.exponent,
-            "value": identified.value,
-            "interval": _ends(identified.interval),
-        },
-        "separately_identified": fit.separately_identified,
-        "verdict": fit.verdict,
-        "version": fit.provenance.get("burrlab"),
-    }
-    return values | said
-
-
-def from_dict(plain: Mapping[str, Any]) -> dict[str, Any]:
-    """The arguments of a Fit. See `Fit.from_dict`."""
-    values = {name: plain[_RENAMED.get(name, name)] for name in _fields()}
-    return values | {
-        "shape": Shape(values["shape"]),
-        "residual_norm": _number(values["residual_norm"]),
-        "residuals": _array(values["residuals"]),
-        "predicted": _array(values["predicted"]),
-        "bounds": {name: tuple(map(float, values["bounds"][name])) for name in ("c_e", "alpha")},
-        "given_bounds": tuple(values["given_bounds"]),
-        "starts": tuple(_start(**start) for start in values["starts"]),
-        "evidence": _optional(values["evidence"], _evidence),
-        "lack_of_fit": _optional(values["lack_of_fit"], _test),
-        "fall": _optional(values["fall"], _test),
-        "table": _optional(values["table"], _table),
-        "record": tuple(tuple(point) for point in values["record"]),
-        "data": tuple(_data(**one) for one in values["data"]),
-        "provenance": dict(values["provenance"]),
-    }
-
-
-def _fields() -> list[str]:
-    return [f.name for f in fields(FitRecord)]
-
-
-def _optional(value: Any, made: Callable[..., Any]) -> Any:
-    return None if value is None else made(**value)
-
-
-def _start(**values: Any) -> Start:
-    ends = {name: tuple(values[name]) for name in ("start", "end")}
-    return record(Start, **values | ends | {"objective": _number(values["objective"], math.inf)})
-
-
-def _test(**values: Any) -> HypothesisTest:
-    return record(HypothesisTest, **values | {"freedom": tuple(values["freedom"])})
-
-
-def _table(**values: Any) -> VoxelTable:
-    return record(VoxelTable, **values | {"coefficients": _array(values["coefficients"])})
-
-
-def _evidence(**values: Any) -> Evidence:
-    ridge = values["ridge"]
-    better = values["better"]
-    return record(
-        Evidence,
-        **values
-        | {
-            "information": _array(values["information"]),
-            "scatters": tuple(record(Scatter, **one) for one in values["scatters"]),
-            "shares": _array(values["shares"]),
-            "profile": _profile(**values["profile"]),
-            "ridge": record(Ridge, **ridge | {"residual": _number(ridge["residual"], math.inf)}),
-            "better": None if better is None else tuple(better),
-        },
-    )
-
-
-def _profile(**values: Any) -> Profile:
-    arrays = ("c_e", "c_e_rise", "best_alpha", "alpha", "alpha_rise")
-    identified = values["identified"]
-    return record(
-        Profile,
-        **values
-        | {name: _array(values[name]) for name in arrays}
-        | {
-            "intervals": {name: _levels(levels) for name, levels in values["intervals"].items()},
-            "identified": record(Combination, **identified | {"intervals": _levels(identified["intervals"])}),
-            "regions": {level: _region(**region) for level, region in values["regions"].items()},
-            "at_infinity": _number(values["at_infinity"]),
-        },
-    )
-
-
-def _levels(levels: Mapping[str, Any]) -> dict[str, Interval]:
-    return {level: record(Interval, **interval) for level, interval in levels.items()}
-
-
-def _region(**values: Any) -> Region:
-    arrays = {name: _array(values[name]) for name in ("c_e", "lower", "upper")}
-    return record(Region, **values | arrays)
-
-
-def _data(kind: str, **values: Any) -> Data:
-    return _KINDS[kind](**{name: _floats(value) for name, value in values.items()})
-
-
-def _floats(value: Any) -> Any:
-    """A list of numbers with None for NaN, as an array; anything else as it is."""
-    if isinstance(value, list) and all(part is None or isinstance(part, float) for part in value):
-        return _array(value)
-    return value
-
-
-def _ends(interval: Interval) -> list[float | None]:
-    return [interval.lower, interval.upper]
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Shape):
-        return value.name
-    if is_dataclass(value):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.init}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, Mapping):
-        return {str(name): _plain(part) for name, part in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [_plain(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _number(value: float | None, missing: float = math.nan) -> float:
-    return missing if value is None else float(value)
-
-
-def _array(values: Any) -> Any:
-    """Nested lists with None for NaN, as an array."""
-    return np.array(values, dtype=np.float64)
 
 
 @by_value
@@ -540,3 +385,36 @@ def describe(likelihood: Likelihood, best: tuple[float, float], usable: bool) ->
         "lack_of_fit": lack_of_fit(likelihood, best) if usable else None,
         "fall": fall_with_depth(likelihood, unit) if usable else None,
     }
+
+
+def _ends(interval: Interval) -> list[float | None]:
+    return [interval.lower, interval.upper]
+
+
+def _identified(fit: FitRecord) -> dict[str, Any] | None:
+    found = fit.identified
+    if found is None:
+        return None
+    return {"exponent": found.exponent, "value": found.value, "interval": _ends(found.interval)}
+
+
+_CODEC = Codec(
+    keys={
+        FitRecord: {
+            {"radius": "radius_mm", "residual_norm": "residual"}.get(f.name, f.name): f.name
+            for f in fields(FitRecord)
+        }
+        | {
+            "intervals": lambda fit: {
+                name: {level: _ends(levels[level]) for level in LEVELS}
+                for name, levels in fit.intervals.items()
+            },
+            "identified": _identified,
+            "separately_identified": lambda fit: fit.separately_identified,
+            "verdict": lambda fit: fit.verdict,
+            "version": lambda fit: fit.provenance.get("burrlab"),
+        }
+    },
+    null={(Start, "objective"): math.inf, (Ridge, "residual"): math.inf},
+    kinds={"velocity": VelocityCurve, "indentation": Indentation, "trace": DepthTrace},
+)

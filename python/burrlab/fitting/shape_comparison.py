@@ -13,9 +13,9 @@ from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullLocator
 
 from burrlab._core import Shape
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
+from burrlab.common.records import Codec
 from burrlab.fitting.hypotheses import p_text
 from burrlab.fitting.observations import Floats, Threshold
-from burrlab.fitting.record import _plain
 from burrlab.fitting.report import columns
 from burrlab.fitting.result import Fit, _plain_ticks
 from burrlab.fitting.shape_family import NODES, PowerProfile
@@ -312,7 +312,7 @@ def to_dict(comparison: ShapeComparison) -> dict[str, Any]:
         }
         for row in comparison.rows
     ]
-    made: dict[str, Any] = _plain(
+    made: dict[str, Any] = Codec().plain(
         {
             "rows": rows,
             "power": comparison.power,

@@ -1,9 +1,4 @@
-"""A session's part that looks at tissues: what was removed of each, and what a watch saw.
-
-What a replica did, and what it saw near critical structures.
-
-What a trace's burrs did near critical structures: it is executed again and watched.
-"""
+"""What a session, a replica, or a trace that is executed again did to tissues and near critical structures."""
 
 from __future__ import annotations
 
@@ -20,12 +15,12 @@ from burrlab.anatomy.events import EVENT_DTYPE, AnatomyEvent, Watched
 from burrlab.anatomy.report import AnatomyReport, nothing_watched
 from burrlab.anatomy.watch import Watch, critical_structures
 from burrlab.common.records import UNREADABLE, in_one_line
-from burrlab.session.replay import inputs
+from burrlab.session.replay import executor_of, inputs
 from burrlab.session.trace import Trace, check_trace
 
 
 class SessionAnatomy:
-    """Asks a follower what it saw; says each event once.
+    """What a follower saw of tissues and watched structures; each event is told once.
 
     Parameters
     ----------
@@ -68,7 +63,7 @@ class SessionAnatomy:
         return Watched.of(self._follower.watched(known), removed)
 
     def news(self) -> tuple[NDArray[np.void], list[str]]:
-        """(events since the last call, what to say of them): the end of a nearness is kept, and not said."""
+        """(events since the last call, sentences about them); the end of a nearness has no sentence."""
         if self.watch is None:
             return np.zeros(0, EVENT_DTYPE), []
         rows = self.watched(self._told).events
@@ -206,9 +201,7 @@ def anatomy_report(
             raise ValueError(f"{trace.path} is damaged: its watch cannot be set up ({said})") from None
     elif watch is None and critical_structures(bone):
         watch = Watch(bone)
-    executor = _core.TickExecutor(
-        bone, list(trace.tools), trace.seed, period=trace.period, scheme=trace.scheme, tick=trace.first_tick
-    )
+    executor = executor_of(trace, bone)
     core = None if watch is None else watch.core([burr.radius for burr, _ in trace.tools])
     executor.set_watch(core)
     before = _core.tissue_levels(bone)

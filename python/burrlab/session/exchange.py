@@ -1,9 +1,4 @@
-"""Scripts for a burr's way, as CSV text.
-
-What moves a burr, in one word of text: of the command line and of protocols.
-
-A trace in the layout that the open temporal-bone simulator volumetric_drilling records.
-"""
+"""Devices from text and CSV files, and the export of a trace to the layout of the simulator volumetric_drilling."""
 
 from __future__ import annotations
 
@@ -18,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import burrlab.common.table as csv_text
-from burrlab._core import ScriptedDevice, TickExecutor, VoxelBone
+from burrlab._core import ScriptedDevice, VoxelBone
 from burrlab.bone.kept import stack_slices
 from burrlab.bone.slices import is_stack
+from burrlab.common.check import refuse
 from burrlab.common.files import new_hdf5
-from burrlab.session.replay import inputs
+from burrlab.session.replay import executor_of, inputs
 from burrlab.session.trace import Trace, check_trace
 
 if TYPE_CHECKING:
@@ -136,8 +132,8 @@ def parse_address(text: str) -> tuple[str, int]:
         If the text is no HOST:PORT with a port of 1 to 65535.
     """
     host, colon, port = text.rpartition(":")
-    if not colon or not host or not port.isdecimal() or not 0 < int(port) < 65536:
-        raise ValueError(f"must be HOST:PORT, got '{text}'")
+    fine = colon and host and port.isdecimal() and 0 < int(port) < 65536
+    refuse(not fine, f"must be HOST:PORT, got '{text}'")
     return host.strip("[]"), int(port)
 
 
@@ -212,10 +208,9 @@ def export_volumetric_drilling(
     baseline, torques (zeros), the drill's orientation. `burr_size` is the diameter in whole millimetres, as there.
     """
     check_trace(trace)
-    if layout not in ("new", "old"):
-        raise ValueError(f"layout must be 'new' or 'old', got {layout!r}")
-    if Path(path).exists() and Path(path).samefile(trace.path):
-        raise ValueError(f"path must be another file than the trace, got {path}")
+    refuse(layout not in ("new", "old"), f"layout must be 'new' or 'old', got {layout!r}")
+    same = Path(path).exists() and Path(path).samefile(trace.path)
+    refuse(same, f"path must be another file than the trace, got {path}")
     center = trace.array("center_mm", burr) / 1000.0
     start = float(trace.provenance["started_unix_s"])
     stamps = start + trace.time()
@@ -228,20 +223,18 @@ def export_volumetric_drilling(
 
         if layout == "new":
             file.create_group("vision_data/intermittent_data")  # empty there too
-        _write_metadata(group("metadata"), trace)
+        about = group("metadata")
+        volume = about.create_dataset("voxel_volume", data=trace.voxel_volume)
+        volume.attrs["units"] = "mm^3, millimeters cubed"
+        about.create_dataset("README", data=_README)
         _write_data(group("data"), trace, grid, pose, stamps)
         drill = group("high_frequency_poses/mastoidectomy_drill")
-        _put(drill, "time_stamp", stamps)
-        _put(drill, "pose", pose)
-        force = group("drill_force_feedback")
-        wrench = np.zeros((len(trace), 6))
-        wrench[:, :3] = trace.array("sent_force_N", burr)
-        _put(force, "time_stamp", stamps)
-        _put(force, "wrench", wrench)
-        size = group("burr_change")
-        _put(size, "time_stamp", np.array([start]))
+        _put(drill, time_stamp=stamps, pose=pose)
+        wrench = np.hstack([trace.array("sent_force_N", burr), np.zeros((len(trace), 3))])
+        _put(group("drill_force_feedback"), time_stamp=stamps, wrench=wrench)
         whole = np.int64 if layout == "new" else np.int32
-        _put(size, "burr_size", np.array([int(2 * trace.tools[burr][0].radius)], dtype=whole))
+        size = np.array([int(2 * trace.tools[burr][0].radius)], dtype=whole)
+        _put(group("burr_change"), time_stamp=np.array([start]), burr_size=size)
         _write_voxels(group("voxels_removed"), trace, grid, stamps, progress)
 
 
@@ -281,14 +274,9 @@ class _Grid:
         return np.column_stack([across, rows - 1 - down, z])
 
 
-def _put(group: h5py.Group, name: str, values: NDArray[np.generic]) -> None:
-    group.create_dataset(name, data=values, compression="gzip" if len(values) else None)
-
-
-def _write_metadata(group: h5py.Group, trace: Trace) -> None:
-    volume = group.create_dataset("voxel_volume", data=trace.voxel_volume)
-    volume.attrs["units"] = "mm^3, millimeters cubed"
-    group.create_dataset("README", data=_README)
+def _put(group: h5py.Group, **columns: NDArray[np.generic]) -> None:
+    for name, values in columns.items():
+        group.create_dataset(name, data=values, compression="gzip" if len(values) else None)
 
 
 def _write_data(
@@ -298,10 +286,8 @@ def _write_data(
     extent = (grid.sizes - 1) / 2.0 - grid.first
     middle = (np.array(bone.origin) + extent * np.array(bone.spacing)) / 1000.0
     rows = np.arange(0, len(trace), max(1, round(_DATA_EVERY / trace.period)))
-    _put(group, "time", stamps[rows])
-    _put(group, "pose_mastoidectomy_drill", pose[rows])
-    turn = _QUARTER if grid.turned else _NO_TURN
-    _put(group, "pose_mastoidectomy_volume", np.tile([*middle, *turn], (len(rows), 1)))
+    volume = np.tile([*middle, *(_QUARTER if grid.turned else _NO_TURN)], (len(rows), 1))
+    _put(group, time=stamps[rows], pose_mastoidectomy_drill=pose[rows], pose_mastoidectomy_volume=volume)
 
 
 def _write_voxels(
@@ -311,9 +297,7 @@ def _write_voxels(
     bone = trace.bone()
     before, numbers = bone.density, bone.tissue_numbers
     table = np.array([tissue.colour for tissue in bone.tissues or ()], dtype=float)
-    executor = TickExecutor(
-        bone, list(trace.tools), trace.seed, period=trace.period, scheme=trace.scheme, tick=trace.first_tick
-    )
+    executor = executor_of(trace, bone)
     gone = np.zeros(bone.shape, dtype=bool)
     times: list[float] = []
     voxels: list[NDArray[np.float64]] = []
@@ -331,9 +315,10 @@ def _write_voxels(
             times.append(stamps[first + len(rows) - 1])
         if progress is not None:
             progress((first + len(rows)) / len(trace))
-    _put(out, "voxel_time_stamp", np.array(times))
-    _put(out, "voxel_removed", np.vstack(voxels) if voxels else np.zeros((0, 4)))
-    _put(out, "voxel_color", np.vstack(colors) if colors else np.zeros((0, 5)))
+    _put(
+        out, voxel_time_stamp=np.array(times), voxel_removed=np.vstack([np.zeros((0, 4)), *voxels]),
+        voxel_color=np.vstack([np.zeros((0, 5)), *colors]),
+    )  # fmt: skip
     axes = _OWN_AXES if grid.turned is None else _STACK_AXES
     out.create_dataset("README", data=_VOXEL_README.format(axes=axes))
 
@@ -359,4 +344,4 @@ def _newly_gone(
         new = (2 * now.astype(np.int16) < before[box]) & ~gone[box]
         gone[box] |= new
         found.append(np.argwhere(new) + low)
-    return np.vstack(found) if found else np.zeros((0, 3), dtype=np.int64)
+    return np.vstack([np.zeros((0, 3), np.int64), *found])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from burrlab.anatomy.report import AnatomyReport
+from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, new_figure, tidy
 from burrlab.common.table import html_table
 from burrlab.session.trace import Trace, check_trace
@@ -110,12 +111,6 @@ class SessionMetrics:
         anatomy = {} if self.anatomy is None else {"anatomy": self.anatomy.to_dict()}
         return {**values, "threshold_N": self.threshold, "burr": self.burr, **anatomy}
 
-    def _columns(self) -> dict[str, list[Any]]:
-        return {
-            "figure": [text for *_, text in _TABLE],
-            "value": [getattr(self, name) for name, *_ in _TABLE],
-        }
-
     def __repr__(self) -> str:
         lines = [f"{text:<42} {getattr(self, name):>12.5g}" for name, _, text in _TABLE]
         if self.anatomy is not None:
@@ -123,7 +118,11 @@ class SessionMetrics:
         return f"SessionMetrics of burr {self.burr}, threshold {self.threshold:g} N\n" + "\n".join(lines)
 
     def _repr_html_(self) -> str:
-        table = html_table(f"Burr {self.burr}, threshold {self.threshold:g} N", self._columns())
+        columns = {
+            "figure": [text for *_, text in _TABLE],
+            "value": [getattr(self, name) for name, *_ in _TABLE],
+        }
+        table = html_table(f"Burr {self.burr}, threshold {self.threshold:g} N", columns)
         return table if self.anatomy is None else table + self.anatomy._repr_html_()
 
     def plot(self, figure: Figure | None = None) -> list[Axes]:
@@ -187,8 +186,7 @@ def session_metrics(
     """
     check_trace(trace)
     for name, value in (("threshold", threshold), ("hysteresis", hysteresis)):
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be positive, got {value}")
+        refuse(not (math.isfinite(value) and value > 0), f"{name} must be positive, got {value}")
     levels = trace.array("removed_levels", burr)
     step = trace.ticks["k"] * (trace.period / 1000.0)
     time = trace.time()

@@ -11,9 +11,10 @@ from typing import Any
 from burrlab._core import AnatomyWatch, Burr, Follower, Material, Publisher, Replica, VoxelBone
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.recipe import block_recipe, make_bone, volume_recipe, whole_number
-from burrlab.common.check import real, whole
+from burrlab.common.check import real, refuse, whole
 from burrlab.common.records import UNREADABLE as _UNREADABLE
 from burrlab.common.records import check_texts, in_one_line
+from burrlab.session.trace import json_text
 
 __all__ = ["block_recipe", "follow", "make_bone", "open_publisher", "volume_recipe"]
 
@@ -47,12 +48,8 @@ def open_publisher(
     """
     port = whole("port", port, 2**16, "2^16")
     for name in _NEEDED:
-        if name not in hello:
-            raise ValueError(f"hello must hold {', '.join(_NEEDED)}, got none of {name}")
-    try:
-        text = json.dumps(dict(hello), default=str, allow_nan=False)
-    except ValueError as error:
-        raise ValueError(f"hello must be what JSON holds: {error}") from None
+        refuse(name not in hello, f"hello must hold {', '.join(_NEEDED)}, got none of {name}")
+    text = json_text("hello", hello, default=str)
     return Publisher(follower, host=host, port=port, hello=text, header_version=header_version, **options)
 
 
@@ -94,8 +91,7 @@ def follow(
         If the volume is not here.
     """
     port, timeout = whole("port", port, 2**16, "2^16"), float(real(timeout, "timeout"))
-    if not timeout > 0:
-        raise ValueError(f"timeout must be positive, got {timeout!r}")
+    refuse(not timeout > 0, f"timeout must be positive, got {timeout!r}")
     replica = Replica(host, port)
     until = time.monotonic() + timeout
     while not replica.fetch_hello(0.5):
@@ -107,20 +103,22 @@ def follow(
         seed, scheme = whole_number(hello["seed"], 2**64 - 1), hello["scheme"]
         period = 1e3 / float(hello["rate_Hz"])
         recipe = dict(hello.get("source") or {})
-        if scheme not in ("layer", "cell"):
-            raise ValueError("scheme must be layer or cell")
+        refuse(scheme not in ("layer", "cell"), "scheme must be layer or cell")
         if bone is None:  # names of files, which refusals quote
             check_texts(recipe)
     except _UNREADABLE as error:
         raise ValueError(
             f"hello of the leader at {host}:{port} cannot be read: {in_one_line(repr(error))}"
         ) from None
-    if bone is None and not recipe:
-        raise ValueError(f"bone must be given: the leader at {host}:{port} does not say how its own was made")
+    refuse(
+        bone is None and not recipe,
+        f"bone must be given: the leader at {host}:{port} does not say how its own was made",
+    )
     mine = make_bone(recipe, volume=volume) if bone is None else bone.copy()
     if mine.tissues is not None:  # a hello does not say where a material's values are from
         known = mine.tissues.material
-        tools = [(burr, known if _same(known, material) else material) for burr, material in tools]
+        told = [(m.name, m.c_e, m.alpha, m.shape) for m in (known, *(m for _, m in tools))]
+        tools = [(b, known if told[0] == one else m) for (b, m), one in zip(tools, told[1:], strict=True)]
     watch = _watch(mine, hello.get("watch"), tools)
     replica.start(mine, tools, seed, period=period, scheme=scheme, watch=watch)
     return replica
@@ -137,14 +135,10 @@ def _watch(bone: VoxelBone, settings: Any, tools: Sequence[tuple[Burr, Material]
 
 
 def _tool(tool: Mapping[str, Any]) -> tuple[Burr, Material]:
-    if not (name := str(tool["material"])).isprintable():
-        raise ValueError(f"material must have a name that can be printed, got {name!r}")
+    name = str(tool["material"])
+    refuse(not name.isprintable(), f"material must have a name that can be printed, got {name!r}")
     material = Material(
         name, c_e=float(tool["c_e_N_per_mm2"]), alpha=float(tool["alpha_per_ms"]),
         shape=str(tool["shape"]), source="from the leader of a session",
     )  # fmt: skip
     return Burr(float(tool["radius_mm"])), material
-
-
-def _same(one: Material, other: Material) -> bool:
-    return (one.name, one.c_e, one.alpha, one.shape) == (other.name, other.c_e, other.alpha, other.shape)

@@ -1,11 +1,9 @@
-"""Levels of a bone's bricks at key ticks, so that any of these states can be had again.
-
-A recorded session at any of its moments: the bone, the burrs, force and depth.
-"""
+"""A recorded session at any of its moments: bone, burrs, force and depth, by way of kept states of the bone."""
 
 from __future__ import annotations
 
 import bisect
+import operator
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,9 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from burrlab._core import TickExecutor, VoxelBone, read_bricks, restore_bricks, take_changed_bricks
-from burrlab.session.replay import inputs
+from burrlab._core import VoxelBone, read_bricks, restore_bricks, take_changed_bricks
+from burrlab.common.check import refuse
+from burrlab.session.replay import executor_of, inputs
 from burrlab.session.trace import Trace, check_trace
+
+_State = tuple[int, NDArray[np.uint32], NDArray[np.uint8]]  # tick, bricks that changed, their levels
+_tick = operator.itemgetter(0)
 
 
 class BrickHistory:
@@ -35,54 +37,47 @@ class BrickHistory:
 
     def __init__(self, initial: VoxelBone, memory: int) -> None:
         self._initial, self._memory = initial, memory
-        self._ticks = [0]
-        self._bricks: list[NDArray[np.uint32]] = [np.empty(0, np.uint32)]
-        self._levels: list[NDArray[np.uint8]] = [np.empty((0, 512), np.uint8)]
-        self._bytes = self.thinned = 0
+        self._states: list[_State] = [(0, np.empty(0, np.uint32), np.empty((0, 512), np.uint8))]
+        self.bytes = self.thinned = 0  #: that the kept levels take; how often every second state was given up
         self.lock = threading.RLock()  # for several calls on one set of states
         self._bits = np.zeros(int(np.prod([-(-n // 8) for n in initial.shape])), bool)
 
     def __len__(self) -> int:
         """Number of states, the initial one included."""
-        return len(self._ticks)
-
-    @property
-    def bytes(self) -> int:
-        """That the kept levels take."""
-        return self._bytes
+        return len(self._states)
 
     @property
     def last(self) -> int:
         """Tick of the newest state."""
-        return self._ticks[-1]
+        return self._states[-1][0]
 
     def at_or_before(self, tick: int) -> int:
         """Tick of the newest state that is not after a tick."""
         with self.lock:
-            return self._ticks[bisect.bisect_right(self._ticks, tick) - 1]
+            return self._states[self._behind(tick) - 1][0]
 
     def after(self, tick: int) -> int | None:
         """Tick of the first state after a tick; None if there is none."""
         with self.lock:
-            i = bisect.bisect_right(self._ticks, tick)
-            return self._ticks[i] if i < len(self._ticks) else None
+            return next((state[0] for state in self._states[self._behind(tick) :]), None)
 
     def add(self, tick: int, bricks: NDArray[np.uint32], bone: VoxelBone) -> None:
         """Keeps the state at a tick. `bricks` are all that changed since the newest one; another's state is no news."""
         with self.lock:
             if tick <= self.last:
                 return
-            self._append(tick, bricks, read_bricks(bone, bricks))
-            while self._bytes > self._memory and len(self._ticks) > 2:
+            self._states.append((tick, bricks, read_bricks(bone, bricks)))
+            self._weigh()
+            while self.bytes > self._memory and len(self._states) > 2:
                 self._thin()
+                self._weigh()
 
     def changed_between(self, one: int, other: int) -> NDArray[np.uint32]:
         """Bricks that may differ between the bone at two ticks, in order; up to the newest state."""
         low, high = min(one, other), max(one, other)
         with self.lock:
-            first = bisect.bisect_right(self._ticks, low)
-            last = bisect.bisect_left(self._ticks, high) + 1
-            return _union(self._bricks[first:last])
+            last = bisect.bisect_left(self._states, high, key=_tick) + 1
+            return _union([bricks for _, bricks, _ in self._states[self._behind(low) : last]])
 
     def levels(self, bricks: NDArray[np.uint32], tick: int) -> NDArray[np.uint8]:
         """Levels of bricks in the state at a tick, shape (n, 512)."""
@@ -90,40 +85,36 @@ class BrickHistory:
         with self.lock:
             wanted, left = self._bits, len(bricks)
             wanted[bricks] = True
-            i = bisect.bisect_right(self._ticks, tick) - 1
+            i = self._behind(tick) - 1
             while left and i > 0:  # newest first: the first that holds a brick is right
-                kept = self._bricks[i]
+                _, kept, content = self._states[i]
                 rows = np.flatnonzero(wanted[kept])
-                if len(rows):
-                    levels[np.searchsorted(bricks, kept[rows])] = self._levels[i][rows]
-                    wanted[kept[rows]] = False
-                    left -= len(rows)
-                i -= 1
+                levels[np.searchsorted(bricks, kept[rows])] = content[rows]
+                wanted[kept[rows]] = False
+                left, i = left - len(rows), i - 1
             rest = wanted[bricks]
             wanted[bricks] = False
         levels[rest] = read_bricks(self._initial, bricks[rest])
         return levels
 
-    def _append(self, tick: int, bricks: NDArray[np.uint32], levels: NDArray[np.uint8]) -> None:
-        self._ticks.append(tick)
-        self._bricks.append(bricks)
-        self._levels.append(levels)
-        self._bytes += levels.nbytes
+    def _behind(self, tick: int) -> int:
+        """Place of the first state after a tick."""
+        return bisect.bisect_right(self._states, tick, key=_tick)
+
+    def _weigh(self) -> None:
+        self.bytes = sum(levels.nbytes for _, _, levels in self._states)
 
     def _thin(self) -> None:
         """Gives up every second state; never the newest, to which the changes since then refer."""
-        ticks, bricks, levels = self._ticks, self._bricks, self._levels
-        self._ticks, self._bricks, self._levels, self._bytes = ticks[:1], bricks[:1], levels[:1], 0
+        states = self._states
+        self._states = states[:1]
         self.thinned += 1
-        for i in range(1 + len(ticks) % 2, len(ticks), 2):
-            if i == 1:
-                self._append(ticks[1], bricks[1], levels[1])
-                continue
-            only = ~np.isin(bricks[i - 1], bricks[i])
-            both = np.concatenate([bricks[i - 1][only], bricks[i]])
+        for i in range(1 + len(states) % 2, len(states), 2):
+            (_, older, left), (tick, bricks, levels) = states[i - 1 : i + 1]
+            only = ~np.isin(older, bricks)  # all of the first state, which holds none
+            both = np.concatenate([older[only], bricks])
             order = np.argsort(both)
-            merged = np.concatenate([levels[i - 1][only], levels[i]])[order]
-            self._append(ticks[i], both[order], merged)
+            self._states.append((tick, both[order], np.concatenate([left[only], levels])[order]))
 
 
 def _union(parts: list[NDArray[np.uint32]]) -> NDArray[np.uint32]:
@@ -196,8 +187,7 @@ class TracePlayer:
     def __init__(self, trace: Trace, *, every: float = 0.25, memory: float = 256.0) -> None:
         check_trace(trace)
         for name, value in (("every", every), ("memory", memory)):
-            if not 0 < value < float("inf"):
-                raise ValueError(f"{name} must be positive, got {value!r}")
+            refuse(not 0 < value < float("inf"), f"{name} must be positive, got {value!r}")
         self.trace = trace
         times = trace.time()
         burr = trace.ticks["burr"]
@@ -292,8 +282,10 @@ class TracePlayer:
         ValueError
             If the time is not in the trace.
         """
-        if not 0 <= seconds <= self.duration + 1e-9:
-            raise ValueError(f"seconds must be from 0 to {self.duration:g}, got {seconds!r}")
+        refuse(
+            not 0 <= seconds <= self.duration + 1e-9,
+            f"seconds must be from 0 to {self.duration:g}, got {seconds!r}",
+        )
         half = 0.5e-3 * self.trace.period  # sums of periods are not exact
         return self._walk.go(int(np.searchsorted(self.history.time, seconds + min(half, 1e-6), side="right")))
 
@@ -301,8 +293,10 @@ class TracePlayer:
         """Goes to before the tick of this index, as `tick`, `Trace.digests` and `Companion.first_tick` count. As `seek`;
         ValueError if the trace does not reach it."""
         first = self.trace.first_tick
-        if not first <= tick <= first + self.ticks:
-            raise ValueError(f"tick must be from {first} to {first + self.ticks}, got {tick!r}")
+        refuse(
+            not first <= tick <= first + self.ticks,
+            f"tick must be from {first} to {first + self.ticks}, got {tick!r}",
+        )
         return self._walk.go(tick - first)
 
     def prepare(
@@ -345,18 +339,18 @@ class TracePlayer:
 
 
 class _Walk:
-    """One bone that goes to and fro in a trace, and leaves kept states where it is the first."""
+    """One bone that moves to any tick of a trace, and keeps the states that nobody has kept yet."""
 
     def __init__(self, trace: Trace, kept: BrickHistory, every: int) -> None:
         self._trace, self._kept, self._every = trace, kept, every
         self.bone = trace.bone()
         self.done = 0
-        self._executor = self._new_executor()
+        self._executor = executor_of(trace, self.bone)
         self._since: list[NDArray[np.uint32]] = []  # changed since a state at or before the newest one
         take_changed_bricks(self.bone)
 
     def go(self, done: int) -> NDArray[np.uint32]:
-        """To where so many ticks are executed; returns the bricks that changed."""
+        """Moves to the state after `done` ticks; returns the bricks that changed."""
         changed: list[NDArray[np.uint32]] = []
         with self._kept.lock:  # another walk may give up states
             key = self._kept.at_or_before(done)
@@ -365,14 +359,14 @@ class _Walk:
                 bricks = np.unique(np.concatenate([between, *self._since]))
                 restore_bricks(self.bone, bricks, self._kept.levels(bricks, key))
                 self.done, self._since = key, []
-                self._executor = self._new_executor()
+                self._executor = executor_of(self._trace, self.bone, key)
                 changed.append(take_changed_bricks(self.bone))
         while self.done < done:
             changed.append(self._execute(done))
-        return np.unique(np.concatenate([*changed, np.empty(0, np.uint32)]))
+        return _union(changed)
 
     def _execute(self, done: int) -> NDArray[np.uint32]:
-        """Up to `done` or the next kept state, whichever comes first."""
+        """Executes ticks up to `done` or the next kept state, whichever comes first; returns the bricks that changed."""
         step = self._every << self._kept.thinned
         key = self._kept.after(self.done)
         if key is None:
@@ -386,9 +380,3 @@ class _Walk:
             self._kept.add(end, np.unique(np.concatenate(self._since)), self.bone)
             self._since = []
         return changed
-
-    def _new_executor(self) -> TickExecutor:
-        trace = self._trace
-        return TickExecutor(
-            self.bone, list(trace.tools), trace.seed, period=trace.period, scheme=trace.scheme, tick=trace.first_tick + self.done
-        )  # fmt: skip

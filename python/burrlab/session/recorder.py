@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import threading
@@ -16,8 +15,17 @@ from numpy.typing import NDArray
 from burrlab._core import Burr, Material, VoxelBone
 from burrlab.anatomy.events import Watched, WatchWriter
 from burrlab.bone.snapshot import check_tick
+from burrlab.common.check import refuse
 from burrlab.common.files import kept_elsewhere, new_part
-from burrlab.session.trace import DIGEST_DTYPE, ENDED_LENGTH, Header, create, make_compact, row_dtype, to_rows
+from burrlab.session.trace import (
+    DIGEST_DTYPE,
+    ENDED_LENGTH,
+    create,
+    json_text,
+    make_compact,
+    row_dtype,
+    to_rows,
+)
 
 DEFAULT_DURATION = 4 * 3600.0  # [s] of ticks there is room for
 _INTERVAL = 0.02  # [s] between two looks at the ring
@@ -105,29 +113,26 @@ class TraceWriter:
         on_end: Callable[[str], object] | None = None,
     ) -> None:
         self.path = Path(path)
-        _check(
-            tools, seed, first_tick, {"period": period, "duration": duration, "digest_every": digest_every}
-        )
-        header = Header(
-            tools,
-            seed,
-            period,
-            scheme,
-            first_tick,
-            devices,
-            source,
-            _json(note),
-            _json(watch) if watch else "",
-        )
+        refuse(not 1 <= len(tools) <= 2, f"number of tools must be 1 or 2, got {len(tools)}")
+        refuse(not 0 <= seed < 2**64, f"seed must be a whole number from 0 and below 2^64, got {seed}")
+        check_tick(first_tick)
+        spans = {"period": period, "duration": duration, "digest_every": digest_every}
+        for name, value in spans.items():
+            refuse(not 0 < value < math.inf, f"{name} must be positive, got {value}")
         rows, digests = (
             max(1, math.ceil(duration * 1000.0 / period)),
             math.ceil(duration / min(digest_every, 1.0)) + 16,
         )
+        note_text, watch_text = json_text("note", note), json_text("watch", watch) if watch else ""
         if self.path.exists():
             raise FileExistsError(f"path must be a new file, {self.path} exists")
         with new_part(self.path) as part:  # a kill while the file is made leaves none of this name
             try:
-                self._places = create(part, header, bone, capacity=rows, digest_capacity=digests)
+                self._places, places = create(
+                    part, bone, tools, seed=seed, period=period, scheme=scheme, first_tick=first_tick,
+                    devices=devices, source=source, note=note_text, watch=watch_text, capacity=rows,
+                    digest_capacity=digests,
+                )  # fmt: skip
             except (RuntimeError, ValueError) as error:  # as HDF5 says that a limit is too small
                 raise OSError(f"{self.path} could not be made: {error}") from None
             except OSError as error:
@@ -137,19 +142,19 @@ class TraceWriter:
             _name(part, self.path)
         self._reader: Reader | None = reader
         self._burrs, self._first, self._on_end = len(tools), first_tick, on_end
-        self._row_bytes = row_dtype(self._burrs).itemsize
+        self._row_bytes, self._room, self._digest_room = row_dtype(self._burrs).itemsize, rows, digests
         self._recorded = self._digests_recorded = 0
         self._ended, self._warning = "", ""
         #: Where the content of a file is that was deleted or replaced while it was written; empty where none was.
         self.rescued = ""
         self._complete = False
         self._pending: list[tuple[int, str]] = []
-        self._watch = None if self._places.watch is None else WatchWriter(self._places.watch)
+        self._watch = WatchWriter(places) if places else None
         self._lock, self._wake = threading.Lock(), threading.Event()
         self._stopping: str | None = None
         self._thread = threading.Thread(target=self._run, name="burrlab trace", daemon=True)
         self._file = os.open(self.path, os.O_RDWR)
-        self._head = os.pread(self._file, min(1024, self._places.recorded), 0)  # never written again
+        self._head = os.pread(self._file, min(1024, self._places["recorded"]), 0)  # never written again
 
     @property
     def recorded(self) -> int:
@@ -179,8 +184,8 @@ class TraceWriter:
         ValueError
             If it is not 32 hexadecimal digits.
         """
-        if len(digest) != 32 or any(c not in "0123456789abcdef" for c in digest):
-            raise ValueError(f"digest must be 32 hexadecimal digits, got '{digest}'")
+        wrong = len(digest) != 32 or any(c not in "0123456789abcdef" for c in digest)
+        refuse(wrong, f"digest must be 32 hexadecimal digits, got '{digest}'")
         with self._lock:
             self._pending.append((tick, digest))
 
@@ -198,8 +203,8 @@ class TraceWriter:
 
     def start(self) -> None:
         """Once, before `stop`; ValueError else."""
-        if self._stopping is not None or self._thread.ident is not None:
-            raise ValueError("recording must be started once: it has been started or stopped")
+        begun = self._stopping is not None or self._thread.ident is not None
+        refuse(begun, "recording must be started once: it has been started or stopped")
         self._thread.start()
 
     def stop(self, reason: str = "stopped") -> None:
@@ -261,12 +266,13 @@ class TraceWriter:
     def _write_ticks(self, records: NDArray[np.void]) -> None:
         expected = self._first + self._recorded + np.arange(len(records), dtype=np.uint64)
         whole = int(np.argmin(np.append(records["index"] == expected, False)))
-        room = min(whole, self._places.capacity - self._recorded)
-        written, why = self._write_rows(to_rows(records[:room], self._burrs))
-        failed = self._write_count(self._places.recorded, self._recorded + written) if written else ""
-        if not failed:
-            self._recorded += written
-        why = why or failed
+        room = min(whole, self._room - self._recorded)
+        rows = to_rows(records[:room], self._burrs).tobytes()
+        done, why = self._put(rows, self._places["ticks"] + self._recorded * self._row_bytes)
+        if written := done // self._row_bytes:
+            failed = self._put_count("recorded", self._recorded + written)
+            self._recorded += 0 if failed else written
+            why = why or failed
         if why:
             self._end(why)
         elif whole < len(records):
@@ -274,42 +280,33 @@ class TraceWriter:
         elif room < whole:
             self._end("the file has no room for more ticks: its duration is over")
 
-    def _write_rows(self, rows: NDArray[np.void]) -> tuple[int, str]:
-        """(whole rows written, why no more)"""
-        data, done = memoryview(rows.tobytes()), 0
-        at = self._places.ticks + self._recorded * self._row_bytes
+    def _put(self, data: bytes, at: int) -> tuple[int, str]:
+        """(bytes written, why no more)"""
+        done = 0
         try:
             while done < len(data):
-                done += _write(self._file, data[done:], at + done)
+                done += _write(self._file, memoryview(data)[done:], at + done)
         except OSError as error:
-            return done // self._row_bytes, f"the file could not be written: {error.strerror or error}"
-        return len(rows), ""
+            return done, f"the file could not be written: {error.strerror or error}"
+        return done, ""
 
-    def _write_count(self, at: int, count: int) -> str:
-        try:
-            _write(self._file, np.uint64(count).tobytes(), at)
-        except OSError as error:
-            return f"the file could not be written: {error.strerror or error}"
-        return ""
+    def _put_count(self, name: str, count: int) -> str:
+        return self._put(np.uint64(count).tobytes(), self._places[name])[1]
 
     def _write_digests(self) -> None:
         """Digests of bones whose ticks are in the file; the others wait."""
         with self._lock:
             ready = [d for d in self._pending if d[0] <= self._first + self._recorded]
             self._pending = [d for d in self._pending if d[0] > self._first + self._recorded]
-        ready = ready[: self._places.digest_capacity - self._digests_recorded]
+        ready = ready[: self._digest_room - self._digests_recorded]
         if not ready or self._ended:
             return
         table = np.array([(tick, digest.encode()) for tick, digest in ready], DIGEST_DTYPE)
-        at = self._places.digests + self._digests_recorded * DIGEST_DTYPE.itemsize
-        try:
-            if _write(self._file, table.tobytes(), at) < table.nbytes:
-                raise OSError(0, "the disk took only a part")
-        except OSError as error:
-            self._end(f"the file could not be written: {error.strerror}")
-            return
-        self._digests_recorded += len(ready)
-        self._write_count(self._places.digests_recorded, self._digests_recorded)
+        at = self._places["digests"] + self._digests_recorded * DIGEST_DTYPE.itemsize
+        _, why = self._put(table.tobytes(), at)
+        self._digests_recorded += 0 if why else len(ready)
+        if why := why or self._put_count("digests_recorded", self._digests_recorded):
+            self._end(why)
 
     def _write_watch(self, last: bool) -> None:
         if self._watch is None or self._ended:
@@ -327,14 +324,14 @@ class TraceWriter:
         if not complete:
             text = f"recording ended before tick {self._first + self._recorded}: {reason}"
         try:  # these pages exist since the file was made; where a file system wants room even so, `ended` still says it
-            _write(self._file, text.encode()[:ENDED_LENGTH].ljust(ENDED_LENGTH, b"\0"), self._places.ended)
-            _write(self._file, np.uint8(complete).tobytes(), self._places.complete)
+            _write(self._file, text.encode()[:ENDED_LENGTH].ljust(ENDED_LENGTH, b"\0"), self._places["ended"])
+            _write(self._file, np.uint8(complete).tobytes(), self._places["complete"])
         except OSError:
             pass
         self._ended = text
 
     def _lost(self) -> str:
-        """What others did to the file; empty where it is where it was made and begins as it was made."""
+        """What others did to the file, as text; empty if it is in its place with its beginning unchanged."""
         try:
             if not os.path.samestat(os.fstat(self._file), os.stat(self.path)):
                 return "was replaced"
@@ -343,7 +340,7 @@ class TraceWriter:
         return "" if os.pread(self._file, len(self._head), 0) == self._head else _OVERWRITTEN
 
     def _finish_file(self) -> None:
-        """Compacts the file, or what is still open of it where another is in its place."""
+        """Compacts the file; where another is in its place, the content that is still open goes elsewhere."""
         try:
             if lost := self._lost():
                 self._complete = False
@@ -385,23 +382,3 @@ def _name(part: Path, path: Path) -> None:
         part.rename(path)
     else:
         part.unlink()
-
-
-def _json(note: Mapping[str, Any] | None) -> str:
-    try:
-        return json.dumps(dict(note or {}), allow_nan=False)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"note must be what JSON holds: {error}") from None
-
-
-def _check(
-    tools: Sequence[tuple[Burr, Material]], seed: int, first_tick: int, spans: Mapping[str, float]
-) -> None:
-    if not 1 <= len(tools) <= 2:
-        raise ValueError(f"number of tools must be 1 or 2, got {len(tools)}")
-    if not 0 <= seed < 2**64:
-        raise ValueError(f"seed must be a whole number from 0 and below 2^64, got {seed}")
-    check_tick(first_tick)
-    for name, value in spans.items():
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be positive, got {value}")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import burrlab._core as _core
 from burrlab._core import TickExecutor, VoxelBone
+from burrlab.common.check import refuse
 from burrlab.common.table import by_value
 from burrlab.session.trace import Trace, check_trace, to_records, to_rows
 
@@ -119,14 +120,12 @@ def replay(
     """
     check_trace(trace)
     end = len(trace) if until is None else until - trace.first_tick
-    if not 0 <= end <= len(trace):
-        raise ValueError(
-            f"until must be from {trace.first_tick} to {trace.first_tick + len(trace)}, got {until}"
-        )
-    bone, path = trace.bone(), _core.cpu_path()
-    executor = TickExecutor(
-        bone, list(trace.tools), trace.seed, period=trace.period, scheme=trace.scheme, tick=trace.first_tick
+    refuse(
+        not 0 <= end <= len(trace),
+        f"until must be from {trace.first_tick} to {trace.first_tick + len(trace)}, got {until}",
     )
+    executor, path = executor_of(trace), _core.cpu_path()
+    bone = executor.bone
     digests = {
         tick: digest for tick, digest in trace.digests if trace.first_tick <= tick <= trace.first_tick + end
     }
@@ -141,12 +140,22 @@ def replay(
             done = mark
         if difference is None and trace.first_tick + mark in digests:
             compared += 1
-            difference = _digest_difference(executor, digests[trace.first_tick + mark])
+            kept, found = digests[trace.first_tick + mark], bone.digest()
+            if found != kept:
+                difference = Difference(executor.tick, None, "digest", kept, found)
         if progress is not None:
             progress(done / max(end, 1))
         if difference is not None:
             break
     return Replay(done, compared, difference, executor.tick, path, bone)
+
+
+def executor_of(trace: Trace, bone: VoxelBone | None = None, done: int = 0) -> TickExecutor:
+    """What executes the ticks of a trace: on a new bone, or on one on which so many were executed."""
+    return TickExecutor(
+        trace.bone() if bone is None else bone, list(trace.tools), trace.seed, period=trace.period,
+        scheme=trace.scheme, tick=trace.first_tick + done,
+    )  # fmt: skip
 
 
 def inputs(rows: NDArray[np.void]) -> NDArray[np.void]:
@@ -178,11 +187,6 @@ def _first_difference(rows: NDArray[np.void], again: NDArray[np.void]) -> Differ
 
 def _bits(values: NDArray[Any]) -> NDArray[Any]:
     return np.ascontiguousarray(values).view(np.uint64) if values.dtype.kind == "f" else values
-
-
-def _digest_difference(executor: TickExecutor, recorded: str) -> Difference | None:
-    found = executor.bone.digest()
-    return None if found == recorded else Difference(executor.tick, None, "digest", recorded, found)
 
 
 def _plain(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""What a session says of itself, while it runs and after it."""
+"""The report of a session: its counts and times, while it runs and after it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 from burrlab._core import Follower, HapticLoop, Histogram, Publisher
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.common.figures import FORCE, REFERENCE, new_figure, tidy
+from burrlab.common.records import Codec
 from burrlab.session.recorder import TraceWriter
 
 if TYPE_CHECKING:
@@ -115,14 +116,13 @@ class SessionReport:
 
     def to_dict(self) -> dict[str, Any]:
         """All but the histograms, ready for JSON, with units in the names; what is unknown is None."""
-        plain = _plain({
+        plain: dict[str, Any] = Codec().plain({
             "state": self.state, "ticks": self.ticks, "late": self.late, "missed": self.missed, "dropped": self.dropped,
             "times_us": self.times, "follower": self.follower, "stability": self.stability,
             "energy": [{"given_mJ": given, "most_mJ": most} for given, most in self.energy],
             "network": self.network, "recording": self.recording, "notes": self.notes, "messages": self.messages,
             **({} if self.anatomy is None else {"anatomy": self.anatomy.to_dict()}),
         })  # fmt: skip
-        assert isinstance(plain, dict)
         return plain
 
     def __str__(self) -> str:
@@ -212,13 +212,3 @@ def _key(q: float) -> str:
 def _times(histogram: Histogram) -> dict[str, float]:
     times = {_key(q): histogram.quantile(q) for q in _QUANTILES}
     return {**times, "max": histogram.largest if histogram.count else math.nan}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(v) for v in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

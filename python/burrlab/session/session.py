@@ -26,12 +26,13 @@ from burrlab._core import (
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.header import told_notes
-from burrlab.common.check import real, whole
+from burrlab.common.check import real, refuse, whole
 from burrlab.common.provenance import provenance
 from burrlab.session.anatomy import SessionAnatomy
 from burrlab.session.network import open_publisher
 from burrlab.session.recorder import DEFAULT_DURATION, TraceWriter
 from burrlab.session.report import SessionReport
+from burrlab.session.trace import json_text
 
 Tool = tuple[Burr, Material]
 
@@ -151,15 +152,13 @@ class Session:
         slew_limit = float(real(slew_limit, "slew_limit"))
         coupling = None if coupling is None else float(real(coupling, "coupling"))
         duration = None if duration is None else float(real(duration, "duration"))
-        if not rate > 0:
-            raise ValueError(f"rate must be positive, got {rate!r}")
-        if wall_clock and rate < _LEAST_RATE:
-            raise ValueError(f"rate must be at least {_LEAST_RATE:g} Hz on the wall clock, got {rate!r}")
-        if duration is not None and not 0 < duration < 1e9:
-            raise ValueError(f"duration must be positive and below 1e9 s, got {duration!r}")
-        if not 0 < digest_every < 1e9:
-            raise ValueError(f"digest_every must be positive, got {digest_every!r}")
-        recipe = _plain(source)
+        refuse(not rate > 0, f"rate must be positive, got {rate!r}")
+        slow = wall_clock and rate < _LEAST_RATE
+        refuse(slow, f"rate must be at least {_LEAST_RATE:g} Hz on the wall clock, got {rate!r}")
+        long = duration is not None and not 0 < duration < 1e9
+        refuse(long, f"duration must be positive and below 1e9 s, got {duration!r}")
+        refuse(not 0 < digest_every < 1e9, f"digest_every must be positive, got {digest_every!r}")
+        recipe = json.loads(json_text("source", source))
         period = 1e3 / rate
         start = bone.copy()
         self._largest_spacing = max(start.spacing)
@@ -215,9 +214,13 @@ class Session:
 
     def start(self) -> Session:
         """Starts all threads; once. ValueError the second time, or if a device serves another session."""
-        if self._loop.started or self._done.is_set():
-            raise ValueError("session must be started once: it has been started or stopped")
-        _stop_at_exit(self)
+        begun = self._loop.started or self._done.is_set()
+        refuse(begun, "session must be started once: it has been started or stopped")
+        _to_stop.add(self)  # nobody may stop it: its threads would meet an interpreter that is gone
+        atexit.unregister(
+            _stop_all
+        )  # registered last it runs first, before what writing a trace needs is gone
+        atexit.register(_stop_all)
         try:
             self._loop.start()
             self._follower.start()
@@ -419,13 +422,6 @@ class Session:
 _to_stop: weakref.WeakSet[Session] = weakref.WeakSet()
 
 
-def _stop_at_exit(session: Session) -> None:
-    """Remembers a session that nobody may stop: its threads would meet an interpreter that is gone."""
-    _to_stop.add(session)
-    atexit.unregister(_stop_all)  # registered last it runs first, before what writing a trace needs is gone
-    atexit.register(_stop_all)
-
-
 def _stop_all() -> None:
     for session in list(_to_stop):
         session.stop("the program ended")
@@ -441,14 +437,6 @@ def _weakly(method: Callable[[str], None]) -> Callable[[str], None]:
             method(text)
 
     return call
-
-
-def _plain(source: Mapping[str, Any] | None) -> dict[str, Any]:
-    try:
-        plain: dict[str, Any] = json.loads(json.dumps(dict(source or {}), allow_nan=False))
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"source must be what JSON holds: {error}") from None
-    return plain
 
 
 def _tools(tools: Tool | Sequence[Tool]) -> list[Tool]:

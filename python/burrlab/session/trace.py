@@ -1,7 +1,4 @@
-"""The layout of a trace: HDF5 whose structure is finished before the first tick, so that recording is only bytes.
-
-A recorded session, read back.
-"""
+"""The trace of a session: an HDF5 file whose structure is finished before the first tick, made and read back."""
 
 from __future__ import annotations
 
@@ -9,7 +6,7 @@ import html
 import json
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -19,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import Burr, Material, Tissues, VoxelBone, most_watch_events
-from burrlab.anatomy.events import EVENT_DTYPE, GROUP, Watched, WatchPlaces, create_watch, read_watch
+from burrlab.anatomy.events import EVENT_DTYPE, GROUP, Watched, create_watch, read_watch
 from burrlab.bone.header import told_notes
 from burrlab.bone.snapshot import open_hdf5, read_bone, read_dataset, told_as_damage, write_bone
+from burrlab.common.check import refuse
 from burrlab.common.files import attributes, check_folder, new_hdf5, put_attributes
 from burrlab.common.provenance import provenance
 from burrlab.common.table import frame
@@ -77,72 +75,76 @@ def to_records(rows: NDArray[np.void], dtype: np.dtype[Any]) -> NDArray[np.void]
     return records
 
 
-@dataclass(frozen=True)
-class Header:
-    """What a trace says before its first tick."""
-
-    tools: Sequence[tuple[Burr, Material]]
-    seed: int
-    period: float  # [ms]
-    scheme: str = "layer"
-    first_tick: int = 0
-    devices: Sequence[str] = ()
-    source: str = ""
-    note: str = "{}"  # JSON
-    watch: str = ""  # JSON; empty: none
+def json_text(name: str, value: Mapping[str, Any] | None, **options: Any) -> str:
+    """A mapping as JSON; ValueError where JSON does not hold it."""
+    try:
+        return json.dumps(dict(value or {}), allow_nan=False, **options)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be what JSON holds: {error}") from None
 
 
-@dataclass(frozen=True)
-class Places:
-    """Where in the file the bytes of a recording go [bytes], and how many rows there is room for."""
-
-    ticks: int
-    recorded: int
-    digests: int
-    digests_recorded: int
-    ended: int
-    complete: int
-    capacity: int
-    digest_capacity: int
-    watch: WatchPlaces | None = None
-
-
-def create(path: Path, header: Header, bone: VoxelBone, *, capacity: int, digest_capacity: int) -> Places:
+def create(
+    path: Path,
+    bone: VoxelBone,
+    tools: Sequence[tuple[Burr, Material]],
+    *,
+    seed: int,
+    period: float,
+    scheme: str,
+    first_tick: int,
+    devices: Sequence[str],
+    source: str,
+    note: str,
+    watch: str,
+    capacity: int,
+    digest_capacity: int,
+) -> tuple[dict[str, int], dict[str, int]]:
     """Makes the file with all of its structure; no tick yet.
 
     The tables are allocated at once and never filled: on file systems with sparse files they take room only as they
     are written. Everything begins at a multiple of 64 bytes, so that no count lies across a page of memory.
+    Returns where the bytes of each dataset go, and those of the watch; `note` and `watch` are JSON, "" for no watch.
     """
-    size = capacity * row_dtype(len(header.tools)).itemsize + digest_capacity * DIGEST_DTYPE.itemsize
+    row = row_dtype(len(tools))
+    size = capacity * row.itemsize + digest_capacity * DIGEST_DTYPE.itemsize
     check_folder(path)
     path.touch()
     os.truncate(path, min(size, 2**63 - 1))  # too long for a file: libhdf5 does not survive it
     with new_hdf5(path, alignment_threshold=1, alignment_interval=64) as file:
-        _write_header(file, header, bone)
+        now = time.time()
+        put_attributes(file, {
+            "format": FORMAT, "format_version": 1 if bone.tissues is None else FORMAT_VERSION, **provenance(),
+            "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(now)), "started_unix_s": now,
+            "seed": np.uint64(seed), "scheme": scheme, "period_ms": period, "loop_rate_Hz": 1000.0 / period,
+            "first_tick": np.uint64(first_tick), "burrs": len(tools), "initial_digest": bone.digest(),
+        })  # fmt: skip
+        write_bone(file.create_group("volume"), bone, first_tick, source=source)
+        for i, (burr, material) in enumerate(tools):
+            put_attributes(file.create_group(f"tools/{i}"), {
+                "radius_mm": burr.radius, "material": material.name, "c_e_N_per_mm2": material.c_e,
+                "alpha_per_ms": material.alpha, "shape": material.shape.name, "source": material.source,
+                "device": devices[i] if i < len(devices) else "",
+            })  # fmt: skip
+        file.create_dataset("note", data=np.bytes_(note.encode()))
         names = {  # what says how recording ended lies before the tables, where the file is never too long for it
             "recorded": file.create_dataset("recorded", data=np.uint64(0)),
             "digests_recorded": file.create_dataset("digests_recorded", data=np.uint64(0)),
             "ended": file.create_dataset("ended", data=np.bytes_(b""), dtype=f"S{ENDED_LENGTH}"),
             "complete": file.create_dataset("complete", data=np.uint8(0)),
         }
-        watch = {}
-        if header.watch:
-            tissues = 0 if bone.tissues is None else len(bone.tissues)
-            watch = create_watch(file, header.watch, len(header.tools), tissues)
-            watch["events"] = _table(file, f"{GROUP}/events", EVENT_DTYPE, most_watch_events)
+        watched = {}
+        if watch:
+            watched = create_watch(file, watch, len(tools), len(bone.tissues or ()))
+            watched["events"] = _table(file, f"{GROUP}/events", EVENT_DTYPE, most_watch_events)
         names |= {
             "digests": _table(file, "digests", DIGEST_DTYPE, digest_capacity),
-            "ticks": _table(file, "ticks", row_dtype(len(header.tools)), capacity),
+            "ticks": _table(file, "ticks", row, capacity),
         }
         file.flush()
-        offsets = {name: dataset.id.get_offset() for name, dataset in names.items()}
-        places = {name: dataset.id.get_offset() for name, dataset in watch.items()}
-    return Places(
-        capacity=capacity,
-        digest_capacity=digest_capacity,
-        watch=WatchPlaces(**places) if places else None,
-        **offsets,
-    )
+        places, watch_places = (
+            {name: dataset.id.get_offset() for name, dataset in parts.items()} for parts in (names, watched)
+        )
+    return places, watch_places
 
 
 def _table(file: h5py.File, name: str, dtype: np.dtype[Any], length: int) -> h5py.Dataset:
@@ -155,25 +157,6 @@ def _table(file: h5py.File, name: str, dtype: np.dtype[Any], length: int) -> h5p
     kind = h5py.h5t.py_create(dtype, logical=True)
     space = h5py.h5s.create_simple((length,))
     return h5py.Dataset(h5py.h5d.create(file.id, name.encode(), kind, space, properties))
-
-
-def _write_header(file: h5py.File, header: Header, bone: VoxelBone) -> None:
-    now = time.time()
-    put_attributes(file, {
-        "format": FORMAT, "format_version": 1 if bone.tissues is None else FORMAT_VERSION, **provenance(),
-        "started": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime(now)), "started_unix_s": now,
-        "seed": np.uint64(header.seed), "scheme": header.scheme, "period_ms": header.period,
-        "loop_rate_Hz": 1000.0 / header.period, "first_tick": np.uint64(header.first_tick),
-        "burrs": len(header.tools), "initial_digest": bone.digest(),
-    })  # fmt: skip
-    write_bone(file.create_group("volume"), bone, header.first_tick, source=header.source)
-    for i, (burr, material) in enumerate(header.tools):
-        put_attributes(file.create_group(f"tools/{i}"), {
-            "radius_mm": burr.radius, "material": material.name, "c_e_N_per_mm2": material.c_e,
-            "alpha_per_ms": material.alpha, "shape": material.shape.name, "source": material.source,
-            "device": header.devices[i] if i < len(header.devices) else "",
-        })  # fmt: skip
-    file.create_dataset("note", data=np.bytes_(header.note.encode()))
 
 
 def make_compact(recorded: Path | BinaryIO, part: Path) -> None:
@@ -206,7 +189,6 @@ def _copy_table(source: h5py.Dataset, file: h5py.Group, rows: int, chunk: int = 
 
 
 _LONGEST = 1000  # characters of a name
-_AXES = "xyz"
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -328,7 +310,7 @@ class Trace:
         ValueError
             If there is no such column or burr.
         """
-        self._check_burr(burr)
+        refuse(not 0 <= burr < self.burrs, f"burr must be an index below {self.burrs}, got {burr}")
         if name in TICK_COLUMNS:
             return self.ticks[name]
         if name in BURR_COLUMNS:
@@ -346,21 +328,17 @@ class Trace:
         ImportError
             If pandas is not installed.
         """
-        self._check_burr(burr)
-        columns: dict[str, Any] = {name: self.ticks[name] for name in TICK_COLUMNS}
+        columns: dict[str, Any] = {name: self.array(name, burr) for name in TICK_COLUMNS}
         for name in BURR_COLUMNS:
             values = self.array(name, burr)
             if values.ndim == 1:
                 columns[name] = values
                 continue
-            stem, unit = _split_unit(name)
-            columns.update({f"{stem}_{_AXES[i]}_{unit}": values[:, i] for i in range(3)})
+            unit = "mm_s" if name.endswith("_mm_s") else name.rsplit("_", 1)[1]
+            stem = name.removesuffix(f"_{unit}")
+            columns.update({f"{stem}_{axis}_{unit}": values[:, i] for i, axis in enumerate("xyz")})
         table = frame(columns, "a frame")
         return table.set_index("index")
-
-    def _check_burr(self, burr: int) -> None:
-        if not 0 <= burr < self.burrs:
-            raise ValueError(f"burr must be an index below {self.burrs}, got {burr}")
 
     def __repr__(self) -> str:
         tools = ", ".join(f"R = {burr.radius:g} mm in {material.name}" for burr, material in self.tools)
@@ -383,7 +361,7 @@ class Trace:
 
 
 def check_trace(trace: Trace) -> None:
-    """TypeError unless it is a trace: the file's name is given too easily."""
+    """TypeError unless it is a `Trace`; a file's name is an easy mistake."""
     if not isinstance(trace, Trace):
         raise TypeError(f"trace must be a Trace, as load_trace gives it, got {trace!r}")
 
@@ -416,18 +394,13 @@ def _read(file: h5py.File, path: Path) -> Trace:
         tools.append((Burr(float(tool["radius_mm"])), material))
         devices.append(tool["device"])
     first, seed, scheme = int(about["first_tick"]), int(about["seed"]), about["scheme"]
-    if not (
-        all(
-            isinstance(name, str) and len(name) <= _LONGEST
-            for name in (*devices, *(m.name for _, m in tools))
-        )
-        and 0 <= seed < 2**64
-        and scheme in {"layer", "cell"}
-    ):
-        raise ValueError(
-            f"its devices and materials must be texts of at most {_LONGEST} characters, its seed a number of 64 bits "
-            "and its scheme layer or cell"
-        )
+    told = (*devices, *(material.name for _, material in tools))
+    texts = all(isinstance(name, str) and len(name) <= _LONGEST for name in told)
+    refuse(
+        not (texts and 0 <= seed < 2**64 and scheme in {"layer", "cell"}),
+        f"its devices and materials must be texts of at most {_LONGEST} characters, its seed a number of 64 bits "
+        "and its scheme layer or cell",
+    )
     # Digests and events come first: they are written after the ticks they speak of.
     watch, watched, events = read_watch(file, len(tools))
     digests = read_dataset(file, "digests", int(read_dataset(file, "digests_recorded")))
@@ -435,25 +408,30 @@ def _read(file: h5py.File, path: Path) -> Trace:
     complete = bool(read_dataset(file, "complete"))
     ticks = _ticks(file, path, first, len(tools))
     bone, tick = read_bone(file["volume"])
-    if tick != first or bone.digest() != about["initial_digest"]:
-        raise ValueError(f"{path} is damaged: its volume is not the one that the session began with")
+    refuse(
+        tick != first or bone.digest() != about["initial_digest"],
+        f"{path} is damaged: its volume is not the one that the session began with",
+    )
     names = ("burrlab", "python", "numpy", "machine", "cpu_path", "started", "started_unix_s")
+    made_by = {name: getattr(about[name], "tolist", lambda kept=about[name]: kept)() for name in names}
     return Trace(
         path, ticks, tuple(tools), tuple(devices), seed, float(about["period_ms"]), scheme,
         first, tuple((int(d["tick"]), d["digest"].decode("ascii")) for d in digests), ended, complete,
         str(volume["source"]), json.loads(read_dataset(file, "note")),
-        {name: _plain(about[name]) for name in names}, watch, events, watched, bone,
+        made_by, watch, events, watched, bone,
     )  # fmt: skip
 
 
 def _ticks(file: h5py.File, path: Path, first: int, burrs: int) -> NDArray[np.void]:
     table, recorded = file["ticks"], int(read_dataset(file, "recorded"))
-    if recorded > len(table):
-        raise ValueError(
-            f"{path} is damaged: {recorded} ticks are counted, and there is room for {len(table)}"
-        )
-    if table.dtype != row_dtype(burrs):
-        raise ValueError(f"{path} is damaged: its ticks have other columns than format {FORMAT_VERSION} has")
+    refuse(
+        recorded > len(table),
+        f"{path} is damaged: {recorded} ticks are counted, and there is room for {len(table)}",
+    )
+    refuse(
+        table.dtype != row_dtype(burrs),
+        f"{path} is damaged: its ticks have other columns than format {FORMAT_VERSION} has",
+    )
     ticks: NDArray[np.void] = read_dataset(file, "ticks", recorded)
     right = ticks["index"] == first + np.arange(recorded, dtype=np.uint64)
     right &= (ticks["k"] >= 1) & (ticks["k"] <= 8)
@@ -463,13 +441,3 @@ def _ticks(file: h5py.File, path: Path, first: int, burrs: int) -> NDArray[np.vo
         )
     ticks.flags.writeable = False
     return ticks
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
-
-
-def _split_unit(name: str) -> tuple[str, str]:
-    """("center", "mm") of "center_mm"."""
-    unit = "mm_s" if name.endswith("_mm_s") else name.rsplit("_", 1)[1]
-    return name[: -len(unit) - 1], unit

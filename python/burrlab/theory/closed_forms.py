@@ -1,7 +1,4 @@
-"""Closed forms of the descent at constant force: static contact, stiffness, layer thickness.
-
-The window of a descent and the penetration velocity in it (definitions: docs/descent.md).
-"""
+"""Closed forms of the descent at constant force, and the penetration velocity in its window (docs/descent.md)."""
 
 from __future__ import annotations
 

@@ -1,14 +1,10 @@
-"""The descent at constant force in the continuum.
+"""The descent in the continuum: Eqs. 2 to 4 solved without voxels, and the master curve on which all descents lie.
 
-A deterministic, axisymmetric solution of Eqs. 2 to 4 without voxels: the oracle of the voxel simulation.
+v = alpha R Psi(phi, window; f) with phi = F/(c_e R^2): one curve for an erosion shape f and a window.
 
 References
 ----------
 Agus et al., Physics-based burr haptic simulation: tuning and evaluation, HAPTICS 2004.
-
-The master curve that all descents at constant force lie on: the surrogate of the fit.
-
-Everything depends on phi = F/(c_e R^2) and on the erosion shape f: v = alpha R Psi(phi, window; f).
 """
 
 from __future__ import annotations
@@ -23,7 +19,7 @@ from scipy.interpolate import CubicSpline, PPoly
 
 import burrlab._core as _core
 from burrlab._core import Burr, Material, Shape
-from burrlab.common.check import real
+from burrlab.common.check import real, refuse
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -86,8 +82,10 @@ class MeanFieldDescent:
         start, stop = self.window(start_mm, stop_mm)
         check_window(None if start_mm is None else start_mm / self.burr.radius, stop / self.burr.radius)
         end = float(self.immersion[-1])
-        if stop > end * (1 + 1e-9):
-            raise ValueError(f"stop_mm must not lie beyond the descent's end, {end:g} mm, got {stop:g}")
+        refuse(
+            stop > end * (1 + 1e-9),
+            f"stop_mm must not lie beyond the descent's end, {end:g} mm, got {stop:g}",
+        )
         if start >= stop:
             return float("nan")
         return _core.window_velocity(self.time, self.immersion, start, min(stop, end))
@@ -156,15 +154,14 @@ def mean_field_descent(
     R, stop_mm = burr.radius, WINDOW_STOP * burr.radius if stop is None else float(real(stop, "stop"))
     force = float(positive("force", force))
     positive("alpha of the material", material.alpha)
-    if not 0 < stop_mm <= R:
-        raise ValueError(f"stop must be above 0 and at most R = {R:g} mm, got {stop_mm:g}")
+    refuse(not 0 < stop_mm <= R, f"stop must be above 0 and at most R = {R:g} mm, got {stop_mm:g}")
     unit = material.c_e * R**2
     limit = unit * (stop_mm / R) ** 1.5
-    if not force < limit:
-        raise ValueError(
-            f"force must be below c_e R^2 (stop/R)^1.5 = {limit:.4g} N, or static contact alone reaches the "
-            f"stop, got {force:g}"
-        )
+    refuse(
+        not force < limit,
+        f"force must be below c_e R^2 (stop/R)^1.5 = {limit:.4g} N, or static contact alone reaches the "
+        f"stop, got {force:g}",
+    )
     time, immersion = _core.mean_field_descent(material.shape, force / unit, stop_mm / R, resolution)
     time, immersion = time / (PER_SECOND * material.alpha), immersion * R
     time.flags.writeable = immersion.flags.writeable = False
@@ -219,8 +216,8 @@ def thin_layer_velocity(
     R = burr.radius
     phi = positive("force", force) / (material.c_e * R**2)
     depth = np.asarray(immersion, dtype=np.float64)
-    if not ((depth > 0) & (depth <= R)).all():
-        raise ValueError(f"immersion must be above 0 and at most R = {R:g} mm, got {immersion!r}")
+    inside = (depth > 0) & (depth <= R)
+    refuse(not inside.all(), f"immersion must be above 0 and at most R = {R:g} mm, got {immersion!r}")
     velocity: Floats = np.asarray(_core.thin_layer_velocity(material.shape, phi, depth / R))
     return PER_SECOND * material.alpha * R * velocity
 
@@ -228,16 +225,18 @@ def thin_layer_velocity(
 def positive(name: str, values: ArrayLike) -> Floats:
     """`values` as an array; ValueError unless all are positive and finite."""
     array = real(values, name)
-    if not ((array > 0) & (array < np.inf)).all():
-        raise ValueError(f"{name} must be positive and finite, got {values!r}")
+    inside = (array > 0) & (array < np.inf)
+    refuse(not inside.all(), f"{name} must be positive and finite, got {values!r}")
     return array
 
 
 def check_window(start: float | None, stop: float | None) -> tuple[float, float]:
     """Window ends in units of R, the default ones for None; ValueError unless in order and within R."""
     low, high = WINDOW_START if start is None else float(start), WINDOW_STOP if stop is None else float(stop)
-    if not 0 <= low < high <= 1:
-        raise ValueError(f"window must have 0 <= start < stop <= R, got {low:.6g} R to {high:.6g} R")
+    refuse(
+        not 0 <= low < high <= 1,
+        f"window must have 0 <= start < stop <= R, got {low:.6g} R to {high:.6g} R",
+    )
     return low, high
 
 

@@ -26,7 +26,7 @@ class Model(Protocol):
 
 
 class MeanFieldModel:
-    """Predictions by the scaling law v = alpha R Psi(phi, window; f) (model, section 5).
+    """Predictions by the scaling law v = alpha R Psi(phi, window; f) (docs/model.md, section 5).
 
     Rows are grouped by window, and each distinct F/R^2 is looked up once.
     """

@@ -22,7 +22,7 @@ ResidualKind: TypeAlias = Literal["relative", "absolute", "sigma"]
 Bounds: TypeAlias = dict[str, tuple[float, float]]
 Data: TypeAlias = VelocityCurve | Indentation | DepthTrace
 
-WINDOW_START, WINDOW_END = 1 / 6, 1 / 3  # of the default window, in radii (model, section 4)
+WINDOW_START, WINDOW_END = 1 / 6, 1 / 3  # of the default window, in radii (docs/model.md, section 4)
 SEGMENTS = 5  # parts of equal depth that a trace is compared in
 C_E_RANGE = 100.0  # upper bound of c_e over its lower one, see `bounds_of`
 ALPHA_BOUNDS = (1e-5, 10.0)  # [1/ms], see `bounds_of`
@@ -179,14 +179,14 @@ class Observations:
         """Lower bound of c_e [N/mm^2] that each velocity row's window implies.
 
         Static contact alone sinks the burr to H = R phi^(2/3); a window that ends at H_end exists only below
-        that: c_e > F/(R^2 (H_end/R)^(3/2)), 0.1925 R^2 for the default end R/3 (model, section 5 iv).
+        that: c_e > F/(R^2 (H_end/R)^(3/2)), 0.1925 R^2 for the default end R/3 (docs/model.md, section 5 iv).
         """
         return _static_c_e(self.force, self.window_end, self.radius)
 
     def ridge_entries(self) -> Floats:
         """c_e [N/mm^2] above which each row's window starts above its static contact: phi < 0.068 by default.
 
-        There v is a power law of phi and only alpha/c_e^p is determined (model, section 5 iii).
+        There v is a power law of phi and only alpha/c_e^p is determined (docs/model.md, section 5 iii).
         """
         start = np.where(np.isnan(self.window_start), WINDOW_START * self.radius, self.window_start)
         with np.errstate(divide="ignore"):

@@ -25,7 +25,7 @@ class Ridge:
     """Where the data cannot tell c_e from alpha, and what they tell instead.
 
     Along the ridge every window starts above its static contact, and predictions depend on
-    alpha/c_e^exponent alone (model, section 5 iii).
+    alpha/c_e^exponent alone (docs/model.md, section 5 iii).
     """
 
     max_phi: float  #: largest F/(c_e R^2) of the fitted rows, at the fitted c_e

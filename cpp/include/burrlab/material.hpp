@@ -9,6 +9,13 @@
 
 namespace burrlab {
 
+struct Burr {
+  double radius;  ///< [mm]
+
+  explicit Burr(double radius_mm) : radius(radius_mm) { require_positive("radius", radius); }
+  bool operator==(const Burr& other) const { return radius == other.radius; }
+};
+
 struct Material {
   std::string name;
   double c_e;          ///< elastic constant [N/mm^2], Eq. 3

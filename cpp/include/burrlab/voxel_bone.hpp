@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "burrlab/brick.hpp"
-#include "burrlab/tissue_map.hpp"
+#include "burrlab/tissues.hpp"
 #include "burrlab/types.hpp"
 
 namespace burrlab {
@@ -75,6 +75,7 @@ class VoxelBone {
   double mass_of(std::size_t tissue) const;     ///< that is left of a tissue, by number [mm^3]
   double removed_of(std::size_t tissue) const;  ///< pristine minus present [mm^3]
   std::int64_t tissue_levels(std::size_t tissue) const { return tissue_sums_.present[tissue]; }
+  std::vector<std::int64_t> tissue_levels() const;  ///< of each; none without tissues
 
   /// 128 bits as 32 hexadecimal digits: geometry plus the sum over 8^3 bricks of a hash of brick index,
   /// q and p, and, where there are tissues, their numbers and table. A sum, so that a brick that changed can

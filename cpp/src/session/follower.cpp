@@ -11,8 +11,6 @@ namespace {
 
 constexpr std::size_t batch = 256;  // ticks between looks at other things
 
-Vec3 to_vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
-
 }  // namespace
 
 Follower::Follower(std::shared_ptr<HapticLoop> loop, const FollowerSettings& settings)

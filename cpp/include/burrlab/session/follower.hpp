@@ -13,7 +13,6 @@
 #include "burrlab/session/contact_stiffness.hpp"
 #include "burrlab/session/followed_bone.hpp"
 #include "burrlab/session/haptic_loop.hpp"
-#include "burrlab/session/unseen_bricks.hpp"
 
 namespace burrlab {
 

@@ -139,8 +139,7 @@ ValueError
           },
           "centers"_a, "radius"_a = 0.0,
           "Distances [mm] of the surfaces of spheres with these centres (..., 3) [mm]: at least -radius, "
-          "exact "
-          "below 1 mm, infinite beyond the field. ValueError unless finite, radius 0 to 6.")
+          "exact below 1 mm, infinite beyond the field. ValueError unless finite, radius 0 to 6.")
       .def(
           "field",
           [](const StructureDistance& d, const Reals& points) {
@@ -180,7 +179,6 @@ ValueError
           "seen", [](const AnatomyWatch& watch, std::size_t known) { return to_dict(watch, known); },
           "known"_a = 0,
           "events (n,) watch_event_dtype but for the first `known`, doses (burrs, structures) "
-          "watch_dose_dtype, "
-          "removed (structures) [levels], events_lost, gaps, ticks_passed_over. Not while another thread "
-          "executes.");
+          "watch_dose_dtype, removed (structures) [levels], events_lost, gaps, ticks_passed_over. Not while "
+          "another thread executes.");
 }

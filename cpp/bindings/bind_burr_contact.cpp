@@ -39,10 +39,9 @@ void bind_contact(py::module_& m) {
       .def_property_readonly("normal", copy_of(&Contact::normal),
                              "(3,) out of the bone; shorter than 1 where ambiguous; a copy")
       .def_readonly("penetration", &Contact::penetration, "Effective depth h, Eq. 2 [mm]")
-      .def_readonly(
-          "c_e", &Contact::c_e,
-          "Elastic constant of Eq. 3: in a bone with tissues the mean over the mass inside the sphere; "
-          "without any of it the material's [N/mm^2]")
+      .def_readonly("c_e", &Contact::c_e,
+                    "Elastic constant of Eq. 3: in a bone with tissues the mean over the mass inside the "
+                    "sphere; without any of it the material's [N/mm^2]")
       .def_readonly("m0", &Contact::m0, "[mm^3]")
       .def_property_readonly("m1", copy_of(&Contact::m1), "(3,) [mm^4]; a copy")
       .def_readonly("removed", &Contact::removed, "Solid bone removed in the tick [mm^3]")
@@ -54,8 +53,8 @@ void bind_contact(py::module_& m) {
                     "Over 5 % of the contact lies in voxels with pristine level below 32, where `layer` errs")
       .def("__repr__", [](const Contact& c) {
         return format(
-            "Contact(tick={}, force=({:.4g}, {:.4g}, {:.4g}) N, penetration={:.4g} "
-            "mm, removed={:.3g} mm^3{}{}{})",
+            "Contact(tick={}, force=({:.4g}, {:.4g}, {:.4g}) N, penetration={:.4g} mm, removed={:.3g} "
+            "mm^3{}{}{})",
             c.tick, c.force[0], c.force[1], c.force[2], c.penetration, c.removed,
             c.ambiguous ? ", ambiguous" : "", c.coarse ? ", coarse" : "", c.faint ? ", faint" : "");
       });

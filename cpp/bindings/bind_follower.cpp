@@ -86,9 +86,8 @@ rebuild_after : float
           "burr"_a = 0,
           "The stiffness measured last against the passivity limit of the burr's device: force_N, "
           "stiffness_N_per_mm, limit_N_per_mm, ratio (of the stiffest direction), force_at_limit_N (below it "
-          "the limit is exceeded in "
-          "this "
-          "hole), warning (ratio above 0.8); nan where the device does not say its damping.")
+          "the limit is exceeded in this hole), warning (ratio above 0.8); nan where the device does not say "
+          "its damping.")
       .def("digests_since", &digests, "known"_a, "`digests` without the first `known`.")
       .def("digest", &Follower::digest, no_gil, "Of the bone now.")
       .def("snapshot", &snapshot_of<Follower>, "(copy of the bone, ticks it has seen)")

@@ -105,11 +105,10 @@ ValueError
           "status", [](const BoundPublisher& p) { return to_dict(p.publisher->status()); },
           "tick; standard_peers and replicas connected now; counts since the start: accepted, refused "
           "(connections beyond the most), skipped (ticks that slow standard peers did not get), cut_off "
-          "(slow "
-          "replicas), stalled (peers that took nothing for 5 s), hellos (asked for the hello only), by_ticks "
-          "and by_bricks (replicas that went on), bad_words, ignored (messages of no use), framing_lost, "
-          "too_many_faults (connections closed), out_of_range (positions not sent), bytes_sent, messages, "
-          "dropped {reason: messages}")
+          "(slow replicas), stalled (peers that took nothing for 5 s), hellos (asked for the hello only), "
+          "by_ticks and by_bricks (replicas that went on), bad_words, ignored (messages of no use), "
+          "framing_lost, too_many_faults (connections closed), out_of_range (positions not sent), "
+          "bytes_sent, messages, dropped {reason: messages}")
       .def(
           "finish",
           [](const BoundPublisher& p, const std::string& reason, bool failed, double linger) {
@@ -117,8 +116,8 @@ ValueError
           },
           "reason"_a, py::kw_only(), "failed"_a = false, "linger"_a = 2.0, no_gil,
           "After the follower was stopped: tells the replicas why the session ended, its last tick and "
-          "digest, "
-          "waits up to `linger` [s] until they have it, and stops. ValueError if `linger` is negative.")
+          "digest, waits up to `linger` [s] until they have it, and stops. ValueError if `linger` is "
+          "negative.")
       .def(
           "stop", [](const BoundPublisher& p) { p.publisher->stop(); }, no_gil,
           "Closes all connections, without a word.");

@@ -112,71 +112,67 @@ py::object to_python(const Received& received) {
   return to_bytes(std::get<Bytes>(received.value));
 }
 
+/// Binds what encodes a message of a device, with the options that all of them share behind its own.
+template <class... Given, class... Extra>
+void def_encoder(py::module_& m, const char* name, void (*encode)(Bytes&, const Envelope&, Given...),
+                 const Extra&... extra) {
+  m.def(
+      name,
+      [encode](const std::string& device_name, Given... given, double timestamp, int version,
+               std::uint32_t message_id, const Metadata& metadata) {
+        const Options options(device_name, timestamp, version, message_id, metadata);
+        Bytes out;
+        encode(out, options.envelope, given...);
+        return to_bytes(out);
+      },
+      "device_name"_a, extra..., "timestamp"_a = 0.0, "version"_a = 1, "message_id"_a = 0,
+      "metadata"_a = Metadata{});
+}
+
+void put_transform(Bytes& out, const Envelope& envelope, const std::array<float, 3>& position,
+                   const Matrix3& rotation) {
+  Transform transform;
+  transform.position = position;
+  for (std::size_t i = 0; i < 9; ++i) transform.rotation[i] = rotation[i / 3][i % 3];
+  encode_transform(out, envelope, transform);
+}
+
+void put_sensor(Bytes& out, const Envelope& envelope, const std::vector<double>& values, std::uint64_t unit) {
+  encode_sensor(out, envelope, values.data(), values.size(), unit);
+}
+
+void put_float64(Bytes& out, const Envelope& envelope, const Reals& values) {
+  std::vector<std::uint16_t> shape;
+  for (py::ssize_t axis = 0; axis < values.ndim(); ++axis) {
+    if (values.shape(axis) > 65535)
+      refuse("every side of values", "at most 65535", double(values.shape(axis)));
+    shape.push_back(std::uint16_t(values.shape(axis)));
+  }
+  encode_ndarray_float64(out, envelope, values.data(), std::size_t(values.size()), shape.data(),
+                         shape.size());
+}
+
+void put_uint8(Bytes& out, const Envelope& envelope, const py::bytes& data) {
+  encode_ndarray_uint8(out, envelope, view_of(data));
+}
+
 void bind_encoders(py::module_& m) {
   m.def(
       "crc64", [](const py::bytes& data) { return crc64(view_of(data)); }, "data"_a,
       "CRC-64 of ECMA-182 as OpenIGTLink uses it.");
-  m.def(
-      "encode_transform",
-      [](const std::string& device_name, const std::array<float, 3>& position, const Matrix3& rotation,
-         double timestamp, int version, std::uint32_t message_id, const Metadata& metadata) {
-        const Options options(device_name, timestamp, version, message_id, metadata);
-        Transform transform;
-        transform.position = position;
-        for (std::size_t i = 0; i < 9; ++i) transform.rotation[i] = rotation[i / 3][i % 3];
-        Bytes out;
-        encode_transform(out, options.envelope, transform);
-        return to_bytes(out);
-      },
-      "device_name"_a, "position"_a, py::kw_only(), "rotation"_a = Matrix3{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}},
-      "timestamp"_a = 0.0, "version"_a = 1, "message_id"_a = 0, "metadata"_a = Metadata{},
-      "A TRANSFORM message: position (x, y, z) [mm] and rotation (3, 3), RAS, float32. timestamp [s] since "
-      "1970. ValueError where the message cannot hold it.");
-  m.def(
-      "encode_sensor",
-      [](const std::string& device_name, const std::vector<double>& values, std::uint64_t unit,
-         double timestamp, int version, std::uint32_t message_id, const Metadata& metadata) {
-        const Options options(device_name, timestamp, version, message_id, metadata);
-        Bytes out;
-        encode_sensor(out, options.envelope, values.data(), values.size(), unit);
-        return to_bytes(out);
-      },
-      "device_name"_a, "values"_a, py::kw_only(), "unit"_a = newton, "timestamp"_a = 0.0, "version"_a = 1,
-      "message_id"_a = 0, "metadata"_a = Metadata{},
-      "A SENSOR message of up to 255 float64; `unit` is OpenIGTLink's 64-bit field, newton unless said. "
-      "ValueError where the message cannot hold it.");
-  m.def(
-      "encode_ndarray_float64",
-      [](const std::string& device_name, const Reals& values, double timestamp, int version,
-         std::uint32_t message_id, const Metadata& metadata) {
-        const Options options(device_name, timestamp, version, message_id, metadata);
-        std::vector<std::uint16_t> shape;
-        for (py::ssize_t axis = 0; axis < values.ndim(); ++axis) {
-          if (values.shape(axis) > 65535)
-            refuse("every side of values", "at most 65535", double(values.shape(axis)));
-          shape.push_back(std::uint16_t(values.shape(axis)));
-        }
-        Bytes out;
-        encode_ndarray_float64(out, options.envelope, values.data(), std::size_t(values.size()), shape.data(),
-                               shape.size());
-        return to_bytes(out);
-      },
-      "device_name"_a, "values"_a, py::kw_only(), "timestamp"_a = 0.0, "version"_a = 1, "message_id"_a = 0,
-      "metadata"_a = Metadata{},
+  def_encoder(m, "encode_transform", &put_transform, "position"_a, py::kw_only(),
+              "rotation"_a = Matrix3{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}},
+              "A TRANSFORM message: position (x, y, z) [mm] and rotation (3, 3), RAS, float32. timestamp [s] "
+              "since 1970. ValueError where the message cannot hold it.");
+  def_encoder(m, "encode_sensor", &put_sensor, "values"_a, py::kw_only(), "unit"_a = newton,
+              "A SENSOR message of up to 255 float64; `unit` is OpenIGTLink's 64-bit field, newton unless "
+              "said. ValueError where the message cannot hold it.");
+  def_encoder(
+      m, "encode_ndarray_float64", &put_float64, "values"_a, py::kw_only(),
       "An NDARRAY message of float64, at least one dimension. ValueError where the message cannot hold it.");
-  m.def(
-      "encode_ndarray_uint8",
-      [](const std::string& device_name, const py::bytes& data, double timestamp, int version,
-         std::uint32_t message_id, const Metadata& metadata) {
-        const Options options(device_name, timestamp, version, message_id, metadata);
-        Bytes out;
-        encode_ndarray_uint8(out, options.envelope, view_of(data));
-        return to_bytes(out);
-      },
-      "device_name"_a, "data"_a, py::kw_only(), "timestamp"_a = 0.0, "version"_a = 1, "message_id"_a = 0,
-      "metadata"_a = Metadata{},
-      "An NDARRAY message of uint8 that holds `data`: its length in 8 bytes (ours), the bytes, zeros up to a "
-      "whole number of rows. ValueError where the message cannot hold it.");
+  def_encoder(m, "encode_ndarray_uint8", &put_uint8, "data"_a, py::kw_only(),
+              "An NDARRAY message of uint8 that holds `data`: its length in 8 bytes (ours), the bytes, zeros "
+              "up to a whole number of rows. ValueError where the message cannot hold it.");
 }
 
 void bind_framer(py::module_& m) {

@@ -99,8 +99,7 @@ ValueError
 )")
       .def("set_watch", &TickExecutor::set_watch, "watch"_a,
            "Called after each burr's step from now on; it begins with the bone as it is. ValueError unless "
-           "it is "
-           "of this bone and these burrs.")
+           "it is of this bone and these burrs.")
       .def(
           "probe",
           [](const TickExecutor& executor, std::size_t burr, const Vec3& center) {

@@ -23,12 +23,10 @@ py::array_t<double> passivity_energy(const Reals& position, const Reals& force) 
 void bind_stability(py::module_& m) {
   m.def("flat_contact_area", &flat_contact_area, "radius"_a, "penetration"_a,
         "Wetted area on flat bone, projected on the normal: pi (2 R h - h^2) [mm^2]. ValueError unless h is "
-        "0 to "
-        "2 R.");
+        "0 to 2 R.");
   m.def("hole_contact_area", &hole_contact_area, "radius"_a, "depth"_a,
         "Wetted area in a hole of the burr's own, of depth H: pi (2 R H - H^2) [mm^2]. ValueError unless H "
-        "is 0 "
-        "to 2 R.");
+        "is 0 to 2 R.");
   m.def("contact_stiffness", &contact_stiffness, "force"_a, "area"_a, py::kw_only(), "radius"_a, "c_e"_a,
         "k = dF/dH = 1.5 c_e sqrt(u) A/(pi R (2 u - u^2)) [N/mm] at a force [N] and a wetted area A [mm^2]. "
         "ValueError on a negative force or area.");
@@ -45,8 +43,7 @@ void bind_stability(py::module_& m) {
       },
       "executor"_a, "burr"_a, "center"_a, "step"_a = 0.02,
       "(stiffness [N/mm], unit vector) of the direction in which the contact at a centre [mm] is stiffest; 0 "
-      "without "
-      "contact.");
+      "without contact.");
   m.def("passivity_limit", &passivity_limit, "damping"_a, "period"_a, "age"_a = 0.0,
         "virtual_damping"_a = 0.0,
         "(b - |B|)/(T/2 + t_d) [N/mm]; dampings [N s/m], period and age of the position [ms] "
@@ -90,8 +87,8 @@ ValueError
       .def_readonly("warning", &StabilityReport::warning, "The ratio is above 0.8")
       .def("__repr__", [](const StabilityReport& r) {
         return format(
-            "StabilityReport(force={:.3g} N, k={:.3g} N/mm, limit={:.3g} N/mm, "
-            "ratio={:.2f}, force_at_limit={:.3g} N)",
+            "StabilityReport(force={:.3g} N, k={:.3g} N/mm, limit={:.3g} N/mm, ratio={:.2f}, "
+            "force_at_limit={:.3g} N)",
             r.force, r.k, r.limit, r.ratio, r.force_at_limit);
       });
   const double nan = std::numeric_limits<double>::quiet_NaN();

@@ -98,24 +98,6 @@ VoxelBone::VoxelBone(const VoxelBone& other)
   }
 }
 
-VoxelBone& VoxelBone::operator=(VoxelBone other) {
-  std::swap(shape_, other.shape_);
-  std::swap(bricks_, other.bricks_);
-  std::swap(spacing_, other.spacing_);
-  std::swap(origin_, other.origin_);
-  std::swap(density_, other.density_);
-  std::swap(pristine_, other.pristine_);
-  std::swap(sums_, other.sums_);
-  std::swap(level_, other.level_);
-  std::swap(state_, other.state_);
-  std::swap(occupancy_, other.occupancy_);
-  std::swap(level_sum_, other.level_sum_);
-  std::swap(pristine_sum_, other.pristine_sum_);
-  std::swap(tissues_, other.tissues_);
-  std::swap(tissue_sums_, other.tissue_sums_);
-  return *this;
-}
-
 void VoxelBone::refuse_use(int users) {
   const std::string rule = "bone must be used by one thread alone while it is changed: another thread ";
   throw std::invalid_argument(rule + (users < 0 ? "changes it" : "reads it"));

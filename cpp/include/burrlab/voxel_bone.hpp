@@ -45,7 +45,8 @@ class VoxelBone {
   VoxelBone(const Index3& shape, std::uint8_t level, const Vec3& spacing, const Vec3& origin);
   VoxelBone(const VoxelBone& other);
   VoxelBone(VoxelBone&&) = default;
-  VoxelBone& operator=(VoxelBone other);
+  VoxelBone& operator=(VoxelBone&&) = default;
+  VoxelBone& operator=(const VoxelBone& other) { return *this = VoxelBone(other); }
 
   const Index3& shape() const { return shape_; }
   const Vec3& spacing() const { return spacing_; }
@@ -143,6 +144,7 @@ class VoxelBone {
     std::atomic<int> count{0};  // -1: one changes the bone; else so many read it
     Users() = default;
     Users(const Users&) {}  // a copy has none
+    Users& operator=(const Users&) { return *this; }
   };
   struct Sum : std::atomic<std::int64_t> {  // one thread changes it at a time, any may read it
     Sum(std::int64_t value = 0) : atomic(value) {}

@@ -54,48 +54,10 @@ void EffectsCompanion::stop() {
   if (thread_.joinable()) thread_.join();
 }
 
-bool EffectsCompanion::running() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return running_;
-}
-
 bool EffectsCompanion::wait(double seconds) {
   std::unique_lock<std::mutex> lock(mutex_);
   const auto limit = std::chrono::duration<double>(std::min(std::max(seconds, 0.0), 1e7));
   return woken_.wait_for(lock, limit, [this] { return !running_; });
-}
-
-std::string EffectsCompanion::error() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return error_;
-}
-
-void EffectsCompanion::set_nozzle(const std::optional<Nozzle>& nozzle) {
-  if (nozzle) nozzle->check();
-  const std::lock_guard<std::mutex> lock(mutex_);
-  nozzle_ = nozzle;
-}
-
-void EffectsCompanion::set_sucker(const std::optional<Sucker>& sucker) {
-  if (sucker) sucker->check();
-  const std::lock_guard<std::mutex> lock(mutex_);
-  sucker_ = sucker;
-}
-
-void EffectsCompanion::set_camera(const std::optional<Camera>& camera) {
-  if (camera) camera->check();
-  const std::lock_guard<std::mutex> lock(mutex_);
-  camera_ = camera;
-}
-
-EffectsFrame EffectsCompanion::newest() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return newest_;
-}
-
-std::vector<std::string> EffectsCompanion::realtime_notes() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return notes_;
 }
 
 void EffectsCompanion::run() {
@@ -129,11 +91,6 @@ void EffectsCompanion::run() {
   running_ = false;
   error_ = error;
   woken_.notify_all();
-}
-
-std::vector<FrameRecord> EffectsCompanion::frames() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return frames_;
 }
 
 void EffectsCompanion::frame(int periods) {

@@ -142,11 +142,6 @@ void Publisher::stop() {
   if (thread_.joinable()) thread_.join();
 }
 
-PublisherStatus Publisher::status() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return status_;
-}
-
 void Publisher::on_tick(const TickRecord& record) {
   const std::lock_guard<std::mutex> lock(mutex_);
   if (ended_) return;

@@ -5,9 +5,9 @@
 #include <chrono>
 #include <cstring>
 
-#include "big_endian.hpp"
 #include "burrlab/check.hpp"
 #include "burrlab/session/realtime.hpp"
+#include "wire.hpp"
 
 namespace burrlab {
 
@@ -19,8 +19,8 @@ using replica_protocol::Word;
 
 namespace {
 
-constexpr double silence = 1.0, until_hello = 0.5;        // after which a connection counts as lost [s]
-constexpr std::size_t most_kept = 1000;                   // faults, divergences
+constexpr double silence = 1.0, until_hello = 0.5;  // after which a connection counts as lost [s]
+constexpr std::size_t most_kept = 1000;             // faults, divergences
 
 constexpr int most_repairs = 5;  // that change nothing, until the session is given up
 
@@ -185,16 +185,6 @@ void Replica::end(const std::string& reason, bool failed) {
 FollowedBone& Replica::followed() const {
   if (!bone_) throw std::invalid_argument("replica must be started first");
   return *bone_;
-}
-
-ReplicaStatus Replica::status() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return status_;
-}
-
-TickRecord Replica::newest() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return newest_;
 }
 
 std::string Replica::digest() const {

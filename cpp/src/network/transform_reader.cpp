@@ -127,11 +127,6 @@ void TransformReader::publish_counters() {
   counters_ = now;
 }
 
-ReaderCounters TransformReader::counters() const {
-  const std::lock_guard<std::mutex> lock(counters_mutex_);
-  return counters_;
-}
-
 IgtlDevice::IgtlDevice(const std::string& host, int port, const std::string& device_name, double lost_after)
     : MailboxDevice(lost_after, "igtl:" + host + ":" + std::to_string(port)),
       reader_(host, port, device_name, [this](const NetworkPose& pose) { take(pose); }) {}

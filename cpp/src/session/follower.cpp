@@ -202,11 +202,6 @@ StabilityReport Follower::stability(std::size_t burr) const {
   return report;
 }
 
-TickRecord Follower::newest() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return newest_;
-}
-
 std::shared_ptr<VoxelBone> Follower::snapshot(std::uint64_t& tick) const {
   const std::lock_guard<std::mutex> lock(mutex_);
   tick = bone_.tick();

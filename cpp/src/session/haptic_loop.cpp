@@ -124,21 +124,6 @@ void HapticLoop::end(const std::string& reason, bool failed) {
   failed_ = failed;
 }
 
-std::string HapticLoop::reason() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return reason_;
-}
-
-bool HapticLoop::failed() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return failed_;
-}
-
-std::vector<std::string> HapticLoop::realtime_notes() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return notes_;
-}
-
 LoopCounts HapticLoop::counts() const {
   constexpr auto relaxed = std::memory_order_relaxed;
   return {ticks_.load(relaxed), late_.load(relaxed), missed_.load(relaxed), dropped_.load(relaxed)};

@@ -10,6 +10,7 @@
 #include <thread>
 #include <vector>
 
+#include "burrlab/copy_under.hpp"
 #include "burrlab/network/message_framer.hpp"
 #include "burrlab/network/openigtlink.hpp"
 #include "burrlab/network/replica_protocol.hpp"
@@ -87,7 +88,7 @@ class Publisher : public TickListener {
   int port() const { return server_.port(); }
   const PublisherSettings& settings() const { return settings_; }
   std::uint64_t session() const { return session_; }  ///< the number that names the session
-  PublisherStatus status() const;
+  PublisherStatus status() const { return copy_under(mutex_, status_); }
 
   /// After the follower was stopped: tells the replicas why the session ended, with its last tick and digest,
   /// waits up to `linger` [s] until they have it, and stops.

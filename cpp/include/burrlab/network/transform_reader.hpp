@@ -4,6 +4,7 @@
 #include <mutex>
 #include <thread>
 
+#include "burrlab/copy_under.hpp"
 #include "burrlab/network/message_framer.hpp"
 #include "burrlab/network/tcp_client.hpp"
 #include "burrlab/network/transform_reader.hpp"
@@ -51,7 +52,7 @@ class TransformReader {
   /// False where none came yet. Nobody waits: neither the caller nor the reader's thread.
   bool newest(NetworkPose& pose) const { return newest_.get(pose) && pose.count > 0; }
   bool connected() const { return connected_.load(std::memory_order_relaxed); }
-  ReaderCounters counters() const;
+  ReaderCounters counters() const { return copy_under(counters_mutex_, counters_); }
   /// Ends the thread, at once; not from within `receive`.
   void stop();
   bool stopped() const { return client_.stopped(); }

@@ -287,6 +287,8 @@ std::int64_t VoxelBone::close(const Index3& at, std::size_t brick, const BrickSu
   return lost;
 }
 
+// Bricks by number: what copies that follow a bone read, write and take over.
+
 void VoxelBone::touch() {
   constexpr std::size_t page = 4096;
   for (Tiles* tiles : {&density_, &pristine_}) {

@@ -1,4 +1,5 @@
-// What a burr meets: elastic constant, erosion rate and the shape function that the rate belongs to.
+// A spherical burr, and what it meets: elastic constant, erosion rate and the shape function that the rate
+// belongs to.
 #pragma once
 
 #include <string>

@@ -50,7 +50,8 @@ class Tissues {
   std::array<std::int32_t, most> stiffness_{};
 };
 
-/// Never changes once it is made, so that copies of a bone share it.
+/// One number a voxel, or one a brick where it is the same throughout. Never changes once it is made, so that
+/// copies of a bone share it.
 class TissueMap {
  public:
   using Sums = std::array<std::int64_t, Tissues::most>;  ///< by tissue

@@ -295,6 +295,7 @@ std::size_t Effects::embedded() const {
   return count;
 }
 
+// Parcels become one: dust that is wetted here, neighbours where there are too many below.
 void Effects::wet() {
   const double saturation = setup_.parameters.paste_saturation;
   const auto has_room = [&](std::size_t i) {

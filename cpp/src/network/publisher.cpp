@@ -1,4 +1,5 @@
-// The follower's side of a publisher: each tick becomes bytes, once, whatever the number of peers.
+// The follower's side of a publisher: each tick becomes bytes, once, whatever the number of peers. The
+// network's side: one thread, which waits for all its peers at once.
 #include "burrlab/network/publisher.hpp"
 
 #include <algorithm>
@@ -88,6 +89,7 @@ struct Publisher::State {
   std::vector<std::uint8_t> levels;  // q and p of each
 };
 
+/// One connection.
 struct Publisher::Peer {
   explicit Peer(int connection) : socket(connection) {}
   ~Peer() { TcpServer::close(socket); }

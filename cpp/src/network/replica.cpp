@@ -1,4 +1,5 @@
-// A replica's connection: made, kept, made anew. What the messages do to the bone is in replica_bone.cpp.
+// A replica's connection: made, kept, made anew; and what the messages do to the bone, under the replica's
+// mutex.
 #include "burrlab/network/replica.hpp"
 
 #include <algorithm>

@@ -32,6 +32,7 @@ inline bool holds(const std::uint16_t* shape, std::size_t dimensions, std::uint6
   return product == count;
 }
 
+/// In network byte order, whatever the machine's.
 template <class Unsigned>
 Unsigned get(const std::uint8_t* at) {
   Unsigned value = 0;
@@ -63,6 +64,7 @@ void put_float(std::uint8_t* at, Float value) {
   put(at, word);
 }
 
+/// Numbers and texts into a byte string, big-endian; ByteReader reads them back and never goes past the end.
 class ByteWriter {
  public:
   explicit ByteWriter(Bytes& out) : out_(out) {}

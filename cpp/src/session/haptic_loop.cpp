@@ -164,6 +164,9 @@ void HapticLoop::watch() {
   }
 }
 
+// From here on is the loop's own path: no lock, allocation or Python; devices, the tick and the ring keep to
+// that too.
+
 // Deadline n lies n periods after the start. A tick stands for all deadlines since the last one.
 void HapticLoop::run() {
   if (settings_.wall_clock) {

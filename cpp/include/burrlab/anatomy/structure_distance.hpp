@@ -21,7 +21,8 @@ struct NearestVoxel {
   bool any = false;
 };
 
-/// All voxels that carry the tissue's number, whatever bone was or is in them.
+/// The exact distance of a point to a structure as segmented: to the nearest of its voxels, each a box. Those
+/// are all voxels that carry the tissue's number, whatever bone was or is in them.
 class StructureSearch {
  public:
   /// Throws where the bone has no tissues, the tissue is none of them or no voxel carries it.
@@ -56,6 +57,7 @@ class StructureSearch {
   Occupancy where_;  // bricks that hold some of it
 };
 
+/// Distances on a coarse grid around a structure, linear between the nodes: what is asked far from it.
 class DistanceField {
  public:
   static constexpr double exact_to = 8.0;  ///< nodes nearer than this have the exact distance [mm]

@@ -18,6 +18,7 @@
 
 namespace burrlab {
 
+/// What effects follow: the bone of a session, or of a replica on another machine.
 struct EffectsFeed {
   std::function<std::shared_ptr<VoxelBone>(std::uint64_t& tick)> snapshot;  ///< a copy of the bone now
   std::function<BoneUpdate()> take;  ///< what changed since the feed was made, or the last call
@@ -80,7 +81,7 @@ class EffectsCompanion {
   EffectsFrame newest() const { return copy_under(mutex_, newest_); }  ///< a copy
   std::vector<FrameRecord> frames() const {
     return copy_under(mutex_, frames_);
-  }                                                         ///< of all frames, in order
+  }  ///< of all frames, in order
   std::uint64_t first_tick() const { return first_tick_; }  ///< of the bone that it began with
   const Histogram& wall_time() const { return effects_->wall_time(); }
   const Histogram& cpu_time() const { return effects_->cpu_time(); }

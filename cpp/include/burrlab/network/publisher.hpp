@@ -19,6 +19,7 @@
 
 namespace burrlab {
 
+/// The newest messages of a stream, one a tick with others between them, in memory that is made once.
 /// Bytes are counted from the first one that was ever appended; readers keep such a place for themselves.
 class TickLog {
  public:

@@ -2,9 +2,10 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
-SOURCES := $(shell find cpp python -type f -not -name '*.pyc') CMakeLists.txt pyproject.toml
-CTEST_DIR := build/tests
-BENCH_DIR := build/bench
+PIP := $(BIN)/python -m pip install -q --disable-pip-version-check
+# All is built in build/, each file once. The installation is editable: a changed Python line compiles nothing.
+SOURCES := $(shell find cpp -type f) CMakeLists.txt pyproject.toml
+CONFIGURE := $(BIN)/cmake -S . -B build
 export MPLBACKEND := Agg
 
 .PHONY: demo test test-slow bench fuzz figures format clean machine
@@ -17,29 +18,29 @@ machine:
 
 $(VENV)/tools: pyproject.toml | machine
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install -q --disable-pip-version-check --upgrade pip
-	$(BIN)/python -m pip install -q --disable-pip-version-check "scikit-build-core>=0.10" "pybind11>=3" "cmeel-eigen>=3.4" "cmake>=3.26" ninja "setuptools>=70.1"
+	$(PIP) --upgrade pip
+	$(PIP) "scikit-build-core>=0.10" "pybind11>=3" "cmeel-eigen>=3.4" "cmake>=3.26" ninja "setuptools>=70.1"
 	touch $@
 
 $(VENV)/installed: $(VENV)/tools $(SOURCES)
-	$(BIN)/python -m pip install -q --disable-pip-version-check --no-build-isolation -C build-dir=build/python ".[medical]"
+	$(PIP) --no-build-isolation -e .
 	touch $@
 
 $(VENV)/developed: $(VENV)/installed
-	$(BIN)/python -m pip install -q --disable-pip-version-check --no-build-isolation -C build-dir=build/python ".[dev]"
+	$(PIP) --no-build-isolation -e ".[dev]"
 	touch $@
 
 $(VENV)/benched: $(VENV)/installed
-	$(BIN)/python -m pip install -q --disable-pip-version-check --no-build-isolation -C build-dir=build/python ".[bench]"
+	$(PIP) --no-build-isolation -e ".[bench]"
 	touch $@
 
 demo: $(VENV)/installed
 	$(BIN)/python examples/demo.py demo
 
 test: $(VENV)/developed
-	$(BIN)/cmake -S . -B $(CTEST_DIR) -G Ninja -DCMAKE_MAKE_PROGRAM=$(abspath $(BIN))/ninja -DCMAKE_BUILD_TYPE=Release -DBURRLAB_PYTHON=OFF -DBURRLAB_TESTS=ON -DPython_EXECUTABLE=$(abspath $(BIN))/python
-	$(BIN)/cmake --build $(CTEST_DIR)
-	$(BIN)/ctest --test-dir $(CTEST_DIR) --output-on-failure
+	$(CONFIGURE) -DBURRLAB_TESTS=ON
+	$(BIN)/cmake --build build
+	$(BIN)/ctest --test-dir build --output-on-failure
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -53,16 +54,16 @@ test-slow: $(VENV)/developed
 
 # BENCH=--quick for a look whether it runs
 bench: $(VENV)/benched
-	$(BIN)/cmake -S . -B $(BENCH_DIR) -G Ninja -DCMAKE_MAKE_PROGRAM=$(abspath $(BIN))/ninja -DCMAKE_BUILD_TYPE=Release -DBURRLAB_PYTHON=OFF -DBURRLAB_BENCH=ON -DPython_EXECUTABLE=$(abspath $(BIN))/python
-	$(BIN)/cmake --build $(BENCH_DIR) --target burrlab_bench
-	$(BIN)/python tests/bench/bench.py --library $(BENCH_DIR)/burrlab_bench.so --out bench $(BENCH)
+	$(CONFIGURE) -DBURRLAB_BENCH=ON
+	$(BIN)/cmake --build build --target burrlab_bench
+	$(BIN)/python tests/bench/bench.py --library build/burrlab_bench.so --out bench $(BENCH)
 
 # SECONDS=10 for a look whether it runs
 fuzz: SECONDS := 600
 fuzz: $(VENV)/developed
-	$(BIN)/cmake -S . -B $(CTEST_DIR) -G Ninja -DCMAKE_MAKE_PROGRAM=$(abspath $(BIN))/ninja -DCMAKE_BUILD_TYPE=Release -DBURRLAB_PYTHON=OFF -DBURRLAB_TESTS=ON -DPython_EXECUTABLE=$(abspath $(BIN))/python
-	$(BIN)/cmake --build $(CTEST_DIR) --target fuzz_openigtlink
-	$(CTEST_DIR)/tests/fuzz/fuzz_openigtlink 10000000000 $(SECONDS)
+	$(CONFIGURE) -DBURRLAB_TESTS=ON
+	$(BIN)/cmake --build build --target fuzz_openigtlink
+	build/tests/fuzz/fuzz_openigtlink 10000000000 $(SECONDS)
 	sed -n 's/^    "\([a-z]*\)": (.*/\1/p' tests/fuzz/readers.py | xargs -P 2 -I TARGET $(BIN)/python tests/fuzz/fuzz.py TARGET --seconds $(SECONDS)
 
 figures: $(VENV)/installed

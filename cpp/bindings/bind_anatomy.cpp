@@ -4,16 +4,11 @@
 #include "burrlab/anatomy/anatomy_watch.hpp"
 #include "burrlab/check.hpp"
 
-namespace py = pybind11;
-using namespace burrlab;
-
 namespace {
-
-using Points = py::array_t<double, py::array::c_style | py::array::forcecast>;
 
 // One number a point, the last axis of which is (x, y, z).
 template <class Function>
-py::array_t<double> at_points(const Points& points, Function&& function) {
+py::array_t<double> at_points(const Reals& points, Function&& function) {
   if (points.ndim() < 1 || points.shape(points.ndim() - 1) != 3)
     throw std::invalid_argument("points must be (x, y, z) along their last axis");
   const std::vector<py::ssize_t> shape(points.shape(), points.shape() + points.ndim() - 1);
@@ -24,13 +19,6 @@ py::array_t<double> at_points(const Points& points, Function&& function) {
   const py::ssize_t count = out.size();
   const py::gil_scoped_release release;
   for (py::ssize_t i = 0; i < count; ++i) to[i] = function(Vec3(in[3 * i], in[3 * i + 1], in[3 * i + 2]));
-  return out;
-}
-
-template <class Value>
-py::array_t<Value> copy_of(const Value* values, std::vector<py::ssize_t> shape) {
-  py::array_t<Value> out(std::move(shape));
-  if (out.size()) std::memcpy(out.mutable_data(), values, std::size_t(out.size()) * sizeof(Value));
   return out;
 }
 
@@ -68,14 +56,10 @@ py::dict to_dict(const AnatomyWatch& watch, std::size_t known) {
   for (std::size_t burr = 0; burr < burrs; ++burr)
     for (std::size_t s = 0; s < structures; ++s) doses.push_back(watch.dose(burr, s));
   for (std::size_t s = 0; s < structures; ++s) removed.push_back(watch.removed(s));
-  py::dict out;
-  out["events"] = copy_of(events.data() + known, {py::ssize_t(events.size() - known)});
-  out["doses"] = copy_of(doses.data(), {py::ssize_t(burrs), py::ssize_t(structures)});
-  out["removed"] = copy_of(removed.data(), {py::ssize_t(structures)});
-  out["events_lost"] = watch.events_lost();
-  out["gaps"] = watch.gaps();
-  out["ticks_passed_over"] = watch.ticks_passed_over();
-  return out;
+  return py::dict("events"_a = to_array(events.data() + known, {py::ssize_t(events.size() - known)}),
+                  "doses"_a = to_array(doses.data(), {py::ssize_t(burrs), py::ssize_t(structures)}),
+                  "removed"_a = to_array(removed), "events_lost"_a = watch.events_lost(),
+                  "gaps"_a = watch.gaps(), "ticks_passed_over"_a = watch.ticks_passed_over());
 }
 
 void bind_anatomy(py::module_& m) {
@@ -91,14 +75,10 @@ void bind_anatomy(py::module_& m) {
   m.def(
       "tissue_levels",
       [](const VoxelBone& bone) {
-        std::vector<std::int64_t> levels;
         const VoxelBone::Reading reading(bone);
-        if (bone.tissues())
-          for (std::size_t i = 0; i < bone.tissues()->table().size(); ++i)
-            levels.push_back(bone.tissue_levels(i));
-        return copy_of(levels.data(), {py::ssize_t(levels.size())});
+        return to_array(bone.tissue_levels());
       },
-      py::arg("bone"), "Levels that are left of each tissue, (tissues,) int64; empty without tissues.");
+      "bone"_a, "Levels that are left of each tissue, (tissues,) int64; empty without tissues.");
 
   py::class_<StructureSearch, std::shared_ptr<StructureSearch>>(
       m, "StructureSearch",
@@ -115,14 +95,14 @@ Raises
 ValueError
     If the bone has no tissues, the tissue is none of them, or no voxel carries it.
 )")
-      .def(py::init<const VoxelBone&, std::size_t>(), py::arg("bone"), py::arg("tissue"))
+      .def(py::init<const VoxelBone&, std::size_t>(), "bone"_a, "tissue"_a)
       .def(
           "distance",
-          [](const StructureSearch& search, const Points& points) {
+          [](const StructureSearch& search, const Reals& points) {
             NearestVoxel nearest;
             return at_points(points, [&](const Vec3& point) { return search.distance(point, nearest); });
           },
-          py::arg("points"), "Distances [mm] of points (..., 3) [mm]; 0 inside. ValueError unless finite.")
+          "points"_a, "Distances [mm] of points (..., 3) [mm]; 0 inside. ValueError unless finite.")
       .def_property_readonly("low", &StructureSearch::low,
                              "Corner of the box around it, (x, y, z) [mm]; a copy")
       .def_property_readonly("high", &StructureSearch::high, "The opposite one [mm]; a copy");
@@ -147,32 +127,30 @@ Raises
 ValueError
     If a value is out of range.
 )")
-      .def(py::init(&make_distance), py::arg("search"), py::arg("estimate"), py::arg("spacing"),
-           py::arg("origin"), py::arg("error"))
+      .def(py::init(&make_distance), "search"_a, "estimate"_a, "spacing"_a, "origin"_a, "error"_a)
       .def(
           "of_sphere",
-          [](const StructureDistance& d, const Points& centers, double radius) {
+          [](const StructureDistance& d, const Reals& centers, double radius) {
             require_not_negative("radius", radius);
             if (radius > AnatomyWatch::largest_radius) refuse("radius", "at most 6 mm", radius);
             NearestVoxel nearest;
             return at_points(centers,
                              [&](const Vec3& center) { return d.of_sphere(center, radius, nearest); });
           },
-          py::arg("centers"), py::arg("radius") = 0.0,
+          "centers"_a, "radius"_a = 0.0,
           "Distances [mm] of the surfaces of spheres with these centres (..., 3) [mm]: at least -radius, "
-          "exact "
-          "below 1 mm, infinite beyond the field. ValueError unless finite, radius 0 to 6.")
+          "exact below 1 mm, infinite beyond the field. ValueError unless finite, radius 0 to 6.")
       .def(
           "field",
-          [](const StructureDistance& d, const Points& points) {
+          [](const StructureDistance& d, const Reals& points) {
             return at_points(points, [&](const Vec3& point) { return d.field().at(point); });
           },
-          py::arg("points"), "What the field alone says at points (..., 3) [mm]; infinite beyond it.")
+          "points"_a, "What the field alone says at points (..., 3) [mm]; infinite beyond it.")
       .def_property_readonly(
           "values",
           [](const StructureDistance& d) {
             const Index3& n = d.field().shape();
-            return copy_of(d.field().values().data(), {n[0], n[1], n[2]});
+            return to_array(d.field().values().data(), {n[0], n[1], n[2]});
           },
           "At the nodes of the field, (z, y, x) float32 [mm]; a copy")
       .def_property_readonly(
@@ -194,14 +172,13 @@ Raises
 ValueError
     If there is no structure, they are of several bones, or a value is out of range.
 )")
-      .def(py::init(&make_watch), py::arg("structures"), py::arg("radii"))
-      .def("pass_over", &AnatomyWatch::pass_over, py::arg("bone"), py::arg("tick"),
+      .def(py::init(&make_watch), "structures"_a, "radii"_a)
+      .def("pass_over", &AnatomyWatch::pass_over, "bone"_a, "tick"_a,
            "The bone is as before `tick` without its ticks having been executed here; for tests.")
       .def(
           "seen", [](const AnatomyWatch& watch, std::size_t known) { return to_dict(watch, known); },
-          py::arg("known") = 0,
+          "known"_a = 0,
           "events (n,) watch_event_dtype but for the first `known`, doses (burrs, structures) "
-          "watch_dose_dtype, "
-          "removed (structures) [levels], events_lost, gaps, ticks_passed_over. Not while another thread "
-          "executes.");
+          "watch_dose_dtype, removed (structures) [levels], events_lost, gaps, ticks_passed_over. Not while "
+          "another thread executes.");
 }

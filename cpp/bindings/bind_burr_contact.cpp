@@ -1,11 +1,97 @@
+#include <algorithm>
 #include <optional>
 
-#include "contact_series.hpp"
-
-namespace py = pybind11;
-using namespace burrlab;
+#include "bindings.hpp"
 
 namespace {
+
+/// Contacts of a whole path; columns are copied out as arrays.
+struct ContactSeries {
+  std::vector<Contact> contacts;
+};
+
+template <class Value>
+auto column(Value Contact::* field) {
+  return [field](const ContactSeries& series) {
+    constexpr bool is_vector = std::is_same_v<Value, Vec3>;
+    std::vector<py::ssize_t> shape{py::ssize_t(series.contacts.size())};
+    if constexpr (is_vector) shape.push_back(3);
+    py::array_t<std::conditional_t<is_vector, double, Value>> out(shape);
+    auto* to = out.mutable_data();
+    for (const Contact& contact : series.contacts)
+      if constexpr (is_vector)
+        to = std::copy_n((contact.*field).data(), 3, to);
+      else
+        *to++ = contact.*field;
+    return out;
+  };
+}
+
+template <class Value>
+auto array_of(std::vector<Value> HeldDescent::* field) {
+  return [field](const HeldDescent& descent) { return to_array(descent.*field); };
+}
+
+void bind_contact(py::module_& m) {
+  py::class_<Contact>(m, "Contact",
+                      "One tick as felt: the force is that of the state before the tick's erosion.")
+      .def_property_readonly("force", copy_of(&Contact::force), "(3,) [N], out of the bone; a copy")
+      .def_property_readonly("normal", copy_of(&Contact::normal),
+                             "(3,) out of the bone; shorter than 1 where ambiguous; a copy")
+      .def_readonly("penetration", &Contact::penetration, "Effective depth h, Eq. 2 [mm]")
+      .def_readonly("c_e", &Contact::c_e,
+                    "Elastic constant of Eq. 3: in a bone with tissues the mean over the mass inside the "
+                    "sphere; without any of it the material's [N/mm^2]")
+      .def_readonly("m0", &Contact::m0, "[mm^3]")
+      .def_property_readonly("m1", copy_of(&Contact::m1), "(3,) [mm^4]; a copy")
+      .def_readonly("removed", &Contact::removed, "Solid bone removed in the tick [mm^3]")
+      .def_readonly("tick", &Contact::tick, "Number of the tick")
+      .def_readonly("touching", &Contact::touching, "There is bone inside the sphere")
+      .def_readonly("ambiguous", &Contact::ambiguous, "|m_1| < 0.1 m_0 R: no direction, the force fades")
+      .def_readonly("coarse", &Contact::coarse, "The radius is below 7.5 voxels")
+      .def_readonly("faint", &Contact::faint,
+                    "Over 5 % of the contact lies in voxels with pristine level below 32, where `layer` errs")
+      .def("__repr__", [](const Contact& c) {
+        return format(
+            "Contact(tick={}, force=({:.4g}, {:.4g}, {:.4g}) N, penetration={:.4g} mm, removed={:.3g} "
+            "mm^3{}{}{})",
+            c.tick, c.force[0], c.force[1], c.force[2], c.penetration, c.removed,
+            c.ambiguous ? ", ambiguous" : "", c.coarse ? ", coarse" : "", c.faint ? ", faint" : "");
+      });
+
+  py::class_<ContactSeries>(m, "ContactSeries",
+                            "The contacts along a path; every column is a copy with one row a tick.")
+      .def("__len__", [](const ContactSeries& s) { return s.contacts.size(); })
+      .def("__getitem__",
+           [](const ContactSeries& s, py::ssize_t i) {
+             const auto n = static_cast<py::ssize_t>(s.contacts.size());
+             if (i < -n || i >= n)
+               throw py::index_error("tick " + std::to_string(i) + " of " + std::to_string(n));
+             return s.contacts[static_cast<std::size_t>(i < 0 ? i + n : i)];
+           })
+      .def_property_readonly("force", column(&Contact::force), "(n, 3) [N]")
+      .def_property_readonly("normal", column(&Contact::normal), "(n, 3)")
+      .def_property_readonly("m1", column(&Contact::m1), "(n, 3) [mm^4]")
+      .def_property_readonly("penetration", column(&Contact::penetration), "(n,) [mm]")
+      .def_property_readonly("c_e", column(&Contact::c_e), "(n,) [N/mm^2]")
+      .def_property_readonly("m0", column(&Contact::m0), "(n,) [mm^3]")
+      .def_property_readonly("removed", column(&Contact::removed), "(n,) [mm^3]")
+      .def_property_readonly("tick", column(&Contact::tick), "(n,)")
+      .def_property_readonly("touching", column(&Contact::touching), "(n,)")
+      .def_property_readonly("ambiguous", column(&Contact::ambiguous), "(n,)")
+      .def_property_readonly("coarse", column(&Contact::coarse), "(n,)")
+      .def_property_readonly("faint", column(&Contact::faint), "(n,)");
+
+  py::class_<HeldDescent>(m, "HeldDescent", "A descent under an exactly constant force, tick by tick.")
+      .def_property_readonly("position", array_of(&HeldDescent::position),
+                             "(n,) along the axis from the start, before each tick's erosion [mm]")
+      .def_property_readonly("force", array_of(&HeldDescent::force), "(n,) axial, as solved [N]")
+      .def_property_readonly("removed", array_of(&HeldDescent::removed), "(n,) [mm^3]")
+      .def_readonly("ambiguous", &HeldDescent::ambiguous, "Number of ticks whose contact had no direction")
+      .def_readonly("faint", &HeldDescent::faint,
+                    "Number of ticks with over 5 % of the contact in voxels with pristine level below 32")
+      .def_readonly("reached", &HeldDescent::reached, "Came to the end of its travel.");
+}
 
 // Ctrl-C during long work: the GIL is taken for a moment, every `period` ticks.
 void check_interrupt() {
@@ -13,9 +99,7 @@ void check_interrupt() {
   if (PyErr_CheckSignals() != 0) throw py::error_already_set();
 }
 
-ContactSeries run(BurrContact& contact,
-                  const py::array_t<double, py::array::c_style | py::array::forcecast>& path, double dt,
-                  bool burr_on) {
+ContactSeries run(BurrContact& contact, const Reals& path, double dt, bool burr_on) {
   constexpr std::size_t period = 512;
   if (path.ndim() != 2 || path.shape(1) != 3) {
     throw std::invalid_argument("path must have shape (n, 3), points (x, y, z) [mm], got " +
@@ -30,14 +114,11 @@ ContactSeries run(BurrContact& contact,
   ContactSeries series;
   const py::gil_scoped_release release;
   series.contacts.reserve(centers.size());
-  std::optional<VoxelBone::Changing> changing;
-  for (std::size_t i = 0; i < centers.size(); ++i) {
-    if (i % period == 0) {
-      changing.reset();  // whom the interrupt calls may use the bone
-      if (i > 0) check_interrupt();
-      changing.emplace(*contact.bone());
-    }
-    series.contacts.push_back(contact.step(centers[i], burr_on ? &contact.steps_of(dt) : nullptr));
+  for (std::size_t i = 0; i < centers.size();) {
+    if (i > 0) check_interrupt();  // whom it calls may use the bone
+    const VoxelBone::Changing changing(*contact.bone());
+    for (const std::size_t end = std::min(i + period, centers.size()); i < end; ++i)
+      series.contacts.push_back(contact.step(centers[i], burr_on ? &contact.steps_of(dt) : nullptr));
   }
   return series;
 }
@@ -45,6 +126,7 @@ ContactSeries run(BurrContact& contact,
 }  // namespace
 
 void bind_burr_contact(py::module_& m) {
+  bind_contact(m);
   py::class_<BurrContact>(m, "BurrContact", R"(A burr on a bone: force and erosion, tick by tick.
 
 Parameters
@@ -90,18 +172,17 @@ Examples
                        std::uint64_t seed, std::uint32_t index, const std::string& scheme) {
              return BurrContact(std::move(bone), burr, material, seed, index, parse_scheme(scheme));
            }),
-           py::arg("bone"), py::arg("burr"), py::arg("material"), py::arg("seed"), py::arg("index") = 0,
-           py::kw_only(), py::arg("scheme") = "layer")
+           "bone"_a, "burr"_a, "material"_a, "seed"_a, "index"_a = 0, py::kw_only(), "scheme"_a = "layer")
       .def(
           "probe",
           [](const BurrContact& contact, const Vec3& center) {
             const VoxelBone::Reading reading(*contact.bone());
             return contact.probe(center);
           },
-          py::arg("center"), py::call_guard<py::gil_scoped_release>(),
+          "center"_a, no_gil,
           "The contact at `center` (x, y, z) [mm] now: no erosion, no tick. ValueError if it is not finite.")
-      .def("step", py::overload_cast<const Vec3&, double, bool>(&BurrContact::step), py::arg("center"),
-           py::arg("dt"), py::arg("burr_on") = true, py::call_guard<py::gil_scoped_release>(),
+      .def("step", py::overload_cast<const Vec3&, double, bool>(&BurrContact::step), "center"_a, "dt"_a,
+           "burr_on"_a = true, no_gil,
            R"(One tick: the force at `center`, then erosion.
 
 Parameters
@@ -123,8 +204,7 @@ ValueError
     If the centre is not finite or dt not positive.
 )")
       .def(
-          "erode", &BurrContact::erode, py::arg("center"), py::arg("dt"),
-          py::call_guard<py::gil_scoped_release>(),
+          "erode", &BurrContact::erode, "center"_a, "dt"_a, no_gil,
           R"(The erosion of a tick without its force; after `probe`, which gives the force sooner, the same as `step`.
 
 Parameters
@@ -144,7 +224,7 @@ Raises
 ValueError
     If the centre is not finite or dt not positive.
 )")
-      .def("run", &run, py::arg("path"), py::arg("dt"), py::arg("burr_on") = true,
+      .def("run", &run, "path"_a, "dt"_a, "burr_on"_a = true,
            R"(One tick at every point of a path, in one call; the same as `step` point by point.
 
 Parameters
@@ -173,8 +253,7 @@ KeyboardInterrupt
             const py::gil_scoped_release release;
             return contact.hold(force, start, axis, from, travel, dt, ticks, check_interrupt);
           },
-          py::arg("force"), py::arg("start"), py::arg("axis"), py::kw_only(), py::arg("from_"),
-          py::arg("travel"), py::arg("dt"), py::arg("ticks"),
+          "force"_a, "start"_a, "axis"_a, py::kw_only(), "from_"_a, "travel"_a, "dt"_a, "ticks"_a,
           R"(Sinks at an exactly constant axial force: every tick acts where the force is as asked.
 
 Parameters

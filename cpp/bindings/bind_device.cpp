@@ -3,16 +3,11 @@
 #include "burrlab/session/hand_device.hpp"
 #include "burrlab/session/scripted_device.hpp"
 
-namespace py = pybind11;
-using namespace burrlab;
-
 namespace {
 
-using Numbers = py::array_t<double, py::array::c_style | py::array::forcecast>;
 using Flags = py::array_t<bool, py::array::c_style | py::array::forcecast>;
-using Counts = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>;
 
-void require_table(const char* name, const Numbers& array, py::ssize_t rows) {
+void require_table(const char* name, const Reals& array, py::ssize_t rows) {
   if (array.ndim() != 2 || array.shape(0) != rows || array.shape(1) != 3)
     throw std::invalid_argument(std::string(name) + " must have shape (n, 3), one row for each of the " +
                                 std::to_string(rows) + " rows");
@@ -25,9 +20,9 @@ void require_column(const char* name, const Array& array, py::ssize_t rows) {
                                 std::to_string(rows) + " rows");
 }
 
-Vec3 row_of(const Numbers& array, py::ssize_t i) { return {array.at(i, 0), array.at(i, 1), array.at(i, 2)}; }
+Vec3 row_of(const Reals& array, py::ssize_t i) { return {array.at(i, 0), array.at(i, 1), array.at(i, 2)}; }
 
-std::shared_ptr<ScriptedDevice> scripted(const Numbers& time, const Numbers& position,
+std::shared_ptr<ScriptedDevice> scripted(const Reals& time, const Reals& position,
                                          const std::optional<Flags>& on) {
   if (time.ndim() != 1) throw std::invalid_argument("time must have shape (n,)");
   const py::ssize_t n = time.shape(0);
@@ -39,8 +34,8 @@ std::shared_ptr<ScriptedDevice> scripted(const Numbers& time, const Numbers& pos
   return std::make_shared<ScriptedDevice>(std::move(rows));
 }
 
-std::shared_ptr<ReplayDevice> replay(const Numbers& position, const std::optional<Numbers>& velocity,
-                                     const std::optional<Flags>& on, const std::optional<Counts>& k) {
+std::shared_ptr<ReplayDevice> replay(const Reals& position, const std::optional<Reals>& velocity,
+                                     const std::optional<Flags>& on, const std::optional<Places>& k) {
   const py::ssize_t n = position.ndim() > 0 ? position.shape(0) : 0;
   require_table("position", position, n);
   if (velocity) require_table("velocity", *velocity, n);
@@ -128,24 +123,17 @@ array([0. , 0. , 3.2])
                        double amplitude, double strokes, double strokes_after, double approach, double follow,
                        double mass, double damping, double grip, double friction, double encoder_step,
                        bool on, double on_after) {
-             HandSettings s;
-             s.start = start, s.into = into, s.along = along, s.push = push, s.presses = presses;
-             s.amplitude = amplitude;
-             s.strokes = strokes, s.strokes_after = strokes_after, s.approach = approach, s.follow = follow;
-             s.mass = mass, s.damping = damping, s.grip = grip, s.friction = friction;
-             s.encoder_step = encoder_step, s.on = on, s.on_after = on_after;
-             return std::make_shared<HandDevice>(s);
+             return std::make_shared<HandDevice>(
+                 HandSettings{start, into, along, push, presses, amplitude, strokes, strokes_after, approach,
+                              follow, mass, damping, grip, friction, encoder_step, on, on_after});
            }),
-           py::arg("start") = defaults.start, py::kw_only(), py::arg("into") = defaults.into,
-           py::arg("along") = defaults.along, py::arg("push") = defaults.push,
-           py::arg("presses") = defaults.presses, py::arg("amplitude") = defaults.amplitude,
-           py::arg("strokes") = defaults.strokes, py::arg("strokes_after") = defaults.strokes_after,
-           py::arg("approach") = defaults.approach, py::arg("follow") = defaults.follow,
-           py::arg("mass") = defaults.mass, py::arg("damping") = defaults.damping,
-           py::arg("grip") = defaults.grip, py::arg("friction") = defaults.friction,
-           py::arg("encoder_step") = defaults.encoder_step, py::arg("on") = defaults.on,
-           py::arg("on_after") = defaults.on_after)
-      .def("set_on", &HandDevice::set_on, py::arg("on"), "The burr's switch, at any time.")
+           "start"_a = defaults.start, py::kw_only(), "into"_a = defaults.into, "along"_a = defaults.along,
+           "push"_a = defaults.push, "presses"_a = defaults.presses, "amplitude"_a = defaults.amplitude,
+           "strokes"_a = defaults.strokes, "strokes_after"_a = defaults.strokes_after,
+           "approach"_a = defaults.approach, "follow"_a = defaults.follow, "mass"_a = defaults.mass,
+           "damping"_a = defaults.damping, "grip"_a = defaults.grip, "friction"_a = defaults.friction,
+           "encoder_step"_a = defaults.encoder_step, "on"_a = defaults.on, "on_after"_a = defaults.on_after)
+      .def("set_on", &HandDevice::set_on, "on"_a, "The burr's switch, at any time.")
       .def_property_readonly("force", &HandDevice::force, "(3,) that the loop sent last [N]; a copy")
       .def_property_readonly(
           "position", [](const HandDevice& hand) -> Vec3 { return hand.position(); },
@@ -184,7 +172,7 @@ Raises
 ValueError
     If there is no row, a number is not finite, the times do not increase, or shapes do not fit.
 )")
-      .def(py::init(&scripted), py::arg("time"), py::arg("position"), py::arg("on") = py::none())
+      .def(py::init(&scripted), "time"_a, "position"_a, "on"_a = py::none())
       .def("__len__", [](const ScriptedDevice& d) { return d.rows().size(); })
       .def_property_readonly("duration", &ScriptedDevice::duration, "Time of the last row [s]")
       .def_property_readonly("force", &ScriptedDevice::force, "(3,) that the loop sent last [N]; a copy");
@@ -207,16 +195,16 @@ Raises
 ValueError
     If there is no tick, a number is not finite, k is out of range, or shapes do not fit.
 )")
-      .def(py::init(&replay), py::arg("position"), py::arg("velocity") = py::none(),
-           py::arg("on") = py::none(), py::arg("k") = py::none())
+      .def(py::init(&replay), "position"_a, "velocity"_a = py::none(), "on"_a = py::none(),
+           "k"_a = py::none())
       .def("__len__", [](const ReplayDevice& d) { return d.ticks().size(); })
       .def_property_readonly("next", &ReplayDevice::next, "Number of the next tick")
       .def_property_readonly(
           "k",
           [](const ReplayDevice& d) {
-            py::array_t<std::uint32_t> k(static_cast<py::ssize_t>(d.ticks().size()));
-            for (std::size_t i = 0; i < d.ticks().size(); ++i) k.mutable_at(i) = d.ticks()[i].k;
-            return k;
+            std::vector<std::uint32_t> k;
+            for (const ReplayDevice::Tick& tick : d.ticks()) k.push_back(tick.k);
+            return to_array(k);
           },
           "(n,) periods of each tick; a copy")
       .def_property_readonly("force", &ReplayDevice::force, "(3,) that the loop sent last [N]; a copy");

@@ -3,9 +3,6 @@
 #include "burrlab/effects/effect_parameters.hpp"
 #include "burrlab/effects/instruments.hpp"
 
-namespace py = pybind11;
-using namespace burrlab;
-
 namespace {
 
 EffectParameters make(const py::kwargs& values) {
@@ -36,7 +33,7 @@ py::dict values_of(const EffectParameters& parameters) {
 Nozzle make_nozzle(const Vec3& position, const Vec3& direction, double rate, double speed,
                    std::optional<int> burr) {
   Nozzle made{position, direction, rate, speed, burr.value_or(-1)};
-  if (burr && *burr < 0) burrlab::refuse("burr of the nozzle", "0, 1 or None", *burr);
+  if (burr && *burr < 0) refuse("burr of the nozzle", "0, 1 or None", *burr);
   made.check();
   return made;
 }
@@ -109,8 +106,7 @@ Examples
              std::string text;
              for (const EffectParameterRow& row : effect_parameter_table())
                if (!mine[row.name].equal(usual[row.name]))
-                 text += (text.empty() ? "" : ", ") +
-                         std::string(py::str("{}={!r}").format(row.name, mine[row.name]));
+                 text += (text.empty() ? "" : ", ") + format("{}={!r}", row.name, mine[row.name]);
              return "EffectParameters(" + text + ")";
            })
       .def(py::pickle(&values_of, [](const py::dict& values) { return make(py::kwargs(values)); }));
@@ -138,12 +134,10 @@ ValueError
     If a value is not finite, the direction is zero, rate, speed or burr are negative, or rate [mm^3/s] or speed
     [mm/s] above 1e6.
 )")
-      .def(py::init(&make_nozzle), py::arg("position") = nozzle.position,
-           py::arg("direction") = nozzle.direction, py::kw_only(), py::arg("rate") = nozzle.rate,
-           py::arg("speed") = nozzle.speed, py::arg("burr") = 0)
-      .def_property_readonly(
-          "position", [](const Nozzle& n) { return n.position; }, "[mm]")
-      .def_property_readonly("direction", [](const Nozzle& n) { return n.direction; })
+      .def(py::init(&make_nozzle), "position"_a = nozzle.position, "direction"_a = nozzle.direction,
+           py::kw_only(), "rate"_a = nozzle.rate, "speed"_a = nozzle.speed, "burr"_a = 0)
+      .def_property_readonly("position", copy_of(&Nozzle::position), "[mm]")
+      .def_property_readonly("direction", copy_of(&Nozzle::direction))
       .def_readonly("rate", &Nozzle::rate, "[mm^3/s]")
       .def_readonly("speed", &Nozzle::speed, "[mm/s]")
       .def_property_readonly("burr",
@@ -171,10 +165,9 @@ ValueError
     If a value is not finite, the radius is not positive, the reach is less than the radius, or rate or pull are
     negative.
 )")
-      .def(py::init(&make_sucker), py::arg("position"), py::kw_only(), py::arg("radius") = sucker.radius,
-           py::arg("reach") = sucker.reach, py::arg("rate") = sucker.rate, py::arg("pull") = sucker.pull)
-      .def_property_readonly(
-          "position", [](const Sucker& s) { return s.position; }, "[mm]")
+      .def(py::init(&make_sucker), "position"_a, py::kw_only(), "radius"_a = sucker.radius,
+           "reach"_a = sucker.reach, "rate"_a = sucker.rate, "pull"_a = sucker.pull)
+      .def_property_readonly("position", copy_of(&Sucker::position), "[mm]")
       .def_readonly("radius", &Sucker::radius, "[mm]")
       .def_readonly("reach", &Sucker::reach, "[mm]")
       .def_readonly("rate", &Sucker::rate, "[mm^3/s]")
@@ -198,14 +191,11 @@ Raises
 ValueError
     If a value is not finite or out of range, `look_at` is the position, or `up` lies along the view.
 )")
-      .def(py::init(&make_camera), py::arg("position"), py::arg("look_at"), py::kw_only(),
-           py::arg("up") = camera.up, py::arg("view_angle") = camera.view_angle,
-           py::arg("aspect") = camera.aspect)
-      .def_property_readonly(
-          "position", [](const Camera& c) { return c.position; }, "[mm]")
-      .def_property_readonly(
-          "look_at", [](const Camera& c) { return c.look_at; }, "[mm]")
-      .def_property_readonly("up", [](const Camera& c) { return c.up; })
+      .def(py::init(&make_camera), "position"_a, "look_at"_a, py::kw_only(), "up"_a = camera.up,
+           "view_angle"_a = camera.view_angle, "aspect"_a = camera.aspect)
+      .def_property_readonly("position", copy_of(&Camera::position), "[mm]")
+      .def_property_readonly("look_at", copy_of(&Camera::look_at), "[mm]")
+      .def_property_readonly("up", copy_of(&Camera::up))
       .def_readonly("view_angle", &Camera::view_angle, "[degree]")
       .def_readonly("aspect", &Camera::aspect);
 }

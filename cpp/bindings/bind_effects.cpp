@@ -10,22 +10,9 @@
 #include "burrlab/effects/companion.hpp"
 #include "burrlab/session/realtime.hpp"
 
-namespace py = pybind11;
-using namespace burrlab;
-
 namespace {
 
-using Numbers = py::array_t<std::uint32_t, py::array::c_style>;
-using Levels = py::array_t<std::uint8_t, py::array::c_style>;
-using Places = py::array_t<double, py::array::c_style | py::array::forcecast>;
 using Decision = std::tuple<std::int64_t, std::int32_t, std::int32_t>;
-
-py::array_t<ParcelView> to_array(const std::vector<ParcelView>& parcels) {
-  py::array_t<ParcelView> out(static_cast<py::ssize_t>(parcels.size()));
-  if (!parcels.empty())
-    std::memcpy(static_cast<void*>(out.mutable_data()), parcels.data(), parcels.size() * sizeof(ParcelView));
-  return out;
-}
 
 py::dict to_dict(const std::array<SubstanceBalance, substances>& balance) {
   py::dict out;
@@ -45,21 +32,17 @@ py::dict times_of(const Histogram& times) {
 }
 
 py::dict to_dict(const FrameCounts& counts, const Histogram& wall, const Histogram& cpu) {
-  py::dict out;
-  out["frames"] = counts.frames;
-  out["over_budget"] = counts.over_budget;
-  out["coarse"] = counts.coarse;
-  out["cut"] = counts.cut;
-  out["crowded"] = counts.crowded;
-  out["skipped"] = counts.skipped;
-  out["merged"] = counts.merged;
-  out["sub_steps_least"] = counts.least_sub_steps;
-  out["sub_steps_most"] = counts.most_sub_steps;
-  out["sub_steps_mean"] = counts.frames ? double(counts.sub_steps) / double(counts.frames) : 0.0;
-  out["parcels_most"] = counts.most_parcels;
-  out["wall_ms"] = times_of(wall);
-  out["cpu_ms"] = times_of(cpu);
-  return out;
+  const double mean = counts.frames ? double(counts.sub_steps) / double(counts.frames) : 0.0;
+  return py::dict("frames"_a = counts.frames, "over_budget"_a = counts.over_budget,
+                  "coarse"_a = counts.coarse, "cut"_a = counts.cut, "crowded"_a = counts.crowded,
+                  "skipped"_a = counts.skipped, "merged"_a = counts.merged,
+                  "sub_steps_least"_a = counts.least_sub_steps, "sub_steps_most"_a = counts.most_sub_steps,
+                  "sub_steps_mean"_a = mean, "parcels_most"_a = counts.most_parcels,
+                  "wall_ms"_a = times_of(wall), "cpu_ms"_a = times_of(cpu));
+}
+
+Decision to_tuple(const FrameDecision& decision) {
+  return {decision.merge_to, decision.sub_steps, decision.done};
 }
 
 EffectsSetup to_setup(const EffectParameters& parameters, std::uint64_t seed, const Vec3& down,
@@ -67,8 +50,8 @@ EffectsSetup to_setup(const EffectParameters& parameters, std::uint64_t seed, co
   return {parameters, seed, down, spin, budget};
 }
 
-Decision step(Effects& effects, double seconds, const Numbers& bricks, const Levels& density,
-              const Places& centers, const Places& radii, const std::optional<Decision>& given) {
+Decision step(Effects& effects, double seconds, const Numbers& bricks, const LevelArray& density,
+              const Reals& centers, const Reals& radii, const std::optional<Decision>& given) {
   if (bricks.ndim() != 1 || density.size() != bricks.size() * brick_voxels)
     throw std::invalid_argument("density must hold 512 levels a brick");
   if (centers.ndim() != 2 || centers.shape(1) != 3 || radii.ndim() != 1 || radii.shape(0) != centers.shape(0))
@@ -83,7 +66,7 @@ Decision step(Effects& effects, double seconds, const Numbers& bricks, const Lev
   const std::int64_t begin = steady_now(), cpu = thread_cpu_now();
   decision = effects.step(seconds, changes, burrs, given ? &decision : nullptr, begin);
   effects.count_frame(1e-3 * double(steady_now() - begin), 1e-3 * double(thread_cpu_now() - cpu));
-  return {decision.merge_to, decision.sub_steps, decision.done};
+  return to_tuple(decision);
 }
 
 int this_process() {
@@ -114,8 +97,8 @@ void bind_companion(py::module_& m) {
              return OwnCompanion(new EffectsCompanion(
                  feed_of(loop, follower), to_setup(parameters, seed, down, spin, budget), rate, realtime));
            }),
-           py::arg("loop"), py::arg("follower"), py::kw_only(), py::arg("parameters"), py::arg("seed"),
-           py::arg("down"), py::arg("spin"), py::arg("budget"), py::arg("rate"), py::arg("realtime"))
+           "loop"_a, "follower"_a, py::kw_only(), "parameters"_a, "seed"_a, "down"_a, "spin"_a, "budget"_a,
+           "rate"_a, "realtime"_a)
       .def(py::init([](const std::shared_ptr<Replica>& replica, const EffectParameters& parameters,
                        std::uint64_t seed, const Vec3& down, const Vec3& spin, std::optional<double> budget,
                        double rate, bool realtime) {
@@ -124,17 +107,17 @@ void bind_companion(py::module_& m) {
              return OwnCompanion(new EffectsCompanion(
                  feed_of(replica), to_setup(parameters, seed, down, spin, budget), rate, realtime));
            }),
-           py::arg("replica"), py::kw_only(), py::arg("parameters"), py::arg("seed"), py::arg("down"),
-           py::arg("spin"), py::arg("budget"), py::arg("rate"), py::arg("realtime"))
-      .def("start", &EffectsCompanion::start, py::call_guard<py::gil_scoped_release>())
-      .def("stop", &EffectsCompanion::stop, py::call_guard<py::gil_scoped_release>())
-      .def("wait", &EffectsCompanion::wait, py::arg("seconds"), py::call_guard<py::gil_scoped_release>())
+           "replica"_a, py::kw_only(), "parameters"_a, "seed"_a, "down"_a, "spin"_a, "budget"_a, "rate"_a,
+           "realtime"_a)
+      .def("start", &EffectsCompanion::start, no_gil)
+      .def("stop", &EffectsCompanion::stop, no_gil)
+      .def("wait", &EffectsCompanion::wait, "seconds"_a, no_gil)
       .def_property_readonly("running", &EffectsCompanion::running)
       .def_property_readonly("error", &EffectsCompanion::error)
       .def_property_readonly("realtime_notes", &EffectsCompanion::realtime_notes)
-      .def("set_nozzle", &EffectsCompanion::set_nozzle, py::arg("nozzle"))
-      .def("set_sucker", &EffectsCompanion::set_sucker, py::arg("sucker"))
-      .def("set_camera", &EffectsCompanion::set_camera, py::arg("camera"))
+      .def("set_nozzle", &EffectsCompanion::set_nozzle, "nozzle"_a)
+      .def("set_sucker", &EffectsCompanion::set_sucker, "sucker"_a)
+      .def("set_camera", &EffectsCompanion::set_camera, "camera"_a)
       .def_property_readonly("quantum", &EffectsCompanion::quantum, "[mm^3]")
       .def_property_readonly("first_tick", &EffectsCompanion::first_tick)
       .def_property_readonly(
@@ -142,29 +125,19 @@ void bind_companion(py::module_& m) {
           [](const EffectsCompanion& companion) {
             std::vector<std::tuple<double, std::uint64_t, Decision>> out;
             for (const FrameRecord& f : companion.frames())
-              out.emplace_back(f.seconds, f.tick,
-                               Decision{f.decision.merge_to, f.decision.sub_steps, f.decision.done});
+              out.emplace_back(f.seconds, f.tick, to_tuple(f.decision));
             return out;
           },
           "[(seconds, tick, decision)], one a frame")
       .def(
           "newest",
           [](const EffectsCompanion& companion) {
-            EffectsFrame frame;
-            {
-              const py::gil_scoped_release release;
-              frame = companion.newest();
-            }
-            py::dict out;
-            out["frame"] = frame.frame;
-            out["tick"] = frame.tick;
-            out["parcels"] = to_array(frame.parcels);
-            out["balance"] = to_dict(frame.balance);
-            out["removed"] = frame.removed;
-            out["bleeding"] = frame.bleeding;
-            out["hidden"] = frame.hidden;
-            out["report"] = to_dict(frame.counts, companion.wall_time(), companion.cpu_time());
-            return out;
+            const EffectsFrame frame = without_gil([&] { return companion.newest(); });
+            return py::dict("frame"_a = frame.frame, "tick"_a = frame.tick,
+                            "parcels"_a = to_array(frame.parcels), "balance"_a = to_dict(frame.balance),
+                            "removed"_a = frame.removed, "bleeding"_a = frame.bleeding,
+                            "hidden"_a = frame.hidden,
+                            "report"_a = to_dict(frame.counts, companion.wall_time(), companion.cpu_time()));
           },
           "What the newest frame left: frame, tick, parcels, balance, removed, bleeding, hidden, report.");
 }
@@ -182,12 +155,11 @@ void bind_effects(py::module_& m) {
              const VoxelBone::Reading reading(bone);
              return std::make_unique<Effects>(bone, setup);
            }),
-           py::arg("bone"), py::kw_only(), py::arg("parameters"), py::arg("seed"), py::arg("down"),
-           py::arg("spin"), py::arg("budget"))
+           "bone"_a, py::kw_only(), "parameters"_a, "seed"_a, "down"_a, "spin"_a, "budget"_a)
       .def_property("nozzle", &Effects::nozzle, &Effects::set_nozzle)
       .def_property("sucker", &Effects::sucker, &Effects::set_sucker)
-      .def("step", &step, py::arg("dt_s"), py::arg("bricks"), py::arg("density"), py::arg("centers"),
-           py::arg("radii"), py::arg("decision"), "Returns the decision (merge_to, sub_steps, done).")
+      .def("step", &step, "dt_s"_a, "bricks"_a, "density"_a, "centers"_a, "radii"_a, "decision"_a,
+           "Returns the decision (merge_to, sub_steps, done).")
       .def(
           "parcels", [](const Effects& effects) { return to_array(effects.view()); }, "A copy.")
       .def(
@@ -205,8 +177,7 @@ void bind_effects(py::module_& m) {
           "decisions",
           [](const Effects& effects) {
             std::vector<Decision> out;
-            for (const FrameDecision& d : effects.decisions())
-              out.emplace_back(d.merge_to, d.sub_steps, d.done);
+            for (const FrameDecision& decision : effects.decisions()) out.push_back(to_tuple(decision));
             return out;
           },
           "[(merge_to, sub_steps, done)], one a frame")
@@ -218,7 +189,7 @@ void bind_effects(py::module_& m) {
             const py::gil_scoped_release release;
             return effects.hidden(camera, {center, radius});
           },
-          py::arg("camera"), py::arg("center"), py::arg("radius"))
+          "camera"_a, "center"_a, "radius"_a)
       .def("report", [](const Effects& effects) {
         return to_dict(effects.counts(), effects.wall_time(), effects.cpu_time());
       });

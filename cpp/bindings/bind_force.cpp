@@ -1,11 +1,7 @@
 #include "bindings.hpp"
-#include "burrlab/burr.hpp"
 #include "burrlab/force.hpp"
 #include "burrlab/material.hpp"
 #include "burrlab/tick.hpp"
-
-namespace py = pybind11;
-using namespace burrlab;
 
 void bind_force(py::module_& m) {
   m.def(
@@ -16,7 +12,7 @@ void bind_force(py::module_& m) {
         const Moments found = tick.moments(bone, center);
         return py::make_tuple(found.m0, found.m1);
       },
-      py::arg("bone"), py::arg("burr"), py::arg("center"), py::kw_only(), py::arg("scheme") = "layer",
+      "bone"_a, "burr"_a, "center"_a, py::kw_only(), "scheme"_a = "layer",
       R"(First two moments of the bone inside the burr, Eq. 1.
 
 m_0 = sum over B of (rho/rho_0) dV, m_1 = sum of (rho/rho_0) r dV, r from the burr's centre.
@@ -47,7 +43,7 @@ Notes
 A boundary voxel (spacing s, at distance r) counts by the fraction clamp((R - r)/s + 1/2, 0, 1), our decision:
 a centre test makes the force jump as the burr moves.
 )");
-  m.def("penetration", &penetration, py::arg("m0"), py::arg("radius"),
+  m.def("penetration", &penetration, "m0"_a, "radius"_a,
         R"(Effective penetration depth h, Eq. 2.
 
 u = h/R is the smallest positive root of u^2 (1 - u/3) = m_0/(pi R^3), the right side clamped to 4/3.
@@ -80,7 +76,7 @@ Examples
       [](double m0, const Vec3& m1, double radius, double c_e) {
         return elastic_force({m0, m1}, radius, c_e).force;
       },
-      py::arg("m0"), py::arg("m1"), py::kw_only(), py::arg("radius"), py::arg("c_e"),
+      "m0"_a, "m1"_a, py::kw_only(), "radius"_a, "c_e"_a,
       R"(Elastic force F = c_e R^2 (h/R)^{3/2} n, Eq. 3.
 
 Parameters
@@ -119,8 +115,8 @@ n = -m_1/max(|m_1|, 0.1 m_0 R), our decision: where the direction is undefined t
         sphere.erode(bone, center, ErosionSteps(bone, material, dt), tick, &sums);
         return static_cast<double>(sums.lost) * (bone.voxel_volume() / 255.0);
       },
-      py::arg("bone"), py::arg("burr"), py::arg("center"), py::arg("material"), py::kw_only(), py::arg("dt"),
-      py::arg("seed"), py::arg("tick"), py::arg("index") = 0, py::arg("scheme") = "layer",
+      "bone"_a, "burr"_a, "center"_a, "material"_a, py::kw_only(), "dt"_a, "seed"_a, "tick"_a, "index"_a = 0,
+      "scheme"_a = "layer",
       R"(Erodes the bone inside the burr for one tick, Eq. 4.
 
 A mass of M levels that erodes at f loses lambda = M (1 - exp(-alpha f dt)) on average: floor(lambda) levels, and

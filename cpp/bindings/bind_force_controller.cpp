@@ -1,9 +1,6 @@
 #include "bindings.hpp"
 #include "burrlab/force_controller.hpp"
 
-namespace py = pybind11;
-using burrlab::ForceController;
-
 void bind_force_controller(py::module_& m) {
   py::class_<ForceController>(m, "ForceController",
                               R"(PID controller on the force error that commands the velocity of a rig.
@@ -42,14 +39,14 @@ Examples
       .def(py::init([](double kp, double ki, double kd, std::pair<double, double> limits, double filter) {
              return ForceController(kp, ki, kd, limits.first, limits.second, filter);
            }),
-           py::arg("kp"), py::arg("ki") = 0.0, py::arg("kd") = 0.0, py::kw_only(),
-           py::arg("output_limits") = std::make_pair(-10.0, 10.0), py::arg("derivative_filter") = 5.0)
-      .def("update", &ForceController::update, py::arg("setpoint"), py::arg("force"), py::arg("dt"),
+           "kp"_a, "ki"_a = 0.0, "kd"_a = 0.0, py::kw_only(), "output_limits"_a = std::make_pair(-10.0, 10.0),
+           "derivative_filter"_a = 5.0)
+      .def("update", &ForceController::update, "setpoint"_a, "force"_a, "dt"_a,
            "Velocity command [mm/s] from set-point and measured force [N]; dt [ms] since the last update. "
            "ValueError on a value that is not finite or dt <= 0.")
-      .def("set_gains", &ForceController::set_gains, py::arg("kp"), py::arg("ki"), py::arg("kd") = 0.0,
+      .def("set_gains", &ForceController::set_gains, "kp"_a, "ki"_a, "kd"_a = 0.0,
            "Changes the gains without a jump of the integral term.")
-      .def("reset", &ForceController::reset, py::arg("integral") = 0.0,
+      .def("reset", &ForceController::reset, "integral"_a = 0.0,
            "Forgets the past; the integral term starts at `integral` [mm/s].")
       .def_property_readonly("kp", &ForceController::kp, "[mm/s/N]")
       .def_property_readonly("ki", &ForceController::ki, "[mm/s/(N s)]")

@@ -2,25 +2,13 @@
 #include "burrlab/network/publisher.hpp"
 #include "burrlab/network/replica.hpp"
 
-namespace py = pybind11;
-using namespace burrlab;
-
 namespace {
-
-using Tools = std::vector<std::pair<Burr, Material>>;
 
 /// A publisher with the follower that it listens to.
 struct BoundPublisher {
   std::shared_ptr<Follower> follower;
   std::shared_ptr<Publisher> publisher;
 };
-
-/// Text of a peer, which may be no UTF-8.
-py::str text_of(const std::string& bytes) {
-  PyObject* text = PyUnicode_DecodeUTF8(bytes.data(), static_cast<py::ssize_t>(bytes.size()), "replace");
-  if (!text) throw py::error_already_set();
-  return py::reinterpret_steal<py::str>(text);
-}
 
 py::dict to_dict(const openigtlink::Counters& counters) {
   py::dict dropped;
@@ -30,27 +18,13 @@ py::dict to_dict(const openigtlink::Counters& counters) {
 }
 
 py::dict to_dict(const PublisherStatus& s) {
-  py::dict out;
-  out["tick"] = s.tick;
-  out["standard_peers"] = s.standard_peers;
-  out["replicas"] = s.replicas;
-  out["accepted"] = s.accepted;
-  out["refused"] = s.refused;
-  out["skipped"] = s.skipped;
-  out["cut_off"] = s.cut_off;
-  out["stalled"] = s.stalled;
-  out["hellos"] = s.hellos;
-  out["by_ticks"] = s.by_ticks;
-  out["by_bricks"] = s.by_bricks;
-  out["bad_words"] = s.bad_words;
-  out["ignored"] = s.ignored;
-  out["framing_lost"] = s.framing_lost;
-  out["too_many_faults"] = s.too_many_faults;
-  out["out_of_range"] = s.out_of_range;
-  out["bytes_sent"] = s.bytes_sent;
-  out["messages"] = s.received.messages;
-  out["dropped"] = to_dict(s.received);
-  return out;
+  return py::dict(
+      "tick"_a = s.tick, "standard_peers"_a = s.standard_peers, "replicas"_a = s.replicas,
+      "accepted"_a = s.accepted, "refused"_a = s.refused, "skipped"_a = s.skipped, "cut_off"_a = s.cut_off,
+      "stalled"_a = s.stalled, "hellos"_a = s.hellos, "by_ticks"_a = s.by_ticks, "by_bricks"_a = s.by_bricks,
+      "bad_words"_a = s.bad_words, "ignored"_a = s.ignored, "framing_lost"_a = s.framing_lost,
+      "too_many_faults"_a = s.too_many_faults, "out_of_range"_a = s.out_of_range,
+      "bytes_sent"_a = s.bytes_sent, "messages"_a = s.received.messages, "dropped"_a = to_dict(s.received));
 }
 
 py::dict to_dict(const ReplicaStatus& s, const Replica& replica) {
@@ -59,37 +33,18 @@ py::dict to_dict(const ReplicaStatus& s, const Replica& replica) {
     faults.append(py::make_tuple(fault.tick, fault.seen, fault.reason));
   for (const Divergence& divergence : s.divergences) {
     py::list bricks;
-    for (const std::uint32_t brick : divergence.bricks) {
-      const Index3 at = replica.bone().place(brick);
-      bricks.append(py::make_tuple(at[0], at[1], at[2]));
-    }
-    py::dict one;
-    one["tick"] = divergence.tick;
-    one["what"] = divergence.what;
-    one["compared_at"] = divergence.compared_at;
-    one["exact"] = divergence.exact;
-    one["bricks"] = bricks;
-    divergences.append(one);
+    for (const std::uint32_t brick : divergence.bricks) bricks.append(three(replica.bone().place(brick)));
+    divergences.append(py::dict("tick"_a = divergence.tick, "what"_a = divergence.what,
+                                "compared_at"_a = divergence.compared_at, "exact"_a = divergence.exact,
+                                "bricks"_a = bricks));
   }
-  py::dict out;
-  out["tick"] = s.tick;
-  out["connected"] = s.connected;
-  out["connections"] = s.connections;
-  out["by_ticks"] = s.by_ticks;
-  out["by_bricks"] = s.by_bricks;
-  out["digests_equal"] = s.digests_equal;
-  out["digests_different"] = s.digests_different;
-  out["differing_ticks"] = s.differing_ticks;
-  out["faults"] = s.faults;
-  out["last_faults"] = faults;
-  out["most_missed"] = s.most_missed;
-  out["divergences"] = divergences;
-  out["ended"] = s.ended;
-  out["failed"] = s.failed;
-  out["reason"] = text_of(s.reason);
-  out["messages"] = s.received.messages;
-  out["dropped"] = to_dict(s.received);
-  return out;
+  return py::dict("tick"_a = s.tick, "connected"_a = s.connected, "connections"_a = s.connections,
+                  "by_ticks"_a = s.by_ticks, "by_bricks"_a = s.by_bricks, "digests_equal"_a = s.digests_equal,
+                  "digests_different"_a = s.digests_different, "differing_ticks"_a = s.differing_ticks,
+                  "faults"_a = s.faults, "last_faults"_a = faults, "most_missed"_a = s.most_missed,
+                  "divergences"_a = divergences, "ended"_a = s.ended, "failed"_a = s.failed,
+                  "reason"_a = to_text(s.reason), "messages"_a = s.received.messages,
+                  "dropped"_a = to_dict(s.received));
 }
 
 void bind_publisher(py::module_& m) {
@@ -136,11 +91,10 @@ ValueError
              follower->add(publisher);
              return BoundPublisher{follower, publisher};
            }),
-           py::arg("follower"), py::kw_only(), py::arg("host") = defaults.host,
-           py::arg("port") = defaults.port, py::arg("hello") = defaults.hello,
-           py::arg("header_version") = defaults.header_version, py::arg("log") = defaults.log,
-           py::arg("most_peers") = defaults.most_peers, py::arg("most_behind") = defaults.most_behind,
-           py::arg("thin_after") = defaults.thin_after)
+           "follower"_a, py::kw_only(), "host"_a = defaults.host, "port"_a = defaults.port,
+           "hello"_a = defaults.hello, "header_version"_a = defaults.header_version, "log"_a = defaults.log,
+           "most_peers"_a = defaults.most_peers, "most_behind"_a = defaults.most_behind,
+           "thin_after"_a = defaults.thin_after)
       .def_property_readonly(
           "port", [](const BoundPublisher& p) { return p.publisher->port(); }, "It listens on this one.")
       .def_property_readonly("host", [](const BoundPublisher& p) { return p.publisher->settings().host; })
@@ -151,24 +105,22 @@ ValueError
           "status", [](const BoundPublisher& p) { return to_dict(p.publisher->status()); },
           "tick; standard_peers and replicas connected now; counts since the start: accepted, refused "
           "(connections beyond the most), skipped (ticks that slow standard peers did not get), cut_off "
-          "(slow "
-          "replicas), stalled (peers that took nothing for 5 s), hellos (asked for the hello only), by_ticks "
-          "and by_bricks (replicas that went on), bad_words, ignored (messages of no use), framing_lost, "
-          "too_many_faults (connections closed), out_of_range (positions not sent), bytes_sent, messages, "
-          "dropped {reason: messages}")
+          "(slow replicas), stalled (peers that took nothing for 5 s), hellos (asked for the hello only), "
+          "by_ticks and by_bricks (replicas that went on), bad_words, ignored (messages of no use), "
+          "framing_lost, too_many_faults (connections closed), out_of_range (positions not sent), "
+          "bytes_sent, messages, dropped {reason: messages}")
       .def(
           "finish",
           [](const BoundPublisher& p, const std::string& reason, bool failed, double linger) {
             p.publisher->finish(*p.follower, reason, failed, linger);
           },
-          py::arg("reason"), py::kw_only(), py::arg("failed") = false, py::arg("linger") = 2.0,
-          py::call_guard<py::gil_scoped_release>(),
+          "reason"_a, py::kw_only(), "failed"_a = false, "linger"_a = 2.0, no_gil,
           "After the follower was stopped: tells the replicas why the session ended, its last tick and "
-          "digest, "
-          "waits up to `linger` [s] until they have it, and stops. ValueError if `linger` is negative.")
+          "digest, waits up to `linger` [s] until they have it, and stops. ValueError if `linger` is "
+          "negative.")
       .def(
-          "stop", [](const BoundPublisher& p) { p.publisher->stop(); },
-          py::call_guard<py::gil_scoped_release>(), "Closes all connections, without a word.");
+          "stop", [](const BoundPublisher& p) { p.publisher->stop(); }, no_gil,
+          "Closes all connections, without a word.");
 }
 
 void bind_replica(py::module_& m) {
@@ -188,12 +140,11 @@ Raises
 ValueError
     If `host` has no address or `port` is not 1 to 65535.
 )")
-      .def(py::init<const std::string&, int>(), py::arg("host"), py::arg("port"))
-      .def("fetch_hello", &Replica::fetch_hello, py::arg("timeout") = 1.0,
-           py::call_guard<py::gil_scoped_release>(),
+      .def(py::init<const std::string&, int>(), "host"_a, "port"_a)
+      .def("fetch_hello", &Replica::fetch_hello, "timeout"_a = 1.0, no_gil,
            "Asks for the leader's hello for `timeout` [s]; whether it came.")
       .def_property_readonly(
-          "hello", [](const Replica& r) { return text_of(r.hello().text); },
+          "hello", [](const Replica& r) { return to_text(r.hello().text); },
           "What the leader says of its session")
       .def_property_readonly(
           "initial_digest", [](const Replica& r) { return r.hello().digest; },
@@ -207,16 +158,12 @@ ValueError
           "start",
           [](Replica& replica, std::shared_ptr<VoxelBone> bone, const Tools& tools, std::uint64_t seed,
              double period, const std::string& scheme, std::shared_ptr<AnatomyWatch> watch) {
-            SessionSetup setup;
-            for (const auto& [burr, material] : tools) setup.tools.push_back({burr, material});
-            setup.seed = seed;
-            setup.period = period;
-            setup.scheme = parse_scheme(scheme);
+            const SessionSetup setup = to_setup(tools, seed, period, scheme);
             const py::gil_scoped_release release;
             replica.start(std::move(bone), setup, std::move(watch));
           },
-          py::arg("bone"), py::arg("tools"), py::arg("seed"), py::kw_only(), py::arg("period") = 1.0,
-          py::arg("scheme") = "layer", py::arg("watch") = nullptr,
+          "bone"_a, "tools"_a, "seed"_a, py::kw_only(), "period"_a = 1.0, "scheme"_a = "layer",
+          "watch"_a = nullptr,
           R"(Follows from now on, in a thread of its own.
 
 Parameters
@@ -234,40 +181,29 @@ ValueError
     If it was started before, the hello was not fetched, or the bone is not the leader's initial volume.
 )")
       .def(
-          "stop", [](Replica& r) { r.stop(); }, py::call_guard<py::gil_scoped_release>())
-      .def("wait", &Replica::wait, py::arg("seconds"), py::call_guard<py::gil_scoped_release>(),
-           "Until the session ends; whether it has.")
+          "stop", [](Replica& r) { r.stop(); }, no_gil)
+      .def("wait", &Replica::wait, "seconds"_a, no_gil, "Until the session ends; whether it has.")
       .def_property_readonly(
           "status",
           [](const Replica& replica) {
-            ReplicaStatus status;
-            {
-              const py::gil_scoped_release release;
-              status = replica.status();
-            }
-            return to_dict(status, replica);
+            return to_dict(without_gil([&] { return replica.status(); }), replica);
           },
           "tick (executed), connected, connections, by_ticks and by_bricks (how it went on), digests_equal, "
           "digests_different, differing_ticks, faults (connections given up), last_faults [(tick, tick seen, "
           "reason)], most_missed (ticks until a loss was noticed), divergences [{tick, what, compared_at, "
           "exact, bricks (z, y, x)}], ended, failed, reason, messages, dropped {reason: messages}")
-      .def("digest", &Replica::digest, py::call_guard<py::gil_scoped_release>(), "Of the bone now.")
+      .def("digest", &Replica::digest, no_gil, "Of the bone now.")
       .def("snapshot", &snapshot_of<Replica>, "(copy of the bone, ticks it has seen)")
       .def(
           "take",
           [](Replica& replica) {
-            BoneUpdate update;
-            {
-              const py::gil_scoped_release release;
-              update = replica.take_changed();
-            }
-            return ::to_dict(update, replica.bone());
+            return ::to_dict(without_gil([&] { return replica.take_changed(); }), replica.bone());
           },
           "What changed since the last call: tick (executed), newest (its record, or None), bricks (n, 3) "
           "(z, y, x) of 8^3 voxels, density (n, 8, 8, 8).")
-      .def("watched", &watched_by<Replica>, py::arg("known") = 0,
+      .def("watched", &watched_by<Replica>, "known"_a = 0,
            "What the watch has seen, as `AnatomyWatch.seen`. ValueError if there is none.")
-      .def("flip", &Replica::flip, py::arg("voxel"), py::call_guard<py::gil_scoped_release>(),
+      .def("flip", &Replica::flip, "voxel"_a, no_gil,
            "Changes one voxel (z, y, x), so that tests see it found and repaired.");
 }
 

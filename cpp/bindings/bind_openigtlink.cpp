@@ -1,19 +1,17 @@
 #include <map>
+#include <optional>
 
 #include "bindings.hpp"
 #include "burrlab/check.hpp"
 #include "burrlab/network/message_framer.hpp"
-#include "openigtlink_counters.hpp"
+#include "burrlab/network/transform_reader.hpp"
 
-namespace py = pybind11;
-using burrlab::refuse;
 using namespace burrlab::openigtlink;
 
 namespace {
 
 using Metadata = std::map<std::string, std::string>;
 using Matrix3 = std::array<std::array<float, 3>, 3>;
-using Floats = py::array_t<double, py::array::c_style | py::array::forcecast>;
 
 ByteView view_of(const py::bytes& bytes) {
   const std::string_view text(bytes);
@@ -21,12 +19,6 @@ ByteView view_of(const py::bytes& bytes) {
 }
 
 py::bytes to_bytes(const Bytes& bytes) { return {reinterpret_cast<const char*>(bytes.data()), bytes.size()}; }
-
-/// Text of a peer, who may send anything.
-py::str to_text(std::string_view text) {
-  return py::reinterpret_steal<py::str>(
-      PyUnicode_DecodeUTF8(text.data(), py::ssize_t(text.size()), "replace"));
-}
 
 /// What the encoders share: the options of a message, as C++ holds them.
 struct Options {
@@ -94,9 +86,11 @@ struct Framer {
   std::array<std::uint64_t, drop_reasons> refused{};
 };
 
-template <class Number>
-py::array_t<double> to_array(const std::vector<Number>& shape, const double* values) {
-  return py::array_t<double>(std::vector<py::ssize_t>(shape.begin(), shape.end()), values);
+/// Counters as a dictionary: messages, and what was dropped, by reason.
+std::map<std::string, std::uint64_t> counts_of(const Counters& counters) {
+  std::map<std::string, std::uint64_t> out{{"messages", counters.messages}};
+  for (std::size_t i = 1; i < drop_reasons; ++i) out[drop_name(Drop(i))] = counters.dropped[i];
+  return out;
 }
 
 py::object to_python(const Received& received) {
@@ -109,83 +103,76 @@ py::object to_python(const Received& received) {
                                                        : transform->rotation[std::size_t(3 * row + column)];
     return std::move(matrix);
   }
-  if (const auto* sensor = std::get_if<Sensor>(&received.value))
-    return to_array(std::vector<std::size_t>{sensor->values.size()}, sensor->values.data());
+  if (const auto* sensor = std::get_if<Sensor>(&received.value)) return to_array(sensor->values);
   if (const auto* array = std::get_if<Ndarray>(&received.value)) {
     if (array->shape.size() > 32)  // NumPy's limit; OpenIGTLink's is 255
-      return to_array(std::vector<std::size_t>{array->values.size()}, array->values.data());
-    return to_array(array->shape, array->values.data());
+      return to_array(array->values);
+    return to_array(array->values.data(), {array->shape.begin(), array->shape.end()});
   }
   return to_bytes(std::get<Bytes>(received.value));
 }
 
+/// Binds what encodes a message of a device, with the options that all of them share behind its own.
+template <class... Given, class... Extra>
+void def_encoder(py::module_& m, const char* name, void (*encode)(Bytes&, const Envelope&, Given...),
+                 const Extra&... extra) {
+  m.def(
+      name,
+      [encode](const std::string& device_name, Given... given, double timestamp, int version,
+               std::uint32_t message_id, const Metadata& metadata) {
+        const Options options(device_name, timestamp, version, message_id, metadata);
+        Bytes out;
+        encode(out, options.envelope, given...);
+        return to_bytes(out);
+      },
+      "device_name"_a, extra..., "timestamp"_a = 0.0, "version"_a = 1, "message_id"_a = 0,
+      "metadata"_a = Metadata{});
+}
+
+void put_transform(Bytes& out, const Envelope& envelope, const std::array<float, 3>& position,
+                   const Matrix3& rotation) {
+  Transform transform;
+  transform.position = position;
+  for (std::size_t i = 0; i < 9; ++i) transform.rotation[i] = rotation[i / 3][i % 3];
+  encode_transform(out, envelope, transform);
+}
+
+void put_sensor(Bytes& out, const Envelope& envelope, const std::vector<double>& values, std::uint64_t unit) {
+  encode_sensor(out, envelope, values.data(), values.size(), unit);
+}
+
+void put_float64(Bytes& out, const Envelope& envelope, const Reals& values) {
+  std::vector<std::uint16_t> shape;
+  for (py::ssize_t axis = 0; axis < values.ndim(); ++axis) {
+    if (values.shape(axis) > 65535)
+      refuse("every side of values", "at most 65535", double(values.shape(axis)));
+    shape.push_back(std::uint16_t(values.shape(axis)));
+  }
+  encode_ndarray_float64(out, envelope, values.data(), std::size_t(values.size()), shape.data(),
+                         shape.size());
+}
+
+void put_uint8(Bytes& out, const Envelope& envelope, const py::bytes& data) {
+  encode_ndarray_uint8(out, envelope, view_of(data));
+}
+
 void bind_encoders(py::module_& m) {
   m.def(
-      "crc64", [](const py::bytes& data) { return crc64(view_of(data)); }, py::arg("data"),
+      "crc64", [](const py::bytes& data) { return crc64(view_of(data)); }, "data"_a,
       "CRC-64 of ECMA-182 as OpenIGTLink uses it.");
-  m.def(
-      "encode_transform",
-      [](const std::string& device_name, const std::array<float, 3>& position, const Matrix3& rotation,
-         double timestamp, int version, std::uint32_t message_id, const Metadata& metadata) {
-        const Options options(device_name, timestamp, version, message_id, metadata);
-        Transform transform;
-        transform.position = position;
-        for (std::size_t i = 0; i < 9; ++i) transform.rotation[i] = rotation[i / 3][i % 3];
-        Bytes out;
-        encode_transform(out, options.envelope, transform);
-        return to_bytes(out);
-      },
-      py::arg("device_name"), py::arg("position"), py::kw_only(),
-      py::arg("rotation") = Matrix3{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}}, py::arg("timestamp") = 0.0,
-      py::arg("version") = 1, py::arg("message_id") = 0, py::arg("metadata") = Metadata{},
-      "A TRANSFORM message: position (x, y, z) [mm] and rotation (3, 3), RAS, float32. timestamp [s] since "
-      "1970. ValueError where the message cannot hold it.");
-  m.def(
-      "encode_sensor",
-      [](const std::string& device_name, const std::vector<double>& values, std::uint64_t unit,
-         double timestamp, int version, std::uint32_t message_id, const Metadata& metadata) {
-        const Options options(device_name, timestamp, version, message_id, metadata);
-        Bytes out;
-        encode_sensor(out, options.envelope, values.data(), values.size(), unit);
-        return to_bytes(out);
-      },
-      py::arg("device_name"), py::arg("values"), py::kw_only(), py::arg("unit") = newton,
-      py::arg("timestamp") = 0.0, py::arg("version") = 1, py::arg("message_id") = 0,
-      py::arg("metadata") = Metadata{},
-      "A SENSOR message of up to 255 float64; `unit` is OpenIGTLink's 64-bit field, newton unless said. "
-      "ValueError where the message cannot hold it.");
-  m.def(
-      "encode_ndarray_float64",
-      [](const std::string& device_name, const Floats& values, double timestamp, int version,
-         std::uint32_t message_id, const Metadata& metadata) {
-        const Options options(device_name, timestamp, version, message_id, metadata);
-        std::vector<std::uint16_t> shape;
-        for (py::ssize_t axis = 0; axis < values.ndim(); ++axis) {
-          if (values.shape(axis) > 65535)
-            refuse("every side of values", "at most 65535", double(values.shape(axis)));
-          shape.push_back(std::uint16_t(values.shape(axis)));
-        }
-        Bytes out;
-        encode_ndarray_float64(out, options.envelope, values.data(), std::size_t(values.size()), shape.data(),
-                               shape.size());
-        return to_bytes(out);
-      },
-      py::arg("device_name"), py::arg("values"), py::kw_only(), py::arg("timestamp") = 0.0,
-      py::arg("version") = 1, py::arg("message_id") = 0, py::arg("metadata") = Metadata{},
+  def_encoder(m, "encode_transform", &put_transform, "position"_a, py::kw_only(),
+              "rotation"_a = Matrix3{{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}}},
+              "A TRANSFORM message: position (x, y, z) [mm] and rotation (3, 3), RAS, float32. timestamp [s] "
+              "since 1970. ValueError where the message cannot hold it.");
+  def_encoder(m, "encode_sensor", &put_sensor, "values"_a, py::kw_only(), "unit"_a = newton,
+              "A SENSOR message of up to 255 float64; `unit` is OpenIGTLink's 64-bit field, newton unless "
+              "said. ValueError where the message cannot hold it.");
+  def_encoder(
+      m, "encode_ndarray_float64", &put_float64, "values"_a, py::kw_only(),
       "An NDARRAY message of float64, at least one dimension. ValueError where the message cannot hold it.");
-  m.def(
-      "encode_ndarray_uint8",
-      [](const std::string& device_name, const py::bytes& data, double timestamp, int version,
-         std::uint32_t message_id, const Metadata& metadata) {
-        const Options options(device_name, timestamp, version, message_id, metadata);
-        Bytes out;
-        encode_ndarray_uint8(out, options.envelope, view_of(data));
-        return to_bytes(out);
-      },
-      py::arg("device_name"), py::arg("data"), py::kw_only(), py::arg("timestamp") = 0.0,
-      py::arg("version") = 1, py::arg("message_id") = 0, py::arg("metadata") = Metadata{},
-      "An NDARRAY message of uint8 that holds `data`: its length in 8 bytes (ours), the bytes, zeros up to a "
-      "whole number of rows. ValueError where the message cannot hold it.");
+  def_encoder(m, "encode_ndarray_uint8", &put_uint8, "data"_a, py::kw_only(),
+              "An NDARRAY message of uint8 that holds `data`: its length in 8 bytes (ours), the bytes, zeros "
+              "up to a whole number of rows. ValueError where the message cannot hold it.");
 }
 
 void bind_framer(py::module_& m) {
@@ -230,7 +217,7 @@ Raises
 ValueError
     If `largest_body` is below 48 or not below 4 GiB.
 )doc")
-      .def(py::init<std::size_t>(), py::arg("largest_body") = std::size_t(1) << 20)
+      .def(py::init<std::size_t>(), "largest_body"_a = std::size_t(1) << 20)
       .def(
           "feed",
           [](Framer& framer, const py::bytes& data) {
@@ -238,15 +225,110 @@ ValueError
             const py::gil_scoped_release release;
             return framer.feed(bytes);
           },
-          py::arg("data"), "The messages that these bytes complete.")
+          "data"_a, "The messages that these bytes complete.")
       .def_property_readonly(
           "broken", [](const Framer& f) { return f.framer.broken(); },
           "The place in the stream is lost: nothing more is read until `restart`.")
       .def(
           "restart", [](Framer& f) { f.framer.restart(); }, "A new connection begins.")
       .def_property_readonly(
-          "counters", [](const Framer& f) { return to_dict(f.counters()); },
+          "counters", [](const Framer& f) { return counts_of(f.counters()); },
           "Messages, and what was dropped, by reason; a copy.");
+}
+
+std::map<std::string, std::uint64_t> counts_of(const ReaderCounters& counters) {
+  auto out = counts_of(counters.messages);
+  out["other_type"] = counters.other_type;
+  out["other_device"] = counters.other_device;
+  out["connections"] = counters.connections;
+  out["broken"] = counters.broken;
+  return out;
+}
+
+void bind_transform_reader(py::module_& m) {
+  py::class_<NetworkPose>(m, "NetworkPose", "A TRANSFORM, turned into the bone frame on its arrival.")
+      .def_property_readonly(
+          "position", [](const NetworkPose& p) { return py::array_t<double>(3, p.position.data()); },
+          "(3,) bone frame, LPS [mm]; a copy")
+      .def_property_readonly(
+          "rotation", [](const NetworkPose& p) { return py::array_t<double>({3, 3}, p.rotation.data()); },
+          "(3, 3), both frames LPS; a copy")
+      .def_property_readonly(
+          "timestamp", [](const NetworkPose& p) { return openigtlink::timestamp_seconds(p.timestamp); },
+          "The sender's [s] since 1970; 0 is none")
+      .def_property_readonly(
+          "arrival", [](const NetworkPose& p) { return 1e-9 * double(p.arrival); },
+          "Steady clock [s], as time.monotonic() on Linux")
+      .def_readonly("count", &NetworkPose::count, "1 for the first")
+      .def_property_readonly("on", [](const NetworkPose& p) { return p.on != 0; }, "The burr turns.");
+
+  py::class_<TransformReader>(m, "TransformReader",
+                              R"doc(A TRANSFORM stream of an OpenIGTLink server, read by a thread of its own.
+
+Connects to the server, and anew after a pause of 0.1 to 1 s when the connection ends or its framing is lost.
+
+Parameters
+----------
+host : str
+    Name or address.
+port : int
+device_name : str
+    Read this device only; empty for any. The burr is on unless the name that comes ends in ``_off``.
+
+Raises
+------
+ValueError
+    If the host has no address, the port is not 1 to 65535 or the name has over 20 bytes.
+)doc")
+      .def(py::init([](const std::string& host, int port, const std::string& device_name) {
+             return std::make_unique<TransformReader>(host, port, device_name);
+           }),
+           "host"_a, "port"_a, py::kw_only(), "device_name"_a = "", no_gil)
+      .def(
+          "newest",
+          [](const TransformReader& reader) -> std::optional<NetworkPose> {
+            NetworkPose pose;
+            if (!reader.newest(pose)) return std::nullopt;
+            return pose;
+          },
+          "The newest pose; None where none came yet.")
+      .def_property_readonly("connected", &TransformReader::connected)
+      .def_property_readonly(
+          "counters", [](const TransformReader& r) { return counts_of(r.counters()); },
+          "Messages, what was dropped, by reason, connections; a copy.")
+      .def("stop", &TransformReader::stop, no_gil, "Ends the thread.");
+
+  py::class_<IgtlDevice, MailboxDevice, std::shared_ptr<IgtlDevice>>(
+      m, "IgtlDevice", R"doc(A device that a standard OpenIGTLink server's TRANSFORM stream drives.
+
+The position is rounded once, on arrival; the burr is on unless the device name that comes ends in ``_off`` (our
+choice). The velocity, which TRANSFORM does not carry, is the difference of two poses over that of their time stamps.
+
+Parameters
+----------
+host : str
+    Name or address.
+port : int
+device_name : str
+    Read this device only; empty for any.
+lost_after : float
+    A position that old is lost, and the session stops [ms].
+
+Raises
+------
+ValueError
+    If the host has no address, the port is not 1 to 65535, the name has over 20 bytes or `lost_after` is not
+    positive.
+)doc")
+      .def(py::init([](const std::string& host, int port, const std::string& device_name, double lost_after) {
+             return std::make_shared<IgtlDevice>(host, port, device_name, lost_after);
+           }),
+           "host"_a, "port"_a, py::kw_only(), "device_name"_a = "", "lost_after"_a = 100.0, no_gil)
+      .def_property_readonly("connected", &IgtlDevice::connected)
+      .def_property_readonly(
+          "counters", [](const IgtlDevice& d) { return counts_of(d.counters()); },
+          "Messages, what was dropped, by reason, connections; a copy.")
+      .def("stop", &IgtlDevice::stop, no_gil, "Ends the connection.");
 }
 
 }  // namespace
@@ -254,4 +336,5 @@ ValueError
 void bind_openigtlink(py::module_& m) {
   bind_encoders(m);
   bind_framer(m);
+  bind_transform_reader(m);
 }

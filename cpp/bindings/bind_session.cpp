@@ -1,13 +1,21 @@
+#include <algorithm>
+#include <optional>
+
+#include "bindings.hpp"
+#include "burrlab/check.hpp"
+#include "burrlab/session/haptic_loop.hpp"
 #include "burrlab/session/mailbox_device.hpp"
 #include "burrlab/session/tick_executor.hpp"
-#include "records.hpp"
 
-namespace py = pybind11;
-using namespace burrlab;
+SessionSetup to_setup(const Tools& tools, std::uint64_t seed, double period, const std::string& scheme) {
+  SessionSetup setup{{}, seed, period, parse_scheme(scheme)};
+  for (const auto& [burr, material] : tools) setup.tools.push_back({burr, material});
+  return setup;
+}
 
 namespace {
 
-using Tools = std::vector<std::pair<Burr, Material>>;
+using Records = py::array_t<TickRecord, py::array::c_style>;
 
 std::vector<TickRecord> to_records(const py::array& array) {
   if (array.ndim() != 1 || !array.dtype().equal(py::dtype::of<TickRecord>()))
@@ -21,12 +29,7 @@ std::shared_ptr<TickExecutor> make_executor(const std::shared_ptr<VoxelBone>& bo
                                             std::uint64_t seed, double period, const std::string& scheme,
                                             std::uint64_t tick) {
   if (!bone) throw std::invalid_argument("bone must be a VoxelBone, got None");
-  SessionSetup setup;
-  for (const auto& [burr, material] : tools) setup.tools.push_back({burr, material});
-  setup.seed = seed;
-  setup.period = period;
-  setup.scheme = parse_scheme(scheme);
-  return std::make_shared<TickExecutor>(bone, setup, tick);
+  return std::make_shared<TickExecutor>(bone, to_setup(tools, seed, period, scheme), tick);
 }
 
 // Ticks in their order, checked before any is executed.
@@ -39,16 +42,13 @@ py::array execute(TickExecutor& executor, const py::array& array) {
       refuse("index of a tick", "the next one, " + std::to_string(executor.tick() + i),
              double(records[i].index));
   }
-  {
-    const py::gil_scoped_release release;
+  without_gil([&] {
     for (TickRecord& record : records) executor.execute(record);
-  }
+  });
   return to_array(records);
 }
 
-}  // namespace
-
-void bind_session(py::module_& m) {
+void bind_executor(py::module_& m) {
   PYBIND11_NUMPY_DTYPE(BurrRecord, center, radius, material, on, touching, ambiguous, unused, force,
                        penetration, removed, sent, device_position, device_velocity, age);
   PYBIND11_NUMPY_DTYPE(TickRecord, index, k, burrs, time, cpu_time, burr);
@@ -77,9 +77,9 @@ ValueError
     If there are not one or two tools, the period is not positive, alpha times 8 periods is above 1000, or a burr
     does not fit the bone.
 )")
-      .def(py::init(&make_executor), py::arg("bone"), py::arg("tools"), py::arg("seed"), py::kw_only(),
-           py::arg("period") = 1.0, py::arg("scheme") = "layer", py::arg("tick") = 0)
-      .def("execute", &execute, py::arg("records"),
+      .def(py::init(&make_executor), "bone"_a, "tools"_a, "seed"_a, py::kw_only(), "period"_a = 1.0,
+           "scheme"_a = "layer", "tick"_a = 0)
+      .def("execute", &execute, "records"_a,
            R"(Executes ticks in their order.
 
 Parameters
@@ -97,17 +97,16 @@ Raises
 ValueError
     If a record is not of this session or not the next one; nothing is executed then.
 )")
-      .def("set_watch", &TickExecutor::set_watch, py::arg("watch"),
+      .def("set_watch", &TickExecutor::set_watch, "watch"_a,
            "Called after each burr's step from now on; it begins with the bone as it is. ValueError unless "
-           "it is "
-           "of this bone and these burrs.")
+           "it is of this bone and these burrs.")
       .def(
           "probe",
           [](const TickExecutor& executor, std::size_t burr, const Vec3& center) {
             const VoxelBone::Reading reading(*executor.bone());
             return executor.probe(burr, center);
           },
-          py::arg("burr"), py::arg("center"), "The contact of a burr at a centre [mm] now, without erosion.")
+          "burr"_a, "center"_a, "The contact of a burr at a centre [mm] now, without erosion.")
       .def_property_readonly("tick", &TickExecutor::tick, "Index of the next tick")
       .def_property_readonly("bone", &TickExecutor::bone)
       .def_property_readonly("burrs", &TickExecutor::burrs)
@@ -135,10 +134,167 @@ ValueError
       .def(py::init([](double lost_after, const std::string& name) {
              return std::make_shared<MailboxDevice>(lost_after, name);
            }),
-           py::kw_only(), py::arg("lost_after") = 100.0, py::arg("name") = "mailbox")
-      .def("put", &MailboxDevice::put, py::arg("position"), py::arg("velocity") = Vec3::Zero().eval(),
-           py::arg("on") = true,
+           py::kw_only(), "lost_after"_a = 100.0, "name"_a = "mailbox")
+      .def("put", &MailboxDevice::put, "position"_a, "velocity"_a = Vec3::Zero().eval(), "on"_a = true,
            "Newest position (x, y, z) [mm], velocity [mm/s], and whether the burr turns. ValueError if not "
            "finite.")
       .def_property_readonly("force", &MailboxDevice::force, "(3,) that the loop sent last [N]; a copy");
+}
+
+/// A reader with the ring of its loop.
+struct LoopReader {
+  std::shared_ptr<HapticLoop> loop;  // kept alive
+  std::shared_ptr<RecordReader> reader;
+};
+
+py::tuple take(LoopReader& self, std::size_t most) {
+  std::vector<TickRecord> records;
+  bool lost = false;
+  without_gil([&] {
+    records.resize(std::min<std::size_t>(most, self.reader->behind()));
+    std::size_t n = 0;
+    while (n < records.size()) {
+      const auto result = self.reader->next(records[n]);
+      if (result != RecordReader::Result::record) {
+        lost = result == RecordReader::Result::lost;
+        break;
+      }
+      ++n;
+    }
+    records.resize(n);
+  });
+  return py::make_tuple(to_array(records), lost);
+}
+
+void bind_counts(py::module_& m) {
+  py::class_<LoopCounts>(m, "LoopCounts", "Counts since the start of a loop.")
+      .def_readonly("ticks", &LoopCounts::ticks, "Executed")
+      .def_readonly("late", &LoopCounts::late, "Ticks that stood for more than one period")
+      .def_readonly("missed", &LoopCounts::missed, "Deadlines that had no tick of their own")
+      .def_readonly("dropped", &LoopCounts::dropped, "Periods beyond 8 since a tick, that none stood for")
+      .def("__repr__", [](const LoopCounts& c) {
+        return format("LoopCounts(ticks={}, late={}, missed={}, dropped={})", c.ticks, c.late, c.missed,
+                      c.dropped);
+      });
+
+  py::class_<Histogram>(m, "Histogram", "Counts of durations [us], readable while they are counted.")
+      .def_property_readonly("count", &Histogram::count, "Number of values")
+      .def_property_readonly("largest", &Histogram::largest, "[us]")
+      .def("quantile", &Histogram::quantile, "p"_a,
+           "Value [us] below which a part p lies, at most 3 % too high; nan without values.")
+      .def_property_readonly(
+          "counts", [](const Histogram& h) { return to_array(h.counts()); }, "(n,) a bin; a copy")
+      .def_property_readonly_static(
+          "edges", [](const py::object&) { return to_array(Histogram::edges()); },
+          "(n + 1,) of the bins [us]");
+}
+
+void bind_haptic_loop(py::module_& m) {
+  py::class_<LoopReader>(m, "RecordReader", "One reader's place in a loop's ring of records.")
+      .def(py::init([](const std::shared_ptr<HapticLoop>& loop) {
+             if (!loop) throw std::invalid_argument("loop must be a HapticLoop, got None");
+             auto reader = std::make_shared<RecordReader>(loop->ring());
+             if (!loop->started()) loop->wait_for(reader);
+             return LoopReader{loop, reader};
+           }),
+           "loop"_a)
+      .def("take", &take, "most"_a = 100000,
+           "(records, lost): up to `most` records that came since the last call, (n,) of type record_dtype; "
+           "lost is True where the ring has gone past the next one.")
+      .def_property_readonly(
+          "behind", [](const LoopReader& r) { return r.reader->behind(); }, "Records not yet taken");
+
+  const LoopSettings defaults;
+  py::class_<HapticLoop, std::shared_ptr<HapticLoop>>(
+      m, "HapticLoop",
+      R"(The haptic loop: a thread that reads the devices, executes a tick and sends the force.
+
+Parameters
+----------
+executor : TickExecutor
+    Its bone is refused to others from `start` to the loop's end.
+devices : list of Device
+    One a burr, in index order.
+wall_clock : bool
+    Keep absolute deadlines; else one period follows the other as fast as it goes, and results are the same on
+    every machine.
+realtime : bool
+    Ask for real-time priority and locked memory; `realtime_notes` says what was granted.
+cpu : int
+    To stay on; -1 for any.
+stall_limit : float
+    Without a tick for so long the session stops, the force zero [ms].
+ring : float
+    Records kept for readers [s].
+ticks : int
+    End after so many; 0: when stopped.
+force_limit : float
+    Of the force sent, a burr [N].
+slew_limit : float
+    Of its change [N/ms].
+coupling : float, optional
+    Stiffness of a spring between device and burr [N/mm]; without it the burr is where the device is.
+
+Raises
+------
+ValueError
+    If there is not one device a burr, the rate is above 10 kHz or, on the wall clock, below 2 a `stall_limit`, or a
+    limit or the coupling is not positive.
+)")
+      .def(py::init([](std::shared_ptr<TickExecutor> executor, std::vector<std::shared_ptr<Device>> devices,
+                       bool wall_clock, bool realtime, int cpu, double stall_limit, double ring,
+                       std::uint64_t ticks, double force_limit, double slew_limit,
+                       std::optional<double> coupling) {
+             if (!executor) throw std::invalid_argument("executor must be a TickExecutor, got None");
+             if (cpu < -1) refuse("cpu", "-1 or the number of a CPU", cpu);
+             LoopSettings settings{wall_clock, {}, stall_limit, ring, ticks, force_limit, slew_limit};
+             settings.realtime.priority = settings.realtime.lock_memory = realtime;
+             settings.realtime.cpu = cpu;
+             if (coupling) require_positive("coupling", settings.coupling = *coupling);
+             return std::make_shared<HapticLoop>(std::move(executor), std::move(devices), settings);
+           }),
+           "executor"_a, "devices"_a, py::kw_only(), "wall_clock"_a = true, "realtime"_a = true, "cpu"_a = -1,
+           "stall_limit"_a = defaults.stall_limit, "ring"_a = defaults.ring, "ticks"_a = 0,
+           "force_limit"_a = defaults.force_limit, "slew_limit"_a = defaults.slew_limit,
+           "coupling"_a = py::none())
+      .def("start", &HapticLoop::start, no_gil,
+           "Starts the thread; once. ValueError the second time, or if the bone or a device is in use.")
+      .def("stop", &HapticLoop::stop, "reason"_a = "stopped", no_gil,
+           "Ends the session and waits for the thread.")
+      .def("wait", &HapticLoop::wait, "seconds"_a, no_gil, "Until the session ends; whether it has.")
+      .def_property_readonly("running", &HapticLoop::running)
+      .def_property_readonly("started", &HapticLoop::started)
+      .def_property_readonly("reason", &HapticLoop::reason, "Why the session ended; empty while it runs")
+      .def_property_readonly("failed", &HapticLoop::failed,
+                             "It ended on a lost device, a stall or a value that is not finite")
+      .def_property_readonly("realtime_notes", &HapticLoop::realtime_notes,
+                             "What was asked of the system, and whether it was granted: a sentence each")
+      .def_property_readonly("counts", &HapticLoop::counts)
+      .def(
+          "energy",
+          [](const HapticLoop& loop, std::size_t burr) {
+            const EnergyGiven e = loop.energy(burr);
+            return py::make_tuple(e.now, e.most);
+          },
+          "burr"_a = 0,
+          "(given to the hand minus taken from it, the largest so far) [mJ]: above zero the sampled force "
+          "made it.")
+      .def_property_readonly("jitter", &HapticLoop::jitter, py::return_value_policy::reference_internal,
+                             "|time since the last tick - whole periods|")
+      .def_property_readonly("lateness", &HapticLoop::lateness, py::return_value_policy::reference_internal,
+                             "Start of a tick after its deadline")
+      .def_property_readonly("tick_time", &HapticLoop::tick_time, py::return_value_policy::reference_internal,
+                             "Of a tick on the thread's CPU clock")
+      .def_property_readonly("wall_time", &HapticLoop::wall_time, py::return_value_policy::reference_internal,
+                             "Of a tick on the wall clock")
+      .def_property_readonly("executor", &HapticLoop::executor)
+      .def_property_readonly("first_tick", &HapticLoop::first_tick, "Index of the first tick");
+}
+
+}  // namespace
+
+void bind_session(py::module_& m) {
+  bind_executor(m);
+  bind_counts(m);
+  bind_haptic_loop(m);
 }

@@ -2,15 +2,10 @@
 #include "burrlab/session/contact_stiffness.hpp"
 #include "burrlab/session/passivity_observer.hpp"
 
-namespace py = pybind11;
-using namespace burrlab;
-
 namespace {
 
-using Numbers = py::array_t<double, py::array::c_style | py::array::forcecast>;
-
-py::array_t<double> passivity_energy(const Numbers& position, const Numbers& force) {
-  for (const Numbers* array : {&position, &force})
+py::array_t<double> passivity_energy(const Reals& position, const Reals& force) {
+  for (const Reals* array : {&position, &force})
     if (array->ndim() != 2 || array->shape(1) != 3 || array->shape(0) != position.shape(0))
       throw std::invalid_argument("position and force must have one shape (n, 3)");
   py::array_t<double> out(position.shape(0));
@@ -26,24 +21,19 @@ py::array_t<double> passivity_energy(const Numbers& position, const Numbers& for
 }  // namespace
 
 void bind_stability(py::module_& m) {
-  m.def("flat_contact_area", &flat_contact_area, py::arg("radius"), py::arg("penetration"),
+  m.def("flat_contact_area", &flat_contact_area, "radius"_a, "penetration"_a,
         "Wetted area on flat bone, projected on the normal: pi (2 R h - h^2) [mm^2]. ValueError unless h is "
-        "0 to "
-        "2 R.");
-  m.def("hole_contact_area", &hole_contact_area, py::arg("radius"), py::arg("depth"),
+        "0 to 2 R.");
+  m.def("hole_contact_area", &hole_contact_area, "radius"_a, "depth"_a,
         "Wetted area in a hole of the burr's own, of depth H: pi (2 R H - H^2) [mm^2]. ValueError unless H "
-        "is 0 "
-        "to 2 R.");
-  m.def("contact_stiffness", &contact_stiffness, py::arg("force"), py::arg("area"), py::kw_only(),
-        py::arg("radius"), py::arg("c_e"),
+        "is 0 to 2 R.");
+  m.def("contact_stiffness", &contact_stiffness, "force"_a, "area"_a, py::kw_only(), "radius"_a, "c_e"_a,
         "k = dF/dH = 1.5 c_e sqrt(u) A/(pi R (2 u - u^2)) [N/mm] at a force [N] and a wetted area A [mm^2]. "
         "ValueError on a negative force or area.");
-  m.def("contact_area", &contact_area, py::arg("force"), py::arg("stiffness"), py::kw_only(),
-        py::arg("radius"), py::arg("c_e"),
+  m.def("contact_area", &contact_area, "force"_a, "stiffness"_a, py::kw_only(), "radius"_a, "c_e"_a,
         "The wetted area [mm^2] that gives this stiffness [N/mm]. ValueError on a negative force or "
         "stiffness.");
-  m.def("measured_stiffness", &measured_stiffness, py::arg("executor"), py::arg("burr"), py::arg("center"),
-        py::arg("step") = 0.02,
+  m.def("measured_stiffness", &measured_stiffness, "executor"_a, "burr"_a, "center"_a, "step"_a = 0.02,
         "k from the force `step` [mm] in and out along the contact's normal [N/mm]; 0 without contact.");
   m.def(
       "stiffest_contact",
@@ -51,20 +41,18 @@ void bind_stability(py::module_& m) {
         const StiffestContact contact = stiffest_contact(executor, burr, center, step);
         return py::make_tuple(contact.stiffness, contact.direction);
       },
-      py::arg("executor"), py::arg("burr"), py::arg("center"), py::arg("step") = 0.02,
+      "executor"_a, "burr"_a, "center"_a, "step"_a = 0.02,
       "(stiffness [N/mm], unit vector) of the direction in which the contact at a centre [mm] is stiffest; 0 "
-      "without "
-      "contact.");
-  m.def("passivity_limit", &passivity_limit, py::arg("damping"), py::arg("period"), py::arg("age") = 0.0,
-        py::arg("virtual_damping") = 0.0,
+      "without contact.");
+  m.def("passivity_limit", &passivity_limit, "damping"_a, "period"_a, "age"_a = 0.0,
+        "virtual_damping"_a = 0.0,
         "(b - |B|)/(T/2 + t_d) [N/mm]; dampings [N s/m], period and age of the position [ms] "
         "(docs/stability.md).");
-  m.def("encoder_limit", &encoder_limit, py::arg("friction"), py::arg("encoder_step"),
+  m.def("encoder_limit", &encoder_limit, "friction"_a, "encoder_step"_a,
         "2 f_c/Delta [N/mm]; friction [N], step [mm]; infinite for a step of 0 (docs/stability.md).");
-  m.def("force_at_limit", &force_at_limit, py::arg("limit"), py::arg("area"), py::kw_only(),
-        py::arg("radius"), py::arg("c_e"),
+  m.def("force_at_limit", &force_at_limit, "limit"_a, "area"_a, py::kw_only(), "radius"_a, "c_e"_a,
         "Force [N] below which a contact of this wetted area [mm^2] is stiffer than `limit` [N/mm].");
-  m.def("passivity_energy", &passivity_energy, py::arg("position"), py::arg("force"),
+  m.def("passivity_energy", &passivity_energy, "position"_a, "force"_a,
         R"(Energy that a loop gave to the hand, tick by tick.
 
 Parameters
@@ -98,9 +86,10 @@ ValueError
                     "Force below which k exceeds the limit in this hole [N]")
       .def_readonly("warning", &StabilityReport::warning, "The ratio is above 0.8")
       .def("__repr__", [](const StabilityReport& r) {
-        return std::string(py::str("StabilityReport(force={:.3g} N, k={:.3g} N/mm, limit={:.3g} N/mm, "
-                                   "ratio={:.2f}, force_at_limit={:.3g} N)")
-                               .format(r.force, r.k, r.limit, r.ratio, r.force_at_limit));
+        return format(
+            "StabilityReport(force={:.3g} N, k={:.3g} N/mm, limit={:.3g} N/mm, ratio={:.2f}, "
+            "force_at_limit={:.3g} N)",
+            r.force, r.k, r.limit, r.ratio, r.force_at_limit);
       });
   const double nan = std::numeric_limits<double>::quiet_NaN();
   m.def(
@@ -111,10 +100,9 @@ ValueError
         return stability_report(force, stiffness, {burr, material}, {damping, encoder_step, friction}, period,
                                 age, virtual_damping, coupling);
       },
-      py::arg("force"), py::arg("stiffness"), py::arg("burr"), py::arg("material"), py::kw_only(),
-      py::arg("period"), py::arg("damping") = nan, py::arg("encoder_step") = nan, py::arg("friction") = nan,
-      py::arg("age") = 0.0, py::arg("virtual_damping") = 0.0,
-      py::arg("coupling") = std::numeric_limits<double>::infinity(),
+      "force"_a, "stiffness"_a, "burr"_a, "material"_a, py::kw_only(), "period"_a, "damping"_a = nan,
+      "encoder_step"_a = nan, "friction"_a = nan, "age"_a = 0.0, "virtual_damping"_a = 0.0,
+      "coupling"_a = std::numeric_limits<double>::infinity(),
       R"(Contact stiffness against its limits.
 
 Parameters

@@ -1,14 +1,55 @@
+#include <cstring>
 #include <vector>
 
 #include "bindings.hpp"
+#include "burrlab/check.hpp"
 #include "burrlab/surface.hpp"
-
-namespace py = pybind11;
-using namespace burrlab;
+#include "burrlab/voxel_bone.hpp"
 
 namespace {
 
-using Places = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>;
+void check_numbers(const VoxelBone& bone, const Numbers& bricks) {
+  if (bricks.ndim() != 1) refuse("dimensions of bricks", "1", double(bricks.ndim()));
+  for (py::ssize_t i = 0; i < bricks.size(); ++i)
+    if (bricks.at(i) >= bone.brick_count())
+      refuse("brick", "below " + std::to_string(bone.brick_count()), double(bricks.at(i)));
+}
+
+Numbers take_changed(VoxelBone& bone) {
+  return to_array(without_gil([&] {
+    const VoxelBone::Changing changing(bone);
+    return bone.take_changed();
+  }));
+}
+
+LevelArray read_bricks(const VoxelBone& bone, const Numbers& bricks) {
+  check_numbers(bone, bricks);
+  const VoxelBone::Reading reading(bone);
+  LevelArray out({bricks.size(), py::ssize_t{brick_voxels}});
+  std::uint8_t* to = out.mutable_data();
+  for (py::ssize_t i = 0; i < bricks.size(); ++i)
+    std::memcpy(to + i * brick_voxels, bone.tile(bricks.at(i)), brick_voxels);
+  return out;
+}
+
+// All is checked before anything is written.
+void restore_bricks(VoxelBone& bone, const Numbers& bricks, const LevelArray& density) {
+  check_numbers(bone, bricks);
+  if (density.ndim() != 2 || density.shape(0) != bricks.size() || density.shape(1) != brick_voxels)
+    throw std::invalid_argument("density must have shape (n, 512), a row a brick");
+  const VoxelBone::Changing changing(bone);
+  std::uint8_t before[brick_voxels], pristine[brick_voxels];
+  for (py::ssize_t i = 0; i < bricks.size(); ++i) {
+    bone.read_brick(bricks.at(i), before, pristine);
+    for (int j = 0; j < brick_voxels; ++j)
+      if (density.at(i, j) > pristine[j])
+        refuse("density of a brick", "at most its pristine level", density.at(i, j));
+  }
+  for (py::ssize_t i = 0; i < bricks.size(); ++i) {
+    bone.read_brick(bricks.at(i), before, pristine);
+    bone.write_brick(bricks.at(i), density.data(i, 0), pristine);
+  }
+}
 
 std::vector<Index3> to_places(const char* name, const Places& places) {
   if (places.ndim() != 2 || places.shape(1) != 3)
@@ -21,7 +62,7 @@ std::vector<Index3> to_places(const char* name, const Places& places) {
 
 // The array owns what the vector held.
 template <class T>
-py::array_t<T> to_array(std::vector<T>&& values, py::ssize_t columns) {
+py::array_t<T> to_owner(std::vector<T>&& values, py::ssize_t columns) {
   auto* kept = new std::vector<T>(std::move(values));
   const py::capsule owner(kept, [](void* memory) { delete static_cast<std::vector<T>*>(memory); });
   const auto n = py::ssize_t(kept->size());
@@ -32,16 +73,15 @@ py::array_t<T> to_array(std::vector<T>&& values, py::ssize_t columns) {
 py::list extract(const VoxelBone& bone, const Places& blocks, int level) {
   const std::vector<Index3> places = to_places("blocks", blocks);
   std::vector<SurfaceBlock> made(places.size());
-  {
-    const py::gil_scoped_release release;
+  without_gil([&] {
     const VoxelBone::Reading reading(bone);
     for (std::size_t i = 0; i < places.size(); ++i) made[i] = extract_surface(bone, places[i], level);
-  }
+  });
   py::list out;
   for (SurfaceBlock& block : made)
-    out.append(py::make_tuple(to_array(std::move(block.points), 3), to_array(std::move(block.normals), 3),
-                              to_array(std::move(block.triangles), 3), to_array(std::move(block.tissues), 1),
-                              to_array(std::move(block.lost), 1)));
+    out.append(py::make_tuple(to_owner(std::move(block.points), 3), to_owner(std::move(block.normals), 3),
+                              to_owner(std::move(block.triangles), 3), to_owner(std::move(block.tissues), 1),
+                              to_owner(std::move(block.lost), 1)));
   return out;
 }
 
@@ -56,9 +96,18 @@ py::object tissue_box(const VoxelBone& bone, const Index3& start, const Index3& 
 }  // namespace
 
 void bind_surface(py::module_& m) {
-  m.def("extract_surface", &extract, py::arg("bone"), py::arg("blocks"), py::arg("level") = 128,
+  m.def("take_changed_bricks", &take_changed, "bone"_a,
+        "Numbers of the bricks that changed since the last call, in order, (n,) uint32. For a bone with one "
+        "consumer.");
+  m.def("read_bricks", &read_bricks, "bone"_a, "bricks"_a,
+        "Levels now of bricks by number, copied, (n, 512) uint8, zeros beyond the volume. ValueError if a "
+        "number is none.");
+  m.def("restore_bricks", &restore_bricks, "bone"_a, "bricks"_a, "density"_a,
+        "Sets the levels now of bricks, (n, 512) uint8, and keeps the pristine ones. ValueError if a number "
+        "is none or a level above the pristine one; nothing is written then.");
+  m.def("extract_surface", &extract, "bone"_a, "blocks"_a, "level"_a = 128,
         "For each block of 32^3 voxels, blocks (n, 3) (z, y, x): points (v, 3) float32 [mm], normals (v, 3) "
         "float32, triangles (t, 3) int32, tissues (v,) uint8, lost (v,) uint8.");
-  m.def("tissue_box", &tissue_box, py::arg("bone"), py::arg("start"), py::arg("shape"),
+  m.def("tissue_box", &tissue_box, "bone"_a, "start"_a, "shape"_a,
         "Numbers of the tissues in a box, (z, y, x) uint8, copied; None without tissues.");
 }

@@ -2,24 +2,16 @@
 #include "burrlab/check.hpp"
 #include "burrlab/tissues.hpp"
 
-namespace py = pybind11;
-using burrlab::Material;
-using burrlab::Tissue;
-using burrlab::Tissues;
-
 namespace {
 
 std::string repr_of(const Tissue& t) {
-  return std::string(
-      py::str("Tissue({!r}, label={}, c_e={!r}, alpha={!r}, colour={!r}, critical={}, bleeds={}, assumed={})")
-          .format(t.name, t.label, t.c_e, t.alpha, py::make_tuple(t.colour[0], t.colour[1], t.colour[2]),
-                  t.critical, t.bleeds, t.assumed));
+  return format(
+      "Tissue({!r}, label={}, c_e={!r}, alpha={!r}, colour={!r}, critical={}, bleeds={}, assumed={})", t.name,
+      t.label, t.c_e, t.alpha, three(t.colour), t.critical, t.bleeds, t.assumed);
 }
 
 py::tuple fields(const Tissue& t) {
-  return py::make_tuple(t.name, t.label, t.c_e, t.alpha,
-                        py::make_tuple(t.colour[0], t.colour[1], t.colour[2]), t.critical, t.bleeds,
-                        t.assumed);
+  return py::make_tuple(t.name, t.label, t.c_e, t.alpha, three(t.colour), t.critical, t.bleeds, t.assumed);
 }
 
 Tissue make(const py::str& name, int label, double c_e, double alpha, const std::array<int, 3>& colour,
@@ -30,7 +22,7 @@ Tissue make(const py::str& name, int label, double c_e, double alpha, const std:
   tissue.c_e = c_e;
   tissue.alpha = alpha;
   for (int i = 0; i < 3; ++i) {
-    if (colour[i] < 0 || colour[i] > 255) burrlab::refuse("every part of a colour", "0 to 255", colour[i]);
+    if (colour[i] < 0 || colour[i] > 255) refuse("every part of a colour", "0 to 255", colour[i]);
     tissue.colour[i] = static_cast<std::uint8_t>(colour[i]);
   }
   tissue.critical = critical;
@@ -67,16 +59,15 @@ Raises
 ValueError
     If a part of the colour is not 0 to 255.
 )")
-      .def(py::init(&make), py::arg("name"), py::kw_only(), py::arg("label"), py::arg("c_e"),
-           py::arg("alpha"), py::arg("colour") = std::array<int, 3>{230, 220, 190},
-           py::arg("critical") = false, py::arg("bleeds") = false, py::arg("assumed") = true)
+      .def(py::init(&make), "name"_a, py::kw_only(), "label"_a, "c_e"_a, "alpha"_a,
+           "colour"_a = std::array<int, 3>{230, 220, 190}, "critical"_a = false, "bleeds"_a = false,
+           "assumed"_a = true)
       .def_readonly("name", &Tissue::name)
       .def_readonly("label", &Tissue::label, "Value in the label volume")
       .def_readonly("c_e", &Tissue::c_e, "Elastic constant [N/mm^2]")
       .def_readonly("alpha", &Tissue::alpha, "Erosion rate [1/ms]")
       .def_property_readonly(
-          "colour", [](const Tissue& t) { return py::make_tuple(t.colour[0], t.colour[1], t.colour[2]); },
-          "(red, green, blue), 0 to 255")
+          "colour", [](const Tissue& t) { return three(t.colour); }, "(red, green, blue), 0 to 255")
       .def_readonly("critical", &Tissue::critical, "Distances to it and injuries of it are watched")
       .def_readonly("bleeds", &Tissue::bleeds, "Blood comes where it is opened")
       .def_readonly("assumed", &Tissue::assumed, "c_e and alpha were not measured on it")
@@ -110,7 +101,7 @@ Notes
 -----
 In the tick c_e counts in 1/4096 N/mm^2, so that sums over voxels stay exact; `c_e` of a Tissue is not rounded.
 )")
-      .def(py::init<std::vector<Tissue>, const Material&>(), py::arg("tissues"), py::arg("material"))
+      .def(py::init<std::vector<Tissue>, const Material&>(), "tissues"_a, "material"_a)
       .def("__len__", &Tissues::size)
       .def("__iter__",
            [](const Tissues& t) {
@@ -133,7 +124,7 @@ In the tick c_e counts in 1/4096 N/mm^2, so that sums over voxels stay exact; `c
             for (std::size_t i = 0; i < t.size(); ++i) names += (i ? ", " : "") + t[i].name;
             throw std::invalid_argument("tissue must be one of " + names + ", got '" + name + "'");
           },
-          py::arg("name"), "Number of the tissue of that name. ValueError if there is none.")
+          "name"_a, "Number of the tissue of that name. ValueError if there is none.")
       .def_property_readonly("material", &Tissues::material, "The burr's material in such a volume.")
       .def(
           "__eq__",

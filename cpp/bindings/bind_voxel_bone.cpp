@@ -1,15 +1,174 @@
+#include <algorithm>
 #include <cmath>
+#include <sstream>
+#include <type_traits>
 #include <variant>
 
-#include "bone_bindings.hpp"
+#include "bindings.hpp"
 #include "burrlab/check.hpp"
 
-namespace py = pybind11;
-using burrlab::Index3;
-using burrlab::Vec3;
-using burrlab::VoxelBone;
+// Arrays of densities as levels.
 
 namespace {
+
+using VoxelBoneClass = py::class_<VoxelBone, std::shared_ptr<VoxelBone>>;
+using Levels = VoxelBone::Levels;
+using Range = std::optional<std::pair<double, double>>;  // the values of empty and of solid bone
+
+std::string dtype_name(const py::array& values) { return std::string(py::str(values.dtype())); }
+
+// Values lo..hi of any real type to levels 0..255, to nearest.
+template <class T>
+Levels scale(const py::array& values, double lo, double hi) {
+  const auto dense = py::array_t<T, py::array::c_style>::ensure(values);
+  const T* in = dense.data();
+  if constexpr (std::is_same_v<T, std::uint8_t>) {
+    if (lo == 0.0 && hi == 255.0) return Levels(in, in + dense.size());
+  }
+  constexpr bool single = std::is_same_v<T, float>;  // its values were rounded; so are its limits
+  const double low = single ? static_cast<float>(lo) : lo, high = single ? static_cast<float>(hi) : hi;
+  Levels out(static_cast<std::size_t>(dense.size()));
+  for (std::size_t i = 0; i < out.size(); ++i) {
+    const double value = static_cast<double>(in[i]);
+    if (!std::isfinite(value)) refuse("every density", "finite", value);
+    if (value < low || value > high) {
+      std::ostringstream rule;
+      rule << "within the range " << lo << " to " << hi;
+      refuse("every density", rule.str(), value);
+    }
+    out[i] = static_cast<std::uint8_t>(std::rint(std::clamp((value - lo) / (hi - lo), 0.0, 1.0) * 255.0));
+  }
+  return out;
+}
+
+/// Values (z, y, x) of any type as levels; throws unless they are finite and within the range.
+Levels to_levels(const py::array& values, Range range) {
+  if (values.ndim() != 3) refuse("dimensions of density", "3 (z, y, x)", double(values.ndim()));
+  const bool is_levels = py::isinstance<py::array_t<std::uint8_t>>(values);
+  if (values.dtype().kind() == 'b') range = range.value_or(std::make_pair(0.0, 1.0));
+  if (is_levels) range = range.value_or(std::make_pair(0.0, 255.0));
+  if (!range) {
+    throw std::invalid_argument("range must be given for densities of type " + dtype_name(values) +
+                                ": the values of empty and of solid bone");
+  }
+  const auto [lo, hi] = *range;
+  if (!(std::isfinite(lo) && std::isfinite(hi) && lo < hi)) {
+    throw std::invalid_argument("range must be two finite values, empty below solid, got (" +
+                                std::string(py::str(py::float_(lo))) + ", " +
+                                std::string(py::str(py::float_(hi))) + ")");
+  }
+  if (values.dtype().kind() == 'b') return scale<bool>(values, lo, hi);
+  if (is_levels) return scale<std::uint8_t>(values, lo, hi);
+  if (py::isinstance<py::array_t<std::int8_t>>(values)) return scale<std::int8_t>(values, lo, hi);
+  if (py::isinstance<py::array_t<std::int16_t>>(values)) return scale<std::int16_t>(values, lo, hi);
+  if (py::isinstance<py::array_t<std::uint16_t>>(values)) return scale<std::uint16_t>(values, lo, hi);
+  if (py::isinstance<py::array_t<float>>(values)) return scale<float>(values, lo, hi);
+  const char kind = values.dtype().kind();
+  if (kind == 'i' || kind == 'u' || kind == 'f')
+    return scale<double>(values.attr("astype")("float64"), lo, hi);
+  throw std::invalid_argument("density must be an array of integers or floats, got " + dtype_name(values));
+}
+
+/// Numbers (z, y, x) into a table, as a map of the bone's shape.
+std::shared_ptr<const TissueMap> to_map(const VoxelBone& bone, const Tissues& tissues,
+                                        const py::array& numbers) {
+  if (!py::isinstance<py::array_t<std::uint8_t>>(numbers) || numbers.ndim() != 3 ||
+      shape_of(numbers) != bone.shape())
+    throw std::invalid_argument("numbers of tissues must be uint8 and have the shape of the bone");
+  const auto dense = py::array_t<std::uint8_t, py::array::c_style>::ensure(numbers);
+  return std::make_shared<const TissueMap>(bone.shape(), dense.data(), tissues);
+}
+
+std::shared_ptr<VoxelBone> copy(const VoxelBone& bone) {
+  const VoxelBone::Reading reading(bone);
+  return std::make_shared<VoxelBone>(bone);
+}
+
+void bind_voxel_bone_copies(VoxelBoneClass& bone) {
+  bone.def("copy", &copy, no_gil, "An independent bone with the same present and pristine levels.")
+      .def("__copy__", &copy)
+      .def(
+          "__deepcopy__", [](const VoxelBone& bone, const py::dict&) { return copy(bone); }, "memo"_a)
+      .def(py::pickle(
+          [](const py::object& self) {
+            return py::make_tuple(self.attr("pristine"), self.attr("density"), self.attr("spacing"),
+                                  self.attr("origin"), self.attr("tissues"), self.attr("tissue_numbers"));
+          },
+          [](const py::tuple& t) {
+            const auto pristine = t[0].cast<py::array_t<std::uint8_t, py::array::c_style>>();
+            const auto density = t[1].cast<py::array_t<std::uint8_t, py::array::c_style>>();
+            if (density.ndim() != 3 || pristine.ndim() != 3 || shape_of(density) != shape_of(pristine))
+              throw std::invalid_argument(
+                  "density and pristine of a pickled bone must have one shape (z, y, x)");
+            auto bone = std::make_shared<VoxelBone>(
+                shape_of(pristine), Levels(pristine.data(), pristine.data() + pristine.size()),
+                t[2].cast<Vec3>(), t[3].cast<Vec3>());
+            bone->restore(density.data());
+            if (t.size() > 4 && !t[4].is_none())
+              bone->set_tissues(to_map(*bone, t[4].cast<Tissues>(), t[5].cast<py::array>()));
+            return bone;
+          }));
+}
+
+py::object numbers_of(const VoxelBone& bone) {
+  if (!bone.tissues()) return py::none();
+  const Index3& shape = bone.shape();
+  py::array_t<std::uint8_t> out({shape[0], shape[1], shape[2]});
+  bone.tissues()->read({0, 0, 0}, shape, out.mutable_data());
+  out.attr("flags").attr("writeable") = false;
+  return out;
+}
+
+/// A sum over one tissue, by its name or number.
+template <double (VoxelBone::*sum)(std::size_t) const>
+double of_tissue(const VoxelBone& bone, const std::variant<std::size_t, std::string>& tissue) {
+  if (!bone.tissues()) throw std::invalid_argument("bone must have tissues, got one of a single material");
+  const Tissues& table = bone.tissues()->table();
+  std::size_t number = table.size();
+  if (const auto* given = std::get_if<std::size_t>(&tissue))
+    number = *given;
+  else
+    for (std::size_t i = table.size(); i-- > 0;)
+      if (table[i].name == std::get<std::string>(tissue)) number = i;
+  if (number >= table.size())
+    throw std::invalid_argument("tissue must be a name or number of the bone's table");
+  const VoxelBone::Reading reading(bone);
+  return (bone.*sum)(number);
+}
+
+void bind_voxel_bone_tissues(VoxelBoneClass& bone) {
+  bone.def(
+          "set_tissues",
+          [](VoxelBone& bone, const Tissues& tissues, const py::array& numbers) {
+            bone.set_tissues(to_map(bone, tissues, numbers));
+          },
+          "tissues"_a, "numbers"_a, R"(Says of every voxel which tissue its pristine content is.
+
+Parameters
+----------
+tissues : Tissues
+numbers : ndarray, shape (nz, ny, nx), uint8
+    Numbers into the table. Copied; copies of the bone share them.
+
+Raises
+------
+ValueError
+    If the numbers have another type or shape, or one is not in the table.
+)")
+      .def_property_readonly(
+          "tissues",
+          [](const VoxelBone& bone) -> std::shared_ptr<Tissues> {
+            return bone.tissues() ? std::make_shared<Tissues>(bone.tissues()->table()) : nullptr;
+          },
+          "Table of its tissues; None where it is of a single material.")
+      .def_property_readonly(
+          "tissue_numbers", &numbers_of,
+          "Number of every voxel's tissue, (z, y, x) uint8: a read-only copy; None without tissues.")
+      .def("mass_of", &of_tissue<&VoxelBone::mass_of>, "tissue"_a,
+           "What is left of a tissue, by name or number [mm^3]. ValueError if there is none of it.")
+      .def("removed_of", &of_tissue<&VoxelBone::removed_of>, "tissue"_a,
+           "What was removed of a tissue, by name or number [mm^3]. ValueError if there is none of it.");
+}
 
 using Spacing = std::variant<double, Vec3>;
 
@@ -46,13 +205,13 @@ std::shared_ptr<VoxelBone> block(const Vec3& size, const Spacing& spacing, const
   const Vec3 s = to_vector(spacing);
   Index3 shape;
   for (int axis = 0; axis < 3; ++axis) {
-    burrlab::require_positive("size", size[axis]);
-    burrlab::require_positive("spacing", s[axis]);
+    require_positive("size", size[axis]);
+    require_positive("spacing", s[axis]);
     const double count = std::ceil(size[axis] / s[axis] - 1e-6);
-    if (!(count < 1e6)) burrlab::refuse("voxels along a side", "below 1000000", count);
+    if (!(count < 1e6)) refuse("voxels along a side", "below 1000000", count);
     shape[2 - axis] = static_cast<std::int64_t>(count);
   }
-  if (level < 0 || level > 255) burrlab::refuse("level", "0 to 255", level);
+  if (level < 0 || level > 255) refuse("level", "0 to 255", level);
   check_memory(shape, level > 0 ? 1.04 : 0.04);  // empty bricks take none but for their sums
   return std::make_shared<VoxelBone>(shape, static_cast<std::uint8_t>(level), s, origin);
 }
@@ -98,10 +257,9 @@ Examples
                  const Levels levels = to_levels(density, range);
                  return std::make_shared<VoxelBone>(shape_of(density), levels, to_vector(spacing), origin);
                }),
-           py::arg("density"), py::arg("spacing"), py::arg("origin") = Vec3::Zero().eval(), py::kw_only(),
-           py::arg("range") = py::none())
-      .def_static("block", &block, py::arg("size"), py::arg("spacing"), py::kw_only(),
-                  py::arg("origin") = Vec3::Zero().eval(), py::arg("level") = 255,
+           "density"_a, "spacing"_a, "origin"_a = Vec3::Zero().eval(), py::kw_only(), "range"_a = py::none())
+      .def_static("block", &block, "size"_a, "spacing"_a, py::kw_only(), "origin"_a = Vec3::Zero().eval(),
+                  "level"_a = 255,
                   R"(A uniform block.
 
 Parameters
@@ -121,16 +279,11 @@ ValueError
     If a side or spacing is not positive, the level out of range, or the machine has too little memory.
 )")
       .def_property_readonly(
-          "shape",
-          [](const VoxelBone& b) { return py::make_tuple(b.shape()[0], b.shape()[1], b.shape()[2]); },
-          "(nz, ny, nx)")
+          "shape", [](const VoxelBone& b) { return three(b.shape()); }, "(nz, ny, nx)")
       .def_property_readonly(
-          "spacing",
-          [](const VoxelBone& b) { return py::make_tuple(b.spacing()[0], b.spacing()[1], b.spacing()[2]); },
-          "(x, y, z) [mm]")
+          "spacing", [](const VoxelBone& b) { return three(b.spacing()); }, "(x, y, z) [mm]")
       .def_property_readonly(
-          "origin",
-          [](const VoxelBone& b) { return py::make_tuple(b.origin()[0], b.origin()[1], b.origin()[2]); },
+          "origin", [](const VoxelBone& b) { return three(b.origin()); },
           "Centre of voxel (0, 0, 0), (x, y, z) [mm]")
       .def_property_readonly(
           "density", [](const VoxelBone& bone) { return read_only(bone, false); },
@@ -138,7 +291,7 @@ ValueError
       .def_property_readonly(
           "pristine", [](const VoxelBone& bone) { return read_only(bone, true); },
           "Levels as loaded or written, (z, y, x) uint8: a read-only copy.")
-      .def("read", &levels_of, py::arg("start"), py::arg("shape"), py::kw_only(), py::arg("pristine") = false,
+      .def("read", &levels_of, "start"_a, "shape"_a, py::kw_only(), "pristine"_a = false,
            R"(Levels of a box, copied.
 
 Parameters
@@ -169,7 +322,7 @@ ValueError
             const VoxelBone::Changing changing(bone);
             bone.write(start, shape_of(values), levels.data());
           },
-          py::arg("values"), py::arg("start") = Index3{0, 0, 0}, py::kw_only(), py::arg("range") = py::none(),
+          "values"_a, "start"_a = Index3{0, 0, 0}, py::kw_only(), "range"_a = py::none(),
           R"(Sets present and pristine levels of a box.
 
 Parameters
@@ -193,7 +346,7 @@ ValueError
               throw std::invalid_argument("density must have the shape of the bone");
             bone.restore(levels.data());
           },
-          py::arg("density"), R"(Sets present levels and keeps the pristine ones, as from a snapshot.
+          "density"_a, R"(Sets present levels and keeps the pristine ones, as from a snapshot.
 
 Parameters
 ----------
@@ -205,14 +358,13 @@ ValueError
     If its shape is another than the bone's, or a level is above the pristine one.
 )")
       .def("reset", &VoxelBone::reset, "Puts back all that was eroded.")
-      .def("digest", &VoxelBone::digest, py::call_guard<py::gil_scoped_release>(),
+      .def("digest", &VoxelBone::digest, no_gil,
            "128 bits as 32 hexadecimal digits over geometry, present and pristine levels: a sum over 8^3 "
            "bricks of a hash of brick index and content.")
       .def("__repr__", [](const VoxelBone& b) {
-        return std::string(
-            py::str("VoxelBone(shape=({}, {}, {}), spacing=({:g}, {:g}, {:g}) mm, mass={:.6g} mm^3)")
-                .format(b.shape()[0], b.shape()[1], b.shape()[2], b.spacing()[0], b.spacing()[1],
-                        b.spacing()[2], b.mass()));
+        return format("VoxelBone(shape=({}, {}, {}), spacing=({:g}, {:g}, {:g}) mm, mass={:.6g} mm^3)",
+                      b.shape()[0], b.shape()[1], b.shape()[2], b.spacing()[0], b.spacing()[1],
+                      b.spacing()[2], b.mass());
       });
   bind_voxel_bone_copies(bone);
   bind_voxel_bone_tissues(bone);

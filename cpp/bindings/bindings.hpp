@@ -1,4 +1,4 @@
-// One bind_<concept> function a file; module.cpp calls them in order of dependence.
+// What the bindings share. One bind_<concept> function a file; module.cpp calls them in order of dependence.
 #pragma once
 
 #include <pybind11/eigen.h>
@@ -6,72 +6,129 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <cstring>
+#include <optional>
 #include <string>
+#include <utility>
 #include <variant>
+#include <vector>
 
+#include "burrlab/check.hpp"
 #include "burrlab/session/follower.hpp"
 #include "burrlab/shape.hpp"
-#include "real_arguments.hpp"
+#include "real_numbers.hpp"
 
-/// A shape or its name, so that a wrong name ends in its own sentence.
-using ShapeArgument = std::variant<std::string, burrlab::Shape>;
-inline burrlab::Shape to_shape(const ShapeArgument& shape) {
-  if (const auto* name = std::get_if<std::string>(&shape)) return burrlab::Shape::parse(*name);
-  return std::get<burrlab::Shape>(shape);
+namespace py = pybind11;
+using namespace py::literals;
+using namespace burrlab;
+
+using Reals = py::detail::Reals;
+using Numbers = py::array_t<std::uint32_t, py::array::c_style>;  // of bricks
+using LevelArray = py::array_t<std::uint8_t, py::array::c_style>;
+using Places = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>;
+using Tools = std::vector<std::pair<Burr, Material>>;
+
+/// The GIL is free during a call.
+inline const py::call_guard<py::gil_scoped_release> no_gil;
+
+/// What `work` returns, done without the GIL.
+template <class Work>
+auto without_gil(Work&& work) {
+  const py::gil_scoped_release release;
+  return work();
 }
 
-/// tick, newest, bricks and density of what a consumer has not seen yet.
-pybind11::dict to_dict(const burrlab::BoneUpdate& update, const burrlab::VoxelBone& bone);
+/// A copy of `count` values in an array of this shape.
+template <class Value>
+py::array_t<Value> to_array(const Value* values, std::vector<py::ssize_t> shape) {
+  py::array_t<Value> out(std::move(shape));
+  if (out.size()) std::memcpy(static_cast<void*>(out.mutable_data()), values, std::size_t(out.nbytes()));
+  return out;
+}
+template <class Value>
+py::array_t<Value> to_array(const std::vector<Value>& values) {
+  return to_array(values.data(), {py::ssize_t(values.size())});
+}
+
+/// A getter of a copy: def_readonly gives Eigen's vectors as views.
+template <class Class, class Value>
+auto copy_of(Value Class::* field) {
+  return [field](const Class& object) { return object.*field; };
+}
+
+/// Python's str.format.
+template <class... Values>
+std::string format(const char* text, Values&&... values) {
+  return py::str(text).format(std::forward<Values>(values)...);
+}
+
+/// Three values, as of a Vec3, an Index3 or a colour.
+template <class Values>
+py::tuple three(const Values& values) {
+  return py::make_tuple(values[0], values[1], values[2]);
+}
+
+inline Index3 shape_of(const py::array& values) {
+  return {values.shape(0), values.shape(1), values.shape(2)};
+}
+
+/// Text of a peer, which may be no UTF-8.
+inline py::str to_text(std::string_view bytes) {
+  PyObject* text = PyUnicode_DecodeUTF8(bytes.data(), py::ssize_t(bytes.size()), "replace");
+  if (!text) throw py::error_already_set();
+  return py::reinterpret_steal<py::str>(text);
+}
+
+/// A shape or its name, so that a wrong name ends in its own sentence.
+using ShapeArgument = std::variant<std::string, Shape>;
+inline Shape to_shape(const ShapeArgument& shape) {
+  if (const auto* name = std::get_if<std::string>(&shape)) return Shape::parse(*name);
+  return std::get<Shape>(shape);
+}
+
+/// A copy, (n,) of type record_dtype, of ticks; and the bricks of an update of this bone.
+py::dict to_dict(const BoneUpdate& update, const VoxelBone& bone);
 
 /// What a watch has seen; events but for the first `known`.
-pybind11::dict to_dict(const burrlab::AnatomyWatch& watch, std::size_t known);
+py::dict to_dict(const AnatomyWatch& watch, std::size_t known);
+
+SessionSetup to_setup(const Tools& tools, std::uint64_t seed, double period, const std::string& scheme);
 
 /// (copy of the bone, ticks it has seen) of whatever follows a session.
 template <class Following>
-pybind11::tuple snapshot_of(const Following& following) {
+py::tuple snapshot_of(const Following& following) {
   std::uint64_t tick = 0;
-  std::shared_ptr<burrlab::VoxelBone> bone;
-  {
-    const pybind11::gil_scoped_release release;
-    bone = following.snapshot(tick);
-  }
-  return pybind11::make_tuple(bone, tick);
+  const auto bone = without_gil([&] { return following.snapshot(tick); });
+  return py::make_tuple(bone, tick);
 }
 
 /// What the watch of whatever follows a session has seen; events but for the first `known`.
 template <class Following>
-pybind11::dict watched_by(Following& following, std::size_t known) {
-  std::shared_ptr<burrlab::AnatomyWatch> copy;
-  {
-    const pybind11::gil_scoped_release release;
-    following.visit([&](burrlab::FollowedBone& followed) {
-      if (const auto& watch = followed.executor().watch())
-        copy = std::make_shared<burrlab::AnatomyWatch>(*watch);
+py::dict watched_by(Following& following, std::size_t known) {
+  std::shared_ptr<AnatomyWatch> copy;
+  without_gil([&] {
+    following.visit([&](FollowedBone& followed) {
+      if (const auto& watch = followed.executor().watch()) copy = std::make_shared<AnatomyWatch>(*watch);
     });
-  }
+  });
   if (!copy) throw std::invalid_argument("watch must be set first");
   return to_dict(*copy, known);
 }
 
-void bind_shape(pybind11::module_& m);
-void bind_material(pybind11::module_& m);
-void bind_tissues(pybind11::module_& m);
-void bind_voxel_bone(pybind11::module_& m);
-void bind_bricks(pybind11::module_& m);
-void bind_force(pybind11::module_& m);
-void bind_contact(pybind11::module_& m);
-void bind_burr_contact(pybind11::module_& m);
-void bind_force_controller(pybind11::module_& m);
-void bind_mean_field(pybind11::module_& m);
-void bind_anatomy(pybind11::module_& m);
-void bind_session(pybind11::module_& m);
-void bind_haptic_loop(pybind11::module_& m);
-void bind_follower(pybind11::module_& m);
-void bind_device(pybind11::module_& m);
-void bind_stability(pybind11::module_& m);
-void bind_openigtlink(pybind11::module_& m);
-void bind_transform_reader(pybind11::module_& m);
-void bind_network(pybind11::module_& m);
-void bind_effect_parameters(pybind11::module_& m);
-void bind_effects(pybind11::module_& m);
-void bind_surface(pybind11::module_& m);
+void bind_material(py::module_& m);
+void bind_tissues(py::module_& m);
+void bind_voxel_bone(py::module_& m);
+void bind_force(py::module_& m);
+void bind_burr_contact(py::module_& m);
+void bind_force_controller(py::module_& m);
+void bind_mean_field(py::module_& m);
+void bind_anatomy(py::module_& m);
+void bind_session(py::module_& m);
+void bind_device(py::module_& m);
+void bind_follower(py::module_& m);
+void bind_stability(py::module_& m);
+void bind_openigtlink(py::module_& m);
+void bind_network(py::module_& m);
+void bind_effect_parameters(py::module_& m);
+void bind_effects(py::module_& m);
+void bind_surface(py::module_& m);

@@ -3,49 +3,42 @@
 #include "burrlab/cpu_path.hpp"
 #include "burrlab/tick.hpp"
 
-namespace py = pybind11;
-
 PYBIND11_MODULE(_core, m) {
   m.doc() = "The C++ core of burrlab; private: import from burrlab.";
   m.attr("__version__") = BURRLAB_VERSION;
-  burrlab::cpu_path();  // a wrong BURRLAB_CPU_PATH ends the import
-  m.def("cpu_paths", &burrlab::cpu_paths, "The tick's code paths that this CPU runs, plainest first.");
-  m.def("cpu_path", &burrlab::cpu_path,
+  cpu_path();  // a wrong BURRLAB_CPU_PATH ends the import
+  m.def("cpu_paths", &cpu_paths, "The tick's code paths that this CPU runs, plainest first.");
+  m.def("cpu_path", &cpu_path,
         "The path in use: the fastest, or what the environment variable BURRLAB_CPU_PATH names. All give "
         "equal bits.");
-  m.def("use_cpu_path", &burrlab::use_cpu_path, py::arg("name"),
+  m.def("use_cpu_path", &use_cpu_path, "name"_a,
         "Path of the contacts made from now on. ValueError unless one of `cpu_paths()`.");
   m.def(
       "draws",
-      [](const burrlab::Index3& shape, std::uint64_t seed, std::uint64_t tick, std::uint32_t index,
+      [](const Index3& shape, std::uint64_t seed, std::uint64_t tick, std::uint32_t index,
          std::uint32_t draw) {
         for (const std::int64_t n : shape)
-          if (n < 0) burrlab::refuse("every side of shape", "at least 0", double(n));
-        if (draw > 1) burrlab::refuse("draw", "0 or 1", draw);
-        const auto field = burrlab::random_field(shape, seed, tick, index, draw);
+          if (n < 0) refuse("every side of shape", "at least 0", double(n));
+        if (draw > 1) refuse("draw", "0 or 1", draw);
+        const auto field = random_field(shape, seed, tick, index, draw);
         return py::array_t<std::uint16_t>({shape[0], shape[1], shape[2]}, field.data());
       },
-      py::arg("shape"), py::arg("seed"), py::arg("tick"), py::arg("index") = 0, py::arg("draw") = 0,
+      "shape"_a, "seed"_a, "tick"_a, "index"_a = 0, "draw"_a = 0,
       "The 16-bit random numbers of a tick, one a voxel, (nz, ny, nx) uint16; draw 0 is U, 1 is V "
       "(docs/tick.md).");
-  bind_shape(m);
   bind_material(m);
   bind_tissues(m);
   bind_voxel_bone(m);
-  bind_bricks(m);
   bind_force(m);
-  bind_contact(m);
   bind_burr_contact(m);
   bind_force_controller(m);
   bind_mean_field(m);
   bind_anatomy(m);
   bind_session(m);
-  bind_haptic_loop(m);
   bind_follower(m);
   bind_device(m);  // after the base class
   bind_stability(m);
   bind_openigtlink(m);
-  bind_transform_reader(m);
   bind_network(m);
   bind_effect_parameters(m);
   bind_effects(m);

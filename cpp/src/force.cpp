@@ -8,8 +8,6 @@
 namespace burrlab {
 namespace {
 
-constexpr double pi = 3.14159265358979323846;
-
 // u from m in [0, 4/3], without libm. Four Newton steps reach double precision for m <= 2/3; above,
 // the cap is the complement of another (equal to 9e-14).
 double relative_penetration(double m) {

@@ -1,10 +1,13 @@
 #include "burrlab/voxel_bone.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstring>
+#include <stdexcept>
 #include <utility>
 
 #include "burrlab/check.hpp"
+#include "kernel/shared_rows.hpp"
 
 namespace burrlab {
 namespace {
@@ -93,24 +96,6 @@ VoxelBone::VoxelBone(const VoxelBone& other)
     if (sums_[brick].mass) std::memcpy(density_.tile(brick), other.tile(brick), brick_voxels);
     if (state_[brick] & saved) std::memcpy(pristine_.tile(brick), other.pristine_.tile(brick), brick_voxels);
   }
-}
-
-VoxelBone& VoxelBone::operator=(VoxelBone other) {
-  std::swap(shape_, other.shape_);
-  std::swap(bricks_, other.bricks_);
-  std::swap(spacing_, other.spacing_);
-  std::swap(origin_, other.origin_);
-  std::swap(density_, other.density_);
-  std::swap(pristine_, other.pristine_);
-  std::swap(sums_, other.sums_);
-  std::swap(level_, other.level_);
-  std::swap(state_, other.state_);
-  std::swap(occupancy_, other.occupancy_);
-  std::swap(level_sum_, other.level_sum_);
-  std::swap(pristine_sum_, other.pristine_sum_);
-  std::swap(tissues_, other.tissues_);
-  std::swap(tissue_sums_, other.tissue_sums_);
-  return *this;
 }
 
 void VoxelBone::refuse_use(int users) {
@@ -300,6 +285,119 @@ std::int64_t VoxelBone::close(const Index3& at, std::size_t brick, const BrickSu
     }
   }
   return lost;
+}
+
+// Bricks by number: what copies that follow a bone read, write and take over.
+
+void VoxelBone::touch() {
+  constexpr std::size_t page = 4096;
+  for (Tiles* tiles : {&density_, &pristine_}) {
+    if (tiles->empty()) continue;
+    volatile std::uint8_t* first = tiles->tile(0);
+    for (std::size_t i = 0; i < sums_.size() * brick_voxels; i += page) first[i] = first[i];
+  }
+}
+
+std::vector<std::uint32_t> VoxelBone::bricks_between(const Vec3& low, const Vec3& high) const {
+  Index3 first, last;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double size = brick_side * spacing_[axis], begin = origin_[axis] - 0.5 * spacing_[axis];
+    const auto most = double(bricks_[2 - axis] - 1);
+    first[2 - axis] = std::int64_t(std::clamp(std::floor((low[axis] - begin) / size), 0.0, most + 1.0));
+    last[2 - axis] = std::int64_t(std::clamp(std::floor((high[axis] - begin) / size), -1.0, most));
+  }
+  std::vector<std::uint32_t> numbers;
+  for (std::int64_t z = first[0]; z <= last[0]; ++z)
+    for (std::int64_t y = first[1]; y <= last[1]; ++y)
+      for (std::int64_t x = first[2]; x <= last[2]; ++x)
+        numbers.push_back(static_cast<std::uint32_t>(brick_number(z, y, x)));
+  return numbers;
+}
+
+std::vector<std::uint32_t> VoxelBone::take_changed() {
+  std::vector<std::uint32_t> numbers;
+  for (std::size_t brick = 0; brick < state_.size(); ++brick) {
+    if (!(state_[brick] & changed)) continue;
+    state_[brick] &= static_cast<std::uint8_t>(~changed);
+    numbers.push_back(static_cast<std::uint32_t>(brick));
+  }
+  return numbers;
+}
+
+void VoxelBone::read_brick(std::size_t brick, std::uint8_t* density, std::uint8_t* pristine) const {
+  std::memcpy(density, tile(brick), brick_voxels);
+  copy_pristine(place(brick), brick, pristine);
+}
+
+void VoxelBone::write_brick(std::size_t brick, const std::uint8_t* density, const std::uint8_t* pristine) {
+  if (brick >= sums_.size()) refuse("brick", "below " + std::to_string(sums_.size()), double(brick));
+  const Index3 at = place(brick), n = extent(at);
+  for (int i = 0; i < brick_voxels; ++i) {
+    const bool inside = i / 64 < n[0] && i / 8 % 8 < n[1] && i % 8 < n[2];
+    if (density[i] > pristine[i]) refuse("density of a brick", "at most its pristine level", density[i]);
+    if (!inside && pristine[i]) refuse("levels of a brick beyond the volume", "0", pristine[i]);
+  }
+  std::uint8_t before[brick_voxels];  // the tile may be where the pristine levels lie
+  std::memcpy(before, pristine, brick_voxels);
+  count_tissues(brick, -1);
+  std::memcpy(density_.tile(brick), density, brick_voxels);
+  settle(at, brick, before);
+  count_tissues(brick, 1);
+}
+
+// Only the tile is read: all else follows from it and from what is known here.
+void VoxelBone::copy_brick(std::size_t brick, const VoxelBone& from) {
+  alignas(64) std::uint8_t levels[brick_voxels];
+  load_shared_tile(levels, from.tile(brick));
+  if (std::memcmp(levels, tile(brick), brick_voxels) == 0) return;
+  const bool mixed = tissues_ && tissues_->tile(brick);
+  if (mixed) tissues_->add(brick, tile(brick), -1, tissue_sums_.present);
+  if (tissues_ && !mixed) tissue_sums_.present[tissues_->number(brick)] -= sums_[brick].mass;
+  level_sum_ -= sums_[brick].mass;
+  std::memcpy(open(brick), levels, brick_voxels);
+  state_[brick] |= eroded | changed;
+  sums_[brick] = sum_brick(tile(brick));
+  level_sum_ += sums_[brick].mass;
+  if (mixed) tissues_->add(brick, tile(brick), 1, tissue_sums_.present);
+  if (tissues_ && !mixed) tissue_sums_.present[tissues_->number(brick)] += sums_[brick].mass;
+  occupancy_.set(place(brick), sums_[brick].mass > 0);
+}
+
+void VoxelBone::set_tissues(std::shared_ptr<const TissueMap> map) {
+  if (map && map->shape() != shape_)
+    throw std::invalid_argument("numbers of tissues must have the shape of the bone");
+  const Changing changing(*this);
+  tissues_ = std::move(map);
+  tissue_sums_ = {};
+  for (std::size_t brick = 0; brick < sums_.size(); ++brick) count_tissues(brick, 1);
+}
+
+std::vector<std::int64_t> VoxelBone::tissue_levels() const {
+  const auto& present = tissue_sums_.present;
+  return {present.begin(), present.begin() + std::int64_t(tissues_ ? tissues_->table().size() : 0)};
+}
+
+double VoxelBone::mass_of(std::size_t tissue) const {
+  return double(tissue_levels(tissue)) * (voxel_volume() / 255.0);
+}
+
+double VoxelBone::removed_of(std::size_t tissue) const {
+  return double(tissue_sums_.pristine[tissue] - tissue_levels(tissue)) * (voxel_volume() / 255.0);
+}
+
+// Adds the brick's levels to the sums of its tissues, or takes them out.
+void VoxelBone::count_tissues(std::size_t brick, int sign) {
+  if (!tissues_) return;
+  if (!tissues_->tile(brick)) {
+    const std::size_t tissue = tissues_->number(brick);
+    tissue_sums_.present[tissue] += sign * std::int64_t(sums_[brick].mass);
+    tissue_sums_.pristine[tissue] += sign * pristine_mass(place(brick), brick);
+    return;
+  }
+  alignas(64) std::uint8_t pristine[brick_voxels];
+  copy_pristine(place(brick), brick, pristine);
+  tissues_->add(brick, tile(brick), sign, tissue_sums_.present);
+  tissues_->add(brick, pristine, sign, tissue_sums_.pristine);
 }
 
 }  // namespace burrlab

@@ -1,6 +1,6 @@
 """Cost of a tick: the core beside a plain C++ loop, Numba and NumPy, on one thread, with the same random bits.
 
-    python tests/bench/bench.py --library build/bench/burrlab_bench.so [--out bench] [--quick]
+    python tests/bench/bench.py --library build/burrlab_bench.so [--out bench] [--quick]
 
 Writes results.json and tick.png. First all implementations are held against tests/reference/tick.py: the run ends
 with an error where one differs in a bit.

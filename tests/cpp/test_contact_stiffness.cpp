@@ -8,8 +8,6 @@ using namespace burrlab;
 
 namespace {
 
-constexpr double pi = 3.14159265358979323846;
-
 /// Voxels against the closed form, on flat bone and in a hole of R/3.
 void check_stiffness(const Material& material, double force, double hole, double tolerance) {
   const auto executor = scenes::executor(scenes::block_with_hole(3.0, hole), material);

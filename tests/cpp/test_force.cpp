@@ -6,11 +6,10 @@
 using burrlab::elastic_force;
 using burrlab::ElasticForce;
 using burrlab::penetration;
+using burrlab::pi;
 using burrlab::Vec3;
 
 namespace {
-
-constexpr double pi = 3.14159265358979323846;
 
 void check_penetration() {
   constexpr int n = 4000;

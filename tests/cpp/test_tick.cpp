@@ -8,7 +8,6 @@ using namespace burrlab;
 
 namespace {
 
-constexpr double pi = 3.14159265358979323846;
 constexpr Scheme schemes[] = {Scheme::layer, Scheme::cell};
 
 /// A solid cube of n voxels a side about the origin, spacing s [mm].

@@ -1,5 +1,5 @@
 // The reader of TRANSFORM streams and the network device, against a server of this process.
-#include "burrlab/network/igtl_device.hpp"
+#include "burrlab/network/transform_reader.hpp"
 
 #include "check.hpp"
 

@@ -5,7 +5,6 @@
 #include <memory>
 #include <vector>
 
-#include "burrlab/burr.hpp"
 #include "burrlab/material.hpp"
 #include "burrlab/tick.hpp"
 

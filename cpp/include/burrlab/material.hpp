@@ -1,4 +1,5 @@
-// What a burr meets: elastic constant, erosion rate and the shape function that the rate belongs to.
+// A spherical burr, and what it meets: elastic constant, erosion rate and the shape function that the rate
+// belongs to.
 #pragma once
 
 #include <string>
@@ -8,6 +9,13 @@
 #include "burrlab/shape.hpp"
 
 namespace burrlab {
+
+struct Burr {
+  double radius;  ///< [mm]
+
+  explicit Burr(double radius_mm) : radius(radius_mm) { require_positive("radius", radius); }
+  bool operator==(const Burr& other) const { return radius == other.radius; }
+};
 
 struct Material {
   std::string name;

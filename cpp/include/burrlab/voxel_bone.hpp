@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "burrlab/brick.hpp"
-#include "burrlab/tissue_map.hpp"
+#include "burrlab/tissues.hpp"
 #include "burrlab/types.hpp"
 
 namespace burrlab {
@@ -45,7 +45,8 @@ class VoxelBone {
   VoxelBone(const Index3& shape, std::uint8_t level, const Vec3& spacing, const Vec3& origin);
   VoxelBone(const VoxelBone& other);
   VoxelBone(VoxelBone&&) = default;
-  VoxelBone& operator=(VoxelBone other);
+  VoxelBone& operator=(VoxelBone&&) = default;
+  VoxelBone& operator=(const VoxelBone& other) { return *this = VoxelBone(other); }
 
   const Index3& shape() const { return shape_; }
   const Vec3& spacing() const { return spacing_; }
@@ -75,6 +76,7 @@ class VoxelBone {
   double mass_of(std::size_t tissue) const;     ///< that is left of a tissue, by number [mm^3]
   double removed_of(std::size_t tissue) const;  ///< pristine minus present [mm^3]
   std::int64_t tissue_levels(std::size_t tissue) const { return tissue_sums_.present[tissue]; }
+  std::vector<std::int64_t> tissue_levels() const;  ///< of each; none without tissues
 
   /// 128 bits as 32 hexadecimal digits: geometry plus the sum over 8^3 bricks of a hash of brick index,
   /// q and p, and, where there are tissues, their numbers and table. A sum, so that a brick that changed can
@@ -142,6 +144,7 @@ class VoxelBone {
     std::atomic<int> count{0};  // -1: one changes the bone; else so many read it
     Users() = default;
     Users(const Users&) {}  // a copy has none
+    Users& operator=(const Users&) { return *this; }
   };
   struct Sum : std::atomic<std::int64_t> {  // one thread changes it at a time, any may read it
     Sum(std::int64_t value = 0) : atomic(value) {}

@@ -54,48 +54,10 @@ void EffectsCompanion::stop() {
   if (thread_.joinable()) thread_.join();
 }
 
-bool EffectsCompanion::running() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return running_;
-}
-
 bool EffectsCompanion::wait(double seconds) {
   std::unique_lock<std::mutex> lock(mutex_);
   const auto limit = std::chrono::duration<double>(std::min(std::max(seconds, 0.0), 1e7));
   return woken_.wait_for(lock, limit, [this] { return !running_; });
-}
-
-std::string EffectsCompanion::error() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return error_;
-}
-
-void EffectsCompanion::set_nozzle(const std::optional<Nozzle>& nozzle) {
-  if (nozzle) nozzle->check();
-  const std::lock_guard<std::mutex> lock(mutex_);
-  nozzle_ = nozzle;
-}
-
-void EffectsCompanion::set_sucker(const std::optional<Sucker>& sucker) {
-  if (sucker) sucker->check();
-  const std::lock_guard<std::mutex> lock(mutex_);
-  sucker_ = sucker;
-}
-
-void EffectsCompanion::set_camera(const std::optional<Camera>& camera) {
-  if (camera) camera->check();
-  const std::lock_guard<std::mutex> lock(mutex_);
-  camera_ = camera;
-}
-
-EffectsFrame EffectsCompanion::newest() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return newest_;
-}
-
-std::vector<std::string> EffectsCompanion::realtime_notes() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return notes_;
 }
 
 void EffectsCompanion::run() {
@@ -131,11 +93,6 @@ void EffectsCompanion::run() {
   woken_.notify_all();
 }
 
-std::vector<FrameRecord> EffectsCompanion::frames() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return frames_;
-}
-
 void EffectsCompanion::frame(int periods) {
   const std::int64_t started = steady_now(), cpu = thread_cpu_now();
   std::optional<Camera> camera;
@@ -166,6 +123,21 @@ void EffectsCompanion::frame(int periods) {
   const std::lock_guard<std::mutex> lock(mutex_);
   std::swap(newest_, next_);
   frames_.push_back({seconds, update.tick, decision});
+}
+
+EffectsFeed feed_of(const std::shared_ptr<HapticLoop>& loop, const std::shared_ptr<Follower>& follower) {
+  return {[follower](std::uint64_t& tick) { return follower->snapshot(tick); },
+          [follower, view = follower->view()] { return view->take(); },
+          [loop, follower] {
+            const bool ended = loop->started() ? !loop->running() : follower->stopped();
+            return ended && follower->status().behind == 0;
+          }};
+}
+
+EffectsFeed feed_of(const std::shared_ptr<Replica>& replica) {
+  return {[replica](std::uint64_t& tick) { return replica->snapshot(tick); },
+          [replica, unseen = replica->unseen()] { return replica->take_changed(*unseen); },
+          [replica] { return replica->wait(0.0); }};
 }
 
 }  // namespace burrlab

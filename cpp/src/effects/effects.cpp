@@ -1,13 +1,48 @@
 #include "burrlab/effects/effects.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 
 #include "burrlab/check.hpp"
 #include "burrlab/session/realtime.hpp"
-#include "cell_table.hpp"
 
 namespace burrlab {
+
+/// Which parcels share a cell of a grid: a hash table of cells, filled and read in the order of the parcels,
+/// so that the outcome depends on nothing else.
+class CellTable {
+ public:
+  static constexpr std::uint32_t none = 0xFFFFFFFFu;
+
+  /// For cells of this edge [mm] and at most `most` entries; forgets all.
+  void reset(double edge, std::size_t most) {
+    per_mm_ = 1.0 / edge;
+    std::size_t slots = 16;
+    while (slots < 2 * most) slots *= 2;
+    key_.assign(slots, 0);
+    value_.assign(slots, none);
+  }
+  /// The entry of the cell of a place and of a kind 0..3, to be read and set; `none` where there is none yet.
+  std::uint32_t& at(const Vec3& place, unsigned kind) {
+    std::uint64_t key = 1 + kind;
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto cell = static_cast<std::int64_t>(std::floor(place[axis] * per_mm_));
+      key = key << 20 ^ (static_cast<std::uint64_t>(cell) & 0xFFFFFu);
+    }
+    const std::size_t mask = key_.size() - 1;
+    std::size_t slot = static_cast<std::size_t>(key * 0x9E3779B97F4A7C15u >> 32) & mask;
+    while (value_[slot] != none && key_[slot] != key) slot = (slot + 1) & mask;
+    key_[slot] = key;
+    return value_[slot];
+  }
+
+ private:
+  double per_mm_ = 1.0;
+  std::vector<std::uint64_t> key_;
+  std::vector<std::uint32_t> value_;
+};
+
 namespace {
 
 constexpr double longest_frame = 10.0;  // [s]
@@ -258,6 +293,48 @@ std::size_t Effects::embedded() const {
   std::size_t count = 0;
   for (std::size_t i = 0; i < parcels_.size(); ++i) count += field_.solid(parcels_.position[i]);
   return count;
+}
+
+// Parcels become one: dust that is wetted here, neighbours where there are too many below.
+void Effects::wet() {
+  const double saturation = setup_.parameters.paste_saturation;
+  const auto has_room = [&](std::size_t i) {
+    return double(parcels_.mass[i][dust]) < saturation * double(parcels_.liquid(i));
+  };
+  cells_->reset(setup_.parameters.wetting_distance, parcels_.size());
+  bool any = false;
+  for (std::size_t i = 0; i < parcels_.size(); ++i) {
+    if (!has_room(i)) continue;
+    std::uint32_t& known = cells_->at(parcels_.position[i], 0);
+    if (known == CellTable::none) known = std::uint32_t(i);
+    any = true;
+  }
+  if (!any) return;
+  for (std::size_t i = 0; i < parcels_.size(); ++i) {
+    if (parcels_.mass[i][dust] == 0 || !parcels_.dry(i)) continue;
+    const std::uint32_t wetting = cells_->at(parcels_.position[i], 0);
+    if (wetting != CellTable::none && has_room(wetting)) parcels_.merge(wetting, i);
+  }
+}
+
+// Parcels of a kind in one cell become one; cells grow until it is enough. Dry and wet stay apart, which
+// leaves at most 16: eight cells meet at the origin.
+void Effects::merge_to(std::int64_t most) {
+  for (double edge = setup_.parameters.merge_distance; std::int64_t(parcels_.size()) > most; edge *= 2.0) {
+    cells_->reset(edge, parcels_.size());
+    auto left = std::int64_t(parcels_.size());
+    for (std::size_t i = 0; i < parcels_.size() && left > most; ++i) {
+      std::uint32_t& known = cells_->at(parcels_.position[i], parcels_.dry(i) ? 1 : 0);
+      if (known == CellTable::none) {
+        known = std::uint32_t(i);
+        continue;
+      }
+      parcels_.merge(known, i);
+      --left;
+      ++counts_.merged;
+    }
+    parcels_.compact();
+  }
 }
 
 }  // namespace burrlab

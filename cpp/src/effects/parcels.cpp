@@ -57,7 +57,6 @@ Quanta Parcels::sum() const {
 }
 
 double Parcels::radius(std::size_t i, double quantum, const EffectParameters& parameters) const {
-  constexpr double pi = 3.14159265358979323846;
   const double volume = quantum * (parameters.dust_bulking * double(mass[i][dust]) + double(liquid(i)));
   return std::cbrt(0.75 / pi * volume);
 }

@@ -60,7 +60,7 @@ inline void meet(const Sphere& at, const Brick& brick, const Rows& rows, Constan
   } else {
     mass = truncate(to_float(q) * (w * c.levels) + c.half);
   }
-  if (summing) {
+  if (summing) {  // Eq. 1: m_0 and, by index, m_1
     sum.add(unit, mass);
     if (mixed) weight = add_product(weight, mass, stiffness_of(brick, unit));
     if (layer && !plain && brick.faint) sum.faint = sum.faint + only(set(32) > c.p, mass);

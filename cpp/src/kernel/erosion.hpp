@@ -129,7 +129,7 @@ inline void lose(const Sphere& at, const Brick& brick, const Constants& c, const
     } else if (doubling) {
       for (int k = 0; k < doublings; ++k) eroded = eroded * (c.two - eroded);
     }
-    const Float scaled = load(step.mass) * eroded;
+    const Float scaled = load(step.mass) * eroded;  // Eq. 4 over the tick: lambda = M (1 - exp(-alpha f dt))
     const Integer sum = truncate(scaled) + load(steps.u[step.unit]);
     Integer lost = high16(sum);
     if (const unsigned tie = bits(low16(sum) == set(0xFFFF)))

@@ -1,11 +1,14 @@
-// A replica's connection: made, kept, made anew. What the messages do to the bone is in replica_bone.cpp.
+// A replica's connection: made, kept, made anew; and what the messages do to the bone, under the replica's
+// mutex.
 #include "burrlab/network/replica.hpp"
 
 #include <algorithm>
 #include <chrono>
+#include <cstring>
 
 #include "burrlab/check.hpp"
 #include "burrlab/session/realtime.hpp"
+#include "wire.hpp"
 
 namespace burrlab {
 
@@ -17,9 +20,10 @@ using replica_protocol::Word;
 
 namespace {
 
-constexpr double first_pause = 0.1, longest_pause = 1.0;  // between connections [s]
-constexpr double silence = 1.0, until_hello = 0.5;        // after which a connection counts as lost [s]
-constexpr std::size_t most_kept = 1000;                   // faults
+constexpr double silence = 1.0, until_hello = 0.5;  // after which a connection counts as lost [s]
+constexpr std::size_t most_kept = 1000;             // faults, divergences
+
+constexpr int most_repairs = 5;  // that change nothing, until the session is given up
 
 }  // namespace
 
@@ -184,16 +188,6 @@ FollowedBone& Replica::followed() const {
   return *bone_;
 }
 
-ReplicaStatus Replica::status() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return status_;
-}
-
-TickRecord Replica::newest() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return newest_;
-}
-
 std::string Replica::digest() const {
   const std::lock_guard<std::mutex> lock(mutex_);
   FollowedBone& followed = this->followed();
@@ -212,5 +206,201 @@ void Replica::visit(const std::function<void(FollowedBone&)>& function) {
 }
 
 const VoxelBone& Replica::bone() const { return followed().bone(); }
+
+void Replica::take(const Message& message) {
+  if (broken_ || status_.ended) return;
+  const auto read = [&](auto content, auto handle) {
+    if (decode(message, content))
+      (this->*handle)(content);
+    else
+      fault("a message could not be read");
+  };
+  const Kind kind = replica_protocol::kind_of(message);
+  if (kind == Kind::other) return;  // poses and forces, sent before the leader knew that this is a replica
+  if (kind == Kind::hello) return read(replica_protocol::Hello{}, &Replica::take_hello);
+  if (stage_ == Stage::hello) return fault("the hello was lost");
+  if (kind == Kind::idle) {
+    replica_protocol::Idle idle;
+    if (!decode(message, idle)) return fault("a message could not be read");
+    if (idle.tick != bone_->tick() || !numbers_.empty()) fault("ticks were lost", idle.tick);
+    return;
+  }
+  if (!numbers_.empty() && kind != Kind::bricks) return fault("bricks were lost");
+  if (first_ && status_.connections > 1 && kind != Kind::bricks && !suspect_) ++status_.by_ticks;
+  first_ = false;
+  if (kind == Kind::tick) return read(replica_protocol::TickMessage{}, &Replica::take_tick);
+  if (kind == Kind::digest) return read(replica_protocol::Digest{}, &Replica::take_digest);
+  if (kind == Kind::bricks) return read(replica_protocol::Bricks{}, &Replica::take_bricks);
+  if (kind == Kind::end) return read(replica_protocol::End{}, &Replica::take_end);
+  fault("a message came that only replicas send");
+}
+
+void Replica::take_hello(const replica_protocol::Hello& hello) {
+  if (hello.session != hello_.session) return end("the leader has begun another session", true);
+  if (hello.version != hello_.version || hello.digest != hello_.digest ||
+      hello.first_tick != hello_.first_tick)
+    return fault("the hello is not that of this session");
+  stage_ = Stage::following;
+  status_.connected = true;
+  ++status_.connections;
+}
+
+void Replica::take_tick(const replica_protocol::TickMessage& tick) {
+  const TickRecord& record = tick.record;
+  if (record.index != bone_->tick()) return fault("ticks were lost", record.index);
+  const std::vector<Tool>& tools = bone_->executor().setup().tools;
+  bool fits = record.burrs == tools.size();
+  for (std::size_t i = 0; fits && i < tools.size(); ++i)
+    fits = record.burr[i].radius == tools[i].burr.radius && record.burr[i].material == i;
+  if (!fits) return fault("a tick is not of these burrs");
+  if (any_digest_ && tick.digest_tick != digest_tick_) return fault("a digest was lost", record.index);
+  any_digest_ = true;
+  digest_tick_ = tick.digest_tick;
+  const Difference difference = bone_->execute(record);
+  newest_ = record;
+  any_ = progress_ = true;
+  status_.tick = bone_->tick();
+  if (suspect_) return;  // known to differ: the bricks are on their way
+  if (difference) {
+    ++status_.differing_ticks;
+    diverge(std::string(difference.field) + " of burr " + std::to_string(difference.burr));
+  }
+}
+
+void Replica::take_digest(const replica_protocol::Digest& digest) {
+  if (digest.tick != bone_->tick()) return fault("ticks were lost", digest.tick);
+  any_digest_ = true;
+  digest_tick_ = digest.tick;
+  if (suspect_) return;
+  if (bone_->digest().text() == digest.digest) {
+    ++status_.digests_equal;
+    repairs_ = 0;
+    return;
+  }
+  ++status_.digests_different;
+  diverge("digest");
+}
+
+void Replica::diverge(const std::string& what) {
+  suspect_ = true;
+  divergence_ = {};
+  divergence_.tick = bone_->tick();
+  divergence_.what = what;
+  fault("the bone is not the leader's: another " + what);
+}
+
+void Replica::take_bricks(const replica_protocol::Bricks& bricks) {
+  const std::size_t count = bone_->bone().brick_count();
+  const bool begins = bricks.first == 0 && numbers_.empty();
+  const bool goes_on = bricks.first == numbers_.size() && bricks.tick == incoming_.tick &&
+                       bricks.total == incoming_.total && bricks.digest == incoming_.digest;
+  if (bricks.total > count || !(begins || goes_on)) return fault("bricks were lost");
+  incoming_ = bricks;
+  const openigtlink::ByteView& view = bricks.bricks;
+  for (std::size_t at = 0; at < view.size; at += replica_protocol::brick_bytes) {
+    const std::uint32_t number = openigtlink::get<std::uint32_t>(view.data + at);
+    if (number >= count || (!numbers_.empty() && number <= numbers_.back()))
+      return fault("a message could not be read");
+    numbers_.push_back(number);
+    levels_.insert(levels_.end(), view.data + at + 4, view.data + at + replica_protocol::brick_bytes);
+  }
+  if (numbers_.size() == bricks.total) put_bricks();
+}
+
+/// Makes the bone the initial volume but for the bricks that came, and names those that were not so before.
+void Replica::put_bricks() {
+  VoxelBone& bone = bone_->bone();
+  std::uint8_t mine[2 * brick_voxels], theirs[2 * brick_voxels];
+  std::vector<std::uint32_t> differing;
+  std::size_t next = 0;
+  for (std::size_t brick = 0; brick < bone.brick_count(); ++brick) {
+    bone.read_brick(brick, mine, mine + brick_voxels);
+    if (next < numbers_.size() && numbers_[next] == brick)
+      std::memcpy(theirs, levels_.data() + 2 * brick_voxels * next++, sizeof theirs);
+    else
+      initial_->read_brick(brick, theirs, theirs + brick_voxels);
+    if (std::memcmp(mine, theirs, sizeof mine) == 0) continue;
+    try {
+      bone.write_brick(brick, theirs, theirs + brick_voxels);
+    } catch (const std::invalid_argument&) {  // levels that no bone has
+      suspect_ = true;
+      return fault("a message could not be read");
+    }
+    differing.push_back(std::uint32_t(brick));
+  }
+  numbers_.clear();
+  levels_.clear();
+  ++status_.by_bricks;
+  if (suspect_ && divergence_.bricks.empty() && !divergence_.what.empty()) {
+    divergence_.compared_at = incoming_.tick;
+    divergence_.exact = incoming_.tick == bone_->tick();
+    divergence_.bricks = std::move(differing);
+    if (status_.divergences.size() < most_kept) status_.divergences.push_back(divergence_);
+    divergence_ = {};
+  }
+  suspect_ = false;
+  bone_->executor().set_tick(incoming_.tick);
+  status_.tick = incoming_.tick;
+  if (bone_->digest().text() == incoming_.digest) return;
+  if (++repairs_ >= most_repairs) return end("the bone cannot be made equal to the leader's", true);
+  diverge("digest");
+}
+
+void Replica::take_end(const replica_protocol::End& last) {
+  if (last.tick != bone_->tick()) return fault("ticks were lost", last.tick);
+  if (bone_->digest().text() != last.digest) {
+    ++status_.digests_different;
+    return diverge("digest");
+  }
+  ++status_.digests_equal;
+  end(last.reason, last.failed != 0);
+}
+
+void Replica::mark_changed() {
+  const std::vector<std::uint32_t> changed = followed().take_changed();
+  for (const auto& consumer : consumers_)
+    if (const auto unseen = consumer.lock()) unseen->mark(changed);
+}
+
+BoneUpdate Replica::update_of(UnseenBricks& unseen) {
+  mark_changed();
+  BoneUpdate update;
+  update.tick = bone_->tick();
+  update.newest = newest_;
+  update.any = any_;
+  unseen.take(bone_->bone(), update);
+  return update;
+}
+
+BoneUpdate Replica::take_changed() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  followed();
+  return update_of(*unseen_);
+}
+
+BoneUpdate Replica::take_changed(UnseenBricks& unseen) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  return update_of(unseen);
+}
+
+std::shared_ptr<UnseenBricks> Replica::unseen() {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  mark_changed();
+  consumers_.erase(
+      std::remove_if(consumers_.begin(), consumers_.end(), [](const auto& c) { return c.expired(); }),
+      consumers_.end());
+  auto unseen = std::make_shared<UnseenBricks>(bone_->bone().brick_count());
+  consumers_.push_back(unseen);
+  return unseen;
+}
+
+void Replica::flip(const Index3& voxel) {
+  const std::lock_guard<std::mutex> lock(mutex_);
+  std::uint8_t level = 0;
+  VoxelBone& bone = followed().bone();
+  bone.read(voxel, {1, 1, 1}, false, &level);
+  level = std::uint8_t(level ^ 0xFF);
+  bone.write(voxel, {1, 1, 1}, &level);
+}
 
 }  // namespace burrlab

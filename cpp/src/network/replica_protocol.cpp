@@ -4,7 +4,7 @@
 #include <cmath>
 
 #include "burrlab/check.hpp"
-#include "byte_string.hpp"
+#include "wire.hpp"
 
 namespace burrlab::replica_protocol {
 

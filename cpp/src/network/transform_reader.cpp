@@ -1,10 +1,10 @@
 #include "burrlab/network/transform_reader.hpp"
 
 #include <algorithm>
-#include <chrono>
 
 #include "burrlab/check.hpp"
 #include "burrlab/network/bone_frame.hpp"
+#include "burrlab/session/realtime.hpp"
 
 namespace burrlab {
 
@@ -13,13 +13,7 @@ using openigtlink::Message;
 
 namespace {
 
-constexpr double first_pause = 0.1, longest_pause = 1.0;  // [s]
 constexpr std::string_view off_suffix = "_off";
-
-std::uint64_t steady_now() {
-  using namespace std::chrono;
-  return std::uint64_t(duration_cast<nanoseconds>(steady_clock::now().time_since_epoch()).count());
-}
 
 /// The name without "_off", and whether the burr is on.
 std::pair<std::string_view, bool> split_switch(std::string_view name) {
@@ -32,6 +26,17 @@ std::string checked_name(std::string name) {
   if (name.size() > openigtlink::device_name_size)
     refuse("length of device_name", "at most 20 bytes", double(name.size()));
   return name;
+}
+
+constexpr double shortest_step = 1e-4,
+                 longest_step = 1.0;  // between two poses [s]; beyond, no velocity is known
+
+/// Time from one pose to the next [s]; 0 where it cannot be told.
+double step_between(const NetworkPose& last, const NetworkPose& next) {
+  const bool stamped = last.timestamp && next.timestamp > last.timestamp;
+  const double step = stamped ? double(next.timestamp - last.timestamp) / 4294967296.0
+                              : 1e-9 * double(next.arrival - last.arrival);
+  return step >= shortest_step && step <= longest_step ? step : 0.0;
 }
 
 }  // namespace
@@ -107,7 +112,7 @@ void TransformReader::take(const Message& message) {
     }
   }
   pose.timestamp = message.header.timestamp;
-  pose.arrival = steady_now();
+  pose.arrival = std::uint64_t(steady_now());
   pose.count = ++accepted_;
   pose.on = on;
   newest_.put(pose);
@@ -122,9 +127,25 @@ void TransformReader::publish_counters() {
   counters_ = now;
 }
 
-ReaderCounters TransformReader::counters() const {
-  const std::lock_guard<std::mutex> lock(counters_mutex_);
-  return counters_;
+IgtlDevice::IgtlDevice(const std::string& host, int port, const std::string& device_name, double lost_after)
+    : MailboxDevice(lost_after, "igtl:" + host + ":" + std::to_string(port)),
+      reader_(host, port, device_name, [this](const NetworkPose& pose) { take(pose); }) {}
+
+void IgtlDevice::start(double period) {
+  if (reader_.stopped())
+    throw std::invalid_argument("IgtlDevice must be new: its connection was closed after a session");
+  MailboxDevice::start(period);
+}
+
+void IgtlDevice::take(const NetworkPose& pose) {
+  const Vec3 position(pose.position[0], pose.position[1], pose.position[2]);
+  const double step = last_.count ? step_between(last_, pose) : 0.0;
+  if (step > 0.0)
+    velocity_ = (position - Vec3(last_.position[0], last_.position[1], last_.position[2])) / step;
+  else if (last_.count && pose.arrival - last_.arrival > std::uint64_t(1e9 * longest_step))
+    velocity_.setZero();  // two poses that came together keep the velocity before them
+  last_ = pose;
+  put(position, velocity_, pose.on != 0);
 }
 
 }  // namespace burrlab

@@ -1,9 +1,14 @@
-// Sizes and names of the wire format that encoders and decoders share.
+// The wire format: sizes and names, numbers in network byte order, byte strings that are written and read.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
+#include <string>
 #include <string_view>
+#include <type_traits>
+
+#include "burrlab/network/openigtlink.hpp"
 
 namespace burrlab::openigtlink {
 
@@ -26,5 +31,93 @@ inline bool holds(const std::uint16_t* shape, std::size_t dimensions, std::uint6
   }
   return product == count;
 }
+
+/// In network byte order, whatever the machine's.
+template <class Unsigned>
+Unsigned get(const std::uint8_t* at) {
+  Unsigned value = 0;
+  for (std::size_t i = 0; i < sizeof(Unsigned); ++i) value = Unsigned((std::uint64_t(value) << 8) | at[i]);
+  return value;
+}
+
+template <class Unsigned>
+void put(std::uint8_t* at, Unsigned value) {
+  for (std::size_t i = 0; i < sizeof(Unsigned); ++i)
+    at[i] = std::uint8_t(std::uint64_t(value) >> (8 * (sizeof(Unsigned) - 1 - i)));
+}
+
+template <class Float>
+using WordOf = std::conditional_t<sizeof(Float) == 4, std::uint32_t, std::uint64_t>;
+
+template <class Float>
+Float get_float(const std::uint8_t* at) {
+  const auto word = get<WordOf<Float>>(at);
+  Float value;
+  std::memcpy(&value, &word, sizeof value);
+  return value;
+}
+
+template <class Float>
+void put_float(std::uint8_t* at, Float value) {
+  WordOf<Float> word;
+  std::memcpy(&word, &value, sizeof word);
+  put(at, word);
+}
+
+/// Numbers and texts into a byte string, big-endian; ByteReader reads them back and never goes past the end.
+class ByteWriter {
+ public:
+  explicit ByteWriter(Bytes& out) : out_(out) {}
+
+  template <class Unsigned>
+  ByteWriter& number(Unsigned value) {
+    out_.resize(out_.size() + sizeof value);
+    put(out_.data() + out_.size() - sizeof value, value);
+    return *this;
+  }
+  ByteWriter& bytes(const std::uint8_t* data, std::size_t size) {
+    out_.insert(out_.end(), data, data + size);
+    return *this;
+  }
+  ByteWriter& text(std::string_view text) {
+    return bytes(reinterpret_cast<const std::uint8_t*>(text.data()), text.size());
+  }
+
+ private:
+  Bytes& out_;
+};
+
+/// False from the first thing on that was not there.
+class ByteReader {
+ public:
+  explicit ByteReader(ByteView bytes) : left_(bytes) {}
+
+  template <class Unsigned>
+  ByteReader& number(Unsigned& value) {
+    ByteView view;
+    if (bytes(sizeof value, view).ok_) value = get<Unsigned>(view.data);
+    return *this;
+  }
+  ByteReader& bytes(std::size_t size, ByteView& view) {
+    ok_ = ok_ && size <= left_.size;
+    if (!ok_) return *this;
+    view = {left_.data, size};
+    left_ = {left_.data + size, left_.size - size};
+    return *this;
+  }
+  ByteReader& text(std::size_t size, std::string& text) {
+    ByteView view;
+    if (bytes(size, view).ok_) text.assign(reinterpret_cast<const char*>(view.data), size);
+    return *this;
+  }
+  ByteReader& rest(std::string& text) { return this->text(left_.size, text); }
+  std::size_t left() const { return left_.size; }
+  bool ok() const { return ok_; }
+  bool ended() const { return ok_ && left_.size == 0; }
+
+ private:
+  ByteView left_;
+  bool ok_ = true;
+};
 
 }  // namespace burrlab::openigtlink

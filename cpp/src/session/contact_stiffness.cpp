@@ -9,8 +9,6 @@
 namespace burrlab {
 namespace {
 
-constexpr double pi = 3.14159265358979323846;
-
 double cap_area(const char* name, double radius, double depth) {
   require_positive("radius", radius);
   if (!(depth >= 0.0 && depth <= 2.0 * radius)) refuse(name, "0 to 2 radii", depth);

@@ -11,8 +11,6 @@ namespace {
 
 constexpr std::size_t batch = 256;  // ticks between looks at other things
 
-Vec3 to_vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
-
 }  // namespace
 
 Follower::Follower(std::shared_ptr<HapticLoop> loop, const FollowerSettings& settings)
@@ -202,11 +200,6 @@ StabilityReport Follower::stability(std::size_t burr) const {
   report.ratio = worst.ratio;
   report.warning = worst.warning;
   return report;
-}
-
-TickRecord Follower::newest() const {
-  const std::lock_guard<std::mutex> lock(mutex_);
-  return newest_;
 }
 
 std::shared_ptr<VoxelBone> Follower::snapshot(std::uint64_t& tick) const {

@@ -8,8 +8,6 @@
 namespace burrlab {
 namespace {
 
-constexpr double pi = 3.14159265358979323846;
-
 // Of a press's time: where its height begins and ends, and where it is over.
 constexpr double press_up = 0.25, press_down = 0.55, press_over = 0.8;
 

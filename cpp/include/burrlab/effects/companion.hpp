@@ -3,6 +3,7 @@
 #pragma once
 
 #include <condition_variable>
+#include <functional>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -10,10 +11,23 @@
 #include <thread>
 #include <vector>
 
+#include "burrlab/copy_under.hpp"
 #include "burrlab/effects/effects.hpp"
-#include "burrlab/effects/effects_feed.hpp"
+#include "burrlab/network/replica.hpp"
+#include "burrlab/session/follower.hpp"
 
 namespace burrlab {
+
+/// What effects follow: the bone of a session, or of a replica on another machine.
+struct EffectsFeed {
+  std::function<std::shared_ptr<VoxelBone>(std::uint64_t& tick)> snapshot;  ///< a copy of the bone now
+  std::function<BoneUpdate()> take;  ///< what changed since the feed was made, or the last call
+  std::function<bool()> over;        ///< nothing comes after the next update
+};
+
+EffectsFeed feed_of(const std::shared_ptr<HapticLoop>& loop, const std::shared_ptr<Follower>& follower);
+/// Throws std::invalid_argument unless the replica was started.
+EffectsFeed feed_of(const std::shared_ptr<Replica>& replica);
 
 /// What a frame left to be looked at.
 struct EffectsFrame {
@@ -52,18 +66,22 @@ class EffectsCompanion {
   /// After the frame that it is in; further calls do nothing.
   void stop();
   /// Until it is stopped, or a last frame after the session's end was made.
-  bool running() const;
-  bool wait(double seconds);                        ///< until it ends; whether it has
-  std::string error() const;                        ///< that ended it; empty if none did
-  std::vector<std::string> realtime_notes() const;  ///< what the system granted; empty before the start
+  bool running() const { return copy_under(mutex_, running_); }
+  bool wait(double seconds);                                        ///< until it ends; whether it has
+  std::string error() const { return copy_under(mutex_, error_); }  ///< that ended it; empty if none did
+  std::vector<std::string> realtime_notes() const {
+    return copy_under(mutex_, notes_);
+  }  ///< what the system granted; empty before the start
 
   // They hold from the next frame on.
-  void set_nozzle(const std::optional<Nozzle>& nozzle);
-  void set_sucker(const std::optional<Sucker>& sucker);
-  void set_camera(const std::optional<Camera>& camera);
+  void set_nozzle(const std::optional<Nozzle>& nozzle) { set(nozzle_, nozzle); }
+  void set_sucker(const std::optional<Sucker>& sucker) { set(sucker_, sucker); }
+  void set_camera(const std::optional<Camera>& camera) { set(camera_, camera); }
 
-  EffectsFrame newest() const;                              ///< a copy
-  std::vector<FrameRecord> frames() const;                  ///< of all frames, in order
+  EffectsFrame newest() const { return copy_under(mutex_, newest_); }  ///< a copy
+  std::vector<FrameRecord> frames() const {
+    return copy_under(mutex_, frames_);
+  }  ///< of all frames, in order
   std::uint64_t first_tick() const { return first_tick_; }  ///< of the bone that it began with
   const Histogram& wall_time() const { return effects_->wall_time(); }
   const Histogram& cpu_time() const { return effects_->cpu_time(); }
@@ -73,6 +91,12 @@ class EffectsCompanion {
  private:
   void run();
   void frame(int periods);
+  template <class Instrument>
+  void set(std::optional<Instrument>& mine, const std::optional<Instrument>& given) {
+    if (given) given->check();
+    const std::lock_guard<std::mutex> lock(mutex_);
+    mine = given;
+  }
 
   EffectsFeed feed_;
   double rate_;

@@ -8,6 +8,7 @@
 #include <thread>
 #include <vector>
 
+#include "burrlab/copy_under.hpp"
 #include "burrlab/network/message_framer.hpp"
 #include "burrlab/network/replica_protocol.hpp"
 #include "burrlab/network/tcp_client.hpp"
@@ -67,8 +68,8 @@ class Replica {
   void stop(const std::string& reason = "stopped");
   bool wait(double seconds);  ///< until the session ends; whether it has
 
-  ReplicaStatus status() const;
-  TickRecord newest() const;  ///< record of the last tick executed
+  ReplicaStatus status() const { return copy_under(mutex_, status_); }
+  TickRecord newest() const { return copy_under(mutex_, newest_); }  ///< record of the last tick executed
   std::string digest() const;
   std::shared_ptr<VoxelBone> snapshot(std::uint64_t& tick) const;
   /// What changed since the last call; the first gives all that is not as in the initial volume.

@@ -9,6 +9,8 @@
 
 namespace burrlab {
 
+constexpr double first_pause = 0.1, longest_pause = 1.0;  ///< of a client between connections [s]
+
 class TcpClient {
  public:
   /// Looks `host` up, once; std::invalid_argument where it has no address or `port` is not 1 to 65535.

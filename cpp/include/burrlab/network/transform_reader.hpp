@@ -4,9 +4,12 @@
 #include <mutex>
 #include <thread>
 
+#include "burrlab/copy_under.hpp"
 #include "burrlab/network/message_framer.hpp"
 #include "burrlab/network/tcp_client.hpp"
+#include "burrlab/network/transform_reader.hpp"
 #include "burrlab/session/latest.hpp"
+#include "burrlab/session/mailbox_device.hpp"
 #include "burrlab/types.hpp"
 
 namespace burrlab {
@@ -49,7 +52,7 @@ class TransformReader {
   /// False where none came yet. Nobody waits: neither the caller nor the reader's thread.
   bool newest(NetworkPose& pose) const { return newest_.get(pose) && pose.count > 0; }
   bool connected() const { return connected_.load(std::memory_order_relaxed); }
-  ReaderCounters counters() const;
+  ReaderCounters counters() const { return copy_under(counters_mutex_, counters_); }
   /// Ends the thread, at once; not from within `receive`.
   void stop();
   bool stopped() const { return client_.stopped(); }
@@ -72,6 +75,29 @@ class TransformReader {
   std::atomic<bool> connected_{false};
   std::mutex stop_mutex_;
   std::thread thread_;
+};
+
+/// A mailbox that a `TransformReader` fills. The burr is on unless the sender's device name ends in "_off".
+///
+/// TRANSFORM carries no velocity: it is the difference of two positions over the difference of their senders'
+/// time stamps, or of their arrivals where the sender gives none; our choice, for analysis and coupling only.
+class IgtlDevice : public MailboxDevice {
+ public:
+  /// lost_after [ms]. Throws as `TransformReader` does.
+  IgtlDevice(const std::string& host, int port, const std::string& device_name = "",
+             double lost_after = 100.0);
+
+  void start(double period) override;  ///< throws after `stop`
+  void stop() noexcept override { reader_.stop(); }
+  ReaderCounters counters() const { return reader_.counters(); }
+  bool connected() const { return reader_.connected(); }
+
+ private:
+  void take(const NetworkPose& pose);
+
+  NetworkPose last_{};
+  Vec3 velocity_ = Vec3::Zero();
+  TransformReader reader_;  // the last member: its thread uses the others
 };
 
 }  // namespace burrlab

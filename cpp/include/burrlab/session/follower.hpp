@@ -10,10 +10,10 @@
 #include <thread>
 #include <vector>
 
+#include "burrlab/copy_under.hpp"
 #include "burrlab/session/contact_stiffness.hpp"
 #include "burrlab/session/followed_bone.hpp"
 #include "burrlab/session/haptic_loop.hpp"
-#include "burrlab/session/unseen_bricks.hpp"
 
 namespace burrlab {
 
@@ -82,7 +82,7 @@ class Follower {
   /// The stiffness against the limits of the burr's device; ratio and warning are those of the stiffest
   /// direction.
   StabilityReport stability(std::size_t burr) const;
-  TickRecord newest() const;  ///< record of the last tick executed
+  TickRecord newest() const { return copy_under(mutex_, newest_); }  ///< record of the last tick executed
   /// A copy of the bone now, and the number of ticks it has seen.
   std::shared_ptr<VoxelBone> snapshot(std::uint64_t& tick) const;
   std::string digest() const;  ///< of the bone now

@@ -8,6 +8,7 @@
 #include <thread>
 #include <vector>
 
+#include "burrlab/copy_under.hpp"
 #include "burrlab/session/device.hpp"
 #include "burrlab/session/force_guard.hpp"
 #include "burrlab/session/histogram.hpp"
@@ -60,10 +61,12 @@ class HapticLoop {
   bool wait(double seconds);  ///< until it ends; whether it has
 
   /// Why the session ended; empty while it runs.
-  std::string reason() const;
-  bool failed() const;  ///< it ended on a fault: a lost device, a stall, a value that is not finite
+  std::string reason() const { return copy_under(mutex_, reason_); }
+  bool failed() const {
+    return copy_under(mutex_, failed_);
+  }  ///< it ended on a fault: a lost device, a stall, a value that is not finite
   /// What was asked of the system and granted, a sentence each.
-  std::vector<std::string> realtime_notes() const;
+  std::vector<std::string> realtime_notes() const { return copy_under(mutex_, notes_); }
 
   LoopCounts counts() const;
   EnergyGiven energy(std::size_t burr) const;

@@ -133,7 +133,8 @@ def test_negative_coordinates(capsys):
 def test_an_interrupted_run_exits_130(capsys, monkeypatch):
     import burrlab.descent.descent as module
 
-    monkeypatch.setattr(module.Watch, "interrupted", lambda *_: True)
+    hold = module.hold
+    monkeypatch.setattr(module, "hold", lambda *arguments: hold(*arguments[:-1], lambda _: True))
     code, out, _ = call(capsys, "descend", "--force", 0.3, "--voxel", 0.4, "--ideal", "--seed", 1)
     assert code == 130
     assert "interrupted" in out

@@ -46,9 +46,9 @@ def test_environment_variable_chooses_the_path() -> None:
 
 
 @pytest.mark.parametrize("name", ["sse9", "AVX2", "scalar "])
-def test_a_wrong_environment_variable_ends_the_import(name: str) -> None:
+def test_a_wrong_environment_variable_ends_the_import_of_the_core(name: str) -> None:
     """In one sentence, which names the paths that this CPU runs."""
-    process = import_with(name, "import burrlab")
+    process = import_with(name, "import burrlab; burrlab.Burr")
     assert process.returncode == 1
     sentence = f"BURRLAB_CPU_PATH must be one that this CPU runs, {', '.join(PATHS)}; got '{name}'"
     assert process.stderr.splitlines()[-1] == f"ImportError: {sentence}"

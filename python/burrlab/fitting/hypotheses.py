@@ -34,7 +34,7 @@ class HypothesisTest:
 
     name: str
     statistic: float
-    freedom: tuple[float, ...]
+    freedom: tuple[int | float, ...]
     p_value: float
     sentence: str
 

@@ -69,6 +69,7 @@ fuzz: $(VENV)/developed
 figures: $(VENV)/installed
 	$(BIN)/python examples/grid_independence.py docs/grid_independence.png
 	$(BIN)/python examples/hierarchy.py docs/hierarchy.png
+	$(BIN)/python examples/rooms.py docs/architecture.png
 
 format: $(VENV)/developed
 	$(BIN)/ruff format .

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import zlib
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -162,3 +163,19 @@ def test_labels(tmp_path):
     nifti(tmp_path / "large.nii", labels.labels.astype(np.float64) * 2.0**30, affine=np.eye(4))
     with pytest.raises(ValueError, match=r"below 2\^31, got 2147483648 at \(z, y, x\) = \(0, 0, 2\)"):
         burrlab.read_labels(tmp_path / "large.nii")
+
+
+@pytest.mark.parametrize("ending", ["nrrd", "mha", "nii.gz"])
+def test_an_assumed_orientation_is_told_of_what_is_written(ending: str, tmp_path: Path) -> None:
+    """Its header says LPS; the file that it was made of said nothing."""
+    silent = tmp_path / "silent.nrrd"
+    head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 5 6\nspacings: .5 .5 .5\nencoding: raw\n\n"
+    silent.write_bytes(head.encode() + bytes(range(120)))
+    for k in range(3):  # and of what is made of that
+        write_volume(
+            tmp_path / f"{k}.{ending}", read_volume(silent if k == 0 else tmp_path / f"{k - 1}.{ending}")
+        )
+        notes = read_volume(tmp_path / f"{k}.{ending}").notes
+        assert [note for note in notes if "LPS assumed" in note] == [
+            f"{tmp_path / f'{k}.{ending}'} was written from a file that says no orientation: LPS assumed"
+        ]

@@ -8,7 +8,7 @@ import os
 import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from scipy import ndimage
 
 from burrlab.bone.dicom import dicom_files, is_dicom, read_dicom
 from burrlab.bone.header import (
+    LPS_ASSUMED,
     Header,
     Layout,
     medical,
@@ -166,6 +167,7 @@ def _read(
             f"{', '.join(suffix for one in FORMATS for suffix in one.suffixes)}"
         )
     header, layout = found.read(name)
+    header = _noted(header, name)
     checked_direction(header.direction, name)
     settled_spacing(header, spacing, name)
     if header.layers > most:
@@ -271,6 +273,18 @@ def write_volume(
         pass
 
 
+#: Where a written file says that its orientation was assumed: a field of NRRD and MetaImage, the description of NIfTI.
+_ASSUMED, _NIFTI_NOTES = "burrlab_orientation", "ITK_FileNotes"
+
+
+def _noted(header: Header, name: str) -> Header:
+    """The header with the note that the file, written by burrlab, keeps of the one that said no orientation."""
+    if not any(header.fields.get(key, "").startswith(LPS_ASSUMED) for key in (_ASSUMED, _NIFTI_NOTES)):
+        return header
+    note = f"{name} was written from a file that says no orientation: {LPS_ASSUMED}"
+    return replace(header, notes=(*header.notes, note))
+
+
 def ending_of(target: Path, said: str) -> str:
     """The ending that says the format to be written; ValueError, with what is `said` of them, for none of them."""
     ending = next((e for e in ENDINGS if target.name.lower().endswith(e)), None)
@@ -285,6 +299,12 @@ def new_volume(
 ) -> Iterator[Path]:
     """A file, whole and on disk under a name of its own, which replaces the target at the end; errors as `write_volume`."""
     ending = ending_of(target, f"one of {', '.join(ENDINGS)}")
+    if any(
+        LPS_ASSUMED in note for note in volume.notes
+    ):  # the new file says what the one that was read did not
+        key = _NIFTI_NOTES if ending.startswith(".nii") else _ASSUMED
+        known = fields.get(key, "").removeprefix(LPS_ASSUMED).strip()
+        fields = {**fields, key: f"{LPS_ASSUMED} {known}".strip()[:79]}
     sitk = medical("SimpleITK", "writing volumes")
     plain_name(str(target))
     check_folder(target)

@@ -42,7 +42,7 @@ from burrlab.bone.formats import (
     read_volume,
     segment_fields,
 )
-from burrlab.bone.header import assumed, medical, told_notes
+from burrlab.bone.header import medical
 from burrlab.bone.image import LabelVolume, OccupancyMap, Volume, same_geometry
 from burrlab.bone.slices import (
     ROWS_ALONG_X,
@@ -526,18 +526,13 @@ class DrilledVolume:
 
     def volume(self) -> Volume | LabelVolume:
         """The half-drilled volume as other programs see it, on the voxels of the bone: `like` of the next `save_drilled`."""
-        made: Volume | LabelVolume
         if is_stack(self.path):
-            made = read_stack(
+            return read_stack(
                 self.path, spacing=self.bone.spacing, palette=None if self.mapping else self.bone.tissues, unknown="nearest",
                 transpose=self.transpose,
             )  # fmt: skip
-        elif self.mapping is None:
-            made = read_labels(self.path, spacing=self.bone.spacing)
-        else:
-            made = read_volume(self.path, spacing=self.bone.spacing)
-        known = told_notes(own_sidecar(Path(self.path))[1])  # of the original, where its file was silent
-        return replace(made, notes=(*made.notes, *(note for note in known if note not in made.notes)))
+        read = read_labels if self.mapping is None else read_volume
+        return read(self.path, spacing=self.bone.spacing)
 
 
 def save_drilled(
@@ -598,16 +593,12 @@ def save_drilled(
     check_place(bone, like)
     check_original(bone, like)
     changed = changes(bone, like, mapping)
-    told: dict[str, object] = {
+    told = {
         "kind": KIND,
         "source": like.path,
         "map": None if mapping is None else mapping.text,
         "transpose": ROWS_ALONG_X in like.notes,
     }
-    if notes := [
-        note for note in like.notes if assumed([note])
-    ]:  # the new file says what the original did not
-        told["notes"] = notes
 
     def beside(where: Path, digest: str) -> None:
         save_bone(where, bone, tick, source=json.dumps({**told, "sha256": digest}))

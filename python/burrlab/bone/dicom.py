@@ -36,6 +36,9 @@ from burrlab.common.records import in_one_line
 EVEN = 1e-2
 #: How far the slices may shift sideways from the first to the last, a part of a pixel: more is a gantry tilt.
 STRAIGHT = 0.1
+# Bits of a pixel where a frame of JPEG begins (SOF), in transfer syntaxes of JPEG.
+_PRECISION = re.compile(rb"\xff[\xc0-\xc3\xc5-\xc7\xc9-\xcb\xcd-\xcf]\0[\x0b\x0e\x11\x14](.)", re.DOTALL)
+_JPEG = ("1.2.840.10008.1.2.4.5", "1.2.840.10008.1.2.4.70")
 #: Name of the exact state of a half-drilled volume in a folder of slices.
 IN_FOLDER = "bone.h5"
 #: Types that are written.
@@ -315,6 +318,12 @@ def _check_whole(part: _Slice) -> None:
         raise ValueError(
             f"{part.name}: the pixel data is cut short: {len(content)} bytes cannot hold {wanted}"
         )
+    if str(found.file_meta.get("TransferSyntaxUID", "")).startswith(_JPEG):
+        most = max((bits[0] for bits in _PRECISION.findall(content)), default=0)
+        if most > part.bits:  # a decoder writes beyond its memory
+            raise ValueError(
+                f"{part.name}: the compressed pixels must have at most {part.bits} bits, got {most}"
+            )
     for sizes in _CODED.findall(content):  # a decoder goes by them
         coded = math.prod(int.from_bytes(size) for size in sizes if size)
         if coded > max(part.size[0] * part.size[1], _SMALL // 4):

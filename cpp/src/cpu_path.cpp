@@ -42,6 +42,8 @@ std::vector<const kernel::Kernel*> find_kernels() {
   found.push_back(&kernel::sse2_kernel);
   if (has_avx2()) found.push_back(&kernel::avx2_kernel);
   if (has_avx512()) found.push_back(&kernel::avx512_kernel);
+#elif defined(BURRLAB_AARCH64)
+  found.push_back(&kernel::neon_kernel);
 #endif
   return found;
 }

@@ -1,4 +1,4 @@
-"""The same bits on another CPU: the core cross-compiled for aarch64, run by qemu, against this CPU's scalar path.
+"""The same bits on another CPU: the core cross-compiled for aarch64, run by qemu, arrays and NEON, against this CPU's scalar path.
 
 Debian: ``apt-get install g++-aarch64-linux-gnu qemu-user``; then ``pytest -m slow tests/python/test_aarch64.py``.
 """
@@ -6,6 +6,7 @@ Debian: ``apt-get install g++-aarch64-linux-gnu qemu-user``; then ``pytest -m sl
 from __future__ import annotations
 
 import itertools
+import os
 import shutil
 import struct
 import subprocess
@@ -76,10 +77,15 @@ def test_another_cpu_gives_the_same_digests_of_descents_and_of_a_session(tmp_pat
     for command in (configure, [*cmake, "--build", tmp_path, "--target", "digests", "-j", "2"]):
         subprocess.run(command, check=True, capture_output=True)
     program = [QEMU, "-L", "/usr/aarch64-linux-gnu", tmp_path / "tests/cpp/digests"]
-    theirs = subprocess.run(program, check=True, capture_output=True, text=True).stdout.splitlines()
+    theirs = {}
+    for path in ("portable", "neon"):
+        environment = {**os.environ, "BURRLAB_CPU_PATH": path}
+        done = subprocess.run(program, check=True, capture_output=True, text=True, env=environment)
+        theirs[path] = done.stdout.splitlines()
 
     _core.use_cpu_path(_core.cpu_paths()[0])
     shapes, schemes = ("parabolic", "linear", "constant", "power(1.5)"), ("layer", "cell")
     ours = [descent(*scene) for scene in itertools.product(shapes, schemes, (False, True))]
-    assert theirs == [*ours, session()]
+    ours.append(session())
+    assert theirs == {"portable": ours, "neon": ours}
     assert len(set(ours)) == len(ours)

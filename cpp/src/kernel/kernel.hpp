@@ -103,6 +103,9 @@ extern const Kernel scalar_kernel;
 #if defined(__x86_64__) || defined(_M_X64)
 #define BURRLAB_X86_64 1
 extern const Kernel sse2_kernel, avx2_kernel, avx512_kernel;
+#elif defined(__aarch64__) || defined(_M_ARM64)
+#define BURRLAB_AARCH64 1
+extern const Kernel neon_kernel;
 #endif
 
 }  // namespace burrlab::kernel

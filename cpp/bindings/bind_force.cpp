@@ -7,7 +7,7 @@ void bind_force(py::module_& m) {
   m.def(
       "moments",
       [](const VoxelBone& bone, const Burr& burr, const Vec3& center, const std::string& scheme) {
-        const Tick tick(bone, burr.radius, parse_scheme(scheme), Shape::constant(), 0, 0);
+        const Tick tick(bone, burr.radius, parse_scheme(scheme), Shape::parse("constant"), 0, 0);
         const VoxelBone::Reading reading(bone);
         const Moments found = tick.moments(bone, center);
         return py::make_tuple(found.m0, found.m1);

@@ -34,6 +34,9 @@ Examples
       .def_property_readonly("name", &Shape::name, "Name that makes the same shape again.")
       .def_property_readonly("order", &Shape::order,
                              "Order of the zero of f at x = 1: 0 for constant, 1 for linear, k for power(k).")
+      .def_property_readonly("kappa", &Shape::kappa,
+                             "Of the leading term at the surface: f = kappa (1 - x)^order + ...")
+      .def_static("names", &Shape::names, "Names of the shapes, apart from power(k).")
       .def(
           "__call__",
           [](const Shape& f, const py::array_t<double, py::array::forcecast>& x) {

@@ -27,11 +27,6 @@ constexpr double step_limit = 200e3;  // seconds of work
 /// Volume/pi of a unit sphere's cap of height u: m of Eq. 2, and m(H) of all that the front has passed.
 double cap(double u) { return u * u * (1.0 - u / 3.0); }
 
-/// kappa of f = kappa (p y)^k + ..., the leading term at the front.
-double front_coefficient(const Shape& shape) {
-  return shape.kind() == Shape::Kind::power ? std::pow(2.0, shape.order()) : 1.0;
-}
-
 struct Slice {
   double s;        // immersion at which the front meets it
   Nodes p;         // cosine of the front's slope
@@ -115,8 +110,8 @@ class Layer {
 // layer thins as 1/H.
 double count_steps(const Shape& shape, double contact, double stop, double resolution) {
   const double k = shape.order(), v = thin_layer_velocity(shape, contact * std::sqrt(contact), stop);
-  const double thickness = std::tgamma((k + 2.0) / (k + 1.0)) *
-                           std::pow((k + 1.0) * v / front_coefficient(shape), 1.0 / (k + 1.0));
+  const double thickness =
+      std::tgamma((k + 2.0) / (k + 1.0)) * std::pow((k + 1.0) * v / shape.kappa(), 1.0 / (k + 1.0));
   const double step = thickness / (8.0 + 2.0 * k);
   return std::ceil(resolution *
                    std::max(64.0 + 8.0 * k, (stop - contact) * (stop + contact) / (2.0 * stop * step)));
@@ -166,7 +161,7 @@ double thin_layer_velocity(const Shape& shape, double phi, double immersion) {
   const double k = shape.order(), q = (k + 2.0) / (k + 1.0);
   const double area = -2.0 * std::expm1(q * std::log1p(-immersion)) / q;  // int 2 p^(1/(k+1)) dp
   const double thickness = cap(std::cbrt(phi * phi)) / area;
-  return front_coefficient(shape) / (k + 1.0) * std::pow(thickness / std::tgamma(q), k + 1.0);
+  return shape.kappa() / (k + 1.0) * std::pow(thickness / std::tgamma(q), k + 1.0);
 }
 
 double window_velocity(const std::vector<double>& time, const std::vector<double>& immersion, double start,

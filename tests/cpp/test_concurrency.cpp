@@ -11,7 +11,7 @@ using namespace burrlab;
 namespace {
 
 constexpr int workers = 4;
-const Material soft("any", 2.145, 0.5, Shape::power(1.5), "");
+const Material soft("any", 2.145, 0.5, Shape::parse("power(1.5)"), "");
 
 VoxelBone some_bone() {
   VoxelBone::Levels levels(40 * 40 * 40);

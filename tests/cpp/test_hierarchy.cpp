@@ -131,7 +131,7 @@ void check_random_sequences(const Index3& shape, unsigned seed) {
       bone.write(start, size, box.data());
     } else if (what < 6) {
       use_cpu_path(paths[std::size_t(below(std::int64_t(paths.size())))]);
-      const Tick tick(bone, 2.0, what == 3 ? Scheme::cell : Scheme::layer, Shape::constant(), seed, 0);
+      const Tick tick(bone, 2.0, what == 3 ? Scheme::cell : Scheme::layer, Shape::parse("constant"), seed, 0);
       Vec3 center;
       for (int axis = 0; axis < 3; ++axis) center[axis] = spacing[axis] * double(below(shape[2 - axis]));
       tick.erode(bone, center, ErosionSteps(0.1 * double(1 + below(100))), std::uint64_t(i), nullptr);
@@ -157,7 +157,7 @@ void check_eroding_everything_away() {
       const Index3 shape = along_x ? Index3{5, 9, 300} : Index3{300, 9, 5};
       VoxelBone bone(shape, 255, spacing, Vec3::Zero());
       CHECK(!nothing_set(bone));
-      const Tick tick(bone, 3.0, Scheme::cell, Shape::constant(), 1, 0);
+      const Tick tick(bone, 3.0, Scheme::cell, Shape::parse("constant"), 1, 0);
       for (int i = 0; i <= 150; ++i) {
         const double along = 0.5 * i;
         tick.erode(bone, along_x ? Vec3(along, 1.0, 0.5) : Vec3(0.5, 1.0, along), ErosionSteps(100.0),

@@ -29,9 +29,9 @@ void test_values() {
 // For f = 1 the mass erodes at its own rate: dH/dt = m/(2 H - H^2), so t = (H^2 - H^3/3 - m)/m.
 void test_constant_is_exact() {
   const double m = std::pow(0.05, 4.0 / 3.0) * (1.0 - std::pow(0.05, 2.0 / 3.0) / 3.0);
-  CHECK_NEAR(thin_layer_velocity(Shape::constant(), 0.05, 0.3), m / (0.6 - 0.09), 1e-14);
+  CHECK_NEAR(thin_layer_velocity(Shape::parse("constant"), 0.05, 0.3), m / (0.6 - 0.09), 1e-14);
   for (double resolution : {1.0, 4.0}) {
-    const MeanFieldDescent descent = mean_field_descent(Shape::constant(), 0.05, third, resolution);
+    const MeanFieldDescent descent = mean_field_descent(Shape::parse("constant"), 0.05, third, resolution);
     const double exact = (third * third * (1.0 - third / 3.0) - m) / m;
     CHECK_NEAR(descent.time.back(), exact, 1e-3 / (resolution * resolution) * exact);
   }
@@ -41,7 +41,7 @@ void test_thin_layer_law() {
   const double u2 = std::pow(0.03, 4.0 / 3.0), u = std::sqrt(u2), pi = 3.14159265358979323846;
   const double root = 3.0 * u2 * (1.0 - u / 3.0) / (2.0 * (1.0 - std::pow(0.8, 1.5)));
   CHECK_NEAR(thin_layer_velocity(Shape::parabolic(), 0.03, 0.2) / (root * root / pi), 1.0, 1e-12);
-  CHECK_NEAR(thin_layer_velocity(Shape::linear(), 0.03, 0.2) / (root * root / (2.0 * pi)), 1.0, 1e-12);
+  CHECK_NEAR(thin_layer_velocity(Shape::parse("linear"), 0.03, 0.2) / (root * root / (2.0 * pi)), 1.0, 1e-12);
   for (const char* name : {"parabolic", "linear", "quartic", "power(0.5)", "power(4)"}) {
     const Shape shape = Shape::parse(name);  // the slope at one immersion, against the law
     const MeanFieldDescent descent = mean_field_descent(shape, 0.003, third);
@@ -70,7 +70,7 @@ void test_trajectory() {
   CHECK_NEAR(descent.immersion.front(), std::pow(0.1, 2.0 / 3.0), 1e-15);
   CHECK(descent.immersion.back() == third);
   CHECK(std::is_sorted(descent.time.begin(), descent.time.end()));
-  CHECK(mean_field_descent(Shape::linear(), 0.999, 1.0).immersion.back() == 1.0);
+  CHECK(mean_field_descent(Shape::parse("linear"), 0.999, 1.0).immersion.back() == 1.0);
 }
 
 void test_window_velocity() {

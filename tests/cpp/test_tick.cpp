@@ -151,7 +151,7 @@ void check_passes() {
   const Vec3 center(0.013, -0.02, 2.0);
   for (const Scheme scheme : schemes) {
     VoxelBone fused = fresh, split = fresh;
-    const Tick tick(fresh, 1.5, scheme, Shape::quartic(), 3, 2);
+    const Tick tick(fresh, 1.5, scheme, Shape::parse("quartic"), 3, 2);
     for (std::uint64_t number = 0; number < 5; ++number) {
       TickSums both, moments, erosion;
       const Moments once = tick.moments_and_erode(fused, center, ErosionSteps(0.5), number, &both);

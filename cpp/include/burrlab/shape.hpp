@@ -2,7 +2,9 @@
 // beyond R; the family is our choice, and an alpha is a number for one f.
 #pragma once
 
+#include <cmath>
 #include <string>
+#include <vector>
 
 #include "burrlab/portable_math.hpp"
 
@@ -10,47 +12,35 @@ namespace burrlab {
 
 class Shape {
  public:
+  /// f = y^order, where y is 1, the depth delta = 1 - x, or 1 - x^2.
   enum class Kind { constant, linear, power };
 
-  static Shape constant() { return Shape(Kind::constant, 0.0); }  ///< f = 1
-  static Shape linear() { return Shape(Kind::linear, 1.0); }      ///< f = 1 - x
-  static Shape power(double k);                                   ///< f = (1 - x^2)^k, 0 < k <= 8
-  static Shape parabolic() { return power(1.0); }                 ///< f = 1 - x^2
-  static Shape quartic() { return power(2.0); }                   ///< f = (1 - x^2)^2
-  /// From "parabolic", "linear", "quartic", "constant" or "power(k)"; throws std::invalid_argument.
+  /// From one of `names()` or "power(k)", (1 - x^2)^k with 0 < k <= 8; throws std::invalid_argument.
   static Shape parse(const std::string& name);
+  static Shape parabolic() { return Shape(Kind::power, 1.0); }
+  static std::vector<std::string> names();
 
   Kind kind() const { return kind_; }
-  /// Order of the zero of f at x = 1: 0 for constant, 1 for linear, k for power(k).
+  /// Order of the zero of f at x = 1; 0 for constant.
   double order() const { return order_; }
-  int whole() const { return whole_; }  ///< the exponent k where it is a whole number, else 0
+  /// Of the leading term at the surface: f = kappa delta^order + ...
+  double kappa() const { return kind_ == Kind::power ? std::pow(2.0, order_) : 1.0; }
+  int whole() const { return whole_; }  ///< the order where it is a whole number, else 0
   std::string name() const;
 
   /// f at depth d below the sphere's surface, delta = d/R = 1 - x in [0, 1]. In the tick Real is float.
   template <class Real>
   Real at_depth(Real delta) const {
-    switch (kind_) {
-      case Kind::constant:
-        return Real(1);
-      case Kind::linear:
-        return delta;
-      default:
-        return raise(delta * (Real(2) - delta));
-    }
+    if (kind_ == Kind::constant) return Real(1);
+    return raise(kind_ == Kind::linear ? delta : delta * (Real(2) - delta));
   }
 
   /// f at radius x = r/R >= 0; zero beyond 1.
   template <class Real>
   Real at_radius(Real x) const {
     if (x > Real(1)) return Real(0);
-    switch (kind_) {
-      case Kind::constant:
-        return Real(1);
-      case Kind::linear:
-        return Real(1) - x;
-      default:
-        return raise(Real(1) - x * x);
-    }
+    if (kind_ == Kind::constant) return Real(1);
+    return raise(Real(1) - (kind_ == Kind::linear ? x : x * x));
   }
 
   bool operator==(const Shape& other) const { return kind_ == other.kind_ && order_ == other.order_; }
@@ -60,7 +50,7 @@ class Shape {
       : kind_(kind), order_(order), whole_(order == static_cast<int>(order) ? static_cast<int>(order) : 0) {}
 
   template <class Real>
-  Real raise(Real y) const {  // y^k
+  Real raise(Real y) const {  // y^order
     if (whole_ == 0) return static_cast<Real>(portable::pow(static_cast<double>(y), order_));
     Real result = y;
     for (int i = 1; i < whole_; ++i) result *= y;
@@ -69,7 +59,7 @@ class Shape {
 
   Kind kind_;
   double order_;
-  int whole_;  // the exponent where it is a whole number, else 0
+  int whole_;
 };
 
 }  // namespace burrlab

@@ -176,7 +176,7 @@ void visit(const Sphere& at, const Brick& brick, Sums& sums) {
       else
         find_f<isotropic, false>(at.depth, c, steps, shallow);
     }
-    if (at.shape == shape_power && at.whole != 1) raise(at, steps, count);
+    if (at.shape != shape_constant && at.whole != 1) raise(at, steps, count);
     draw_slabs(at, brick, wanted.shallow | wanted.deep, steps.u);
     if (mixed ? brick.tissues->most_doublings : brick.doublings)
       lose<true, mixed>(at, brick, c, steps, count);

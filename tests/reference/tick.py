@@ -118,49 +118,56 @@ def portable_pow(x: NDArray[np.float64], k: float) -> NDArray[np.float64]:
     return np.where(positive, portable_exp(k * portable_log(np.where(positive, x, 1.0))), 0.0)
 
 
+#: y and k of f = y^k, where y is 1, the depth 1 - x below the sphere's surface, or 1 - x^2.
+SHAPES = {
+    "parabolic": ("square", 1.0),
+    "linear": ("depth", 1.0),
+    "quartic": ("square", 2.0),
+    "constant": ("one", 0.0),
+}
+
+
 @dataclass(frozen=True)
 class ReferenceShape:
-    """An erosion shape by its name: parabolic, linear, quartic, constant or power(k)."""
+    """An erosion shape by its name: one of `SHAPES`, or power(k), (1 - x^2)^k."""
 
     name: str
 
     @property
-    def power(self) -> float:
-        """The k of f = (1 - x^2)^k; 0 for the shapes that are not of this family."""
-        if self.name in ("constant", "linear"):
-            return 0.0
-        if self.name in ("parabolic", "quartic"):
-            return 1.0 if self.name == "parabolic" else 2.0
-        return float(self.name.removeprefix("power(").removesuffix(")"))
+    def base(self) -> str:
+        """Which y."""
+        return SHAPES.get(self.name, ("square", 0.0))[0]
 
     @property
     def order(self) -> float:
-        """Order of the zero of f at r = R; 0 for constant."""
-        return 1.0 if self.name == "linear" else self.power
+        """k, the order of the zero of f at r = R; 0 for constant."""
+        if self.name in SHAPES:
+            return SHAPES[self.name][1]
+        return float(self.name.removeprefix("power(").removesuffix(")"))
 
     def raised(self, y: Float) -> Float:
         """y^k (f32)."""
-        if self.power != int(self.power):
-            return portable_pow(y.astype(np.float64), self.power).astype(f32)
+        if self.order != int(self.order):
+            return portable_pow(y.astype(np.float64), self.order).astype(f32)
         result = y
-        for _ in range(int(self.power) - 1):
+        for _ in range(int(self.order) - 1):
             result = result * y
         return result
 
     def at_depth(self, delta: Float, deep: NDArray[np.bool_], x2: Float) -> Float:
         """f at the depth delta R below the sphere's surface; of deep voxels from x2 = (r/R)^2 (f32)."""
-        if self.name == "constant":
+        if self.base == "one":
             return np.ones_like(delta)
-        if self.name == "linear":
-            return delta
+        if self.base == "depth":
+            return self.raised(delta)
         return self.raised(np.where(deep, ONE - np.where(deep, x2, ZERO), delta * (TWO - delta)))
 
     def at_radius(self, x: Float, x2: Float) -> Float:
         """f at the distance x R from the centre, zero beyond R; x2 = x^2 (f32)."""
-        if self.name == "constant":
+        if self.base == "one":
             f = np.ones_like(x)
-        elif self.name == "linear":
-            f = np.maximum(ONE - x, ZERO)
+        elif self.base == "depth":
+            f = self.raised(np.maximum(ONE - x, ZERO))
         else:
             f = self.raised(ONE - np.where(x2 > ONE, ONE, x2))
         return np.where(x2 > ONE, ZERO, f)
@@ -426,7 +433,7 @@ class ReferenceContact:
         x2 = at.distance2 * (inv_R * inv_R)
         if self.scheme == "cell":
             f = shape.at_radius(at.distance * inv_R, x2)
-        elif shape.name == "constant":
+        elif shape.base == "one":
             f = np.ones_like(at.distance)
         else:
             table = self.depth_table

@@ -22,7 +22,6 @@ from burrlab.psychophysics.designs import (
     Draws,
     FixedOrder,
     SameDifferent,
-    checked_trial,
     counterbalanced,
 )
 from burrlab.psychophysics.psychometric import ThresholdPosterior, posterior_threshold, proportion_correct
@@ -801,7 +800,6 @@ def test_written_and_said_of_adaptive():
         (TypeError, lambda: Draws(1, 1, {}), r"subject must be a str, such as '01', got 1"),
         (TypeError, lambda: Draws(1.5, "01", {}), "float"),
         (ValueError, lambda: FixedOrder([], ("same", "different")).answer("same"), r"there is no trial left to answer, got 'same'"),
-        (ValueError, lambda: checked_trial(None, "same", ("same",)), r"there is no trial left"),
         (ValueError, lambda: staircase().threshold([2.0, 1.5], [True, True]), r"levels must be those of this staircase, got 1.5 in trial 2 where it has 2$"),
         (ValueError, lambda: staircase(trials=2).threshold([2.0, 2.0, 2.0], [True, False, True]), r"got 2 in trial 3 where it has an end"),
         (ValueError, lambda: staircase().threshold([2.0, 2.0], [True]), r"levels and correct must be equally many, got 2 and 1"),

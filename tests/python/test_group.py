@@ -38,7 +38,7 @@ from burrlab.psychophysics.group import (
     t_test,
     welch_test,
 )
-from burrlab.psychophysics.pairs import pair_checks
+from burrlab.psychophysics.sensitivity import pair_checks
 from burrlab.psychophysics.published import SelectionEffect, group_score_from
 from burrlab.psychophysics.rules import RULES, Counts, rule_of
 from reference import psychophysics as reference

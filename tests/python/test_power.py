@@ -78,7 +78,6 @@ class TestGroup:
     def test_scores_without_scatter(self):
         assert Observer(rule_of("abx", RULES[0]), 60.0, 10, 0.0).group(5, 0.05) == 1.0  # 2^-5
         assert Observer(rule_of("abx", RULES[0]), 60.0, 10, 0.0).group(4, 0.05) == 0.0
-        assert Observer(rule_of("abx", RULES[0]), 60.0, 10, 0.0).group(1, 0.05) == 0.0
 
     def test_same_every_time(self):
         first, second = (design_power("abx", trials=10, subjects=5, delta=2.0) for _ in range(2))

@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar, Literal, TypeAlias, TypeVar
 
@@ -19,6 +19,7 @@ import numpy as np
 from burrlab._core import Material
 from burrlab.common.check import refuse, require_type
 from burrlab.psychophysics.power import design_power
+from burrlab.psychophysics.rules import one_of
 from burrlab.psychophysics.trial import MODES, Design, Interval, Mode, Order, Phase, Stimulus, Trial
 
 
@@ -30,22 +31,10 @@ def whole(name: str, value: int, *, at_least: int, multiple: int = 1, why: str =
     return number
 
 
-def balanced_trials(trials: int, blocks: int, practice: int, *, multiple: int, types: str) -> None:
-    """One sentence unless the types of trials can be equally often, in blocks of one size."""
-    whole("trials", trials, at_least=multiple, multiple=multiple, why=f" ({types} equally often)")
-    whole("blocks", blocks, at_least=1)
-    whole("trials", trials, at_least=multiple, multiple=blocks, why=", the number of blocks")
-    whole("practice", practice, at_least=0)
-
-
 def seconds(name: str, value: float) -> float:
     """A time [s] above 0, or one sentence."""
     refuse(not (math.isfinite(value) and value > 0), f"{name} must be a time above 0 [s], got {value}")
     return float(value)
-
-
-def one_of(name: str, value: str, choices: Sequence[str]) -> None:
-    refuse(value not in choices, f"{name} must be one of {', '.join(choices)}, got {value!r}")
 
 
 def rendered(name: str, stimulus: Stimulus) -> None:
@@ -198,39 +187,41 @@ class FixedOrder(Order):
         done = len(self.answered)
         return self.trials[done] if done < len(self.trials) else None
 
-    def answer(self, response: str) -> None:
-        self.answered.append((checked_trial(self.next(), response, self._answers), response))
 
-
-def fixed_order(
-    design: Any,
-    seed: int,
-    subject: str,
-    groups: Sequence[Sequence[T]],
-    make: Callable[[Draws, T, int, Phase, int], Trial],
-) -> FixedOrder:
-    """Practice, then blocks, each balanced (`Draws.balanced`); `make` is given draws, type, number, phase and block."""
+def fixed_order(design: Any, seed: int, subject: str, types: Sequence[Sequence[Any]]) -> FixedOrder:
+    """Practice, then blocks, each balanced (`Draws.balanced`)."""
     draws = Draws(seed, subject, design.to_dict())
-    first = draws.balanced(groups, design.practice)[0]
-    order = [make(draws, kind, number, "practice", 0) for number, kind in enumerate(first, 1)]
-    for block, kinds in enumerate(draws.balanced(groups, design.trials, design.blocks), 1):
-        before = (block - 1) * len(kinds)
-        order += [make(draws, kind, before + place, "main", block) for place, kind in enumerate(kinds, 1)]
+    first = draws.balanced(types, design.practice)[0]
+    order = [design._trial(draws, kind, number, "practice", 0) for number, kind in enumerate(first, 1)]
+    for block, kinds in enumerate(draws.balanced(types, design.trials, design.blocks), 1):
+        before = 1 + (block - 1) * len(kinds)
+        order += [design._trial(draws, kind, n, "main", block) for n, kind in enumerate(kinds, before)]
     return FixedOrder(order, design.answers)
 
 
-def checked_trial(trial: Trial | None, response: str, answers: tuple[str, ...]) -> Trial:
-    """The trial that a response answers.
+class Scored(Design):
+    """A design whose answers make a score; its orders do not depend on them."""
 
-    Raises
-    ------
-    ValueError
-        If the response is not one of the answers, or there is no trial left.
-    """
-    if trial is None:
-        raise ValueError(f"there is no trial left to answer, got {response!r}")
-    refuse(response not in answers, f"response must be one of {', '.join(answers)}, got {response!r}")
-    return trial
+    trials: int
+    interval: float
+    practice: int
+    blocks: int
+    _types: Sequence[Sequence[str]]  # in groups of equal size
+
+    def order(self, *, seed: int, subject: str) -> FixedOrder:
+        return fixed_order(self, seed, subject, self._types)
+
+    def _check(self, types: str, multiple: int) -> None:
+        """One sentence unless the types of trials can be equally often, in blocks of one size, and the rest is right."""
+        whole("trials", self.trials, at_least=multiple, multiple=multiple, why=f" ({types} equally often)")
+        whole("blocks", self.blocks, at_least=1)
+        whole("trials", self.trials, at_least=multiple, multiple=self.blocks, why=", the number of blocks")
+        whole("practice", self.practice, at_least=0)
+        object.__setattr__(self, "interval", seconds("interval", self.interval))
+        one_of("mode", self.mode, MODES)
+
+    def _power(self, said: str, subjects: int) -> str:
+        return f"{said}\n{design_power(self.task, trials=self.trials, subjects=subjects)}"
 
 
 def counterbalanced(names: Sequence[T], subject_index: int) -> list[T]:
@@ -411,7 +402,7 @@ class Comparison(Design):
 
 
 @dataclass(frozen=True)
-class ABX(Design):
+class ABX(Scored):
     """The reference first, then a match and a foil: which of the two is as the reference? The paper's Task 3.
 
     The match (A) is first (AB) as often as second (BA), in random order. In each block too where its size is even; else
@@ -473,6 +464,7 @@ class ABX(Design):
     blocks: int = 1
 
     task, _kind, _derived = "abx", "abx", ("chance",)
+    _types = (("AB",), ("BA",))
     question = "After the reference came two: which of them felt like the reference?"
     answers = ("first", "second")
     chance: ClassVar[float] = 0.5
@@ -491,37 +483,32 @@ class ABX(Design):
             self.matching.name == self.foil.name,
             f"match and foil must have different names, got {self.foil.name!r} twice",
         )
-        balanced_trials(self.trials, self.blocks, self.practice, multiple=2, types="AB and BA")
-        object.__setattr__(self, "interval", seconds("interval", self.interval))
+        self._check("AB and BA", 2)
         if self.reference_interval is not None:
             length = seconds("reference_interval", self.reference_interval)
             object.__setattr__(self, "reference_interval", length)
-        one_of("mode", self.mode, MODES)
 
     @property
     def matching(self) -> Stimulus:
         """The alternative that is correct."""
         return self.reference if self.match is None else self.match
 
-    def order(self, *, seed: int, subject: str) -> FixedOrder:
-        def make(draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
-            shown = [(self.reference, self.reference_interval)]
-            shown += [(self.matching if letter == "A" else self.foil, self.interval) for letter in kind]
-            intervals = tuple(Interval(stimulus, draws.interval_seed(), long) for stimulus, long in shown)
-            return Trial(number, phase, block, kind, intervals, self.answers[kind.index("A")])
-
-        return fixed_order(self, seed, subject, (("AB",), ("BA",)), make)
+    def _trial(self, draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
+        shown = [(self.reference, self.reference_interval)]
+        shown += [(self.matching if letter == "A" else self.foil, self.interval) for letter in kind]
+        intervals = tuple(Interval(stimulus, draws.interval_seed(), long) for stimulus, long in shown)
+        return Trial(number, phase, block, kind, intervals, self.answers[kind.index("A")])
 
     def power(self, subjects: int = 1) -> str:
-        what = (
+        return self._power(
             f"reference {self.reference.name}, then match {self.matching.name} and foil {self.foil.name} for "
-            f"{self.interval:g} s each ({self.mode}), chance {self.chance:g}"
+            f"{self.interval:g} s each ({self.mode}), chance {self.chance:g}",
+            subjects,
         )
-        return f"{what}\n{design_power(self.task, trials=self.trials, subjects=subjects)}"
 
 
 @dataclass(frozen=True)
-class SameDifferent(Design):
+class SameDifferent(Scored):
     """Two intervals with a or b in each; was it the same material twice, or two? The paper's Tasks 1 and 2.
 
     AA, AB, BA and BB are equally often, in random order. In each block they are too where its size is a multiple of
@@ -569,6 +556,7 @@ class SameDifferent(Design):
     blocks: int = 1
 
     task = _kind = "same-different"
+    _types = (("AA", "BB"), ("AB", "BA"))
     question = "Was it the same material twice, or two different ones?"
     answers = ("same", "different")
 
@@ -576,18 +564,13 @@ class SameDifferent(Design):
         rendered("a", self.a)
         rendered("b", self.b)
         refuse(self.a.name == self.b.name, f"a and b must have different names, got {self.a.name!r} twice")
-        balanced_trials(self.trials, self.blocks, self.practice, multiple=4, types="AA, AB, BA, BB")
-        object.__setattr__(self, "interval", seconds("interval", self.interval))
-        one_of("mode", self.mode, MODES)
+        self._check("AA, AB, BA, BB", 4)
 
-    def order(self, *, seed: int, subject: str) -> FixedOrder:
-        def make(draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
-            pair = [self.a if letter == "A" else self.b for letter in kind]
-            intervals = tuple(Interval(stimulus, draws.interval_seed(), self.interval) for stimulus in pair)
-            return Trial(number, phase, block, kind, intervals, "same" if kind[0] == kind[1] else "different")
-
-        return fixed_order(self, seed, subject, (("AA", "BB"), ("AB", "BA")), make)
+    def _trial(self, draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
+        pair = [self.a if letter == "A" else self.b for letter in kind]
+        intervals = tuple(Interval(stimulus, draws.interval_seed(), self.interval) for stimulus in pair)
+        return Trial(number, phase, block, kind, intervals, "same" if kind[0] == kind[1] else "different")
 
     def power(self, subjects: int = 1) -> str:
-        what = f"{self.a.name} or {self.b.name} in two intervals of {self.interval:g} s ({self.mode}), chance 0.5"
-        return f"{what}\n{design_power(self.task, trials=self.trials, subjects=subjects)}"
+        said = f"{self.a.name} or {self.b.name} in two intervals of {self.interval:g} s ({self.mode}), chance 0.5"
+        return self._power(said, subjects)

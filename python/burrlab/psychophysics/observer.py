@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from burrlab._core import Burr, HandDevice, Material
 from burrlab.common.check import refuse
 from burrlab.psychophysics.interval import Block, Rendered, render
-from burrlab.psychophysics.result import Result
-from burrlab.psychophysics.rules import RuleName, TaskName, rule_of
+from burrlab.psychophysics.rules import Result, RuleName, TaskName, rule_of
 from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
 
 PROBING_PUSH = 1.5  # [N] at a press's height; ours

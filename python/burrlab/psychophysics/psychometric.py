@@ -20,9 +20,8 @@ from scipy.stats import beta, chi2
 from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.common.provenance import provenance
-from burrlab.psychophysics.designs import UNITS, checked_answers, checked_level, one_of
-from burrlab.psychophysics.result import Result
-from burrlab.psychophysics.rules import Floats
+from burrlab.psychophysics.designs import UNITS, checked_answers, checked_level
+from burrlab.psychophysics.rules import Floats, Result, one_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,24 +47,18 @@ def proportion_correct(
     return np.asarray(0.5 + 0.5 * (1.0 - np.asarray(lapse, dtype=np.float64)) * seen)
 
 
-@dataclass(frozen=True)
-class _Tables:
-    """What all posteriors between two differences share."""
-
-    thresholds: Floats
-    differences: Floats
-    grid: tuple[Floats, Floats, Floats]  # threshold, slope, lapse of each point
-    correct: Floats  # proportion, by difference and point
-    entropy: Floats  # of an answer [nat]
-
-
 @lru_cache(maxsize=4)
-def _tables(smallest: float, largest: float) -> _Tables:
+def _tables(smallest: float, largest: float) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """What all posteriors between two differences share.
+
+    Thresholds; differences; threshold, slope and lapse rate of each point of the grid; proportion correct and entropy of an
+    answer [nat], by difference and point.
+    """
     thresholds = np.geomspace(smallest, largest, _THRESHOLDS)
     differences = np.geomspace(smallest, largest, _LEVELS)
-    t, s, q = (axis.ravel() for axis in np.meshgrid(thresholds, _SLOPES, _LAPSES, indexing="ij"))
-    correct = np.stack([proportion_correct(x, t, s, q) for x in differences])
-    return _Tables(thresholds, differences, (t, s, q), correct, entr(correct) + entr(1.0 - correct))
+    grid = np.stack(np.meshgrid(thresholds, _SLOPES, _LAPSES, indexing="ij")).reshape(3, -1)
+    correct = proportion_correct(differences[:, None], *grid)
+    return thresholds, differences, grid, correct, entr(correct) + entr(1.0 - correct)
 
 
 class ThresholdPosterior:
@@ -81,8 +74,9 @@ class ThresholdPosterior:
     """
 
     def __init__(self, smallest: float, largest: float) -> None:
-        self._tables = tables = _tables(smallest, largest)
-        self.thresholds, self.differences = tables.thresholds, tables.differences
+        self.thresholds, self.differences, self._grid, self._correct, self._entropy = _tables(
+            smallest, largest
+        )
         self._log = np.tile(np.log(_LAPSE_PRIOR), _THRESHOLDS * _SLOPES.size)
 
     def weights(self) -> Floats:
@@ -91,7 +85,7 @@ class ThresholdPosterior:
         return np.asarray(weights / weights.sum())
 
     def update(self, difference: float, correct: int, trials: int = 1) -> None:
-        p = proportion_correct(difference, *self._tables.grid)
+        p = proportion_correct(difference, *self._grid)
         self._log += correct * np.log(p) + (trials - correct) * np.log1p(-p)
 
     def most_informative(self) -> float:
@@ -101,8 +95,8 @@ class ThresholdPosterior:
         expected entropy of the answer. Of equal ones the smallest.
         """
         weights = self.weights()
-        p = self._tables.correct @ weights
-        information = entr(p) + entr(1.0 - p) - self._tables.entropy @ weights
+        p = self._correct @ weights
+        information = entr(p) + entr(1.0 - p) - self._entropy @ weights
         return float(self.differences[int(np.argmax(np.round(information, _DIGITS)))])
 
     def summary(self, level: float = 0.95) -> dict[str, Any]:
@@ -314,8 +308,8 @@ class PsychometricFit(Result):
         ax = axes_or_new(ax)
         x = np.log(self.ratios)
         correct, trials = np.asarray(self.correct), np.asarray(self.trials)
-        share, tail = correct / trials, 0.5 - 0.5 * self.level
-        reach = max(1.4 * x.max(), 1.05 * math.log(self.interval[1]))
+        share, tail, ends = correct / trials, 0.5 - 0.5 * self.level, np.log(self.interval)
+        reach = max(1.4 * x.max(), 1.05 * ends[1])
         span = np.geomspace(0.7 * x.min(), reach, 200)
         ax.plot(span, self.proportion_at(np.exp(span)), color=POSITION, linewidth=1.4)
         # Clopper and Pearson's; beta's parameters must stay above 0 where no or all answers were correct.
@@ -325,23 +319,12 @@ class PsychometricFit(Result):
         bars = x.size <= _MOST_BARS
         if bars:
             ax.vlines(x, low, high, color=REFERENCE, linewidth=0.9)
-        sizes = 18.0 * np.sqrt(trials / trials.max())
-        ax.scatter(x, share, s=sizes, color=REFERENCE, zorder=3)
-        ends = np.log(self.interval)
-        ax.plot(
-            ends,
-            [self.proportion] * 2,
-            "|-",
-            color=VELOCITY,
-            linewidth=2.0,
-            markersize=7,
-            solid_capstyle="butt",
-        )
+        ax.scatter(x, share, s=18.0 * np.sqrt(trials / trials.max()), color=REFERENCE, zorder=3)
+        style: dict[str, Any] = {"linewidth": 2.0, "markersize": 7, "solid_capstyle": "butt"}
+        ax.plot(ends, [self.proportion] * 2, "|-", color=VELOCITY, **style)
         ax.plot(math.log(self.threshold), self.proportion, "o", color=VELOCITY, zorder=4)
-        name = {"both": "ratio or its inverse"}.get(self.side, "ratio")
         ax.axhline(self.guess_rate, color=REFERENCE, linewidth=0.8, linestyle=":")
         ax.set_xscale("log")
-        ax.set_xlim(min(span[0], 0.95 * ends[0]), reach)
         # In the upper left, where a curve that rises is not; beside the point the text would leave the frame.
         ax.text(
             0.02, 0.98, f"threshold {self._shown(math.log(self.threshold)):.3g}, {100 * self.level:g} % interval",
@@ -352,13 +335,15 @@ class PsychometricFit(Result):
         ticks = x if x.size <= 8 else np.geomspace(x.min(), x.max(), 6)
         ax.set_xticks(ticks, [f"{self._shown(tick):.3g}" for tick in ticks])
         ax.minorticks_off()
-        what = "parameter" if self.parameter is None else self.parameter
-        over = ""
-        if self.reference is not None and self.parameter is not None:
-            over = f"'s {self.reference:g} {UNITS[self.parameter]}"
-        ax.set_xlabel(f"{what}, {name} to the reference{over} [1]")
-        ax.set_ylabel("proportion correct [1]")
-        ax.set_ylim(min(0.4, float((low if bars else share).min())) - 0.03, 1.03)
+        known = self.reference is not None and self.parameter is not None
+        over = f"'s {self.reference:g} {UNITS[self.parameter or '']}" if known else ""
+        name = "ratio or its inverse" if self.side == "both" else "ratio"
+        ax.set(
+            xlim=(min(span[0], 0.95 * ends[0]), reach),
+            xlabel=f"{self.parameter or 'parameter'}, {name} to the reference{over} [1]",
+            ylim=(min(0.4, float((low if bars else share).min())) - 0.03, 1.03),
+            ylabel="proportion correct [1]",
+        )
         return tidy(ax)
 
     def _shown(self, difference: float) -> float:
@@ -511,10 +496,7 @@ def _fit(data: Floats, level: float) -> tuple[Any, list[tuple[str, str]]]:
             data, experiment_type="2AFC", sigmoid="weibull", confP=(level, 0.9, 0.68),
             pool_max_blocks=len(data), **options,
         )  # fmt: skip
-    at_bounds = []
-    for warning in caught:
-        if (match := _BOUND.search(str(warning.message))) is not None:
-            at_bounds.append((match[1], match[2]))
-        else:
-            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
-    return found, at_bounds
+    told = [_BOUND.search(str(warning.message)) for warning in caught]
+    for warning in (one for one, match in zip(caught, told, strict=True) if match is None):
+        warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+    return found, [(match[1], match[2]) for match in told if match is not None]

@@ -30,8 +30,7 @@ from burrlab.psychophysics.observer import (
     rendered_cues,
 )
 from burrlab.psychophysics.power import DesignPower, design_power, subjects_needed, trials_needed
-from burrlab.psychophysics.result import Result
-from burrlab.psychophysics.rules import Counts, RuleName, TaskName, counts_of, rule_of
+from burrlab.psychophysics.rules import Counts, Result, RuleName, TaskName, counts_of, rule_of
 from burrlab.psychophysics.seat import Seat
 from burrlab.psychophysics.trial import MODES, Design, Interval, Mode, Order, Trial
 from burrlab.psychophysics.weber import COMPLIANCE_WITHOUT_SURFACE

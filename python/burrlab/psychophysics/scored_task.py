@@ -16,7 +16,6 @@ from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.group import GroupDPrime, GroupScore, group_d_prime, group_score
-from burrlab.psychophysics.pairs import PairCheck, pair_checks
 from burrlab.psychophysics.plots import (
     draw,
     draw_d_prime,
@@ -28,7 +27,14 @@ from burrlab.psychophysics.plots import (
 from burrlab.psychophysics.power import Equivalence, equivalence
 from burrlab.psychophysics.published import PublishedScore, SelectionEffect
 from burrlab.psychophysics.rules import Counts, RuleName, TaskName
-from burrlab.psychophysics.sensitivity import DPrime, binomial_test, d_prime, score_interval
+from burrlab.psychophysics.sensitivity import (
+    DPrime,
+    PairCheck,
+    binomial_test,
+    d_prime,
+    pair_checks,
+    score_interval,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -25,7 +25,6 @@ from burrlab.psychophysics.designs import (
     SameDifferent,
     checked_answers,
     checked_level,
-    checked_trial,
     fixed_order,
     whole,
 )
@@ -35,9 +34,8 @@ from burrlab.psychophysics.psychometric import (
     posterior_threshold,
     threshold_of,
 )
-from burrlab.psychophysics.result import Result
-from burrlab.psychophysics.rules import rule_of
-from burrlab.psychophysics.trial import Design, Order, Stimulus, Trial, key_of
+from burrlab.psychophysics.rules import Result, rule_of
+from burrlab.psychophysics.trial import Design, Order, Phase, Stimulus, Trial, key_of
 
 _RUN = 8  # trials over which the orders are balanced
 
@@ -58,6 +56,14 @@ class Staircased(Comparison):
     def order(self, *, seed: int, subject: str) -> StaircaseOrder:
         return StaircaseOrder(self, Draws(seed, subject, self.to_dict()))
 
+    def _measure(self, answers: Answers) -> tuple[float | None, int]:
+        """The difference that a run on an observer finds, and its trials."""
+        track = self.track()
+        while (level := track.level()) is not None:
+            track.update(answers(abs(math.log(level))))
+        found = track.threshold()
+        return found.difference, found.trials
+
 
 class StaircaseOrder(Order):
     """Trials whose levels follow the answers; orders of the intervals and seeds do not.
@@ -70,7 +76,7 @@ class StaircaseOrder(Order):
     """
 
     def __init__(self, design: Staircased, draws: Draws) -> None:
-        self.answered = []
+        self.answered, self._answers = [], design.answers
         self.track = design.track()
         self._design, self._draws = design, draws
         self._kinds = self._drawn(design.practice) + self._drawn(design.trials)
@@ -97,8 +103,8 @@ class StaircaseOrder(Order):
         return self._next
 
     def answer(self, response: str) -> None:
-        trial = checked_trial(self.next(), response, self._design.answers)
-        self.answered.append((trial, response))
+        super().answer(response)
+        trial = self.answered[-1][0]
         if trial.phase == "main":
             self.track.update(response == trial.correct)
         self._next = None
@@ -255,7 +261,7 @@ class Staircase(Staircased):
         """How well the threshold of a stated observer is found; a second or so of simulation."""
         first = f"{self.what}; aims at {100 * self.target:.1f} % correct, at most {self.trials} trials"
         threshold, where = abs(math.log(self.start)) / 4.0, "a quarter of the start's distance from 1"
-        return f"{first}\n{staircase_precision(self, threshold, where, subjects, self.target)}"
+        return f"{first}\n{precision(self._measure, threshold, where, subjects, self.target)}"
 
 
 class StaircaseTrack:
@@ -415,19 +421,26 @@ class ConstantStimuli(Comparison):
         return len(self.levels) * self.repeats
 
     def order(self, *, seed: int, subject: str) -> FixedOrder:
-        groups = [[(kind, level) for level in self.levels] for kind in ("RC", "CR")]
-        return fixed_order(
-            self,
-            seed,
-            subject,
-            groups,
-            lambda draws, kind, number, phase, block: self.trial(*kind, number, phase, block, draws),
-        )
+        types = [[(kind, level) for level in self.levels] for kind in ("RC", "CR")]
+        return fixed_order(self, seed, subject, types)
+
+    def _trial(self, draws: Draws, kind: tuple[str, float], number: int, phase: Phase, block: int) -> Trial:
+        return self.trial(*kind, number, phase, block, draws)
 
     def power(self, subjects: int = 1) -> str:
         """How well the threshold of a stated observer is found; a second or so of simulation."""
+        differences = [abs(math.log(level)) for level in self.levels]
+        threshold = math.sqrt(min(differences) * max(differences))
+
+        def estimate(answers: Answers) -> tuple[float | None, int]:
+            posterior = ThresholdPosterior(0.5 * min(differences), 2.0 * max(differences))
+            for difference in differences:
+                right = sum(answers(difference) for _ in range(self.repeats))
+                posterior.update(difference, right, self.repeats)
+            return posterior.summary()["threshold"], self.trials
+
         first = f"{self.what}; {len(self.levels)} levels of {self.repeats} trials each"
-        return f"{first}\n{constant_stimuli_precision(self, subjects)}"
+        return f"{first}\n{precision(estimate, threshold, 'the middle of the levels', subjects)}"
 
 
 @dataclass(frozen=True)
@@ -533,7 +546,7 @@ class AdaptiveStaircase(Staircased):
         middle = math.sqrt(math.prod(abs(math.log(level)) for level in self.levels))
         return (
             f"{self.what}; {self.trials} trials\n"
-            f"{staircase_precision(self, middle, 'the middle of the levels', subjects)}"
+            f"{precision(self._measure, middle, 'the middle of the levels', subjects)}"
         )
 
 
@@ -584,40 +597,14 @@ def gaussian_difference(proportion: float, threshold: float, lapse: float = LAPS
     return threshold * d_prime / _D_PRIME
 
 
-def constant_stimuli_precision(design: ConstantStimuli, subjects: int) -> str:
-    differences = [abs(math.log(level)) for level in design.levels]
-    threshold = math.sqrt(min(differences) * max(differences))
-
-    def estimate(answers: Answers) -> tuple[float | None, int]:
-        posterior = ThresholdPosterior(0.5 * min(differences), 2.0 * max(differences))
-        for difference in differences:
-            right = sum(answers(difference) for _ in range(design.repeats))
-            posterior.update(difference, right, design.repeats)
-        return posterior.summary()["threshold"], design.trials
-
-    return _text(estimate, threshold, "the middle of the levels", subjects)
-
-
-def staircase_precision(
-    design: Staircased, threshold: float, where: str, subjects: int, target: float | None = None
-) -> str:
-    def estimate(answers: Answers) -> tuple[float | None, int]:
-        track = design.track()
-        while (level := track.level()) is not None:
-            track.update(answers(abs(math.log(level))))
-        found = track.threshold()
-        return found.difference, found.trials
-
-    return _text(estimate, threshold, where, subjects, target)
-
-
-def _text(
+def precision(
     estimate: Callable[[Answers], tuple[float | None, int]],
     threshold: float,
     where: str,
     subjects: int,
     target: float | None = None,
 ) -> str:
+    """What simulated runs of a stated observer find, in a few lines; `estimate` gives difference and number of trials of one."""
     draws = np.random.default_rng(0)
     runs = [
         estimate(lambda difference: draws.random() < gaussian_correct(difference, threshold))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Literal, TypeAlias
 
 from burrlab._core import Material
-from burrlab.psychophysics.rules import TaskName
+from burrlab.psychophysics.rules import TaskName, one_of
 
 Mode: TypeAlias = Literal["probing", "drilling"]
 Phase: TypeAlias = Literal["practice", "main"]
@@ -144,6 +144,7 @@ class Order(ABC):
     """
 
     answered: list[tuple[Trial, str]]
+    _answers: tuple[str, ...]
 
     @property
     @abstractmethod
@@ -154,7 +155,6 @@ class Order(ABC):
     def next(self) -> Trial | None:
         """The next trial, the same until it is answered; None at the end."""
 
-    @abstractmethod
     def answer(self, response: str) -> None:
         """Of the next trial.
 
@@ -163,3 +163,7 @@ class Order(ABC):
         ValueError
             If the response is not one of the design's answers, or there is no trial left.
         """
+        if (trial := self.next()) is None:
+            raise ValueError(f"there is no trial left to answer, got {response!r}")
+        one_of("response", response, self._answers)
+        self.answered.append((trial, response))

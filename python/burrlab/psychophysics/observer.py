@@ -9,15 +9,14 @@ import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from burrlab._core import Burr, HandDevice, Material
 from burrlab.common.check import refuse
 from burrlab.psychophysics.interval import Block, Rendered, render
-from burrlab.psychophysics.rules import Result, RuleName, TaskName, rule_of
+from burrlab.psychophysics.rules import Floats, Result, RuleName, TaskName, one_of, rule_of
 from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
 
 PROBING_PUSH = 1.5  # [N] at a press's height; ours
@@ -31,7 +30,7 @@ CLEARANCE = 0.5  # [mm] above the surface at the start
 def probing_hand(
     burr: Burr, *, push: float = PROBING_PUSH, presses: float = PRESSES, clearance: float = CLEARANCE
 ) -> HandDevice:
-    """A hand that presses a burr that does not turn into the bone, again and again at one place.
+    """A hand that presses a still burr into the bone, again and again at one place.
 
     Parameters
     ----------
@@ -226,7 +225,7 @@ def rendered_cues(
     return interval_cues(render(interval, hand, burr=burr, bone=bone, mode=mode, wall_clock=False))
 
 
-def _presses(force: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
+def _presses(force: Floats) -> Iterator[tuple[int, int]]:
     """(first tick, tick after the last) of each press."""
     largest = float(force.max(initial=0.0))
     if largest <= 0.0:
@@ -239,7 +238,7 @@ def _presses(force: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
         yield start, at
 
 
-def _force_on_the_way(depth: NDArray[np.float64], force: NDArray[np.float64]) -> float:
+def _force_on_the_way(depth: Floats, force: Floats) -> float:
     """Where the burr last came past the immersion on its way in; NaN where it was deeper all the time."""
     crossings = np.flatnonzero((depth[:-1] < IMMERSION) & (depth[1:] >= IMMERSION))
     if not len(crossings):
@@ -255,7 +254,6 @@ def _log_mean(values: list[float]) -> float:
 
 
 Decision: TypeAlias = Literal["differencing", "covert"]
-Floats: TypeAlias = NDArray[np.float64]
 
 DECISIONS: tuple[Decision, ...] = ("differencing", "covert")
 LAPSE = 0.02  # of the answers, at random; ours
@@ -330,10 +328,7 @@ class SimulatedSubject:
                 not 0.0 < given[cue] < math.inf,
                 f"weber of {cue} must be positive and finite, got {given[cue]!r}",
             )
-        refuse(
-            self.decision not in DECISIONS,
-            f"decision must be one of {', '.join(DECISIONS)}, got {self.decision!r}",
-        )
+        one_of("decision", self.decision, DECISIONS)
         refuse(
             self.criterion is not None and self.decision == "covert",
             f"criterion must be None for covert decisions, got {self.criterion!r}",
@@ -417,7 +412,7 @@ class SimulatedSubject:
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
-            "cues": list(self.cues), "weber": dict(self._fractions()), "decision": self.decision,
+            "cues": list(self.cues), "weber": dict(cast(Mapping[CueName, float], self.weber)), "decision": self.decision,
             "criterion_sd": self.criterion, "lapse": self.lapse, "memory": self.memory,
         }  # fmt: skip
 
@@ -449,21 +444,16 @@ class SimulatedSubject:
         return np.asarray((observed - middle) @ (difference / variance) / scale)
 
     def _difference(self) -> Floats:
-        if self.known is None:
-            raise ValueError("the subject must be taught the two materials first (taught, teach)")
-        a, b = self._values(self.known)
+        refuse(self.known is None, "the subject must be taught the two materials first (taught, teach)")
+        a, b = self._values(self.known or ())
         refuse(np.array_equal(a, b), "the two known materials must differ in a cue")
         return np.asarray(a - b)
 
     def _variance(self) -> Floats:
         return np.asarray(self._weber_array() ** 2 + 0.5 * self.memory**2)
 
-    def _fractions(self) -> Mapping[CueName, float]:
-        assert isinstance(self.weber, Mapping)
-        return self.weber
-
     def _weber_array(self) -> Floats:
-        return np.array([self._fractions()[cue] for cue in self.cues])
+        return np.array([cast(Mapping[CueName, float], self.weber)[cue] for cue in self.cues])
 
     def _values(self, cues: Sequence[Cues]) -> Floats:
         values = np.array([[getattr(c, cue) for cue in self.cues] for c in cues], dtype=np.float64)

@@ -29,8 +29,8 @@ from burrlab.psychophysics.observer import (
     interval_cues,
     rendered_cues,
 )
-from burrlab.psychophysics.power import DesignPower, design_power, subjects_needed, trials_needed
-from burrlab.psychophysics.rules import Counts, Result, RuleName, TaskName, counts_of, rule_of
+from burrlab.psychophysics.power import DesignPower, Observer, design_power, subjects_needed, trials_needed
+from burrlab.psychophysics.rules import Counts, Result, RuleName, TaskName, counts_of, one_of, rule_of
 from burrlab.psychophysics.seat import Seat
 from burrlab.psychophysics.trial import MODES, Design, Interval, Mode, Order, Trial
 from burrlab.psychophysics.weber import COMPLIANCE_WITHOUT_SURFACE
@@ -48,14 +48,14 @@ def rehearse(
     burr: Burr | None = None,
     bone: Block | None = None,
 ) -> list[Counts]:
-    """The counts of subjects who are alike, from one seed.
+    """The counts of simulated subjects who are alike, from one seed.
 
     Parameters
     ----------
     design : Design
         Each subject gets an order of its own. A real specimen is felt as the material that matches it.
     subject : SimulatedSubject
-        Who has not been taught is taught by `teach` first.
+        One who has not been taught is taught by `teach` first.
     subjects : int
     seed : int
         Of orders, noise and lapses.
@@ -83,15 +83,13 @@ def rehearse(
     renders every interval.
     """
     refuse(operator.index(subjects) < 1, f"subjects must be at least 1, got {subjects}")
-    names = [f"{number:02d}" for number in range(1, subjects + 1)]
     taught = subject if subject.known is not None else teach(subject, design, burr=burr, bone=bone)
-    orders = (rehearsed_order(design, taught, name=name, seed=seed, burr=burr, bone=bone) for name in names)
-    return [
-        counts_of(
-            design.task, [(t.trial_type, said, t.correct) for t, said in order.answered if t.phase == "main"]
-        )
-        for order in orders
-    ]
+    found = []
+    for number in range(1, subjects + 1):
+        order = rehearsed_order(design, taught, name=f"{number:02d}", seed=seed, burr=burr, bone=bone)
+        main = [(t.trial_type, said, t.correct) for t, said in order.answered if t.phase == "main"]
+        found.append(counts_of(design.task, main))
+    return found
 
 
 def rehearsed_order(
@@ -121,7 +119,7 @@ def rehearsed_order(
 def teach(
     subject: SimulatedSubject, design: Design, *, burr: Burr | None = None, bone: Block | None = None
 ) -> SimulatedSubject:
-    """The subject who knows the design's two materials; in two-interval tasks unchanged.
+    """The same subject, who knows the design's two materials; in two-interval tasks the subject unchanged.
 
     Raises
     ------
@@ -284,7 +282,7 @@ def predicted_d_prime(
     expected score 9.3 of 12 (2 % lapses); power of one subject 48 %
     80 % power needs 24 trials of one subject, or 4 subjects of 12 trials
     """
-    refuse(mode not in MODES, f"mode must be one of {', '.join(MODES)}, got {mode!r}")
+    one_of("mode", mode, MODES)
     for cue in subject.cues:
         refuse(
             cue not in CUES_OF[mode],
@@ -548,10 +546,9 @@ def _distance(differences: Mapping[str, float], cues: Sequence[str]) -> float:
 
 def _row(cue: str, pair: str, decision: Decision, noise: float, distance: float, lapse: float) -> TaskOneRow:
     rule = rule_of("same-different", SimulatedSubject(1.0, decision=decision).rule)
-    d_prime = distance / noise
-    rates = np.array([float(rate) for rate in rule.rates(d_prime)])
-    hit, false_alarm = (1.0 - lapse) * rates + 0.5 * lapse
-    half = 0.5 * TRIALS
+    d_prime, half = distance / noise, 0.5 * TRIALS
+    observer = Observer(rule, d_prime, TRIALS, lapse)
+    hit, false_alarm = observer.hit, observer.false_alarm
     score = half * (hit + 1.0 - false_alarm)
     spread = math.sqrt(half * (hit * (1.0 - hit) + false_alarm * (1.0 - false_alarm)) / SUBJECTS)
     return TaskOneRow(cue, pair, decision, noise, d_prime, score, score - _Z * spread, score + _Z * spread)
@@ -570,7 +567,7 @@ class SimulatedSeat(Seat):
     Parameters
     ----------
     subject : SimulatedSubject
-        Is taught the two materials of a same-different or ABX task first.
+        Learns the two materials of a same-different or ABX task first.
     design : Design
     burr : Burr
     bone : Block

@@ -16,14 +16,7 @@ from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.group import GroupDPrime, GroupScore, group_d_prime, group_score
-from burrlab.psychophysics.plots import (
-    draw,
-    draw_d_prime,
-    legend_above,
-    name_rows,
-    room_for,
-    wrapped,
-)
+from burrlab.psychophysics.plots import draw, draw_d_prime, of_subjects, room_for, wrapped
 from burrlab.psychophysics.power import Equivalence, equivalence
 from burrlab.psychophysics.published import PublishedScore, SelectionEffect
 from burrlab.psychophysics.rules import Counts, RuleName, TaskName
@@ -213,9 +206,8 @@ def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) ->
     """
     found = []
     for task in tasks:
-        text = "; ".join(
-            filter(None, dict.fromkeys(selected_by.get(one.subject, "") for one in task.subjects))
-        )
+        texts = dict.fromkeys(selected_by.get(one.subject, "") for one in task.subjects)
+        text = "; ".join(filter(None, texts))
         numbers = _OF.search(text)
         chosen, of = (int(numbers[1]), int(numbers[2])) if numbers else (0, 0)
         cars = [one.answers.side_car for one in task.subjects if one.answers is not None]
@@ -422,12 +414,11 @@ def holm(p_values: Sequence[float]) -> list[float]:
     >>> holm([0.01, 0.04, 0.03])
     [0.03, 0.06, 0.06]
     """
-    p = np.asarray(p_values, dtype=np.float64)
+    p = np.array(p_values, dtype=np.float64)
     order = np.argsort(p, kind="stable")
     stepped = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
-    corrected = np.empty_like(p)
-    corrected[order] = np.minimum(stepped, 1.0)
-    return [float(value) for value in corrected]
+    p[order] = np.minimum(stepped, 1.0)
+    return list(map(float, p))
 
 
 CORRECTION: Literal["log-linear"] = "log-linear"
@@ -572,14 +563,12 @@ class ScoredTask(TaskResult[SubjectResult]):
                 (100 * one.score_interval[0], 100 * one.counts.score / one.counts.trials, 100 * one.score_interval[1])
                 for one in self.subjects
             ]  # fmt: skip
-            draw(ax, spans, rows, 100.0, POSITION, "o", None)
+            draw(ax, spans, rows, 100.0, POSITION, "o")
             ax.axvline(50, color=REFERENCE, linestyle="--", linewidth=1, label="chance")
             ax.set(xlim=(0, 102), xlabel=f"correct [%], {100 * self.level:g} % interval")
         else:
             draw_d_prime(ax, {rule: [one.span(rule) for one in self.subjects]}, rows, self.level, named=False)
-        name_rows(ax, names, "subject")
-        legend_above(ax, self.title)
-        return tidy(ax)
+        return of_subjects(ax, names, rows, self.title)
 
     def plot_d_prime(self, ax: Axes | None = None) -> Axes:
         """Each subject's d' under all rules, side by side, and the group's.
@@ -603,9 +592,7 @@ class ScoredTask(TaskResult[SubjectResult]):
             names, rows = [*names, "all"], np.append(rows, len(rows) + 0.4)
             ax.axhline(len(rows) - 1.1, color="0.8", linewidth=0.8)
         draw_d_prime(ax, spans, rows, self.level, delta=self.delta)
-        name_rows(ax, names, "subject", rows)
-        legend_above(ax, self.title)
-        return tidy(ax)
+        return of_subjects(ax, names, rows, self.title)
 
     def _some(self) -> None:
         refuse(not self.subjects, f"task {self.name} must hold a complete run to be drawn, got none")
@@ -627,6 +614,7 @@ def _results(
     for one, of_one, p, corrected in zip(used, counts, p_values, holm(p_values), strict=True):
         if progress is not None:
             progress(task, one.subject)
+        bare = of_one.task, of_one.hits, of_one.signals, of_one.false_alarms, of_one.noises
         found.append(
             SubjectResult(
                 subject=one.subject,
@@ -636,16 +624,13 @@ def _results(
                 score_interval=score_interval(of_one, level),
                 p_value=p,
                 holm=corrected,
-                d_prime=tuple(_d_prime(of_one, rule, level) for rule in rules),
+                d_prime=tuple(
+                    replace(_of_outcome(*bare, rule=rule, level=level), counts=of_one) for rule in rules
+                ),
                 checks=tuple(pair_checks(of_one)) if _has_types(of_one) else (),
             )
         )
     return tuple(found)
-
-
-def _d_prime(counts: Counts, rule: RuleName, level: float) -> DPrime:
-    bare = counts.task, counts.hits, counts.signals, counts.false_alarms, counts.noises
-    return replace(_of_outcome(*bare, rule=rule, level=level), counts=counts)
 
 
 @lru_cache(maxsize=4096)  # an exact interval takes 0.1 s, and subjects with equal counts are many

@@ -10,8 +10,8 @@ import numpy as np
 from scipy import stats
 
 from burrlab.common.check import refuse
-from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, tidy
-from burrlab.psychophysics.plots import legend_above, name_rows, room_for, wrapped
+from burrlab.common.figures import POSITION, REFERENCE, VELOCITY
+from burrlab.psychophysics.plots import of_subjects, room_for, wrapped
 from burrlab.psychophysics.psychometric import PosteriorThreshold, PsychometricFit, psychometric_function
 from burrlab.psychophysics.scored_task import Progress, SubjectData, TaskData, TaskResult, shared
 from burrlab.psychophysics.staircase import (
@@ -164,9 +164,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         said = f", {100 * self.level:g} % interval" if some else ""
         what = self.design.get("parameter", "the parameter")
         ax.set_xlabel(f"threshold, ratio of {what} to the reference{said}")
-        name_rows(ax, names, "subject", rows)
-        legend_above(ax, self.title)
-        return tidy(ax)
+        return of_subjects(ax, names, rows, self.title)
 
     def __repr__(self) -> str:
         kind = "simulated subjects" if self.simulated else "subjects"
@@ -181,8 +179,7 @@ def _threshold(one: SubjectData, design: Design | None, level: float) -> Subject
     if isinstance(design, Staircase):
         estimate = reversals = design.threshold(levels, correct)
         # It may end before its last trial.
-        planned = None if reversals.complete else planned
-        threshold = reversals.level
+        planned, threshold = None if reversals.complete else planned, reversals.level
     elif isinstance(design, AdaptiveStaircase):
         estimate = posterior = design.threshold(levels, correct, level=level)
         threshold, interval = posterior.level, posterior.interval

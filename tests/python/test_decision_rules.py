@@ -19,7 +19,9 @@ def law(request):
     return rule_of(*request.param)
 
 
-@pytest.mark.parametrize(("task", "rule"), [(task, rule) for task in ("same-different", "abx") for rule in RULES])
+@pytest.mark.parametrize(
+    ("task", "rule"), [(task, rule) for task in ("same-different", "abx") for rule in RULES]
+)
 def test_is_psyphy(task, rule):
     """psyphy's root finder has a tolerance of 1.2e-4; same-different under independent observations needs none."""
     with GOLDEN.open(newline="") as file:
@@ -28,7 +30,9 @@ def test_is_psyphy(task, rule):
     hit, false_alarm, expected = columns
     assert len(hit) == 78
     closed = (task, rule) == ("same-different", "independent-observations")
-    assert rule_of(task, rule).invert(hit, false_alarm)[0] == pytest.approx(expected, abs=1e-9 if closed else 2e-4)
+    assert rule_of(task, rule).invert(hit, false_alarm)[0] == pytest.approx(
+        expected, abs=1e-9 if closed else 2e-4
+    )
 
 
 def test_rates_give_d_prime_and_criterion_back(law):

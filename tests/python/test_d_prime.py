@@ -287,14 +287,14 @@ class TestCoverage:
 
     @pytest.mark.parametrize(("task", "rule"), [("same-different", DIFFERENCING), ("abx", INDEPENDENT)])
     def test_of_the_intervals_themselves(self, task, rule):
-        """`d_prime` of every outcome of 8 trials."""
+        """`d_prime` of every outcome of 6 trials."""
         law, d_primes = rule_of(task, rule), (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
-        counts = [Counts(task, h, 4, f, 4) for h in range(5) for f in range(5)]
+        counts = [Counts(task, h, 3, f, 3) for h in range(4) for f in range(4)]
         low, high = np.array([d_prime(one, rule=rule).interval for one in counts]).T
         for d, row in zip(
-            d_primes, enumerate_estimator(task, rule, trials=8, d_primes=d_primes), strict=True
+            d_primes, enumerate_estimator(task, rule, trials=6, d_primes=d_primes), strict=True
         ):
-            p = outcome_probabilities(law, 8, d, float(law.unbiased(d)))
+            p = outcome_probabilities(law, 6, d, float(law.unbiased(d)))
             assert p.sum() == pytest.approx(1.0)
             assert row.exact - 1e-9 <= float(p @ ((low <= d) & (d <= high))) <= row.exact + 0.02
             assert float(p @ np.isinf(high)) == pytest.approx(row.exact_open, abs=1e-9)

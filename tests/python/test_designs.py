@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import subprocess
-import sys
 from collections import Counter
 from itertools import pairwise, permutations
 
@@ -144,10 +142,11 @@ def test_pairs_of_neighbours_are_as_random_as_a_shuffle():
 
 
 def test_the_draws_stay_what_they_are():
-    """A run that was interrupted must find the same trials in a later version."""
+    """A run that was interrupted must find the same trials in a later version, and in another process."""
     draws = Draws(1, "01", {"design": "x", "interval_s": 20.0})
     assert draws.shuffled(list(range(10))) == [8, 2, 0, 1, 3, 5, 4, 6, 7, 9]
     assert [draws.interval_seed() for _ in range(2)] == [16671133676022338408, 14445788799221260555]
+    assert Draws(7, "Jürg", {"a": 0.1}).interval_seed() == 18115130029876784718
 
 
 @pytest.mark.parametrize(
@@ -163,19 +162,6 @@ def test_the_order_of_a_design_s_keys_does_not_matter():
     assert (
         Draws(1, "01", {"a": 1, "b": 2}).interval_seed() == Draws(1, "01", {"b": 2, "a": 1}).interval_seed()
     )
-
-
-def test_the_same_in_another_process():
-    program = (
-        "from burrlab.psychophysics.designs import Draws; print(Draws(7, 'Jürg', {'a': 0.1}).interval_seed())"
-    )
-    said = {
-        subprocess.run(
-            [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60
-        ).stdout
-        for _ in range(2)
-    }
-    assert said == {f"{Draws(7, 'Jürg', {'a': 0.1}).interval_seed()}\n"}
 
 
 def test_all_shuffles_are_equally_likely():
@@ -431,10 +417,24 @@ def test_weighted_steps_by_hand():
     assert [math.log(t.level) for t in trials] == pytest.approx([d, d / 1.1, d * 1.1**2])
 
 
-def test_below_one_mirrors_above():
-    answers = [True, True, True, False, True, False, False, True]
-    above, below = (levels(run(staircase(start=start), answers)) for start in (2.0, 0.5))
-    assert below == pytest.approx([1 / level for level in above])
+@pytest.mark.parametrize(
+    ("above", "below"),
+    [
+        (staircase(start=2.0, discard=1), staircase(start=0.5, discard=1)),
+        (adaptive(trials=20), adaptive(trials=20, levels=(1 / 1.02, 0.5))),
+    ],
+)
+def test_below_one_mirrors_above(above, below):
+    answers = [True, True, True, False, True, False, False, True] * 2
+    ratios, inverse = (levels(run(design, answers)) for design in (above, below))
+    assert inverse == pytest.approx([1 / level for level in ratios])
+    found, mirrored = above.threshold(ratios, answers), below.threshold(inverse, answers)
+    assert mirrored.level == pytest.approx(1 / found.level)
+    ends = [getattr(one, "interval", ()) for one in (found, mirrored)]
+    assert ends[1] == pytest.approx([1 / end for end in ends[0]])
+
+
+def test_one_reversal_is_no_threshold():
     found = staircase(start=0.5, discard=0).threshold(
         [0.5, 0.5, 0.5 ** (1 / math.sqrt(2))], [True, True, False]
     )
@@ -566,16 +566,6 @@ def test_the_level_leaves_the_least_expected_entropy():
         chosen = posterior.most_informative()
         assert min(expected) == pytest.approx(expected[list(posterior.differences).index(chosen)], abs=1e-9)
         posterior.update(chosen, bool(draws.random() < 0.7))
-
-
-def test_below_one_mirrors_above_of_adaptive():
-    above = run(adaptive(trials=20), lambda level: level > 1.2)
-    design = adaptive(trials=20, levels=(1 / 1.02, 0.5))
-    below = run(design, lambda level: level < 1 / 1.2)
-    assert levels(below) == pytest.approx([1 / t.level for t in above])
-    found = design.threshold(levels(below), [t.level < 1 / 1.2 for t in below])
-    assert found.level < 1
-    assert found.interval[0] > found.level > found.interval[1]
 
 
 def test_it_goes_where_the_threshold_is():

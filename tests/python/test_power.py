@@ -83,7 +83,9 @@ class TestGroup:
             for row in found.equivalence:
                 assert (row.power >= 0.8) == (delta == 1.5)
                 assert 1.2 < row.decidable_delta < 1.5
-        assert design_power("same-different", **TWELVE, d_primes=[1, 2], delta=1.5) == sized[1.5]
+        one, other = sized.values()
+        assert one.rows == other.rows
+        assert [x.decidable_delta for x in one.equivalence] == [x.decidable_delta for x in other.equivalence]
 
     def test_text(self, sized):
         text = str(sized[1.0])

@@ -1,6 +1,6 @@
 """How good estimates and intervals of d' are: every outcome of an experiment, weighed with its probability.
 
-`python -m burrlab.psychophysics.statistics.enumeration` prints the tables of `docs/psychophysics.md`.
+`PYTHONPATH=tests python -m reference.enumeration` prints the tables of `docs/psychophysics.md`.
 """
 
 from __future__ import annotations

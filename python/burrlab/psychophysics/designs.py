@@ -24,7 +24,7 @@ from burrlab.psychophysics.trial import MODES, Design, Interval, Mode, Order, Ph
 
 
 def whole(name: str, value: int, *, at_least: int, multiple: int = 1, why: str = "") -> int:
-    """An int, or one sentence."""
+    """The number as an int; ValueError in one sentence where it is out of range."""
     number = operator.index(value)
     refuse(number < at_least, f"{name} must be at least {at_least}, got {number}")
     refuse(number % multiple, f"{name} must be a multiple of {multiple}{why}, got {number}")
@@ -32,13 +32,13 @@ def whole(name: str, value: int, *, at_least: int, multiple: int = 1, why: str =
 
 
 def seconds(name: str, value: float) -> float:
-    """A time [s] above 0, or one sentence."""
+    """The time [s]; ValueError in one sentence unless it is above 0."""
     refuse(not (math.isfinite(value) and value > 0), f"{name} must be a time above 0 [s], got {value}")
     return float(value)
 
 
 def rendered(name: str, stimulus: Stimulus) -> None:
-    """One sentence unless the stimulus has a material."""
+    """ValueError in one sentence unless the stimulus has a material."""
     require_type(name, stimulus, Stimulus, "Stimulus('bone', materials['bone'])")
     if stimulus.material is None:
         raise ValueError(
@@ -62,7 +62,7 @@ def checked_answers(levels: Sequence[float], correct: Sequence[bool]) -> tuple[l
 
 
 def checked_level(name: str, level: float) -> float:
-    """A ratio above 0 that is not 1, or one sentence."""
+    """The ratio; ValueError in one sentence unless it is above 0 and not 1."""
     value = float(level)
     refuse(not (math.isfinite(value) and value > 0.0), f"{name} must be a ratio above 0, got {value}")
     refuse(value == 1.0, f"{name} must differ from 1, got 1: two alike intervals have no correct answer")
@@ -171,7 +171,7 @@ class FixedOrder(Order):
     ----------
     trials : sequence of Trial
     answers : tuple of str
-        The set that a response is from.
+        The possible responses.
     """
 
     def __init__(self, trials: Sequence[Trial], answers: tuple[str, ...]) -> None:
@@ -278,8 +278,8 @@ class Comparison(Design):
     A `level` is the comparison's parameter as its ratio to the reference's. What is asked follows from what is varied:
 
     * c_e with the burr off: which is stiffer, and c_e alone is felt;
-    * c_e drilled, alpha held (`hold="other"`): in which the burr sinks faster, which is that of *less* c_e; the
-      stiffness changes as well;
+    * c_e drilled, alpha held (`hold="other"`): in which the burr sinks faster. That is the one of *less* c_e, and
+      the stiffness changes as well;
     * c_e drilled, alpha/c_e^p held (`hold="sinking speed"`): which is stiffer. p = 4 (k + 1)/3 for an f with a zero of
       order k: 8/3 for the parabolic. The speed stays at forces below 0.068 c_e R^2: bone with a burr of 3 mm at 1 N within
       1 % for levels of 0.75 to 1.3 (mean-field), at 2 N 10 % faster to 17 % slower;

@@ -1,8 +1,8 @@
 """d' and scores of groups, with the subject as the unit, and the tests behind them.
 
-Bias is removed by counting hits given the number of answers. A subject who says "different" K times has scored by d' only through how many of the K were right. Given K, the hits follow
-Fisher's noncentral hypergeometric distribution, whatever the observer; the rates enter through one odds ratio,
-H (1 - F) / (F (1 - H)).
+Bias is removed by counting hits given the number of answers. How often a subject says "different", K times, shows the bias; how
+many of the K are right shows d'. Given K, the hits of any observer follow Fisher's noncentral hypergeometric distribution. The
+rates enter it through one odds ratio, H (1 - F) / (F (1 - H)).
 """
 
 from __future__ import annotations
@@ -214,9 +214,9 @@ def group_tails(
 def rejected_as_few(
     hits: Integers, answers: Integers, subjects: Sequence[ConditionalHits], error: float
 ) -> NDArray[np.bool_]:
-    """Whether `few` of `group_tails` is at most `error`, without its value: the exact test is made only where it is close.
+    """Whether `few` of `group_tails` is at most `error`. The exact test is made only where the answer is close.
 
-    Close is where the normal approximation, with its continuity, gives a p value within a factor of 3 of the error rate.
+    It is close where the normal approximation, corrected for continuity, gives a p value within a factor of 3 of the error rate.
     """
     out = np.asarray(_t_tails(hits, answers, subjects)[0] <= error)
     mean = sum(subject.mean[given] for subject, given in zip(subjects, answers.T, strict=True))

@@ -273,8 +273,8 @@ class SimulatedSubject:
     decision : {"differencing", "covert"}
         Compare the intervals with one another, or take each as one of two known materials and compare these.
     criterion : float, optional
-        Of "different" by differencing in same-different: the distance of the two observations, in standard deviations of
-        one. Without it the one that an unbiased observer has.
+        By differencing in same-different: the distance of the two observations, in standard deviations of one, beyond which
+        the answer is "different". By default that of an unbiased observer.
     lapse : float
         Part of the answers that is random.
     memory : float
@@ -297,7 +297,8 @@ class SimulatedSubject:
     In same-different, differencing answers "different" where the two are further apart than the criterion, covert where
     they lie on two sides of the middle of the known ones. In ABX, differencing chooses the alternative closer to the
     reference; covert the one that is more on the reference's side of the middle. In two intervals both choose the one with
-    more: stiffer by probing, faster sinking by drilling; who has not been taught gives several cues the weights 1/s_i^2.
+    more: stiffer by probing, faster sinking by drilling. A subject who has not been taught gives several cues the weights
+    1/s_i^2.
     Without memory noise these are the rules of `rule_of`.
 
     Examples

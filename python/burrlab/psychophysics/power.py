@@ -236,7 +236,7 @@ def guessed_hits(group: Group) -> Integers:
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """Experiments of subjects with d' = 0.
+    """Simulated experiments of subjects with d' = 0.
 
     Attributes
     ----------
@@ -515,7 +515,7 @@ def subjects_needed(
 
     Notes
     -----
-    From two subjects on: what one can show, `trials_needed` says. The power is simulated as in `design_power`.
+    Groups begin with two subjects; `trials_needed` says what one subject can show. The power is simulated as in `design_power`.
 
     Examples
     --------
@@ -539,9 +539,10 @@ def trials_needed(
     lapse: float = 0.02,
     most: int = 1000,
 ) -> int | None:
-    """The fewest trials of each subject; of one, for the exact binomial test, or for equivalence.
+    """The fewest trials of each subject that give the power.
 
-    Same-different trials are multiples of 4 (the pair types), others even.
+    Of one subject the test is the exact binomial one, or that of equivalence. Same-different trials are multiples of 4
+    (the pair types), others even.
 
     Parameters
     ----------

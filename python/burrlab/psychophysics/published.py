@@ -124,8 +124,8 @@ def group_score_from(
     Notes
     -----
     Chance within a subject has variance T p (1 - p) if every trial has the same p; trials of unequal difficulty have less, so the
-    test of the spread is cautious. A spread that is larger is of subjects with different p: unlike criteria do that at one d' too. A part w of guessers among subjects of one p gives the spread's excess for
-    w = v/(v + (p - 1/2)^2), v the variance of p over subjects.
+    test of the spread is cautious. A larger spread says that p differs between subjects: unlike criteria do that at one d' too.
+    If a part w of the subjects guess and the others have one p, the variance v of p over subjects gives w = v/(v + (p - 1/2)^2).
 
     Examples
     --------
@@ -395,7 +395,7 @@ class SelectionEffect:
         """Probability of each sum of scores of those selected, 0..kept trials."""
         p = binom.pmf(np.arange(self.trials + 1), self.trials, self.chance)
         m = np.arange(self.of + 1)
-        # Of M_t, in rows, and of the sum so far: min(kept, M_t) over the scores from t up.
+        # Probability of M_t, in rows, and of the sum so far of min(kept, M_t) over the scores from t up, in columns.
         found = np.zeros((len(m), self.kept * self.trials + 1))
         found[0, 0] = 1.0
         for t in range(self.trials, 0, -1):

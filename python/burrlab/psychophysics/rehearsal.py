@@ -249,7 +249,7 @@ def predicted_d_prime(
     a, b : Material
     mode : {"probing", "drilling"}
     subject : SimulatedSubject
-        What it was taught before does not matter.
+        What the subject was taught before is not used.
     task : {"same-different", "abx", "2ifc"}
     trials, subjects : int
         Of the experiment; trials of each subject.

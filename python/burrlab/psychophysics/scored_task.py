@@ -199,7 +199,7 @@ def _design(one: Answers) -> dict[str, Any]:
 
 
 def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) -> list[TaskData]:
-    """The same, with what participants were selected by, subject -> text.
+    """The tasks with what their participants were selected by; `selected_by` is subject -> text.
 
     The protocol in the side-cars says how many they were selected from (`selected_from`), or else a text such as "best 12
     of 20" does.
@@ -241,7 +241,7 @@ def design_text(design: Mapping[str, Any]) -> str:
 
 
 class OneSubject(Protocol):
-    """One subject's result, whatever the task."""
+    """What the results of one subject have in common."""
 
     @property
     def subject(self) -> str: ...
@@ -460,7 +460,7 @@ class ScoredTask(TaskResult[SubjectResult]):
         cls, data: TaskData, *, rules: Sequence[RuleName], delta: float | None, level: float, incomplete: bool,
         progress: Progress | None = None,
     ) -> ScoredTask:  # fmt: skip
-        """All of it; of incomplete runs only on request."""
+        """The whole result; it holds incomplete runs only on request."""
         used = [one for one in data.subjects if one.counts and (incomplete or one.complete)]
         # Both rules are one with two intervals.
         rules = tuple(rules[:1] if data.task == "2ifc" else rules)

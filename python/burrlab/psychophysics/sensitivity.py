@@ -64,7 +64,7 @@ class Outcomes:
 
     @property
     def rates(self) -> tuple[Floats, Floats]:
-        """Hit rate and false-alarm rate; of trials that were not, a half."""
+        """Hit rate and false-alarm rate; 1/2 where there were no such trials."""
         with np.errstate(invalid="ignore"):
             return (
                 np.where(self.signals > 0, self.hits / self.signals, 0.5),
@@ -78,10 +78,10 @@ class Outcomes:
         return np.asarray((given == 0) | (given == trials) | (self.signals == 0) | (self.noises == 0))
 
     def estimate(self, rule: Rule) -> tuple[Floats, Floats]:
-        """Of greatest likelihood: d' in [0, inf], and the criterion.
+        """The estimate of greatest likelihood: d' in [0, inf], and the criterion.
 
-        Where H <= F, d' is 0 and the criterion that of the pooled rate. Where undetermined, d' is 0 too, the smallest
-        of all that are likeliest.
+        Where H <= F, d' is 0 and the criterion is that of the pooled rate. Where d' is undetermined all are equally
+        likely, and the smallest, 0, is taken.
         """
         h, f = self.rates
         pooled = (self.hits + self.false_alarms) / (self.signals + self.noises)
@@ -90,7 +90,7 @@ class Outcomes:
         return np.where(zero, 0.0, d), np.where(zero, rule.criterion_of(0.0, pooled), criterion)
 
     def log_likelihood(self, hit: Floats, miss: Floats, alarm: Floats, rejection: Floats) -> Floats:
-        """Of the logarithms of the four rates; the number of orders of the trials left out."""
+        """From the logarithms of the four rates, without the number of orders of the trials."""
         total = np.zeros(np.broadcast_shapes(self.hits.shape, hit.shape))
         for times, log_rate in (
             (self.hits, hit),

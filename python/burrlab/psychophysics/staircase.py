@@ -51,7 +51,7 @@ class Staircased(Comparison):
 
     @abstractmethod
     def easy_level(self) -> float:
-        """Of the practice."""
+        """The level of the practice."""
 
     def order(self, *, seed: int, subject: str) -> StaircaseOrder:
         return StaircaseOrder(self, Draws(seed, subject, self.to_dict()))
@@ -68,7 +68,7 @@ class Staircased(Comparison):
 class StaircaseOrder(Order):
     """Trials whose levels follow the answers; orders of the intervals and seeds do not.
 
-    RC and CR are equally often in every eight trials, from the first on. The same answers give the same trials again.
+    In every eight trials, from the first on, RC and CR are equally often. The same answers give the same trials again.
 
     Attributes
     ----------

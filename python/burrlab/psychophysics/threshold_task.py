@@ -82,7 +82,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
     def of_data(
         cls, data: TaskData, *, level: float, incomplete: bool, progress: Progress | None = None
     ) -> ThresholdTask:
-        """All of it; of incomplete runs only on request."""
+        """The whole result; it holds incomplete runs only on request."""
         design = design_of_dict(data.design) if data.design else None
         results = []
         for one in data.subjects:

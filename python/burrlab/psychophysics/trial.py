@@ -107,7 +107,7 @@ class Design(ABC):
     question : str
         Put to the subject after the last interval.
     answers : tuple of str
-        The set that a response is from, in the order of their keys 1, 2.
+        The possible responses, in the order of their keys 1, 2.
     """
 
     task: TaskName

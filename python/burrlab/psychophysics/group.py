@@ -717,7 +717,7 @@ def compare_conditions(
     values = proportions(first) - proportions(second)
     paired = t_test(values, side="two-sided", name="paired t test")
     tests = (paired, sign_flip_test(values, side="two-sided"))
-    return _difference(float(np.mean(values)), paired, level, True, (len(first), len(second)), tests)
+    return _difference(float(np.mean(values)), tests, level, True, (len(first), len(second)))
 
 
 def compare_groups(
@@ -732,10 +732,8 @@ def compare_groups(
     """
     check_level(level)
     x, y = proportions(first), proportions(second)
-    welch = welch_test(x, y)
-    tests = (welch, label_test(x, y))
-    mean = float(np.mean(x) - np.mean(y))
-    return _difference(mean, welch, level, False, (len(x), len(y)), tests)
+    tests = (welch_test(x, y), label_test(x, y))
+    return _difference(float(np.mean(x) - np.mean(y)), tests, level, False, (len(x), len(y)))
 
 
 def proportions(counts: Sequence[Counts]) -> Floats:
@@ -753,14 +751,10 @@ def task_of_all(counts: Sequence[Counts]) -> TaskName:
 
 
 def _difference(
-    mean: float,
-    test: SubjectTest,
-    level: float,
-    paired: bool,
-    n: tuple[int, int],
-    tests: tuple[SubjectTest, ...],
+    mean: float, tests: tuple[SubjectTest, ...], level: float, paired: bool, n: tuple[int, int]
 ) -> ScoreDifference:
-    interval = None
+    """With its interval by the first of the tests, that of t."""
+    interval, test = None, tests[0]
     if test.statistic and test.freedom:
         wide = abs(mean / test.statistic) * float(student.ppf(0.5 + 0.5 * level, test.freedom))
         interval = (mean - wide, mean + wide)

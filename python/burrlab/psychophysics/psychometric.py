@@ -20,7 +20,7 @@ from scipy.stats import beta, chi2
 from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.common.provenance import provenance
-from burrlab.psychophysics.designs import UNITS, checked_answers, checked_level
+from burrlab.psychophysics.designs import UNITS, checked_level
 from burrlab.psychophysics.rules import Floats, Result, one_of
 
 if TYPE_CHECKING:
@@ -158,35 +158,6 @@ class PosteriorThreshold(Result):
             f"75 % correct at a ratio of {self.level:.3g}, with {100 * self.credible:g} % between {near:.3g} and {far:.3g} "
             f"({self.trials} trials){ends}{'; it may lie beyond the levels' * self.open_above}"
         )
-
-
-def posterior_threshold(
-    smallest: float,
-    largest: float,
-    levels: Sequence[float],
-    correct: Sequence[bool],
-    *,
-    level: float = 0.95,
-) -> PosteriorThreshold:
-    """From levels on one side of 1 and their answers.
-
-    Raises
-    ------
-    ValueError
-        If `levels` and `correct` differ in number, a level is no ratio above 0 other than 1, they are on both sides of 1,
-        or `level` is not between 0 and 1.
-    """
-    ratios, right = checked_answers(levels, correct)
-    refuse(not 0.0 < level < 1.0, f"level must be between 0 and 1, got {level}")
-    refuse(
-        len({ratio > 1.0 for ratio in ratios}) > 1,
-        "levels must be on one side of 1, got some below and some above",
-    )
-    side = -1.0 if ratios and ratios[0] < 1.0 else 1.0
-    posterior = ThresholdPosterior(smallest, largest)
-    for ratio, answer in zip(ratios, right, strict=True):
-        posterior.update(abs(math.log(ratio)), answer)
-    return threshold_of(posterior, side, len(ratios), level)
 
 
 def threshold_of(posterior: ThresholdPosterior, side: float, trials: int, level: float) -> PosteriorThreshold:

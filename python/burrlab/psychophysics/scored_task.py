@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -185,12 +186,9 @@ def _of_one(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
 
 def _subject(one: Answers) -> SubjectData:
     planned = None if one.trials is None else one.trials - int(_design(one).get("practice", 0))
-    by_level: dict[float, tuple[int, int]] = {}
-    for row in one.main:
-        if row.level is not None:
-            correct, trials = by_level.get(row.level, (0, 0))
-            by_level[row.level] = (correct + row.correct, trials + 1)
-    levels = tuple((level, *by_level[level]) for level in sorted(by_level))
+    answered = [(row.level, row.correct) for row in one.main if row.level is not None]
+    trials, right = Counter(level for level, _ in answered), Counter(x for x, correct in answered if correct)
+    levels = tuple((level, right[level], trials[level]) for level in sorted(trials))
     return SubjectData(one.subject, one.counts() if one.main else None, planned, one.simulated, levels, one)
 
 

@@ -31,7 +31,6 @@ from burrlab.psychophysics.designs import (
 from burrlab.psychophysics.psychometric import (
     PosteriorThreshold,
     ThresholdPosterior,
-    posterior_threshold,
     threshold_of,
 )
 from burrlab.psychophysics.rules import Result, rule_of
@@ -531,15 +530,15 @@ class AdaptiveStaircase(Staircased):
             between 0 and 1.
         """
         near, far = (abs(math.log(end)) for end in self.levels)
-        side = math.copysign(1.0, math.log(self.levels[1]))
-        for ratio in checked_answers(levels, correct)[0]:
+        side, posterior = math.copysign(1.0, math.log(self.levels[1])), ThresholdPosterior(near, far)
+        refuse(not 0.0 < level < 1.0, f"level must be between 0 and 1, got {level}")
+        for ratio, right in zip(*checked_answers(levels, correct), strict=True):
             refuse(
                 not near * (1 - 1e-6) <= math.log(ratio) * side <= far * (1 + 1e-6),
                 f"levels must be between {self.levels[0]:g} and {self.levels[1]:g}, got {ratio:.6g}",
             )
-        if not levels:
-            return threshold_of(ThresholdPosterior(near, far), side, 0, level)
-        return posterior_threshold(near, far, levels, correct, level=level)
+            posterior.update(abs(math.log(ratio)), right)
+        return threshold_of(posterior, side, len(levels), level)
 
     def power(self, subjects: int = 1) -> str:
         """How well the threshold of a stated observer is found; a second or so of simulation."""

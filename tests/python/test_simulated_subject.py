@@ -13,6 +13,7 @@ import pytest
 from scipy.stats import binom, binomtest, norm
 
 import burrlab
+import burrlab.psychophysics.rehearsal as rehearsal
 import burrlab.psychophysics.weber as weber
 from burrlab.psychophysics.designs import ABX, SameDifferent
 from burrlab.psychophysics.interval import TICK, Block, Rendered, render
@@ -214,18 +215,18 @@ def test_two_intervals_are_rehearsed_too(parameter, mode, cue, more):
     assert agrees(sum(counts.score for counts in found), 720, float(expected))
 
 
-@pytest.mark.parametrize("task", KINDS)
-def test_counts_are_of_different_and_of_first(task):
-    signal = "different" if task == "same-different" else "first"
+@pytest.mark.parametrize(
+    ("task", "signal", "expected"),
+    [
+        ("same-different", "different", (2, 2, 2, 3)),
+        ("abx", "first", (1, 2, 1, 1)),
+        ("2ifc", "first", (1, 2, 1, 1)),
+    ],
+)
+def test_counts_are_of_different_and_of_first(task, signal, expected):
     answered = [(kind, signal, correct) for kind, correct, _ in KINDS[task]]
-    counts, half = counts_of(task, [*answered, (answered[0][0], "", answered[0][2])]), len(answered) // 2
-    noises = half + (task == "same-different")
-    assert (counts.hits, counts.signals, counts.false_alarms, counts.noises) == (
-        half,
-        2 * half + 1 - noises,
-        half,
-        noises,
-    )
+    found = counts_of(task, [*answered, (KINDS[task][0][0], "another", KINDS[task][0][1])])
+    assert (found.hits, found.signals, found.false_alarms, found.noises) == expected
     assert {task_of(trial(kind, correct)) for kind, correct, _ in KINDS[task]} == {task}
 
 
@@ -271,27 +272,21 @@ def test_noise_for_a_score(decision):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("mode", "cue", "noise"), [("probing", "stiffness", 0.36), ("drilling", "sinking", 0.7)]
+    ("mode", "name", "cue", "noise"),
+    [("probing", "probing stiffness", "stiffness", 0.36), ("drilling", "sinking speed", "sinking", 0.7)],
 )
-def test_every_interval_rendered_scores_as_the_table_says(mode, cue, noise):
-    burr, bone, task = burrlab.Burr(3.0), Block(voxel=0.2), design(mode=mode, interval=20.0)
-    subject = teach(SimulatedSubject(noise, (cue,)), task, bone=bone)
-    rng, score, trials = np.random.default_rng(SEED), 0, 0
-    for number in range(5):
-        order = task.order(seed=SEED, subject=f"{number:02d}")
-        while (one := order.next()) is not None:
-            felt = []
-            for interval in one.intervals:
-                hand = probing_hand(burr) if mode == "probing" else drilling_hand(burr)
-                rendered = render(interval, hand, burr=burr, bone=bone, mode=mode, wall_clock=False)
-                assert rendered.ended == "time"
-                felt.append(interval_cues(rendered))
-            response = subject.respond(one, felt, rng)
-            score, trials = score + (response == one.correct), trials + 1
-            order.answer(response)
-    name = "probing stiffness" if mode == "probing" else "sinking speed"
+def test_every_interval_rendered_scores_as_the_table_says(mode, name, cue, noise, monkeypatch):
+    def felt(task, interval, burr, bone):
+        hand = probing_hand(burr) if mode == "probing" else drilling_hand(burr)
+        rendered = render(interval, hand, burr=burr, bone=bone, mode=mode, wall_clock=False)
+        assert rendered.ended == "time"
+        return interval_cues(rendered)
+
+    monkeypatch.setattr(rehearsal, "_felt", felt)
+    task, bone = design(mode=mode, interval=20.0), Block(voxel=0.2)
+    found = rehearse(task, SimulatedSubject(noise, (cue,)), subjects=5, seed=SEED, bone=bone)
     expected = task1_table(bone=bone).row(name, "bone-pvc", "differencing", noise).score / 12
-    assert agrees(score, trials, expected)
+    assert agrees(sum(counts.score for counts in found), 60, expected)
 
 
 COARSE = Block(voxel=0.2)

@@ -449,6 +449,7 @@ def test_the_limit_holds_and_is_said():
     assert len(trials) == 20
     assert max(trials) == pytest.approx(3.0)
     assert design.threshold(trials, [False] * 20).at_limit == 19
+    assert staircase(limit=2.0).limit == 2.0  # no farther than the start
     mixed = [False, False, True, True, False, True, True, False, True, True]
     trials = levels(run(design, mixed))
     said = str(design.threshold(trials, mixed[: len(trials)]))

@@ -1,7 +1,8 @@
 """Same-different, match to sample, what comparisons have in common, and the orders of their trials.
 
-An order is balanced, random, and a function of seed, subject and design alone. The draws use NumPy's `SeedSequence` and `PCG64`, whose streams are the same in every version of NumPy, and a shuffle
-of our own: NumPy's may change, and a run that was interrupted must resume with the same trials.
+An order is balanced, random, and a function of seed, subject and design alone. The draws use NumPy's
+`SeedSequence` and `PCG64`, whose streams are the same in every version of NumPy, and a shuffle of our own:
+NumPy's may change, and a run that was interrupted must resume with the same trials.
 """
 
 from __future__ import annotations
@@ -140,8 +141,8 @@ class Draws:
         Parameters
         ----------
         groups : sequence of sequences
-            The types; groups of equal size, such as pairs that are the same and pairs that differ. In a block that is
-            no multiple of all types the groups are as often as one another, within one.
+            The types; groups of equal size, such as pairs that are the same and pairs that differ. In a block
+            that is no multiple of all types the groups are as often as one another, within one.
         trials : int
             A multiple of `blocks`. If it is one of the types too, all types are equally often.
         blocks : int, optional
@@ -149,8 +150,8 @@ class Draws:
         Returns
         -------
         list of lists
-            A list a block. Where the size of a block is a multiple of the types, each is as often in it as the others;
-            else as often within one.
+            A list a block. Where the size of a block is a multiple of the types, each is as often in it as
+            the others; else as often within one.
         """
         size = trials // blocks
         # One type of each group in turn: any consecutive few hold each at most once and the groups alike.
@@ -227,8 +228,8 @@ class Scored(Design):
 def counterbalanced(names: Sequence[T], subject_index: int) -> list[T]:
     """The order of tasks for one subject, from Williams' Latin squares.
 
-    Over every n subjects (n tasks) each task is equally often in each place; over every n (n even) or 2 n (n odd)
-    each also follows each other equally often.
+    Over every n subjects (n tasks) each task is equally often in each place; over every n (n even) or 2 n (n
+    odd) each also follows each other equally often.
 
     Parameters
     ----------
@@ -243,8 +244,8 @@ def counterbalanced(names: Sequence[T], subject_index: int) -> list[T]:
 
     References
     ----------
-    E. J. Williams, Experimental designs balanced for the estimation of residual effects of treatments, Australian
-    Journal of Scientific Research A 2 (1949) 149-168.
+    E. J. Williams, Experimental designs balanced for the estimation of residual effects of treatments,
+    Australian Journal of Scientific Research A 2 (1949) 149-168.
 
     Examples
     --------
@@ -275,14 +276,15 @@ FASTER = "In which interval did the burr sink faster, the first or the second?"
 class Comparison(Design):
     """What designs have in common that vary c_e or alpha around a reference, in two intervals (2ifc).
 
-    A `level` is the comparison's parameter as its ratio to the reference's. What is asked follows from what is varied:
+    A `level` is the comparison's parameter as its ratio to the reference's. What is asked follows from what
+    is varied:
 
     * c_e with the burr off: which is stiffer, and c_e alone is felt;
-    * c_e drilled, alpha held (`hold="other"`): in which the burr sinks faster. That is the one of *less* c_e, and
-      the stiffness changes as well;
+    * c_e drilled, alpha held (`hold="other"`): in which the burr sinks faster. That is the one of *less* c_e,
+      and the stiffness changes as well;
     * c_e drilled, alpha/c_e^p held (`hold="sinking speed"`): which is stiffer. p = 4 (k + 1)/3 for an f with a zero of
-      order k: 8/3 for the parabolic. The speed stays at forces below 0.068 c_e R^2: bone with a burr of 3 mm at 1 N within
-      1 % for levels of 0.75 to 1.3 (mean-field), at 2 N 10 % faster to 17 % slower;
+      order k: 8/3 for the parabolic. The speed stays at forces below 0.068 c_e R^2: bone with a burr of 3 mm
+      at 1 N within 1 % for levels of 0.75 to 1.3 (mean-field), at 2 N 10 % faster to 17 % slower;
     * alpha drilled: in which the burr sinks faster, that of more alpha.
 
     Parameters
@@ -405,8 +407,8 @@ class Comparison(Design):
 class ABX(Scored):
     """The reference first, then a match and a foil: which of the two is as the reference? The paper's Task 3.
 
-    The match (A) is first (AB) as often as second (BA), in random order. In each block too where its size is even; else
-    within one.
+    The match (A) is first (AB) as often as second (BA), in random order. In each block too where its size is
+    even; else within one.
 
     Parameters
     ----------
@@ -437,8 +439,8 @@ class ABX(Scored):
     Raises
     ------
     ValueError
-        If the match of a real reference is not given, match or foil is a real specimen, they have one name, `trials` is
-        odd or no multiple of `blocks`, a number is out of range or the mode unknown.
+        If the match of a real reference is not given, match or foil is a real specimen, they have one name,
+        `trials` is odd or no multiple of `blocks`, a number is out of range or the mode unknown.
     TypeError
         If a stimulus is no Stimulus, or a number of trials is not whole.
 
@@ -511,8 +513,9 @@ class ABX(Scored):
 class SameDifferent(Scored):
     """Two intervals with a or b in each; was it the same material twice, or two? The paper's Tasks 1 and 2.
 
-    AA, AB, BA and BB are equally often, in random order. In each block they are too where its size is a multiple of
-    four; else as often as one another within one, with as many pairs that differ as are the same, within one.
+    AA, AB, BA and BB are equally often, in random order. In each block they are too where its size is a
+    multiple of four; else as often as one another within one, with as many pairs that differ as are the same,
+    within one.
 
     Parameters
     ----------
@@ -532,8 +535,8 @@ class SameDifferent(Scored):
     Raises
     ------
     ValueError
-        If a or b is a real specimen, they have one name, `trials` is no multiple of 4 or of `blocks`, a number is out of
-        range or the mode unknown.
+        If a or b is a real specimen, they have one name, `trials` is no multiple of 4 or of `blocks`, a
+        number is out of range or the mode unknown.
     TypeError
         If a or b is no Stimulus, or a number of trials is not whole.
 

@@ -1,8 +1,8 @@
 """d' and scores of groups, with the subject as the unit, and the tests behind them.
 
-Bias is removed by counting hits given the number of answers. How often a subject says "different", K times, shows the bias; how
-many of the K are right shows d'. Given K, the hits of any observer follow Fisher's noncentral hypergeometric distribution. The
-rates enter it through one odds ratio, H (1 - F) / (F (1 - H)).
+Bias is removed by counting hits given the number of answers. How often a subject says "different", K times,
+shows the bias; how many of the K are right shows d'. Given K, the hits of any observer follow Fisher's
+noncentral hypergeometric distribution. The rates enter it through one odds ratio, H (1 - F) / (F (1 - H)).
 """
 
 from __future__ import annotations
@@ -87,9 +87,10 @@ def conditional_hits(task: str, rule: str, d_prime: float, signals: int, noises:
 
     Notes
     -----
-    The odds ratio depends on the criterion, if only weakly. It is taken at the criterion that gives K answers on average, and
-    then corrected so that the expected hits, averaged over the K that this criterion produces, are the model's own. Without
-    the correction the mean is off by up to 0.1 standard deviations of a subject, which a group adds up; with it by less than 0.05.
+    The odds ratio depends on the criterion, if only weakly. It is taken at the criterion that gives K answers
+    on average, and then corrected so that the expected hits, averaged over the K that this criterion
+    produces, are the model's own. Without the correction the mean is off by up to 0.1 standard deviations of
+    a subject, which a group adds up; with it by less than 0.05.
 
     Examples
     --------
@@ -197,9 +198,10 @@ def group_tails(
 
     Notes
     -----
-    The t test of the hits less the expected ones takes the subject as the unit: it holds when d' differs between subjects. So does the
-    second, with t corrected for the subjects' skewness: a few who can tell among many who cannot. Neither sees that equal scores without scatter
-    may be chance. The exact test of the sum of hits does; it takes all subjects as alike.
+    The t test of the hits less the expected ones takes the subject as the unit: it holds when d' differs
+    between subjects. So does the second, with t corrected for the subjects' skewness: a few who can tell
+    among many who cannot. Neither sees that equal scores without scatter may be chance. The exact test of the
+    sum of hits does; it takes all subjects as alike.
 
     References
     ----------
@@ -216,7 +218,8 @@ def rejected_as_few(
 ) -> NDArray[np.bool_]:
     """Whether `few` of `group_tails` is at most `error`. The exact test is made only where the answer is close.
 
-    It is close where the normal approximation, corrected for continuity, gives a p value within a factor of 3 of the error rate.
+    It is close where the normal approximation, corrected for continuity, gives a p value within a factor of 3
+    of the error rate.
     """
     out = np.asarray(_t_tails(hits, answers, subjects)[0] <= error)
     mean = sum(subject.mean[given] for subject, given in zip(subjects, answers.T, strict=True))
@@ -366,7 +369,8 @@ def _of_t(name: str, mean: float, error: float, freedom: float, side: Side) -> S
 def sign_flip_test(values: ArrayLike, *, side: Side = "greater") -> SubjectTest:
     """Exact test of values symmetric about 0: the share of all 2^n choices of signs whose sum is as large.
 
-    Sums are counted, not listed, so that any number of subjects with whole or half values is exact; other values up to 18 subjects.
+    Sums are counted, not listed, so that any number of subjects with whole or half values is exact; other
+    values up to 18 subjects.
 
     Raises
     ------
@@ -435,8 +439,9 @@ class GroupDPrime(Result):
     task : {"same-different", "abx", "2ifc"}
     rule : {"independent-observations", "differencing"}
     estimate : float
-        The d' at which the subjects' scores are, on average, those of observers who answer as often; 0 at chance or below,
-        inf where nobody made an error that his number of answers did not force, nan without an informative subject.
+        The d' at which the subjects' scores are, on average, those of observers who answer as often; 0 at
+        chance or below, inf where nobody made an error that his number of answers did not force, nan without
+        an informative subject.
     interval : tuple of float
         (low, high) in [0, inf); high is inf where the interval is open above.
     level : float
@@ -518,9 +523,10 @@ class Group:
 def group_d_prime(counts: Sequence[Counts], *, rule: str, level: float = 0.95) -> GroupDPrime:
     """A group's d' with its interval.
 
-    A subject's excess at a d' is his hits less those that an observer of this d' would have on average who gives the answer as
-    often as he did. The estimate is the d' of no mean excess; the interval holds every d' whose excess is not rejected on either
-    side by `group_tails`: t over subjects, with and without skewness, and the exact distribution of the sum must all reject.
+    A subject's excess at a d' is his hits less those that an observer of this d' would have on average who
+    gives the answer as often as he did. The estimate is the d' of no mean excess; the interval holds every d'
+    whose excess is not rejected on either side by `group_tails`: t over subjects, with and without skewness,
+    and the exact distribution of the sum must all reject.
 
     Parameters
     ----------
@@ -537,11 +543,13 @@ def group_d_prime(counts: Sequence[Counts], *, rule: str, level: float = 0.95) -
 
     Notes
     -----
-    Criteria may differ as they like: given how often a subject gives the answer, his hits hardly depend on it. By independent observations in
-    same-different a bias is approximated: with 48 trials the lower end of biased subjects is too high in up to 16 %, at a nominal 5. Where d' differs
-    between subjects, the group's is that of the mean excess, so about that of the mean score. Where few subjects can tell among many who
-    cannot, so small a group may hold none of them: the upper end is then too low more often than stated (docs/psychophysics.md has figures).
-    Of subjects with several numbers of trials, those with more count for more.
+    Criteria may differ as they like: given how often a subject gives the answer, his hits hardly depend on
+    it. By independent observations in same-different a bias is approximated: with 48 trials the lower end of
+    biased subjects is too high in up to 16 %, at a nominal 5. Where d' differs between subjects, the group's
+    is that of the mean excess, so about that of the mean score. Where few subjects can tell among many who
+    cannot, so small a group may hold none of them: the upper end is then too low more often than stated
+    (docs/psychophysics.md has figures). Of subjects with several numbers of trials, those with more count for
+    more.
 
     Examples
     --------
@@ -667,9 +675,10 @@ def group_score(counts: Sequence[Counts], level: float = 0.95) -> GroupScore:
 
     Notes
     -----
-    Chance is half of the trials, which for a subject who gives one answer all the time needs both kinds of trial to be equally frequent.
-    The sign-flip test needs no distribution: without an ability scores are symmetric about chance. It is exact for any number of trials and any
-    criteria. Neither says that every subject is above chance: one may be.
+    Chance is half of the trials, which for a subject who gives one answer all the time needs both kinds of
+    trial to be equally frequent. The sign-flip test needs no distribution: without an ability scores are
+    symmetric about chance. It is exact for any number of trials and any criteria. Neither says that every
+    subject is above chance: one may be.
 
     Examples
     --------

@@ -143,8 +143,9 @@ def interval_cues(rendered: Rendered) -> Cues:
 
     Notes
     -----
-    Force and penetration are the model's, at the burr; friction and inertia of the hand are not in them. A press is a
-    time in which the force exceeds half of the interval's largest and has not yet fallen below a fifth of it.
+    Force and penetration are the model's, at the burr; friction and inertia of the hand are not in them. A
+    press is a time in which the force exceeds half of the interval's largest and has not yet fallen below a
+    fifth of it.
     """
     depth, force = rendered.immersion, np.linalg.norm(rendered.ticks["force"], axis=1)
     if rendered.mode == "drilling":
@@ -172,9 +173,10 @@ def closed_form_cues(material: Material, *, burr: Burr) -> Cues:
     Returns
     -------
     Cues
-        Stiffness at `PROBING_PUSH` and force at 0.2 mm on a flat surface, where h = H:
-        F = c_e R^2 (h/R)^{3/2} (Eq. 3). Sinking is ln(alpha R phi^{8/3}), phi = F/(c_e R^2), at `DRILLING_PUSH`: the law
-        of small forces and thin layers, up to a factor that all materials share. Only differences of it mean something.
+        Stiffness at `PROBING_PUSH` and force at 0.2 mm on a flat surface, where h = H: F = c_e R^2
+        (h/R)^{3/2} (Eq. 3). Sinking is ln(alpha R phi^{8/3}), phi = F/(c_e R^2), at `DRILLING_PUSH`: the law
+        of small forces and thin layers, up to a factor that all materials share. Only differences of it mean
+        something.
 
     Examples
     --------
@@ -266,15 +268,16 @@ class SimulatedSubject:
     Parameters
     ----------
     weber : float or mapping of cue to float
-        Standard deviation of the noise of a cue's logarithm in one interval: the Weber fraction (`burrlab.psychophysics.weber`).
-        Twenty seconds do not average it away. None is published for the sinking speed.
+        Standard deviation of the noise of a cue's logarithm in one interval: the Weber fraction
+        (`burrlab.psychophysics.weber`). Twenty seconds do not average it away. None is published for the
+        sinking speed.
     cues : sequence of {"stiffness", "force", "sinking"}
         That the subject attends to.
     decision : {"differencing", "covert"}
         Compare the intervals with one another, or take each as one of two known materials and compare these.
     criterion : float, optional
-        By differencing in same-different: the distance of the two observations, in standard deviations of one, beyond which
-        the answer is "different". By default that of an unbiased observer.
+        By differencing in same-different: the distance of the two observations, in standard deviations of
+        one, beyond which the answer is "different". By default that of an unbiased observer.
     lapse : float
         Part of the answers that is random.
     memory : float
@@ -285,21 +288,21 @@ class SimulatedSubject:
     Raises
     ------
     ValueError
-        If a cue or the decision is unknown, a number out of range, a cue has no Weber fraction, or a criterion is given for
-        covert decisions.
+        If a cue or the decision is unknown, a number out of range, a cue has no Weber fraction, or a
+        criterion is given for covert decisions.
 
     Notes
     -----
-    Several cues become one by optimal linear weights: cue i has weight D_i/s_i^2, D_i the difference of its logarithm
-    between the two known materials and s_i^2 = weber_i^2 + memory^2/2; then d'^2 = sum D_i^2/s_i^2. The subject has
-    learned the D_i, and where the unbiased criterion is, before the first trial.
+    Several cues become one by optimal linear weights: cue i has weight D_i/s_i^2, D_i the difference of its
+    logarithm between the two known materials and s_i^2 = weber_i^2 + memory^2/2; then d'^2 = sum D_i^2/s_i^2.
+    The subject has learned the D_i, and where the unbiased criterion is, before the first trial.
 
-    In same-different, differencing answers "different" where the two are further apart than the criterion, covert where
-    they lie on two sides of the middle of the known ones. In ABX, differencing chooses the alternative closer to the
-    reference; covert the one that is more on the reference's side of the middle. In two intervals both choose the one with
-    more: stiffer by probing, faster sinking by drilling. A subject who has not been taught gives several cues the weights
-    1/s_i^2.
-    Without memory noise these are the rules of `rule_of`.
+    In same-different, differencing answers "different" where the two are further apart than the criterion,
+    covert where they lie on two sides of the middle of the known ones. In ABX, differencing chooses the
+    alternative closer to the reference; covert the one that is more on the reference's side of the middle. In
+    two intervals both choose the one with more: stiffer by probing, faster sinking by drilling. A subject who
+    has not been taught gives several cues the weights 1/s_i^2. Without memory noise these are the rules of
+    `rule_of`.
 
     Examples
     --------
@@ -393,8 +396,8 @@ class SimulatedSubject:
         Raises
         ------
         ValueError
-            If there is not one `Cues` an interval, a cue has no value, or the subject has not been taught (which two
-            intervals do not need).
+            If there is not one `Cues` an interval, a cue has no value, or the subject has not been taught
+            (which two intervals do not need).
         """
         task = task_of(trial)
         refuse(

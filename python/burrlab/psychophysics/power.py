@@ -162,8 +162,9 @@ class Equivalence(Result):
 def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: float = 0.95) -> Equivalence:
     """Whether a group's d' is below Delta, one-sided.
 
-    The test is that of `group_d_prime`: a subject's hits are compared with those of an observer with d' = Delta who gives the answer as often.
-    Who always says "same" has a score at chance whatever his d', and counts for nothing here.
+    The test is that of `group_d_prime`: a subject's hits are compared with those of an observer with d' =
+    Delta who gives the answer as often. Who always says "same" has a score at chance whatever his d', and
+    counts for nothing here.
 
     Parameters
     ----------
@@ -178,12 +179,14 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
     Raises
     ------
     ValueError
-        If there is no subject, the tasks differ, the rule is unknown, Delta is not a number above 0, or the level is not in [0.5, 1).
+        If there is no subject, the tasks differ, the rule is unknown, Delta is not a number above 0, or the
+        level is not in [0.5, 1).
 
     Notes
     -----
-    With one subject the exact conditional test decides alone. The power is simulated with a fixed seed: the subjects' own numbers of answers, their
-    hits by guessing (hypergeometric). A lapse looks like a smaller d': equivalence is of what the subjects did.
+    With one subject the exact conditional test decides alone. The power is simulated with a fixed seed: the
+    subjects' own numbers of answers, their hits by guessing (hypergeometric). A lapse looks like a smaller
+    d': equivalence is of what the subjects did.
 
     References
     ----------
@@ -420,13 +423,13 @@ def design_power(
     Raises
     ------
     ValueError
-        If the task or a rule is unknown, there is no rule, trials are not even and at least 2, there is no subject, a d' is negative, level is not in
-        (0, 0.5], lapse not in [0, 1), or delta not above 0.
+        If the task or a rule is unknown, there is no rule, trials are not even and at least 2, there is no
+        subject, a d' is negative, level is not in (0, 0.5], lapse not in [0, 1), or delta not above 0.
 
     Notes
     -----
-    A subject's power is exact. A group's is simulated with 4000 experiments and a fixed seed: its standard error is below 0.008. Subjects
-    are alike and unbiased; bias and differences between subjects cost power.
+    A subject's power is exact. A group's is simulated with 4000 experiments and a fixed seed: its standard
+    error is below 0.008. Subjects are alike and unbiased; bias and differences between subjects cost power.
 
     Examples
     --------
@@ -515,7 +518,8 @@ def subjects_needed(
 
     Notes
     -----
-    Groups begin with two subjects; `trials_needed` says what one subject can show. The power is simulated as in `design_power`.
+    Groups begin with two subjects; `trials_needed` says what one subject can show. The power is simulated as
+    in `design_power`.
 
     Examples
     --------
@@ -541,8 +545,8 @@ def trials_needed(
 ) -> int | None:
     """The fewest trials of each subject that give the power.
 
-    Of one subject the test is the exact binomial one, or that of equivalence. Same-different trials are multiples of 4
-    (the pair types), others even.
+    Of one subject the test is the exact binomial one, or that of equivalence. Same-different trials are
+    multiples of 4 (the pair types), others even.
 
     Parameters
     ----------
@@ -557,7 +561,8 @@ def trials_needed(
 
     Notes
     -----
-    The power of a binomial test rises and falls with each trial: the number is that from which on it stays, up to `most`.
+    The power of a binomial test rises and falls with each trial: the number is that from which on it stays,
+    up to `most`.
 
     Examples
     --------

@@ -39,8 +39,8 @@ def proportion_correct(
 ) -> Floats:
     """Of two intervals, 1/2 + (1/2 - lapse/2) (1 - 2^-((difference/threshold)^slope)): 75 % at threshold without lapses.
 
-    A lapse answers at random. A Weibull function of slope 1.25 is within 0.012 of an observer with Gaussian noise,
-    Phi(d'/sqrt 2) with d' proportional to the difference.
+    A lapse answers at random. A Weibull function of slope 1.25 is within 0.012 of an observer with Gaussian
+    noise, Phi(d'/sqrt 2) with d' proportional to the difference.
     """
     ratio = np.asarray(difference, dtype=np.float64) / np.asarray(threshold, dtype=np.float64)
     seen = -np.expm1(-math.log(2.0) * ratio ** np.asarray(slope, dtype=np.float64))
@@ -51,8 +51,8 @@ def proportion_correct(
 def _tables(smallest: float, largest: float) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """What all posteriors between two differences share.
 
-    Thresholds; differences; threshold, slope and lapse rate of each point of the grid; proportion correct and entropy of an
-    answer [nat], by difference and point.
+    Thresholds; differences; threshold, slope and lapse rate of each point of the grid; proportion correct and
+    entropy of an answer [nat], by difference and point.
     """
     thresholds = np.geomspace(smallest, largest, _THRESHOLDS)
     differences = np.geomspace(smallest, largest, _LEVELS)
@@ -64,8 +64,8 @@ def _tables(smallest: float, largest: float) -> tuple[Floats, Floats, Floats, Fl
 class ThresholdPosterior:
     """Posterior of one subject over threshold, slope and lapse rate.
 
-    The prior is even in the logarithms of threshold (between the two differences) and slope (0.7 to 4), and beta(1, 10)
-    of the lapse rate (0 to 0.1).
+    The prior is even in the logarithms of threshold (between the two differences) and slope (0.7 to 4), and
+    beta(1, 10) of the lapse rate (0 to 0.1).
 
     Parameters
     ----------
@@ -91,8 +91,8 @@ class ThresholdPosterior:
     def most_informative(self) -> float:
         """The difference whose answer leaves the least expected entropy of the posterior.
 
-        That is where the answer and the parameters share most information: the entropy of the expected answer less the
-        expected entropy of the answer. Of equal ones the smallest.
+        That is where the answer and the parameters share most information: the entropy of the expected answer
+        less the expected entropy of the answer. Of equal ones the smallest.
         """
         weights = self.weights()
         p = self._correct @ weights
@@ -183,8 +183,8 @@ class PsychometricFit(Result):
     Attributes
     ----------
     threshold : float
-        Just-noticeable difference as a ratio above 1: 75 % would be correct there without lapses (d' = 0.954 of two
-        intervals).
+        Just-noticeable difference as a ratio above 1: 75 % would be correct there without lapses (d' = 0.954
+        of two intervals).
     interval : (float, float)
         Of it, credible, with equal tails.
     slope : float
@@ -207,8 +207,8 @@ class PsychometricFit(Result):
     reference : float or None
         The parameter of the reference [N/mm^2 or 1/ms].
     at_bounds : tuple of (str, str)
-        Parameter ("threshold", "width") and end ("lower", "upper") of its interval that the prior sets and not the data:
-        psignifit's threshold may lie half the range beyond the levels, no more.
+        Parameter ("threshold", "width") and end ("lower", "upper") of its interval that the prior sets and
+        not the data: psignifit's threshold may lie half the range beyond the levels, no more.
     provenance : dict
         Versions.
     """
@@ -344,9 +344,10 @@ def psychometric_function(
 
         P = 1/2 + (1 - lapse)/2 (1 - 2^-((|ln level|/|ln threshold|)^slope))
 
-    It is 1/2 where there is no difference. Levels below and above 1 are pooled where their |ln level| is the same: the two
-    intervals are rendered alike, so that a ratio and its inverse differ in order only. Threshold, slope, lapse rate and
-    overdispersion are psignifit's modes of the posterior, with its default priors, on ln |ln level|.
+    It is 1/2 where there is no difference. Levels below and above 1 are pooled where their |ln level| is the
+    same: the two intervals are rendered alike, so that a ratio and its inverse differ in order only. Threshold,
+    slope, lapse rate and overdispersion are psignifit's modes of the posterior, with its default priors, on
+    ln |ln level|.
 
     Parameters
     ----------
@@ -366,21 +367,22 @@ def psychometric_function(
     ImportError
         Without psignifit (extra `psychometric`).
     ValueError
-        If the sequences differ in length, a level is no ratio or 1, fewer than two differ, a number is out of range, the
-        parameter is unknown, or the reference not above 0.
+        If the sequences differ in length, a level is no ratio or 1, fewer than two differ, a number is out of
+        range, the parameter is unknown, or the reference not above 0.
     TypeError
         If a number of answers is not whole.
 
     Notes
     -----
-    Five levels, 0.35 to 2.6 times the threshold of 0.2 of a Gaussian observer with 2 % lapses: of 120 fits each the 95 % intervals
-    held it in 117 (20 trials a level; in 52 of them the prior set an end) and 115 (60 trials, 10); |ln threshold| was 2 % too large
-    and 1 % too small, with a standard deviation of 25 and 15 % (tests/python/psychophysics_tables.py, psychometric).
+    A Gaussian observer with 2 % lapses and a threshold of 0.2, five levels of 0.35 to 2.6 times that, 120 fits:
+    the 95 % intervals held the threshold in 117 with 20 trials a level (in 52 the prior set an end) and in 115 with
+    60 (in 10). |ln threshold| was 2 % too large and 1 % too small, with a standard deviation of 25 and 15 %
+    (tests/python/psychophysics_tables.py, psychometric).
 
     References
     ----------
-    H. H. Schütt, S. Harmeling, J. H. Macke, F. A. Wichmann, Painfree and accurate Bayesian estimation of psychometric
-    functions for (potentially) overdispersed data, Vision Research 122 (2016) 105-123.
+    H. H. Schütt, S. Harmeling, J. H. Macke, F. A. Wichmann, Painfree and accurate Bayesian estimation of
+    psychometric functions for (potentially) overdispersed data, Vision Research 122 (2016) 105-123.
     """
     refuse(
         not len(levels) == len(correct) == len(trials),

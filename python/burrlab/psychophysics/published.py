@@ -41,7 +41,8 @@ class PublishedScore(Result):
         Of the mean score.
     level : float
     d_prime : dict of str to (float, float, float)
-        By rule: of the mean and of the interval's ends, (estimate, low, high), IF all subjects are alike and unbiased.
+        By rule: of the mean and of the interval's ends, (estimate, low, high), IF all subjects are alike and
+        unbiased.
     spread, binomial_spread : float
         Standard deviation of scores over subjects, and of one subject's score by chance at this mean.
     spread_p_value : float
@@ -118,14 +119,15 @@ def group_score_from(
     Raises
     ------
     ValueError
-        If the mean is not between 0 and the trials, sem is not above the rounding, there are less than 2 subjects or trials, the
-        task is unknown, rounding is negative, or the level is not in [0.5, 1).
+        If the mean is not between 0 and the trials, sem is not above the rounding, there are less than 2
+        subjects or trials, the task is unknown, rounding is negative, or the level is not in [0.5, 1).
 
     Notes
     -----
-    Chance within a subject has variance T p (1 - p) if every trial has the same p; trials of unequal difficulty have less, so the
-    test of the spread is cautious. A larger spread says that p differs between subjects: unlike criteria do that at one d' too.
-    If a part w of the subjects guess and the others have one p, the variance v of p over subjects gives w = v/(v + (p - 1/2)^2).
+    Chance within a subject has variance T p (1 - p) if every trial has the same p; trials of unequal
+    difficulty have less, so the test of the spread is cautious. A larger spread says that p differs between
+    subjects: unlike criteria do that at one d' too. If a part w of the subjects guess and the others have one
+    p, the variance v of p over subjects gives w = v/(v + (p - 1/2)^2).
 
     Examples
     --------
@@ -273,7 +275,8 @@ def tost(values: ArrayLike, *, delta: float, level: float = 0.95) -> SignedEquiv
     Raises
     ------
     ValueError
-        If there are less than two values, one is not finite, they have no scatter, delta is not above 0, or the level is not in [0.5, 1).
+        If there are less than two values, one is not finite, they have no scatter, delta is not above 0, or
+        the level is not in [0.5, 1).
 
     References
     ----------
@@ -349,8 +352,8 @@ class SelectionEffect:
 
     Notes
     -----
-    Exact. With M_t subjects of the `of` at t or more correct answers, the sum of the best `kept` is the sum over t >= 1 of
-    min(kept, M_t), and M_t is binomial.
+    Exact. With M_t subjects of the `of` at t or more correct answers, the sum of the best `kept` is the sum
+    over t >= 1 of min(kept, M_t), and M_t is binomial.
 
     Examples
     --------

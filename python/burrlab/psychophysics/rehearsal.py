@@ -72,15 +72,15 @@ def rehearse(
     Raises
     ------
     ValueError
-        If there is no subject, the design's intervals do not have the subject's cues, or the design asks for stiffness by
-        drilling, which has no cue for it.
+        If there is no subject, the design's intervals do not have the subject's cues, or the design asks for
+        stiffness by drilling, which has no cue for it.
 
     Notes
     -----
-    Each material is rendered once by probing, and with three seeds by drilling; an interval takes one of the three by its
-    own seed. So the erosion's scatter is in it (a standard deviation of 0.0001 to 0.0002 of the logarithm at 0.1 mm: nothing
-    beside the noise), and a rehearsal of 20 subjects takes seconds rather than an hour. `burrlab experiment run --simulated`
-    renders every interval.
+    Each material is rendered once by probing, and with three seeds by drilling; an interval takes one of the
+    three by its own seed. So the erosion's scatter is in it (a standard deviation of 0.0001 to 0.0002 of the
+    logarithm at 0.1 mm: nothing beside the noise), and a rehearsal of 20 subjects takes seconds rather than
+    an hour. `burrlab experiment run --simulated` renders every interval.
     """
     refuse(operator.index(subjects) < 1, f"subjects must be at least 1, got {subjects}")
     taught = subject if subject.known is not None else teach(subject, design, burr=burr, bone=bone)
@@ -191,7 +191,8 @@ class Prediction(Result):
     power : DesignPower
         Of one subject's binomial test, and of the group's t test where there is more than one.
     trials_needed, subjects_needed : int or None
-        For 80 % power: trials of a single subject; subjects of so many trials each. None where no reasonable number does.
+        For 80 % power: trials of a single subject; subjects of so many trials each. None where no reasonable
+        number does.
     """
 
     task: TaskName
@@ -256,8 +257,8 @@ def predicted_d_prime(
     duration : float
         Of an interval [s].
     closed_form : bool
-        Take cues from `closed_form_cues` instead of rendering two intervals. For the sinking speed that is another
-        thing: the speed at one depth, not the depth after a time (docs/simulated_subject.md).
+        Take cues from `closed_form_cues` instead of rendering two intervals. For the sinking speed that is
+        another thing: the speed at one depth, not the depth after a time (docs/simulated_subject.md).
     burr : Burr, optional
         Default R = 3 mm.
     bone : Block, optional
@@ -270,8 +271,8 @@ def predicted_d_prime(
     Raises
     ------
     ValueError
-        If the mode is unknown or does not have the subject's cues, the subject has a criterion of its own, the materials
-        are alike, or `trials` or `subjects` is out of range.
+        If the mode is unknown or does not have the subject's cues, the subject has a criterion of its own,
+        the materials are alike, or `trials` or `subjects` is out of range.
 
     Examples
     --------
@@ -375,8 +376,8 @@ class TaskOneTable:
     differences : dict
         pair -> cue -> difference of the logarithm between the two materials.
     noise_of_published : dict
-        (cue, decision) -> the noise at which the first pair, bone and PVC, gives the paper's mean: 9.3 for the probing cues,
-        9.6 for sinking speed and for all. None where no noise does.
+        (cue, decision) -> the noise at which the first pair, bone and PVC, gives the paper's mean: 9.3 for
+        the probing cues, 9.6 for sinking speed and for all. None where no noise does.
     source : str
         Of the differences: "rendered" or "closed form".
     lapse : float
@@ -464,9 +465,9 @@ def task1_table(
 
     Notes
     -----
-    Exact: d' = difference/noise (several cues: the root of the sum of squares) and the rates of `rule_of`, no simulation.
-    The width is that of the mean of 20 independent scores, each the sum of 6 + 6 answers. "all" combines cues that no
-    interval of the paper has together, and so is an upper limit.
+    Exact: d' = difference/noise (several cues: the root of the sum of squares) and the rates of `rule_of`, no
+    simulation. The width is that of the mean of 20 independent scores, each the sum of 6 + 6 answers. "all"
+    combines cues that no interval of the paper has together, and so is an upper limit.
     """
     found = _differences(differences, burr or Burr(3.0), bone or Block())
     for noise in noises:

@@ -1,7 +1,7 @@
 """Decision rules of same-different, ABX and two-interval tasks, from d' to rates and back; counted answers; results.
 
-d' is the distance between the two stimuli in standard deviations of one observation. Formulas as in Macmillan and
-Creelman, *Detection Theory: A User's Guide*, chapter 9 (same-different, ABX) and 7 (two intervals).
+d' is the distance between the two stimuli in standard deviations of one observation. Formulas as in Macmillan
+and Creelman, *Detection Theory: A User's Guide*, chapter 9 (same-different, ABX) and 7 (two intervals).
 """
 
 from __future__ import annotations
@@ -73,7 +73,8 @@ def halving(
 class Rule(ABC):
     """How an observer decides.
 
-    The two rates are those of one answer, given the stimuli that ask for it (hit) and those that do not (false alarm):
+    The two rates are those of one answer, given the stimuli that ask for it (hit) and those that do not
+    (false alarm):
 
     * same-different: "different", on pairs AB and BA (hit) and AA and BB (false alarm);
     * ABX: "the first", where the first alternative (hit) or the second (false alarm) matches the reference;
@@ -331,7 +332,8 @@ class Counts:
     Raises
     ------
     ValueError
-        If the task is unknown, a number is negative or more than its trials, there is no trial, or `by_type` does not sum to the same.
+        If the task is unknown, a number is negative or more than its trials, there is no trial, or `by_type`
+        does not sum to the same.
     TypeError
         If a number is not whole.
 

@@ -199,8 +199,8 @@ def _design(one: Answers) -> dict[str, Any]:
 def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) -> list[TaskData]:
     """The tasks with what their participants were selected by; `selected_by` is subject -> text.
 
-    The protocol in the side-cars says how many they were selected from (`selected_from`), or else a text such as "best 12
-    of 20" does.
+    The protocol in the side-cars says how many they were selected from (`selected_from`), or else a text such
+    as "best 12 of 20" does.
     """
     found = []
     for task in tasks:
@@ -441,7 +441,8 @@ class ScoredTask(TaskResult[SubjectResult]):
     equivalence : tuple of Equivalence
         One a rule; none without a delta.
     checks : tuple of PairCheck
-        Of the types of trials against one another, all subjects together; none where a subject's types were not counted.
+        Of the types of trials against one another, all subjects together; none where a subject's types were
+        not counted.
     """
 
     subjects: tuple[SubjectResult, ...]  # again, since a record is read back by the declared types
@@ -501,7 +502,8 @@ class ScoredTask(TaskResult[SubjectResult]):
         Raises
         ------
         ValueError
-            If there is no subject, subjects answered unequally many trials, or the published score is of another number.
+            If there is no subject, subjects answered unequally many trials, or the published score is of
+            another number.
         """
         self._some()
         if (trials := self.trials) is None:

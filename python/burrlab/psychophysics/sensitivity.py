@@ -80,8 +80,8 @@ class Outcomes:
     def estimate(self, rule: Rule) -> tuple[Floats, Floats]:
         """The estimate of greatest likelihood: d' in [0, inf], and the criterion.
 
-        Where H <= F, d' is 0 and the criterion is that of the pooled rate. Where d' is undetermined all are equally
-        likely, and the smallest, 0, is taken.
+        Where H <= F, d' is 0 and the criterion is that of the pooled rate. Where d' is undetermined all are
+        equally likely, and the smallest, 0, is taken.
         """
         h, f = self.rates
         pooled = (self.hits + self.false_alarms) / (self.signals + self.noises)
@@ -273,8 +273,8 @@ class DPrime(Result):
     task, rule : str
         As `rule_of` has them.
     estimate : float
-        Of greatest likelihood, in [0, inf]: 0 where there are no more hits than false alarms, inf where the likelihood
-        rises without end.
+        Of greatest likelihood, in [0, inf]: 0 where there are no more hits than false alarms, inf where the
+        likelihood rises without end.
     interval : (float, float)
         Its ends in [0, inf]; inf is an open end.
     level : float
@@ -291,7 +291,8 @@ class DPrime(Result):
         d' of the rates after `correction`; with "none" it is the estimate. The interval takes no correction.
     correction : {"none", "log-linear", "half"}
     undetermined : bool
-        Any d' fits as well as any other (one answer always, or no trial of one kind): estimate 0, interval [0, inf).
+        Any d' fits as well as any other (one answer always, or no trial of one kind): estimate 0, interval
+        [0, inf).
     counts : Counts
     """
 
@@ -368,14 +369,14 @@ def d_prime(
     level : float, default 0.95
         Of the interval, in (0, 1).
     method : {"exact", "profile", "proportion"}, default "exact"
-        "exact": the d' that the likelihood-ratio test keeps, with its exact distribution at the worst criterion. It
-        holds the truth at least as often as it says.
-        "profile": the same with chi-square's distribution; fast, but short where all or nearly all answers are correct.
-        "proportion" (ABX, two intervals): Clopper and Pearson's interval of the proportion correct, carried to d'. It
-        takes the observer as unbiased, and both kinds of trial together.
+        "exact": the d' that the likelihood-ratio test keeps, with its exact distribution at the worst
+        criterion. It holds the truth at least as often as it says. "profile": the same with chi-square's
+        distribution; fast, but short where all or nearly all answers are correct. "proportion" (ABX, two
+        intervals): Clopper and Pearson's interval of the proportion correct, carried to d'. It takes the
+        observer as unbiased, and both kinds of trial together.
     correction : {"none", "log-linear", "half"}, default "none"
-        "log-linear": half an answer more in each cell (Hautus 1995). "half": rates of 0 and 1 alone become 1/(2n) and
-        1 - 1/(2n) (Macmillan and Kaplan 1985). For `corrected` alone.
+        "log-linear": half an answer more in each cell (Hautus 1995). "half": rates of 0 and 1 alone become
+        1/(2n) and 1 - 1/(2n) (Macmillan and Kaplan 1985). For `corrected` alone.
 
     Returns
     -------
@@ -384,14 +385,14 @@ def d_prime(
     Raises
     ------
     ValueError
-        If the rule, method or correction is unknown, the level not in (0, 1), "proportion" asked of same-different, or
-        "exact" of more than 4 million possible outcomes (2000 trials of each kind).
+        If the rule, method or correction is unknown, the level not in (0, 1), "proportion" asked of
+        same-different, or "exact" of more than 4 million possible outcomes (2000 trials of each kind).
 
     Notes
     -----
-    In same-different and ABX d' has no sign: 0 is a boundary, where the information is 0, and an interval of the kind
-    estimate +- 1.96 standard errors fails (see `docs/psychophysics.md`). "exact" includes 0 unless an exact one-sided
-    test at 1 - level rejects it, "profile" at about half of that.
+    In same-different and ABX d' has no sign: 0 is a boundary, where the information is 0, and an interval of
+    the kind estimate +- 1.96 standard errors fails (see `docs/psychophysics.md`). "exact" includes 0 unless
+    an exact one-sided test at 1 - level rejects it, "profile" at about half of that.
 
     References
     ----------
@@ -451,8 +452,8 @@ def score_interval(counts: Counts, level: float = 0.95) -> tuple[float, float]:
 def binomial_test(counts: Counts) -> float:
     """The probability of this score or more by chance, 1/2 a trial: an exact one-sided p value.
 
-    It holds at any bias where both kinds of trial are equally frequent. Where they are not, an observer who always gives
-    the more frequent answer is above 1/2.
+    It holds at any bias where both kinds of trial are equally frequent. Where they are not, an observer who
+    always gives the more frequent answer is above 1/2.
 
     Examples
     --------
@@ -517,14 +518,14 @@ class PairCheck:
 def pair_checks(counts: Counts | Sequence[Counts]) -> list[PairCheck]:
     """The checks that a task's types of trials allow.
 
-    Same-different: AA against BB and AB against BA. ABX and two intervals: correct answers where the first and where the
-    second is correct, which differ by a bias to a position.
+    Same-different: AA against BB and AB against BA. ABX and two intervals: correct answers where the first
+    and where the second is correct, which differ by a bias to a position.
 
     Parameters
     ----------
     counts : Counts or sequence of Counts
-        Of one subject or several, in one task. Subjects may differ: each one's total is taken as given. A type of pair that
-        is not in `by_type` had no trial (a run that was not finished).
+        Of one subject or several, in one task. Subjects may differ: each one's total is taken as given. A
+        type of pair that is not in `by_type` had no trial (a run that was not finished).
 
     Raises
     ------

@@ -61,8 +61,8 @@ class Trial:
     block : int
         From 1; practice is block 0.
     trial_type : str
-        Same-different: AA, AB, BA, BB; ABX: AB, BA, the order of the two alternatives after the reference; two
-        intervals: the order of reference (R) and comparison (C), RC or CR.
+        Same-different: AA, AB, BA, BB; ABX: AB, BA, the order of the two alternatives after the reference;
+        two intervals: the order of reference (R) and comparison (C), RC or CR.
     intervals : tuple of Interval
         In the order of presentation.
     correct : str

@@ -381,16 +381,6 @@ class TestPublishedScore:
         found = group_score_from(mean=mean, sem=sem, n=20, trials=trials).spread_p_range
         assert found == pytest.approx((ends.min(), ends.max()), rel=1e-3)
 
-    def test_unlike_criteria_alone_give_such_a_spread(self):
-        """Why the sentence does not say that d' differs: at one d' of 5 a third hardly ever says "different", and 9.6 +- 0.5 comes out."""
-        rule = rule_of("same-different", "differencing")
-        hit, alarm = rule.rates(5.0, rule.criterion_of(5.0, [1e-6, 0.1]))
-        mean, variance = 6 * (hit + 1 - alarm), 6 * (hit * (1 - hit) + alarm * (1 - alarm))
-        share = np.array([1 / 3, 2 / 3])
-        spread = math.sqrt(share @ (variance + mean**2) - (share @ mean) ** 2)
-        assert share @ mean == pytest.approx(9.6, abs=0.1)
-        assert spread / math.sqrt(20) == pytest.approx(0.5, abs=0.05)
-
     def test_guessers_give_mean_and_spread(self):
         paper = group_score_from(mean=9.6, sem=0.5, n=20, trials=12)
         assert "subjects differ, in d' or in bias" in str(paper)

@@ -91,15 +91,10 @@ class Outcomes:
 
     def log_likelihood(self, hit: Floats, miss: Floats, alarm: Floats, rejection: Floats) -> Floats:
         """From the logarithms of the four rates, without the number of orders of the trials."""
-        total = np.zeros(np.broadcast_shapes(self.hits.shape, hit.shape))
-        for times, log_rate in (
-            (self.hits, hit),
-            (self.signals - self.hits, miss),
-            (self.false_alarms, alarm),
-            (self.noises - self.false_alarms, rejection),
-        ):
-            total = total + np.where(times > 0, times * np.where(times > 0, log_rate, 0.0), 0.0)
-        return np.asarray(total)
+        times = (self.hits, self.signals - self.hits, self.false_alarms, self.noises - self.false_alarms)
+        log_rates = (hit, miss, alarm, rejection)
+        # Of an answer that was not given the rate may be 0.
+        return np.asarray(sum(n * np.where(n > 0, x, 0.0) for n, x in zip(times, log_rates, strict=True)))
 
     def greatest(self) -> Floats:
         """The log-likelihood at the estimate."""

@@ -282,17 +282,17 @@ SOFT = {"name": "pvc", "material": "pvc", "c_e_N_per_mm2": 0.462, "alpha_per_ms"
         (
             constant(levels=(1.05, 1.1, 1.2, 1.4)),
             {"held": "alpha is held at 0.087 /ms"},
-            ["alpha is held at 0.087 /ms", "75 % correct at a ratio of 1.14 (the middle of the levels)", "of 5 such subjects"],
+            ["alpha is held at 0.087 /ms", "75 % correct at a ratio of 1.14 (the middle of the levels)", "to a factor of 1.31 (standard deviation), 6 % too small in the mean"],
         ),
         (
             staircase(),
             {"design": "staircase", "start": 2.0, "limit": 4.0, "target": math.sqrt(0.5)},
-            ["aims at 70.7 % correct, at most 80 trials", "75 % correct at a ratio of 1.19 (a quarter of the start's distance from 1)"],
+            ["aims at 70.7 % correct, at most 80 trials", "75 % correct at a ratio of 1.19 (a quarter of the start's distance from 1)", "1.59 (standard deviation), 2 % too large"],
         ),
         (
             adaptive("alpha", mode="drilling", trials=20),
             {"design": "adaptive", "levels": [1.02, 2.0], "trials": 20, "held": "c_e is held at 2.145 N/mm^2"},
-            ["; 20 trials\n", "of 5 such subjects"],
+            ["; 20 trials\n", "of 5 such subjects", "1.49 (standard deviation), 4 % too small"],
         ),
     ],
 )  # fmt: skip

@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 from scipy.stats import binom
 
 from burrlab.psychophysics.group import conditional_hits, excess_hits, group_tails
-from burrlab.psychophysics.rules import rule_of
+from burrlab.psychophysics.rules import Counts, rule_of
 
 SAME_D_PRIME = {
     "alike": lambda rng, size: np.full(size, 0.3),
@@ -26,6 +26,11 @@ FEW_CAN_TELL = {
     "a tenth": lambda rng, size: np.where(rng.random(size) < 0.1, 4.5, 1.0),
     "a fifth": lambda rng, size: np.where(rng.random(size) < 0.2, 3.0, 0.0),
 }
+
+
+def same(hits: int, false_alarms: int, half: int = 6) -> Counts:
+    """Same-different."""
+    return Counts("same-different", hits, half, false_alarms, half)
 
 
 def most_errors(rate: float, experiments: int) -> int:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import sys
 
@@ -30,51 +31,41 @@ SIZES = ((12, 12), (20, 12), (12, 48), (20, 48))
 DECISIONS = [(task, rule) for task in ("same-different", "abx") for rule in RULES]
 
 
-def of_experiments(pairs) -> str:
-    """The larger share of either side [%]."""
-    few, many = np.max(np.array(pairs), axis=0) * 100 / EXPERIMENTS
-    return f"{few:.1f} / {many:.1f}"
+def table(*columns) -> None:
+    """A row for each size; a column gives pairs of errors, of which the larger share of either side is printed [%]."""
+    for subjects, trials in SIZES:
+        size = {"subjects": subjects, "trials": trials, "experiments": EXPERIMENTS}
+        shares = [np.max(np.array(pairs(size)), axis=0) * 100 / EXPERIMENTS for pairs in columns]
+        cells = [f"{few:.1f} / {many:.1f}" for few, many in shares]
+        print(f"| {subjects} x {trials} | " + " | ".join(cells) + " |", flush=True)
+
+
+def several(scene, decisions):
+    return lambda size: [rejections_of_several(*decision, scene, **size) for decision in decisions]
 
 
 def group_errors() -> None:
     """A true d' rejected as too high / too low, the worst of tasks, rules and d' 0 to 3."""
-    for subjects, trials in SIZES:
-        size = {"subjects": subjects, "trials": trials, "experiments": EXPERIMENTS}
-        cells = [
-            of_experiments([
-                rejections(task, rule, d, scene, **size)
-                for task, rule in DECISIONS
-                for d in (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
-            ])
-            for scene in SAME_D_PRIME.values()
-        ]  # fmt: skip
-        cells += [
-            of_experiments([rejections_of_several(task, rule, scene, **size) for task, rule in DECISIONS])
-            for scene in SEVERAL_D_PRIMES.values()
-        ]
-        print(f"| {subjects} x {trials} | " + " | ".join(cells) + " |", flush=True)
+
+    def same(scene):
+        cases = list(itertools.product(DECISIONS, (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)))
+        return lambda size: [rejections(*decision, d, scene, **size) for decision, d in cases]
+
+    table(*map(same, SAME_D_PRIME.values()), *(several(x, DECISIONS) for x in SEVERAL_D_PRIMES.values()))
 
 
 def few_can_tell() -> None:
     """The limit: few who can tell, same-different, either rule; and its mirror image, two intervals with d' 1.5 +- 0.75."""
-    for subjects, trials in SIZES:
-        size = {"subjects": subjects, "trials": trials, "experiments": EXPERIMENTS}
-        cells = [
-            of_experiments([rejections_of_several("same-different", rule, scene, **size) for rule in RULES])
-            for scene in FEW_CAN_TELL.values()
-        ]
-        cells.append(
-            of_experiments([rejections_of_several("2ifc", RULES[0], SEVERAL_D_PRIMES["spread"], **size)])
-        )
-        print(f"| {subjects} x {trials} | " + " | ".join(cells) + " |", flush=True)
+    scenes = [several(scene, DECISIONS[:2]) for scene in FEW_CAN_TELL.values()]
+    table(*scenes, several(SEVERAL_D_PRIMES["spread"], [("2ifc", RULES[0])]))
 
 
-def of_rates(task, rule, d_prime, rates, subjects, trials, rng):
+def of_rates(rule, d_prime, rates, subjects, trials, rng):
     """Errors of subjects who draw one of these pairs of rates each."""
     drawn = np.asarray(rates)[rng.integers(0, len(rates), (EXPERIMENTS, subjects))]
     hits = rng.binomial(trials // 2, drawn[..., 0])
     answers = hits + rng.binomial(trials // 2, drawn[..., 1])
-    subject = conditional_hits(task, rule, d_prime, trials // 2, trials // 2)
+    subject = conditional_hits("same-different", rule, d_prime, trials // 2, trials // 2)
     few, many = group_tails(hits, answers, [subject] * subjects)
     return np.sum(few <= 0.05), np.sum(many <= 0.05)
 
@@ -82,29 +73,28 @@ def of_rates(task, rule, d_prime, rates, subjects, trials, rng):
 def likelihood_observers() -> None:
     """Independent observations in same-different with real biases of the log likelihood ratio; the worst of d' 0.5 to 3."""
     rng = np.random.default_rng(4)
-    for subjects, trials in SIZES:
-        cells = []
-        for biases in (np.linspace(-1.0, 1.0, 9), [0.5], [1.0]):
-            pairs = []
-            for d in (0.5, 1.0, 1.5, 2.0, 3.0):
-                rates = [reference.same_different_likelihood(d, b) for b in biases]
-                pairs.append(of_rates("same-different", RULES[0], d, rates, subjects, trials, rng))
-            cells.append(of_experiments(pairs))
-        print(f"| {subjects} x {trials} | " + " | ".join(cells) + " |", flush=True)
+
+    def biased(biases):
+        rates = {
+            d: [reference.same_different_likelihood(d, b) for b in biases] for d in (0.5, 1.0, 1.5, 2.0, 3.0)
+        }
+        return lambda size: [
+            of_rates(RULES[0], d, x, size["subjects"], size["trials"], rng) for d, x in rates.items()
+        ]
+
+    table(*map(biased, (np.linspace(-1.0, 1.0, 9), [0.5], [1.0])))
 
 
 def lapses() -> None:
     """2 % lapses, unbiased: the d' without them rejected as too high, at d' 1, 1.5, 2, 3 by either rule."""
     rng = np.random.default_rng(5)
-    for rule in RULES:
-        decision = rule_of("same-different", rule)
-        for subjects, trials in SIZES:
-            shares = []
-            for d in (1.0, 1.5, 2.0, 3.0):
-                rates = [[0.98 * float(rate) + 0.01 for rate in decision.rates(d)]]
-                few, _ = of_rates("same-different", rule, d, rates, subjects, trials, rng)
-                shares.append(f"{100 * few / EXPERIMENTS:.1f}")
-            print(f"| {rule} | {subjects} x {trials} | " + " | ".join(shares) + " |", flush=True)
+    for rule, (subjects, trials) in itertools.product(RULES, SIZES):
+        shares = []
+        for d in (1.0, 1.5, 2.0, 3.0):
+            rates = [[0.98 * float(rate) + 0.01 for rate in rule_of("same-different", rule).rates(d)]]
+            few, _ = of_rates(rule, d, rates, subjects, trials, rng)
+            shares.append(f"{100 * few / EXPERIMENTS:.1f}")
+        print(f"| {rule} | {subjects} x {trials} | " + " | ".join(shares) + " |", flush=True)
 
 
 def unseen() -> None:
@@ -117,10 +107,9 @@ def unseen() -> None:
 
 def powers() -> None:
     """Equivalence at d' = 0."""
-    for subjects, trials in ((5, 12), (12, 12), (20, 12), (40, 12), (12, 48), (20, 48)):
-        for delta in (1.0, 1.5):
-            found = design_power("same-different", trials=trials, subjects=subjects, d_primes=(), delta=delta)
-            print(str(found).split("\n", 2)[2], flush=True)
+    for (subjects, trials), delta in itertools.product(((5, 12), (40, 12), *SIZES), (1.0, 1.5)):
+        found = design_power("same-different", trials=trials, subjects=subjects, d_primes=(), delta=delta)
+        print(str(found).split("\n", 2)[2], flush=True)
 
 
 def psychometric() -> None:
@@ -148,7 +137,7 @@ TABLES = (
 )  # fmt: skip
 
 if __name__ == "__main__":
-    for table in TABLES:
-        if table.__name__ in sys.argv[1:] or not sys.argv[1:]:
-            print(f"\n{table.__name__}: {table.__doc__}\n", flush=True)
-            table()
+    for made in TABLES:
+        if made.__name__ in sys.argv[1:] or not sys.argv[1:]:
+            print(f"\n{made.__name__}: {made.__doc__}\n", flush=True)
+            made()

@@ -1,6 +1,6 @@
 """How good estimates and intervals of d' are: every outcome of an experiment, weighed with its probability.
 
-`python -m burrlab.psychophysics.statistics.enumeration` prints the tables of `docs/psychophysics.md`.
+`python tests/reference/enumeration.py` prints the tables of `docs/psychophysics.md`.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import TypeAlias
 
 import numpy as np
@@ -17,7 +17,7 @@ from scipy.special import chdtri, ndtri
 from scipy.stats import binom
 
 from burrlab.psychophysics.rules import RULES, Floats, Rule, rule_of
-from burrlab.psychophysics.sensitivity import _TIE, LARGEST, Outcomes, _probabilities, binomial, check_level
+from burrlab.psychophysics.sensitivity import _TIE, LARGEST, Outcomes, _probabilities, binomial
 
 Booleans: TypeAlias = NDArray[np.bool_]
 
@@ -42,57 +42,6 @@ def exact_p_values(rule: Rule, signals: int, noises: int, d_prime: float) -> Flo
     return np.asarray(np.minimum(beyond[last], 1.0))
 
 
-@dataclass(frozen=True)
-class Enumeration:
-    """Over all outcomes at one d' and criterion; no simulation.
-
-    Attributes
-    ----------
-    task, rule : str
-    trials : int
-        Half of either kind.
-    d_prime, criterion : float
-        The truth.
-    exact, profile : float
-        Share of experiments whose interval holds the truth.
-    exact_open, profile_open : float
-        Share whose interval is open above.
-    wald : float
-        Share in which estimate +- standard errors exists and holds the truth.
-    wald_exists : float
-        Share in which it exists: the estimate is above 0 and finite.
-    wald_corrected : float
-        As `wald`, after the log-linear correction.
-    equal : float
-        Share with as many hits as false alarms, whose standard error is infinite.
-    infinite, zero : float
-        Share of estimates that are infinite, or 0.
-    bias : float
-        Of the mean of those that are finite.
-    bias_log_linear, bias_half : float
-        Of the mean after a correction.
-    """
-
-    task: str
-    rule: str
-    trials: int
-    d_prime: float
-    criterion: float
-    exact: float
-    profile: float
-    exact_open: float
-    profile_open: float
-    wald: float
-    wald_exists: float
-    wald_corrected: float
-    equal: float
-    infinite: float
-    zero: float
-    bias: float
-    bias_log_linear: float
-    bias_half: float
-
-
 def outcome_probabilities(rule: Rule, trials: int, d_prime: float, criterion: float) -> Floats:
     """Of `Outcomes.all(trials/2, trials/2)`."""
     hit, miss, alarm, rejection = rule.log_rates(d_prime, criterion)
@@ -108,98 +57,58 @@ def enumerate_estimator(
     d_primes: Sequence[float] = D_PRIMES,
     shift: float = 0.0,
     level: float = 0.95,
-) -> list[Enumeration]:
-    """One row for each d'.
+) -> list[SimpleNamespace]:
+    """Over all outcomes, half of the trials of either kind, a row for each d': shares of experiments, and biases of the mean.
 
-    Parameters
-    ----------
-    task, rule : str
-        As `rule_of` has them.
-    trials : int
-        An even number: half of either kind.
-    d_primes : sequence of float
-        At least 0.
-    shift : float, default 0
-        Of the criterion from the unbiased one [sd].
-    level : float, default 0.95
-        Of the intervals.
+    `shift` is that of the criterion from the unbiased one [sd]. Of a row:
 
-    Raises
-    ------
-    ValueError
-        If the task or rule is unknown, trials not even and positive, or the level not in (0, 1).
-
-    Examples
-    --------
-    >>> row, = enumerate_estimator("same-different", "differencing", trials=12, d_primes=[3.5])
-    >>> print(f"{row.exact:.3f} {row.profile:.3f}")
-    0.982 0.835
+    * exact, profile: the interval of this level holds the truth; exact_open: it is open above;
+    * wald: estimate +- standard errors exists and holds the truth; wald_corrected: after the log-linear correction;
+    * equal: as many hits as false alarms, whose standard error is infinite;
+    * infinite, zero: of the estimates; bias: of those that are finite; bias_log_linear, bias_half: after a correction.
     """
-    law = rule_of(task, rule)
-    check_level(level)
-    if trials < 2 or trials % 2:
-        raise ValueError(f"trials must be even and at least 2, got {trials}")
-    half = trials // 2
+    law, half = rule_of(task, rule), trials // 2
     outcomes = Outcomes.all(half, half)
     estimate, limit = outcomes.estimate(law)[0], float(chdtri(1.0, 1.0 - level))
     h, f = outcomes.corrected("log-linear")
     log_linear, by_half = law.invert(h, f)[0], law.invert(*outcomes.corrected("half"))[0]
     more = Outcomes(h * (half + 1.0), outcomes.signals + 1.0, f * (half + 1.0), outcomes.noises + 1.0)
+    finite = np.isfinite(estimate)
     # An interval is open above where its test keeps every d', however large.
     exact_open = exact_p_values(law, half, half, LARGEST) > 1.0 - level
-    profile_open = outcomes.deviance(law, LARGEST) <= limit
     rows = []
     for d in d_primes:
-        criterion = float(law.unbiased(d)) + shift
-        p = outcome_probabilities(law, trials, d, criterion)
-        wald, wald_exists = _wald(outcomes, law, d, level)
-        finite = np.isfinite(estimate)
-        rows.append(
-            Enumeration(
-                task=task,
-                rule=rule,
-                trials=trials,
-                d_prime=d,
-                criterion=criterion,
-                exact=float(p @ (exact_p_values(law, half, half, d) > 1.0 - level)),
-                profile=float(p @ (outcomes.deviance(law, d) <= limit)),
-                exact_open=float(p @ exact_open),
-                profile_open=float(p @ profile_open),
-                wald=float(p @ wald),
-                wald_exists=float(p @ wald_exists),
-                wald_corrected=float(p @ _wald(more, law, d, level)[0]),
-                equal=float(p @ (outcomes.hits == outcomes.false_alarms)),
-                infinite=float(p @ ~finite),
-                zero=float(p @ (estimate == 0.0)),
-                bias=float(p[finite] @ estimate[finite] / p[finite].sum()) - d,
-                bias_log_linear=float(p @ log_linear) - d,
-                bias_half=float(p @ by_half) - d,
-            )
-        )
+        p = outcome_probabilities(law, trials, d, float(law.unbiased(d)) + shift)
+        shares = {
+            "exact": exact_p_values(law, half, half, d) > 1.0 - level,
+            "profile": outcomes.deviance(law, d) <= limit,
+            "exact_open": exact_open,
+            "wald": _wald(outcomes, law, d, level),
+            "wald_corrected": _wald(more, law, d, level),
+            "equal": outcomes.hits == outcomes.false_alarms,
+            "infinite": ~finite,
+            "zero": estimate == 0.0,
+        }
+        biases = {
+            "bias": float(p[finite] @ estimate[finite] / p[finite].sum()) - d,
+            "bias_log_linear": float(p @ log_linear) - d,
+            "bias_half": float(p @ by_half) - d,
+        }
+        rows.append(SimpleNamespace(**{name: float(p @ held) for name, held in shares.items()}, **biases))
     return rows
 
 
 def binomial_error_rate(trials: int, hit: float, *, nominal: float = 0.05) -> float:
-    """Of `binomial_test` at p <= nominal, for an observer who cannot tell: hit rate and false-alarm rate are both `hit`.
-
-    Raises
-    ------
-    ValueError
-        If trials are not even and positive.
-    """
-    if trials < 2 or trials % 2:
-        raise ValueError(f"trials must be even and at least 2, got {trials}")
-    half = trials // 2
-    k = np.arange(half + 1)
-    of_hits, of_alarms = binom.pmf(k, half, hit), binom.pmf(k, half, hit)
-    score = k[:, None] + half - k[None, :]
-    return float(np.sum(np.outer(of_hits, of_alarms)[binom.sf(score - 1, trials, 0.5) <= nominal]))
+    """Of `binomial_test` at p <= nominal, for an observer who cannot tell: hit rate and false-alarm rate are both `hit`."""
+    k = np.arange(trials // 2 + 1)
+    score, p = k[:, None] + trials // 2 - k, binom.pmf(k, trials // 2, hit)
+    return float(np.sum(np.outer(p, p)[binom.sf(score - 1, trials, 0.5) <= nominal]))
 
 
 def coverage_table(task: str, *, trials: Sequence[int] = (12, 48, 200), shift: float = 0.0) -> str:
     """In Markdown: shares [%] of exact, profile and Wald intervals that hold the truth; * open in over half the cases."""
 
-    def cell(row: Enumeration) -> str:
+    def cell(row: SimpleNamespace) -> str:
         shares = " / ".join(f"{100.0 * share:.1f}" for share in (row.exact, row.profile, row.wald))
         return shares + (" *" if row.exact_open > 0.5 else "")
 
@@ -209,14 +118,14 @@ def coverage_table(task: str, *, trials: Sequence[int] = (12, 48, 200), shift: f
 def bias_table(task: str, *, trials: Sequence[int] = (12, 48, 200), shift: float = 0.0) -> str:
     """In Markdown: bias of the finite estimates, log-linear, "half"; share of infinite estimates [%] in brackets."""
 
-    def cell(row: Enumeration) -> str:
+    def cell(row: SimpleNamespace) -> str:
         biases = " / ".join(f"{bias:+.2f}" for bias in (row.bias, row.bias_log_linear, row.bias_half))
         return f"{biases} ({100.0 * row.infinite:.0f})"
 
     return _table(task, trials, shift, cell)
 
 
-def _table(task: str, trials: Sequence[int], shift: float, cell: Callable[[Enumeration], str]) -> str:
+def _table(task: str, trials: Sequence[int], shift: float, cell: Callable[[SimpleNamespace], str]) -> str:
     lines = [
         "| rule | trials | " + " | ".join(f"d' {d:g}" for d in D_PRIMES) + " |",
         "|---|---|" + "---|" * len(D_PRIMES),
@@ -228,13 +137,11 @@ def _table(task: str, trials: Sequence[int], shift: float, cell: Callable[[Enume
     return "\n".join(lines)
 
 
-def _wald(outcomes: Outcomes, rule: Rule, d_prime: float, level: float) -> tuple[Booleans, Booleans]:
-    """Where estimate +- standard errors holds d', and where it exists at all."""
-    error = outcomes.standard_error(rule)
-    exists = np.isfinite(error)
-    estimate = np.where(exists, outcomes.estimate(rule)[0], 0.0)
-    width = float(ndtri(0.5 * (1.0 + level))) * np.where(exists, error, 0.0)
-    return exists & (np.abs(estimate - d_prime) <= width), exists
+def _wald(outcomes: Outcomes, rule: Rule, d_prime: float, level: float) -> Booleans:
+    """Where estimate +- standard errors exists and holds d'."""
+    error, estimate = outcomes.standard_error(rule), outcomes.estimate(rule)[0]
+    width = float(ndtri(0.5 * (1.0 + level))) * error
+    return np.isfinite(error) & (np.abs(np.where(np.isfinite(error), estimate, 0.0) - d_prime) <= width)
 
 
 if __name__ == "__main__":

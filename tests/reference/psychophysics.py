@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from itertools import combinations, product
+from itertools import product
 
 import numpy as np
 from scipy import stats
@@ -168,24 +168,6 @@ def exact_p_values(
 # Groups.
 
 
-def sign_flip_p(values: Sequence[float]) -> float:
-    """Share of all choices of signs with a sum as large."""
-    sums = [
-        sum(s * abs(v) for s, v in zip(signs, values, strict=True))
-        for signs in product((-1, 1), repeat=len(values))
-    ]
-    return float(np.mean([s >= sum(values) - 1e-9 for s in sums]))
-
-
-def label_p(first: Sequence[float], second: Sequence[float]) -> float:
-    """Share of all divisions in two whose means differ as much."""
-    everyone = [*first, *second]
-    mean = sum(everyone) / len(everyone)
-    far = abs(sum(first) - len(first) * mean)
-    found = [abs(sum(c) - len(first) * mean) >= far - 1e-9 for c in combinations(everyone, len(first))]
-    return float(np.mean(found))
-
-
 def holm_rejected(p_values: Sequence[float], level: float) -> list[bool]:
     """Step down: the smallest p against level/m, the next against level/(m - 1), until one is not rejected."""
     order = sorted(range(len(p_values)), key=lambda i: p_values[i])
@@ -194,14 +176,4 @@ def holm_rejected(p_values: Sequence[float], level: float) -> list[bool]:
         if p_values[i] * (len(p_values) - place) > level:
             break
         out[i] = True
-    return out
-
-
-def best_of_guessers(kept: int, of: int, trials: int) -> dict[int, float]:
-    """Sum of the best `kept` scores -> probability, by every way to share the scores among the subjects."""
-    chance = stats.binom.pmf(range(trials + 1), trials, 0.5)
-    out: dict[int, float] = {}
-    for scores in product(range(trials + 1), repeat=of):
-        total = sum(sorted(scores)[-kept:])
-        out[total] = out.get(total, 0.0) + math.prod(chance[s] for s in scores)
     return out

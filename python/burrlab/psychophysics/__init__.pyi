@@ -27,8 +27,6 @@ from burrlab.psychophysics.observer import drilling_hand as drilling_hand
 from burrlab.psychophysics.observer import interval_cues as interval_cues
 from burrlab.psychophysics.observer import probing_hand as probing_hand
 from burrlab.psychophysics.observer import rendered_cues as rendered_cues
-from burrlab.psychophysics.pairs import PairCheck as PairCheck
-from burrlab.psychophysics.pairs import pair_checks as pair_checks
 from burrlab.psychophysics.power import DesignPower as DesignPower
 from burrlab.psychophysics.power import Equivalence as Equivalence
 from burrlab.psychophysics.power import design_power as design_power
@@ -59,8 +57,10 @@ from burrlab.psychophysics.scored_task import ScoredTask as ScoredTask
 from burrlab.psychophysics.seat import Seat as Seat
 from burrlab.psychophysics.seat import TerminalSeat as TerminalSeat
 from burrlab.psychophysics.sensitivity import DPrime as DPrime
+from burrlab.psychophysics.sensitivity import PairCheck as PairCheck
 from burrlab.psychophysics.sensitivity import binomial_test as binomial_test
 from burrlab.psychophysics.sensitivity import d_prime as d_prime
+from burrlab.psychophysics.sensitivity import pair_checks as pair_checks
 from burrlab.psychophysics.sensitivity import score_interval as score_interval
 from burrlab.psychophysics.side_car import Answer as Answer
 from burrlab.psychophysics.staircase import AdaptiveStaircase as AdaptiveStaircase

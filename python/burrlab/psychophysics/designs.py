@@ -1,7 +1,8 @@
 """Same-different, match to sample, what comparisons have in common, and the orders of their trials.
 
-An order is balanced, random, and a function of seed, subject and design alone. The draws use NumPy's `SeedSequence` and `PCG64`, whose streams are the same in every version of NumPy, and a shuffle
-of our own: NumPy's may change, and a run that was interrupted must resume with the same trials.
+An order is balanced, random, and a function of seed, subject and design alone. The draws use NumPy's
+`SeedSequence` and `PCG64`, whose streams are the same in every version of NumPy, and a shuffle of our own:
+NumPy's may change, and a run that was interrupted must resume with the same trials.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import hashlib
 import json
 import math
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar, Literal, TypeAlias, TypeVar
 
@@ -19,37 +20,26 @@ import numpy as np
 from burrlab._core import Material
 from burrlab.common.check import refuse, require_type
 from burrlab.psychophysics.power import design_power
+from burrlab.psychophysics.rules import one_of
 from burrlab.psychophysics.trial import MODES, Design, Interval, Mode, Order, Phase, Stimulus, Trial
 
 
 def whole(name: str, value: int, *, at_least: int, multiple: int = 1, why: str = "") -> int:
-    """An int, or one sentence."""
+    """The number as an int; ValueError in one sentence where it is out of range."""
     number = operator.index(value)
     refuse(number < at_least, f"{name} must be at least {at_least}, got {number}")
     refuse(number % multiple, f"{name} must be a multiple of {multiple}{why}, got {number}")
     return number
 
 
-def balanced_trials(trials: int, blocks: int, practice: int, *, multiple: int, types: str) -> None:
-    """One sentence unless the types of trials can be equally often, in blocks of one size."""
-    whole("trials", trials, at_least=multiple, multiple=multiple, why=f" ({types} equally often)")
-    whole("blocks", blocks, at_least=1)
-    whole("trials", trials, at_least=multiple, multiple=blocks, why=", the number of blocks")
-    whole("practice", practice, at_least=0)
-
-
 def seconds(name: str, value: float) -> float:
-    """A time [s] above 0, or one sentence."""
+    """The time [s]; ValueError in one sentence unless it is above 0."""
     refuse(not (math.isfinite(value) and value > 0), f"{name} must be a time above 0 [s], got {value}")
     return float(value)
 
 
-def one_of(name: str, value: str, choices: Sequence[str]) -> None:
-    refuse(value not in choices, f"{name} must be one of {', '.join(choices)}, got {value!r}")
-
-
 def rendered(name: str, stimulus: Stimulus) -> None:
-    """One sentence unless the stimulus has a material."""
+    """ValueError in one sentence unless the stimulus has a material."""
     require_type(name, stimulus, Stimulus, "Stimulus('bone', materials['bone'])")
     if stimulus.material is None:
         raise ValueError(
@@ -73,7 +63,7 @@ def checked_answers(levels: Sequence[float], correct: Sequence[bool]) -> tuple[l
 
 
 def checked_level(name: str, level: float) -> float:
-    """A ratio above 0 that is not 1, or one sentence."""
+    """The ratio; ValueError in one sentence unless it is above 0 and not 1."""
     value = float(level)
     refuse(not (math.isfinite(value) and value > 0.0), f"{name} must be a ratio above 0, got {value}")
     refuse(value == 1.0, f"{name} must differ from 1, got 1: two alike intervals have no correct answer")
@@ -151,8 +141,8 @@ class Draws:
         Parameters
         ----------
         groups : sequence of sequences
-            The types; groups of equal size, such as pairs that are the same and pairs that differ. In a block that is
-            no multiple of all types the groups are as often as one another, within one.
+            The types; groups of equal size, such as pairs that are the same and pairs that differ. In a block
+            that is no multiple of all types the groups are as often as one another, within one.
         trials : int
             A multiple of `blocks`. If it is one of the types too, all types are equally often.
         blocks : int, optional
@@ -160,8 +150,8 @@ class Draws:
         Returns
         -------
         list of lists
-            A list a block. Where the size of a block is a multiple of the types, each is as often in it as the others;
-            else as often within one.
+            A list a block. Where the size of a block is a multiple of the types, each is as often in it as
+            the others; else as often within one.
         """
         size = trials // blocks
         # One type of each group in turn: any consecutive few hold each at most once and the groups alike.
@@ -182,7 +172,7 @@ class FixedOrder(Order):
     ----------
     trials : sequence of Trial
     answers : tuple of str
-        The set that a response is from.
+        The possible responses.
     """
 
     def __init__(self, trials: Sequence[Trial], answers: tuple[str, ...]) -> None:
@@ -198,46 +188,48 @@ class FixedOrder(Order):
         done = len(self.answered)
         return self.trials[done] if done < len(self.trials) else None
 
-    def answer(self, response: str) -> None:
-        self.answered.append((checked_trial(self.next(), response, self._answers), response))
 
-
-def fixed_order(
-    design: Any,
-    seed: int,
-    subject: str,
-    groups: Sequence[Sequence[T]],
-    make: Callable[[Draws, T, int, Phase, int], Trial],
-) -> FixedOrder:
-    """Practice, then blocks, each balanced (`Draws.balanced`); `make` is given draws, type, number, phase and block."""
+def fixed_order(design: Any, seed: int, subject: str, types: Sequence[Sequence[Any]]) -> FixedOrder:
+    """Practice, then blocks, each balanced (`Draws.balanced`)."""
     draws = Draws(seed, subject, design.to_dict())
-    first = draws.balanced(groups, design.practice)[0]
-    order = [make(draws, kind, number, "practice", 0) for number, kind in enumerate(first, 1)]
-    for block, kinds in enumerate(draws.balanced(groups, design.trials, design.blocks), 1):
-        before = (block - 1) * len(kinds)
-        order += [make(draws, kind, before + place, "main", block) for place, kind in enumerate(kinds, 1)]
+    first = draws.balanced(types, design.practice)[0]
+    order = [design._trial(draws, kind, number, "practice", 0) for number, kind in enumerate(first, 1)]
+    for block, kinds in enumerate(draws.balanced(types, design.trials, design.blocks), 1):
+        before = 1 + (block - 1) * len(kinds)
+        order += [design._trial(draws, kind, n, "main", block) for n, kind in enumerate(kinds, before)]
     return FixedOrder(order, design.answers)
 
 
-def checked_trial(trial: Trial | None, response: str, answers: tuple[str, ...]) -> Trial:
-    """The trial that a response answers.
+class Scored(Design):
+    """A design whose answers make a score; its orders do not depend on them."""
 
-    Raises
-    ------
-    ValueError
-        If the response is not one of the answers, or there is no trial left.
-    """
-    if trial is None:
-        raise ValueError(f"there is no trial left to answer, got {response!r}")
-    refuse(response not in answers, f"response must be one of {', '.join(answers)}, got {response!r}")
-    return trial
+    trials: int
+    interval: float
+    practice: int
+    blocks: int
+    _types: Sequence[Sequence[str]]  # in groups of equal size
+
+    def order(self, *, seed: int, subject: str) -> FixedOrder:
+        return fixed_order(self, seed, subject, self._types)
+
+    def _check(self, types: str, multiple: int) -> None:
+        """One sentence unless the types of trials can be equally often, in blocks of one size, and the rest is right."""
+        whole("trials", self.trials, at_least=multiple, multiple=multiple, why=f" ({types} equally often)")
+        whole("blocks", self.blocks, at_least=1)
+        whole("trials", self.trials, at_least=multiple, multiple=self.blocks, why=", the number of blocks")
+        whole("practice", self.practice, at_least=0)
+        object.__setattr__(self, "interval", seconds("interval", self.interval))
+        one_of("mode", self.mode, MODES)
+
+    def _power(self, said: str, subjects: int) -> str:
+        return f"{said}\n{design_power(self.task, trials=self.trials, subjects=subjects)}"
 
 
 def counterbalanced(names: Sequence[T], subject_index: int) -> list[T]:
     """The order of tasks for one subject, from Williams' Latin squares.
 
-    Over every n subjects (n tasks) each task is equally often in each place; over every n (n even) or 2 n (n odd)
-    each also follows each other equally often.
+    Over every n subjects (n tasks) each task is equally often in each place; over every n (n even) or 2 n (n
+    odd) each also follows each other equally often.
 
     Parameters
     ----------
@@ -252,8 +244,8 @@ def counterbalanced(names: Sequence[T], subject_index: int) -> list[T]:
 
     References
     ----------
-    E. J. Williams, Experimental designs balanced for the estimation of residual effects of treatments, Australian
-    Journal of Scientific Research A 2 (1949) 149-168.
+    E. J. Williams, Experimental designs balanced for the estimation of residual effects of treatments,
+    Australian Journal of Scientific Research A 2 (1949) 149-168.
 
     Examples
     --------
@@ -284,14 +276,15 @@ FASTER = "In which interval did the burr sink faster, the first or the second?"
 class Comparison(Design):
     """What designs have in common that vary c_e or alpha around a reference, in two intervals (2ifc).
 
-    A `level` is the comparison's parameter as its ratio to the reference's. What is asked follows from what is varied:
+    A `level` is the comparison's parameter as its ratio to the reference's. What is asked follows from what
+    is varied:
 
     * c_e with the burr off: which is stiffer, and c_e alone is felt;
-    * c_e drilled, alpha held (`hold="other"`): in which the burr sinks faster, which is that of *less* c_e; the
-      stiffness changes as well;
+    * c_e drilled, alpha held (`hold="other"`): in which the burr sinks faster. That is the one of *less* c_e,
+      and the stiffness changes as well;
     * c_e drilled, alpha/c_e^p held (`hold="sinking speed"`): which is stiffer. p = 4 (k + 1)/3 for an f with a zero of
-      order k: 8/3 for the parabolic. The speed stays at forces below 0.068 c_e R^2: bone with a burr of 3 mm at 1 N within
-      1 % for levels of 0.75 to 1.3 (mean-field), at 2 N 10 % faster to 17 % slower;
+      order k: 8/3 for the parabolic. The speed stays at forces below 0.068 c_e R^2: bone with a burr of 3 mm
+      at 1 N within 1 % for levels of 0.75 to 1.3 (mean-field), at 2 N 10 % faster to 17 % slower;
     * alpha drilled: in which the burr sinks faster, that of more alpha.
 
     Parameters
@@ -411,11 +404,11 @@ class Comparison(Design):
 
 
 @dataclass(frozen=True)
-class ABX(Design):
+class ABX(Scored):
     """The reference first, then a match and a foil: which of the two is as the reference? The paper's Task 3.
 
-    The match (A) is first (AB) as often as second (BA), in random order. In each block too where its size is even; else
-    within one.
+    The match (A) is first (AB) as often as second (BA), in random order. In each block too where its size is
+    even; else within one.
 
     Parameters
     ----------
@@ -446,8 +439,8 @@ class ABX(Design):
     Raises
     ------
     ValueError
-        If the match of a real reference is not given, match or foil is a real specimen, they have one name, `trials` is
-        odd or no multiple of `blocks`, a number is out of range or the mode unknown.
+        If the match of a real reference is not given, match or foil is a real specimen, they have one name,
+        `trials` is odd or no multiple of `blocks`, a number is out of range or the mode unknown.
     TypeError
         If a stimulus is no Stimulus, or a number of trials is not whole.
 
@@ -473,6 +466,7 @@ class ABX(Design):
     blocks: int = 1
 
     task, _kind, _derived = "abx", "abx", ("chance",)
+    _types = (("AB",), ("BA",))
     question = "After the reference came two: which of them felt like the reference?"
     answers = ("first", "second")
     chance: ClassVar[float] = 0.5
@@ -491,41 +485,37 @@ class ABX(Design):
             self.matching.name == self.foil.name,
             f"match and foil must have different names, got {self.foil.name!r} twice",
         )
-        balanced_trials(self.trials, self.blocks, self.practice, multiple=2, types="AB and BA")
-        object.__setattr__(self, "interval", seconds("interval", self.interval))
+        self._check("AB and BA", 2)
         if self.reference_interval is not None:
             length = seconds("reference_interval", self.reference_interval)
             object.__setattr__(self, "reference_interval", length)
-        one_of("mode", self.mode, MODES)
 
     @property
     def matching(self) -> Stimulus:
         """The alternative that is correct."""
         return self.reference if self.match is None else self.match
 
-    def order(self, *, seed: int, subject: str) -> FixedOrder:
-        def make(draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
-            shown = [(self.reference, self.reference_interval)]
-            shown += [(self.matching if letter == "A" else self.foil, self.interval) for letter in kind]
-            intervals = tuple(Interval(stimulus, draws.interval_seed(), long) for stimulus, long in shown)
-            return Trial(number, phase, block, kind, intervals, self.answers[kind.index("A")])
-
-        return fixed_order(self, seed, subject, (("AB",), ("BA",)), make)
+    def _trial(self, draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
+        shown = [(self.reference, self.reference_interval)]
+        shown += [(self.matching if letter == "A" else self.foil, self.interval) for letter in kind]
+        intervals = tuple(Interval(stimulus, draws.interval_seed(), long) for stimulus, long in shown)
+        return Trial(number, phase, block, kind, intervals, self.answers[kind.index("A")])
 
     def power(self, subjects: int = 1) -> str:
-        what = (
+        return self._power(
             f"reference {self.reference.name}, then match {self.matching.name} and foil {self.foil.name} for "
-            f"{self.interval:g} s each ({self.mode}), chance {self.chance:g}"
+            f"{self.interval:g} s each ({self.mode}), chance {self.chance:g}",
+            subjects,
         )
-        return f"{what}\n{design_power(self.task, trials=self.trials, subjects=subjects)}"
 
 
 @dataclass(frozen=True)
-class SameDifferent(Design):
+class SameDifferent(Scored):
     """Two intervals with a or b in each; was it the same material twice, or two? The paper's Tasks 1 and 2.
 
-    AA, AB, BA and BB are equally often, in random order. In each block they are too where its size is a multiple of
-    four; else as often as one another within one, with as many pairs that differ as are the same, within one.
+    AA, AB, BA and BB are equally often, in random order. In each block they are too where its size is a
+    multiple of four; else as often as one another within one, with as many pairs that differ as are the same,
+    within one.
 
     Parameters
     ----------
@@ -545,8 +535,8 @@ class SameDifferent(Design):
     Raises
     ------
     ValueError
-        If a or b is a real specimen, they have one name, `trials` is no multiple of 4 or of `blocks`, a number is out of
-        range or the mode unknown.
+        If a or b is a real specimen, they have one name, `trials` is no multiple of 4 or of `blocks`, a
+        number is out of range or the mode unknown.
     TypeError
         If a or b is no Stimulus, or a number of trials is not whole.
 
@@ -569,6 +559,7 @@ class SameDifferent(Design):
     blocks: int = 1
 
     task = _kind = "same-different"
+    _types = (("AA", "BB"), ("AB", "BA"))
     question = "Was it the same material twice, or two different ones?"
     answers = ("same", "different")
 
@@ -576,18 +567,13 @@ class SameDifferent(Design):
         rendered("a", self.a)
         rendered("b", self.b)
         refuse(self.a.name == self.b.name, f"a and b must have different names, got {self.a.name!r} twice")
-        balanced_trials(self.trials, self.blocks, self.practice, multiple=4, types="AA, AB, BA, BB")
-        object.__setattr__(self, "interval", seconds("interval", self.interval))
-        one_of("mode", self.mode, MODES)
+        self._check("AA, AB, BA, BB", 4)
 
-    def order(self, *, seed: int, subject: str) -> FixedOrder:
-        def make(draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
-            pair = [self.a if letter == "A" else self.b for letter in kind]
-            intervals = tuple(Interval(stimulus, draws.interval_seed(), self.interval) for stimulus in pair)
-            return Trial(number, phase, block, kind, intervals, "same" if kind[0] == kind[1] else "different")
-
-        return fixed_order(self, seed, subject, (("AA", "BB"), ("AB", "BA")), make)
+    def _trial(self, draws: Draws, kind: str, number: int, phase: Phase, block: int) -> Trial:
+        pair = [self.a if letter == "A" else self.b for letter in kind]
+        intervals = tuple(Interval(stimulus, draws.interval_seed(), self.interval) for stimulus in pair)
+        return Trial(number, phase, block, kind, intervals, "same" if kind[0] == kind[1] else "different")
 
     def power(self, subjects: int = 1) -> str:
-        what = f"{self.a.name} or {self.b.name} in two intervals of {self.interval:g} s ({self.mode}), chance 0.5"
-        return f"{what}\n{design_power(self.task, trials=self.trials, subjects=subjects)}"
+        said = f"{self.a.name} or {self.b.name} in two intervals of {self.interval:g} s ({self.mode}), chance 0.5"
+        return self._power(said, subjects)

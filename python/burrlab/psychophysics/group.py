@@ -1,8 +1,8 @@
 """d' and scores of groups, with the subject as the unit, and the tests behind them.
 
-Bias is removed by counting hits given the number of answers. A subject who says "different" K times has scored by d' only through how many of the K were right. Given K, the hits follow
-Fisher's noncentral hypergeometric distribution, whatever the observer; the rates enter through one odds ratio,
-H (1 - F) / (F (1 - H)).
+Bias is removed by counting hits given the number of answers. How often a subject says "different", K times,
+shows the bias; how many of the K are right shows d'. Given K, the hits of any observer follow Fisher's
+noncentral hypergeometric distribution. The rates enter it through one odds ratio, H (1 - F) / (F (1 - H)).
 """
 
 from __future__ import annotations
@@ -21,8 +21,16 @@ from scipy.stats import binom
 from scipy.stats import t as student
 
 from burrlab.common.check import refuse
-from burrlab.psychophysics.result import Result
-from burrlab.psychophysics.rules import Counts, Floats, Rule, RuleName, TaskName, rule_of
+from burrlab.psychophysics.rules import (
+    Counts,
+    Floats,
+    Result,
+    Rule,
+    RuleName,
+    TaskName,
+    halving,
+    rule_of,
+)
 
 Integers: TypeAlias = NDArray[np.int64]
 
@@ -79,9 +87,10 @@ def conditional_hits(task: str, rule: str, d_prime: float, signals: int, noises:
 
     Notes
     -----
-    The odds ratio depends on the criterion, if only weakly. It is taken at the criterion that gives K answers on average, and
-    then corrected so that the expected hits, averaged over the K that this criterion produces, are the model's own. Without
-    the correction the mean is off by up to 0.1 standard deviations of a subject, which a group adds up; with it by less than 0.05.
+    The odds ratio depends on the criterion, if only weakly. It is taken at the criterion that gives K answers
+    on average, and then corrected so that the expected hits, averaged over the K that this criterion
+    produces, are the model's own. Without the correction the mean is off by up to 0.1 standard deviations of
+    a subject, which a group adds up; with it by less than 0.05.
 
     Examples
     --------
@@ -131,17 +140,18 @@ def _distribution(rule: Rule, d_prime: float, signals: int, noises: int, log_way
 def _rates_of_number(rule: Rule, d_prime: float, signals: int, noises: int) -> tuple[Floats, Floats]:
     """Hit and false-alarm rates at the criteria that give 1, 2, ... answers of all but one on average."""
     wanted = np.arange(1.0, signals + noises)
-    low, high = (
-        np.full(len(wanted), -38.0),
-        np.full(len(wanted), 8.2),
-    )  # z(false alarm), all that a double holds
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        hit, false_alarm = rule.rates(d_prime, rule.criterion_of(d_prime, ndtr(middle)))
-        many = signals * hit + noises * false_alarm > wanted
-        low, high = np.where(many, low, middle), np.where(many, middle, high)
-    hit, false_alarm = rule.rates(d_prime, rule.criterion_of(d_prime, ndtr(low)))
-    return np.clip(hit, 1e-300, 1.0 - 1e-16), np.clip(false_alarm, 1e-300, 1.0 - 1e-16)
+
+    def rates(z: Floats) -> tuple[Floats, Floats]:
+        return rule.rates(d_prime, rule.criterion_of(d_prime, ndtr(z)))
+
+    def few(z: Floats) -> NDArray[np.bool_]:
+        hit, false_alarm = rates(z)
+        return signals * hit + noises * false_alarm <= wanted
+
+    # z(false alarm) of all that a double holds
+    z = halving(few, np.full(len(wanted), -38.0), np.full(len(wanted), 8.2), _HALVINGS)[0]
+    hit, false_alarm = (np.clip(rate, 1e-300, 1.0 - 1e-16) for rate in rates(z))
+    return hit, false_alarm
 
 
 def _number_of_answers(hit: Floats, false_alarm: Floats, signals: int, noises: int) -> Floats:
@@ -188,9 +198,10 @@ def group_tails(
 
     Notes
     -----
-    The t test of the hits less the expected ones takes the subject as the unit: it holds when d' differs between subjects. So does the
-    second, with t corrected for the subjects' skewness: a few who can tell among many who cannot. Neither sees that equal scores without scatter
-    may be chance. The exact test of the sum of hits does; it takes all subjects as alike.
+    The t test of the hits less the expected ones takes the subject as the unit: it holds when d' differs
+    between subjects. So does the second, with t corrected for the subjects' skewness: a few who can tell
+    among many who cannot. Neither sees that equal scores without scatter may be chance. The exact test of the
+    sum of hits does; it takes all subjects as alike.
 
     References
     ----------
@@ -205,15 +216,14 @@ def group_tails(
 def rejected_as_few(
     hits: Integers, answers: Integers, subjects: Sequence[ConditionalHits], error: float
 ) -> NDArray[np.bool_]:
-    """Whether `few` of `group_tails` is at most `error`, without its value: the exact test is made only where it is close.
+    """Whether `few` of `group_tails` is at most `error`. The exact test is made only where the answer is close.
 
-    Close is where the normal approximation, with its continuity, gives a p value within a factor of 3 of the error rate.
+    It is close where the normal approximation, corrected for continuity, gives a p value within a factor of 3
+    of the error rate.
     """
     out = np.asarray(_t_tails(hits, answers, subjects)[0] <= error)
-    mean, variance = np.zeros(answers.shape[0]), np.zeros(answers.shape[0])
-    for i, subject in enumerate(subjects):
-        mean += subject.mean[answers[:, i]]
-        variance += subject.variance[answers[:, i]]
+    mean = sum(subject.mean[given] for subject, given in zip(subjects, answers.T, strict=True))
+    variance = sum(subject.variance[given] for subject, given in zip(subjects, answers.T, strict=True))
     spread = np.sqrt(np.maximum(variance, 1e-12))
     normal = ndtr((np.sum(hits, axis=1) + 0.5 - mean) / spread)
     sure = (variance > _WIDE) & ((normal < error / _CLOSE) | (normal > error * _CLOSE))
@@ -229,12 +239,11 @@ def excess_hits(
     hits: Integers, answers: Integers, subjects: Sequence[ConditionalHits]
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Hits less the expected ones, and which subjects' are informative."""
-    shape = np.broadcast_shapes(hits.shape, answers.shape)
-    excess, informative = np.zeros(shape), np.zeros(shape, dtype=np.bool_)
-    for i, subject in enumerate(subjects):
-        excess[:, i] = hits[:, i] - subject.mean[answers[:, i]]
-        informative[:, i] = subject.informative[answers[:, i]]
-    return np.where(informative, excess, 0.0), informative
+    each = list(zip(subjects, answers.T, strict=True))
+    mean = np.stack([subject.mean[given] for subject, given in each], axis=1)
+    informative = np.stack([subject.informative[given] for subject, given in each], axis=1)
+    excess = np.where(informative, hits - mean, 0.0)
+    return excess, np.broadcast_to(informative, excess.shape)
 
 
 def _t_tails(hits: Integers, answers: Integers, subjects: Sequence[ConditionalHits]) -> tuple[Floats, Floats]:
@@ -341,12 +350,12 @@ def t_test(values: ArrayLike, *, side: Side = "greater", name: str = "t test") -
     return _of_t(name, float(np.mean(x)), error, len(x) - 1.0, side)
 
 
-def welch_test(first: ArrayLike, second: ArrayLike, *, name: str = "Welch's t test") -> SubjectTest:
+def welch_test(first: ArrayLike, second: ArrayLike) -> SubjectTest:
     """Of equal means of two groups, two-sided; the variances may differ (Welch, Biometrika 34, 28, 1947)."""
     x, y = finite_values(first), finite_values(second)
     a, b = (float(np.var(z, ddof=1)) / len(z) if len(z) > 1 else math.nan for z in (x, y))
     freedom = (a + b) ** 2 / (a**2 / (len(x) - 1) + b**2 / (len(y) - 1)) if a + b > 0.0 else 0.0
-    return _of_t(name, float(np.mean(x) - np.mean(y)), math.sqrt(a + b), freedom, "two-sided")
+    return _of_t("Welch's t test", float(np.mean(x) - np.mean(y)), math.sqrt(a + b), freedom, "two-sided")
 
 
 def _of_t(name: str, mean: float, error: float, freedom: float, side: Side) -> SubjectTest:
@@ -357,10 +366,11 @@ def _of_t(name: str, mean: float, error: float, freedom: float, side: Side) -> S
     return SubjectTest(name, t, freedom, float(p), side)
 
 
-def sign_flip_test(values: ArrayLike, *, side: Side = "greater", name: str = "sign-flip test") -> SubjectTest:
+def sign_flip_test(values: ArrayLike, *, side: Side = "greater") -> SubjectTest:
     """Exact test of values symmetric about 0: the share of all 2^n choices of signs whose sum is as large.
 
-    Sums are counted, not listed, so that any number of subjects with whole or half values is exact; other values up to 18 subjects.
+    Sums are counted, not listed, so that any number of subjects with whole or half values is exact; other
+    values up to 18 subjects.
 
     Raises
     ------
@@ -374,15 +384,10 @@ def sign_flip_test(values: ArrayLike, *, side: Side = "greater", name: str = "si
         sums, chances = _gathered(ends, np.tile(0.5 * chances, 2), "values")
     seen, slack = float(np.sum(x)), 1e-7 * max(1.0, float(np.sum(np.abs(x))))
     as_far = np.abs(sums) >= abs(seen) - slack if side == "two-sided" else sums >= seen - slack
-    return SubjectTest(name, None, None, min(1.0, float(np.sum(chances[as_far]))), side)
+    return SubjectTest("sign-flip test", None, None, min(1.0, float(np.sum(chances[as_far]))), side)
 
 
-def label_test(
-    first: Sequence[float] | Floats,
-    second: Sequence[float] | Floats,
-    *,
-    name: str = "permutation test",
-) -> SubjectTest:
+def label_test(first: ArrayLike, second: ArrayLike) -> SubjectTest:
     """Exact two-sided test of two groups alike: the share of all divisions whose means differ as much.
 
     Raises
@@ -394,8 +399,7 @@ def label_test(
     everyone, size = np.concatenate([x, y]), len(x)
     mean = float(np.mean(everyone))
     # Of k subjects chosen among those so far: the sums of their deviations, and how many choices have each.
-    nothing = np.zeros(0)
-    ways = [(np.zeros(1), np.ones(1))] + [(nothing, nothing)] * size
+    ways = [(np.zeros(1), np.ones(1)), *[(np.zeros(0), np.zeros(0))] * size]
     for value in everyone - mean:
         for k in range(size, 0, -1):
             sums = np.concatenate([ways[k][0], ways[k - 1][0] + value])
@@ -404,7 +408,7 @@ def label_test(
     slack = 1e-7 * max(1.0, float(np.sum(np.abs(everyone - mean))))
     sums, choices = ways[size]
     share = float(np.sum(choices[np.abs(sums) >= seen - slack])) / math.comb(len(everyone), size)
-    return SubjectTest(name, None, None, min(1.0, share), "two-sided")
+    return SubjectTest("permutation test", None, None, min(1.0, share), "two-sided")
 
 
 def _gathered(sums: Floats, weights: Floats, name: str) -> tuple[Floats, Floats]:
@@ -435,8 +439,9 @@ class GroupDPrime(Result):
     task : {"same-different", "abx", "2ifc"}
     rule : {"independent-observations", "differencing"}
     estimate : float
-        The d' at which the subjects' scores are, on average, those of observers who answer as often; 0 at chance or below,
-        inf where nobody made an error that his number of answers did not force, nan without an informative subject.
+        The d' at which the subjects' scores are, on average, those of observers who answer as often; 0 at
+        chance or below, inf where nobody made an error that his number of answers did not force, nan without
+        an informative subject.
     interval : tuple of float
         (low, high) in [0, inf); high is inf where the interval is open above.
     level : float
@@ -518,9 +523,10 @@ class Group:
 def group_d_prime(counts: Sequence[Counts], *, rule: str, level: float = 0.95) -> GroupDPrime:
     """A group's d' with its interval.
 
-    A subject's excess at a d' is his hits less those that an observer of this d' would have on average who gives the answer as
-    often as he did. The estimate is the d' of no mean excess; the interval holds every d' whose excess is not rejected on either
-    side by `group_tails`: t over subjects, with and without skewness, and the exact distribution of the sum must all reject.
+    A subject's excess at a d' is his hits less those that an observer of this d' would have on average who
+    gives the answer as often as he did. The estimate is the d' of no mean excess; the interval holds every d'
+    whose excess is not rejected on either side by `group_tails`: t over subjects, with and without skewness,
+    and the exact distribution of the sum must all reject.
 
     Parameters
     ----------
@@ -537,11 +543,13 @@ def group_d_prime(counts: Sequence[Counts], *, rule: str, level: float = 0.95) -
 
     Notes
     -----
-    Criteria may differ as they like: given how often a subject gives the answer, his hits hardly depend on it. By independent observations in
-    same-different a bias is approximated: with 48 trials the lower end of biased subjects is too high in up to 16 %, at a nominal 5. Where d' differs
-    between subjects, the group's is that of the mean excess, so about that of the mean score. Where few subjects can tell among many who
-    cannot, so small a group may hold none of them: the upper end is then too low more often than stated (docs/psychophysics.md has figures).
-    Of subjects with several numbers of trials, those with more count for more.
+    Criteria may differ as they like: given how often a subject gives the answer, his hits hardly depend on
+    it. By independent observations in same-different a bias is approximated: with 48 trials the lower end of
+    biased subjects is too high in up to 16 %, at a nominal 5. Where d' differs between subjects, the group's
+    is that of the mean excess, so about that of the mean score. Where few subjects can tell among many who
+    cannot, so small a group may hold none of them: the upper end is then too low more often than stated
+    (docs/psychophysics.md has figures). Of subjects with several numbers of trials, those with more count for
+    more.
 
     Examples
     --------
@@ -575,10 +583,10 @@ def _last(holds: Callable[[float], bool], grid: Sequence[float], *, otherwise: f
     if place is None:
         return otherwise
     inside, outside = grid[place], grid[place - 1] if place else math.inf
-    while 1e-6 < abs(inside - outside) < math.inf:
-        middle = 0.5 * (inside + outside)
-        inside, outside = (middle, outside) if holds(middle) else (inside, middle)
-    return float(inside)
+    apart = abs(inside - outside)
+    return float(
+        halving(holds, inside, outside, math.ceil(math.log2(apart / 1e-6)) if apart < math.inf else 0)[0]
+    )
 
 
 @dataclass(frozen=True)
@@ -667,9 +675,10 @@ def group_score(counts: Sequence[Counts], level: float = 0.95) -> GroupScore:
 
     Notes
     -----
-    Chance is half of the trials, which for a subject who gives one answer all the time needs both kinds of trial to be equally frequent.
-    The sign-flip test needs no distribution: without an ability scores are symmetric about chance. It is exact for any number of trials and any
-    criteria. Neither says that every subject is above chance: one may be.
+    Chance is half of the trials, which for a subject who gives one answer all the time needs both kinds of
+    trial to be equally frequent. The sign-flip test needs no distribution: without an ability scores are
+    symmetric about chance. It is exact for any number of trials and any criteria. Neither says that every
+    subject is above chance: one may be.
 
     Examples
     --------
@@ -717,7 +726,7 @@ def compare_conditions(
     values = proportions(first) - proportions(second)
     paired = t_test(values, side="two-sided", name="paired t test")
     tests = (paired, sign_flip_test(values, side="two-sided"))
-    return _difference(float(np.mean(values)), paired, level, True, (len(first), len(second)), tests)
+    return _difference(float(np.mean(values)), tests, level, True, (len(first), len(second)))
 
 
 def compare_groups(
@@ -732,10 +741,8 @@ def compare_groups(
     """
     check_level(level)
     x, y = proportions(first), proportions(second)
-    welch = welch_test(x, y)
-    tests = (welch, label_test(x, y))
-    mean = float(np.mean(x) - np.mean(y))
-    return _difference(mean, welch, level, False, (len(x), len(y)), tests)
+    tests = (welch_test(x, y), label_test(x, y))
+    return _difference(float(np.mean(x) - np.mean(y)), tests, level, False, (len(x), len(y)))
 
 
 def proportions(counts: Sequence[Counts]) -> Floats:
@@ -753,14 +760,10 @@ def task_of_all(counts: Sequence[Counts]) -> TaskName:
 
 
 def _difference(
-    mean: float,
-    test: SubjectTest,
-    level: float,
-    paired: bool,
-    n: tuple[int, int],
-    tests: tuple[SubjectTest, ...],
+    mean: float, tests: tuple[SubjectTest, ...], level: float, paired: bool, n: tuple[int, int]
 ) -> ScoreDifference:
-    interval = None
+    """With its interval by the first of the tests, that of t."""
+    interval, test = None, tests[0]
     if test.statistic and test.freedom:
         wide = abs(mean / test.statistic) * float(student.ppf(0.5 + 0.5 * level, test.freedom))
         interval = (mean - wide, mean + wide)

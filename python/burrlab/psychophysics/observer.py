@@ -9,16 +9,14 @@ import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from burrlab._core import Burr, HandDevice, Material
 from burrlab.common.check import refuse
 from burrlab.psychophysics.interval import Block, Rendered, render
-from burrlab.psychophysics.result import Result
-from burrlab.psychophysics.rules import RuleName, TaskName, rule_of
+from burrlab.psychophysics.rules import Floats, Result, RuleName, TaskName, one_of, rule_of
 from burrlab.psychophysics.trial import Interval, Mode, Stimulus, Trial
 
 PROBING_PUSH = 1.5  # [N] at a press's height; ours
@@ -32,7 +30,7 @@ CLEARANCE = 0.5  # [mm] above the surface at the start
 def probing_hand(
     burr: Burr, *, push: float = PROBING_PUSH, presses: float = PRESSES, clearance: float = CLEARANCE
 ) -> HandDevice:
-    """A hand that presses a burr that does not turn into the bone, again and again at one place.
+    """A hand that presses a still burr into the bone, again and again at one place.
 
     Parameters
     ----------
@@ -145,8 +143,9 @@ def interval_cues(rendered: Rendered) -> Cues:
 
     Notes
     -----
-    Force and penetration are the model's, at the burr; friction and inertia of the hand are not in them. A press is a
-    time in which the force exceeds half of the interval's largest and has not yet fallen below a fifth of it.
+    Force and penetration are the model's, at the burr; friction and inertia of the hand are not in them. A
+    press is a time in which the force exceeds half of the interval's largest and has not yet fallen below a
+    fifth of it.
     """
     depth, force = rendered.immersion, np.linalg.norm(rendered.ticks["force"], axis=1)
     if rendered.mode == "drilling":
@@ -174,9 +173,10 @@ def closed_form_cues(material: Material, *, burr: Burr) -> Cues:
     Returns
     -------
     Cues
-        Stiffness at `PROBING_PUSH` and force at 0.2 mm on a flat surface, where h = H:
-        F = c_e R^2 (h/R)^{3/2} (Eq. 3). Sinking is ln(alpha R phi^{8/3}), phi = F/(c_e R^2), at `DRILLING_PUSH`: the law
-        of small forces and thin layers, up to a factor that all materials share. Only differences of it mean something.
+        Stiffness at `PROBING_PUSH` and force at 0.2 mm on a flat surface, where h = H: F = c_e R^2
+        (h/R)^{3/2} (Eq. 3). Sinking is ln(alpha R phi^{8/3}), phi = F/(c_e R^2), at `DRILLING_PUSH`: the law
+        of small forces and thin layers, up to a factor that all materials share. Only differences of it mean
+        something.
 
     Examples
     --------
@@ -227,7 +227,7 @@ def rendered_cues(
     return interval_cues(render(interval, hand, burr=burr, bone=bone, mode=mode, wall_clock=False))
 
 
-def _presses(force: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
+def _presses(force: Floats) -> Iterator[tuple[int, int]]:
     """(first tick, tick after the last) of each press."""
     largest = float(force.max(initial=0.0))
     if largest <= 0.0:
@@ -240,7 +240,7 @@ def _presses(force: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
         yield start, at
 
 
-def _force_on_the_way(depth: NDArray[np.float64], force: NDArray[np.float64]) -> float:
+def _force_on_the_way(depth: Floats, force: Floats) -> float:
     """Where the burr last came past the immersion on its way in; NaN where it was deeper all the time."""
     crossings = np.flatnonzero((depth[:-1] < IMMERSION) & (depth[1:] >= IMMERSION))
     if not len(crossings):
@@ -256,7 +256,6 @@ def _log_mean(values: list[float]) -> float:
 
 
 Decision: TypeAlias = Literal["differencing", "covert"]
-Floats: TypeAlias = NDArray[np.float64]
 
 DECISIONS: tuple[Decision, ...] = ("differencing", "covert")
 LAPSE = 0.02  # of the answers, at random; ours
@@ -269,15 +268,16 @@ class SimulatedSubject:
     Parameters
     ----------
     weber : float or mapping of cue to float
-        Standard deviation of the noise of a cue's logarithm in one interval: the Weber fraction (`burrlab.psychophysics.weber`).
-        Twenty seconds do not average it away. None is published for the sinking speed.
+        Standard deviation of the noise of a cue's logarithm in one interval: the Weber fraction
+        (`burrlab.psychophysics.weber`). Twenty seconds do not average it away. None is published for the
+        sinking speed.
     cues : sequence of {"stiffness", "force", "sinking"}
         That the subject attends to.
     decision : {"differencing", "covert"}
         Compare the intervals with one another, or take each as one of two known materials and compare these.
     criterion : float, optional
-        Of "different" by differencing in same-different: the distance of the two observations, in standard deviations of
-        one. Without it the one that an unbiased observer has.
+        By differencing in same-different: the distance of the two observations, in standard deviations of
+        one, beyond which the answer is "different". By default that of an unbiased observer.
     lapse : float
         Part of the answers that is random.
     memory : float
@@ -288,20 +288,21 @@ class SimulatedSubject:
     Raises
     ------
     ValueError
-        If a cue or the decision is unknown, a number out of range, a cue has no Weber fraction, or a criterion is given for
-        covert decisions.
+        If a cue or the decision is unknown, a number out of range, a cue has no Weber fraction, or a
+        criterion is given for covert decisions.
 
     Notes
     -----
-    Several cues become one by optimal linear weights: cue i has weight D_i/s_i^2, D_i the difference of its logarithm
-    between the two known materials and s_i^2 = weber_i^2 + memory^2/2; then d'^2 = sum D_i^2/s_i^2. The subject has
-    learned the D_i, and where the unbiased criterion is, before the first trial.
+    Several cues become one by optimal linear weights: cue i has weight D_i/s_i^2, D_i the difference of its
+    logarithm between the two known materials and s_i^2 = weber_i^2 + memory^2/2; then d'^2 = sum D_i^2/s_i^2.
+    The subject has learned the D_i, and where the unbiased criterion is, before the first trial.
 
-    In same-different, differencing answers "different" where the two are further apart than the criterion, covert where
-    they lie on two sides of the middle of the known ones. In ABX, differencing chooses the alternative closer to the
-    reference; covert the one that is more on the reference's side of the middle. In two intervals both choose the one with
-    more: stiffer by probing, faster sinking by drilling; who has not been taught gives several cues the weights 1/s_i^2.
-    Without memory noise these are the rules of `rule_of`.
+    In same-different, differencing answers "different" where the two are further apart than the criterion,
+    covert where they lie on two sides of the middle of the known ones. In ABX, differencing chooses the
+    alternative closer to the reference; covert the one that is more on the reference's side of the middle. In
+    two intervals both choose the one with more: stiffer by probing, faster sinking by drilling. A subject who
+    has not been taught gives several cues the weights 1/s_i^2. Without memory noise these are the rules of
+    `rule_of`.
 
     Examples
     --------
@@ -331,10 +332,7 @@ class SimulatedSubject:
                 not 0.0 < given[cue] < math.inf,
                 f"weber of {cue} must be positive and finite, got {given[cue]!r}",
             )
-        refuse(
-            self.decision not in DECISIONS,
-            f"decision must be one of {', '.join(DECISIONS)}, got {self.decision!r}",
-        )
+        one_of("decision", self.decision, DECISIONS)
         refuse(
             self.criterion is not None and self.decision == "covert",
             f"criterion must be None for covert decisions, got {self.criterion!r}",
@@ -398,8 +396,8 @@ class SimulatedSubject:
         Raises
         ------
         ValueError
-            If there is not one `Cues` an interval, a cue has no value, or the subject has not been taught (which two
-            intervals do not need).
+            If there is not one `Cues` an interval, a cue has no value, or the subject has not been taught
+            (which two intervals do not need).
         """
         task = task_of(trial)
         refuse(
@@ -418,7 +416,7 @@ class SimulatedSubject:
     def to_dict(self) -> dict[str, Any]:
         """For JSON."""
         return {
-            "cues": list(self.cues), "weber": dict(self._fractions()), "decision": self.decision,
+            "cues": list(self.cues), "weber": dict(cast(Mapping[CueName, float], self.weber)), "decision": self.decision,
             "criterion_sd": self.criterion, "lapse": self.lapse, "memory": self.memory,
         }  # fmt: skip
 
@@ -450,21 +448,16 @@ class SimulatedSubject:
         return np.asarray((observed - middle) @ (difference / variance) / scale)
 
     def _difference(self) -> Floats:
-        if self.known is None:
-            raise ValueError("the subject must be taught the two materials first (taught, teach)")
-        a, b = self._values(self.known)
+        refuse(self.known is None, "the subject must be taught the two materials first (taught, teach)")
+        a, b = self._values(self.known or ())
         refuse(np.array_equal(a, b), "the two known materials must differ in a cue")
         return np.asarray(a - b)
 
     def _variance(self) -> Floats:
         return np.asarray(self._weber_array() ** 2 + 0.5 * self.memory**2)
 
-    def _fractions(self) -> Mapping[CueName, float]:
-        assert isinstance(self.weber, Mapping)
-        return self.weber
-
     def _weber_array(self) -> Floats:
-        return np.array([self._fractions()[cue] for cue in self.cues])
+        return np.array([cast(Mapping[CueName, float], self.weber)[cue] for cue in self.cues])
 
     def _values(self, cues: Sequence[Cues]) -> Floats:
         values = np.array([[getattr(c, cue) for cue in self.cues] for c in cues], dtype=np.float64)

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from burrlab.common.figures import FORCE, REFERENCE, VELOCITY, axes_or_new
+from burrlab.common.figures import FORCE, REFERENCE, VELOCITY, axes_or_new, tidy
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,8 +21,7 @@ Rows: TypeAlias = NDArray[np.float64]
 #: Of an estimate: lower end, estimate, upper end; the last two may be infinite.
 Span: TypeAlias = tuple[float, float, float]
 
-COLOURS = {"independent-observations": FORCE, "differencing": VELOCITY}
-MARKERS = {"independent-observations": "o", "differencing": "s"}
+STYLES = {"independent-observations": (FORCE, "o"), "differencing": (VELOCITY, "s")}
 _LOWEST = 4.0  # end of a d' axis at least, where all that is drawn ends below
 
 
@@ -39,10 +38,7 @@ def room_for(ax: Axes | None, rows: float) -> Axes:
     return ax
 
 
-def draw(
-    ax: Axes, spans: Sequence[Span], rows: Rows, end: float,
-    colour: str, marker: str, label: str | None,
-) -> None:  # fmt: skip
+def draw(ax: Axes, spans: Sequence[Span], rows: Rows, end: float, colour: str, marker: str) -> None:
     """Intervals as lines, those open above as arrows; an infinite estimate as a hollow mark at the axis' end."""
     for (low, estimate, high), row in zip(spans, rows, strict=True):
         if math.isinf(high):
@@ -56,8 +52,6 @@ def draw(
             ax.plot(0.96 * end, row, marker, color=colour, mfc="white", markersize=5, zorder=4)
         else:
             ax.plot(estimate, row, marker, color=colour, markersize=4.5, zorder=4, clip_on=False)
-    if label is not None:
-        ax.plot([], [], marker, linestyle="-", color=colour, markersize=4.5, linewidth=1.2, label=label)
 
 
 def draw_d_prime(
@@ -69,7 +63,10 @@ def draw_d_prime(
     end = 1.15 * max(_LOWEST, *finite, 0.0)  # all that is finite lies inside
     for i, (rule, some) in enumerate(by_rule.items()):
         shift = 0.36 * (i - 0.5 * (len(by_rule) - 1))
-        draw(ax, some, rows + shift, end, COLOURS[rule], MARKERS[rule], rule if named else None)
+        colour, marker = STYLES[rule]
+        draw(ax, some, rows + shift, end, colour, marker)
+        if named:
+            ax.plot([], [], marker, linestyle="-", color=colour, markersize=4.5, linewidth=1.2, label=rule)
     ax.axvline(0, color=REFERENCE, linestyle="--", linewidth=1, label="chance, d' = 0")
     if delta is not None:
         ax.axvline(delta, color="black", linestyle=":", linewidth=1, label=f"Δ = {delta:g}")
@@ -79,21 +76,12 @@ def draw_d_prime(
     ax.set(xlim=(-0.03 * end, end), xlabel=f"d' [sd]{rule}, {100 * level:g} % interval")
 
 
-def name_rows(
-    ax: Axes,
-    names: Sequence[str],
-    what: str,
-    rows: Rows | None = None,
-) -> None:
-    at = np.arange(len(names)) if rows is None else rows
-    ax.set_yticks(at, names, fontsize=8 if len(names) < 25 else 6)
-    ax.set_ylim(at[-1] + 0.7, -0.7)
-    ax.set_ylabel(what)
-
-
-def legend_above(ax: Axes, title: str) -> None:
-    """Between title and frame: intervals fill the frame."""
+def of_subjects(ax: Axes, names: Sequence[str], rows: Rows, title: str) -> Axes:
+    """The finished axes: a name a row, and the legend between title and frame, as intervals fill the frame."""
+    ax.set_yticks(rows, names, fontsize=8 if len(names) < 25 else 6)
+    ax.set(ylim=(rows[-1] + 0.7, -0.7), ylabel="subject")
     handles, labels = ax.get_legend_handles_labels()
     ax.legend(handles, labels, frameon=False, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0),
               ncols=min(3, len(labels)), columnspacing=1.2, handletextpad=0.5)  # fmt: skip
     ax.set_title(wrapped(title), fontsize=10, pad=22 if len(labels) <= 3 else 36)
+    return tidy(ax)

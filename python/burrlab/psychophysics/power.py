@@ -5,9 +5,11 @@ The observers are unbiased, with lapses. "Cannot tell apart" is a claim of its o
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.special import stdtr
@@ -23,8 +25,17 @@ from burrlab.psychophysics.group import (
     probability_text,
     rejected_as_few,
 )
-from burrlab.psychophysics.result import Result
-from burrlab.psychophysics.rules import RULES, Counts, Floats, Rule, RuleName, TaskName, rule_of
+from burrlab.psychophysics.rules import (
+    RULES,
+    Counts,
+    Floats,
+    Result,
+    Rule,
+    RuleName,
+    TaskName,
+    halving,
+    rule_of,
+)
 
 EXPERIMENTS = 4000  # simulated for a power: standard error 0.006 at 0.8
 SEED = 6
@@ -34,9 +45,8 @@ class Observer:
     """Unbiased, of one d', with lapses: the distribution of scores, and answers drawn."""
 
     def __init__(self, decision: Rule, d_prime: float, trials: int, lapse: float) -> None:
-        hit, false_alarm = (float(r) for r in decision.rates(d_prime))
-        self.hit = (1.0 - lapse) * hit + 0.5 * lapse
-        self.false_alarm = (1.0 - lapse) * false_alarm + 0.5 * lapse
+        rates = (float(rate) for rate in decision.rates(d_prime))
+        self.hit, self.false_alarm = ((1.0 - lapse) * rate + 0.5 * lapse for rate in rates)
         self.half = trials // 2
         k = np.arange(self.half + 1)
         of_signals = binom.pmf(k, self.half, self.hit)
@@ -48,9 +58,7 @@ class Observer:
         return 0.0 if score is None else float(min(1.0, np.sum(self.scores[score:])))
 
     def group(self, subjects: int, level: float) -> float:
-        """Power of the one-sided t test on the scores of so many subjects; 0 for one."""
-        if subjects < 2:
-            return 0.0
+        """Power of the one-sided t test on the scores of so many subjects, two at least."""
         rng = np.random.default_rng(SEED)
         table = np.cumsum(self.scores)
         drawn = np.searchsorted(table / table[-1], rng.random((EXPERIMENTS, subjects)), side="right")
@@ -61,13 +69,6 @@ class Observer:
         # Equal scores leave no t; the sign-flip test has its least p.
         flat = np.where(mean > 0.0, 0.5**subjects, 1.0)
         return float(np.mean(np.where(error > 0.0, p, flat) <= level))
-
-    def answers(self, subjects: int) -> tuple[Integers, Integers]:
-        """Hits, and all answers, shape (experiments, subjects)."""
-        rng = np.random.default_rng(SEED)
-        size = (EXPERIMENTS, subjects)
-        hits = rng.binomial(self.half, self.hit, size)
-        return hits, hits + rng.binomial(self.half, self.false_alarm, size)
 
 
 def critical_score(trials: int, level: float) -> tuple[int | None, float]:
@@ -81,6 +82,7 @@ def critical_score(trials: int, level: float) -> tuple[int | None, float]:
 WANTED_POWER = 0.8
 
 _BELOW_CHANCE = 0.01
+_DELTA_HALVINGS = 12  # of 20: 0.005
 
 
 @dataclass(frozen=True)
@@ -160,8 +162,9 @@ class Equivalence(Result):
 def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: float = 0.95) -> Equivalence:
     """Whether a group's d' is below Delta, one-sided.
 
-    The test is that of `group_d_prime`: a subject's hits are compared with those of an observer with d' = Delta who gives the answer as often.
-    Who always says "same" has a score at chance whatever his d', and counts for nothing here.
+    The test is that of `group_d_prime`: a subject's hits are compared with those of an observer with d' =
+    Delta who gives the answer as often. Who always says "same" has a score at chance whatever his d', and
+    counts for nothing here.
 
     Parameters
     ----------
@@ -176,12 +179,14 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
     Raises
     ------
     ValueError
-        If there is no subject, the tasks differ, the rule is unknown, Delta is not a number above 0, or the level is not in [0.5, 1).
+        If there is no subject, the tasks differ, the rule is unknown, Delta is not a number above 0, or the
+        level is not in [0.5, 1).
 
     Notes
     -----
-    With one subject the exact conditional test decides alone. The power is simulated with a fixed seed: the subjects' own numbers of answers, their
-    hits by guessing (hypergeometric). A lapse looks like a smaller d': equivalence is of what the subjects did.
+    With one subject the exact conditional test decides alone. The power is simulated with a fixed seed: the
+    subjects' own numbers of answers, their hits by guessing (hypergeometric). A lapse looks like a smaller
+    d': equivalence is of what the subjects did.
 
     References
     ----------
@@ -202,7 +207,7 @@ def equivalence(counts: Sequence[Counts], *, rule: str, delta: float, level: flo
     sizes = [c.trials for c in counts]
     hits = guessed_hits(group)
     power, decidable = equivalence_power(
-        group.decision, hits, group.answers, group.sizes, delta=delta, error=error
+        Simulated(group.decision, hits, group.answers, group.sizes), delta, error
     )
     return Equivalence(
         task=group.decision.task,
@@ -232,40 +237,47 @@ def guessed_hits(group: Group) -> Integers:
     return np.stack(columns, axis=1)
 
 
-def equivalence_power(
-    decision: Rule,
-    hits: Integers,
-    answers: Integers,
-    sizes: Sequence[tuple[int, int]],
-    *,
-    delta: float,
-    error: float,
-) -> tuple[float, float]:
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """Simulated experiments of subjects with d' = 0.
+
+    Attributes
+    ----------
+    decision : Rule
+    hits, answers : ndarray of int, shape (experiments, subjects)
+        `answers` may have one row for all experiments.
+    sizes : sequence of (int, int)
+        Trials of each kind, of each subject.
+    """
+
+    decision: Rule
+    hits: Integers
+    answers: Integers
+    sizes: Sequence[tuple[int, int]]
+
+    def share_below(self, d_prime: float, error: float) -> float:
+        """Share that rejects this d' as too high."""
+        task, rule = self.decision.task, self.decision.name
+        subjects = [conditional_hits(task, rule, float(d_prime), *size) for size in self.sizes]
+        return float(np.mean(rejected_as_few(self.hits, self.answers, subjects, error)))
+
+
+def guessing(decision: Rule, subjects: int, trials: int, lapse: float) -> Simulated:
+    """Unbiased subjects."""
+    observer, rng = Observer(decision, 0.0, trials, lapse), np.random.default_rng(SEED)
+    hits = rng.binomial(observer.half, observer.hit, (EXPERIMENTS, subjects))
+    answers = hits + rng.binomial(observer.half, observer.false_alarm, hits.shape)
+    return Simulated(decision, hits, answers, [(observer.half, observer.half)] * subjects)
+
+
+def equivalence_power(simulated: Simulated, delta: float, error: float) -> tuple[float, float]:
     """Share of simulated experiments that reject d' >= Delta, and the smallest Delta rejected by 80 % of them."""
 
-    def power(d_prime: float) -> float:
-        return share_below(decision, hits, answers, sizes, d_prime, error)
+    def enough(d_prime: float) -> bool:
+        return simulated.share_below(d_prime, error) >= WANTED_POWER
 
-    if power(math.inf) < WANTED_POWER:
-        return power(delta), math.inf
-    low, high = 0.0, 20.0
-    while high - low > 0.005:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if power(middle) >= WANTED_POWER else (middle, high)
-    return power(delta), high
-
-
-def share_below(
-    decision: Rule,
-    hits: Integers,
-    answers: Integers,
-    sizes: Sequence[tuple[int, int]],
-    d_prime: float,
-    error: float,
-) -> float:
-    """Share of simulated experiments that reject this d' as too high."""
-    subjects = [conditional_hits(decision.task, decision.name, d_prime, *size) for size in sizes]
-    return float(np.mean(rejected_as_few(hits, answers, subjects, error)))
+    least = halving(enough, 20.0, 0.0, _DELTA_HALVINGS)[0] if enough(math.inf) else math.inf
+    return simulated.share_below(delta, error), float(least)
 
 
 def decision_text(size: str, delta: float, power: float, decidable: float, *, quantity: str = "d'") -> str:
@@ -411,13 +423,13 @@ def design_power(
     Raises
     ------
     ValueError
-        If the task or a rule is unknown, there is no rule, trials are not even and at least 2, there is no subject, a d' is negative, level is not in
-        (0, 0.5], lapse not in [0, 1), or delta not above 0.
+        If the task or a rule is unknown, there is no rule, trials are not even and at least 2, there is no
+        subject, a d' is negative, level is not in (0, 0.5], lapse not in [0, 1), or delta not above 0.
 
     Notes
     -----
-    A subject's power is exact. A group's is simulated with 4000 experiments and a fixed seed: its standard error is below 0.008. Subjects
-    are alike and unbiased; bias and differences between subjects cost power.
+    A subject's power is exact. A group's is simulated with 4000 experiments and a fixed seed: its standard
+    error is below 0.008. Subjects are alike and unbiased; bias and differences between subjects cost power.
 
     Examples
     --------
@@ -432,26 +444,15 @@ def design_power(
     check_design(trials, subjects, level, lapse)
     decisions = [rule_of(task, rule) for rule in rules]
     refuse(not decisions, "rules must hold a rule, got none")
-    for d in d_primes:
-        _check_numbers(delta, d_primes=d)
+    _check_numbers("d_primes", d_primes, delta)
     critical, error_rate = critical_score(trials, level)
-    rows = []
-    for decision in decisions:
-        for d in d_primes:
-            observer = Observer(decision, d, trials, lapse)
-            k = np.arange(trials + 1)
-            mean = float(observer.scores @ k)
-            sd = math.sqrt(max(0.0, float(observer.scores @ k**2) - mean**2))
-            group = observer.group(subjects, level) if subjects > 1 else None
-            subject = observer.from_score(critical)
-            rows.append(PowerRow(decision.name, float(d), mean, sd, subject, group))
-    tested = []
-    if delta is not None:
-        for decision in decisions:
-            hits, answers = Observer(decision, 0.0, trials, lapse).answers(subjects)
-            sizes = [(trials // 2, trials // 2)] * subjects
-            power, least = equivalence_power(decision, hits, answers, sizes, delta=delta, error=level)
-            tested.append(EquivalenceRow(decision.name, float(delta), power, least))
+    rows, k = [], np.arange(trials + 1)
+    for decision, d in itertools.product(decisions, d_primes):
+        observer = Observer(decision, d, trials, lapse)
+        mean = float(observer.scores @ k)
+        sd = math.sqrt(max(0.0, float(observer.scores @ k**2) - mean**2))
+        group = observer.group(subjects, level) if subjects > 1 else None
+        rows.append(PowerRow(decision.name, float(d), mean, sd, observer.from_score(critical), group))
     return DesignPower(
         task=decisions[0].task,
         trials=trials,
@@ -461,7 +462,16 @@ def design_power(
         critical_score=critical,
         error_rate=error_rate,
         rows=tuple(rows),
-        equivalence=tuple(tested),
+        equivalence=()
+        if delta is None
+        else tuple(
+            EquivalenceRow(
+                one.name,
+                float(delta),
+                *equivalence_power(guessing(one, subjects, trials, lapse), delta, level),
+            )
+            for one in decisions
+        ),
     )
 
 
@@ -508,18 +518,17 @@ def subjects_needed(
 
     Notes
     -----
-    From two subjects on: what one can show, `trials_needed` says. The power is simulated as in `design_power`.
+    Groups begin with two subjects; `trials_needed` says what one subject can show. The power is simulated as
+    in `design_power`.
 
     Examples
     --------
     >>> subjects_needed("same-different", rule="differencing", trials=12, d_prime=1.5)
     11
     """
-    decision = _checked(task, rule, d_prime, delta, power)
+    enough = _decided(task, rule, d_prime, delta, power, level, lapse)
     check_design(trials, 2, level, lapse)
-    return _least(
-        lambda n: _group_power(decision, n, trials, d_prime, delta, level, lapse) >= power, 2, 1, most
-    )
+    return _least(lambda n: enough(n, trials), 2, 1, most)
 
 
 def trials_needed(
@@ -534,9 +543,10 @@ def trials_needed(
     lapse: float = 0.02,
     most: int = 1000,
 ) -> int | None:
-    """The fewest trials of each subject; of one, for the exact binomial test, or for equivalence.
+    """The fewest trials of each subject that give the power.
 
-    Same-different trials are multiples of 4 (the pair types), others even.
+    Of one subject the test is the exact binomial one, or that of equivalence. Same-different trials are
+    multiples of 4 (the pair types), others even.
 
     Parameters
     ----------
@@ -551,46 +561,47 @@ def trials_needed(
 
     Notes
     -----
-    The power of a binomial test rises and falls with each trial: the number is that from which on it stays, up to `most`.
+    The power of a binomial test rises and falls with each trial: the number is that from which on it stays,
+    up to `most`.
 
     Examples
     --------
     >>> trials_needed("same-different", rule="differencing", d_prime=2.0)
     56
     """
-    decision = _checked(task, rule, d_prime, delta, power)
+    enough = partial(_decided(task, rule, d_prime, delta, power, level, lapse), subjects)
     check_design(2, subjects, level, lapse)
     step = 4 if task == "same-different" else 2
     if subjects == 1 and d_prime is not None:
-        enough = None
-        for trials in range(most // step * step, 0, -step):
-            observer = Observer(decision, d_prime, trials, lapse)
-            if observer.from_score(critical_score(trials, level)[0]) < power:
-                break
-            enough = trials
-        return enough
-    return _least(
-        lambda trials: _group_power(decision, subjects, trials, d_prime, delta, level, lapse) >= power,
-        step,
-        step,
-        most,
-    )
+        return min(itertools.takewhile(enough, range(most // step * step, 0, -step)), default=None)
+    return _least(enough, step, step, most)
 
 
-def _group_power(
-    decision: Rule,
-    subjects: int,
-    trials: int,
+def _decided(
+    task: str,
+    rule: str,
     d_prime: float | None,
     delta: float | None,
+    power: float,
     level: float,
     lapse: float,
-) -> float:
-    if delta is None:
-        return Observer(decision, d_prime or 0.0, trials, lapse).group(subjects, level)
-    hits, answers = Observer(decision, 0.0, trials, lapse).answers(subjects)
-    sizes = [(trials // 2, trials // 2)] * subjects
-    return share_below(decision, hits, answers, sizes, delta, level)
+) -> Callable[[int, int], bool]:
+    """Whether so many subjects with so many trials each have the power, of a d' or a Delta."""
+    given = f"got {d_prime} and {delta}"
+    refuse((d_prime is None) == (delta is None), f"d_prime or delta must be given, not both, {given}")
+    refuse(not 0.0 < power < 1.0, f"power must be in (0, 1), got {power}")
+    _check_numbers("d_prime", () if d_prime is None else (d_prime,), delta)
+    decision = rule_of(task, rule)
+
+    def enough(subjects: int, trials: int) -> bool:
+        if delta is not None:
+            return guessing(decision, subjects, trials, lapse).share_below(delta, level) >= power
+        observer = Observer(decision, d_prime or 0.0, trials, lapse)
+        if subjects == 1:
+            return observer.from_score(critical_score(trials, level)[0]) >= power
+        return observer.group(subjects, level) >= power
+
+    return enough
 
 
 def _least(enough: Callable[[int], bool], first: int, step: int, most: int) -> int | None:
@@ -606,16 +617,7 @@ def _least(enough: Callable[[int], bool], first: int, step: int, most: int) -> i
     return high if high <= most else None
 
 
-def _checked(task: str, rule: str, d_prime: float | None, delta: float | None, power: float) -> Rule:
-    given = f"got {d_prime} and {delta}"
-    refuse((d_prime is None) == (delta is None), f"d_prime or delta must be given, not both, {given}")
-    refuse(not 0.0 < power < 1.0, f"power must be in (0, 1), got {power}")
-    _check_numbers(delta, d_prime=d_prime)
-    return rule_of(task, rule)
-
-
-def _check_numbers(delta: float | None, **d_primes: float | None) -> None:
-    for name, value in d_primes.items():
-        wrong = value is not None and not 0.0 <= value < math.inf
-        refuse(wrong, f"{name} must be at least 0 and finite, got {value}")
+def _check_numbers(name: str, d_primes: Sequence[float], delta: float | None) -> None:
+    for value in d_primes:
+        refuse(not 0.0 <= value < math.inf, f"{name} must be at least 0 and finite, got {value}")
     refuse(delta is not None and not 0.0 < delta < math.inf, f"delta must be a number above 0, got {delta}")

@@ -20,9 +20,8 @@ from scipy.stats import beta, chi2
 from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.common.provenance import provenance
-from burrlab.psychophysics.designs import UNITS, checked_answers, checked_level, one_of
-from burrlab.psychophysics.result import Result
-from burrlab.psychophysics.rules import Floats
+from burrlab.psychophysics.designs import UNITS, checked_level
+from burrlab.psychophysics.rules import Floats, Result, one_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,39 +39,33 @@ def proportion_correct(
 ) -> Floats:
     """Of two intervals, 1/2 + (1/2 - lapse/2) (1 - 2^-((difference/threshold)^slope)): 75 % at threshold without lapses.
 
-    A lapse answers at random. A Weibull function of slope 1.25 is within 0.012 of an observer with Gaussian noise,
-    Phi(d'/sqrt 2) with d' proportional to the difference.
+    A lapse answers at random. A Weibull function of slope 1.25 is within 0.012 of an observer with Gaussian
+    noise, Phi(d'/sqrt 2) with d' proportional to the difference.
     """
     ratio = np.asarray(difference, dtype=np.float64) / np.asarray(threshold, dtype=np.float64)
     seen = -np.expm1(-math.log(2.0) * ratio ** np.asarray(slope, dtype=np.float64))
     return np.asarray(0.5 + 0.5 * (1.0 - np.asarray(lapse, dtype=np.float64)) * seen)
 
 
-@dataclass(frozen=True)
-class _Tables:
-    """What all posteriors between two differences share."""
-
-    thresholds: Floats
-    differences: Floats
-    grid: tuple[Floats, Floats, Floats]  # threshold, slope, lapse of each point
-    correct: Floats  # proportion, by difference and point
-    entropy: Floats  # of an answer [nat]
-
-
 @lru_cache(maxsize=4)
-def _tables(smallest: float, largest: float) -> _Tables:
+def _tables(smallest: float, largest: float) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """What all posteriors between two differences share.
+
+    Thresholds; differences; threshold, slope and lapse rate of each point of the grid; proportion correct and
+    entropy of an answer [nat], by difference and point.
+    """
     thresholds = np.geomspace(smallest, largest, _THRESHOLDS)
     differences = np.geomspace(smallest, largest, _LEVELS)
-    t, s, q = (axis.ravel() for axis in np.meshgrid(thresholds, _SLOPES, _LAPSES, indexing="ij"))
-    correct = np.stack([proportion_correct(x, t, s, q) for x in differences])
-    return _Tables(thresholds, differences, (t, s, q), correct, entr(correct) + entr(1.0 - correct))
+    grid = np.stack(np.meshgrid(thresholds, _SLOPES, _LAPSES, indexing="ij")).reshape(3, -1)
+    correct = proportion_correct(differences[:, None], *grid)
+    return thresholds, differences, grid, correct, entr(correct) + entr(1.0 - correct)
 
 
 class ThresholdPosterior:
     """Posterior of one subject over threshold, slope and lapse rate.
 
-    The prior is even in the logarithms of threshold (between the two differences) and slope (0.7 to 4), and beta(1, 10)
-    of the lapse rate (0 to 0.1).
+    The prior is even in the logarithms of threshold (between the two differences) and slope (0.7 to 4), and
+    beta(1, 10) of the lapse rate (0 to 0.1).
 
     Parameters
     ----------
@@ -81,8 +74,9 @@ class ThresholdPosterior:
     """
 
     def __init__(self, smallest: float, largest: float) -> None:
-        self._tables = tables = _tables(smallest, largest)
-        self.thresholds, self.differences = tables.thresholds, tables.differences
+        self.thresholds, self.differences, self._grid, self._correct, self._entropy = _tables(
+            smallest, largest
+        )
         self._log = np.tile(np.log(_LAPSE_PRIOR), _THRESHOLDS * _SLOPES.size)
 
     def weights(self) -> Floats:
@@ -91,18 +85,18 @@ class ThresholdPosterior:
         return np.asarray(weights / weights.sum())
 
     def update(self, difference: float, correct: int, trials: int = 1) -> None:
-        p = proportion_correct(difference, *self._tables.grid)
+        p = proportion_correct(difference, *self._grid)
         self._log += correct * np.log(p) + (trials - correct) * np.log1p(-p)
 
     def most_informative(self) -> float:
         """The difference whose answer leaves the least expected entropy of the posterior.
 
-        That is where the answer and the parameters share most information: the entropy of the expected answer less the
-        expected entropy of the answer. Of equal ones the smallest.
+        That is where the answer and the parameters share most information: the entropy of the expected answer
+        less the expected entropy of the answer. Of equal ones the smallest.
         """
         weights = self.weights()
-        p = self._tables.correct @ weights
-        information = entr(p) + entr(1.0 - p) - self._tables.entropy @ weights
+        p = self._correct @ weights
+        information = entr(p) + entr(1.0 - p) - self._entropy @ weights
         return float(self.differences[int(np.argmax(np.round(information, _DIGITS)))])
 
     def summary(self, level: float = 0.95) -> dict[str, Any]:
@@ -166,35 +160,6 @@ class PosteriorThreshold(Result):
         )
 
 
-def posterior_threshold(
-    smallest: float,
-    largest: float,
-    levels: Sequence[float],
-    correct: Sequence[bool],
-    *,
-    level: float = 0.95,
-) -> PosteriorThreshold:
-    """From levels on one side of 1 and their answers.
-
-    Raises
-    ------
-    ValueError
-        If `levels` and `correct` differ in number, a level is no ratio above 0 other than 1, they are on both sides of 1,
-        or `level` is not between 0 and 1.
-    """
-    ratios, right = checked_answers(levels, correct)
-    refuse(not 0.0 < level < 1.0, f"level must be between 0 and 1, got {level}")
-    refuse(
-        len({ratio > 1.0 for ratio in ratios}) > 1,
-        "levels must be on one side of 1, got some below and some above",
-    )
-    side = -1.0 if ratios and ratios[0] < 1.0 else 1.0
-    posterior = ThresholdPosterior(smallest, largest)
-    for ratio, answer in zip(ratios, right, strict=True):
-        posterior.update(abs(math.log(ratio)), answer)
-    return threshold_of(posterior, side, len(ratios), level)
-
-
 def threshold_of(posterior: ThresholdPosterior, side: float, trials: int, level: float) -> PosteriorThreshold:
     """A posterior's, as a ratio above (side 1) or below 1 (side -1)."""
     found = posterior.summary(level)
@@ -218,8 +183,8 @@ class PsychometricFit(Result):
     Attributes
     ----------
     threshold : float
-        Just-noticeable difference as a ratio above 1: 75 % would be correct there without lapses (d' = 0.954 of two
-        intervals).
+        Just-noticeable difference as a ratio above 1: 75 % would be correct there without lapses (d' = 0.954
+        of two intervals).
     interval : (float, float)
         Of it, credible, with equal tails.
     slope : float
@@ -242,8 +207,8 @@ class PsychometricFit(Result):
     reference : float or None
         The parameter of the reference [N/mm^2 or 1/ms].
     at_bounds : tuple of (str, str)
-        Parameter ("threshold", "width") and end ("lower", "upper") of its interval that the prior sets and not the data:
-        psignifit's threshold may lie half the range beyond the levels, no more.
+        Parameter ("threshold", "width") and end ("lower", "upper") of its interval that the prior sets and
+        not the data: psignifit's threshold may lie half the range beyond the levels, no more.
     provenance : dict
         Versions.
     """
@@ -314,8 +279,8 @@ class PsychometricFit(Result):
         ax = axes_or_new(ax)
         x = np.log(self.ratios)
         correct, trials = np.asarray(self.correct), np.asarray(self.trials)
-        share, tail = correct / trials, 0.5 - 0.5 * self.level
-        reach = max(1.4 * x.max(), 1.05 * math.log(self.interval[1]))
+        share, tail, ends = correct / trials, 0.5 - 0.5 * self.level, np.log(self.interval)
+        reach = max(1.4 * x.max(), 1.05 * ends[1])
         span = np.geomspace(0.7 * x.min(), reach, 200)
         ax.plot(span, self.proportion_at(np.exp(span)), color=POSITION, linewidth=1.4)
         # Clopper and Pearson's; beta's parameters must stay above 0 where no or all answers were correct.
@@ -325,23 +290,12 @@ class PsychometricFit(Result):
         bars = x.size <= _MOST_BARS
         if bars:
             ax.vlines(x, low, high, color=REFERENCE, linewidth=0.9)
-        sizes = 18.0 * np.sqrt(trials / trials.max())
-        ax.scatter(x, share, s=sizes, color=REFERENCE, zorder=3)
-        ends = np.log(self.interval)
-        ax.plot(
-            ends,
-            [self.proportion] * 2,
-            "|-",
-            color=VELOCITY,
-            linewidth=2.0,
-            markersize=7,
-            solid_capstyle="butt",
-        )
+        ax.scatter(x, share, s=18.0 * np.sqrt(trials / trials.max()), color=REFERENCE, zorder=3)
+        style: dict[str, Any] = {"linewidth": 2.0, "markersize": 7, "solid_capstyle": "butt"}
+        ax.plot(ends, [self.proportion] * 2, "|-", color=VELOCITY, **style)
         ax.plot(math.log(self.threshold), self.proportion, "o", color=VELOCITY, zorder=4)
-        name = {"both": "ratio or its inverse"}.get(self.side, "ratio")
         ax.axhline(self.guess_rate, color=REFERENCE, linewidth=0.8, linestyle=":")
         ax.set_xscale("log")
-        ax.set_xlim(min(span[0], 0.95 * ends[0]), reach)
         # In the upper left, where a curve that rises is not; beside the point the text would leave the frame.
         ax.text(
             0.02, 0.98, f"threshold {self._shown(math.log(self.threshold)):.3g}, {100 * self.level:g} % interval",
@@ -352,13 +306,15 @@ class PsychometricFit(Result):
         ticks = x if x.size <= 8 else np.geomspace(x.min(), x.max(), 6)
         ax.set_xticks(ticks, [f"{self._shown(tick):.3g}" for tick in ticks])
         ax.minorticks_off()
-        what = "parameter" if self.parameter is None else self.parameter
-        over = ""
-        if self.reference is not None and self.parameter is not None:
-            over = f"'s {self.reference:g} {UNITS[self.parameter]}"
-        ax.set_xlabel(f"{what}, {name} to the reference{over} [1]")
-        ax.set_ylabel("proportion correct [1]")
-        ax.set_ylim(min(0.4, float((low if bars else share).min())) - 0.03, 1.03)
+        known = self.reference is not None and self.parameter is not None
+        over = f"'s {self.reference:g} {UNITS[self.parameter or '']}" if known else ""
+        name = "ratio or its inverse" if self.side == "both" else "ratio"
+        ax.set(
+            xlim=(min(span[0], 0.95 * ends[0]), reach),
+            xlabel=f"{self.parameter or 'parameter'}, {name} to the reference{over} [1]",
+            ylim=(min(0.4, float((low if bars else share).min())) - 0.03, 1.03),
+            ylabel="proportion correct [1]",
+        )
         return tidy(ax)
 
     def _shown(self, difference: float) -> float:
@@ -388,9 +344,10 @@ def psychometric_function(
 
         P = 1/2 + (1 - lapse)/2 (1 - 2^-((|ln level|/|ln threshold|)^slope))
 
-    It is 1/2 where there is no difference. Levels below and above 1 are pooled where their |ln level| is the same: the two
-    intervals are rendered alike, so that a ratio and its inverse differ in order only. Threshold, slope, lapse rate and
-    overdispersion are psignifit's modes of the posterior, with its default priors, on ln |ln level|.
+    It is 1/2 where there is no difference. Levels below and above 1 are pooled where their |ln level| is the
+    same: the two intervals are rendered alike, so that a ratio and its inverse differ in order only. Threshold,
+    slope, lapse rate and overdispersion are psignifit's modes of the posterior, with its default priors, on
+    ln |ln level|.
 
     Parameters
     ----------
@@ -410,21 +367,22 @@ def psychometric_function(
     ImportError
         Without psignifit (extra `psychometric`).
     ValueError
-        If the sequences differ in length, a level is no ratio or 1, fewer than two differ, a number is out of range, the
-        parameter is unknown, or the reference not above 0.
+        If the sequences differ in length, a level is no ratio or 1, fewer than two differ, a number is out of
+        range, the parameter is unknown, or the reference not above 0.
     TypeError
         If a number of answers is not whole.
 
     Notes
     -----
-    Five levels, 0.35 to 2.6 times the threshold of 0.2 of a Gaussian observer with 2 % lapses: of 120 fits each the 95 % intervals
-    held it in 117 (20 trials a level; in 52 of them the prior set an end) and 115 (60 trials, 10); |ln threshold| was 2 % too large
-    and 1 % too small, with a standard deviation of 25 and 15 % (tests/python/psychophysics_tables.py, psychometric).
+    A Gaussian observer with 2 % lapses and a threshold of 0.2, five levels of 0.35 to 2.6 times that, 120 fits:
+    the 95 % intervals held the threshold in 117 with 20 trials a level (in 52 the prior set an end) and in 115 with
+    60 (in 10). |ln threshold| was 2 % too large and 1 % too small, with a standard deviation of 25 and 15 %
+    (tests/python/psychophysics_tables.py, psychometric).
 
     References
     ----------
-    H. H. Schütt, S. Harmeling, J. H. Macke, F. A. Wichmann, Painfree and accurate Bayesian estimation of psychometric
-    functions for (potentially) overdispersed data, Vision Research 122 (2016) 105-123.
+    H. H. Schütt, S. Harmeling, J. H. Macke, F. A. Wichmann, Painfree and accurate Bayesian estimation of
+    psychometric functions for (potentially) overdispersed data, Vision Research 122 (2016) 105-123.
     """
     refuse(
         not len(levels) == len(correct) == len(trials),
@@ -511,10 +469,7 @@ def _fit(data: Floats, level: float) -> tuple[Any, list[tuple[str, str]]]:
             data, experiment_type="2AFC", sigmoid="weibull", confP=(level, 0.9, 0.68),
             pool_max_blocks=len(data), **options,
         )  # fmt: skip
-    at_bounds = []
-    for warning in caught:
-        if (match := _BOUND.search(str(warning.message))) is not None:
-            at_bounds.append((match[1], match[2]))
-        else:
-            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
-    return found, at_bounds
+    told = [_BOUND.search(str(warning.message)) for warning in caught]
+    for warning in (one for one, match in zip(caught, told, strict=True) if match is None):
+        warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+    return found, [(match[1], match[2]) for match in told if match is not None]

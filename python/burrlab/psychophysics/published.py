@@ -10,16 +10,14 @@ from typing import TypeAlias, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 from scipy.special import ndtr
-from scipy.stats import chi2
+from scipy.stats import binom, chi2
 from scipy.stats import t as student
 
 from burrlab.common.check import refuse
 from burrlab.psychophysics.group import check_level, finite_values, probability_text
 from burrlab.psychophysics.power import WANTED_POWER, decision_text
-from burrlab.psychophysics.result import Result
-from burrlab.psychophysics.rules import RULES, Floats, TaskName, rule_of
+from burrlab.psychophysics.rules import RULES, Floats, Result, TaskName, halving, rule_of
 
 Three: TypeAlias = tuple[float, float, float]
 
@@ -43,7 +41,8 @@ class PublishedScore(Result):
         Of the mean score.
     level : float
     d_prime : dict of str to (float, float, float)
-        By rule: of the mean and of the interval's ends, (estimate, low, high), IF all subjects are alike and unbiased.
+        By rule: of the mean and of the interval's ends, (estimate, low, high), IF all subjects are alike and
+        unbiased.
     spread, binomial_spread : float
         Standard deviation of scores over subjects, and of one subject's score by chance at this mean.
     spread_p_value : float
@@ -120,14 +119,15 @@ def group_score_from(
     Raises
     ------
     ValueError
-        If the mean is not between 0 and the trials, sem is not above the rounding, there are less than 2 subjects or trials, the
-        task is unknown, rounding is negative, or the level is not in [0.5, 1).
+        If the mean is not between 0 and the trials, sem is not above the rounding, there are less than 2
+        subjects or trials, the task is unknown, rounding is negative, or the level is not in [0.5, 1).
 
     Notes
     -----
-    Chance within a subject has variance T p (1 - p) if every trial has the same p; trials of unequal difficulty have less, so the
-    test of the spread is cautious. A spread that is larger is of subjects with different p: unlike criteria do that at one d' too. A part w of guessers among subjects of one p gives the spread's excess for
-    w = v/(v + (p - 1/2)^2), v the variance of p over subjects.
+    Chance within a subject has variance T p (1 - p) if every trial has the same p; trials of unequal
+    difficulty have less, so the test of the spread is cautious. A larger spread says that p differs between
+    subjects: unlike criteria do that at one d' too. If a part w of the subjects guess and the others have one
+    p, the variance v of p over subjects gives w = v/(v + (p - 1/2)^2).
 
     Examples
     --------
@@ -181,16 +181,9 @@ def group_score_from(
 def unbiased_d_prime(task: str, rule: str, proportion: float) -> float:
     """The d' of an unbiased observer with this proportion of correct answers: 0 at 1/2 or below, inf at 1."""
     decision = rule_of(task, rule)
-    if proportion <= 0.5:
-        return 0.0
-    if proportion >= 1.0:
-        return math.inf
-    low, high = 0.0, 75.0
-    for _ in range(80):
-        middle = 0.5 * (low + high)
-        enough = float(decision.proportion_correct(middle)) > proportion
-        low, high = (low, middle) if enough else (middle, high)
-    return low
+    if not 0.5 < proportion < 1.0:
+        return 0.0 if proportion <= 0.5 else math.inf
+    return float(halving(lambda d: decision.proportion_correct(d) <= proportion, 0.0, 75.0, 80)[0])
 
 
 def _spread_p_range(mean: float, sem: float, rounding: float, n: int, trials: int) -> tuple[float, float]:
@@ -210,6 +203,7 @@ def _spread_p(spread: float, noise: float, n: int) -> float:
 
 
 _QUANTILES = 2000
+_LEAST = 1e-300  # of a probability, in place of 0
 
 
 @dataclass(frozen=True)
@@ -281,7 +275,8 @@ def tost(values: ArrayLike, *, delta: float, level: float = 0.95) -> SignedEquiv
     Raises
     ------
     ValueError
-        If there are less than two values, one is not finite, they have no scatter, delta is not above 0, or the level is not in [0.5, 1).
+        If there are less than two values, one is not finite, they have no scatter, delta is not above 0, or
+        the level is not in [0.5, 1).
 
     References
     ----------
@@ -357,8 +352,8 @@ class SelectionEffect:
 
     Notes
     -----
-    Exact. With M_t subjects of the `of` at t or more correct answers, the sum of the best `kept` is the sum over t >= 1 of
-    min(kept, M_t), and M_t is binomial.
+    Exact. With M_t subjects of the `of` at t or more correct answers, the sum of the best `kept` is the sum
+    over t >= 1 of min(kept, M_t), and M_t is binomial.
 
     Examples
     --------
@@ -382,9 +377,9 @@ class SelectionEffect:
     @property
     def expected(self) -> float:
         """Mean score of those selected."""
-        reaching = stats.binom.sf(np.arange(self.trials), self.trials, self.chance)
+        reaching = binom.sf(np.arange(self.trials), self.trials, self.chance)
         m = np.arange(self.of + 1)
-        share = stats.binom.pmf(m, self.of, reaching[:, None])
+        share = binom.pmf(m, self.of, reaching[:, None])
         return float((share * np.minimum(m, self.kept)).sum() / self.kept)
 
     @property
@@ -401,26 +396,13 @@ class SelectionEffect:
     @cached_property
     def distribution(self) -> NDArray[np.float64]:
         """Probability of each sum of scores of those selected, 0..kept trials."""
-        # Given the score t of the last one selected, a subjects lie above it, alike and independent, and kept - a have t.
-        length = self.kept * self.trials + 1
-        scores = np.arange(self.trials + 1)
-        p = stats.binom.pmf(scores, self.trials, self.chance)
-        turn = np.exp(-2j * np.pi * np.arange(length // 2 + 1) / length)
-        above = np.arange(self.kept)
-        spectrum = np.zeros(len(turn), dtype=np.complex128)
-        for t in scores:
-            tail = p[t + 1 :].sum()
-            at_or_below = max(1.0 - tail, p[t])
-            at_t = min(p[t] / at_or_below, 1.0)
-            weight = stats.binom.pmf(above, self.of, tail)
-            weight *= stats.binom.sf(self.kept - above - 1, self.of - above, at_t)
-            higher = np.zeros(length)
-            higher[t + 1 : self.trials + 1] = p[t + 1 :] / tail if tail > 0 else 0.0
-            one = np.fft.rfft(higher)
-            # Horner: sum over a of weight_a one^a turn^((kept - a) t)
-            step = turn ** int(t)
-            part = np.zeros_like(spectrum)
-            for a in above[::-1]:
-                part = part * one + weight[a] * step ** int(self.kept - a)
-            spectrum += part
-        return np.clip(np.fft.irfft(spectrum, length), 0.0, 1.0)
+        p = binom.pmf(np.arange(self.trials + 1), self.trials, self.chance)
+        m = np.arange(self.of + 1)
+        # Probability of M_t, in rows, and of the sum so far of min(kept, M_t) over the scores from t up, in columns.
+        found = np.zeros((len(m), self.kept * self.trials + 1))
+        found[0, 0] = 1.0
+        for t in range(self.trials, 0, -1):
+            at_t = p[t] / max(p[: t + 1].sum(), _LEAST)  # of those who are not above t
+            found = binom.pmf(m[:, None] - m, self.of - m, at_t) @ found
+            found = np.stack([np.roll(row, min(self.kept, n)) for n, row in enumerate(found)])
+        return np.asarray(found.sum(axis=0))

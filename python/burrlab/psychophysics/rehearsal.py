@@ -29,9 +29,8 @@ from burrlab.psychophysics.observer import (
     interval_cues,
     rendered_cues,
 )
-from burrlab.psychophysics.power import DesignPower, design_power, subjects_needed, trials_needed
-from burrlab.psychophysics.result import Result
-from burrlab.psychophysics.rules import Counts, RuleName, TaskName, counts_of, rule_of
+from burrlab.psychophysics.power import DesignPower, Observer, design_power, subjects_needed, trials_needed
+from burrlab.psychophysics.rules import Counts, Result, RuleName, TaskName, counts_of, one_of, rule_of
 from burrlab.psychophysics.seat import Seat
 from burrlab.psychophysics.trial import MODES, Design, Interval, Mode, Order, Trial
 from burrlab.psychophysics.weber import COMPLIANCE_WITHOUT_SURFACE
@@ -49,14 +48,14 @@ def rehearse(
     burr: Burr | None = None,
     bone: Block | None = None,
 ) -> list[Counts]:
-    """The counts of subjects who are alike, from one seed.
+    """The counts of simulated subjects who are alike, from one seed.
 
     Parameters
     ----------
     design : Design
         Each subject gets an order of its own. A real specimen is felt as the material that matches it.
     subject : SimulatedSubject
-        Who has not been taught is taught by `teach` first.
+        One who has not been taught is taught by `teach` first.
     subjects : int
     seed : int
         Of orders, noise and lapses.
@@ -73,26 +72,24 @@ def rehearse(
     Raises
     ------
     ValueError
-        If there is no subject, the design's intervals do not have the subject's cues, or the design asks for stiffness by
-        drilling, which has no cue for it.
+        If there is no subject, the design's intervals do not have the subject's cues, or the design asks for
+        stiffness by drilling, which has no cue for it.
 
     Notes
     -----
-    Each material is rendered once by probing, and with three seeds by drilling; an interval takes one of the three by its
-    own seed. So the erosion's scatter is in it (a standard deviation of 0.0001 to 0.0002 of the logarithm at 0.1 mm: nothing
-    beside the noise), and a rehearsal of 20 subjects takes seconds rather than an hour. `burrlab experiment run --simulated`
-    renders every interval.
+    Each material is rendered once by probing, and with three seeds by drilling; an interval takes one of the
+    three by its own seed. So the erosion's scatter is in it (a standard deviation of 0.0001 to 0.0002 of the
+    logarithm at 0.1 mm: nothing beside the noise), and a rehearsal of 20 subjects takes seconds rather than
+    an hour. `burrlab experiment run --simulated` renders every interval.
     """
     refuse(operator.index(subjects) < 1, f"subjects must be at least 1, got {subjects}")
-    names = [f"{number:02d}" for number in range(1, subjects + 1)]
     taught = subject if subject.known is not None else teach(subject, design, burr=burr, bone=bone)
-    orders = (rehearsed_order(design, taught, name=name, seed=seed, burr=burr, bone=bone) for name in names)
-    return [
-        counts_of(
-            design.task, [(t.trial_type, said, t.correct) for t, said in order.answered if t.phase == "main"]
-        )
-        for order in orders
-    ]
+    found = []
+    for number in range(1, subjects + 1):
+        order = rehearsed_order(design, taught, name=f"{number:02d}", seed=seed, burr=burr, bone=bone)
+        main = [(t.trial_type, said, t.correct) for t, said in order.answered if t.phase == "main"]
+        found.append(counts_of(design.task, main))
+    return found
 
 
 def rehearsed_order(
@@ -122,7 +119,7 @@ def rehearsed_order(
 def teach(
     subject: SimulatedSubject, design: Design, *, burr: Burr | None = None, bone: Block | None = None
 ) -> SimulatedSubject:
-    """The subject who knows the design's two materials; in two-interval tasks unchanged.
+    """The same subject, who knows the design's two materials; in two-interval tasks the subject unchanged.
 
     Raises
     ------
@@ -194,7 +191,8 @@ class Prediction(Result):
     power : DesignPower
         Of one subject's binomial test, and of the group's t test where there is more than one.
     trials_needed, subjects_needed : int or None
-        For 80 % power: trials of a single subject; subjects of so many trials each. None where no reasonable number does.
+        For 80 % power: trials of a single subject; subjects of so many trials each. None where no reasonable
+        number does.
     """
 
     task: TaskName
@@ -252,15 +250,15 @@ def predicted_d_prime(
     a, b : Material
     mode : {"probing", "drilling"}
     subject : SimulatedSubject
-        What it was taught before does not matter.
+        What the subject was taught before is not used.
     task : {"same-different", "abx", "2ifc"}
     trials, subjects : int
         Of the experiment; trials of each subject.
     duration : float
         Of an interval [s].
     closed_form : bool
-        Take cues from `closed_form_cues` instead of rendering two intervals. For the sinking speed that is another
-        thing: the speed at one depth, not the depth after a time (docs/simulated_subject.md).
+        Take cues from `closed_form_cues` instead of rendering two intervals. For the sinking speed that is
+        another thing: the speed at one depth, not the depth after a time (docs/simulated_subject.md).
     burr : Burr, optional
         Default R = 3 mm.
     bone : Block, optional
@@ -273,8 +271,8 @@ def predicted_d_prime(
     Raises
     ------
     ValueError
-        If the mode is unknown or does not have the subject's cues, the subject has a criterion of its own, the materials
-        are alike, or `trials` or `subjects` is out of range.
+        If the mode is unknown or does not have the subject's cues, the subject has a criterion of its own,
+        the materials are alike, or `trials` or `subjects` is out of range.
 
     Examples
     --------
@@ -285,7 +283,7 @@ def predicted_d_prime(
     expected score 9.3 of 12 (2 % lapses); power of one subject 48 %
     80 % power needs 24 trials of one subject, or 4 subjects of 12 trials
     """
-    refuse(mode not in MODES, f"mode must be one of {', '.join(MODES)}, got {mode!r}")
+    one_of("mode", mode, MODES)
     for cue in subject.cues:
         refuse(
             cue not in CUES_OF[mode],
@@ -378,8 +376,8 @@ class TaskOneTable:
     differences : dict
         pair -> cue -> difference of the logarithm between the two materials.
     noise_of_published : dict
-        (cue, decision) -> the noise at which the first pair, bone and PVC, gives the paper's mean: 9.3 for the probing cues,
-        9.6 for sinking speed and for all. None where no noise does.
+        (cue, decision) -> the noise at which the first pair, bone and PVC, gives the paper's mean: 9.3 for
+        the probing cues, 9.6 for sinking speed and for all. None where no noise does.
     source : str
         Of the differences: "rendered" or "closed form".
     lapse : float
@@ -467,9 +465,9 @@ def task1_table(
 
     Notes
     -----
-    Exact: d' = difference/noise (several cues: the root of the sum of squares) and the rates of `rule_of`, no simulation.
-    The width is that of the mean of 20 independent scores, each the sum of 6 + 6 answers. "all" combines cues that no
-    interval of the paper has together, and so is an upper limit.
+    Exact: d' = difference/noise (several cues: the root of the sum of squares) and the rates of `rule_of`, no
+    simulation. The width is that of the mean of 20 independent scores, each the sum of 6 + 6 answers. "all"
+    combines cues that no interval of the paper has together, and so is an upper limit.
     """
     found = _differences(differences, burr or Burr(3.0), bone or Block())
     for noise in noises:
@@ -549,10 +547,9 @@ def _distance(differences: Mapping[str, float], cues: Sequence[str]) -> float:
 
 def _row(cue: str, pair: str, decision: Decision, noise: float, distance: float, lapse: float) -> TaskOneRow:
     rule = rule_of("same-different", SimulatedSubject(1.0, decision=decision).rule)
-    d_prime = distance / noise
-    rates = np.array([float(rate) for rate in rule.rates(d_prime)])
-    hit, false_alarm = (1.0 - lapse) * rates + 0.5 * lapse
-    half = 0.5 * TRIALS
+    d_prime, half = distance / noise, 0.5 * TRIALS
+    observer = Observer(rule, d_prime, TRIALS, lapse)
+    hit, false_alarm = observer.hit, observer.false_alarm
     score = half * (hit + 1.0 - false_alarm)
     spread = math.sqrt(half * (hit * (1.0 - hit) + false_alarm * (1.0 - false_alarm)) / SUBJECTS)
     return TaskOneRow(cue, pair, decision, noise, d_prime, score, score - _Z * spread, score + _Z * spread)
@@ -571,7 +568,7 @@ class SimulatedSeat(Seat):
     Parameters
     ----------
     subject : SimulatedSubject
-        Is taught the two materials of a same-different or ABX task first.
+        Learns the two materials of a same-different or ABX task first.
     design : Design
     burr : Burr
     bone : Block

@@ -1,7 +1,7 @@
-"""Decision rules of same-different, ABX and two-interval tasks, from d' to rates and back; and counted answers.
+"""Decision rules of same-different, ABX and two-interval tasks, from d' to rates and back; counted answers; results.
 
-d' is the distance between the two stimuli in standard deviations of one observation. Formulas as in Macmillan and
-Creelman, *Detection Theory: A User's Guide*, chapter 9 (same-different, ABX) and 7 (two intervals).
+d' is the distance between the two stimuli in standard deviations of one observation. Formulas as in Macmillan
+and Creelman, *Detection Theory: A User's Guide*, chapter 9 (same-different, ABX) and 7 (two intervals).
 """
 
 from __future__ import annotations
@@ -12,17 +12,19 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Literal, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import erf, erfc, erfcinv, erfinv, log_ndtr, ndtr, ndtri
 
 from burrlab.common.check import refuse
+from burrlab.common.records import Codec
 
 Floats: TypeAlias = NDArray[np.float64]
 TaskName: TypeAlias = Literal["same-different", "abx", "2ifc"]
 RuleName: TypeAlias = Literal["independent-observations", "differencing"]
+Chosen = TypeVar("Chosen", bound=str)
 
 TASKS: tuple[TaskName, ...] = ("same-different", "abx", "2ifc")
 RULES: tuple[RuleName, ...] = ("independent-observations", "differencing")
@@ -37,12 +39,42 @@ _ROOT2, _ROOT3 = math.sqrt(2.0), math.sqrt(3.0)
 _LARGEST = 75.0  # d' whose rates a double tells from 0 and 1
 _HALVINGS = 100  # of an interval of that length: to the last bit
 _FAR = 20.0  # of a criterion behind both means [sd]: one answer is always given
+_CODEC = Codec("null")
+
+
+class Result:
+    """A dataclass that goes into JSON."""
+
+    _derived: ClassVar[tuple[str, ...]] = ()  # properties that go there too
+
+    def to_dict(self) -> dict[str, Any]:
+        """For JSON; null for what is not finite."""
+        found: dict[str, Any] = _CODEC.plain({**vars(self), **{x: getattr(self, x) for x in self._derived}})
+        return found
+
+
+def one_of(name: str, value: str, choices: Sequence[Chosen]) -> Chosen:
+    """The value; ValueError unless it is one of these."""
+    refuse(value not in choices, f"{name} must be one of {', '.join(choices)}, got {value!r}")
+    return choices[choices.index(value)]
+
+
+def halving(
+    holds: Callable[[Any], Any], inside: Floats | float, outside: Floats | float, times: int
+) -> tuple[Any, Any]:
+    """The last points where something holds and does not, between two where it does and does not; numbers or arrays."""
+    for _ in range(times):
+        middle = 0.5 * (inside + outside)
+        there = holds(middle)
+        inside, outside = np.where(there, middle, inside), np.where(there, outside, middle)
+    return inside, outside
 
 
 class Rule(ABC):
     """How an observer decides.
 
-    The two rates are those of one answer, given the stimuli that ask for it (hit) and those that do not (false alarm):
+    The two rates are those of one answer, given the stimuli that ask for it (hit) and those that do not
+    (false alarm):
 
     * same-different: "different", on pairs AB and BA (hit) and AA and BB (false alarm);
     * ABX: "the first", where the first alternative (hit) or the second (false alarm) matches the reference;
@@ -242,12 +274,8 @@ def _density(x: Floats) -> Floats:
 
 
 def _root(function: Callable[[Floats], Floats], shape: tuple[int, ...]) -> Floats:
-    """The zero of an increasing function of d' in [0, _LARGEST], by halving, for all elements at once."""
-    low, high = np.zeros(shape), np.full(shape, _LARGEST)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        above = function(middle) > 0.0
-        low, high = np.where(above, low, middle), np.where(above, middle, high)
+    """The zero of an increasing function of d' in [0, _LARGEST], for all elements at once."""
+    high, low = halving(lambda d: function(d) > 0.0, np.full(shape, _LARGEST), np.zeros(shape), _HALVINGS)
     return np.asarray(0.5 * (low + high))
 
 
@@ -282,8 +310,8 @@ def rule_of(task: str, name: str) -> Rule:
     >>> print(f"{d:.5f} {criterion:.5f}")
     2.54986 1.81239
     """
-    refuse(task not in TASKS, f"task must be one of {', '.join(TASKS)}, got {task!r}")
-    refuse(name not in RULES, f"rule must be one of {', '.join(RULES)}, got {name!r}")
+    one_of("task", task, TASKS)
+    one_of("rule", name, RULES)
     return _ALL[task, name]
 
 
@@ -304,7 +332,8 @@ class Counts:
     Raises
     ------
     ValueError
-        If the task is unknown, a number is negative or more than its trials, there is no trial, or `by_type` does not sum to the same.
+        If the task is unknown, a number is negative or more than its trials, there is no trial, or `by_type`
+        does not sum to the same.
     TypeError
         If a number is not whole.
 
@@ -323,7 +352,7 @@ class Counts:
     by_type: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        refuse(self.task not in TASKS, f"task must be one of {', '.join(TASKS)}, got {self.task!r}")
+        one_of("task", self.task, TASKS)
         for name in ("hits", "signals", "false_alarms", "noises"):
             value = operator.index(getattr(self, name))
             object.__setattr__(self, name, value)
@@ -335,12 +364,9 @@ class Counts:
             )
         refuse(self.trials == 0, "signals and noises must hold a trial, got 0 and 0")
         types = {str(k): (operator.index(n), operator.index(m)) for k, (n, m) in self.by_type.items()}
+        sums = tuple(map(sum, zip(*types.values(), strict=True)))
         refuse(
-            types
-            and (
-                sum(n for n, _ in types.values()) != self.hits + self.false_alarms
-                or sum(m for _, m in types.values()) != self.trials
-            ),
+            types and sums != (self.hits + self.false_alarms, self.trials),
             "by_type must sum to the hits, false alarms and trials",
         )
         object.__setattr__(self, "by_type", MappingProxyType(types))

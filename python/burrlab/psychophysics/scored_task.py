@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -16,19 +17,18 @@ from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.psychophysics.answers import Answers
 from burrlab.psychophysics.group import GroupDPrime, GroupScore, group_d_prime, group_score
-from burrlab.psychophysics.pairs import PairCheck, pair_checks
-from burrlab.psychophysics.plots import (
-    draw,
-    draw_d_prime,
-    legend_above,
-    name_rows,
-    room_for,
-    wrapped,
-)
+from burrlab.psychophysics.plots import draw, draw_d_prime, of_subjects, room_for, wrapped
 from burrlab.psychophysics.power import Equivalence, equivalence
 from burrlab.psychophysics.published import PublishedScore, SelectionEffect
 from burrlab.psychophysics.rules import Counts, RuleName, TaskName
-from burrlab.psychophysics.sensitivity import DPrime, binomial_test, d_prime, score_interval
+from burrlab.psychophysics.sensitivity import (
+    DPrime,
+    PairCheck,
+    binomial_test,
+    d_prime,
+    pair_checks,
+    score_interval,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -186,12 +186,9 @@ def _of_one(name: str, subjects: CountsBySubject, simulated: bool) -> TaskData:
 
 def _subject(one: Answers) -> SubjectData:
     planned = None if one.trials is None else one.trials - int(_design(one).get("practice", 0))
-    by_level: dict[float, tuple[int, int]] = {}
-    for row in one.main:
-        if row.level is not None:
-            correct, trials = by_level.get(row.level, (0, 0))
-            by_level[row.level] = (correct + row.correct, trials + 1)
-    levels = tuple((level, *by_level[level]) for level in sorted(by_level))
+    answered = [(row.level, row.correct) for row in one.main if row.level is not None]
+    trials, right = Counter(level for level, _ in answered), Counter(x for x, correct in answered if correct)
+    levels = tuple((level, right[level], trials[level]) for level in sorted(trials))
     return SubjectData(one.subject, one.counts() if one.main else None, planned, one.simulated, levels, one)
 
 
@@ -200,16 +197,15 @@ def _design(one: Answers) -> dict[str, Any]:
 
 
 def with_selection(tasks: Iterable[TaskData], selected_by: Mapping[str, str]) -> list[TaskData]:
-    """The same, with what participants were selected by, subject -> text.
+    """The tasks with what their participants were selected by; `selected_by` is subject -> text.
 
-    The protocol in the side-cars says how many they were selected from (`selected_from`), or else a text such as "best 12
-    of 20" does.
+    The protocol in the side-cars says how many they were selected from (`selected_from`), or else a text such
+    as "best 12 of 20" does.
     """
     found = []
     for task in tasks:
-        text = "; ".join(
-            filter(None, dict.fromkeys(selected_by.get(one.subject, "") for one in task.subjects))
-        )
+        texts = dict.fromkeys(selected_by.get(one.subject, "") for one in task.subjects)
+        text = "; ".join(filter(None, texts))
         numbers = _OF.search(text)
         chosen, of = (int(numbers[1]), int(numbers[2])) if numbers else (0, 0)
         cars = [one.answers.side_car for one in task.subjects if one.answers is not None]
@@ -243,7 +239,7 @@ def design_text(design: Mapping[str, Any]) -> str:
 
 
 class OneSubject(Protocol):
-    """One subject's result, whatever the task."""
+    """What the results of one subject have in common."""
 
     @property
     def subject(self) -> str: ...
@@ -416,12 +412,11 @@ def holm(p_values: Sequence[float]) -> list[float]:
     >>> holm([0.01, 0.04, 0.03])
     [0.03, 0.06, 0.06]
     """
-    p = np.asarray(p_values, dtype=np.float64)
+    p = np.array(p_values, dtype=np.float64)
     order = np.argsort(p, kind="stable")
     stepped = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
-    corrected = np.empty_like(p)
-    corrected[order] = np.minimum(stepped, 1.0)
-    return [float(value) for value in corrected]
+    p[order] = np.minimum(stepped, 1.0)
+    return list(map(float, p))
 
 
 CORRECTION: Literal["log-linear"] = "log-linear"
@@ -446,7 +441,8 @@ class ScoredTask(TaskResult[SubjectResult]):
     equivalence : tuple of Equivalence
         One a rule; none without a delta.
     checks : tuple of PairCheck
-        Of the types of trials against one another, all subjects together; none where a subject's types were not counted.
+        Of the types of trials against one another, all subjects together; none where a subject's types were
+        not counted.
     """
 
     subjects: tuple[SubjectResult, ...]  # again, since a record is read back by the declared types
@@ -463,7 +459,7 @@ class ScoredTask(TaskResult[SubjectResult]):
         cls, data: TaskData, *, rules: Sequence[RuleName], delta: float | None, level: float, incomplete: bool,
         progress: Progress | None = None,
     ) -> ScoredTask:  # fmt: skip
-        """All of it; of incomplete runs only on request."""
+        """The whole result; it holds incomplete runs only on request."""
         used = [one for one in data.subjects if one.counts and (incomplete or one.complete)]
         # Both rules are one with two intervals.
         rules = tuple(rules[:1] if data.task == "2ifc" else rules)
@@ -506,7 +502,8 @@ class ScoredTask(TaskResult[SubjectResult]):
         Raises
         ------
         ValueError
-            If there is no subject, subjects answered unequally many trials, or the published score is of another number.
+            If there is no subject, subjects answered unequally many trials, or the published score is of
+            another number.
         """
         self._some()
         if (trials := self.trials) is None:
@@ -566,14 +563,12 @@ class ScoredTask(TaskResult[SubjectResult]):
                 (100 * one.score_interval[0], 100 * one.counts.score / one.counts.trials, 100 * one.score_interval[1])
                 for one in self.subjects
             ]  # fmt: skip
-            draw(ax, spans, rows, 100.0, POSITION, "o", None)
+            draw(ax, spans, rows, 100.0, POSITION, "o")
             ax.axvline(50, color=REFERENCE, linestyle="--", linewidth=1, label="chance")
             ax.set(xlim=(0, 102), xlabel=f"correct [%], {100 * self.level:g} % interval")
         else:
             draw_d_prime(ax, {rule: [one.span(rule) for one in self.subjects]}, rows, self.level, named=False)
-        name_rows(ax, names, "subject")
-        legend_above(ax, self.title)
-        return tidy(ax)
+        return of_subjects(ax, names, rows, self.title)
 
     def plot_d_prime(self, ax: Axes | None = None) -> Axes:
         """Each subject's d' under all rules, side by side, and the group's.
@@ -597,9 +592,7 @@ class ScoredTask(TaskResult[SubjectResult]):
             names, rows = [*names, "all"], np.append(rows, len(rows) + 0.4)
             ax.axhline(len(rows) - 1.1, color="0.8", linewidth=0.8)
         draw_d_prime(ax, spans, rows, self.level, delta=self.delta)
-        name_rows(ax, names, "subject", rows)
-        legend_above(ax, self.title)
-        return tidy(ax)
+        return of_subjects(ax, names, rows, self.title)
 
     def _some(self) -> None:
         refuse(not self.subjects, f"task {self.name} must hold a complete run to be drawn, got none")
@@ -621,6 +614,7 @@ def _results(
     for one, of_one, p, corrected in zip(used, counts, p_values, holm(p_values), strict=True):
         if progress is not None:
             progress(task, one.subject)
+        bare = of_one.task, of_one.hits, of_one.signals, of_one.false_alarms, of_one.noises
         found.append(
             SubjectResult(
                 subject=one.subject,
@@ -630,16 +624,13 @@ def _results(
                 score_interval=score_interval(of_one, level),
                 p_value=p,
                 holm=corrected,
-                d_prime=tuple(_d_prime(of_one, rule, level) for rule in rules),
+                d_prime=tuple(
+                    replace(_of_outcome(*bare, rule=rule, level=level), counts=of_one) for rule in rules
+                ),
                 checks=tuple(pair_checks(of_one)) if _has_types(of_one) else (),
             )
         )
     return tuple(found)
-
-
-def _d_prime(counts: Counts, rule: RuleName, level: float) -> DPrime:
-    bare = counts.task, counts.hits, counts.signals, counts.false_alarms, counts.noises
-    return replace(_of_outcome(*bare, rule=rule, level=level), counts=counts)
 
 
 @lru_cache(maxsize=4096)  # an exact interval takes 0.1 s, and subjects with equal counts are many

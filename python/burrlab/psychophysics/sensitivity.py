@@ -1,21 +1,30 @@
-"""d' of one subject: its estimate, intervals from an exact test or a likelihood, and tests of the score."""
+"""d' of one subject: its estimate, intervals from an exact test or a likelihood; tests of the score and of the types of trials."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtri, gammaln, xlogy
-from scipy.stats import binomtest
+from scipy.stats import binomtest, hypergeom
 
 from burrlab.common.check import refuse
 from burrlab.common.provenance import provenance
-from burrlab.psychophysics.result import Result
-from burrlab.psychophysics.rules import Counts, Floats, Rule, RuleName, TaskName, rule_of
+from burrlab.psychophysics.rules import (
+    Counts,
+    Floats,
+    Result,
+    Rule,
+    RuleName,
+    TaskName,
+    halving,
+    one_of,
+    rule_of,
+)
 
 CorrectionName: TypeAlias = Literal["none", "log-linear", "half"]
 
@@ -55,7 +64,7 @@ class Outcomes:
 
     @property
     def rates(self) -> tuple[Floats, Floats]:
-        """Hit rate and false-alarm rate; of trials that were not, a half."""
+        """Hit rate and false-alarm rate; 1/2 where there were no such trials."""
         with np.errstate(invalid="ignore"):
             return (
                 np.where(self.signals > 0, self.hits / self.signals, 0.5),
@@ -69,10 +78,10 @@ class Outcomes:
         return np.asarray((given == 0) | (given == trials) | (self.signals == 0) | (self.noises == 0))
 
     def estimate(self, rule: Rule) -> tuple[Floats, Floats]:
-        """Of greatest likelihood: d' in [0, inf], and the criterion.
+        """The estimate of greatest likelihood: d' in [0, inf], and the criterion.
 
-        Where H <= F, d' is 0 and the criterion that of the pooled rate. Where undetermined, d' is 0 too, the smallest
-        of all that are likeliest.
+        Where H <= F, d' is 0 and the criterion is that of the pooled rate. Where d' is undetermined all are
+        equally likely, and the smallest, 0, is taken.
         """
         h, f = self.rates
         pooled = (self.hits + self.false_alarms) / (self.signals + self.noises)
@@ -81,16 +90,11 @@ class Outcomes:
         return np.where(zero, 0.0, d), np.where(zero, rule.criterion_of(0.0, pooled), criterion)
 
     def log_likelihood(self, hit: Floats, miss: Floats, alarm: Floats, rejection: Floats) -> Floats:
-        """Of the logarithms of the four rates; the number of orders of the trials left out."""
-        total = np.zeros(np.broadcast_shapes(self.hits.shape, hit.shape))
-        for times, log_rate in (
-            (self.hits, hit),
-            (self.signals - self.hits, miss),
-            (self.false_alarms, alarm),
-            (self.noises - self.false_alarms, rejection),
-        ):
-            total = total + np.where(times > 0, times * np.where(times > 0, log_rate, 0.0), 0.0)
-        return np.asarray(total)
+        """From the logarithms of the four rates, without the number of orders of the trials."""
+        times = (self.hits, self.signals - self.hits, self.false_alarms, self.noises - self.false_alarms)
+        log_rates = (hit, miss, alarm, rejection)
+        # Of an answer that was not given the rate may be 0.
+        return np.asarray(sum(n * np.where(n > 0, x, 0.0) for n, x in zip(times, log_rates, strict=True)))
 
     def greatest(self) -> Floats:
         """The log-likelihood at the estimate."""
@@ -147,27 +151,19 @@ class Outcomes:
     def profile_interval(self, rule: Rule, level: float) -> tuple[Floats, Floats]:
         """The d' in [0, inf) whose deviance is at most the chi-square quantile of one degree of freedom.
 
-        Where 0 is in it, so at the lower end; where it has no upper end, inf.
+        The lower end is 0 where 0 is in the interval; the upper end is inf where it is open.
         """
         limit = float(chdtri(1.0, 1.0 - level))
         middle = np.minimum(self.estimate(rule)[0], LARGEST)
-        none, most = np.zeros_like(middle), np.full_like(middle, LARGEST)
 
         def beyond(d: Floats) -> NDArray[np.bool_]:
             return np.asarray(self.deviance(rule, d) > limit)
 
-        low = np.where(beyond(none), halving(beyond, none, middle), 0.0)
-        high = np.where(beyond(most), halving(beyond, most, middle), np.inf)
-        return low, high
+        def end(outside: float, otherwise: float) -> Floats:
+            found = 0.5 * sum(halving(lambda d: ~beyond(d), middle, outside, _HALVINGS))
+            return np.where(beyond(np.full_like(middle, outside)), found, otherwise)
 
-
-def halving(beyond: Callable[[Floats], NDArray[np.bool_]], outside: Floats, inside: Floats) -> Floats:
-    """Where a limit lies between two arrays of d', one on either side of it."""
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (outside + inside)
-        is_outside = beyond(middle)
-        outside, inside = np.where(is_outside, middle, outside), np.where(is_outside, inside, middle)
-    return np.asarray(0.5 * (outside + inside))
+        return end(0.0, 0.0), end(LARGEST, np.inf)
 
 
 _CRITERIA = 241  # at which the p value is calculated; 2401 raise it by less than 0.002
@@ -217,13 +213,17 @@ def exact_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, flo
     scanned = np.linspace(first, last, _SCANNED)
     estimate = float(observed.estimate(rule)[0])
     scanned = np.unique(np.append(scanned, min(estimate, last)))
-    kept = np.flatnonzero([exact_p_value(counts, rule, d) > error for d in scanned])
-    low = (
-        0.0 if scanned[kept[0]] == 0.0 else _end(counts, rule, error, scanned[kept[0] - 1], scanned[kept[0]])
-    )
-    if is_open:
-        return low, math.inf
-    return low, _end(counts, rule, error, scanned[kept[-1] + 1], scanned[kept[-1]])
+
+    def keeps(d: Floats) -> bool:
+        return exact_p_value(counts, rule, float(d)) > error
+
+    kept = np.flatnonzero([keeps(d) for d in scanned])
+
+    def end(last: int, beyond: int) -> float:
+        return float(halving(keeps, scanned[last], scanned[beyond], _TEST_HALVINGS)[1])
+
+    low = 0.0 if scanned[kept[0]] == 0.0 else end(kept[0], kept[0] - 1)
+    return low, math.inf if is_open else end(kept[-1], kept[-1] + 1)
 
 
 def proportion_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, float]:
@@ -234,13 +234,7 @@ def proportion_interval(counts: Counts, rule: Rule, level: float) -> tuple[float
     )
     ends = np.array(score_interval(counts, level))
     low, high = rule.invert(ends, 1.0 - ends)[0]
-    return float(low), float(high)
-
-
-def profile_interval(counts: Counts, rule: Rule, level: float) -> tuple[float, float]:
-    """As `Outcomes.profile_interval`, of one outcome."""
-    low, high = Outcomes.of(counts).profile_interval(rule, level)
-    return float(low), float(high)
+    return low, high
 
 
 def _probabilities(rule: Rule, signals: int, noises: int, d_prime: float) -> tuple[Floats, Floats]:
@@ -248,14 +242,6 @@ def _probabilities(rule: Rule, signals: int, noises: int, d_prime: float) -> tup
     criteria = np.linspace(*rule.criterion_range(d_prime, _RAREST, 1.0 - _RAREST), _CRITERIA)
     hit, miss, alarm, rejection = rule.log_rates(d_prime, criteria)
     return binomial(signals, hit, miss), binomial(noises, alarm, rejection)
-
-
-def _end(counts: Counts, rule: Rule, error: float, outside: float, inside: float) -> float:
-    for _ in range(_TEST_HALVINGS):
-        middle = 0.5 * (outside + inside)
-        kept = exact_p_value(counts, rule, middle) > error
-        outside, inside = (outside, middle) if kept else (middle, inside)
-    return float(outside)
 
 
 MethodName: TypeAlias = Literal["exact", "profile", "proportion"]
@@ -282,8 +268,8 @@ class DPrime(Result):
     task, rule : str
         As `rule_of` has them.
     estimate : float
-        Of greatest likelihood, in [0, inf]: 0 where there are no more hits than false alarms, inf where the likelihood
-        rises without end.
+        Of greatest likelihood, in [0, inf]: 0 where there are no more hits than false alarms, inf where the
+        likelihood rises without end.
     interval : (float, float)
         Its ends in [0, inf]; inf is an open end.
     level : float
@@ -300,7 +286,8 @@ class DPrime(Result):
         d' of the rates after `correction`; with "none" it is the estimate. The interval takes no correction.
     correction : {"none", "log-linear", "half"}
     undetermined : bool
-        Any d' fits as well as any other (one answer always, or no trial of one kind): estimate 0, interval [0, inf).
+        Any d' fits as well as any other (one answer always, or no trial of one kind): estimate 0, interval
+        [0, inf).
     counts : Counts
     """
 
@@ -352,8 +339,9 @@ class DPrime(Result):
         return {**values, "infinite": math.isinf(self.estimate), "provenance": provenance()}
 
 
-_INTERVALS: Mapping[str, Callable[[Counts, Rule, float], tuple[float, float]]] = {
-    "exact": exact_interval, "profile": profile_interval, "proportion": proportion_interval,
+_INTERVALS: Mapping[str, Callable[[Counts, Rule, float], tuple[Any, Any]]] = {
+    "exact": exact_interval, "proportion": proportion_interval,
+    "profile": lambda counts, rule, level: Outcomes.of(counts).profile_interval(rule, level),
 }  # fmt: skip
 
 
@@ -376,14 +364,14 @@ def d_prime(
     level : float, default 0.95
         Of the interval, in (0, 1).
     method : {"exact", "profile", "proportion"}, default "exact"
-        "exact": the d' that the likelihood-ratio test keeps, with its exact distribution at the worst criterion. It
-        holds the truth at least as often as it says.
-        "profile": the same with chi-square's distribution; fast, but short where all or nearly all answers are correct.
-        "proportion" (ABX, two intervals): Clopper and Pearson's interval of the proportion correct, carried to d'. It
-        takes the observer as unbiased, and both kinds of trial together.
+        "exact": the d' that the likelihood-ratio test keeps, with its exact distribution at the worst
+        criterion. It holds the truth at least as often as it says. "profile": the same with chi-square's
+        distribution; fast, but short where all or nearly all answers are correct. "proportion" (ABX, two
+        intervals): Clopper and Pearson's interval of the proportion correct, carried to d'. It takes the
+        observer as unbiased, and both kinds of trial together.
     correction : {"none", "log-linear", "half"}, default "none"
-        "log-linear": half an answer more in each cell (Hautus 1995). "half": rates of 0 and 1 alone become 1/(2n) and
-        1 - 1/(2n) (Macmillan and Kaplan 1985). For `corrected` alone.
+        "log-linear": half an answer more in each cell (Hautus 1995). "half": rates of 0 and 1 alone become
+        1/(2n) and 1 - 1/(2n) (Macmillan and Kaplan 1985). For `corrected` alone.
 
     Returns
     -------
@@ -392,14 +380,14 @@ def d_prime(
     Raises
     ------
     ValueError
-        If the rule, method or correction is unknown, the level not in (0, 1), "proportion" asked of same-different, or
-        "exact" of more than 4 million possible outcomes (2000 trials of each kind).
+        If the rule, method or correction is unknown, the level not in (0, 1), "proportion" asked of
+        same-different, or "exact" of more than 4 million possible outcomes (2000 trials of each kind).
 
     Notes
     -----
-    In same-different and ABX d' has no sign: 0 is a boundary, where the information is 0, and an interval of the kind
-    estimate +- 1.96 standard errors fails (see `docs/psychophysics.md`). "exact" includes 0 unless an exact one-sided
-    test at 1 - level rejects it, "profile" at about half of that.
+    In same-different and ABX d' has no sign: 0 is a boundary, where the information is 0, and an interval of
+    the kind estimate +- 1.96 standard errors fails (see `docs/psychophysics.md`). "exact" includes 0 unless
+    an exact one-sided test at 1 - level rejects it, "profile" at about half of that.
 
     References
     ----------
@@ -415,26 +403,23 @@ def d_prime(
     """
     law = rule_of(counts.task, rule)
     check_level(level)
-    if method not in METHODS:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
-    if correction not in CORRECTIONS:
-        raise ValueError(f"correction must be one of {', '.join(CORRECTIONS)}, got {correction!r}")
+    by, correcting = one_of("method", method, METHODS), one_of("correction", correction, CORRECTIONS)
     outcome = Outcomes.of(counts)
     estimate, criterion = (float(x) for x in outcome.estimate(law))
-    interval = _INTERVALS[method](counts, law, level)
+    low, high = (float(end) for end in _INTERVALS[method](counts, law, level))
     error = float(outcome.standard_error(law))
     return DPrime(
         task=counts.task,
         rule=law.name,
         estimate=estimate,
-        interval=interval,
+        interval=(low, high),
         level=level,
-        method=method,
-        standard_error=error if interval[0] > 0.0 and math.isfinite(error) else None,
+        method=by,
+        standard_error=error if low > 0.0 and math.isfinite(error) else None,
         criterion=criterion,
         criterion_meaning=_CRITERION_TEXTS[counts.task, law.name],
-        corrected=estimate if correction == "none" else float(law.invert(*outcome.corrected(correction))[0]),
-        correction=correction,
+        corrected=estimate if correction == "none" else float(law.invert(*outcome.corrected(correcting))[0]),
+        correction=correcting,
         undetermined=bool(outcome.undetermined),
         counts=counts,
     )
@@ -462,8 +447,8 @@ def score_interval(counts: Counts, level: float = 0.95) -> tuple[float, float]:
 def binomial_test(counts: Counts) -> float:
     """The probability of this score or more by chance, 1/2 a trial: an exact one-sided p value.
 
-    It holds at any bias where both kinds of trial are equally frequent. Where they are not, an observer who always gives
-    the more frequent answer is above 1/2.
+    It holds at any bias where both kinds of trial are equally frequent. Where they are not, an observer who
+    always gives the more frequent answer is above 1/2.
 
     Examples
     --------
@@ -475,3 +460,122 @@ def binomial_test(counts: Counts) -> float:
 
 def check_level(level: float) -> None:
     refuse(not 0.0 < level < 1.0, f"level must be above 0 and below 1, got {level}")
+
+
+_SAME_DIFFERENT = (
+    ("AA", "BB", "answered different", "one material is felt with more noise than the other"),
+    (
+        "AB",
+        "BA",
+        "answered different",
+        "the order of the two materials matters: memory, or a time-order error",
+    ),
+)
+_TIES = 1e-7  # relative, of probabilities that are equal but for rounding
+
+
+@dataclass(frozen=True)
+class PairCheck:
+    """Two types of trials compared by Fisher's exact test, subject by subject.
+
+    Attributes
+    ----------
+    types : (str, str)
+    counted : str
+        What is counted of them.
+    counts : ((int, int), (int, int))
+        How often, and in how many trials, of either type; summed over subjects.
+    p_value : float
+        Two-sided, given each subject's total.
+    smallest : float
+        The smallest p value that these totals allow.
+    meaning : str
+        Of a difference.
+    """
+
+    types: tuple[str, str]
+    counted: str
+    counts: tuple[tuple[int, int], tuple[int, int]]
+    p_value: float
+    smallest: float
+    meaning: str
+
+    def __str__(self) -> str:
+        (n, trials), (m, others) = self.counts
+        text = f"{self.types[0]} against {self.types[1]}: {self.counted} {n} of {trials} and {m} of {others}, p = {self.p_value:.3g}; "
+        if self.smallest >= 1.0:
+            return text + "alike in every subject as far as can be"
+        if self.smallest > 0.05:
+            return text + f"so few trials cannot show a difference (p is at least {self.smallest:.2g})"
+        return text + (self.meaning if self.p_value <= 0.05 else "no difference shown")
+
+
+def pair_checks(counts: Counts | Sequence[Counts]) -> list[PairCheck]:
+    """The checks that a task's types of trials allow.
+
+    Same-different: AA against BB and AB against BA. ABX and two intervals: correct answers where the first
+    and where the second is correct, which differ by a bias to a position.
+
+    Parameters
+    ----------
+    counts : Counts or sequence of Counts
+        Of one subject or several, in one task. Subjects may differ: each one's total is taken as given. A
+        type of pair that is not in `by_type` had no trial (a run that was not finished).
+
+    Raises
+    ------
+    ValueError
+        If there are no counts, they are of several tasks, or those of same-different lack `by_type`.
+
+    Examples
+    --------
+    >>> types = {"AA": (0, 12), "BB": (7, 12), "AB": (9, 12), "BA": (8, 12)}
+    >>> for check in pair_checks(Counts("same-different", 17, 24, 7, 24, by_type=types)):
+    ...     print(check)
+    AA against BB: answered different 0 of 12 and 7 of 12, p = 0.00458; one material is felt with more noise than the other
+    AB against BA: answered different 9 of 12 and 8 of 12, p = 1; no difference shown
+    """
+    subjects = [counts] if isinstance(counts, Counts) else list(counts)
+    refuse(not subjects, "counts must be of a subject at least, got none")
+    tasks = {subject.task for subject in subjects}
+    refuse(len(tasks) > 1, f"counts must be of one task, got {', '.join(sorted(tasks))}")
+    if subjects[0].task != "same-different":
+        rows = [((s.hits, s.signals), (s.noises - s.false_alarms, s.noises)) for s in subjects]
+        return [_check(("first", "second"), "correct", rows, "answers lean to one position")]
+    refuse(
+        not all(subject.by_type for subject in subjects),
+        "counts must have the types of pairs, by_type, got none",
+    )
+    none = (0, 0)
+    return [
+        _check(
+            (one, two),
+            counted,
+            [(s.by_type.get(one, none), s.by_type.get(two, none)) for s in subjects],
+            meaning,
+        )
+        for one, two, counted, meaning in _SAME_DIFFERENT
+    ]
+
+
+def _check(
+    types: tuple[str, str],
+    counted: str,
+    rows: list[tuple[tuple[int, int], tuple[int, int]]],
+    meaning: str,
+) -> PairCheck:
+    # The number of the first type, given each subject's total, is a sum of hypergeometric ones.
+    probabilities, least = np.ones(1), 0
+    for (n, trials), (m, others) in rows:
+        if trials + others:
+            low, high = max(0, n + m - others), min(trials, n + m)
+            own = hypergeom.pmf(np.arange(low, high + 1), trials + others, n + m, trials)
+            probabilities, least = np.convolve(probabilities, own), least + low
+    table = np.array(rows).sum(axis=0)
+    observed = probabilities[table[0, 0] - least]
+    p = probabilities[probabilities <= observed * (1.0 + _TIES)].sum()
+    smallest = probabilities[probabilities <= probabilities.min() * (1.0 + _TIES)].sum()
+    (n, trials), (m, others) = table.tolist()
+    return PairCheck(
+        types, counted, ((n, trials), (m, others)), min(float(p), 1.0), min(float(smallest), 1.0), meaning
+    )

@@ -1,6 +1,7 @@
 """Designs that find a threshold: up-down staircases, a Bayesian staircase and constant stimuli.
 
-Each says by simulation how well it finds the threshold of a stated observer. `design_of_dict` reads any design.
+Each says by simulation how well it finds the threshold of a stated observer. `design_of_dict` reads any
+design.
 """
 
 from __future__ import annotations
@@ -25,19 +26,16 @@ from burrlab.psychophysics.designs import (
     SameDifferent,
     checked_answers,
     checked_level,
-    checked_trial,
     fixed_order,
     whole,
 )
 from burrlab.psychophysics.psychometric import (
     PosteriorThreshold,
     ThresholdPosterior,
-    posterior_threshold,
     threshold_of,
 )
-from burrlab.psychophysics.result import Result
-from burrlab.psychophysics.rules import rule_of
-from burrlab.psychophysics.trial import Design, Order, Stimulus, Trial, key_of
+from burrlab.psychophysics.rules import Result, rule_of
+from burrlab.psychophysics.trial import Design, Order, Phase, Stimulus, Trial, key_of
 
 _RUN = 8  # trials over which the orders are balanced
 
@@ -53,16 +51,25 @@ class Staircased(Comparison):
 
     @abstractmethod
     def easy_level(self) -> float:
-        """Of the practice."""
+        """The level of the practice."""
 
     def order(self, *, seed: int, subject: str) -> StaircaseOrder:
         return StaircaseOrder(self, Draws(seed, subject, self.to_dict()))
+
+    def _measure(self, answers: Answers) -> tuple[float | None, int]:
+        """The difference that a run on an observer finds, and its trials."""
+        track = self.track()
+        while (level := track.level()) is not None:
+            track.update(answers(abs(math.log(level))))
+        found = track.threshold()
+        return found.difference, found.trials
 
 
 class StaircaseOrder(Order):
     """Trials whose levels follow the answers; orders of the intervals and seeds do not.
 
-    RC and CR are equally often in every eight trials, from the first on. The same answers give the same trials again.
+    In every eight trials, from the first on, RC and CR are equally often. The same answers give the same
+    trials again.
 
     Attributes
     ----------
@@ -70,7 +77,7 @@ class StaircaseOrder(Order):
     """
 
     def __init__(self, design: Staircased, draws: Draws) -> None:
-        self.answered = []
+        self.answered, self._answers = [], design.answers
         self.track = design.track()
         self._design, self._draws = design, draws
         self._kinds = self._drawn(design.practice) + self._drawn(design.trials)
@@ -97,8 +104,8 @@ class StaircaseOrder(Order):
         return self._next
 
     def answer(self, response: str) -> None:
-        trial = checked_trial(self.next(), response, self._design.answers)
-        self.answered.append((trial, response))
+        super().answer(response)
+        trial = self.answered[-1][0]
         if trial.phase == "main":
             self.track.update(response == trial.correct)
         self._next = None
@@ -111,13 +118,14 @@ _SMALLEST = 1e-4  # difference, that no step goes below: nobody feels it
 class Staircase(Staircased):
     """An n-down 1-up staircase on c_e or alpha: more alike after n correct answers in a row, less after each wrong one.
 
-    The difference of a level is |ln level|. A step down divides it by a factor, a step up multiplies it by that factor to
-    the power `up_weight`; it never crosses 1. Where steps down and up are in balance the proportion correct is
+    The difference of a level is |ln level|. A step down divides it by a factor, a step up multiplies it by that
+    factor to the power `up_weight`; the level never crosses 1. Where steps down and up are in balance the
+    proportion correct is
 
         p = (w/(1 + w))^(1/n),    w = up_weight:
 
-    with equal steps 0.707 for n = 2, 0.794 for 3, 0.841 for 4 (Levitt 1971), with n = 1 and w = 3 0.75 (Kaernbach 1991).
-    `Comparison` says what is asked, held and felt.
+    with equal steps 0.707 for n = 2, 0.794 for 3, 0.841 for 4 (Levitt 1971), with n = 1 and w = 3 0.75
+    (Kaernbach 1991). `Comparison` says what is asked, held and felt.
 
     Parameters
     ----------
@@ -150,20 +158,23 @@ class Staircase(Staircased):
     Raises
     ------
     ValueError
-        If `start` is no ratio or 1, `limit` is not beyond it, a step or weight or number is out of range, `reversals`
-        is odd, the target is at chance, `trials` is no multiple of `blocks`, or what is varied cannot be felt.
+        If `start` is no ratio or 1, `limit` is not beyond it, a step or weight or number is out of range,
+        `reversals` is odd, the target is at chance, `trials` is no multiple of `blocks`, or what is varied
+        cannot be felt.
     TypeError
         If the reference is no Stimulus, or a number is not whole.
 
     Notes
     -----
-    The mean of the reversals is the target's in the limit of small steps only. In runs of 60 reversals of a Gaussian
-    observer with 2 % lapses it lies within 5 % (of the difference) with steps of 1.1, 4 to 15 % below with steps of 1.4. `power` simulates the staircase at hand.
+    The mean of the reversals is the target's in the limit of small steps only. In runs of 60 reversals of a
+    Gaussian observer with 2 % lapses it lies within 5 % (of the difference) with steps of 1.1, 4 to 15 %
+    below with steps of 1.4. `power` simulates the staircase at hand.
 
     References
     ----------
-    H. Levitt, Transformed up-down methods in psychoacoustics, J. Acoust. Soc. Am. 49 (1971) 467-477.
-    C. Kaernbach, Simple adaptive testing with the weighted up-down method, Perception & Psychophysics 49 (1991) 227-229.
+    H. Levitt, Transformed up-down methods in psychoacoustics, J. Acoust. Soc. Am. 49 (1971) 467-477. C.
+    Kaernbach, Simple adaptive testing with the weighted up-down method, Perception & Psychophysics 49 (1991)
+    227-229.
 
     Examples
     --------
@@ -237,8 +248,8 @@ class Staircase(Staircased):
         Raises
         ------
         ValueError
-            If `levels` and `correct` differ in number, or the levels are not those that this staircase gives after these
-            answers.
+            If `levels` and `correct` differ in number, or the levels are not those that this staircase gives
+            after these answers.
         """
         track = self.track()
         for number, (level, right) in enumerate(zip(*checked_answers(levels, correct), strict=True), 1):
@@ -255,7 +266,7 @@ class Staircase(Staircased):
         """How well the threshold of a stated observer is found; a second or so of simulation."""
         first = f"{self.what}; aims at {100 * self.target:.1f} % correct, at most {self.trials} trials"
         threshold, where = abs(math.log(self.start)) / 4.0, "a quarter of the start's distance from 1"
-        return f"{first}\n{staircase_precision(self, threshold, where, subjects, self.target)}"
+        return f"{first}\n{precision(self._measure, threshold, where, subjects, self.target)}"
 
 
 class StaircaseTrack:
@@ -316,13 +327,13 @@ class StaircaseThreshold(Result):
     Attributes
     ----------
     level : float or None
-        Ratio to the reference's parameter, where the difference is the geometric mean of the reversals'; None with
-        fewer than two reversals that count.
+        Ratio to the reference's parameter, where the difference is the geometric mean of the reversals'; None
+        with fewer than two reversals that count.
     difference : float or None
         |ln level|
     spread : float or None
-        exp of the standard deviation of ln difference between pairs of reversals: a factor. No standard error, as
-        reversals of one staircase depend on one another.
+        exp of the standard deviation of ln difference between pairs of reversals: a factor. No standard
+        error, as reversals of one staircase depend on one another.
     target : float
         Proportion correct that the staircase aims at.
     reversals : int
@@ -360,15 +371,16 @@ class StaircaseThreshold(Result):
 class ConstantStimuli(Comparison):
     """Comparisons at given levels of c_e or alpha, each equally often, in random order.
 
-    At each level the reference is first as often as second. In each block too where its size allows; else within one.
-    `Comparison` says what is asked, held and felt.
+    At each level the reference is first as often as second. In each block too where its size allows; else
+    within one. `Comparison` says what is asked, held and felt.
 
     Parameters
     ----------
     reference : Stimulus
     parameter : {"c_e", "alpha"}
     levels : sequence of float
-        Ratios to the reference's parameter, above 0, below or above 1 or both. 1 itself has no correct answer.
+        Ratios to the reference's parameter, above 0, below or above 1 or both. 1 itself has no correct
+        answer.
     repeats : int
         Trials at each level, even; all trials together are a multiple of `blocks`.
     mode, hold, interval, practice, blocks
@@ -377,8 +389,8 @@ class ConstantStimuli(Comparison):
     Raises
     ------
     ValueError
-        If there is no level, one is there twice, is no ratio or 1, `repeats` is odd, the trials are no multiple of
-        `blocks`, or what is varied cannot be felt.
+        If there is no level, one is there twice, is no ratio or 1, `repeats` is odd, the trials are no
+        multiple of `blocks`, or what is varied cannot be felt.
     TypeError
         If the reference is no Stimulus, or a number is not whole.
 
@@ -415,37 +427,44 @@ class ConstantStimuli(Comparison):
         return len(self.levels) * self.repeats
 
     def order(self, *, seed: int, subject: str) -> FixedOrder:
-        groups = [[(kind, level) for level in self.levels] for kind in ("RC", "CR")]
-        return fixed_order(
-            self,
-            seed,
-            subject,
-            groups,
-            lambda draws, kind, number, phase, block: self.trial(*kind, number, phase, block, draws),
-        )
+        types = [[(kind, level) for level in self.levels] for kind in ("RC", "CR")]
+        return fixed_order(self, seed, subject, types)
+
+    def _trial(self, draws: Draws, kind: tuple[str, float], number: int, phase: Phase, block: int) -> Trial:
+        return self.trial(*kind, number, phase, block, draws)
 
     def power(self, subjects: int = 1) -> str:
         """How well the threshold of a stated observer is found; a second or so of simulation."""
+        differences = [abs(math.log(level)) for level in self.levels]
+        threshold = math.sqrt(min(differences) * max(differences))
+
+        def estimate(answers: Answers) -> tuple[float | None, int]:
+            posterior = ThresholdPosterior(0.5 * min(differences), 2.0 * max(differences))
+            for difference in differences:
+                right = sum(answers(difference) for _ in range(self.repeats))
+                posterior.update(difference, right, self.repeats)
+            return posterior.summary()["threshold"], self.trials
+
         first = f"{self.what}; {len(self.levels)} levels of {self.repeats} trials each"
-        return f"{first}\n{constant_stimuli_precision(self, subjects)}"
+        return f"{first}\n{precision(estimate, threshold, 'the middle of the levels', subjects)}"
 
 
 @dataclass(frozen=True)
 class AdaptiveStaircase(Staircased):
     """Levels of c_e or alpha that leave the least expected entropy of threshold, slope and lapse rate.
 
-    After each answer the posterior on a grid of threshold, slope and lapse rate is updated, and the next level is the one
-    whose answer is expected to leave the least entropy (Kontsevich and Tyler 1999; with the lapse rate as in Watson
-    2017). No draw is in it: the same answers give the same levels. `Comparison` says what is asked, held and felt;
-    `ThresholdPosterior` the prior.
+    After each answer the posterior on a grid of threshold, slope and lapse rate is updated, and the next
+    level is the one whose answer is expected to leave the least entropy (Kontsevich and Tyler 1999; with the
+    lapse rate as in Watson 2017). No draw is in it: the same answers give the same levels. `Comparison` says
+    what is asked, held and felt; `ThresholdPosterior` the prior.
 
     Parameters
     ----------
     reference : Stimulus
     parameter : {"c_e", "alpha"}
     levels : (float, float)
-        Ratios nearest to 1 and farthest from it, on one side of 1, between which levels are chosen and the threshold is
-        sought.
+        Ratios nearest to 1 and farthest from it, on one side of 1, between which levels are chosen and the
+        threshold is sought.
     trials : int
         Without practice; a multiple of `blocks`.
     mode, hold, interval, practice, blocks
@@ -454,23 +473,23 @@ class AdaptiveStaircase(Staircased):
     Raises
     ------
     ValueError
-        If a level is no ratio or 1, the two are not on one side of 1 in this order, a number is out of range, `trials` is
-        no multiple of `blocks`, or what is varied cannot be felt.
+        If a level is no ratio or 1, the two are not on one side of 1 in this order, a number is out of range,
+        `trials` is no multiple of `blocks`, or what is varied cannot be felt.
     TypeError
         If the reference is no Stimulus, or a number is not whole.
 
     Notes
     -----
-    Of 1000 observers drawn from the prior the 95 % intervals held the threshold of 952, 940 and 947 after 30, 60 and 120
-    trials. Of a Gaussian observer with 2 % lapses and a threshold of 1.05, 1.1, 1.2 or 1.5 they held it in 96.5 to 98.4 %
-    of 1000 runs of 60 trials; the difference was found to a factor of 1.26 to 1.31 (standard deviation), 2 to 8 % too small.
+    Of 1000 observers drawn from the prior the 95 % intervals held the threshold of 952, 940 and 947 after 30,
+    60 and 120 trials. Of a Gaussian observer with 2 % lapses and a threshold of 1.05, 1.1, 1.2 or 1.5 they
+    held it in 96.5 to 98.4 % of 1000 runs of 60 trials; the difference was found to a factor of 1.26 to 1.31
+    (standard deviation), 2 to 8 % too small.
 
     References
     ----------
-    L. L. Kontsevich, C. W. Tyler, Bayesian adaptive estimation of psychometric slope and threshold, Vision Research 39
-    (1999) 2729-2737.
-    A. B. Watson, QUEST+: a general multidimensional Bayesian adaptive psychometric method, Journal of Vision 17(3) (2017)
-    10.
+    L. L. Kontsevich, C. W. Tyler, Bayesian adaptive estimation of psychometric slope and threshold, Vision
+    Research 39 (1999) 2729-2737. A. B. Watson, QUEST+: a general multidimensional Bayesian adaptive
+    psychometric method, Journal of Vision 17(3) (2017) 10.
 
     Examples
     --------
@@ -514,26 +533,26 @@ class AdaptiveStaircase(Staircased):
         Raises
         ------
         ValueError
-            If `levels` and `correct` differ in number, a level is not between this staircase's two, or `level` is not
-            between 0 and 1.
+            If `levels` and `correct` differ in number, a level is not between this staircase's two, or
+            `level` is not between 0 and 1.
         """
         near, far = (abs(math.log(end)) for end in self.levels)
-        side = math.copysign(1.0, math.log(self.levels[1]))
-        for ratio in checked_answers(levels, correct)[0]:
+        side, posterior = math.copysign(1.0, math.log(self.levels[1])), ThresholdPosterior(near, far)
+        refuse(not 0.0 < level < 1.0, f"level must be between 0 and 1, got {level}")
+        for ratio, right in zip(*checked_answers(levels, correct), strict=True):
             refuse(
                 not near * (1 - 1e-6) <= math.log(ratio) * side <= far * (1 + 1e-6),
                 f"levels must be between {self.levels[0]:g} and {self.levels[1]:g}, got {ratio:.6g}",
             )
-        if not levels:
-            return threshold_of(ThresholdPosterior(near, far), side, 0, level)
-        return posterior_threshold(near, far, levels, correct, level=level)
+            posterior.update(abs(math.log(ratio)), right)
+        return threshold_of(posterior, side, len(levels), level)
 
     def power(self, subjects: int = 1) -> str:
         """How well the threshold of a stated observer is found; a second or so of simulation."""
         middle = math.sqrt(math.prod(abs(math.log(level)) for level in self.levels))
         return (
             f"{self.what}; {self.trials} trials\n"
-            f"{staircase_precision(self, middle, 'the middle of the levels', subjects)}"
+            f"{precision(self._measure, middle, 'the middle of the levels', subjects)}"
         )
 
 
@@ -584,40 +603,14 @@ def gaussian_difference(proportion: float, threshold: float, lapse: float = LAPS
     return threshold * d_prime / _D_PRIME
 
 
-def constant_stimuli_precision(design: ConstantStimuli, subjects: int) -> str:
-    differences = [abs(math.log(level)) for level in design.levels]
-    threshold = math.sqrt(min(differences) * max(differences))
-
-    def estimate(answers: Answers) -> tuple[float | None, int]:
-        posterior = ThresholdPosterior(0.5 * min(differences), 2.0 * max(differences))
-        for difference in differences:
-            right = sum(answers(difference) for _ in range(design.repeats))
-            posterior.update(difference, right, design.repeats)
-        return posterior.summary()["threshold"], design.trials
-
-    return _text(estimate, threshold, "the middle of the levels", subjects)
-
-
-def staircase_precision(
-    design: Staircased, threshold: float, where: str, subjects: int, target: float | None = None
-) -> str:
-    def estimate(answers: Answers) -> tuple[float | None, int]:
-        track = design.track()
-        while (level := track.level()) is not None:
-            track.update(answers(abs(math.log(level))))
-        found = track.threshold()
-        return found.difference, found.trials
-
-    return _text(estimate, threshold, where, subjects, target)
-
-
-def _text(
+def precision(
     estimate: Callable[[Answers], tuple[float | None, int]],
     threshold: float,
     where: str,
     subjects: int,
     target: float | None = None,
 ) -> str:
+    """What simulated runs of a stated observer find, in a few lines; `estimate` gives difference and number of trials of one."""
     draws = np.random.default_rng(0)
     runs = [
         estimate(lambda difference: draws.random() < gaussian_correct(difference, threshold))

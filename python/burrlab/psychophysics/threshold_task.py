@@ -10,8 +10,8 @@ import numpy as np
 from scipy import stats
 
 from burrlab.common.check import refuse
-from burrlab.common.figures import POSITION, REFERENCE, VELOCITY, tidy
-from burrlab.psychophysics.plots import legend_above, name_rows, room_for, wrapped
+from burrlab.common.figures import POSITION, REFERENCE, VELOCITY
+from burrlab.psychophysics.plots import of_subjects, room_for, wrapped
 from burrlab.psychophysics.psychometric import PosteriorThreshold, PsychometricFit, psychometric_function
 from burrlab.psychophysics.scored_task import Progress, SubjectData, TaskData, TaskResult, shared
 from burrlab.psychophysics.staircase import (
@@ -82,7 +82,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
     def of_data(
         cls, data: TaskData, *, level: float, incomplete: bool, progress: Progress | None = None
     ) -> ThresholdTask:
-        """All of it; of incomplete runs only on request."""
+        """The whole result; it holds incomplete runs only on request."""
         design = design_of_dict(data.design) if data.design else None
         results = []
         for one in data.subjects:
@@ -96,8 +96,8 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
     def group_threshold(self) -> tuple[float, float, float] | None:
         """Threshold of the group with the ends of its interval, the subject as the unit; None of fewer than two.
 
-        The geometric mean of the differences |ln ratio|, by t; None also where thresholds lie on both sides of 1, or do
-        not differ at all.
+        The geometric mean of the differences |ln ratio|, by t; None also where thresholds lie on both sides of 1,
+        or do not differ at all.
         """
         logs = [math.log(one.threshold) for one in self.subjects if one.threshold not in (None, 1.0)]
         if len(logs) < 2 or len({x > 0 for x in logs}) > 1 or len(set(logs)) == 1:
@@ -120,7 +120,8 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         Raises
         ------
         ValueError
-            If there is no such subject, none is given and there are several, or no psychometric function was fitted.
+            If there is no such subject, none is given and there are several, or no psychometric function was
+            fitted.
         """
         refuse(
             subject is None and len(self.subjects) != 1,
@@ -164,9 +165,7 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
         said = f", {100 * self.level:g} % interval" if some else ""
         what = self.design.get("parameter", "the parameter")
         ax.set_xlabel(f"threshold, ratio of {what} to the reference{said}")
-        name_rows(ax, names, "subject", rows)
-        legend_above(ax, self.title)
-        return tidy(ax)
+        return of_subjects(ax, names, rows, self.title)
 
     def __repr__(self) -> str:
         kind = "simulated subjects" if self.simulated else "subjects"
@@ -181,8 +180,7 @@ def _threshold(one: SubjectData, design: Design | None, level: float) -> Subject
     if isinstance(design, Staircase):
         estimate = reversals = design.threshold(levels, correct)
         # It may end before its last trial.
-        planned = None if reversals.complete else planned
-        threshold = reversals.level
+        planned, threshold = None if reversals.complete else planned, reversals.level
     elif isinstance(design, AdaptiveStaircase):
         estimate = posterior = design.threshold(levels, correct, level=level)
         threshold, interval = posterior.level, posterior.interval

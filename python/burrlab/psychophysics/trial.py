@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Literal, TypeAlias
 
 from burrlab._core import Material
-from burrlab.psychophysics.rules import TaskName
+from burrlab.psychophysics.rules import TaskName, one_of
 
 Mode: TypeAlias = Literal["probing", "drilling"]
 Phase: TypeAlias = Literal["practice", "main"]
@@ -61,8 +61,8 @@ class Trial:
     block : int
         From 1; practice is block 0.
     trial_type : str
-        Same-different: AA, AB, BA, BB; ABX: AB, BA, the order of the two alternatives after the reference; two
-        intervals: the order of reference (R) and comparison (C), RC or CR.
+        Same-different: AA, AB, BA, BB; ABX: AB, BA, the order of the two alternatives after the reference;
+        two intervals: the order of reference (R) and comparison (C), RC or CR.
     intervals : tuple of Interval
         In the order of presentation.
     correct : str
@@ -107,7 +107,7 @@ class Design(ABC):
     question : str
         Put to the subject after the last interval.
     answers : tuple of str
-        The set that a response is from, in the order of their keys 1, 2.
+        The possible responses, in the order of their keys 1, 2.
     """
 
     task: TaskName
@@ -144,6 +144,7 @@ class Order(ABC):
     """
 
     answered: list[tuple[Trial, str]]
+    _answers: tuple[str, ...]
 
     @property
     @abstractmethod
@@ -154,7 +155,6 @@ class Order(ABC):
     def next(self) -> Trial | None:
         """The next trial, the same until it is answered; None at the end."""
 
-    @abstractmethod
     def answer(self, response: str) -> None:
         """Of the next trial.
 
@@ -163,3 +163,7 @@ class Order(ABC):
         ValueError
             If the response is not one of the design's answers, or there is no trial left.
         """
+        if (trial := self.next()) is None:
+            raise ValueError(f"there is no trial left to answer, got {response!r}")
+        one_of("response", response, self._answers)
+        self.answered.append((trial, response))

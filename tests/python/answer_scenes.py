@@ -71,10 +71,24 @@ def give(file, order, count, *, wrong=3):
     return trials
 
 
-def begun(folder: Path, task: str = "probing", count: int = 0, subject: str = "01", text: str = SMALL):
+def begun(
+    folder: Path, task: str = "probing", count: int = 0, subject: str = "01", text: str = SMALL, wrong=3
+):
     """A run with so many answers, closed: protocol and path."""
     one = protocol(folder, text)
     file, order = one.begin(subject, task)
     with file:
-        give(file, order, count)
+        give(file, order, count, wrong=wrong)
     return one, file.path
+
+
+class _Nowhere:
+    """Takes answers."""
+
+    def append(self, answer):
+        pass
+
+
+def trials_of(one: Protocol, task: str, count: int, *, subject: str = "01", wrong=3):
+    """The first trials of a run, with the answers that `give` gives."""
+    return give(_Nowhere(), one.order(subject, task), count, wrong=wrong)

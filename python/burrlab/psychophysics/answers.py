@@ -167,19 +167,19 @@ def read_answers(
     )
     if car is None:
         # Another program's last line may lack its end and be whole.
-        rows, torn = read_rows(file, content, labels["task"], answers), b""
+        reader, torn = read_rows(file, content, labels["task"], answers), b""
     else:
-        rows, content, torn = read_own_rows(file, content, car.task)
-        _check_stimuli(file, rows, car)
+        reader, content, torn = read_own_rows(file, content, car.task)
+        _check_stimuli(file, reader.rows, car)
     notes = (f"the last line of {file} was broken off and is left out",) if torn else ()
     labels["subject"] = _one_subject(file, content, labels["subject"])
-    return Answers(**labels, rows=tuple(row for _, row in rows), side_car=car, notes=notes, source=file)
+    return Answers(
+        **labels, rows=tuple(row for _, row in reader.rows), side_car=car, notes=notes, source=file
+    )
 
 
-def read_rows(
-    file: str, content: bytes, task: TaskName, answers: Sequence[str] | None = None
-) -> list[tuple[int, Row]]:
-    """The checked rows of a file with their lines. See `read_answers`."""
+def read_rows(file: str, content: bytes, task: TaskName, answers: Sequence[str] | None = None) -> RowReader:
+    """What has read and checked all rows of a file. See `read_answers`."""
     table = tsv_text.parse(file, content)
     known = (*columns_of(task), _PARTICIPANT)
     for column in table.columns:
@@ -189,27 +189,27 @@ def read_rows(
         )
     for column in REQUIRED:
         refuse(column not in table.columns, f"{file}, line 1: column {column} is missing")
-    reader, rows = RowReader(task, answers), []
+    reader = RowReader(task, answers)
     for number, fields in table.rows:
         try:
-            rows.append((number, reader.parse(fields)))
+            reader.add(number, reader.parse(fields))
         except ValueError as error:
             raise ValueError(f"{file}, line {number}, {error}") from None
-        reader.add(*rows[-1])
-    return rows
+    return reader
 
 
-def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[list[tuple[int, Row]], bytes, bytes]:
-    """The rows of a file of this program, the bytes that they stand in, and what was broken off behind them.
+def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[RowReader, bytes, bytes]:
+    """What has read the rows of a file of this program, their bytes, and what was broken off behind them.
 
-    A last line that lacks nothing but its end is whole: no ending of an interval begins another, and repeats, the last column, have one digit.
+    A last line that lacks nothing but its end is whole: no ending of an interval begins another, and repeats, the last
+    column, have one digit.
     """
     lines, torn = tsv_text.split_torn(content)
-    rows = read_rows(file, lines, task)
+    reader = read_rows(file, lines, task)
     if torn:
         with contextlib.suppress(ValueError):
             return read_rows(file, content + b"\n", task), content + b"\n", b""
-    return rows, lines, torn
+    return reader, lines, torn
 
 
 def _check_stimuli(file: str, rows: Sequence[tuple[int, Row]], car: SideCar) -> None:
@@ -409,12 +409,8 @@ class AnswerFile:
         path.parent.mkdir(parents=True, exist_ok=True)
         if side_car_path(path).exists():
             raise FileExistsError(f"path must be a new file, {side_car_path(path)} exists")
-        try:
-            file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_EXCL, 0o666)
-        except FileExistsError:
-            raise FileExistsError(f"path must be a new file, {path} exists: resume the run") from None
-        with _closed_on_error(file):
-            lock_run(file, path)
+        exists = FileExistsError(f"path must be a new file, {path} exists: resume the run")
+        with _opened(path, os.O_CREAT | os.O_EXCL, exists) as file:
             return cls._begin(path, file, side_car)
 
     @classmethod
@@ -447,12 +443,7 @@ class AnswerFile:
             If it cannot be read and written.
         """
         path = Path(path)
-        try:
-            file = os.open(path, os.O_RDWR | os.O_APPEND)
-        except FileNotFoundError:
-            raise FileNotFoundError(f"{path}: there is no such run to resume") from None
-        with _closed_on_error(file):
-            lock_run(file, path)
+        with _opened(path, 0, FileNotFoundError(f"{path}: there is no such run to resume")) as file:
             first = read_side_car(path)
             if first is None:
                 return cls._begin_again(path, file, side_car)
@@ -460,13 +451,10 @@ class AnswerFile:
                 told = in_one_line("; ".join(changes), 2000)
                 raise ValueError(f"{path}: the protocol was changed since the run began: {told}")
             found = path.read_bytes()
-            rows, content, torn = read_own_rows(os.fspath(path), found, first.task)
+            reader, content, torn = read_own_rows(os.fspath(path), found, first.task)
             columns = _checked_columns(path, content, first)
-            replay(os.fspath(path), rows, order)
-            reader = RowReader(first.task)
-            for line, row in rows:
-                reader.add(line, row)
-            end = max((_end(row) for _, row in rows), default=0.0)
+            replay(os.fspath(path), reader.rows, order)
+            end = max((_end(row) for _, row in reader.rows), default=0.0)
             result = cls(path, file, first, end, reader, content.count(b"\n"), columns)
             if len(content) > len(found):
                 synced_write(file, path, content[len(found) :])
@@ -481,7 +469,7 @@ class AnswerFile:
     @classmethod
     def _begin(cls, path: Path, file: int, side_car: SideCar) -> Self:
         """Column names first: whoever finds them without a side-car knows that no trial was asked."""
-        synced_write(file, path, _head(side_car))
+        synced_write(file, path, tsv_text.line(columns_of(side_car.task)))
         text = json.dumps(side_car.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
         with new_part(side_car_path(path)) as part:
             write_synced(part, text.encode())
@@ -492,9 +480,11 @@ class AnswerFile:
     @classmethod
     def _begin_again(cls, path: Path, file: int, side_car: SideCar) -> Self:
         """A run that was killed while its files were made, or no run of this program."""
-        begun = not _head(side_car).startswith(path.read_bytes()) or side_car_path(path).exists()
-        missing = f"its side-car {side_car_path(path).name} is missing"
-        refuse(begun, f"{path}: this is no run of this program, {missing}")
+        head = tsv_text.line(columns_of(side_car.task))
+        refuse(
+            not head.startswith(path.read_bytes()) or side_car_path(path).exists(),
+            f"{path}: this is no run of this program, its side-car {side_car_path(path).name} is missing",
+        )
         os.ftruncate(file, 0)
         return cls._begin(path, file, side_car)
 
@@ -568,14 +558,16 @@ def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str
     return found
 
 
-def _head(side_car: SideCar) -> bytes:
-    return tsv_text.line(columns_of(side_car.task))
-
-
 @contextlib.contextmanager
-def _closed_on_error(file: int) -> Iterator[None]:
+def _opened(path: Path, more: int, otherwise: OSError) -> Iterator[int]:
+    """A run's file for this process alone, closed after an error; an error of the kind of `otherwise` becomes that."""
     try:
-        yield
+        file = os.open(path, os.O_RDWR | os.O_APPEND | more, 0o666)
+    except type(otherwise):
+        raise otherwise from None
+    try:
+        lock_run(file, path)
+        yield file
     except BaseException:
         os.close(file)
         raise

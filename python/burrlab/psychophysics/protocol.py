@@ -44,6 +44,10 @@ _LONGEST = 86400.0  # [s], a day: waiting has an end
 _TEXT: Rule = ("a text", lambda value: isinstance(value, str) and value != "")
 _FLAG: Rule = ("true or false", lambda value: type(value) is bool)
 _LIST: Rule = ("a list of numbers", lambda value: isinstance(value, list))
+_CORNERS: Rule = (
+    "two corners, [[x, y, z], [x, y, z]]",
+    lambda value: isinstance(value, list) and len(value) == 2,
+)
 # TOML's whole numbers have no end
 _NUMBER: Rule = (
     "a finite number",
@@ -134,7 +138,7 @@ class Table:
         """What is raised within is said to be of this table."""
         try:
             yield
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, OSError) as error:
             raise self.error(error) from None
 
     def __contains__(self, key: str) -> bool:
@@ -292,39 +296,28 @@ def burr_and_bone_of(file: Table, folder: Path) -> tuple[Burr, Block]:
     with table.errors():
         bone = Block(tuple(size), voxel) if volume is None else VolumeBlock(tuple(size), voxel, **volume)
         bone.check_burr(burr)
-        try:
-            bone.fresh() if volume else None  # a volume that cannot be read is no surprise in the first trial
-        except OSError as error:
-            raise ValueError(str(error)) from None
+        bone.fresh() if volume else None  # a volume that cannot be read is no surprise in the first trial
     return burr, bone
 
 
 def _volume_of(table: Table, folder: Path) -> dict[str, Any] | None:
     """What makes a `VolumeBlock` of [bone], where it names a volume."""
     path, given = table.get("volume", _TEXT, default=None), {}
-    for key, read in (
+    for key, kind in (
         ("map", _TEXT), ("entry_mm", _LIST), ("axis", _LIST), ("spacing_mm", _LIST), ("series", _TEXT),
-        ("crop_mm", None), ("volume_voxel_mm", _NUMBER), ("transpose", _FLAG),
+        ("crop_mm", _CORNERS), ("volume_voxel_mm", _NUMBER), ("transpose", _FLAG),
     ):  # fmt: skip
-        if read is None:
-            given[key] = table.value(key, None)
-        else:
-            given[key] = table.numbers(key, None) if read is _LIST else table.get(key, read, default=None)
+        given[key] = table.numbers(key, None) if kind is _LIST else table.get(key, kind, default=None)
         if path is None and key in table:
             raise table.error(f"{key} goes with volume")
-    text, entry, axis, spacing, series, crop, voxel, transpose = given.values()
+        if path is not None and key in ("map", "entry_mm", "axis") and key not in table:
+            raise table.error(f"{key} is missing: volume needs it")
     if path is None:
         return None
-    for key in ("map", "entry_mm", "axis"):
-        if key not in table:
-            raise table.error(f"{key} is missing: volume needs it")
-    if crop is not None and not (isinstance(crop, list) and len(crop) == 2):
-        raise table.error(f"crop_mm must be two corners, [[x, y, z], [x, y, z]], got {shown(crop)}")
+    text, entry, axis, *others = given.values()
     with table.errors():
-        corners = None if crop is None else (crop[0], crop[1])
-        occupied = OccupancyMap.parse(text)
         return {
-            "volume": VolumeRecipe(str(folder / path), occupied, spacing, series, corners, voxel, transpose),
+            "volume": VolumeRecipe(str(folder / path), OccupancyMap.parse(text), *others),
             "entry": tuple(checked_point(entry, "entry_mm").tolist()),
             "axis": tuple(unit_vector(axis).tolist()),
         }

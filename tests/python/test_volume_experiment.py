@@ -82,16 +82,17 @@ def test_a_block_across_an_oblique_axis_is_flat_on_top(tmp_path, volume):
 
 
 @pytest.mark.parametrize(
-    ("size", "voxel", "changed", "match"),
+    ("size", "voxel", "axis", "match"),
     [
-        ((6, 6, 0), 0.5, {}, "size must be a positive number or three"),
-        ((60, 100, 1), 1e-3, {}, r"voxel must be coarser: the block has 6e\+12 voxels"),
-        ((6, 6, 6), 0.5, {"axis": TURNED[:, 2]}, "meets no occupancy of 128"),
+        ((6, 6, 0), 0.5, -1, "size must be a positive number or three"),
+        ((60, 100, 1), 1e-3, -1, r"voxel must be coarser: the block has 6e\+12 voxels"),
+        ((6, 6, 6), 0.5, 1, "meets no occupancy of 128"),
     ],
 )
-def test_block_errors(tmp_path, volume, size, voxel, changed, match):
+def test_block_errors(tmp_path, volume, size, voxel, axis, match):
+    recipe, place = VolumeRecipe(tmp_path / "ct.nrrd", MAP), {**way(volume), "axis": axis * TURNED[:, 2]}
     with pytest.raises(ValueError, match=match):
-        cut_block(VolumeRecipe(tmp_path / "ct.nrrd", MAP), size, voxel, **{**way(volume), **changed})
+        cut_block(recipe, size, voxel, **place)
 
 
 def protocol(tmp_path, volume, old="", new=""):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from burrlab.psychophysics.answers import ExperimentFolder, read_answers, read_folder, read_rows, replay
 from burrlab.psychophysics.rules import Counts
-from burrlab.psychophysics.side_car import Row, RowReader, as_text, columns_of
+from burrlab.psychophysics.side_car import Row, as_text, columns_of
 
 HEAD = "onset\tduration\ttrial_type\tresponse\tcorrect\tresponse_time\ttrial"
 ROWS = ["0\t41\tAA\tsame\t1\t0.5\t1", "60\t41\tAB\tsame\t0\t0.5\t2", "120\t41\tBB\tsame\t1\tn/a\t3"]
@@ -75,15 +75,6 @@ def test_practice_alone_cannot_be_counted(tmp_path):
     assert "0 answers and 2 in practice" in repr(answers)
     with pytest.raises(ValueError, match="there is no answer of the main phase to count"):
         answers.counts()
-
-
-def test_to_frame(tmp_path):
-    pytest.importorskip("pandas")
-    answers = read_answers(begun(tmp_path, "match", 3)[1])
-    frame = answers.to_frame()
-    assert list(frame.columns) == list(columns_of("abx"))
-    assert list(frame["correct"]) == [1, 1, 0]
-    assert list(frame["seed_3"]) == [row.seeds[2] for row in answers.rows]
 
 
 @pytest.mark.parametrize(
@@ -324,28 +315,6 @@ def test_rows_survive_the_file(data):
     assert [row for _, row in found.rows] == rows
 
 
-@settings(max_examples=100, deadline=None)
-@given(content=st.binary(max_size=200) | st.text(max_size=200).map(str.encode))
-def test_any_bytes_are_read_or_named(content):
-    try:
-        read_rows("x", content, "same-different")
-    except ValueError as error:
-        assert str(error).startswith("x")  # noqa: PT017  (both outcomes are right)
-
-
-@settings(max_examples=100, deadline=None)
-@given(column=st.sampled_from(columns_of("abx")), text=st.text(max_size=8))
-def test_any_field_is_read_or_named(column, text):
-    row = Row(
-        0.0, 1.0, "AB", "first", True, 1.0, 1, stimuli=("a", "b", "c"), seeds=(1, 2, 3), endings=("time",) * 3
-    )
-    fields = as_text(row, "abx").decode().removesuffix("\n").split("\t")
-    try:
-        RowReader("abx").parse(dict(zip(columns_of("abx"), fields, strict=True)) | {column: text})
-    except ValueError as error:
-        assert str(error).startswith("column ")  # noqa: PT017
-
-
 @pytest.mark.parametrize(("task", "place"), [("probing", 1), ("match", 2)])
 def test_a_type_that_contradicts_the_stimuli(tmp_path, task, place):
     """The answers are right or wrong as before, and the pairs would be counted as others."""
@@ -435,29 +404,25 @@ def test_participants_that_are_not_right(tmp_path, text, selected_by, sentence):
         ExperimentFolder(tmp_path, "x").add("02", simulated=False, selected_by=selected_by)
 
 
-@pytest.mark.parametrize("end", ["", "\n", "\r\n"])
-def test_a_laboratory_s_own_columns_stay_and_rows_keep_to_them(tmp_path, end):
+_OWN = "participant_id\tage\tselected_by\tsimulated\nsub-07\t33\tbest 12 of 20\tno"
+
+
+@pytest.mark.parametrize(
+    ("text", "due"),
+    [
+        *((_OWN + end, "sub-02\tn/a\tchance\tno\nsub-03\tn/a\tn/a\tno\n") for end in ("", "\n", "\r\n")),
+        ("participant_id\tsimulated\tage", "age\nsub-02\tno\tn/a\nsub-03\tno\tn/a\n"),
+    ],
+)
+def test_a_laboratory_s_own_columns_stay_and_rows_keep_to_them(tmp_path, text, due):
     path, folder = tmp_path / "participants.tsv", ExperimentFolder(tmp_path, "x")
     assert folder.participants() == {}
-    path.write_bytes(
-        f"participant_id\tage\tselected_by\tsimulated\nsub-07\t33\tbest 12 of 20\tno{end}".encode()
-    )
+    path.write_bytes(text.encode())
     folder.add("02", simulated=False, selected_by="chance")
     folder.add("03", simulated=False)
-    assert path.read_bytes().endswith(b"\nsub-02\tn/a\tchance\tno\nsub-03\tn/a\tn/a\tno\n")
-    found = folder.participants()
-    assert (list(found), found["07"]["age"], found["02"]["selected_by"]) == (
-        ["07", "02", "03"],
-        "33",
-        "chance",
-    )
-
-
-def test_columns_of_participants_without_their_line_s_end(tmp_path):
-    path = tmp_path / "participants.tsv"
-    path.write_text("participant_id\tsimulated\tage")
-    ExperimentFolder(tmp_path, "x").add("01", simulated=False)
-    assert path.read_text() == "participant_id\tsimulated\tage\nsub-01\tno\tn/a\n"
+    assert path.read_text().replace("\r\n", "\n").endswith(due)
+    assert path.read_bytes().startswith(text.encode())
+    assert list(folder.participants())[-2:] == ["02", "03"]
 
 
 @pytest.fixture

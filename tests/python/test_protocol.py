@@ -265,18 +265,6 @@ def test_designs_survive_the_file(tmp_path, data):
     assert one.tasks["x"] == design
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data())
-def test_any_text_is_read_or_named(tmp_path, data):
-    place = data.draw(st.integers(0, len(SMALL)))
-    cut = data.draw(st.integers(0, 5))
-    text = SMALL[:place] + data.draw(st.text(max_size=5)) + SMALL[place + cut :]
-    try:
-        protocol(tmp_path, text)
-    except ValueError as error:
-        assert "test.toml" in str(error)  # noqa: PT017  (both outcomes are right)
-
-
 def test_the_page_has_every_key_and_column():
     page = (Path(__file__).parents[2] / "docs" / "experiment.md").read_text(encoding="utf-8")
     for key in re.findall(r"^#?(\w+) =", template(), flags=re.MULTILINE):

@@ -179,7 +179,7 @@ def read_answers(
 
 
 def read_rows(file: str, content: bytes, task: TaskName, answers: Sequence[str] | None = None) -> RowReader:
-    """What has read and checked all rows of a file. See `read_answers`."""
+    """The reader of a file with all its rows, which are checked; errors as of `read_answers`."""
     table = tsv_text.parse(file, content)
     known = (*columns_of(task), _PARTICIPANT)
     for column in table.columns:
@@ -199,7 +199,7 @@ def read_rows(file: str, content: bytes, task: TaskName, answers: Sequence[str] 
 
 
 def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[RowReader, bytes, bytes]:
-    """What has read the rows of a file of this program, their bytes, and what was broken off behind them.
+    """The reader of a file of this program with all its rows, their bytes, and what was broken off behind them.
 
     A last line that lacks nothing but its end is whole: no ending of an interval begins another, and repeats, the last
     column, have one digit.
@@ -213,7 +213,7 @@ def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[RowReader,
 
 
 def _check_stimuli(file: str, rows: Sequence[tuple[int, Row]], car: SideCar) -> None:
-    """That a trial's type says what its intervals were, where the type alone decides: each is written down twice."""
+    """ValueError where a trial's type contradicts the stimuli of its intervals, which are written down too."""
     places = {
         "same-different": {"A": "a", "B": "b"},
         "abx": {"": "reference", "A": "match", "B": "foil"},
@@ -340,7 +340,7 @@ def _labels(file: str, car: SideCar | None, given: Mapping[str, str | None]) -> 
 
 
 def _one_subject(file: str, content: bytes, subject: str | None) -> str:
-    """The subject, where a column says it too."""
+    """The subject as it is known, or as a column has it; ValueError where they differ or neither has one."""
     for line, fields in tsv_text.parse(file, content).rows:
         found = fields.get(_PARTICIPANT, "").removeprefix("sub-")
         refuse(
@@ -445,8 +445,14 @@ class AnswerFile:
         path = Path(path)
         with _opened(path, 0, FileNotFoundError(f"{path}: there is no such run to resume")) as file:
             first = read_side_car(path)
-            if first is None:
-                return cls._begin_again(path, file, side_car)
+            if first is None:  # killed while its files were made, or no run of this program
+                head, car = tsv_text.line(columns_of(side_car.task)), side_car_path(path)
+                refuse(
+                    not head.startswith(path.read_bytes()) or car.exists(),
+                    f"{path}: this is no run of this program, its side-car {car.name} is missing",
+                )
+                os.ftruncate(file, 0)
+                return cls._begin(path, file, side_car)
             if changes := first.differences(side_car):
                 told = in_one_line("; ".join(changes), 2000)
                 raise ValueError(f"{path}: the protocol was changed since the run began: {told}")
@@ -468,7 +474,7 @@ class AnswerFile:
 
     @classmethod
     def _begin(cls, path: Path, file: int, side_car: SideCar) -> Self:
-        """Column names first: whoever finds them without a side-car knows that no trial was asked."""
+        """Writes the column names first: where they stand without a side-car, no trial was asked."""
         synced_write(file, path, tsv_text.line(columns_of(side_car.task)))
         text = json.dumps(side_car.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
         with new_part(side_car_path(path)) as part:
@@ -476,17 +482,6 @@ class AnswerFile:
             part.rename(side_car_path(path))
         sync_folder(path.parent)
         return cls(path, file, side_car, 0.0, RowReader(side_car.task), 1)
-
-    @classmethod
-    def _begin_again(cls, path: Path, file: int, side_car: SideCar) -> Self:
-        """A run that was killed while its files were made, or no run of this program."""
-        head = tsv_text.line(columns_of(side_car.task))
-        refuse(
-            not head.startswith(path.read_bytes()) or side_car_path(path).exists(),
-            f"{path}: this is no run of this program, its side-car {side_car_path(path).name} is missing",
-        )
-        os.ftruncate(file, 0)
-        return cls._begin(path, file, side_car)
 
     def elapsed(self) -> float:
         """Time since the start of the run [s], across resumptions; for the onset of an answer."""
@@ -594,7 +589,7 @@ _PARTICIPANTS: Mapping[str, Any] = {
 
 
 class ExperimentFolder:
-    """Where everything of an experiment lies; files are made where they are missing, and none is replaced.
+    """The folder of an experiment: files are made where they are missing, and none is replaced.
 
     Parameters
     ----------
@@ -611,7 +606,7 @@ class ExperimentFolder:
         return self.path / f"sub-{subject}" / "beh" / f"sub-{subject}_task-{task}_events.tsv"
 
     def log(self, subject: str, task: str) -> Path:
-        """What the experimenter sees of it."""
+        """The lines that the experimenter sees of a run."""
         return self._source(subject) / f"sub-{subject}_task-{task}_log.txt"
 
     def trace(self, subject: str, task: str, phase: str, trial: int, interval: int) -> Path:
@@ -662,7 +657,7 @@ class ExperimentFolder:
         file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
         with locked(file, path, wait=True):
             columns = _mend(file, path, row)
-            entered = _participants(path)
+            entered = self.participants()
             for other, entry in entered.items():
                 refuse(
                     entry["simulated"] != kind,
@@ -681,8 +676,19 @@ class ExperimentFolder:
         ValueError
             If the file is not right: with the line.
         """
-        path = self.path / "participants.tsv"
-        return _participants(path) if path.exists() else {}
+        path, found = self.path / "participants.tsv", dict[str, dict[str, str]]()
+        if not path.exists():
+            return found
+        table = tsv_text.parse(os.fspath(path), path.read_bytes())
+        for column in _COLUMNS[:2]:
+            refuse(column not in table.columns, f"{path}, line 1: column {column} is missing")
+        for line, fields in table.rows:
+            subject, kind = fields["participant_id"].removeprefix("sub-"), fields["simulated"]
+            refuse(subject in found, f"{path}, line {line}: subject {subject} is there twice")
+            where = f"{path}, line {line}, column simulated"
+            refuse(kind not in ("yes", "no"), f"{where}: must be yes or no, got {kind!r}")
+            found[subject] = {**fields, "participant_id": subject}
+        return found
 
 
 def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
@@ -711,22 +717,8 @@ def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
     return _COLUMNS
 
 
-def _participants(path: Path) -> dict[str, dict[str, str]]:
-    table = tsv_text.parse(os.fspath(path), path.read_bytes())
-    for column in _COLUMNS[:2]:
-        refuse(column not in table.columns, f"{path}, line 1: column {column} is missing")
-    found: dict[str, dict[str, str]] = {}
-    for line, fields in table.rows:
-        subject, kind = fields["participant_id"].removeprefix("sub-"), fields["simulated"]
-        refuse(subject in found, f"{path}, line {line}: subject {subject} is there twice")
-        where = f"{path}, line {line}, column simulated"
-        refuse(kind not in ("yes", "no"), f"{where}: must be yes or no, got {kind!r}")
-        found[subject] = {**fields, "participant_id": subject}
-    return found
-
-
 def _write_new(path: Path, text: str) -> None:
-    """Of a file that cannot be written nothing stays: whoever has a part of it would not write it again."""
+    """Writes a new file. One that cannot be written whole is removed: else it would pass for the file next time."""
     stream = path.open("x", encoding="utf-8", newline="")
     try:
         with stream:

@@ -1,6 +1,6 @@
 """One interval of a trial: a burr on fresh bone, driven by a device, for a time.
 
-Bone that appears around a burr would throw it out, so that one waits until it is lifted.
+Bone that appears around a burr would throw it out: a live device is waited for until the burr is lifted.
 """
 
 from __future__ import annotations
@@ -160,7 +160,7 @@ class Clock:
         return self.start if self.elapsed is None else self.elapsed()
 
     def rendered(self, seconds: float) -> None:
-        """An interval has been rendered that lasted so long [s]."""
+        """Moves the clock on by an interval that lasted so long [s]."""
         self.start += seconds
 
 
@@ -179,7 +179,7 @@ def wait_until_lifted(
     stop: Callable[[], bool],
     on_message: Callable[[str], object] | None = None,
 ) -> tuple[bool, str]:
-    """Until the burr's tip has been above the plane z = 0 for 0.1 s. The force is zero meanwhile.
+    """Waits until the burr's tip has been above the plane z = 0 for 0.1 s. The force is zero meanwhile.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def wait_until_lifted(
     on_wait : callable
         Called once if the burr is not lifted by itself.
     stop : callable
-        It is waited no more when this returns True; asked every few milliseconds.
+        The waiting ends when this returns True; asked every few milliseconds.
     on_message : callable, optional
         See `burrlab.Session`.
 

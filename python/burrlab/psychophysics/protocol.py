@@ -36,7 +36,7 @@ _REQUIRED = object()
 #: A rule in words, and whether a value keeps it.
 Rule: TypeAlias = tuple[str, Callable[[Any], bool]]
 
-#: Of anything that is counted, such as trials: more than one person answers. All orders are made before the first trial.
+#: The most of anything that is counted, such as trials: no person answers more, and all orders are made beforehand.
 _MOST = 10_000
 _MOST_SUBJECTS = 9999
 _LONGEST = 86400.0  # [s], a day: waiting has an end
@@ -56,7 +56,7 @@ _NUMBER: Rule = (
 _AT_MOST_A_DAY: Rule = (f"at most {_LONGEST:g} [s]", lambda value: value <= _LONGEST)
 _WAIT: tuple[Rule, ...] = (("at least 0", lambda value: value >= 0), _AT_MOST_A_DAY)
 _PORT: Rule = ("a port, 1 to 65535", lambda value: type(value) is int and 0 < value < 65536)
-#: Of a file of tabs.
+#: What a field between tabs can hold.
 _ONE_FIELD: Rule = (
     "without tabs, line breaks and quotation marks",
     lambda value: not any(mark in value for mark in '\t\r\n"'),
@@ -87,7 +87,7 @@ class Table:
         self._known: list[str] = []
 
     def get(self, key: str, kind: Rule, *more: Rule, default: Any = _REQUIRED) -> Any:
-        """A value that keeps the rules; numbers become floats."""
+        """The value of a key, which must keep the rules; numbers become floats."""
         value = self.value(key, default)
         for rule, holds in (kind, *more) if key in self else ():
             if not holds(value):
@@ -111,11 +111,11 @@ class Table:
         return Table(self.file, name, value)
 
     def tables(self) -> Mapping[str, Table]:
-        """All that is in this one."""
+        """All tables in this one, by their keys."""
         return {key: self.table(key) for key in self._values}
 
     def value(self, key: str, default: Any = _REQUIRED, *, what: str | None = None) -> Any:
-        """As the file has it."""
+        """The value of a key, as the file has it."""
         self._known.append(key)
         if key not in self and default is _REQUIRED:
             raise self.error(f"{what or key} is missing")
@@ -128,14 +128,14 @@ class Table:
                 raise self.error(f"unknown key {shown(key)}; known are {', '.join(self._known)}")
 
     def error(self, sentence: object) -> ValueError:
-        """With the place before the sentence."""
+        """The error of a sentence, with the place before it."""
         return ValueError(
             f"{self.file}, [{self.name}]: {sentence}" if self.name else f"{self.file}: {sentence}"
         )
 
     @contextmanager
     def errors(self) -> Iterator[None]:
-        """What is raised within is said to be of this table."""
+        """Errors within get the place of this table."""
         try:
             yield
         except (ValueError, TypeError, OSError) as error:
@@ -212,7 +212,7 @@ def _read(table: Table, key: str, kind: Any, stimuli: Mapping[str, Stimulus], de
 
 @dataclass(frozen=True)
 class AnalysisSettings:
-    """What was settled beforehand about the analysis.
+    """What was settled about the analysis before the first subject.
 
     Attributes
     ----------
@@ -252,7 +252,7 @@ def subjects_of(table: Table) -> tuple[str, ...]:
 
 
 def _check_labels(table: Table, what: str, labels: list[str]) -> None:
-    """Names that go into names of files, on any file system."""
+    """ValueError unless the names can stand in names of files, on any file system."""
     seen: dict[str, str] = {}
     for label in labels:
         if not (label.isascii() and label.isalnum()):
@@ -265,7 +265,7 @@ def _check_labels(table: Table, what: str, labels: list[str]) -> None:
 
 
 def device_of(table: Table, folder: Path) -> str:
-    """The device of [experiment], a script's file in the folder."""
+    """The device of [experiment]; a script's file lies in the folder."""
     text = table.get("device", _TEXT, default="hand")
     try:
         device = parse_device(text)
@@ -281,7 +281,7 @@ def without_folder(device: str) -> str:
 
 
 def burr_and_bone_of(file: Table, folder: Path) -> tuple[Burr, Block]:
-    """[burr] and [bone], which must fit one another; a volume's file in the folder."""
+    """What [burr] and [bone] describe, which must fit one another; a volume's file lies in the folder."""
     table = file.table("burr")
     with table.errors():
         burr = Burr(table.get("radius_mm", _NUMBER))

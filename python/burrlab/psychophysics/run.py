@@ -130,7 +130,7 @@ class Runner:
         self.repeated = 0  # trials, as the loop had stalled
 
     def run(self) -> int:
-        """Until the order has no more trials; how many were answered now.
+        """Asks until the order has no more trials; how many were answered now.
 
         Raises
         ------
@@ -179,7 +179,7 @@ class Runner:
         )
 
     def _rest_before(self, trial: Trial) -> None:
-        """A break where a block ends; whoever has just sat down needs none."""
+        """A break where a block ends; a subject who has just sat down needs none."""
         last = self._order.answered[-1][0] if self._order.answered else trial
         if (last.phase, last.block) == (trial.phase, trial.block):
             return
@@ -258,7 +258,7 @@ class Runner:
         return rendered
 
     def _tell_of(self, rendered: Rendered, number: int, trial: Trial) -> None:
-        """What may make an interval another one than was meant."""
+        """Tells the experimenter what may have changed an interval: a first tick in contact, and late ticks."""
         ticks, which = rendered.ticks, f"interval {number} of trial {trial.number}"
         if self._live and len(ticks) and ticks["touching"][0]:
             force = float(np.linalg.norm(ticks["force"][0]))
@@ -268,7 +268,7 @@ class Runner:
             self._experimenter.say(f"{which} had {late} late ticks of {len(ticks)}")
 
     def _lift(self, trial: Trial) -> None:
-        """Until the burr is off the material; DeviceLost if the device did not last so long."""
+        """Waits until the burr is off the material; DeviceLost if the device did not last so long."""
 
         def ask() -> None:
             self._seat.show("Lift the burr clear of the material.\n\nThe interval begins by itself then.")
@@ -383,7 +383,7 @@ class Sitting:
         return tuple(task for task in self.tasks if self._file(task).exists())
 
     def run(self, seat: Callable[[str], Seat]) -> int:
-        """Through all tasks: those that were begun go on, the others begin. How many answers were given now.
+        """Takes the subject through all tasks: those that were begun go on, the others begin. How many answers were given now.
 
         Parameters
         ----------
@@ -459,7 +459,7 @@ class Sitting:
 
 
 def try_loop(burr: Burr, bone: Block) -> str:
-    """How a loop runs on this machine now, by a simulated hand that drills for a second: a sentence."""
+    """A sentence on how the loop runs on this machine now: a simulated hand drills for a second."""
     interval = Interval(Stimulus("trial run", burrlab.materials["bone"]), 0, 1.0)
     felt = render(interval, drilling_hand(burr), burr=burr, bone=bone, mode="drilling")
     late = int((felt.ticks["periods"] > 1).sum())

@@ -23,7 +23,7 @@ from burrlab.psychophysics.trial import Design, Interval, Trial
 
 
 class Seat:
-    """What a run shows and asks, here of nobody. Nothing that it is given tells a material, a pair type or a score.
+    """What a run shows and asks; here nobody sits. It is told no material, no pair type and no score.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ _CLOSED = "the subject's terminal was closed"
 _MOMENT = 1.5  # that a sentence stays [s]
 # Keys such as Home, Delete or F5 send digits after an escape: they are no answers.
 _ESCAPED = re.compile(rb"\x1b(?:[\[O][0-9;?]*[ -/]*[@-~]|.)?", re.DOTALL)
-# The same, not yet at its end: a slow line hands it over in parts. Who presses Escape and then a digit is slower.
+# The same, not yet at its end: a slow line hands it over in parts. A person who presses Escape and then a digit is slower.
 _BEGUN = re.compile(rb"\x1b(?:[\[O][0-9;?]*[ -/]*)?\Z")
 _PART = 0.1  # the longest wait for the next part [s]
 

@@ -89,16 +89,6 @@ def wrong(arguments, capsys):
     return err
 
 
-def test_new_writes_once_and_prints_the_power(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(["experiment", "new", "mine.toml"]) == 0
-    out, before = said(capsys)[0], (tmp_path / "mine.toml").read_bytes()
-    assert "mine.toml exists and is not replaced" in wrong(["new", "mine.toml"], capsys)
-    assert (tmp_path / "mine.toml").read_bytes() == before
-    assert main(["experiment", "power", "mine.toml"]) == 0
-    assert said(capsys)[0].strip() == out[out.index("task ") :].strip()
-
-
 def simulated(action, *more, subject="01", task="match"):
     """Runs or resumes with a simulated subject; the exit status."""
     return main(
@@ -207,18 +197,12 @@ def test_begun_or_not_or_by_another(config, capsys):
         (["analyse", "test.toml", "--plot", "test.toml"], "--plot: test.toml is no folder"),
         (["analyse", "test.toml", "--json", "/nowhere/a.json"], "--json: /nowhere/a.json cannot be written"),
         (["new", "/nowhere/a.toml"], "/nowhere/a.toml"),
+        (["new", "test.toml"], "test.toml exists and is not replaced"),
     ],
 )  # fmt: skip
 def test_wrong_input(config, capsys, arguments, message):
     assert message in wrong(arguments, capsys)
-    assert not (config.parent / "data").exists()
-
-
-def test_unknown_action(capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(["experiment", "dance"])
-    assert ended.value.code == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    assert (config.read_text(), (config.parent / "data").exists()) == (CONFIG, False)
 
 
 @pytest.mark.parametrize(

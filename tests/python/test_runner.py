@@ -7,6 +7,7 @@ import itertools
 import json
 import re
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -46,36 +47,24 @@ interval_s = 0.1
 """
 
 
-class Paper(Seat):
-    """Keeps what it is told; answers are given beforehand."""
+def paper(answers=(), patience=3):
+    """A seat that remembers what it is told; answers are given beforehand, "right" is the correct one."""
+    left = iter(answers)
 
-    wall_clock = False
-
-    def __init__(self, answers=(), patience=3):
-        self.seen, self.rests = [], []
-        self.answers, self.patience = iter(answers), patience
-        self._looks = 0
-
-    def note(self, text, pause=0.0):
-        self.seen.append(text)
-
-    progress = ready = show = ends = tell = close = note
-
-    def begins(self, text):
-        self._looks = 0
-        self.seen.append(text)
-
-    def done(self):
-        self._looks += 1
-        return self._looks > self.patience
-
-    def ask(self, design, trial, rendered):
-        self.seen.append(design.question)
-        answer = next(self.answers)
+    def ask(design, trial, rendered):
+        answer = next(left)
         return (trial.correct if answer == "right" else answer), 1.25
 
-    def rest(self, text, seconds):
-        self.rests.append(seconds)
+    done = itertools.cycle([False] * patience + [True])
+    return Mock(
+        spec=Seat, wall_clock=False, simulated=False, stand_in=lambda interval: interval, ask=ask,
+        done=lambda: next(done),
+    )  # fmt: skip
+
+
+def seen(seat):
+    """All texts that were shown, in order."""
+    return [call.args[0] for call in seat.method_calls]
 
 
 def hand(mode):
@@ -111,7 +100,7 @@ FOUR = SameDifferent(BONE, PVC, trials=4, interval=0.1)
 
 def test_whole_run(scene):
     design = SameDifferent(BONE, PVC, trials=8, interval=0.1, practice=2, blocks=2)
-    seat, order = Paper(itertools.cycle(["same", "different"])), design.order(seed=3, subject="01")
+    seat, order = paper(itertools.cycle(["same", "different"])), design.order(seed=3, subject="01")
     assert scene.run(design, seat, order=order) == 10
     assert order.next() is None
     assert [answer.trial for answer in scene.kept] == list(design.order(seed=3, subject="01").trials)
@@ -119,9 +108,9 @@ def test_whole_run(scene):
     assert {answer.endings for answer in scene.kept} == {("time", "time")}
     np.testing.assert_allclose([a.onset for a in scene.kept], 0.2 * np.arange(10), atol=1e-6)
     np.testing.assert_allclose([answer.duration for answer in scene.kept], 0.2)
-    assert seat.rests == [60.0]  # between the blocks, not after practice
-    assert "That was practice. Now it counts." in seat.seen
-    assert [text for text in seat.seen if text.startswith("Trial")] == [
+    assert [call.args[1] for call in seat.rest.mock_calls] == [60.0]  # between the blocks, not after practice
+    assert "That was practice. Now it counts." in seen(seat)
+    assert [text for text in seen(seat) if text.startswith("Trial")] == [
         *(f"Trial {i} of 10, practice" for i in (1, 2)),
         *(f"Trial {i + 2} of 10, block {1 + (i > 4)}" for i in range(1, 9)),
     ]
@@ -131,12 +120,12 @@ def test_whole_run(scene):
 
 @pytest.mark.parametrize("feedback", [True, False])
 def test_subject_sees_no_stimulus_and_the_experimenter_does(scene, feedback):
-    seat = Paper(["right"] * 6)
+    seat = paper(["right"] * 6)
     scene.run(SameDifferent(BONE, PVC, trials=4, interval=0.1, practice=2), seat, feedback=feedback)
-    feedbacks = [text for text in seat.seen if text in ("Right.", "Not right.")]
+    feedbacks = [text for text in seen(seat) if text in ("Right.", "Not right.")]
     assert feedbacks == ["Right."] * 2 * feedback  # in practice only
-    seen = " ".join(text for text in seat.seen if text not in feedbacks)
-    assert not re.search(r"\bbone|pvc|\b[AB]{2}\b|right|wrong|2\.145", seen.replace("the bone", ""))
+    shown = " ".join(text for text in seen(seat) if text not in feedbacks)
+    assert not re.search(r"\bbone|pvc|\b[AB]{2}\b|right|wrong|2\.145", shown.replace("the bone", ""))
     assert all(f", {kind}: " in scene.log for kind in ("AA", "AB", "BA", "BB"))
     told = "bone (c_e 2.145 N/mm^2, alpha 0.087 /ms), pvc (c_e 0.462 N/mm^2, alpha 0.256 /ms)"
     assert told in scene.log
@@ -151,9 +140,9 @@ def test_subject_sees_no_stimulus_and_the_experimenter_does(scene, feedback):
     ],
 )
 def test_the_welcome_says_how_long_intervals_are(scene, design, told):
-    seat = Paper(["right"] * 4)
+    seat = paper(["right"] * 4)
     scene.run(design, seat)
-    assert told in seat.seen[1]
+    assert told in seen(seat)[1]
 
 
 def test_each_interval_its_own_seed_bone_and_device(scene):
@@ -168,7 +157,7 @@ def test_each_interval_its_own_seed_bone_and_device(scene):
         return render(interval, device, **options)
 
     design = SameDifferent(BONE, PVC, trials=4, interval=0.1, mode="drilling")
-    scene.run(design, Paper(["same"] * 4), device=device, render=spy)
+    scene.run(design, paper(["same"] * 4), device=device, render=spy)
     assert [len(set(one)) for one in zip(*felt, strict=True)] == [8, 8, 1]
     assert (felt[0][2], len(made)) == ("drilling", 8)
 
@@ -182,12 +171,12 @@ def test_each_interval_its_own_seed_bone_and_device(scene):
 )
 def test_break_through_and_wall_are_kept_and_told(scene, ending, way):
     design = SameDifferent(PVC, BONE, trials=4, interval=0.4, mode="drilling")
-    seat, device = Paper(["same"] * 4), burrlab.ScriptedDevice(*way)
+    seat, device = paper(["same"] * 4), burrlab.ScriptedDevice(*way)
     scene.run(design, seat, device=lambda mode: device)
     assert {answer.endings for answer in scene.kept} == {(ending, ending)}
     assert all(answer.duration < 0.8 for answer in scene.kept)
     assert f"first interval of trial 1 ended by {ending} after 0." in scene.log
-    assert ending not in " ".join(seat.seen)
+    assert ending not in " ".join(seen(seat))
 
 
 def test_lost_device_is_not_asked(scene):
@@ -200,7 +189,7 @@ def test_lost_device_is_not_asked(scene):
         silent.put((0, 0, 3.5))
         return silent
 
-    seat, again = Paper(["same"] * 4), Paper(["same"] * 2)
+    seat, again = paper(["same"] * 4), paper(["same"] * 2)
     seat.wall_clock = True
     order = FOUR.order(seed=1, subject="01")
     with pytest.raises(DeviceLost, match=r"the device was lost during an interval: .*lost"):
@@ -208,12 +197,12 @@ def test_lost_device_is_not_asked(scene):
     assert len(scene.kept) == len(order.answered) == 2
     assert "trial 3 was not asked: device lost" in scene.log
     assert scene.run(FOUR, again, order=order) == 2
-    assert "You go on where you stopped." in again.seen[1]
+    assert "You go on where you stopped." in seen(again)[1]
     assert [answer.trial for answer in scene.kept] == list(order.trials)
 
 
 def test_silent_device_is_lost_too(scene):
-    seat = Paper()
+    seat = paper()
     seat.wall_clock = True
     with pytest.raises(DeviceLost, match="it gives no position"):
         scene.run(FOUR, seat, device=lambda mode: burrlab.MailboxDevice())
@@ -229,14 +218,14 @@ def test_a_trial_in_which_the_loop_stalls_is_repeated_once(scene, stalls):
         failed, reason = 3 < len(seeds) <= 3 + stalls, "the loop stalled: 120 ms without a tick"
         return replace(render(interval, device, **options), failed=failed, reason=reason)
 
-    seat = Paper(["same"] * 4)
+    seat = paper(["same"] * 4)
     with pytest.raises(LoopStalled, match="120 ms") if stalls == 2 else contextlib.nullcontext():
         scene.run(FOUR, seat, render=stalling)
     assert [answer.repeats for answer in scene.kept] == ([0, 1, 0, 0] if stalls == 1 else [0])
     assert seeds[4] == seeds[2], "the same stimulus"
-    seen = " ".join(seat.seen)
-    assert seen.count("This one is repeated, from its beginning.") == 1
-    assert not re.search("loop|device|burrlab", seen)
+    shown = " ".join(seen(seat))
+    assert shown.count("This one is repeated, from its beginning.") == 1
+    assert not re.search("loop|device|burrlab", shown)
     told = "trial 2 was broken off during an interval: the loop stalled: 120 ms"
     assert scene.log.count(told) == stalls
 
@@ -253,12 +242,12 @@ def test_a_reference_real_or_rendered_is_felt_to_its_end(scene, reference, match
     task = ABX(
         reference, PVC, match=match, trials=2, interval=0.1, reference_interval=length, mode="drilling"
     )
-    seat, real = Paper(["first", "right"], patience=patience), reference.material is None
+    seat, real = paper(["first", "right"], patience=patience), reference.material is None
     scene.run(task, seat)
     assert {answer.endings for answer in scene.kept} == {(ending, "time", "time")}
-    seen = " ".join(seat.seen)
-    assert ("Take the real specimen." in seen) is real
-    assert ("Press the space bar when you have felt enough." in seen) is (length is None)
+    shown = " ".join(seen(seat))
+    assert ("Take the real specimen." in shown) is real
+    assert ("Press the space bar when you have felt enough." in shown) is (length is None)
     assert (f"{reference.name} (real), " in scene.log) is real
 
 
@@ -271,7 +260,7 @@ def test_answer_is_kept_before_it_counts(scene):
 
     order, scene.kept = FOUR.order(seed=1, subject="01"), Full()
     with pytest.raises(OSError, match="disk full"):
-        scene.run(FOUR, Paper(["same"] * 4), order=order)
+        scene.run(FOUR, paper(["same"] * 4), order=order)
     assert len(order.answered) == len(scene.kept) == 1
 
 
@@ -284,19 +273,10 @@ def test_wall_clock_goes_on_where_the_run_was_and_many_late_ticks_are_told(scene
         ticks["periods"][: next(late)] = 3
         return replace(found, ticks=ticks)
 
-    scene.run(FOUR, Paper(["same"] * 4), render=slow, clock=Clock(elapsed=lambda: next(start)))
+    scene.run(FOUR, paper(["same"] * 4), render=slow, clock=Clock(elapsed=lambda: next(start)))
     assert [(a.onset, a.duration) for a in scene.kept][:2] == [(100.0, 3.0), (104.0, 3.0)]
     (told,) = [line for line in scene.log.splitlines() if "late" in line]
     assert told.endswith("interval 2 of trial 1 had 2 late ticks of 100")
-
-
-class Same(Seat):
-    """Says nothing, and always the same."""
-
-    wall_clock = False
-
-    def ask(self, design, trial, rendered):
-        return design.answers[0], 0.5
 
 
 def test_a_device_of_ones_own_renders_every_interval_and_is_named(scene):
@@ -306,7 +286,7 @@ def test_a_device_of_ones_own_renders_every_interval_and_is_named(scene):
         modes.append(mode)
         return burrlab.ScriptedDevice([0, 1], [[0, 0, 2.5]] * 2)
 
-    assert Sitting(made, "01", device=rig).run(lambda task: Same()) == 4
+    assert Sitting(made, "01", device=rig).run(lambda task: paper(["same"] * 4)) == 4
     assert modes == ["probing"] * 16  # of each interval one until the burr is lifted, and one that feels
     path = made.data.answers("01", "one")
     assert read_answers(path).counts().trials == 4
@@ -326,7 +306,7 @@ def test_load_and_repeats_are_told_to_the_experimenter(scene, monkeypatch):
         return replace(found, ticks=ticks, failed=call == 2, reason="the loop stalled: 101 ms")
 
     monkeypatch.setattr(sitting, "render", loaded)
-    assert Sitting(made, "01", again="COMMAND").run(lambda task: Same()) == 4
+    assert Sitting(made, "01", again="COMMAND").run(lambda task: paper(["same"] * 4)) == 4
     told = made.data.log("01", "one").read_text()
     load = r"THE MACHINE HAS TOO MUCH TO DO: before the first trial (\d+) of \1 ticks were late"
     assert re.search(load, told)

@@ -114,25 +114,6 @@ def test_a_start_broken_off_at_any_byte_begins_again(tmp_path):
             assert order.next() == due
 
 
-def test_answers_without_a_side_car_are_not_gone_on_with(tmp_path):
-    one, path = begun(tmp_path, count=2)
-    path.with_suffix(".json").unlink()
-    before = path.read_bytes()
-    with pytest.raises(ValueError, match=r"this is no run of this program, its side-car .*json is missing"):
-        one.resume("01", "probing")
-    assert path.read_bytes() == before
-
-
-def test_the_line_is_written_at_once_and_synced_before_append_returns(tmp_path, monkeypatch):
-    file, order = protocol(tmp_path).begin("01", "probing")
-    calls, write, sync = [], os.write, os.fsync
-    monkeypatch.setattr(os, "write", lambda target, text: calls.append("write") or write(target, text))
-    monkeypatch.setattr(os, "fsync", lambda target: calls.append("sync") or sync(target))
-    with file:
-        give(file, order, 2)
-    assert calls == ["write", "sync"] * 2
-
-
 def test_one_at_a_time_until_it_closes(tmp_path):
     one = protocol(tmp_path)
     file, order = one.begin("01", "probing")
@@ -231,15 +212,45 @@ def test_a_run_goes_on_at_another_port_and_address(tmp_path):
     protocol(tmp_path, SMALL.replace("seed = 7", elsewhere)).resume("01", "probing")[0].close()
 
 
-def test_answers_of_another_seed_are_refused_by_line(tmp_path):
-    """Even where somebody brought the side-car into line."""
+def _each_line(change):
+    """What changes the fields of each line of a file, given its number from 0 and the fields."""
+
+    def changed(path):
+        lines = enumerate(path.read_text().splitlines())
+        path.write_text("".join("\t".join(change(number, line.split("\t"))) + "\n" for number, line in lines))
+
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("damage", "sentence"),
+    [
+        (
+            lambda path: path.with_suffix(".json").unlink(),
+            r"this is no run of this program, its side-car .*json is missing",
+        ),
+        # Even where somebody brought the side-car into line.
+        (
+            _each_line(lambda number, fields: [*fields[:12], "5", *fields[13:]] if number == 2 else fields),
+            r"line 3, column seed_1: 5 where practice trial 2 has \d{6,}: made with",
+        ),
+        # A row goes to the end by its place: among other columns it would be another answer.
+        (
+            _each_line(lambda number, fields: [*fields[1:], fields[0]]),
+            "line 1: .* column 1 was 'onset', is now 'duration'",
+        ),
+        (_each_line(lambda number, fields: fields[:-3]), "line 1: .* column 15 was 'ended_1', is now none"),
+        (
+            _each_line(lambda number, fields: [*fields, "sub-01" if number else "participant_id"]),
+            "line 1: .* column 18 was none, is now 'participant_id'",
+        ),
+    ],
+)
+def test_files_that_are_not_gone_on_with(tmp_path, damage, sentence):
     one, path = begun(tmp_path, count=3)
-    rows = path.read_bytes().split(b"\n")
-    seed = rows[2].split(b"\t")[12]
-    rows[2] = rows[2].replace(seed, b"5")
-    path.write_bytes(before := b"\n".join(rows))
-    told = rf"line 3, column seed_1: 5 where practice trial 2 has {int(seed)}: made with"
-    with pytest.raises(ValueError, match=told):
+    damage(path)
+    before = path.read_bytes()
+    with pytest.raises(ValueError, match=sentence):
         one.resume("01", "probing")
     assert path.read_bytes() == before
 
@@ -268,26 +279,6 @@ def test_a_simulated_subject_needs_no_response_time_and_goes_on_as_itself(tmp_pa
     assert "a simulated subject 01" in repr(answers)
     with pytest.raises(ValueError, match=r"simulated subject was \{'weber': 0.1\}, is now None"):
         one.resume("01", "match")
-
-
-def test_columns_that_were_changed_are_not_gone_on_with(tmp_path):
-    """A row goes to the end by its place: among other columns it would be another answer."""
-    one, path = begun(tmp_path, count=3)
-    lines = [line.split("\t") for line in path.read_text().splitlines()]
-    for changed, sentence in (
-        ([[*line[1:], line[0]] for line in lines], "line 1: .* column 1 was 'onset', is now 'duration'"),
-        ([line[:-3] for line in lines], "line 1: .* column 15 was 'ended_1', is now none"),
-        (
-            [[*line, "sub-01" if number else "participant_id"] for number, line in enumerate(lines)],
-            "line 1: .* column 18 was none, is now 'participant_id'",
-        ),
-    ):
-        path.write_text("".join("\t".join(line) + "\n" for line in changed))
-        before = path.read_bytes()
-        assert len(read_answers(path).rows) == 3
-        with pytest.raises(ValueError, match=sentence):
-            one.resume("01", "probing")
-        assert path.read_bytes() == before
 
 
 def test_a_run_begun_without_a_column_of_repeats_goes_on_without(tmp_path):

@@ -161,6 +161,7 @@ def test_the_digest_is_of_what_is_said_not_how(tmp_path):
         ("[12, 12, 6]", "[12, 12]", r", [bone]: size must have three lengths, got 2"),
         ("[12, 12, 6]", "[12, 12, 'x']", r", [bone]: size_mm must be a finite number, got 'x'"),
         ("[12, 12, 6]", "[12, 12, -6]", r", [bone]: size must be positive"),
+        ("voxel_mm = 0.5", "voxel_mm = 0", r", [bone]: voxel must be positive and finite, got 0.0"),
         ("voxel_mm = 0.5", "voxel_mm = 0.35", r", [bone]: size must be a whole number of voxels of 0.35 mm"),
         ("voxel_mm = 0.5", "voxel_mm = 0.001", r", [bone]: the block has 8.64e+11 voxels, and 2e+08 are the most"),
         ("[tasks.probing]", "[tasks.pro-bing]", r", [tasks]: a task's name must be of letters and digits"),

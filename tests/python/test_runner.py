@@ -18,7 +18,7 @@ import burrlab.psychophysics.run as sitting
 from burrlab.psychophysics.analysis import analyse
 from burrlab.psychophysics.answers import read_answers
 from burrlab.psychophysics.designs import ABX, SameDifferent
-from burrlab.psychophysics.interval import Clock, render
+from burrlab.psychophysics.interval import render
 from burrlab.psychophysics.observer import drilling_hand, probing_hand
 from burrlab.psychophysics.protocol import Protocol
 from burrlab.psychophysics.run import DeviceLost, LoopStalled, Runner, Sitting
@@ -77,12 +77,12 @@ class Scene:
     def __init__(self, folder, one: Protocol):
         self.folder, self.protocol, self.kept = folder, one, []
 
-    def run(self, design, seat, *, order=None, device=hand, clock=None, feedback=False, **options):
+    def run(self, design, seat, *, order=None, device=hand, feedback=False, **options):
         one = replace(self.protocol, tasks={"one": design}, feedback=feedback)
         order = design.order(seed=1, subject="01") if order is None else order
         with Experimenter(self.folder / "log.txt") as experimenter:
             return Runner(
-                one, "one", order, self.kept.append, seat, experimenter, device, clock=clock or Clock(), **options
+                one, "one", order, self.kept.append, seat, experimenter, device, **options
             ).run()  # fmt: skip
 
     @property
@@ -273,7 +273,7 @@ def test_wall_clock_goes_on_where_the_run_was_and_many_late_ticks_are_told(scene
         ticks["periods"][: next(late)] = 3
         return replace(found, ticks=ticks)
 
-    scene.run(FOUR, paper(["same"] * 4), render=slow, clock=Clock(elapsed=lambda: next(start)))
+    scene.run(FOUR, paper(["same"] * 4), render=slow, elapsed=lambda: next(start))
     assert [(a.onset, a.duration) for a in scene.kept][:2] == [(100.0, 3.0), (104.0, 3.0)]
     (told,) = [line for line in scene.log.splitlines() if "late" in line]
     assert told.endswith("interval 2 of trial 1 had 2 late ticks of 100")

@@ -140,30 +140,6 @@ class VolumeBlock(Block):
 _cut = functools.lru_cache(maxsize=2)(VolumeBlockRecipe.bone)
 
 
-@dataclass
-class Clock:
-    """Seconds since the start of a run, across resumptions.
-
-    Parameters
-    ----------
-    start : float
-        Of a clock that only intervals move [s].
-    elapsed : callable, optional
-        Time as it passes [s], such as `AnswerFile.elapsed`, in place of that.
-    """
-
-    start: float = 0.0
-    elapsed: Callable[[], float] | None = None
-
-    def now(self) -> float:
-        """[s]"""
-        return self.start if self.elapsed is None else self.elapsed()
-
-    def rendered(self, seconds: float) -> None:
-        """Moves the clock on by an interval that lasted so long [s]."""
-        self.start += seconds
-
-
 _AWAY = 1e4  # [mm] from the surface to a block that nothing meets
 _STEADY = 0.1  # that the burr must be lifted [s]
 _PATIENCE = 0.3  # before the hand is asked to lift it [s]

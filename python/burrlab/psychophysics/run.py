@@ -16,13 +16,7 @@ import numpy as np
 
 import burrlab
 from burrlab._core import Burr, Device, HandDevice, ReplayDevice, ScriptedDevice
-from burrlab.psychophysics.interval import (
-    Block,
-    Clock,
-    Rendered,
-    render,
-    wait_until_lifted,
-)
+from burrlab.psychophysics.interval import Block, Rendered, render, wait_until_lifted
 from burrlab.psychophysics.observer import drilling_hand, probing_hand
 from burrlab.psychophysics.protocol import Protocol
 from burrlab.psychophysics.seat import Experimenter, Seat
@@ -88,8 +82,10 @@ class Runner:
     experimenter : Experimenter
     device : callable
         Gives a new device for an interval of a mode, or the same one again if it may serve another session.
-    clock : Clock
-        Of the run.
+    start : float
+        Time of the run at which it goes on, where only intervals take time [s].
+    elapsed : callable, optional
+        Time of the run as it passes [s], such as `AnswerFile.elapsed`, in place of that.
     live : bool
         The device is in a hand: an interval does not begin before the burr is lifted.
     trace : callable, optional
@@ -115,14 +111,16 @@ class Runner:
         experimenter: Experimenter,
         device: Callable[[Mode], Device],
         *,
-        clock: Clock,
+        start: float = 0.0,
+        elapsed: Callable[[], float] | None = None,
         live: bool = False,
         trace: Callable[[Trial, int], Path] | None = None,
         publish: int | None = None,
         render: Callable[..., Rendered] = render,
     ) -> None:
         self._protocol, self._design, self._order, self._keep = protocol, protocol.tasks[task], order, keep
-        self._seat, self._experimenter, self._device, self._clock = seat, experimenter, device, clock
+        self._seat, self._experimenter, self._device = seat, experimenter, device
+        self._time, self._elapsed = start, elapsed
         self._live, self._trace, self._publish, self._renderer = live, trace, publish, render
         self._heard: set[str] = set()  # sentences of sessions that need no second saying
         self._silent = False
@@ -213,20 +211,23 @@ class Runner:
             self._lift(trial)
         to_end = "\n\nPress the space bar when you have felt enough." if interval.duration is None else ""
         self._seat.begins(f"{name}.\n\n{_DO[self._design.mode]}{to_end}")
-        began, rendered = self._clock.now(), None
+        began, rendered = self._now(), None
         if real and not self._seat.simulated:
             ended = self._real(interval)
         else:
             rendered = self._render(trial, number)
-            self._clock.rendered(rendered.duration)
+            self._time += rendered.duration
             ended = rendered.ended
-        felt = _Felt(rendered, ended, began, self._clock.now())
+        felt = _Felt(rendered, ended, began, self._now())
         self._seat.ends(f"Stop: end of the {name.lower()}.\n\nLift the burr.", self._protocol.pause)
         if ended in ("break-through", "wall"):
             self._experimenter.say(
                 f"{name.lower()} of trial {trial.number} ended by {ended} after {felt.over - began:.2f} s"
             )
         return felt
+
+    def _now(self) -> float:
+        return self._time if self._elapsed is None else self._elapsed()
 
     def _real(self, interval: Interval) -> str:
         end = math.inf if interval.duration is None else time.monotonic() + interval.duration
@@ -423,9 +424,9 @@ class Sitting:
             if rest:
                 seat.progress("")
                 seat.rest("That was one task. Take a break.", self.protocol.rest)
-            clock = Clock(file.end) if seat.simulated else Clock(elapsed=file.elapsed)
             runner = Runner(
-                self.protocol, task, order, file.append, seat, experimenter, self._device, clock=clock, live=self._live,
+                self.protocol, task, order, file.append, seat, experimenter, self._device, start=file.end,
+                elapsed=None if seat.simulated else file.elapsed, live=self._live,
                 trace=functools.partial(self._trace, task) if self.protocol.trace else None,
                 publish=None if self._simulated else self.protocol.publish,
                 render=_rendered_once() if self._once else render,

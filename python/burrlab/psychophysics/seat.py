@@ -304,7 +304,7 @@ class Experimenter:
     def __init__(self, log: str | os.PathLike[str], view: str | os.PathLike[str] | None = None) -> None:
         self._view = None if view is None else _open_view(Path(view))
         Path(log).parent.mkdir(parents=True, exist_ok=True)
-        self._log = open(log, "a", encoding="utf-8")  # noqa: SIM115, closed by close
+        self._log = open(log, "a", encoding="utf-8")  # noqa: SIM115, closed by __exit__
 
     def say(self, text: str) -> None:
         """A line, with the time of day."""
@@ -319,13 +319,9 @@ class Experimenter:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self.close()
-
-    def close(self) -> None:
         self._log.close()
         if self._view is not None:
             os.close(self._view)
-            self._view = None
 
 
 def _open_view(path: Path) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from unittest.mock import Mock
 
 from burrlab.psychophysics.protocol import Protocol
 from burrlab.psychophysics.side_car import Answer
@@ -82,13 +83,6 @@ def begun(
     return one, file.path
 
 
-class _Nowhere:
-    """Takes answers."""
-
-    def append(self, answer):
-        pass
-
-
 def trials_of(one: Protocol, task: str, count: int, *, subject: str = "01", wrong=3):
     """The first trials of a run, with the answers that `give` gives."""
-    return give(_Nowhere(), one.order(subject, task), count, wrong=wrong)
+    return give(Mock(), one.order(subject, task), count, wrong=wrong)

@@ -71,12 +71,12 @@ class Answers(DataSet):
 
     @property
     def simulated(self) -> bool:
-        """Whether the subject was; False where the file does not say."""
+        """Whether the subject is a program; False where the file does not say."""
         return self.side_car is not None and self.side_car.simulated is not None
 
     @property
     def trials(self) -> int | None:
-        """Of the whole run, practice included, of a staircase at most; None where the file does not say."""
+        """Number of trials of the whole run, practice included, at most those of a staircase; None where the file does not say."""
         return None if self.side_car is None else self.side_car.trials
 
     def counts(self) -> Counts:
@@ -315,7 +315,7 @@ def _compared(row: Row, trial: Trial) -> Iterator[tuple[str, object, object]]:
 
 
 def _labels(file: str, car: SideCar | None, given: Mapping[str, str | None]) -> dict[str, Any]:
-    """Subject, name and task: given, or of the side-car, or, of another program's file, of its name."""
+    """Subject, name and task as given, or as the side-car has them; of another program's file, as its name has them."""
     match = _LABELS.fullmatch(os.path.basename(file))
     named = dict(zip(("subject", "name"), match.groups(), strict=True)) if match else {}
     labels: dict[str, Any] = {}
@@ -535,7 +535,7 @@ class AnswerFile:
 
 
 def _end(row: Row) -> float:
-    """Of an answer, from the start of the run [s]."""
+    """The end of an answer, from the start of the run [s]."""
     return row.onset + (row.duration or 0.0) + (row.response_time or 0.0)
 
 
@@ -555,7 +555,7 @@ def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str
 
 @contextlib.contextmanager
 def _opened(path: Path, more: int, otherwise: OSError) -> Iterator[int]:
-    """A run's file for this process alone, closed after an error; an error of the kind of `otherwise` becomes that."""
+    """A run's file, locked, and closed after an error. Where it cannot be opened for the reason of `otherwise`, that is raised."""
     try:
         file = os.open(path, os.O_RDWR | os.O_APPEND | more, 0o666)
     except type(otherwise):
@@ -615,7 +615,7 @@ class ExperimentFolder:
         return self._source(subject) / f"{stem}_trace.h5"
 
     def _source(self, subject: str) -> Path:
-        # Not of a form that BIDS knows: it leaves what is in sourcedata alone.
+        # No form that BIDS knows; its validators leave sourcedata alone.
         return self.path / "sourcedata" / f"sub-{subject}" / "beh"
 
     def prepare(self) -> None:
@@ -692,7 +692,7 @@ class ExperimentFolder:
 
 
 def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
-    """The columns of participants.tsv, written where they are not; what a kill broke off is cut.
+    """The columns of participants.tsv, which are written where they are missing. A line that a kill broke off is cut.
 
     A last line that lacks its end alone, as an editor may leave it, gets it.
     """

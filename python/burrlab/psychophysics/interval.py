@@ -72,7 +72,7 @@ class Block:
         return round(half - 0.5 * x, 9), round(half - 0.5 * y, 9), round(half - z, 9)
 
     def fresh(self) -> VoxelBone:
-        """Untouched."""
+        """The untouched bone."""
         return VoxelBone.block(self.size, self.voxel, origin=self.origin)
 
     def recipe(self) -> dict[str, Any]:
@@ -80,7 +80,7 @@ class Block:
         return block_recipe(self.size, self.voxel, origin=self.origin)
 
     def plain(self) -> dict[str, Any]:
-        """For a protocol."""
+        """What a protocol's JSON has."""
         return {"size_mm": list(self.size), "voxel_mm": self.voxel}
 
     def check_burr(self, burr: Burr) -> None:
@@ -122,7 +122,7 @@ class VolumeBlock(Block):
         return VolumeBlockRecipe(self.volume, self.size, self.voxel, self.entry, self.axis)
 
     def fresh(self) -> VoxelBone:
-        """Untouched; cut once. Errors as of `burrlab.volume.cut_block`, and OSError."""
+        """The untouched bone, which is cut once. Errors as of `burrlab.volume.cut_block`, and OSError."""
         return _cut(self._made).copy()
 
     def recipe(self) -> dict[str, Any]:
@@ -130,7 +130,7 @@ class VolumeBlock(Block):
         return {"notes": list(self.volume.notes()), **self._made.plain()}
 
     def plain(self) -> dict[str, Any]:
-        """For a protocol: the bone's digest is in it, and where the volume lies is not."""
+        """What a protocol's JSON has: the bone's digest, and not where the volume lies."""
         # without what earlier versions did not write, so that a protocol keeps its digest
         volume = {name: value for name, value in self.volume.plain().items() if value is not False}
         volume["path"] = os.path.basename(self.volume.path)

@@ -72,7 +72,7 @@ def _choice(names: Sequence[str]) -> Rule:
 
 
 class Table:
-    """One table; what is wrong with it is said with file, table and key.
+    """One table of the file; its errors name file, table and key.
 
     Parameters
     ----------
@@ -290,7 +290,7 @@ def burr_and_bone_of(file: Table, folder: Path) -> tuple[Burr, Block]:
     size, voxel = table.numbers("size_mm"), table.get("voxel_mm", _NUMBER)
     volume = _volume_of(table, folder)
     table.done()
-    # Side by side: a cube of a length near the ends of double is 0 or too large.
+    # One side after the other: the cube of a length near the ends of double is 0 or too large.
     if voxel > 0 and (voxels := math.prod(side / voxel for side in size)) > MOST_VOXELS:
         raise table.error(f"the block has {voxels:.3g} voxels, and {MOST_VOXELS:.3g} are the most")
     with table.errors():
@@ -324,7 +324,7 @@ def _volume_of(table: Table, folder: Path) -> dict[str, Any] | None:
 
 
 def designs_of(file: Table) -> Mapping[str, Design]:
-    """[tasks], with the stimuli of [materials], in the order of the file."""
+    """The designs of [tasks] by name, with the stimuli of [materials], in the order of the file."""
     stimuli = stimuli_of(file.table("materials", needed=False))
     table = file.table("tasks")
     tables = table.tables()
@@ -343,7 +343,7 @@ def designs_of(file: Table) -> Mapping[str, Design]:
 
 
 def analysis_of(table: Table) -> AnalysisSettings:
-    """[analysis]."""
+    """The settings of [analysis]."""
     rules = table.get(
         "rules",
         (

@@ -294,7 +294,7 @@ class Runner:
         return DeviceLost(f"the device was lost {when}: {reason}")
 
     def _hear(self, text: str) -> None:
-        """Sentences of a session go to the experimenter, once."""
+        """Passes each sentence of a session on to the experimenter, once."""
         self._silent = self._silent or text.startswith(_SILENT)
         if text not in self._heard:
             self._heard.add(text)
@@ -366,7 +366,7 @@ class Sitting:
         due = protocol.tasks_of(subject) if tasks is None else tuple(tasks)
         for task in due:
             protocol.order(subject, task)
-        # Subjects or tasks that were added move a subject's order: what was begun is gone on with first.
+        # Subjects or tasks that were added change a subject's order: the tasks that were begun come first.
         self.tasks = tuple(sorted(due, key=lambda task: not self._file(task).exists()))
         self._text = _DRIVER
         if isinstance(device, Device) or callable(device):
@@ -446,7 +446,7 @@ class Sitting:
             return given
 
     def _trace(self, task: str, trial: Trial, number: int) -> Path:
-        """A new file: an interval that was broken off has left one, and is felt again."""
+        """The path of a new trace; an interval that was broken off and is felt again has left one."""
         first = self.protocol.data.trace(self.subject, task, trial.phase, trial.number, number)
         first.parent.mkdir(parents=True, exist_ok=True)
         again = (
@@ -493,7 +493,7 @@ def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
 
 
 def _rendered_once() -> Callable[..., Rendered]:
-    """`render` that remembers what became of a material."""
+    """A `render` that renders each material once, and then gives the same again."""
     kept: dict[tuple[Any, ...], Rendered] = {}
 
     def once(interval: Interval, device: Device, **options: Any) -> Rendered:

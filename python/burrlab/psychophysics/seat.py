@@ -50,10 +50,10 @@ class Seat:
         """Shows the text until something else is shown."""
 
     def begins(self, text: str) -> None:
-        """An interval begins."""
+        """Shows the text as an interval begins."""
 
     def ends(self, text: str, pause: float) -> None:
-        """The interval has ended; for so long nothing happens [s]."""
+        """Shows the text as the interval has ended; nothing happens for so long [s]."""
 
     def done(self) -> bool:
         """Whether the subject has ended the interval, since it began."""
@@ -66,13 +66,13 @@ class Seat:
         raise NotImplementedError
 
     def tell(self, text: str) -> None:
-        """A sentence for a moment."""
+        """Shows a sentence for a moment."""
 
     def rest(self, text: str, seconds: float) -> None:
-        """A break, at least so long [s], and until the subject wants to go on."""
+        """Lets the subject rest at least so long [s], and until the subject wants to go on."""
 
     def close(self, text: str) -> None:
-        """The last words; the seat is as it was found."""
+        """Shows the last words."""
 
 
 SPACE = " "
@@ -325,7 +325,7 @@ class Experimenter:
 
 
 def _open_view(path: Path) -> int:
-    """Never blocks: neither here nor when nobody reads."""
+    """The descriptor of a view, which never blocks: neither when it is opened nor when nobody reads."""
     kind = path.stat().st_mode if path.exists() else 0
     own = [stream for stream in (sys.__stdin__, sys.__stdout__) if stream is not None and stream.isatty()]
     any_of_them = path.resolve() == Path("/dev/tty")  # another name of the terminal that a program has

@@ -193,11 +193,11 @@ class RowReader:
 
     @property
     def rows(self) -> list[tuple[int, Row]]:
-        """Those that were added, with their lines."""
+        """The rows that were added, with their lines."""
         return list(self._before.values())
 
     def add(self, line: int, row: Row) -> None:
-        """A row that those to come are checked against."""
+        """Adds a row that those to come are checked against."""
         self._before[row.phase, row.trial] = line, row
 
     def parse(self, fields: Mapping[str, str]) -> Row:
@@ -242,7 +242,7 @@ class RowReader:
 
 
 def _side(row: Row, answer: str) -> bool | None:
-    """Whether more of the parameter is more of what is asked; a comparison that equals the reference does not tell."""
+    """Whether more of the parameter is more of what is asked; None where the comparison equals the reference."""
     if row.level is None or row.level == 1.0:
         return None
     comparison = (answer == "first") == (row.trial_type == "CR")
@@ -250,7 +250,7 @@ def _side(row: Row, answer: str) -> bool | None:
 
 
 def _check_place(row: Row, before: Row) -> None:
-    """That trials follow one another; the first follows trial 0."""
+    """ValueError unless the row's trial follows the one before; the first follows trial 0."""
     refuse(row.trial < 1, f"column trial: must be at least 1, got {row.trial}")
     in_main = row.phase == "main"
     refuse(in_main and row.block < 1, f"column block: must be at least 1 after practice, got {row.block}")
@@ -307,7 +307,7 @@ _READ: Mapping[str, Callable[[str], Any]] = {
 
 _FORMAT = 1
 _KEY = "BurrlabRun"
-#: Of the tables of a protocol, those whose change makes another run; of [experiment], these keys.
+#: The tables of a protocol whose change makes another run, and such keys of [experiment].
 _TABLES = ("burr", "bone")
 _EXPERIMENT = ("seed", "feedback", "pause_s", "break_s")
 
@@ -430,14 +430,14 @@ class SideCar:
             "task": self.name,
             "experiment": {key: experiment.get(key) for key in _EXPERIMENT} | {"seed": self.seed},
             "device": self.device.partition(":")[0],
-            # Over the network it is whether a hand feels anything; which port is nobody's business.
+            # Over the network it decides whether a hand feels anything; which port it is does not matter.
             "force is published": experiment.get("publish") is not None,
             **{key: self.protocol.get(key) for key in _TABLES},
             f"tasks.{self.name}": self.design,
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """As the file has it, with the columns described."""
+        """The JSON of the file, with descriptions of the columns."""
         return {
             "TaskDescription": _DESCRIBED[self.task],
             "StimulusPresentation": {
@@ -456,7 +456,7 @@ class SideCar:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> SideCar:
-        """What `to_dict` described.
+        """The side-car that `to_dict` wrote.
 
         Raises
         ------
@@ -480,7 +480,7 @@ class SideCar:
         return car
 
     def _check_against_protocol(self) -> None:
-        """ValueError if what is told of the Protocol once more, for readers, is told otherwise: the digest is of it alone."""
+        """ValueError if design, seed, task or trials, which stand beside the Protocol for readers, contradict it."""
         experiment, tasks = (self.protocol.get(key, {}) for key in ("experiment", "tasks"))
         refuse(
             not (isinstance(experiment, dict) and isinstance(tasks, dict)),
@@ -500,7 +500,7 @@ class SideCar:
 
 
 def side_car_path(path: str | os.PathLike[str]) -> Path:
-    """Of the JSON beside a TSV."""
+    """The path of the JSON beside a TSV."""
     return Path(path).with_suffix(".json")
 
 
@@ -532,7 +532,7 @@ def digest(protocol: Mapping[str, Any]) -> str:
 
 
 def descriptions(task: TaskName) -> dict[str, Any]:
-    """Of the columns, as BIDS has them: unit or levels."""
+    """The descriptions of a task's columns, as BIDS has them, with unit or levels."""
     levels = {
         "trial_type": {one: f"correct answer: {due}" if due else one for one, due in TYPES[task].items()},
         "response": {answer: f"key {key}" for key, answer in enumerate(ANSWERS[task], start=1)},

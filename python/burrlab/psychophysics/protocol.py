@@ -8,7 +8,7 @@ import os
 import sys
 import tomllib
 import types
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,20 +87,15 @@ class Table:
         self._known: list[str] = []
 
     def get(self, key: str, kind: Rule, *more: Rule, default: Any = _REQUIRED) -> Any:
-        """The value of a key, which must keep the rules; numbers become floats."""
+        """The value of a key, which must keep the rules; numbers become floats, and a list must be of numbers."""
         value = self.value(key, default)
         for rule, holds in (kind, *more) if key in self else ():
             if not holds(value):
                 raise self.error(f"{key} must be {rule}, got {shown(value)}")
             value = float(value) if kind is _NUMBER else value
+        if kind is _LIST and key in self:
+            return [Table(self.file, self.name, {key: one}).get(key, _NUMBER) for one in value]
         return value
-
-    def numbers(self, key: str, default: Any = _REQUIRED) -> Any:
-        """A list of finite numbers."""
-        value = self.get(key, _LIST, default=default)
-        if key not in self:
-            return value
-        return [Table(self.file, self.name, {key: one}).get(key, _NUMBER) for one in value]
 
     def table(self, key: str, *, needed: bool = True) -> Table:
         """A table in this one."""
@@ -207,7 +202,7 @@ def _read(table: Table, key: str, kind: Any, stimuli: Mapping[str, Stimulus], de
         return table.get(key, _NUMBER, *[_AT_MOST_A_DAY] * key.endswith("_s"), default=default)
     if get_origin(kind) is Literal:
         return table.get(key, _TEXT, _choice(get_args(kind)), default=default)
-    return table.get(key, _whole(_MOST), default=default) if kind is int else table.numbers(key, default)
+    return table.get(key, _whole(_MOST) if kind is int else _LIST, default=default)
 
 
 @dataclass(frozen=True)
@@ -287,7 +282,7 @@ def burr_and_bone_of(file: Table, folder: Path) -> tuple[Burr, Block]:
         burr = Burr(table.get("radius_mm", _NUMBER))
     table.done()
     table = file.table("bone")
-    size, voxel = table.numbers("size_mm"), table.get("voxel_mm", _NUMBER)
+    size, voxel = table.get("size_mm", _LIST), table.get("voxel_mm", _NUMBER)
     volume = _volume_of(table, folder)
     table.done()
     # One side after the other: the cube of a length near the ends of double is 0 or too large.
@@ -307,7 +302,7 @@ def _volume_of(table: Table, folder: Path) -> dict[str, Any] | None:
         ("map", _TEXT), ("entry_mm", _LIST), ("axis", _LIST), ("spacing_mm", _LIST), ("series", _TEXT),
         ("crop_mm", _CORNERS), ("volume_voxel_mm", _NUMBER), ("transpose", _FLAG),
     ):  # fmt: skip
-        given[key] = table.numbers(key, None) if kind is _LIST else table.get(key, kind, default=None)
+        given[key] = table.get(key, kind, default=None)
         if path is None and key in table:
             raise table.error(f"{key} goes with volume")
         if path is not None and key in ("map", "entry_mm", "axis") and key not in table:
@@ -485,7 +480,11 @@ class Protocol:
         ValueError
             If the protocol has no such subject.
         """
-        return tuple(counterbalanced(tuple(self.tasks), self.subjects.index(self._checked(subject))))
+        return tuple(
+            counterbalanced(
+                tuple(self.tasks), self.subjects.index(self._known("subject", subject, self.subjects))
+            )
+        )
 
     def order(self, subject: str, task: str) -> Order:
         """The trials of a subject in a task, at their beginning.
@@ -496,7 +495,10 @@ class Protocol:
             If the protocol has no such subject or task.
         """
         # Two tasks of one design have orders of their own.
-        return self._design(task).order(seed=self.seed, subject=f"{self._checked(subject)} {task}")
+        design = self.tasks[self._known("task", task, self.tasks)]
+        return design.order(
+            seed=self.seed, subject=f"{self._known('subject', subject, self.subjects)} {task}"
+        )
 
     @property
     def data(self) -> ExperimentFolder:
@@ -526,7 +528,7 @@ class Protocol:
         ValueError
             If the protocol has no such subject or task.
         """
-        design, order = self._design(task), self.order(subject, task)
+        order, design = self.order(subject, task), self.tasks[task]
         return SideCar(
             subject, task, design.task, design.question, design.to_dict(), self.to_dict(), self.seed,
             without_folder(device or self.device), order.total, simulated,
@@ -618,19 +620,9 @@ class Protocol:
         tasks = ", ".join(self.tasks)
         return f"Protocol({self.name!r}, {len(self.subjects)} subjects, tasks {tasks}, digest {self.digest[:12]})"
 
-    def _checked(self, subject: str) -> str:
-        refuse(
-            subject not in self.subjects,
-            f"{self.path}: there is no subject {subject!r}; there are {', '.join(self.subjects)}",
-        )
-        return subject
-
-    def _design(self, task: str) -> Design:
-        refuse(
-            task not in self.tasks,
-            f"{self.path}: there is no task {task!r}; there are {', '.join(self.tasks)}",
-        )
-        return self.tasks[task]
+    def _known(self, what: str, name: str, names: Collection[str]) -> str:
+        refuse(name not in names, f"{self.path}: there is no {what} {name!r}; there are {', '.join(names)}")
+        return name
 
 
 _TEMPLATE = """\

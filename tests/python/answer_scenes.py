@@ -66,7 +66,7 @@ def give(file, order, count, *, wrong=3):
         answers = ("same", "different") if trial.correct in ("same", "different") else ("first", "second")
         other = next(one for one in answers if one != trial.correct)
         response = other if place % wrong == wrong - 1 else trial.correct
-        file.append(answer(trial, response, 60.0 * place))
+        file.append(answer(trial, response, 60.0 * place + 1e-7))  # kept to the microsecond
         order.answer(response)
         trials.append(trial)
     return trials

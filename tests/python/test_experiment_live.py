@@ -6,6 +6,7 @@ import contextlib
 import re
 import runpy
 import socket
+import socketserver
 import threading
 import time
 from dataclasses import replace
@@ -27,41 +28,35 @@ BURR, BLOCK = burrlab.Burr(3.0), Block((16, 16, 4), 0.5)
 FELT = Interval(Stimulus("bone", burrlab.materials["bone"]), 1, None)
 
 
-class Poses:
+class Poses(socketserver.TCPServer):
     """A server of poses, at 200 Hz, to one client after the other; `z` is the burr's height [mm]. Each gets `most`."""
 
-    def __init__(self):
-        self.z, self.most, self.clients = 3.5, 10**9, 0
-        self._over = threading.Event()
+    z, most, clients, over = 3.5, 10**9, 0, False
 
-    def __enter__(self):
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self._listener.settimeout(0.05)
-        self.port = self._listener.getsockname()[1]
-        self._thread = threading.Thread(target=self._serve)
-        self._thread.start()
-        return self
+    def __init__(self):
+        super().__init__(("127.0.0.1", 0), None)
+        self.port = self.server_address[1]
+        threading.Thread(target=self.serve_forever, args=(0.05,)).start()
+
+    def finish_request(self, peer, address):
+        self.clients += 1
+        peer.settimeout(0.005)
+        sent = 0
+        while not self.over:
+            with contextlib.suppress(TimeoutError):
+                if not peer.recv(1):
+                    return
+            if sent < self.most:
+                peer.sendall(_core.encode_transform("burr", (0.0, 0.0, self.z)))
+                sent += 1
+
+    def handle_error(self, peer, address):
+        """A client that has gone is none."""
 
     def __exit__(self, *error):
-        self._over.set()
-        self._thread.join()
-        self._listener.close()
-
-    def _serve(self):
-        while not self._over.is_set():
-            with contextlib.suppress(OSError):
-                peer, _ = self._listener.accept()
-                self.clients += 1
-                with peer:
-                    sent = 0
-                    peer.settimeout(0.005)
-                    while not self._over.is_set():
-                        with contextlib.suppress(TimeoutError):
-                            if not peer.recv(1):
-                                break
-                        if sent < self.most:
-                            peer.sendall(_core.encode_transform("burr", (0.0, 0.0, self.z)))
-                            sent += 1
+        self.over = True
+        self.shutdown()
+        super().__exit__(*error)
 
 
 class Driver:

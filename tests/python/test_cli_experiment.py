@@ -56,14 +56,14 @@ design = "staircase"
 reference = "bone"
 parameter = "c_e"
 start = 2.0
-trials = 12
-interval_s = 2.5
+trials = 8
+interval_s = 1.5
 [tasks.adaptive]
 design = "adaptive"
 reference = "bone"
 parameter = "alpha"
 mode = "drilling"
-trials = 6
+trials = 4
 interval_s = 0.5
 """
 
@@ -151,7 +151,7 @@ def test_simulated_run_is_a_function_of_its_seed(config, capsys):
     assert main(["experiment", "resume", *run]) == 0
     assert {task: file.read_bytes() for task, file in files.items()} == before
     assert said(capsys)[0] == (
-        "simulated subject 02: 24 trials answered\nsimulated subject 02: 18 trials answered\n"
+        "simulated subject 02: 18 trials answered\nsimulated subject 02: 12 trials answered\n"
     )
     names = [path.name for path in protocol.data.log("02", "match").parent.glob("*_task-match_*.h5")]
     assert sorted(names) == sorted(

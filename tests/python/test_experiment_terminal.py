@@ -10,7 +10,6 @@ import pty
 import random
 import re
 import select
-import signal
 import sys
 import termios
 import threading
@@ -18,7 +17,7 @@ import time
 import types
 
 import pytest
-from pseudo_terminal import _ADOPT, PseudoTerminal
+from pseudo_terminal import PseudoTerminal
 
 import burrlab
 from burrlab.cli import main
@@ -212,7 +211,10 @@ def test_killed_again_and_again(tmp_path, seed):
 def test_interrupted_then_terminal_closed(tmp_path):
     subject = Subject(tmp_path, trials=4)
     with subject.sit_down() as terminal:
-        subject.take_part(terminal, stop=lambda *now: now == ("interval", 2))
+        subject.take_part(terminal, stop=lambda *now: now == ("question", 2))
+        terminal.press("\x1a\x1c")  # Ctrl-Z and Ctrl-\ do nothing
+        time.sleep(0.2)
+        assert terminal.process.poll() is None
         terminal.press("\x03")
         assert terminal.end() == 130
         assert termios.tcgetattr(terminal.terminal) == terminal.before
@@ -235,30 +237,6 @@ def test_without_a_terminal(tmp_path, capsys):
     assert main(["experiment", "run", str(subject.config), "--subject", SUBJECT]) == 2
     assert "answers are read from a terminal" in capsys.readouterr().err
     assert not subject.protocol.folder.exists()
-
-
-READY = (
-    _ADOPT
-    + """
-from burrlab.cli.options import ended_by_signals
-from burrlab.psychophysics.seat import TerminalSeat
-with TerminalSeat() as seat, ended_by_signals():
-    seat.ready("Well?")
-"""
-)
-
-
-@pytest.mark.parametrize("how", ["\x03", signal.SIGHUP])
-def test_interrupted(how):
-    with PseudoTerminal(program=READY) as terminal:
-        terminal.wait_for("space bar")
-        terminal.press("\x1a\x1c")  # Ctrl-Z and Ctrl-\ do nothing
-        time.sleep(0.2)
-        assert terminal.process.poll() is None
-        (terminal.press if isinstance(how, str) else terminal.process.send_signal)(how)
-        assert terminal.end() != 0
-        assert "KeyboardInterrupt" in terminal.text
-        assert termios.tcgetattr(terminal.terminal) == terminal.before
 
 
 class Desk:
@@ -290,7 +268,8 @@ class Desk:
 @pytest.fixture
 def left(monkeypatch):
     """A seat whose terminal is as it was."""
-    monkeypatch.setenv("TERM", "xterm")
+    for name, value in (("TERM", "xterm"), ("COLUMNS", "80"), ("LINES", "24")):
+        monkeypatch.setenv(name, value)
     found = Desk()
     yield found
     assert termios.tcgetattr(found.terminal) == found.before
@@ -330,6 +309,10 @@ def test_break_waits_for_its_time_and_a_key(desk):
 def test_done_counts_since_the_interval_began_and_nothing_is_echoed(desk):
     desk.press(" ")
     desk.seat.begins("Now.")
+    page = (
+        "\x1b[2J\x1b[H\n" + 9 * "\n" + 38 * " " + "\x1b[1mNow.\x1b[0m\n\a"
+    )  # in the middle, bold, with a beep
+    assert desk.screen.getvalue() == page
     assert not desk.seat.done()
     desk.press("secret ")
     assert (desk.seat.done(), desk.seat.done()) == (True, False)

@@ -222,7 +222,8 @@ class RowReader:
         row = Row(**found)
         line = self._before.get((row.phase, row.trial), (None,))[0]
         refuse(line, f"column trial: {row.phase} trial {row.trial} is answered in line {line} already")
-        _check_place(row, self.rows[-1][1] if self._before else replace(row, trial=0))
+        _, before = next(reversed(self._before.values()), (0, replace(row, trial=0)))
+        _check_place(row, before)
         self._check_correct(row)
         return row
 

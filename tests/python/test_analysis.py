@@ -329,6 +329,8 @@ def test_given_axes_are_used_and_other_figures_stay(task):
 
 def test_simulated_subjects_and_selection_stand_in_every_title():
     made = only(FOUR, simulated=True, selected_from=20)
+    told = "ScoredTask('same-different', same-different, 4 simulated subjects, 9.8 +- 1.0 of 12)"
+    assert repr(made) == told
     for axes in (made.plot_scores(), made.plot_intervals(), made.plot_d_prime()):
         assert "(simulated subjects; 4 selected of 20)" in axes.get_title().replace("\n", " ")
 

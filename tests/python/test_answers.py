@@ -114,6 +114,7 @@ def test_a_file_of_another_program(tmp_path, name, change, options, labels):
         (lambda rows: [], "the file is empty"),
         (lambda rows: [HEAD, "\udcff"], "this is not a text file in UTF-8"),
         (lambda rows: [HEAD, "\0"], "this is not a text file, it holds zero bytes"),
+        (lambda rows: [HEAD, "\a"], "this is not a text file, it holds the control character"),
         (lambda rows: [HEAD, *rows, rows[1]], "line 5, column trial: main trial 2 is answered in line 3 already"),
         (lambda rows: [HEAD, rows[0], rows[2]], "line 3, column trial: main trial 2 is due, got 3"),
         (lambda rows: [HEAD, rows[1], rows[0]], "line 2, column trial: main trial 1 is due, got 2"),

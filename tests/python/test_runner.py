@@ -57,7 +57,7 @@ def paper(answers=(), patience=3):
 
     done = itertools.cycle([False] * patience + [True])
     return Mock(
-        spec=Seat, wall_clock=False, simulated=False, stand_in=lambda interval: interval, ask=ask,
+        spec=Seat, wall_clock=False, simulated=False, stand_in=Seat().stand_in, ask=ask,
         done=lambda: next(done),
     )  # fmt: skip
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from unittest.mock import Mock
 
 from burrlab.psychophysics.protocol import Protocol
 from burrlab.psychophysics.side_car import Answer
@@ -65,16 +66,23 @@ def give(file, order, count, *, wrong=3):
         answers = ("same", "different") if trial.correct in ("same", "different") else ("first", "second")
         other = next(one for one in answers if one != trial.correct)
         response = other if place % wrong == wrong - 1 else trial.correct
-        file.append(answer(trial, response, 60.0 * place))
+        file.append(answer(trial, response, 60.0 * place + 1e-7))  # kept to the microsecond
         order.answer(response)
         trials.append(trial)
     return trials
 
 
-def begun(folder: Path, task: str = "probing", count: int = 0, subject: str = "01", text: str = SMALL):
+def begun(
+    folder: Path, task: str = "probing", count: int = 0, subject: str = "01", text: str = SMALL, wrong=3
+):
     """A run with so many answers, closed: protocol and path."""
     one = protocol(folder, text)
     file, order = one.begin(subject, task)
     with file:
-        give(file, order, count)
+        give(file, order, count, wrong=wrong)
     return one, file.path
+
+
+def trials_of(one: Protocol, task: str, count: int, *, subject: str = "01", wrong=3):
+    """The first trials of a run, with the answers that `give` gives."""
+    return give(Mock(), one.order(subject, task), count, wrong=wrong)

@@ -4,28 +4,16 @@ import io
 import json
 import math
 import re
-from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
+from answer_scenes import answer
+from answer_scenes import protocol as read
 
 from burrlab.psychophysics.analysis import Analysis, analyse
 from burrlab.psychophysics.answers import read_answers
 from burrlab.psychophysics.protocol import Protocol
-from burrlab.psychophysics.scored_task import ScoredTask
-from burrlab.psychophysics.side_car import Answer
 from burrlab.psychophysics.threshold_task import ThresholdTask
-from burrlab.psychophysics.trial import Trial
-
-RULES = ("independent-observations", "differencing")
-
-
-def scored(analysis: Analysis, name: str) -> ScoredTask:
-    task = analysis[name]
-    assert isinstance(task, ScoredTask)
-    return task
-
 
 HEAD = """
 [experiment]
@@ -82,121 +70,104 @@ trials = 30
 """
 
 
-def protocol(folder: Path, tables: str, more: str = "", subjects: int = 3) -> Protocol:
-    path = folder / "experiment.toml"
-    path.write_text(HEAD.format(more=more, subjects=subjects) + tables)
-    return Protocol.read(path)
+def protocol(folder, tables, more="", subjects=3):
+    return read(folder, HEAD.format(more=more, subjects=subjects) + tables)
 
 
-def run(
-    protocol: Protocol,
-    subject: str,
-    task: str,
-    answers: Callable[[Trial], bool],
-    *,
-    stop: int | None = None,
-    simulated: bool = False,
-) -> None:
-    """Answers a run, right where `answers` says so."""
-    file, order = protocol.begin(subject, task, simulated={"weber": 0.1} if simulated else None)
-    onset, done = 0.0, 0
-    try:
-        while (trial := order.next()) is not None and (stop is None or done < stop):
-            others = [one for one in protocol.tasks[task].answers if one != trial.correct]
-            response = trial.correct if answers(trial) else others[0]
-            ends = tuple("time" for _ in trial.intervals)
-            file.append(Answer(trial, onset, 41.0, response, 0.5, ends))
+def run(protocol, subject, task, right, *, stop=math.inf, simulated=None):
+    """Answers a run, right where `right` says so."""
+    file, order = protocol.begin(subject, task, simulated=simulated)
+    with file:
+        while len(order.answered) < stop and (trial := order.next()) is not None:
+            (other,) = {*protocol.tasks[task].answers} - {trial.correct}
+            response = trial.correct if right(trial) else other
+            file.append(answer(trial, response, 45.0 * len(order.answered)))
             order.answer(response)
-            onset, done = onset + 45.0, done + 1
-    finally:
-        file.close()
 
 
-def wrong_in(numbers: Sequence[int]) -> Callable[[Trial], bool]:
+def wrong_in(*numbers):
+    """All practice is answered wrongly, and these trials."""
     return lambda trial: trial.phase == "main" and trial.number not in numbers
 
 
-def test_a_protocol_with_its_settings(tmp_path: Path) -> None:
+def test_a_protocol_with_its_settings(tmp_path):
     made = protocol(tmp_path, PROBING + MATCH)
-    for subject, wrong in (("01", [1]), ("02", [2, 5, 7])):
-        run(made, subject, "probing", wrong_in(wrong))
-    run(made, "01", "match", wrong_in([]))
+    for subject, task, wrong in (("01", "probing", [1]), ("02", "probing", [2, 5, 7]), ("01", "match", [])):
+        run(made, subject, task, wrong_in(*wrong))
     analysis = analyse(made)
-    assert analysis == replace(analyse(tmp_path / "experiment.toml"), provenance=analysis.provenance)
-    assert analysis.name == "Trying"
-    assert [task.name for task in analysis.tasks] == ["probing", "match"]
-    task = scored(analysis, "probing")
-    # All practice was answered wrongly.
+    assert analysis == replace(analyse(made.path), provenance=analysis.provenance)
+    assert (analysis.name, [task.name for task in analysis.tasks]) == ("Trying", ["probing", "match"])
+    task = analysis["probing"]
     assert [one.counts.score for one in task.subjects] == [11, 9]
     assert (task.rules, task.level, task.delta) == (("differencing",), 0.9, 2.0)
     text = analysis.report()
-    for part in (
-        "Practice trials are left out.",
-        "Delta = 2, as the protocol has it.",
-        "No run of probing yet: 03.",
-        "No run of match yet: 02, 03.",
-        "reference specimen, match pettigrew, foil pvc, drilling, 10 trials, chance 5",
-        "bone (A) against pvc (B), probing, 12 trials, chance 6",
-    ):
-        assert part in text
+    assert all(
+        part in text
+        for part in (
+            "Practice trials are left out.",
+            "Delta = 2, as the protocol has it.",
+            "No run of probing yet: 03.",
+            "No run of match yet: 02, 03.",
+            "reference specimen, match pettigrew, foil pvc, drilling, 10 trials, chance 5",
+            "bone (A) against pvc (B), probing, 12 trials, chance 6",
+        )
+    )
     assert Analysis.from_dict(json.loads(json.dumps(analysis.to_dict()))) == analysis
+    # Whatever its name ends in, a file is a protocol.
+    less = tmp_path / "less.txt"
+    less.write_text(re.sub(r"subjects = .*", 'subjects = ["01"]', made.path.read_text().replace(MATCH, "")))
+    assert {
+        "In the folder and not in the protocol, of probing: 02.",
+        "Task match is in the folder and not in the protocol.",
+    } <= {*analyse(less).notes}
 
 
-def test_a_folder_and_single_files(tmp_path: Path) -> None:
+def test_a_folder_and_single_files(tmp_path):
     made = protocol(tmp_path, PROBING)
-    run(made, "01", "probing", wrong_in([1]))
-    folder = analyse(made.folder)
-    assert folder.name == "data"
-    assert scored(folder, "probing").rules == RULES
-    answers = read_answers(made.data.answers("01", "probing"))
-    assert analyse([answers]).tasks == folder.tasks
-    assert analyse({"probing": {"01": answers}}).tasks == folder.tasks
-    with pytest.raises(ValueError, match="subject 01 has task probing twice"):
-        analyse([answers, answers])
+    run(made, "01", "probing", wrong_in(1))
+    folder, answers = analyse(made.folder), read_answers(made.data.answers("01", "probing"))
+    assert (folder.name, folder["probing"].rules) == ("data", ("independent-observations", "differencing"))
+    assert analyse([answers]).tasks == analyse({"probing": {"01": answers}}).tasks == folder.tasks
     other = replace(answers, subject="02", side_car=None)
-    with pytest.raises(
-        ValueError, match="task probing of subject 02 has another design than that of subject 01"
+    for both, sentence in (
+        ([answers, answers], "subject 01 has task probing twice"),
+        ([answers, other], "task probing of subject 02 has another design than that of subject 01"),
     ):
-        analyse([answers, other])
+        with pytest.raises(ValueError, match=sentence):
+            analyse(both)
 
 
-def test_incomplete_runs_are_listed(tmp_path: Path) -> None:
+def test_incomplete_runs_are_listed(tmp_path):
     made = protocol(tmp_path, PROBING)
-    run(made, "01", "probing", wrong_in([1]))
-    run(made, "02", "probing", wrong_in([1]), stop=4 + 7)
-    run(made, "03", "probing", wrong_in([1]), stop=2)
-    analysis = analyse(made)
-    task = scored(analysis, "probing")
-    assert [one.subject for one in task.subjects] == ["01"]
-    assert task.left_out == ("02 (7 of 12 trials)", "03 (none of the main trials)")
-    assert "left out, as their runs are incomplete: 02 (7 of 12 trials), 03" in analysis.report()
-    assert not task.selected
-    asked = analyse(made, incomplete=True)
-    task = scored(asked, "probing")
-    assert [one.subject for one in task.subjects] == ["01", "02"]
-    assert task.left_out == ("03 (none of the main trials)",)
-    assert "incomplete, and taken in on request: 02 (7 of 12 trials)" in asked.report()
-
-
-def test_no_complete_run(tmp_path: Path) -> None:
-    made = protocol(tmp_path, PROBING)
-    run(made, "01", "probing", wrong_in([1]), stop=5)
-    analysis = analyse(made)
-    assert "no complete run" in analysis.report()
-    assert "no complete run" in analysis._repr_html_()
+    run(made, "03", "probing", wrong_in(1), stop=2)
+    nobody = analyse(made)
+    assert "no complete run" in nobody.report()
+    assert "no complete run" in nobody._repr_html_()
     with pytest.raises(ValueError, match="task probing must hold a complete run to be drawn, got none"):
-        scored(analysis, "probing").plot_d_prime()
+        nobody["probing"].plot_d_prime()
+    run(made, "01", "probing", wrong_in(1))
+    run(made, "02", "probing", wrong_in(1), stop=4 + 7)
+    few = "03 (none of the main trials)"
+    for incomplete, subjects, left_out, told in (
+        (False, ["01"], ("02 (7 of 12 trials)", few), f"left out, as their runs are incomplete: 02 (7 of 12 trials), {few}"),
+        (True, ["01", "02"], (few,), "incomplete, and taken in on request: 02 (7 of 12 trials)"),
+    ):  # fmt: skip
+        analysis = analyse(made, incomplete=incomplete)
+        task = analysis["probing"]
+        assert ([one.subject for one in task.subjects], task.left_out) == (subjects, left_out)
+        assert told in analysis.report()
+        assert not task.selected
 
 
-def test_simulated_and_selected_in_the_files(tmp_path: Path) -> None:
-    made = protocol(tmp_path, PROBING, more='selected_by = "best 2 of 20 in an earlier experiment"')
+def test_simulated_and_selected_in_the_files(tmp_path):
+    by = "best 2 of 20 in an earlier experiment"
+    made = protocol(tmp_path, PROBING, more=f'selected_by = "{by}"')
     for subject in ("01", "02"):
-        run(made, subject, "probing", wrong_in([1]), simulated=True)
+        run(made, subject, "probing", wrong_in(1), simulated={"weber": 0.1})
     analysis = analyse(made)
-    task = scored(analysis, "probing")
-    assert task.simulated
-    assert (task.of, task.selected_by) == (20, "best 2 of 20 in an earlier experiment")
-    assert "SELECTED (best 2 of 20 in an earlier experiment): 2 of 20 subjects." in analysis.report()
+    task = analysis["probing"]
+    assert (task.simulated, task.of, task.selected_by) == (True, 20, by)
+    assert f"SELECTED ({by}): 2 of 20 subjects." in analysis.report()
     assert "(simulated subjects; 2 selected of 20)" in task.title
 
 
@@ -204,33 +175,30 @@ def test_simulated_and_selected_in_the_files(tmp_path: Path) -> None:
     "more",
     ['selected_by = "score of task 1"\nselected_from = 20', 'selected_by = "Best 12 of 20 by score"'],
 )
-def test_some_of_the_selected_subjects(tmp_path: Path, more: str) -> None:
+def test_some_of_the_selected_subjects(tmp_path, more):
     made = protocol(tmp_path, PROBING, subjects=12, more=more)
-    run(made, "01", "probing", wrong_in([1]))
-    run(made, "02", "probing", wrong_in([2]))
-    run(made, "03", "probing", wrong_in([1]), stop=5)
-    task = scored(analyse(made), "probing")
+    for subject, wrong, stop in (("01", 1, math.inf), ("02", 2, math.inf), ("03", 1, 5)):
+        run(made, subject, "probing", wrong_in(wrong), stop=stop)
+    analysis = analyse(made)
+    task, text = analysis["probing"], analysis.report()
     assert (len(task.subjects), task.chosen, task.of) == (2, 12, 20)
-    text = analyse(made).report()
     assert "): 12 of 20 subjects, of whom 2 are here. Others" in text
     # Two of the best twelve are not the best two.
     assert "the best 12 of 20 guessing have 7.06 of 12 on average, 1.06 above chance\n" in text
     assert "2 of 12 selected of 20" in task.title
-    assert task.selection is not None
     assert (task.selection.kept, task.selection.of) == (12, 20)
-    some = scored(analyse(made, subjects=["01"]), "probing")
+    some, given = (analyse(made, **one)["probing"] for one in ({"subjects": ["01"]}, {"selected_from": 4}))
     assert (len(some.subjects), some.chosen, some.of) == (1, 12, 20)
-    given = scored(analyse(made, selected_from=4), "probing")
     assert (given.chosen, given.of) == (3, 4)
 
 
-def test_a_text_about_answers_is_no_number_of_subjects(tmp_path: Path) -> None:
+def test_a_text_about_answers_is_no_number_of_subjects(tmp_path):
     made = protocol(tmp_path, PROBING, more='selected_by = "10 of 12 right"')
-    run(made, "01", "probing", wrong_in([1]))
-    assert scored(analyse(made), "probing").of == 0
+    run(made, "01", "probing", wrong_in(1))
+    assert analyse(made)["probing"].of == 0
 
 
-def test_thresholds(tmp_path: Path) -> None:
+def test_thresholds(tmp_path):
     made = protocol(tmp_path, LEVELS)
     for subject, limit in (("01", 1.15), ("02", 1.3)):
         for task in made.tasks:
@@ -238,37 +206,34 @@ def test_thresholds(tmp_path: Path) -> None:
     analysis = analyse(made)
     for task in analysis.tasks:
         assert isinstance(task, ThresholdTask)
-        assert [one.complete for one in task.subjects] == [True, True]
-        assert task.left_out == ()
-        thresholds = [one.threshold for one in task.subjects]
-        assert all(found is not None and 1.0 < found < 2.0 for found in thresholds)
-        logs = [math.log(math.log(found)) for found in thresholds if found]
-        assert task.group_threshold is not None
-        assert math.log(math.log(task.group_threshold[0])) == pytest.approx(sum(logs) / 2)
-    updown = analysis["updown"]
-    assert isinstance(updown, ThresholdTask)
+        assert ([one.complete for one in task.subjects], task.left_out) == ([True, True], ())
+        found = [one.threshold for one in task.subjects]
+        assert all(1.0 < one < 2.0 for one in found)
+        mean = sum(math.log(math.log(one)) for one in found) / 2
+        assert math.log(math.log(task.group_threshold[0])) == pytest.approx(mean)
+    updown, text = analysis["updown"], io.StringIO()
     assert updown.subjects[0].said in analysis.report()
     assert Analysis.from_dict(json.loads(json.dumps(analysis.to_dict()))) == analysis
-    text = io.StringIO()
     analysis.to_tsv(text)
     assert len(text.getvalue().splitlines()) == 7
-    with pytest.raises(ValueError, match="subject must be given, one of 01, 02"):
-        updown.plot_psychometric()
-    with pytest.raises(ValueError, match="subject 01 has no psychometric function"):
-        updown.plot_psychometric(subject="01")
-    with pytest.raises(ValueError, match="subject must be one of 01, 02, got '03'"):
-        updown.subject("03")
+    for ask, sentence in (
+        (updown.plot_psychometric, "subject must be given, one of 01, 02"),
+        (lambda: updown.plot_psychometric(subject="01"), "subject 01 has no psychometric function"),
+        (lambda: updown.subject("03"), "subject must be one of 01, 02, got '03'"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            ask()
 
 
-def test_an_unfinished_staircase_is_left_out(tmp_path: Path) -> None:
+def test_an_unfinished_staircase_is_left_out(tmp_path):
     made = protocol(tmp_path, LEVELS)
     run(made, "01", "updown", lambda trial: True, stop=3)
-    task = analyse(made).tasks[0]
+    (task,) = analyse(made).tasks
     assert task.subjects == ()
     assert task.left_out[0].startswith("01 (3 of ")
 
 
-def test_without_the_extra_the_counts_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_extra_the_counts_are_shown(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "psignifit", None)
     made = protocol(tmp_path, LEVELS)
     run(made, "01", "constant", lambda trial: trial.level != 1.05)
@@ -277,27 +242,12 @@ def test_without_the_extra_the_counts_are_shown(tmp_path: Path, monkeypatch: pyt
     assert "01: 0/20 at 1.05, 20/20 at 1.2, 20/20 at 1.5" in text
 
 
-def test_a_delta_that_was_set_after_the_runs_is_not_called_the_protocol_s(tmp_path: Path) -> None:
+def test_a_delta_that_was_set_after_the_runs_is_not_called_the_protocol_s(tmp_path):
     made = protocol(tmp_path, PROBING)
-    run(made, "01", "probing", wrong_in([1]))
-    changed = tmp_path / "experiment.toml"
-    changed.write_text(changed.read_text().replace("delta = 2", "delta = 3"))
-    run(Protocol.read(changed), "02", "probing", wrong_in([1]))
-    notes = analyse(changed).notes
+    run(made, "01", "probing", wrong_in(1))
+    made.path.write_text(made.path.read_text().replace("delta = 2", "delta = 3"))
+    run(Protocol.read(made.path), "02", "probing", wrong_in(1))
     assert (
         "Delta = 3, as the protocol has it now, and it was 2 when 01 of probing began: it counts only if it was set before "
         "the answers were seen."
-    ) in notes
-
-
-def test_what_the_protocol_does_not_name_is_said(tmp_path: Path) -> None:
-    made = protocol(tmp_path, PROBING + MATCH)
-    for subject, task in (("01", "probing"), ("02", "probing"), ("01", "match")):
-        run(made, subject, task, wrong_in([1]))
-    # Whatever its name ends in, a file is a protocol.
-    less = tmp_path / "less.txt"
-    text = (tmp_path / "experiment.toml").read_text().replace(MATCH, "")
-    less.write_text(re.sub(r"subjects = .*", 'subjects = ["01"]', text))
-    notes = analyse(less).notes
-    assert "In the folder and not in the protocol, of probing: 02." in notes
-    assert "Task match is in the folder and not in the protocol." in notes
+    ) in analyse(made.path).notes

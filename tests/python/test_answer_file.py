@@ -2,149 +2,93 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
-import signal
-import subprocess
-import sys
-from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
-from answer_scenes import SMALL, TASKS, answer, begun, give, protocol
+from answer_scenes import SMALL, answer, begun, give, protocol, trials_of
 
 from burrlab.psychophysics.answers import AnswerFile, read_answers
 from burrlab.psychophysics.interval import ENDINGS
-from burrlab.psychophysics.protocol import Protocol
 from burrlab.psychophysics.run import Sitting
 from burrlab.psychophysics.side_car import Answer
 
-HERE = Path(__file__).parent
 
-
-@contextmanager
-def answering(folder, count, *options):
-    """Another process that has given so many answers; killed at the end."""
-    protocol(folder)
-    process = subprocess.Popen(
-        [sys.executable, HERE / "answer_process.py", folder / "test.toml", str(count), *options],
-        stdout=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    try:
-        for place in range(count):
-            assert process.stdout.readline() == f"{place}\n"
-        yield process
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
-
-
-def trials_of(one: Protocol, task: str, count: int):
-    """The first trials, with the answers that `give` gives."""
-    order = one.order("01", task)
-
-    class Nowhere:
-        def append(self, answer):
-            pass
-
-    return give(Nowhere(), order, count)
-
-
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize("count", [0, 1, 4])
+@pytest.mark.parametrize(("task", "count"), [("probing", 0), ("match", 1), ("up", 4), ("match", 4)])
 def test_a_run_goes_on_at_its_next_trial(tmp_path, task, count):
     one, path = begun(tmp_path, task, count)
-    before = path.read_bytes()
-    if task == "match" and count == 4:
-        file, order = one.resume("01", task)
-        with file:
-            assert order.next() is None
-        return
+    before, over = path.read_bytes(), (task, count) == ("match", 4)
+    undisturbed = trials_of(one, task, count + (not over))
     file, order = one.resume("01", task)
     with file:
-        assert len(order.answered) == count
-        assert not file.notes
-        undisturbed = trials_of(one, task, count + 1)
-        assert order.next() == undisturbed[-1]
-        give(file, order, 1)
+        assert (len(order.answered), file.notes) == (count, ())
+        assert order.next() == (None if over else undisturbed[-1])
+        give(file, order, not over)
     assert path.read_bytes().startswith(before)
     assert [row.trial_type for row in read_answers(path).rows] == [trial.trial_type for trial in undisturbed]
 
 
 def test_nothing_is_overwritten(tmp_path):
     one, path = begun(tmp_path, count=3)
-    before = path.read_bytes(), path.with_suffix(".json").read_bytes()
-    with pytest.raises(FileExistsError, match=r"path must be a new file, .*events.tsv exists|json exists"):
+    before, car = path.read_bytes(), path.with_suffix(".json").read_bytes()
+    with pytest.raises(FileExistsError, match=r"path must be a new file, .*json exists"):
         one.begin("01", "probing")
-    assert (path.read_bytes(), path.with_suffix(".json").read_bytes()) == before
-
-
-def test_a_side_car_alone_is_not_overwritten(tmp_path):
-    one, path = begun(tmp_path, count=3)
+    assert path.read_bytes() == before
     path.unlink()
-    before = path.with_suffix(".json").read_bytes()
     with pytest.raises(FileExistsError, match=r"path must be a new file, .*events.json exists"):
         one.begin("01", "probing")
-    assert path.with_suffix(".json").read_bytes() == before
-    assert not path.exists()
-    with pytest.raises(FileNotFoundError, match="there is no such run to resume"):
-        one.resume("01", "probing")
+    assert (path.with_suffix(".json").read_bytes(), path.exists()) == (car, False)
 
 
-def test_a_folder_that_cannot_be_made(tmp_path):
+@pytest.mark.parametrize(
+    ("kind", "ask", "sentence"),
+    [
+        (OSError, lambda one, at: AnswerFile.create(at / "file" / "beh" / "x.tsv", one.side_car("01", "probing")), "file"),
+        (OSError, lambda one, at: AnswerFile.open(at / "file" / "x.tsv", one.order("01", "up"), one.side_car("01", "up")), "file"),
+        (ValueError, lambda one, at: AnswerFile.create(at / "a.csv", one.side_car("01", "up")), r"path must end in .tsv, got .*a.csv"),
+        (FileNotFoundError, lambda one, at: one.resume("01", "up"), "there is no such run to resume"),
+    ],
+)  # fmt: skip
+def test_paths_that_are_refused(tmp_path, kind, ask, sentence):
     one = protocol(tmp_path)
     (tmp_path / "file").write_text("")
-    with pytest.raises(OSError, match="file"):
-        AnswerFile.create(tmp_path / "file" / "beh" / "x.tsv", one.side_car("01", "probing"))
-    with pytest.raises(OSError, match="file"):
-        AnswerFile.open(
-            tmp_path / "file" / "x.tsv", one.order("01", "probing"), one.side_car("01", "probing")
-        )
+    with pytest.raises(kind, match=sentence):
+        ask(one, tmp_path)
 
 
-def test_only_tables_are_made(tmp_path):
-    one = protocol(tmp_path)
-    with pytest.raises(ValueError, match=r"path must end in .tsv, got .*answers.csv"):
-        AnswerFile.create(tmp_path / "answers.csv", one.side_car("01", "probing"))
-
-
-@pytest.mark.parametrize("task", TASKS)
-def test_a_last_line_broken_off_at_any_byte_is_cut_and_asked_again(tmp_path, task):
-    one, path = begun(tmp_path, task, 3)
+def test_a_last_line_broken_off_at_any_byte_is_cut_and_asked_again(tmp_path):
+    one, path = begun(tmp_path, "match", 3)
     whole = path.read_bytes()
-    kept = whole[: whole[:-1].rfind(b"\n") + 1]
+    kept, due = whole[: whole[:-1].rfind(b"\n") + 1], trials_of(one, "match", 3)[-1]
     for length in range(len(kept) + 1, len(whole) - 1):
         path.write_bytes(whole[:length])
         answers = read_answers(path)
         assert len(answers.rows) == 2
         assert "was broken off and is left out" in answers.notes[0]
         assert "was broken off" in repr(answers)
-        file, order = one.resume("01", task)
+        file, order = one.resume("01", "match")
         with file:
             assert f"broken off after {length - len(kept)} bytes and is cut" in file.notes[0]
-            assert order.next() == trials_of(one, task, 3)[-1]
+            assert order.next() == due
             assert path.read_bytes() == kept
-        path.write_bytes(whole)
     path.write_bytes(kept + b"\0\0\0\xff")  # as a file system may leave it after a power cut
     assert len(read_answers(path).rows) == 2
-    one.resume("01", task)[0].close()
+    one.resume("01", "match")[0].close()
     assert path.read_bytes() == kept
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", ["probing", "up"])
 def test_a_last_line_that_lacks_its_end_alone_is_an_answer(tmp_path, task):
     one, path = begun(tmp_path, task, 3)
     whole = path.read_bytes()
     path.write_bytes(whole[:-1])
     answers = read_answers(path)
-    assert len(answers.rows) == 3
-    assert not answers.notes
+    assert (len(answers.rows), answers.notes) == (3, ())
     file, order = one.resume("01", task)
     with file:
-        assert not file.notes
-        assert path.read_bytes() == whole
+        assert (file.notes, path.read_bytes()) == ((), whole)
         give(file, order, 1)
     assert path.read_bytes().startswith(whole)
     assert len(read_answers(path).rows) == 4
@@ -157,8 +101,8 @@ def test_no_ending_begins_another():
 
 def test_a_start_broken_off_at_any_byte_begins_again(tmp_path):
     one, path = begun(tmp_path)
-    head = path.read_bytes()
-    for length in range(len(head) + 1):
+    head, due = path.read_bytes(), trials_of(one, "probing", 1)[0]
+    for length in (*range(0, len(head), 3), len(head)):
         path.write_bytes(head[:length])
         path.with_suffix(".json").unlink()
         with pytest.raises(FileExistsError, match="resume the run"):
@@ -167,70 +111,16 @@ def test_a_start_broken_off_at_any_byte_begins_again(tmp_path):
         with file:
             assert path.read_bytes() == head
             assert read_answers(path).side_car == file.side_car
-            assert order.next() == trials_of(one, "probing", 1)[0]
+            assert order.next() == due
 
 
-def test_answers_without_a_side_car_are_not_gone_on_with(tmp_path):
-    one, path = begun(tmp_path, count=2)
-    path.with_suffix(".json").unlink()
-    before = path.read_bytes()
-    with pytest.raises(ValueError, match=r"this is no run of this program, its side-car .*json is missing"):
-        one.resume("01", "probing")
-    assert path.read_bytes() == before
-
-
-def test_an_answer_is_on_the_disk_when_append_returns(tmp_path):
-    with answering(tmp_path, 3) as process:
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        one = Protocol.read(tmp_path / "test.toml")
-        path = one.data.answers("01", "probing")
-        assert len(read_answers(path).rows) == 3
-        file, order = one.resume("01", "probing")
-        with file:
-            assert order.next() == trials_of(one, "probing", 4)[-1]
-
-
-def test_a_process_killed_within_a_line(tmp_path):
-    with answering(tmp_path, 3, "cut") as process:
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        one = Protocol.read(tmp_path / "test.toml")
-        file, order = one.resume("01", "probing")
-        with file:
-            assert len(order.answered) == 2
-            assert "broken off" in file.notes[0]
-
-
-def test_the_line_is_written_at_once_and_synced_before_append_returns(tmp_path, monkeypatch):
+def test_one_at_a_time_until_it_closes(tmp_path):
     one = protocol(tmp_path)
     file, order = one.begin("01", "probing")
-    calls = []
-    write, sync = os.write, os.fsync
-    monkeypatch.setattr(os, "write", lambda target, text: calls.append("write") or write(target, text))
-    monkeypatch.setattr(os, "fsync", lambda target: calls.append("sync") or sync(target))
-    with file:
-        give(file, order, 2)
-    assert calls == ["write", "sync"] * 2
-
-
-def test_one_process_at_a_time(tmp_path):
-    with answering(tmp_path, 1):
-        one = Protocol.read(tmp_path / "test.toml")
-        path = one.data.answers("01", "probing")
-        with pytest.raises(BlockingIOError, match=r"events.tsv: another process has this run open"):
-            one.resume("01", "probing")
-        with pytest.raises(FileExistsError):
-            one.begin("01", "probing")
-        assert len(read_answers(path).rows) == 1
-    one.resume("01", "probing")[0].close()
-
-
-def test_a_lock_ends_with_close(tmp_path):
-    one = protocol(tmp_path)
-    file, _ = one.begin("01", "probing")
-    with pytest.raises(BlockingIOError, match="another process has this run open"):
+    give(file, order, 1)
+    with pytest.raises(BlockingIOError, match=r"events.tsv: another process has this run open"):
         one.resume("01", "probing")
+    assert len(read_answers(file.path).rows) == 1
     file.close()
     file.close()
     assert "closed" in repr(file)
@@ -238,53 +128,52 @@ def test_a_lock_ends_with_close(tmp_path):
 
 
 def test_a_full_disk_leaves_the_file_as_it_was(tmp_path, monkeypatch):
-    one = protocol(tmp_path)
-    file, order = one.begin("01", "probing")
+    def full(target):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    file, order = protocol(tmp_path).begin("01", "probing")
+    write = os.write
     with file:
         give(file, order, 2)
-        before, write = file.path.read_bytes(), os.write
-        monkeypatch.setattr(os, "write", lambda target, text: write(target, text[:20]))
-        with pytest.raises(OSError, match=r"took 20 of \d+ bytes: is the disk full"):
-            give(file, order, 1)
-        assert file.path.read_bytes() == before
-
-        def full(target):
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-        monkeypatch.undo()
-        monkeypatch.setattr(os, "fsync", full)
-        with pytest.raises(OSError, match="No space left"):
-            give(file, order, 1)
-        assert file.path.read_bytes() == before
-        monkeypatch.undo()
+        before = file.path.read_bytes()
+        for name, wrong, sentence in (
+            (
+                "write",
+                lambda target, text: write(target, text[:20]),
+                r"took 20 of \d+ bytes: is the disk full",
+            ),
+            ("fsync", full, "No space left"),
+        ):
+            with monkeypatch.context() as patch:
+                patch.setattr(os, name, wrong)
+                with pytest.raises(OSError, match=sentence):
+                    give(file, order, 1)
+            assert file.path.read_bytes() == before
         give(file, order, 1)
     assert len(read_answers(file.path).rows) == 3
 
 
 def test_what_could_not_be_read_back_is_not_written(tmp_path):
-    one = protocol(tmp_path)
-    file, order = one.begin("01", "probing")
+    file, order = protocol(tmp_path).begin("01", "probing")
     trial = order.next()
     with file:
-        before = file.path.read_bytes()
         for wrong, sentence in [
-            (
-                answer(trial, "first", 0.0),
-                "answer: column response: must be one of same, different, got 'first'",
-            ),
+            (answer(trial, "first", 0.0), "answer: column response: must be one of same, different, got 'first'"),
             (answer(trial, "same", -1.0, -1.0), "answer: column response_time: must be at least 0"),
             (answer(trial, "same", float("nan")), "a number must be finite, got nan"),
-        ]:
+        ]:  # fmt: skip
             with pytest.raises(ValueError, match=sentence):
                 file.append(wrong)
         give(file, order, 1)
-        with pytest.raises(
-            ValueError, match="answer: column trial: practice trial 1 is answered in line 2 already"
-        ):
+        told = "answer: column trial: practice trial 1 is answered in line 2 already"
+        with pytest.raises(ValueError, match=told):
             file.append(answer(trial, "same", 100.0))
-        assert file.path.read_bytes().count(b"\n") == before.count(b"\n") + 1
+    assert len(read_answers(file.path).rows) == 1
     with pytest.raises(ValueError, match=r"events.tsv is closed"):
         file.append(answer(order.next(), "same", 200.0))
+
+
+_ABROAD = 'seed = 7\ndevice = "igtl:x:1"\npublish = 18945'
 
 
 @pytest.mark.parametrize(
@@ -293,103 +182,103 @@ def test_what_could_not_be_read_back_is_not_written(tmp_path):
         ("seed = 7", "seed = 8", "experiment.seed was 7, is now 8"),
         ("trials = 8", "trials = 12", "tasks.probing.trials was 8, is now 12"),
         (
-            'b = "pvc"\ntrials = 8',
-            'b = "pettigrew"\ntrials = 8',
+            'b = "pvc"\ntrials = 8', 'b = "pettigrew"\ntrials = 8',
             "tasks.probing.b.name was 'pvc', is now 'pettigrew'",
         ),
         ("radius_mm = 3", "radius_mm = 2.5", "burr.radius_mm was 3.0, is now 2.5"),
         ("[12, 12, 6]", "[12, 12, 8]", r"bone.size_mm was \[12.0, 12.0, 6.0\], is now \[12.0, 12.0, 8.0\]"),
         ("seed = 7", "seed = 7\nfeedback = true", "experiment.feedback was False, is now True"),
         ("seed = 7", 'seed = 7\ndevice = "igtl:x:1"', "device was 'hand', is now 'igtl'"),
+        ("seed = 7", "seed = 7\npublish = 18945", "force is published was False, is now True"),
+        # what is none of the run
+        ("subjects = 3", "subjects = 30", None),
+        ("seed = 7", "seed = 7\ntrace = true\nlost_after_ms = 200", None),
+        ("trials = 4", "trials = 6", None),
+        ("[burr]", "[analysis]\ndelta = 1\n[burr]", None),
     ],
-)
-def test_a_protocol_that_was_changed_is_refused_with_what(tmp_path, old, new, sentence):
+)  # fmt: skip
+def test_a_protocol_that_was_changed_is_refused_with_what_matters(tmp_path, old, new, sentence):
     _, path = begun(tmp_path, count=3)
-    before = path.read_bytes()
-    with pytest.raises(ValueError, match=f"the protocol was changed since the run began: {sentence}"):
-        protocol(tmp_path, SMALL.replace(old, new)).resume("01", "probing")
+    before, changed = path.read_bytes(), protocol(tmp_path, SMALL.replace(old, new))
+    told = f"the protocol was changed since the run began: {sentence}"
+    with pytest.raises(ValueError, match=told) if sentence else contextlib.nullcontext():
+        changed.resume("01", "probing")[0].close()
     assert path.read_bytes() == before
+
+
+def test_a_run_goes_on_at_another_port_and_address(tmp_path):
+    begun(tmp_path, text=SMALL.replace("seed = 7", _ABROAD))
+    elsewhere = _ABROAD.replace("x:1", "y:2").replace("18945", "18946")
+    protocol(tmp_path, SMALL.replace("seed = 7", elsewhere)).resume("01", "probing")[0].close()
+
+
+def _each_line(change):
+    """What changes the fields of each line of a file, given its number from 0 and the fields."""
+
+    def changed(path):
+        lines = enumerate(path.read_text().splitlines())
+        path.write_text("".join("\t".join(change(number, line.split("\t"))) + "\n" for number, line in lines))
+
+    return changed
 
 
 @pytest.mark.parametrize(
-    ("old", "new"),
+    ("damage", "sentence"),
     [
-        ("subjects = 3", "subjects = 30"),
-        ("seed = 7", "seed = 7\ntrace = true"),
-        ("trials = 4", "trials = 6"),
-        ("[burr]", "[analysis]\ndelta = 1\n[burr]"),
+        (
+            lambda path: path.with_suffix(".json").unlink(),
+            r"this is no run of this program, its side-car .*json is missing",
+        ),
+        # Even where somebody brought the side-car into line.
+        (
+            _each_line(lambda number, fields: [*fields[:12], "5", *fields[13:]] if number == 2 else fields),
+            r"line 3, column seed_1: 5 where practice trial 2 has \d{6,}: made with",
+        ),
+        # A row goes to the end by its place: among other columns it would be another answer.
+        (
+            _each_line(lambda number, fields: [*fields[1:], fields[0]]),
+            "line 1: .* column 1 was 'onset', is now 'duration'",
+        ),
+        (_each_line(lambda number, fields: fields[:-3]), "line 1: .* column 15 was 'ended_1', is now none"),
+        (
+            _each_line(lambda number, fields: [*fields, "sub-01" if number else "participant_id"]),
+            "line 1: .* column 18 was none, is now 'participant_id'",
+        ),
     ],
 )
-def test_a_change_that_is_none_of_the_run_is_not(tmp_path, old, new):
-    begun(tmp_path, count=3)
-    protocol(tmp_path, SMALL.replace(old, new)).resume("01", "probing")[0].close()
-
-
-def test_answers_of_another_seed_are_refused_by_line(tmp_path):
-    """Even where somebody brought the side-car into line."""
-    _, path = begun(tmp_path, count=3)
-    rows = path.read_bytes().split(b"\n")
-    seed = rows[2].split(b"\t")[12]
-    path.write_bytes(b"\n".join([rows[0], rows[1], rows[2].replace(seed, b"5"), rows[3], b""]))
+def test_files_that_are_not_gone_on_with(tmp_path, damage, sentence):
+    one, path = begun(tmp_path, count=3)
+    damage(path)
     before = path.read_bytes()
-    with pytest.raises(
-        ValueError, match=rf"line 3, column seed_1: 5 where practice trial 2 has {int(seed)}: made with"
-    ):
-        protocol(tmp_path).resume("01", "probing")
+    with pytest.raises(ValueError, match=sentence):
+        one.resume("01", "probing")
     assert path.read_bytes() == before
-
-
-def test_a_real_subject_is_not_gone_on_with_by_a_simulated_one(tmp_path):
-    one, _ = begun(tmp_path, count=3)
-    with pytest.raises(ValueError, match=r"simulated subject was None, is now \{'weber': 0.1\}"):
-        one.resume("01", "probing", simulated={"weber": 0.1})
 
 
 def test_onsets_go_on_across_a_resumption_and_never_back(tmp_path):
     one, path = begun(tmp_path, count=3)
-    file, _ = one.resume("01", "probing")
     # The last answer ended at 120 + 41.5 + 0.75 s, though the clock of the wall says less.
-    with file:
+    with one.resume("01", "probing")[0] as file:
         assert file.end == 162.25
         assert 162.25 <= file.elapsed() < 172.25
     text = path.with_suffix(".json").read_text()
     started = json.loads(text)["Started"]
     path.with_suffix(".json").write_text(text.replace(started, "2020-01-01T00:00:00+00:00"))
-    file, _ = one.resume("01", "probing")
-    with file:
+    with one.resume("01", "probing")[0] as file:
         assert file.elapsed() > 1e8
 
 
-def test_a_simulated_subject_needs_no_response_time(tmp_path):
+def test_a_simulated_subject_needs_no_response_time_and_goes_on_as_itself(tmp_path):
     one = protocol(tmp_path)
     file, order = one.begin("01", "match", simulated={"weber": 0.1})
     with file:
         file.append(answer(order.next(), "first", 0.0, None))
     answers = read_answers(file.path)
-    assert answers.simulated
-    assert answers.side_car.simulated == {"weber": 0.1}
+    assert (answers.simulated, answers.side_car.simulated) == (True, {"weber": 0.1})
     assert answers.rows[0].response_time is None
     assert "a simulated subject 01" in repr(answers)
-
-
-def test_columns_that_were_changed_are_not_gone_on_with(tmp_path):
-    """A row goes to the end by its place: among other columns it would be another answer."""
-    one, path = begun(tmp_path, count=3)
-    lines = [line.split("\t") for line in path.read_text().splitlines()]
-    for changed, sentence in (
-        ([[*line[1:], line[0]] for line in lines], "line 1: .* column 1 was 'onset', is now 'duration'"),
-        ([line[:-3] for line in lines], "line 1: .* column 15 was 'ended_1', is now none"),
-        (
-            [[*line, "sub-01" if number else "participant_id"] for number, line in enumerate(lines)],
-            "line 1: .* column 18 was none, is now 'participant_id'",
-        ),
-    ):
-        path.write_text("".join("\t".join(line) + "\n" for line in changed))
-        before = path.read_bytes()
-        assert len(read_answers(path).rows) == 3
-        with pytest.raises(ValueError, match=sentence):
-            one.resume("01", "probing")
-        assert path.read_bytes() == before
+    with pytest.raises(ValueError, match=r"simulated subject was \{'weber': 0.1\}, is now None"):
+        one.resume("01", "match")
 
 
 def test_a_run_begun_without_a_column_of_repeats_goes_on_without(tmp_path):
@@ -406,6 +295,5 @@ def test_what_was_begun_comes_first_when_the_order_of_tasks_has_moved(tmp_path):
     one, _ = begun(tmp_path, "up", count=2, subject="02")
     other = protocol(tmp_path, SMALL.replace("subjects = 3", 'subjects = ["02", "01"]'))
     assert other.tasks_of("02")[0] != "up"
-    sitting = Sitting(other, "02")
-    assert sitting.tasks == ("up", *(task for task in other.tasks_of("02") if task != "up"))
+    assert Sitting(other, "02").tasks == ("up", *(task for task in other.tasks_of("02") if task != "up"))
     assert Sitting(one, "01").tasks == one.tasks_of("01")

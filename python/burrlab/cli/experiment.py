@@ -164,7 +164,7 @@ def _check_apart(option: str, path: str | None, config: str) -> None:
 
 
 def _draw(analysis: Analysis, folder: Path) -> int:
-    """All figures, as files; how many."""
+    """Draws all figures into files; how many."""
     import matplotlib.pyplot as plt
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -194,7 +194,7 @@ def _figures(task: ScoredTask | ThresholdTask) -> dict[str, Callable[[], Axes]]:
 
 
 def _sittings(options: Options) -> list[Sitting]:
-    """What is to be run, everything checked that can be."""
+    """The sittings that the options ask for; whatever can be checked beforehand is."""
     protocol = Protocol.read(options.config)
     _check_apart("experimenter", options.experimenter, options.config)
     if not options.simulated:
@@ -253,7 +253,7 @@ def _sit_down(stack: ExitStack, sitting: Sitting) -> int:
 
 
 def _simulated(options: Options) -> Mapping[str, Any]:
-    """For the side-car. What a subject attends to depends on the mode."""
+    """What the side-car says of simulated subjects. What a subject attends to depends on the mode."""
     return {
         "rendered": "each material once a task" if options.fast else "each interval",
         **{mode: _simulated_subject(options, mode).to_dict() for mode in MODES},
@@ -276,7 +276,7 @@ def _simulated_seat(options: Options, sitting: Sitting, task: str) -> Seat:
 
 
 def _command(action: str, options: Options, subject: str) -> str:
-    """What to type."""
+    """The command to type."""
     words = ["burrlab", "experiment", action, str(options.config)]
     words += ["--all"] if options.all else ["--subject", subject]
     for name in ("task", "device", "experimenter", "weber", "decision"):

@@ -91,7 +91,7 @@ def warnings(task: Task) -> list[str]:
 
 
 def _selection(task: Task) -> list[str]:
-    """What selection does to what is below."""
+    """What selection of the subjects does to the results below."""
     n, by = len(task.subjects), f" ({task.selected_by})" if task.selected_by else ""
     here = "" if n == task.chosen else f", of whom {n} are here"
     whom = (
@@ -166,7 +166,7 @@ def legend(task: Task) -> list[str]:
 
 
 def group_lines(task: Task) -> list[str]:
-    """Of the group, the subject as the unit."""
+    """What is found of the group, the subject as the unit."""
     if isinstance(task, ThresholdTask):
         return _threshold_lines(task)
     lines = ["One subject: nothing is said of a group."] if task.score is None else [str(task.score)]
@@ -487,7 +487,7 @@ def _of_folder(folder: str | os.PathLike[str]) -> list[TaskData]:
 
 
 def _missing(protocol: Protocol, tasks: Sequence[TaskData]) -> list[str]:
-    """Who has not begun what, and what is there of others."""
+    """Notes on tasks that subjects have not begun, and on answers of others."""
     there = {task.name: [one.subject for one in task.subjects] for task in tasks}
     notes = []
     for name in protocol.tasks:
@@ -502,7 +502,7 @@ def _missing(protocol: Protocol, tasks: Sequence[TaskData]) -> list[str]:
 
 
 def _origin_of_delta(delta: float, data: object, tasks: Sequence[TaskData]) -> str:
-    """Whether it was set before the runs began: each run's side-car has the protocol of that day."""
+    """A note on whether delta was set before the runs began: each run's side-car has the protocol of that day."""
     counts = "it counts only if it was set before the answers were seen"
     if not isinstance(data, Protocol) or delta != data.analysis.delta:
         return f"Delta = {delta:g}, given to the analysis: {counts}."
@@ -523,7 +523,7 @@ def _origin_of_delta(delta: float, data: object, tasks: Sequence[TaskData]) -> s
 def _settled(
     settings: AnalysisSettings, rules: Sequence[str] | None, delta: float | None, level: float | None
 ) -> AnalysisSettings:
-    """Those of the protocol, with what was given in their place."""
+    """The settings of the protocol, but for those that were given."""
     refuse(rules is not None and not rules, "rules must hold one at least, got none")
     refuse(delta is not None and not 0.0 < delta < math.inf, f"delta must be a d' above 0, got {delta!r}")
     refuse(level is not None and not 0.5 <= level < 1.0, f"level must be in [0.5, 1), got {level!r}")

@@ -71,12 +71,12 @@ class Answers(DataSet):
 
     @property
     def simulated(self) -> bool:
-        """Whether the subject was; False where the file does not say."""
+        """Whether the subject is a program; False where the file does not say."""
         return self.side_car is not None and self.side_car.simulated is not None
 
     @property
     def trials(self) -> int | None:
-        """Of the whole run, practice included, of a staircase at most; None where the file does not say."""
+        """Number of trials of the whole run, practice included, at most those of a staircase; None where the file does not say."""
         return None if self.side_car is None else self.side_car.trials
 
     def counts(self) -> Counts:
@@ -167,19 +167,19 @@ def read_answers(
     )
     if car is None:
         # Another program's last line may lack its end and be whole.
-        rows, torn = read_rows(file, content, labels["task"], answers), b""
+        reader, torn = read_rows(file, content, labels["task"], answers), b""
     else:
-        rows, content, torn = read_own_rows(file, content, car.task)
-        _check_stimuli(file, rows, car)
+        reader, content, torn = read_own_rows(file, content, car.task)
+        _check_stimuli(file, reader.rows, car)
     notes = (f"the last line of {file} was broken off and is left out",) if torn else ()
     labels["subject"] = _one_subject(file, content, labels["subject"])
-    return Answers(**labels, rows=tuple(row for _, row in rows), side_car=car, notes=notes, source=file)
+    return Answers(
+        **labels, rows=tuple(row for _, row in reader.rows), side_car=car, notes=notes, source=file
+    )
 
 
-def read_rows(
-    file: str, content: bytes, task: TaskName, answers: Sequence[str] | None = None
-) -> list[tuple[int, Row]]:
-    """The checked rows of a file with their lines. See `read_answers`."""
+def read_rows(file: str, content: bytes, task: TaskName, answers: Sequence[str] | None = None) -> RowReader:
+    """The reader of a file with all its rows, which are checked; errors as of `read_answers`."""
     table = tsv_text.parse(file, content)
     known = (*columns_of(task), _PARTICIPANT)
     for column in table.columns:
@@ -189,31 +189,31 @@ def read_rows(
         )
     for column in REQUIRED:
         refuse(column not in table.columns, f"{file}, line 1: column {column} is missing")
-    reader, rows = RowReader(task, answers), []
+    reader = RowReader(task, answers)
     for number, fields in table.rows:
         try:
-            rows.append((number, reader.parse(fields)))
+            reader.add(number, reader.parse(fields))
         except ValueError as error:
             raise ValueError(f"{file}, line {number}, {error}") from None
-        reader.add(*rows[-1])
-    return rows
+    return reader
 
 
-def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[list[tuple[int, Row]], bytes, bytes]:
-    """The rows of a file of this program, the bytes that they stand in, and what was broken off behind them.
+def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[RowReader, bytes, bytes]:
+    """The reader of a file of this program with all its rows, their bytes, and what was broken off behind them.
 
-    A last line that lacks nothing but its end is whole: no ending of an interval begins another, and repeats, the last column, have one digit.
+    A last line that lacks nothing but its end is whole: no ending of an interval begins another, and repeats, the last
+    column, have one digit.
     """
     lines, torn = tsv_text.split_torn(content)
-    rows = read_rows(file, lines, task)
+    reader = read_rows(file, lines, task)
     if torn:
         with contextlib.suppress(ValueError):
             return read_rows(file, content + b"\n", task), content + b"\n", b""
-    return rows, lines, torn
+    return reader, lines, torn
 
 
 def _check_stimuli(file: str, rows: Sequence[tuple[int, Row]], car: SideCar) -> None:
-    """That a trial's type says what its intervals were, where the type alone decides: each is written down twice."""
+    """ValueError where a trial's type contradicts the stimuli of its intervals, which are written down too."""
     places = {
         "same-different": {"A": "a", "B": "b"},
         "abx": {"": "reference", "A": "match", "B": "foil"},
@@ -315,7 +315,7 @@ def _compared(row: Row, trial: Trial) -> Iterator[tuple[str, object, object]]:
 
 
 def _labels(file: str, car: SideCar | None, given: Mapping[str, str | None]) -> dict[str, Any]:
-    """Subject, name and task: given, or of the side-car, or, of another program's file, of its name."""
+    """Subject, name and task as given, or as the side-car has them; of another program's file, as its name has them."""
     match = _LABELS.fullmatch(os.path.basename(file))
     named = dict(zip(("subject", "name"), match.groups(), strict=True)) if match else {}
     labels: dict[str, Any] = {}
@@ -340,7 +340,7 @@ def _labels(file: str, car: SideCar | None, given: Mapping[str, str | None]) -> 
 
 
 def _one_subject(file: str, content: bytes, subject: str | None) -> str:
-    """The subject, where a column says it too."""
+    """The subject as it is known, or as a column has it; ValueError where they differ or neither has one."""
     for line, fields in tsv_text.parse(file, content).rows:
         found = fields.get(_PARTICIPANT, "").removeprefix("sub-")
         refuse(
@@ -409,12 +409,8 @@ class AnswerFile:
         path.parent.mkdir(parents=True, exist_ok=True)
         if side_car_path(path).exists():
             raise FileExistsError(f"path must be a new file, {side_car_path(path)} exists")
-        try:
-            file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_EXCL, 0o666)
-        except FileExistsError:
-            raise FileExistsError(f"path must be a new file, {path} exists: resume the run") from None
-        with _closed_on_error(file):
-            lock_run(file, path)
+        exists = FileExistsError(f"path must be a new file, {path} exists: resume the run")
+        with _opened(path, os.O_CREAT | os.O_EXCL, exists) as file:
             return cls._begin(path, file, side_car)
 
     @classmethod
@@ -447,26 +443,24 @@ class AnswerFile:
             If it cannot be read and written.
         """
         path = Path(path)
-        try:
-            file = os.open(path, os.O_RDWR | os.O_APPEND)
-        except FileNotFoundError:
-            raise FileNotFoundError(f"{path}: there is no such run to resume") from None
-        with _closed_on_error(file):
-            lock_run(file, path)
+        with _opened(path, 0, FileNotFoundError(f"{path}: there is no such run to resume")) as file:
             first = read_side_car(path)
-            if first is None:
-                return cls._begin_again(path, file, side_car)
+            if first is None:  # killed while its files were made, or no run of this program
+                head, car = tsv_text.line(columns_of(side_car.task)), side_car_path(path)
+                refuse(
+                    not head.startswith(path.read_bytes()) or car.exists(),
+                    f"{path}: this is no run of this program, its side-car {car.name} is missing",
+                )
+                os.ftruncate(file, 0)
+                return cls._begin(path, file, side_car)
             if changes := first.differences(side_car):
                 told = in_one_line("; ".join(changes), 2000)
                 raise ValueError(f"{path}: the protocol was changed since the run began: {told}")
             found = path.read_bytes()
-            rows, content, torn = read_own_rows(os.fspath(path), found, first.task)
+            reader, content, torn = read_own_rows(os.fspath(path), found, first.task)
             columns = _checked_columns(path, content, first)
-            replay(os.fspath(path), rows, order)
-            reader = RowReader(first.task)
-            for line, row in rows:
-                reader.add(line, row)
-            end = max((_end(row) for _, row in rows), default=0.0)
+            replay(os.fspath(path), reader.rows, order)
+            end = max((_end(row) for _, row in reader.rows), default=0.0)
             result = cls(path, file, first, end, reader, content.count(b"\n"), columns)
             if len(content) > len(found):
                 synced_write(file, path, content[len(found) :])
@@ -480,23 +474,14 @@ class AnswerFile:
 
     @classmethod
     def _begin(cls, path: Path, file: int, side_car: SideCar) -> Self:
-        """Column names first: whoever finds them without a side-car knows that no trial was asked."""
-        synced_write(file, path, _head(side_car))
+        """Writes the column names first: where they stand without a side-car, no trial was asked."""
+        synced_write(file, path, tsv_text.line(columns_of(side_car.task)))
         text = json.dumps(side_car.to_dict(), indent=1, allow_nan=False, ensure_ascii=False) + "\n"
         with new_part(side_car_path(path)) as part:
             write_synced(part, text.encode())
             part.rename(side_car_path(path))
         sync_folder(path.parent)
         return cls(path, file, side_car, 0.0, RowReader(side_car.task), 1)
-
-    @classmethod
-    def _begin_again(cls, path: Path, file: int, side_car: SideCar) -> Self:
-        """A run that was killed while its files were made, or no run of this program."""
-        begun = not _head(side_car).startswith(path.read_bytes()) or side_car_path(path).exists()
-        missing = f"its side-car {side_car_path(path).name} is missing"
-        refuse(begun, f"{path}: this is no run of this program, {missing}")
-        os.ftruncate(file, 0)
-        return cls._begin(path, file, side_car)
 
     def elapsed(self) -> float:
         """Time since the start of the run [s], across resumptions; for the onset of an answer."""
@@ -550,7 +535,7 @@ class AnswerFile:
 
 
 def _end(row: Row) -> float:
-    """Of an answer, from the start of the run [s]."""
+    """The end of an answer, from the start of the run [s]."""
     return row.onset + (row.duration or 0.0) + (row.response_time or 0.0)
 
 
@@ -568,14 +553,16 @@ def _checked_columns(path: Path, content: bytes, side_car: SideCar) -> tuple[str
     return found
 
 
-def _head(side_car: SideCar) -> bytes:
-    return tsv_text.line(columns_of(side_car.task))
-
-
 @contextlib.contextmanager
-def _closed_on_error(file: int) -> Iterator[None]:
+def _opened(path: Path, more: int, otherwise: OSError) -> Iterator[int]:
+    """A run's file, locked, and closed after an error. Where it cannot be opened for the reason of `otherwise`, that is raised."""
     try:
-        yield
+        file = os.open(path, os.O_RDWR | os.O_APPEND | more, 0o666)
+    except type(otherwise):
+        raise otherwise from None
+    try:
+        lock_run(file, path)
+        yield file
     except BaseException:
         os.close(file)
         raise
@@ -602,7 +589,7 @@ _PARTICIPANTS: Mapping[str, Any] = {
 
 
 class ExperimentFolder:
-    """Where everything of an experiment lies; files are made where they are missing, and none is replaced.
+    """The folder of an experiment: files are made where they are missing, and none is replaced.
 
     Parameters
     ----------
@@ -619,7 +606,7 @@ class ExperimentFolder:
         return self.path / f"sub-{subject}" / "beh" / f"sub-{subject}_task-{task}_events.tsv"
 
     def log(self, subject: str, task: str) -> Path:
-        """What the experimenter sees of it."""
+        """The lines that the experimenter sees of a run."""
         return self._source(subject) / f"sub-{subject}_task-{task}_log.txt"
 
     def trace(self, subject: str, task: str, phase: str, trial: int, interval: int) -> Path:
@@ -628,7 +615,7 @@ class ExperimentFolder:
         return self._source(subject) / f"{stem}_trace.h5"
 
     def _source(self, subject: str) -> Path:
-        # Not of a form that BIDS knows: it leaves what is in sourcedata alone.
+        # No form that BIDS knows; its validators leave sourcedata alone.
         return self.path / "sourcedata" / f"sub-{subject}" / "beh"
 
     def prepare(self) -> None:
@@ -670,7 +657,7 @@ class ExperimentFolder:
         file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
         with locked(file, path, wait=True):
             columns = _mend(file, path, row)
-            entered = _participants(path)
+            entered = self.participants()
             for other, entry in entered.items():
                 refuse(
                     entry["simulated"] != kind,
@@ -689,12 +676,23 @@ class ExperimentFolder:
         ValueError
             If the file is not right: with the line.
         """
-        path = self.path / "participants.tsv"
-        return _participants(path) if path.exists() else {}
+        path, found = self.path / "participants.tsv", dict[str, dict[str, str]]()
+        if not path.exists():
+            return found
+        table = tsv_text.parse(os.fspath(path), path.read_bytes())
+        for column in _COLUMNS[:2]:
+            refuse(column not in table.columns, f"{path}, line 1: column {column} is missing")
+        for line, fields in table.rows:
+            subject, kind = fields["participant_id"].removeprefix("sub-"), fields["simulated"]
+            refuse(subject in found, f"{path}, line {line}: subject {subject} is there twice")
+            where = f"{path}, line {line}, column simulated"
+            refuse(kind not in ("yes", "no"), f"{where}: must be yes or no, got {kind!r}")
+            found[subject] = {**fields, "participant_id": subject}
+        return found
 
 
 def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
-    """The columns of participants.tsv, written where they are not; what a kill broke off is cut.
+    """The columns of participants.tsv, which are written where they are missing. A line that a kill broke off is cut.
 
     A last line that lacks its end alone, as an editor may leave it, gets it.
     """
@@ -719,22 +717,8 @@ def _mend(file: int, path: Path, row: Mapping[str, str]) -> tuple[str, ...]:
     return _COLUMNS
 
 
-def _participants(path: Path) -> dict[str, dict[str, str]]:
-    table = tsv_text.parse(os.fspath(path), path.read_bytes())
-    for column in _COLUMNS[:2]:
-        refuse(column not in table.columns, f"{path}, line 1: column {column} is missing")
-    found: dict[str, dict[str, str]] = {}
-    for line, fields in table.rows:
-        subject, kind = fields["participant_id"].removeprefix("sub-"), fields["simulated"]
-        refuse(subject in found, f"{path}, line {line}: subject {subject} is there twice")
-        where = f"{path}, line {line}, column simulated"
-        refuse(kind not in ("yes", "no"), f"{where}: must be yes or no, got {kind!r}")
-        found[subject] = {**fields, "participant_id": subject}
-    return found
-
-
 def _write_new(path: Path, text: str) -> None:
-    """Of a file that cannot be written nothing stays: whoever has a part of it would not write it again."""
+    """Writes a new file. One that cannot be written whole is removed: else it would pass for the file next time."""
     stream = path.open("x", encoding="utf-8", newline="")
     try:
         with stream:

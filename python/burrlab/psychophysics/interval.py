@@ -1,6 +1,6 @@
 """One interval of a trial: a burr on fresh bone, driven by a device, for a time.
 
-Bone that appears around a burr would throw it out, so that one waits until it is lifted.
+Bone that appears around a burr would throw it out: a live device is waited for until the burr is lifted.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import Burr, Device, Material, RecordReader, VoxelBone
-from burrlab.bone.recipe import VolumeRecipe, block_recipe, cut_block
-from burrlab.common.check import refuse
+from burrlab.bone.recipe import VolumeBlockRecipe, VolumeRecipe, block_recipe
+from burrlab.common.check import check_positive, refuse
 from burrlab.psychophysics.trial import MODES, Interval, Mode
 from burrlab.session.session import Session
 
@@ -54,12 +54,9 @@ class Block:
     def __post_init__(self) -> None:
         size = tuple(float(length) for length in self.size)
         refuse(len(size) != 3, f"size must have three lengths, got {len(size)}")
-        for name, length in (("voxel", self.voxel), *(("size", length) for length in size)):
-            refuse(
-                not (math.isfinite(length) and length > 0),
-                f"{name} must be positive and finite, got {length!r}",
-            )
+        check_positive("voxel", self.voxel)
         for length in size:
+            check_positive("size", length)
             refuse(
                 abs(length / self.voxel - round(length / self.voxel)) > 1e-6,
                 f"size must be a whole number of voxels of {self.voxel:g} mm, got {length:g}",
@@ -75,7 +72,7 @@ class Block:
         return round(half - 0.5 * x, 9), round(half - 0.5 * y, 9), round(half - z, 9)
 
     def fresh(self) -> VoxelBone:
-        """Untouched."""
+        """The untouched bone."""
         return VoxelBone.block(self.size, self.voxel, origin=self.origin)
 
     def recipe(self) -> dict[str, Any]:
@@ -83,7 +80,7 @@ class Block:
         return block_recipe(self.size, self.voxel, origin=self.origin)
 
     def plain(self) -> dict[str, Any]:
-        """For a protocol."""
+        """What a protocol's JSON has."""
         return {"size_mm": list(self.size), "voxel_mm": self.voxel}
 
     def check_burr(self, burr: Burr) -> None:
@@ -120,53 +117,27 @@ class VolumeBlock(Block):
     entry: tuple[float, float, float] = field(kw_only=True)
     axis: tuple[float, float, float] = field(kw_only=True)
 
+    @property
+    def _made(self) -> VolumeBlockRecipe:
+        return VolumeBlockRecipe(self.volume, self.size, self.voxel, self.entry, self.axis)
+
     def fresh(self) -> VoxelBone:
-        """Untouched; cut once. Errors as of `burrlab.volume.cut_block`, and OSError."""
-        return _cut(self).copy()
+        """The untouched bone, which is cut once. Errors as of `burrlab.volume.cut_block`, and OSError."""
+        return _cut(self._made).copy()
 
     def recipe(self) -> dict[str, Any]:
         """How others make the same bone, for a session's trace."""
-        return {
-            "notes": list(self.volume.notes()), "kind": "volume block", "volume": self.volume.plain(), "size_mm": list(self.size), "voxel_mm": self.voxel,
-            "entry_mm": list(self.entry), "axis": list(self.axis),
-        }  # fmt: skip
+        return {"notes": list(self.volume.notes()), **self._made.plain()}
 
     def plain(self) -> dict[str, Any]:
-        """For a protocol: where the volume lies is not in it, the bone's digest is."""
+        """What a protocol's JSON has: the bone's digest, and not where the volume lies."""
         # without what earlier versions did not write, so that a protocol keeps its digest
         volume = {name: value for name, value in self.volume.plain().items() if value is not False}
-        volume["path"], made = os.path.basename(self.volume.path), self.recipe()
-        del made["notes"]
-        return {**made, "volume": volume, "digest": _cut(self).digest()}
+        volume["path"] = os.path.basename(self.volume.path)
+        return {**self._made.plain(), "volume": volume, "digest": _cut(self._made).digest()}
 
 
-@functools.lru_cache(maxsize=2)
-def _cut(block: VolumeBlock) -> VoxelBone:
-    return cut_block(block.volume, block.size, block.voxel, entry=block.entry, axis=block.axis)
-
-
-@dataclass
-class Clock:
-    """Seconds since the start of a run, across resumptions.
-
-    Parameters
-    ----------
-    start : float
-        Of a clock that only intervals move [s].
-    elapsed : callable, optional
-        Time as it passes [s], such as `AnswerFile.elapsed`, in place of that.
-    """
-
-    start: float = 0.0
-    elapsed: Callable[[], float] | None = None
-
-    def now(self) -> float:
-        """[s]"""
-        return self.start if self.elapsed is None else self.elapsed()
-
-    def rendered(self, seconds: float) -> None:
-        """An interval has been rendered that lasted so long [s]."""
-        self.start += seconds
+_cut = functools.lru_cache(maxsize=2)(VolumeBlockRecipe.bone)
 
 
 _AWAY = 1e4  # [mm] from the surface to a block that nothing meets
@@ -184,7 +155,7 @@ def wait_until_lifted(
     stop: Callable[[], bool],
     on_message: Callable[[str], object] | None = None,
 ) -> tuple[bool, str]:
-    """Until the burr's tip has been above the plane z = 0 for 0.1 s. The force is zero meanwhile.
+    """Waits until the burr's tip has been above the plane z = 0 for 0.1 s. The force is zero meanwhile.
 
     Parameters
     ----------
@@ -194,7 +165,7 @@ def wait_until_lifted(
     on_wait : callable
         Called once if the burr is not lifted by itself.
     stop : callable
-        It is waited no more when this returns True; asked every few milliseconds.
+        The waiting ends when this returns True; asked every few milliseconds.
     on_message : callable, optional
         See `burrlab.Session`.
 
@@ -407,7 +378,7 @@ class _Watch:
         self._radius = burr.radius
         self._half, self._bottom = 0.5 * np.array(bone.size[:2]), -bone.size[2]
         self._duration = math.inf if duration is None else duration
-        self._kept: list[NDArray[np.void]] = []
+        self._kept = [np.zeros(0, TICK)]
         self._start: float | None = None
         self._touched = False
         self.ended: Ending | None = None
@@ -427,39 +398,29 @@ class _Watch:
                 return
 
     def _keep(self, records: NDArray[np.void]) -> None:
-        burr = records["burr"][:, 0]
-        ticks = np.zeros(len(records), TICK)
         if self._start is None:
             self._start = float(records["time"][0])
+        burr, ticks = records["burr"][:, 0], np.zeros(len(records), TICK)
         ticks["time"], ticks["periods"] = records["time"] - self._start, records["k"]
         for name in ("touching", "on", "center", "force", "penetration", "removed"):
             ticks[name] = burr[name]
-        over = np.flatnonzero(ticks["time"] >= self._duration - 0.5 * _PERIOD)
-        in_time = ticks[: over[0]] if len(over) else ticks
-        if len(over):
-            self.ended = "time"
-        found = self._first_ending(in_time)
-        if found is not None:
-            index, self.ended = found
-            in_time = in_time[: index + 1]
-        self._kept.append(in_time)
-
-    def _first_ending(self, ticks: NDArray[np.void]) -> tuple[int, Ending] | None:
         touched = self._touched | np.logical_or.accumulate(ticks["touching"])
-        if len(ticks):
-            self._touched = bool(touched[-1])
+        self._touched = bool(touched[-1])
         place, z = np.abs(ticks["center"][:, :2]), ticks["center"][:, 2]
         # Radius of the sphere's widest section below the surface.
         width = np.sqrt(np.maximum(self._radius**2 - np.maximum(z, 0.0) ** 2, 0.0))
-        wall = touched & (z < self._radius) & (place + width[:, None] >= self._half).any(axis=1)
+        # In the order of ENDINGS, which decides where two come at one tick.
+        late = ticks["time"] >= self._duration - 0.5 * _PERIOD
         through = touched & (z - self._radius <= self._bottom)
-        ending = np.flatnonzero(wall | through)
-        if not len(ending):
-            return None
-        first = int(ending[0])
-        return first, "break-through" if through[first] else "wall"
+        wall = touched & (z < self._radius) & (place + width[:, None] >= self._half).any(axis=1)
+        found = [(int(over.argmax()), kind) for kind, over in enumerate((late, through, wall)) if over.any()]
+        if found:
+            first, kind = min(found)
+            self.ended = ENDINGS[kind]
+            ticks = ticks[: first + (self.ended != "time")]
+        self._kept.append(ticks)
 
     def ticks(self) -> NDArray[np.void]:
-        kept: NDArray[Any] = np.concatenate(self._kept) if self._kept else np.zeros(0, TICK)
+        kept: NDArray[Any] = np.concatenate(self._kept)
         kept.flags.writeable = False
         return kept

@@ -8,7 +8,7 @@ import os
 import sys
 import tomllib
 import types
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,7 +36,7 @@ _REQUIRED = object()
 #: A rule in words, and whether a value keeps it.
 Rule: TypeAlias = tuple[str, Callable[[Any], bool]]
 
-#: Of anything that is counted, such as trials: more than one person answers. All orders are made before the first trial.
+#: The most of anything that is counted, such as trials: no person answers more, and all orders are made beforehand.
 _MOST = 10_000
 _MOST_SUBJECTS = 9999
 _LONGEST = 86400.0  # [s], a day: waiting has an end
@@ -44,6 +44,10 @@ _LONGEST = 86400.0  # [s], a day: waiting has an end
 _TEXT: Rule = ("a text", lambda value: isinstance(value, str) and value != "")
 _FLAG: Rule = ("true or false", lambda value: type(value) is bool)
 _LIST: Rule = ("a list of numbers", lambda value: isinstance(value, list))
+_CORNERS: Rule = (
+    "two corners, [[x, y, z], [x, y, z]]",
+    lambda value: isinstance(value, list) and len(value) == 2,
+)
 # TOML's whole numbers have no end
 _NUMBER: Rule = (
     "a finite number",
@@ -52,7 +56,7 @@ _NUMBER: Rule = (
 _AT_MOST_A_DAY: Rule = (f"at most {_LONGEST:g} [s]", lambda value: value <= _LONGEST)
 _WAIT: tuple[Rule, ...] = (("at least 0", lambda value: value >= 0), _AT_MOST_A_DAY)
 _PORT: Rule = ("a port, 1 to 65535", lambda value: type(value) is int and 0 < value < 65536)
-#: Of a file of tabs.
+#: What a field between tabs can hold.
 _ONE_FIELD: Rule = (
     "without tabs, line breaks and quotation marks",
     lambda value: not any(mark in value for mark in '\t\r\n"'),
@@ -68,7 +72,7 @@ def _choice(names: Sequence[str]) -> Rule:
 
 
 class Table:
-    """One table; what is wrong with it is said with file, table and key.
+    """One table of the file; its errors name file, table and key.
 
     Parameters
     ----------
@@ -83,20 +87,15 @@ class Table:
         self._known: list[str] = []
 
     def get(self, key: str, kind: Rule, *more: Rule, default: Any = _REQUIRED) -> Any:
-        """A value that keeps the rules; numbers become floats."""
+        """The value of a key, which must keep the rules; numbers become floats, and a list must be of numbers."""
         value = self.value(key, default)
         for rule, holds in (kind, *more) if key in self else ():
             if not holds(value):
                 raise self.error(f"{key} must be {rule}, got {shown(value)}")
             value = float(value) if kind is _NUMBER else value
+        if kind is _LIST and key in self:
+            return [Table(self.file, self.name, {key: one}).get(key, _NUMBER) for one in value]
         return value
-
-    def numbers(self, key: str, default: Any = _REQUIRED) -> Any:
-        """A list of finite numbers."""
-        value = self.get(key, _LIST, default=default)
-        if key not in self:
-            return value
-        return [Table(self.file, self.name, {key: one}).get(key, _NUMBER) for one in value]
 
     def table(self, key: str, *, needed: bool = True) -> Table:
         """A table in this one."""
@@ -107,11 +106,11 @@ class Table:
         return Table(self.file, name, value)
 
     def tables(self) -> Mapping[str, Table]:
-        """All that is in this one."""
+        """All tables in this one, by their keys."""
         return {key: self.table(key) for key in self._values}
 
     def value(self, key: str, default: Any = _REQUIRED, *, what: str | None = None) -> Any:
-        """As the file has it."""
+        """The value of a key, as the file has it."""
         self._known.append(key)
         if key not in self and default is _REQUIRED:
             raise self.error(f"{what or key} is missing")
@@ -124,17 +123,17 @@ class Table:
                 raise self.error(f"unknown key {shown(key)}; known are {', '.join(self._known)}")
 
     def error(self, sentence: object) -> ValueError:
-        """With the place before the sentence."""
+        """The error of a sentence, with the place before it."""
         return ValueError(
             f"{self.file}, [{self.name}]: {sentence}" if self.name else f"{self.file}: {sentence}"
         )
 
     @contextmanager
     def errors(self) -> Iterator[None]:
-        """What is raised within is said to be of this table."""
+        """Errors within get the place of this table."""
         try:
             yield
-        except (ValueError, TypeError) as error:
+        except (ValueError, TypeError, OSError) as error:
             raise self.error(error) from None
 
     def __contains__(self, key: str) -> bool:
@@ -203,12 +202,12 @@ def _read(table: Table, key: str, kind: Any, stimuli: Mapping[str, Stimulus], de
         return table.get(key, _NUMBER, *[_AT_MOST_A_DAY] * key.endswith("_s"), default=default)
     if get_origin(kind) is Literal:
         return table.get(key, _TEXT, _choice(get_args(kind)), default=default)
-    return table.get(key, _whole(_MOST), default=default) if kind is int else table.numbers(key, default)
+    return table.get(key, _whole(_MOST) if kind is int else _LIST, default=default)
 
 
 @dataclass(frozen=True)
 class AnalysisSettings:
-    """What was settled beforehand about the analysis.
+    """What was settled about the analysis before the first subject.
 
     Attributes
     ----------
@@ -248,7 +247,7 @@ def subjects_of(table: Table) -> tuple[str, ...]:
 
 
 def _check_labels(table: Table, what: str, labels: list[str]) -> None:
-    """Names that go into names of files, on any file system."""
+    """ValueError unless the names can stand in names of files, on any file system."""
     seen: dict[str, str] = {}
     for label in labels:
         if not (label.isascii() and label.isalnum()):
@@ -261,7 +260,7 @@ def _check_labels(table: Table, what: str, labels: list[str]) -> None:
 
 
 def device_of(table: Table, folder: Path) -> str:
-    """The device of [experiment], a script's file in the folder."""
+    """The device of [experiment]; a script's file lies in the folder."""
     text = table.get("device", _TEXT, default="hand")
     try:
         device = parse_device(text)
@@ -277,61 +276,50 @@ def without_folder(device: str) -> str:
 
 
 def burr_and_bone_of(file: Table, folder: Path) -> tuple[Burr, Block]:
-    """[burr] and [bone], which must fit one another; a volume's file in the folder."""
+    """What [burr] and [bone] describe, which must fit one another; a volume's file lies in the folder."""
     table = file.table("burr")
     with table.errors():
         burr = Burr(table.get("radius_mm", _NUMBER))
     table.done()
     table = file.table("bone")
-    size, voxel = table.numbers("size_mm"), table.get("voxel_mm", _NUMBER)
+    size, voxel = table.get("size_mm", _LIST), table.get("voxel_mm", _NUMBER)
     volume = _volume_of(table, folder)
     table.done()
-    # Side by side: a cube of a length near the ends of double is 0 or too large.
+    # One side after the other: the cube of a length near the ends of double is 0 or too large.
     if voxel > 0 and (voxels := math.prod(side / voxel for side in size)) > MOST_VOXELS:
         raise table.error(f"the block has {voxels:.3g} voxels, and {MOST_VOXELS:.3g} are the most")
     with table.errors():
         bone = Block(tuple(size), voxel) if volume is None else VolumeBlock(tuple(size), voxel, **volume)
         bone.check_burr(burr)
-        try:
-            bone.fresh() if volume else None  # a volume that cannot be read is no surprise in the first trial
-        except OSError as error:
-            raise ValueError(str(error)) from None
+        bone.fresh() if volume else None  # a volume that cannot be read is no surprise in the first trial
     return burr, bone
 
 
 def _volume_of(table: Table, folder: Path) -> dict[str, Any] | None:
     """What makes a `VolumeBlock` of [bone], where it names a volume."""
     path, given = table.get("volume", _TEXT, default=None), {}
-    for key, read in (
+    for key, kind in (
         ("map", _TEXT), ("entry_mm", _LIST), ("axis", _LIST), ("spacing_mm", _LIST), ("series", _TEXT),
-        ("crop_mm", None), ("volume_voxel_mm", _NUMBER), ("transpose", _FLAG),
+        ("crop_mm", _CORNERS), ("volume_voxel_mm", _NUMBER), ("transpose", _FLAG),
     ):  # fmt: skip
-        if read is None:
-            given[key] = table.value(key, None)
-        else:
-            given[key] = table.numbers(key, None) if read is _LIST else table.get(key, read, default=None)
+        given[key] = table.get(key, kind, default=None)
         if path is None and key in table:
             raise table.error(f"{key} goes with volume")
-    text, entry, axis, spacing, series, crop, voxel, transpose = given.values()
+        if path is not None and key in ("map", "entry_mm", "axis") and key not in table:
+            raise table.error(f"{key} is missing: volume needs it")
     if path is None:
         return None
-    for key in ("map", "entry_mm", "axis"):
-        if key not in table:
-            raise table.error(f"{key} is missing: volume needs it")
-    if crop is not None and not (isinstance(crop, list) and len(crop) == 2):
-        raise table.error(f"crop_mm must be two corners, [[x, y, z], [x, y, z]], got {shown(crop)}")
+    text, entry, axis, *others = given.values()
     with table.errors():
-        corners = None if crop is None else (crop[0], crop[1])
-        occupied = OccupancyMap.parse(text)
         return {
-            "volume": VolumeRecipe(str(folder / path), occupied, spacing, series, corners, voxel, transpose),
+            "volume": VolumeRecipe(str(folder / path), OccupancyMap.parse(text), *others),
             "entry": tuple(checked_point(entry, "entry_mm").tolist()),
             "axis": tuple(unit_vector(axis).tolist()),
         }
 
 
 def designs_of(file: Table) -> Mapping[str, Design]:
-    """[tasks], with the stimuli of [materials], in the order of the file."""
+    """The designs of [tasks] by name, with the stimuli of [materials], in the order of the file."""
     stimuli = stimuli_of(file.table("materials", needed=False))
     table = file.table("tasks")
     tables = table.tables()
@@ -350,7 +338,7 @@ def designs_of(file: Table) -> Mapping[str, Design]:
 
 
 def analysis_of(table: Table) -> AnalysisSettings:
-    """[analysis]."""
+    """The settings of [analysis]."""
     rules = table.get(
         "rules",
         (
@@ -492,7 +480,11 @@ class Protocol:
         ValueError
             If the protocol has no such subject.
         """
-        return tuple(counterbalanced(tuple(self.tasks), self.subjects.index(self._checked(subject))))
+        return tuple(
+            counterbalanced(
+                tuple(self.tasks), self.subjects.index(self._known("subject", subject, self.subjects))
+            )
+        )
 
     def order(self, subject: str, task: str) -> Order:
         """The trials of a subject in a task, at their beginning.
@@ -503,7 +495,10 @@ class Protocol:
             If the protocol has no such subject or task.
         """
         # Two tasks of one design have orders of their own.
-        return self._design(task).order(seed=self.seed, subject=f"{self._checked(subject)} {task}")
+        design = self.tasks[self._known("task", task, self.tasks)]
+        return design.order(
+            seed=self.seed, subject=f"{self._known('subject', subject, self.subjects)} {task}"
+        )
 
     @property
     def data(self) -> ExperimentFolder:
@@ -533,7 +528,7 @@ class Protocol:
         ValueError
             If the protocol has no such subject or task.
         """
-        design, order = self._design(task), self.order(subject, task)
+        order, design = self.order(subject, task), self.tasks[task]
         return SideCar(
             subject, task, design.task, design.question, design.to_dict(), self.to_dict(), self.seed,
             without_folder(device or self.device), order.total, simulated,
@@ -625,19 +620,9 @@ class Protocol:
         tasks = ", ".join(self.tasks)
         return f"Protocol({self.name!r}, {len(self.subjects)} subjects, tasks {tasks}, digest {self.digest[:12]})"
 
-    def _checked(self, subject: str) -> str:
-        refuse(
-            subject not in self.subjects,
-            f"{self.path}: there is no subject {subject!r}; there are {', '.join(self.subjects)}",
-        )
-        return subject
-
-    def _design(self, task: str) -> Design:
-        refuse(
-            task not in self.tasks,
-            f"{self.path}: there is no task {task!r}; there are {', '.join(self.tasks)}",
-        )
-        return self.tasks[task]
+    def _known(self, what: str, name: str, names: Collection[str]) -> str:
+        refuse(name not in names, f"{self.path}: there is no {what} {name!r}; there are {', '.join(names)}")
+        return name
 
 
 _TEMPLATE = """\

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import itertools
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -14,18 +16,12 @@ import numpy as np
 
 import burrlab
 from burrlab._core import Burr, Device, HandDevice, ReplayDevice, ScriptedDevice
-from burrlab.psychophysics.interval import (
-    Block,
-    Clock,
-    Rendered,
-    render,
-    wait_until_lifted,
-)
+from burrlab.psychophysics.interval import Block, Rendered, render, wait_until_lifted
 from burrlab.psychophysics.observer import drilling_hand, probing_hand
 from burrlab.psychophysics.protocol import Protocol
 from burrlab.psychophysics.seat import Experimenter, Seat
 from burrlab.psychophysics.side_car import Answer
-from burrlab.psychophysics.trial import Design, Interval, Mode, Order, Stimulus, Trial
+from burrlab.psychophysics.trial import Interval, Mode, Order, Stimulus, Trial
 from burrlab.session.exchange import parse_device
 
 MANY_LATE = 0.01  # of an interval's ticks
@@ -60,45 +56,6 @@ class LoopStalled(DeviceLost):
 
 
 @dataclass(frozen=True)
-class Rig:
-    """What all intervals of an experiment share.
-
-    Attributes
-    ----------
-    burr : Burr
-    bone : Block
-        Fresh for each interval.
-    device : callable
-        Gives a new device for an interval of a mode, or the same one again if it may serve another session.
-    pause : float
-        After an interval [s].
-    rest : float
-        Between blocks, at least [s].
-    feedback : bool
-        In practice the subject is told whether the answer was right.
-    trace : callable, optional
-        The new file for the trace of a trial's interval, numbered from 1.
-    live : bool
-        The device is in a hand: an interval does not begin before the burr is lifted.
-    publish : int, optional
-        Port on which each interval is published over OpenIGTLink.
-    render : callable
-        As `burrlab.psychophysics.render`.
-    """
-
-    burr: Burr
-    bone: Block
-    device: Callable[[Mode], Device]
-    pause: float = 1.0
-    rest: float = 60.0
-    feedback: bool = False
-    trace: Callable[[Trial, int], Path] | None = None
-    live: bool = False
-    publish: int | None = None
-    render: Callable[..., Rendered] = render
-
-
-@dataclass(frozen=True)
 class _Felt:
     """An interval that was felt; `rendered` is None of a real specimen. Times are the run's [s]."""
 
@@ -113,7 +70,9 @@ class Runner:
 
     Parameters
     ----------
-    design : Design
+    protocol : Protocol
+        With burr and bone, breaks and feedback.
+    task : str
     order : Order
         With what was answered before.
     keep : callable
@@ -121,9 +80,20 @@ class Runner:
     seat : Seat
         Where the subject sits.
     experimenter : Experimenter
-    rig : Rig
-    clock : Clock
-        Of the run.
+    device : callable
+        Gives a new device for an interval of a mode, or the same one again if it may serve another session.
+    start : float
+        Time of the run at which it goes on, where only intervals take time [s].
+    elapsed : callable, optional
+        Time of the run as it passes [s], such as `AnswerFile.elapsed`, in place of that.
+    live : bool
+        The device is in a hand: an interval does not begin before the burr is lifted.
+    trace : callable, optional
+        The new file for the trace of a trial's interval, numbered from 1.
+    publish : int, optional
+        Port on which each interval is published over OpenIGTLink.
+    render : callable, optional
+        In place of `burrlab.psychophysics.render`.
 
     Notes
     -----
@@ -133,24 +103,32 @@ class Runner:
 
     def __init__(
         self,
-        design: Design,
+        protocol: Protocol,
+        task: str,
         order: Order,
         keep: Callable[[Answer], None],
         seat: Seat,
         experimenter: Experimenter,
-        rig: Rig,
+        device: Callable[[Mode], Device],
         *,
-        clock: Clock,
+        start: float = 0.0,
+        elapsed: Callable[[], float] | None = None,
+        live: bool = False,
+        trace: Callable[[Trial, int], Path] | None = None,
+        publish: int | None = None,
+        render: Callable[..., Rendered] = render,
     ) -> None:
-        self._design, self._order, self._keep = design, order, keep
-        self._seat, self._experimenter, self._rig, self._clock = seat, experimenter, rig, clock
+        self._protocol, self._design, self._order, self._keep = protocol, protocol.tasks[task], order, keep
+        self._seat, self._experimenter, self._device = seat, experimenter, device
+        self._time, self._elapsed = start, elapsed
+        self._live, self._trace, self._publish, self._renderer = live, trace, publish, render
         self._heard: set[str] = set()  # sentences of sessions that need no second saying
         self._silent = False
         self._before = len(order.answered)
         self.repeated = 0  # trials, as the loop had stalled
 
     def run(self) -> int:
-        """Until the order has no more trials; how many were answered now.
+        """Asks until the order has no more trials; how many were answered now.
 
         Raises
         ------
@@ -199,7 +177,7 @@ class Runner:
         )
 
     def _rest_before(self, trial: Trial) -> None:
-        """A break where a block ends; whoever has just sat down needs none."""
+        """A break where a block ends; a subject who has just sat down needs none."""
         last = self._order.answered[-1][0] if self._order.answered else trial
         if (last.phase, last.block) == (trial.phase, trial.block):
             return
@@ -207,8 +185,8 @@ class Runner:
         if last.phase == "practice":
             self._seat.ready("That was practice. Now it counts.")
         elif len(self._order.answered) > self._before:
-            self._experimenter.say(f"break of {self._rig.rest:g} s before block {trial.block}")
-            self._seat.rest("Take a break.", self._rig.rest)
+            self._experimenter.say(f"break of {self._protocol.rest:g} s before block {trial.block}")
+            self._seat.rest("Take a break.", self._protocol.rest)
 
     def _announce(self, trial: Trial) -> None:
         number, total = len(self._order.answered) + 1, self._order.total
@@ -229,24 +207,27 @@ class Runner:
         real = interval.stimulus.material is None
         do = "Take the real specimen." if real else "Lift the burr clear of the material."
         self._seat.ready(f"Next: {name.lower()}.\n\n{do}")
-        if self._rig.live and not real:
+        if self._live and not real:
             self._lift(trial)
         to_end = "\n\nPress the space bar when you have felt enough." if interval.duration is None else ""
         self._seat.begins(f"{name}.\n\n{_DO[self._design.mode]}{to_end}")
-        began, rendered = self._clock.now(), None
+        began, rendered = self._now(), None
         if real and not self._seat.simulated:
             ended = self._real(interval)
         else:
             rendered = self._render(trial, number)
-            self._clock.rendered(rendered.duration)
+            self._time += rendered.duration
             ended = rendered.ended
-        felt = _Felt(rendered, ended, began, self._clock.now())
-        self._seat.ends(f"Stop: end of the {name.lower()}.\n\nLift the burr.", self._rig.pause)
+        felt = _Felt(rendered, ended, began, self._now())
+        self._seat.ends(f"Stop: end of the {name.lower()}.\n\nLift the burr.", self._protocol.pause)
         if ended in ("break-through", "wall"):
             self._experimenter.say(
                 f"{name.lower()} of trial {trial.number} ended by {ended} after {felt.over - began:.2f} s"
             )
         return felt
+
+    def _now(self) -> float:
+        return self._time if self._elapsed is None else self._elapsed()
 
     def _real(self, interval: Interval) -> str:
         end = math.inf if interval.duration is None else time.monotonic() + interval.duration
@@ -260,15 +241,15 @@ class Runner:
         """An interval on fresh bone and a new device; DeviceLost if the device did not last to its end."""
         interval = self._seat.stand_in(trial.intervals[number - 1])
         self._silent = False
-        rendered = self._rig.render(
+        rendered = self._renderer(
             interval,
-            self._rig.device(self._design.mode),
-            burr=self._rig.burr,
-            bone=self._rig.bone,
+            self._device(self._design.mode),
+            burr=self._protocol.burr,
+            bone=self._protocol.bone,
             mode=self._design.mode,
             wall_clock=self._seat.wall_clock,
-            record=None if self._rig.trace is None else self._rig.trace(trial, number),
-            publish=self._rig.publish,
+            record=None if self._trace is None else self._trace(trial, number),
+            publish=self._publish,
             on_message=self._hear,
             stop=lambda: self._silent or (interval.duration is None and self._seat.done()),
         )
@@ -278,9 +259,9 @@ class Runner:
         return rendered
 
     def _tell_of(self, rendered: Rendered, number: int, trial: Trial) -> None:
-        """What may make an interval another one than was meant."""
+        """Tells the experimenter what may have changed an interval: a first tick in contact, and late ticks."""
         ticks, which = rendered.ticks, f"interval {number} of trial {trial.number}"
-        if self._rig.live and len(ticks) and ticks["touching"][0]:
+        if self._live and len(ticks) and ticks["touching"][0]:
             force = float(np.linalg.norm(ticks["force"][0]))
             self._experimenter.say(f"{which} began in contact, at {force:.2f} N")
         late = int((ticks["periods"] > 1).sum())
@@ -288,18 +269,18 @@ class Runner:
             self._experimenter.say(f"{which} had {late} late ticks of {len(ticks)}")
 
     def _lift(self, trial: Trial) -> None:
-        """Until the burr is off the material; DeviceLost if the device did not last so long."""
+        """Waits until the burr is off the material; DeviceLost if the device did not last so long."""
 
         def ask() -> None:
             self._seat.show("Lift the burr clear of the material.\n\nThe interval begins by itself then.")
             self._experimenter.say(f"trial {trial.number} waits until the burr is lifted")
 
         self._silent = False
-        device = self._rig.device(self._design.mode)
+        device = self._device(self._design.mode)
         if isinstance(device, _SIMULATED):
             return  # it begins anew in each interval, where it is told to
         lifted, reason = wait_until_lifted(
-            device, self._rig.burr, on_wait=ask, stop=lambda: self._silent, on_message=self._hear
+            device, self._protocol.burr, on_wait=ask, stop=lambda: self._silent, on_message=self._hear
         )
         if not lifted:
             raise self._lost(trial, "before an interval", reason)
@@ -313,7 +294,7 @@ class Runner:
         return DeviceLost(f"the device was lost {when}: {reason}")
 
     def _hear(self, text: str) -> None:
-        """Sentences of a session go to the experimenter, once."""
+        """Passes each sentence of a session on to the experimenter, once."""
         self._silent = self._silent or text.startswith(_SILENT)
         if text not in self._heard:
             self._heard.add(text)
@@ -330,7 +311,7 @@ class Runner:
             f"trial {trial.number} ended by {', '.join(endings)}; answered {response}{taken}, "
             f"{'right' if right else 'wrong'}; {score} of {len(main)} right"
         )
-        if self._rig.feedback and trial.phase == "practice":
+        if self._protocol.feedback and trial.phase == "practice":
             self._seat.tell("Right." if right else "Not right.")
 
 
@@ -385,7 +366,7 @@ class Sitting:
         due = protocol.tasks_of(subject) if tasks is None else tuple(tasks)
         for task in due:
             protocol.order(subject, task)
-        # Subjects or tasks that were added move a subject's order: what was begun is gone on with first.
+        # Subjects or tasks that were added change a subject's order: the tasks that were begun come first.
         self.tasks = tuple(sorted(due, key=lambda task: not self._file(task).exists()))
         self._text = _DRIVER
         if isinstance(device, Device) or callable(device):
@@ -403,7 +384,7 @@ class Sitting:
         return tuple(task for task in self.tasks if self._file(task).exists())
 
     def run(self, seat: Callable[[str], Seat]) -> int:
-        """Through all tasks: those that were begun go on, the others begin. How many answers were given now.
+        """Takes the subject through all tasks: those that were begun go on, the others begin. How many answers were given now.
 
         Parameters
         ----------
@@ -443,16 +424,13 @@ class Sitting:
             if rest:
                 seat.progress("")
                 seat.rest("That was one task. Take a break.", self.protocol.rest)
-            clock = Clock(file.end) if seat.simulated else Clock(elapsed=file.elapsed)
             runner = Runner(
-                self.protocol.tasks[task],
-                order,
-                file.append,
-                seat,
-                experimenter,
-                self._rig(task),
-                clock=clock,
-            )
+                self.protocol, task, order, file.append, seat, experimenter, self._device, start=file.end,
+                elapsed=None if seat.simulated else file.elapsed, live=self._live,
+                trace=functools.partial(self._trace, task) if self.protocol.trace else None,
+                publish=None if self._simulated else self.protocol.publish,
+                render=_rendered_once() if self._once else render,
+            )  # fmt: skip
             try:
                 given = runner.run()
             except BaseException as error:
@@ -467,31 +445,22 @@ class Sitting:
             experimenter.say(f"task {task} is over, {len(order.answered)} trials were answered")
             return given
 
-    def _rig(self, task: str) -> Rig:
-        protocol = self.protocol
-        return Rig(
-            protocol.burr, protocol.bone, self._device, pause=protocol.pause, rest=protocol.rest,
-            feedback=protocol.feedback, live=self._live, publish=None if self._simulated else protocol.publish,
-            trace=(lambda trial, number: self._trace(task, trial, number)) if protocol.trace else None,
-            render=_rendered_once() if self._once else render,
-        )  # fmt: skip
-
     def _trace(self, task: str, trial: Trial, number: int) -> Path:
-        """A new file: an interval that was broken off has left one, and is felt again."""
+        """The path of a new trace; an interval that was broken off and is felt again has left one."""
         first = self.protocol.data.trace(self.subject, task, trial.phase, trial.number, number)
         first.parent.mkdir(parents=True, exist_ok=True)
-        path, attempt = first, 1
-        while path.exists():
-            attempt += 1
-            path = first.with_name(first.name.replace("_trace", f"_attempt-{attempt}_trace"))
-        return path
+        again = (
+            first.with_name(first.name.replace("_trace", f"_attempt-{attempt}_trace"))
+            for attempt in itertools.count(2)
+        )
+        return next(path for path in itertools.chain([first], again) if not path.exists())
 
     def _file(self, task: str) -> Path:
         return self.protocol.data.answers(self.subject, task)
 
 
 def try_loop(burr: Burr, bone: Block) -> str:
-    """How a loop runs on this machine now, by a simulated hand that drills for a second: a sentence."""
+    """A sentence on how the loop runs on this machine now: a simulated hand drills for a second."""
     interval = Interval(Stimulus("trial run", burrlab.materials["bone"]), 0, 1.0)
     felt = render(interval, drilling_hand(burr), burr=burr, bone=bone, mode="drilling")
     late = int((felt.ticks["periods"] > 1).sum())
@@ -524,7 +493,7 @@ def device_maker(text: str, protocol: Protocol) -> Callable[[Mode], Device]:
 
 
 def _rendered_once() -> Callable[..., Rendered]:
-    """`render` that remembers what became of a material."""
+    """A `render` that renders each material once, and then gives the same again."""
     kept: dict[tuple[Any, ...], Rendered] = {}
 
     def once(interval: Interval, device: Device, **options: Any) -> Rendered:

@@ -23,7 +23,7 @@ from burrlab.psychophysics.trial import Design, Interval, Trial
 
 
 class Seat:
-    """What a run shows and asks, here of nobody. Nothing that it is given tells a material, a pair type or a score.
+    """What a run shows and asks; here nobody sits. It is told no material, no pair type and no score.
 
     Attributes
     ----------
@@ -50,10 +50,10 @@ class Seat:
         """Shows the text until something else is shown."""
 
     def begins(self, text: str) -> None:
-        """An interval begins."""
+        """Shows the text as an interval begins."""
 
     def ends(self, text: str, pause: float) -> None:
-        """The interval has ended; for so long nothing happens [s]."""
+        """Shows the text as the interval has ended; nothing happens for so long [s]."""
 
     def done(self) -> bool:
         """Whether the subject has ended the interval, since it began."""
@@ -66,13 +66,13 @@ class Seat:
         raise NotImplementedError
 
     def tell(self, text: str) -> None:
-        """A sentence for a moment."""
+        """Shows a sentence for a moment."""
 
     def rest(self, text: str, seconds: float) -> None:
-        """A break, at least so long [s], and until the subject wants to go on."""
+        """Lets the subject rest at least so long [s], and until the subject wants to go on."""
 
     def close(self, text: str) -> None:
-        """The last words; the seat is as it was found."""
+        """Shows the last words."""
 
 
 SPACE = " "
@@ -82,7 +82,7 @@ _CLOSED = "the subject's terminal was closed"
 _MOMENT = 1.5  # that a sentence stays [s]
 # Keys such as Home, Delete or F5 send digits after an escape: they are no answers.
 _ESCAPED = re.compile(rb"\x1b(?:[\[O][0-9;?]*[ -/]*[@-~]|.)?", re.DOTALL)
-# The same, not yet at its end: a slow line hands it over in parts. Who presses Escape and then a digit is slower.
+# The same, not yet at its end: a slow line hands it over in parts. A person who presses Escape and then a digit is slower.
 _BEGUN = re.compile(rb"\x1b(?:[\[O][0-9;?]*[ -/]*)?\Z")
 _PART = 0.1  # the longest wait for the next part [s]
 
@@ -304,7 +304,7 @@ class Experimenter:
     def __init__(self, log: str | os.PathLike[str], view: str | os.PathLike[str] | None = None) -> None:
         self._view = None if view is None else _open_view(Path(view))
         Path(log).parent.mkdir(parents=True, exist_ok=True)
-        self._log = open(log, "a", encoding="utf-8")  # noqa: SIM115, closed by close
+        self._log = open(log, "a", encoding="utf-8")  # noqa: SIM115, closed by __exit__
 
     def say(self, text: str) -> None:
         """A line, with the time of day."""
@@ -319,17 +319,13 @@ class Experimenter:
         return self
 
     def __exit__(self, *error: object) -> None:
-        self.close()
-
-    def close(self) -> None:
         self._log.close()
         if self._view is not None:
             os.close(self._view)
-            self._view = None
 
 
 def _open_view(path: Path) -> int:
-    """Never blocks: neither here nor when nobody reads."""
+    """The descriptor of a view, which never blocks: neither when it is opened nor when nobody reads."""
     kind = path.stat().st_mode if path.exists() else 0
     own = [stream for stream in (sys.__stdin__, sys.__stdout__) if stream is not None and stream.isatty()]
     any_of_them = path.resolve() == Path("/dev/tty")  # another name of the terminal that a program has

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import json
 import math
@@ -34,6 +35,8 @@ TYPES: Mapping[TaskName, Mapping[str, str | None]] = {
 PHASES: tuple[Phase, ...] = ("practice", "main")
 
 REQUIRED = ("onset", "duration", "trial_type", "response", "correct", "response_time", "trial")
+#: Columns that each interval has, and the fields that hold them.
+_NUMBERED = {"stimulus": "stimuli", "seed": "seeds", "ended": "endings"}
 
 
 @dataclass(frozen=True)
@@ -138,14 +141,10 @@ class Row:
 
     def fields(self) -> dict[str, Any]:
         """Values by column."""
-        named = {
-            "onset": self.onset, "duration": self.duration, "trial_type": self.trial_type, "response": self.response,
-            "correct": int(self.correct), "response_time": self.response_time, "trial": self.trial,
-            "phase": self.phase, "block": self.block, "level": self.level,
-        }  # fmt: skip
-        for name, values in (("stimulus", self.stimuli), ("seed", self.seeds), ("ended", self.endings)):
-            named |= {f"{name}_{place}": value for place, value in enumerate(values, start=1)}
-        return {**named, "repeats": self.repeats}
+        named = {**vars(self), "correct": int(self.correct)}
+        for column, name in _NUMBERED.items():
+            named |= {f"{column}_{place}": value for place, value in enumerate(named.pop(name), start=1)}
+        return named
 
     def correct_answer(self, answers: Sequence[str]) -> str:
         """The answer that was correct, of the two."""
@@ -155,8 +154,12 @@ class Row:
 def columns_of(task: TaskName) -> tuple[str, ...]:
     """All columns of a file, in order."""
     places = range(1, INTERVALS[task] + 1)
-    numbered = [f"{name}_{place}" for name in ("stimulus", "seed", "ended") for place in places]
+    numbered = [f"{column}_{place}" for column in _NUMBERED for place in places]
     return (*REQUIRED, "phase", "block", "level", *numbered, "repeats")
+
+
+def _unnumbered(column: str) -> str:
+    return column.rstrip("_123")
 
 
 def as_text(row: Row, task: TaskName, columns: Sequence[str] = ()) -> bytes:
@@ -180,11 +183,21 @@ class RowReader:
 
     def __init__(self, task: TaskName, answers: Sequence[str] | None = None) -> None:
         self.task = task
-        self._answers = dict(zip(answers or ANSWERS[task], ANSWERS[task], strict=True))
         self._before: dict[tuple[str, int], tuple[int, Row]] = {}
+        own = dict(zip(answers or ANSWERS[task], ANSWERS[task], strict=True))
+        self._read: Mapping[str, Callable[[str], Any]] = {
+            **_READ,
+            "trial_type": _one_of(tuple(TYPES[task])),
+            "response": lambda text: own[_one_of(tuple(own))(text)],
+        }
+
+    @property
+    def rows(self) -> list[tuple[int, Row]]:
+        """The rows that were added, with their lines."""
+        return list(self._before.values())
 
     def add(self, line: int, row: Row) -> None:
-        """A row that those to come are checked against."""
+        """Adds a row that those to come are checked against."""
         self._before[row.phase, row.trial] = line, row
 
     def parse(self, fields: Mapping[str, str]) -> Row:
@@ -195,32 +208,22 @@ class RowReader:
         ValueError
             If a field is not what it must be, or contradicts another or a row before: with the column.
         """
-        places = range(1, INTERVALS[self.task] + 1)
-
-        def all_of(name: str, convert: Callable[[str], Any]) -> tuple[Any, ...]:
-            if not any(f"{name}_{place}" in fields for place in places):
-                return ()
-            return tuple(_field(fields, f"{name}_{place}", convert, None) for place in places)
-
-        row = Row(
-            onset=_field(fields, "onset", _filled(table.number_or_none)),
-            duration=_field(fields, "duration", _duration),
-            trial_type=_field(fields, "trial_type", _one_of(tuple(TYPES[self.task]))),
-            response=self._answers[_field(fields, "response", _one_of(tuple(self._answers)))],
-            correct=_field(fields, "correct", _one_of(("0", "1"))) == "1",
-            response_time=_field(fields, "response_time", _duration),
-            trial=_field(fields, "trial", _filled(table.whole)),
-            phase=_field(fields, "phase", _one_of(PHASES), "main"),
-            block=_field(fields, "block", _filled(table.whole), 1),
-            level=_field(fields, "level", _level, None),
-            stimuli=all_of("stimulus", _or_none),
-            seeds=all_of("seed", lambda text: table.whole(text, below=2**64)),
-            endings=all_of("ended", lambda text: _or_none(text) and _one_of(ENDINGS)(text)),
-            repeats=_field(fields, "repeats", lambda text: table.whole(text, below=10), None),
-        )
+        found: dict[str, Any] = {}
+        for column in columns_of(self.task):
+            if column in fields:
+                try:
+                    found[column] = self._read[_unnumbered(column)](fields[column])
+                except ValueError as error:
+                    raise ValueError(f"column {column}: {error}") from None
+        for column, name in _NUMBERED.items():
+            columns = [f"{column}_{place}" for place in range(1, INTERVALS[self.task] + 1)]
+            if found.keys() & columns:
+                found[name] = tuple(found.pop(one, None) for one in columns)
+        row = Row(**found)
         line = self._before.get((row.phase, row.trial), (None,))[0]
         refuse(line, f"column trial: {row.phase} trial {row.trial} is answered in line {line} already")
-        _check_place(row, next((one for _, one in reversed(self._before.values())), None))
+        _, before = next(reversed(self._before.values()), (0, replace(row, trial=0)))
+        _check_place(row, before)
         self._check_correct(row)
         return row
 
@@ -240,19 +243,18 @@ class RowReader:
 
 
 def _side(row: Row, answer: str) -> bool | None:
-    """Whether more of the parameter is more of what is asked; a comparison that equals the reference does not tell."""
+    """Whether more of the parameter is more of what is asked; None where the comparison equals the reference."""
     if row.level is None or row.level == 1.0:
         return None
     comparison = (answer == "first") == (row.trial_type == "CR")
     return comparison == (row.level > 1.0)
 
 
-def _check_place(row: Row, before: Row | None) -> None:
-    """That trials follow one another."""
+def _check_place(row: Row, before: Row) -> None:
+    """ValueError unless the row's trial follows the one before; the first follows trial 0."""
     refuse(row.trial < 1, f"column trial: must be at least 1, got {row.trial}")
     in_main = row.phase == "main"
     refuse(in_main and row.block < 1, f"column block: must be at least 1 after practice, got {row.block}")
-    before = before or replace(row, trial=0)
     same, was_main = before.phase == row.phase, before.trial and before.phase == "main"
     refuse(was_main and not in_main, "column phase: practice comes before the main phase")
     due = before.trial + 1 if same else 1
@@ -260,24 +262,6 @@ def _check_place(row: Row, before: Row | None) -> None:
     for name, wrong in (("onset", row.onset < before.onset), ("block", same and row.block < before.block)):
         was, now = getattr(before, name), getattr(row, name)
         refuse(wrong, f"column {name}: must not be before the last trial's {was!r}, got {now!r}")
-
-
-_ABSENT = object()
-
-
-def _field(
-    fields: Mapping[str, str], column: str, convert: Callable[[str], Any], default: Any = _ABSENT
-) -> Any:
-    if column not in fields and default is not _ABSENT:
-        return default
-    try:
-        return convert(fields[column])
-    except ValueError as error:
-        raise ValueError(f"column {column}: {error}") from None
-
-
-def _or_none(text: str) -> str | None:
-    return None if text == table.NOTHING else text
 
 
 def _kept(convert: Callable[[str], Any], rule: str, holds: Callable[[Any], bool]) -> Callable[[str], Any]:
@@ -291,21 +275,40 @@ def _kept(convert: Callable[[str], Any], rule: str, holds: Callable[[Any], bool]
     return kept
 
 
+def _or_none(text: str) -> str | None:
+    return None if text == table.NOTHING else text
+
+
 def _filled(convert: Callable[[str], Any]) -> Callable[[str], Any]:
     return _kept(convert, "every row needs a number", lambda value: value is not None)
 
 
-def _one_of(choices: Sequence[str]) -> Callable[[str], Any]:
-    return _kept(str, f"must be one of {', '.join(choices)}", lambda text: text in choices)
+def _one_of(choices: Sequence[str | None]) -> Callable[[str], Any]:
+    named = ", ".join(filter(None, choices))
+    return _kept(_or_none, f"must be one of {named}", lambda value: value in choices)
 
 
-_duration = _kept(table.number_or_none, "must be at least 0 [s]", lambda value: value is None or value >= 0)
-_level = _kept(table.number_or_none, "must be a ratio above 0", lambda value: value is None or value > 0)
+_seconds = _kept(table.number_or_none, "must be at least 0 [s]", lambda value: value is None or value >= 0)
+#: What the text of a column says in every task.
+_READ: Mapping[str, Callable[[str], Any]] = {
+    "onset": _filled(table.number_or_none),
+    "duration": _seconds,
+    "correct": lambda text: _one_of(("0", "1"))(text) == "1",
+    "response_time": _seconds,
+    "trial": _filled(table.whole),
+    "phase": _one_of(PHASES),
+    "block": _filled(table.whole),
+    "level": _kept(table.number_or_none, "must be a ratio above 0", lambda value: value is None or value > 0),
+    "stimulus": _or_none,
+    "seed": functools.partial(table.whole, below=2**64),
+    "ended": _one_of((None, *ENDINGS)),
+    "repeats": functools.partial(table.whole, below=10),
+}
 
 
 _FORMAT = 1
 _KEY = "BurrlabRun"
-#: Of the tables of a protocol, those whose change makes another run; of [experiment], these keys.
+#: The tables of a protocol whose change makes another run, and such keys of [experiment].
 _TABLES = ("burr", "bone")
 _EXPERIMENT = ("seed", "feedback", "pause_s", "break_s")
 
@@ -402,11 +405,6 @@ class SideCar:
                 object.__setattr__(self, name, json_mapping(value))
 
     @property
-    def answers(self) -> tuple[str, str]:
-        """In the order of their keys."""
-        return ANSWERS[self.task]
-
-    @property
     def digest(self) -> str:
         """sha256 of the protocol."""
         return digest(self.protocol)
@@ -433,14 +431,14 @@ class SideCar:
             "task": self.name,
             "experiment": {key: experiment.get(key) for key in _EXPERIMENT} | {"seed": self.seed},
             "device": self.device.partition(":")[0],
-            # Over the network it is whether a hand feels anything; which port is nobody's business.
+            # Over the network it decides whether a hand feels anything; which port it is does not matter.
             "force is published": experiment.get("publish") is not None,
             **{key: self.protocol.get(key) for key in _TABLES},
             f"tasks.{self.name}": self.design,
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """As the file has it, with the columns described."""
+        """The JSON of the file, with descriptions of the columns."""
         return {
             "TaskDescription": _DESCRIBED[self.task],
             "StimulusPresentation": {
@@ -450,7 +448,7 @@ class SideCar:
             },
             _KEY: _FORMAT,
             **{key: getattr(self, name) for key, (name, _) in _FIELDS.items()},
-            "Answers": list(self.answers),
+            "Answers": list(ANSWERS[self.task]),
             "Simulated": self.simulated is not None,
             "SimulatedSubject": self.simulated,
             "ProtocolDigest": self.digest,
@@ -459,7 +457,7 @@ class SideCar:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> SideCar:
-        """What `to_dict` described.
+        """The side-car that `to_dict` wrote.
 
         Raises
         ------
@@ -483,7 +481,7 @@ class SideCar:
         return car
 
     def _check_against_protocol(self) -> None:
-        """ValueError if what is told of the Protocol once more, for readers, is told otherwise: the digest is of it alone."""
+        """ValueError if design, seed, task or trials, which stand beside the Protocol for readers, contradict it."""
         experiment, tasks = (self.protocol.get(key, {}) for key in ("experiment", "tasks"))
         refuse(
             not (isinstance(experiment, dict) and isinstance(tasks, dict)),
@@ -503,7 +501,7 @@ class SideCar:
 
 
 def side_car_path(path: str | os.PathLike[str]) -> Path:
-    """Of the JSON beside a TSV."""
+    """The path of the JSON beside a TSV."""
     return Path(path).with_suffix(".json")
 
 
@@ -535,7 +533,7 @@ def digest(protocol: Mapping[str, Any]) -> str:
 
 
 def descriptions(task: TaskName) -> dict[str, Any]:
-    """Of the columns, as BIDS has them: unit or levels."""
+    """The descriptions of a task's columns, as BIDS has them, with unit or levels."""
     levels = {
         "trial_type": {one: f"correct answer: {due}" if due else one for one, due in TYPES[task].items()},
         "response": {answer: f"key {key}" for key, answer in enumerate(ANSWERS[task], start=1)},
@@ -545,12 +543,10 @@ def descriptions(task: TaskName) -> dict[str, Any]:
     }
     described: dict[str, Any] = {}
     for column in columns_of(task):
-        name, _, place = column.rpartition("_") if column[-1].isdecimal() else (column, "", "")
-        text = _TYPES[task] if name == "trial_type" else _COLUMNS[name].format(place)
-        units = {"Units": _UNITS[name]} if name in _UNITS else {}
+        name = _unnumbered(column)
         described[column] = {
-            "Description": text,
-            **units,
+            "Description": _TYPES[task] if name == "trial_type" else _COLUMNS[name].format(column[-1]),
+            **({"Units": _UNITS[name]} if name in _UNITS else {}),
             **({"Levels": levels[name]} if name in levels else {}),
         }
     return described

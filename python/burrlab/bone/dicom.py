@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from burrlab.bone.header import Header, medical, plain_name
 from burrlab.bone.image import Array, Volume, checked_direction
-from burrlab.common.check import DEFLATE, check_memory
+from burrlab.common.check import DEFLATE, check_memory, refuse
 from burrlab.common.files import check_folder, new_folder
 from burrlab.common.records import in_one_line
 
@@ -136,8 +136,7 @@ def dicom_files(folder: str | os.PathLike[str]) -> tuple[list[str], list[str]]:
                 found.append(str(path))
             elif not path.name.startswith(".") and path.name != IN_FOLDER:
                 others.append(path.name)
-    if not found:
-        raise ValueError(f"{os.fspath(folder)}: the folder holds no DICOM files")
+    refuse(not found, f"{os.fspath(folder)}: the folder holds no DICOM files")
     return found, others
 
 
@@ -164,8 +163,7 @@ def dataset(name: str) -> Any:
         stream = zlib.decompressobj(-zlib.MAX_WBITS)
         with contextlib.suppress(zlib.error):  # behind the file meta information
             stream.decompress(content[144 + int.from_bytes(content[140:144], "little") :], _SMALL)
-        if stream.unconsumed_tail:
-            raise ValueError(f"{name}: the deflated data must be of at most {_SMALL} bytes")
+        refuse(stream.unconsumed_tail, f"{name}: the deflated data must be of at most {_SMALL} bytes")
     with contextlib.suppress(Exception), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found: Any = pydicom.dcmread(io.BytesIO(content), force=True)
@@ -213,23 +211,27 @@ def _header_of(name: str) -> _Slice:
     rows, columns, bits, values = (
         short_of(found, keyword) for keyword in ("Rows", "Columns", "BitsAllocated", "SamplesPerPixel")
     )
-    if min(rows, columns, bits) < 1:
-        raise ValueError(
-            f"{name}: cannot be read as a DICOM image: it is cut short, damaged, or holds no image"
-        )
-    if (whole("NumberOfFrames") or 1) > 1:
-        raise ValueError(f"{name}: DICOM files of several frames are not read: convert it to NRRD or NIfTI")
+    refuse(
+        min(rows, columns, bits) < 1,
+        f"{name}: cannot be read as a DICOM image: it is cut short, damaged, or holds no image",
+    )
+    refuse(
+        (whole("NumberOfFrames") or 1) > 1,
+        f"{name}: DICOM files of several frames are not read: convert it to NRRD or NIfTI",
+    )
     shades = text_of(found, "PhotometricInterpretation")
-    if abs(values) != 1 or shades not in ("MONOCHROME2", ""):
-        raise ValueError(
-            f"{name}: a volume needs three dimensions and one value a voxel, got a {shades} image of {abs(values)} values"
-        )
+    refuse(
+        abs(values) != 1 or shades not in ("MONOCHROME2", ""),
+        f"{name}: a volume needs three dimensions and one value a voxel, got a {shades} image of {abs(values)} values",
+    )
     down, across = (
         s if s > 0 else np.nan for s in numbers("PixelSpacing", 2)
     )  # between rows, between columns
     position, turn = numbers("ImagePositionPatient", 3), numbers("ImageOrientationPatient", 6)
-    if np.any(np.isnan(position)) or np.any(np.isnan(turn)):
-        raise ValueError(f"{name}: the DICOM header does not say the slice's position and orientation")
+    refuse(
+        np.any(np.isnan(position)) or np.any(np.isnan(turn)),
+        f"{name}: the DICOM header does not say the slice's position and orientation",
+    )
     return _Slice(
         name, text_of(found, "SeriesInstanceUID"), (columns, rows), (across, down), turn[:3], turn[3:], np.array(position), bits,
         whole("InstanceNumber"), whole("ImagesInAcquisition"),
@@ -239,10 +241,13 @@ def _header_of(name: str) -> _Slice:
 def _of_series(slices: list[_Slice], where: str, series: str | None) -> list[_Slice]:
     counts = Counter(s.series for s in slices)
     said = ", ".join(f"{uid} ({count} files)" for uid, count in sorted(counts.items()))
-    if series is None and len(counts) > 1:
-        raise ValueError(f"{where}: series must say which of {len(counts)} DICOM series: {said}")
-    if series is not None and series not in counts:
-        raise ValueError(f"{where}: series must be one of {said}, got {series}")
+    refuse(
+        series is None and len(counts) > 1,
+        f"{where}: series must say which of {len(counts)} DICOM series: {said}",
+    )
+    refuse(
+        series is not None and series not in counts, f"{where}: series must be one of {said}, got {series}"
+    )
     return [s for s in slices if series in (None, s.series)]
 
 
@@ -254,10 +259,10 @@ def _check_alike(slices: list[_Slice], where: str) -> None:
             ("pixel spacings", first.spacing, other.spacing),
             ("orientations", first.rows + first.columns, other.rows + other.columns),
         ):
-            if not np.allclose(a, b, rtol=1e-5, atol=1e-4 if what == "orientations" else 0, equal_nan=True):
-                raise ValueError(
-                    f"{where}: the slices have different {what}: {_text(a)} in {first.file}, {_text(b)} in {other.file}"
-                )
+            refuse(
+                not np.allclose(a, b, rtol=1e-5, atol=1e-4 if what == "orientations" else 0, equal_nan=True),
+                f"{where}: the slices have different {what}: {_text(a)} in {first.file}, {_text(b)} in {other.file}",
+            )
 
 
 def _distance(slices: list[_Slice], along: Array, where: str) -> float:
@@ -314,24 +319,26 @@ def _check_whole(part: _Slice) -> None:
     """ValueError where the pixel data is shorter than rows and columns ask for: GDCM would fill the rest up."""
     found, wanted = dataset(part.name), _size(part)
     content = found.get_item("PixelData").value
-    if wanted > max(DEFLATE * len(content), _SMALL):  # before a decoder makes room for it
-        raise ValueError(
-            f"{part.name}: the pixel data is cut short: {len(content)} bytes cannot hold {wanted}"
-        )
+    refuse(  # before a decoder makes room for it
+        wanted > max(DEFLATE * len(content), _SMALL),
+        f"{part.name}: the pixel data is cut short: {len(content)} bytes cannot hold {wanted}",
+    )
     if str(found.file_meta.get("TransferSyntaxUID", "")).startswith(_JPEG):
         most = max((bits[0] for bits in _PRECISION.findall(content)), default=0)
-        if most > part.bits:  # a decoder writes beyond its memory
-            raise ValueError(
-                f"{part.name}: the compressed pixels must have at most {part.bits} bits, got {most}"
-            )
+        refuse(
+            most > part.bits,  # a decoder writes beyond its memory
+            f"{part.name}: the compressed pixels must have at most {part.bits} bits, got {most}",
+        )
     for sizes in _CODED.findall(content):  # a decoder goes by them
         coded = math.prod(int.from_bytes(size) for size in sizes if size)
-        if coded > max(part.size[0] * part.size[1], _SMALL // 4):
-            raise ValueError(
-                f"{part.name}: the compressed pixels must be of the header's size, got {coded} of them"
-            )
-    if not is_packed(found) and len(content) < wanted:
-        raise ValueError(f"{part.name}: the pixel data is cut short: {len(content)} bytes of {wanted}")
+        refuse(
+            coded > max(part.size[0] * part.size[1], _SMALL // 4),
+            f"{part.name}: the compressed pixels must be of the header's size, got {coded} of them",
+        )
+    refuse(
+        not is_packed(found) and len(content) < wanted,
+        f"{part.name}: the pixel data is cut short: {len(content)} bytes of {wanted}",
+    )
 
 
 def _values(part: _Slice, shape: tuple[int, int]) -> NDArray[Any]:
@@ -343,8 +350,7 @@ def _values(part: _Slice, shape: tuple[int, int]) -> NDArray[Any]:
             values = np.asarray(sitk.GetArrayFromImage(sitk.ReadImage(part.name, imageIO="GDCMImageIO")))
     except RuntimeError:
         values = np.empty(0)
-    if values.size != math.prod(shape):
-        raise ValueError(f"{part.name}: the pixel data of the slice cannot be read whole")
+    refuse(values.size != math.prod(shape), f"{part.name}: the pixel data of the slice cannot be read whole")
     return values.reshape(shape)
 
 
@@ -426,12 +432,14 @@ def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:
 
 def check_slices(volume: Volume) -> None:
     """ValueError where a volume cannot be written as DICOM; ImportError without SimpleITK."""
-    if volume.values.dtype.name not in KINDS:
-        raise ValueError(
-            f"values must be one of {', '.join(KINDS)} to be written as DICOM, got {volume.values.dtype}"
-        )
-    if np.linalg.det(volume.direction) < 0:
-        raise ValueError("direction must be right-handed to be written as DICOM, got a left-handed one")
+    refuse(
+        volume.values.dtype.name not in KINDS,
+        f"values must be one of {', '.join(KINDS)} to be written as DICOM, got {volume.values.dtype}",
+    )
+    refuse(
+        np.linalg.det(volume.direction) < 0,
+        "direction must be right-handed to be written as DICOM, got a left-handed one",
+    )
     medical("SimpleITK", "writing volumes")
 
 

@@ -30,7 +30,7 @@ from burrlab.bone.header import (
     three_sizes,
 )
 from burrlab.bone.image import LabelVolume, Volume, checked_direction
-from burrlab.common.check import check_memory, first_bytes
+from burrlab.common.check import check_memory, first_bytes, refuse
 from burrlab.common.files import check_folder, new_part
 
 
@@ -144,8 +144,7 @@ def _read(
     """Name, header and values, of at most so many layers."""
     single = isinstance(path, str | os.PathLike)
     names = [os.fspath(part) for part in ([path] if isinstance(path, str | os.PathLike) else path)]
-    if not names:
-        raise ValueError("path must name a file, got an empty list")
+    refuse(not names, "path must name a file, got an empty list")
     name = names[0]
     if single and Path(name).is_dir():
         files, others = dicom_files(name)
@@ -158,8 +157,7 @@ def _read(
         name = f"{len(names)} files in {common}"
     if not single or is_dicom(name):
         return name, *read_dicom(names, name, series)
-    if series is not None:
-        raise ValueError(f"series goes with DICOM, got {name}")
+    refuse(series is not None, f"series goes with DICOM, got {name}")
     found = format_of(name)
     if found is None:
         raise ValueError(
@@ -180,17 +178,13 @@ def _read_values(at: Layout, shape: tuple[int, ...], name: str) -> NDArray[Any]:
     """Grey values, numbers of this machine; ValueError with one sentence where they are not whole."""
     size = math.prod(shape) * at.kind.itemsize
     part, left = divmod(size, len(at.files))
-    if left:
-        raise ValueError(
-            f"{name}: the values must be in files of one size, got {len(at.files)} for {size} bytes"
-        )
+    refuse(left, f"{name}: the values must be in files of one size, got {len(at.files)} for {size} bytes")
     if len(at.files) == 1:
         data = _bytes(at, at.files[0], size, name)
     else:
         check_memory(2 * size, f"{name}: the volume")
         data = np.concatenate([_bytes(at, path, part, name) for path in at.files])
-    if len(data) < size:
-        raise ValueError(f"{name}: the file is cut short: {len(data)} bytes of values, of {size}")
+    refuse(len(data) < size, f"{name}: the file is cut short: {len(data)} bytes of values, of {size}")
     stored = np.require(data[:size].view(at.kind).reshape(shape), at.kind.newbyteorder("="), "A")
     if (at.slope, at.inter) == (1.0, 0.0):
         return stored
@@ -204,8 +198,7 @@ def _read_values(at: Layout, shape: tuple[int, ...], name: str) -> NDArray[Any]:
 
 def _bytes(at: Layout, path: Path, size: int, name: str) -> NDArray[np.uint8]:
     """Of one file of values, fewer where it is cut short."""
-    if not path.is_file():
-        raise ValueError(f"{name}: the file of its values, {path.name}, is not there")
+    refuse(not path.is_file(), f"{name}: the file of its values, {path.name}, is not there")
     with path.open("rb") as file:
         file.seek(at.start)
         for _ in range(at.lines):
@@ -216,10 +209,10 @@ def _bytes(at: Layout, path: Path, size: int, name: str) -> NDArray[np.uint8]:
         if at.encoding == "gzip":
             data, _ = first_bytes(file, at.skip + size, True, name)
             used = file.tell() - begin
-            if at.told and not (re.fullmatch(r"\d{1,18}", at.told) and used <= int(at.told) <= left):
-                raise ValueError(
-                    f"{name}: CompressedDataSize of the MetaImage header must be {used}, got {at.told}"
-                )
+            refuse(
+                at.told and not (re.fullmatch(r"\d{1,18}", at.told) and used <= int(at.told) <= left),
+                f"{name}: CompressedDataSize of the MetaImage header must be {used}, got {at.told}",
+            )
             return data[at.skip :]
         file.seek(max(left - size, 0) if at.skip < 0 else min(at.skip, max(left, 0)), os.SEEK_CUR)
         if at.encoding == "raw":
@@ -483,8 +476,10 @@ def merged(
 
 def _whole(key: str, text: str, most: int) -> int:
     text = text.strip()
-    if not (text.isascii() and text.isdecimal() and int(text) <= most):
-        raise ValueError(f"{key} must be a whole number from 0 to {most}, got {text!r}")
+    refuse(
+        not (text.isascii() and text.isdecimal() and int(text) <= most),
+        f"{key} must be a whole number from 0 to {most}, got {text!r}",
+    )
     return int(text)
 
 
@@ -495,6 +490,8 @@ def _colour(key: str, text: str | None) -> Colour | None:
         red, green, blue = (float(part) for part in text.split())
     except ValueError:
         red = green = blue = -1.0
-    if not all(0.0 <= part <= 1.0 for part in (red, green, blue)):
-        raise ValueError(f"{key} must be three numbers from 0 to 1, got {text!r}")
+    refuse(
+        not all(0.0 <= part <= 1.0 for part in (red, green, blue)),
+        f"{key} must be three numbers from 0 to 1, got {text!r}",
+    )
     return round(255 * red), round(255 * green), round(255 * blue)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, surface_along, unit_vector
-from burrlab.common.check import check_memory, real, require_type
+from burrlab.common.check import check_memory, real, refuse, require_type
 
 #: Of the corners of a box, which end they lie at along (x, y, z).
 _ENDS = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)])
@@ -31,33 +31,37 @@ Array = NDArray[np.float64]
 def checked_spacing(spacing: float | ArrayLike, what: str = "spacing") -> Array:
     """(x, y, z) of a number or of three [mm]; ValueError unless positive and finite."""
     found = real(spacing, what)
-    if found.shape not in ((), (3,)) or not np.all(np.isfinite(found) & (found > 0)):
-        raise ValueError(f"{what} must be a positive number or three [mm], got {spacing!r}")
+    refuse(
+        found.shape not in ((), (3,)) or not np.all(np.isfinite(found) & (found > 0)),
+        f"{what} must be a positive number or three [mm], got {spacing!r}",
+    )
     return np.broadcast_to(found, (3,)).copy()
 
 
 def checked_point(point: ArrayLike, what: str) -> Array:
     """(x, y, z); ValueError unless three finite numbers."""
     found = real(point, what)
-    if found.shape != (3,) or not np.all(np.isfinite(found)):
-        raise ValueError(f"{what} must be three finite numbers [mm], got {point!r}")
+    refuse(
+        found.shape != (3,) or not np.all(np.isfinite(found)),
+        f"{what} must be three finite numbers [mm], got {point!r}",
+    )
     return found
 
 
 def checked_direction(direction: ArrayLike, what: str = "direction") -> Array:
     """The nearest orthonormal matrix, left-handed or not; ValueError if it is further away than `ORTHONORMAL`."""
     found = real(direction, what)
-    if found.shape != (3, 3) or not np.all(np.isfinite(found)):
-        raise ValueError(
-            f"{what}: the direction matrix must be of 3 x 3 finite numbers, got {np.asarray(direction).tolist()}"
-        )
+    refuse(
+        found.shape != (3, 3) or not np.all(np.isfinite(found)),
+        f"{what}: the direction matrix must be of 3 x 3 finite numbers, got {np.asarray(direction).tolist()}",
+    )
     with np.errstate(over="ignore", invalid="ignore"):
         off = float(np.abs(found.T @ found - np.eye(3)).max())
-    if not off <= ORTHONORMAL:
-        raise ValueError(
-            f"{what}: the direction matrix is not orthonormal (off by {off:.2g}, at most {ORTHONORMAL:g}): "
-            "sheared volumes are not supported"
-        )
+    refuse(
+        not off <= ORTHONORMAL,
+        f"{what}: the direction matrix is not orthonormal (off by {off:.2g}, at most {ORTHONORMAL:g}): "
+        "sheared volumes are not supported",
+    )
     if off > _EXACT:
         left, _, right = np.linalg.svd(found)
         found = left @ right
@@ -135,11 +139,11 @@ class OnGrid(ABC):
         places = ((np.where(_ENDS, corners[1], corners[0]) - self.origin) @ self.direction) / self.spacing
         first = np.clip(np.ceil(places.min(axis=0) - 1e-6), 0, self.shape[::-1]).astype(int)
         last = np.clip(np.floor(places.max(axis=0) + 1e-6) + 1, 0, self.shape[::-1]).astype(int)
-        if np.any(first >= last):
-            raise ValueError(
-                f"box from {_point(corners[0])} to {_point(corners[1])} mm holds no voxel of {self.path}, "
-                f"which lies {box_text(self)}"
-            )
+        refuse(
+            np.any(first >= last),
+            f"box from {_point(corners[0])} to {_point(corners[1])} mm holds no voxel of {self.path}, "
+            f"which lies {box_text(self)}",
+        )
         x, y, z = (int(n) for n in first)
         u, v, w = (int(n) for n in last)
         return (z, y, x), (w, v, u)
@@ -168,10 +172,10 @@ class OnGrid(ABC):
     def crop_voxels(self, start: tuple[int, int, int], stop: tuple[int, int, int]) -> Self:
         """The voxels from `start` up to but without `stop`, indices (z, y, x); ValueError unless they lie in the volume."""
         box = [(int(a), int(b)) for a, b in zip(start, stop, strict=True)]
-        if len(box) != 3 or not all(0 <= a < b <= n for (a, b), n in zip(box, self.shape, strict=True)):
-            raise ValueError(
-                f"start and stop must be a box of voxels (z, y, x) in {self.shape}, got {tuple(start)} to {tuple(stop)}"
-            )
+        refuse(
+            len(box) != 3 or not all(0 <= a < b <= n for (a, b), n in zip(box, self.shape, strict=True)),
+            f"start and stop must be a box of voxels (z, y, x) in {self.shape}, got {tuple(start)} to {tuple(stop)}",
+        )
         kept = self._voxels[tuple(slice(a, b) for a, b in box)]
         origin = self.origin + self.patient_point(np.array(start[::-1]) * self.spacing)
         note = f"cropped to voxels {tuple(start)} to {tuple(stop)} (z, y, x) of {self.shape}"
@@ -229,8 +233,7 @@ def same_geometry(first: OnGrid, second: OnGrid) -> bool:
 def check_same_geometry(first: OnGrid, second: OnGrid) -> None:
     """Raises ValueError with what differs unless two volumes have the same voxels."""
     what = _difference(first, second)
-    if what is not None:
-        raise ValueError(f"{first.path} and {second.path} must have the same geometry: {what}")
+    refuse(what is not None, f"{first.path} and {second.path} must have the same geometry: {what}")
 
 
 def _difference(first: OnGrid, second: OnGrid) -> str | None:
@@ -271,11 +274,11 @@ def resampled_shape(
         sides = np.array(shape, dtype=float) * old[::-1] / new[::-1]
         counts = np.maximum(np.ceil(sides - _WHOLE), 1.0)
         voxels = float(np.prod(counts))
-    if not voxels <= MOST_VOXELS:
-        raise ValueError(
-            f"spacing must be coarser or the volume cropped: {new.min():g} mm makes {voxels:.3g} voxels, and "
-            f"{MOST_VOXELS:.3g} are the most"
-        )
+    refuse(
+        not voxels <= MOST_VOXELS,
+        f"spacing must be coarser or the volume cropped: {new.min():g} mm makes {voxels:.3g} voxels, and "
+        f"{MOST_VOXELS:.3g} are the most",
+    )
     check_memory(5.0 * voxels + work * math.prod(shape), f"resampling to {voxels:.3g} voxels")
     z, y, x = (int(n) for n in counts)
     return z, y, x
@@ -392,14 +395,18 @@ class OccupancyMap:
     def __post_init__(self) -> None:
         greys = tuple(float(real(g, "greys")) for g in self.greys)
         occupancies = tuple(float(real(o, "occupancies")) for o in self.occupancies)
-        if len(greys) != len(occupancies) or len(greys) < 2:
-            raise ValueError(
-                f"map must have two points or more, a grey value and an occupancy each, got {len(greys)} and {len(occupancies)}"
-            )
-        if not all(map(math.isfinite, greys)) or any(b <= a for a, b in pairwise(greys)):
-            raise ValueError(f"map must have finite, increasing grey values, got {greys}")
-        if not all(0.0 <= o <= 1.0 for o in occupancies):
-            raise ValueError(f"map must have occupancies within 0 to 1, got {occupancies}")
+        refuse(
+            len(greys) != len(occupancies) or len(greys) < 2,
+            f"map must have two points or more, a grey value and an occupancy each, got {len(greys)} and {len(occupancies)}",
+        )
+        refuse(
+            not all(map(math.isfinite, greys)) or any(b <= a for a, b in pairwise(greys)),
+            f"map must have finite, increasing grey values, got {greys}",
+        )
+        refuse(
+            not all(0.0 <= o <= 1.0 for o in occupancies),
+            f"map must have occupancies within 0 to 1, got {occupancies}",
+        )
         object.__setattr__(self, "greys", greys)
         object.__setattr__(self, "occupancies", occupancies)
 
@@ -407,8 +414,10 @@ class OccupancyMap:
     def two_point(cls, empty: float, solid: float) -> OccupancyMap:
         """0 at the grey value `empty` and below, 1 at `solid` and above; ValueError unless `empty` is below `solid`."""
         empty, solid = float(real(empty, "map")), float(real(solid, "map"))
-        if not (math.isfinite(empty) and math.isfinite(solid) and empty < solid):
-            raise ValueError(f"map must be LO:HI with LO below HI, got {empty:g}:{solid:g}")
+        refuse(
+            not (math.isfinite(empty) and math.isfinite(solid) and empty < solid),
+            f"map must be LO:HI with LO below HI, got {empty:g}:{solid:g}",
+        )
         return cls((empty, solid), (0.0, 1.0))
 
     @classmethod
@@ -429,12 +438,13 @@ class OccupancyMap:
             pairs = [tuple(float(number) for number in part.split(":")) for part in text.split(",")]
         except ValueError:
             pairs = []
-        if not pairs or any(len(pair) != 2 for pair in pairs):
-            raise ValueError(f"must be LO:HI or GREY:OCCUPANCY,GREY:OCCUPANCY,..., got '{text}'")
+        refuse(
+            not pairs or any(len(pair) != 2 for pair in pairs),
+            f"must be LO:HI or GREY:OCCUPANCY,GREY:OCCUPANCY,..., got '{text}'",
+        )
         if len(pairs) == 1:
             low, high = pairs[0]
-            if not low < high:
-                raise ValueError(f"must be LO:HI with LO below HI, got '{text}'")
+            refuse(not low < high, f"must be LO:HI with LO below HI, got '{text}'")
             return cls.two_point(low, high)
         return cls.table([pair[0] for pair in pairs], [pair[1] for pair in pairs])
 
@@ -470,8 +480,7 @@ class OccupancyMap:
         flat, out = values.reshape(-1), found.reshape(-1)
         for first in range(0, flat.size, 1 << 22):  # bounds what double precision takes
             part = flat[first : first + (1 << 22)].astype(np.float64)
-            if not np.all(np.isfinite(part)):
-                raise ValueError("values must be finite, got some that are not")
+            refuse(not np.all(np.isfinite(part)), "values must be finite, got some that are not")
             out[first : first + part.size] = store(self._linear(part))
         return found
 
@@ -539,10 +548,10 @@ class Volume(OnGrid):
 
     def __post_init__(self) -> None:
         values = np.asarray(self.values)
-        if values.ndim != 3 or values.size == 0 or values.dtype.kind not in "iuf":
-            raise ValueError(
-                f"values must be numbers in three dimensions, got shape {values.shape} of {values.dtype}"
-            )
+        refuse(
+            values.ndim != 3 or values.size == 0 or values.dtype.kind not in "iuf",
+            f"values must be numbers in three dimensions, got shape {values.shape} of {values.dtype}",
+        )
         check_finite(values, self.path)
         self._check(values)
 
@@ -649,19 +658,21 @@ def specimen_in(
     low, high = grid.corners().min(axis=0), grid.corners().max(axis=0)
     beyond = math.hypot(*np.maximum(0, np.maximum(low - at, at - high)))
     # What begins so far away was hardly meant, though its axis may meet bone.
-    if beyond > math.hypot(*(high - low)):
-        raise ValueError(
-            f"entry: {tuple(map(float, entry))} lies {beyond:.0f} mm outside {grid.path}, more than it is wide; "
-            + _place(grid, at)
-        )
+    refuse(
+        beyond > math.hypot(*(high - low)),
+        f"entry: {tuple(map(float, entry))} lies {beyond:.0f} mm outside {grid.path}, more than it is wide; "
+        + _place(grid, at),
+    )
     surface = surface_along(bone, start, direction)
     if surface is None:
         raise ValueError(
             f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in {of or grid.path}; "
             + _place(grid, at)
         )
-    if np.array_equal(surface, start):
-        raise ValueError(f"entry: {tuple(map(float, entry))} lies inside bone; begin outside it")
+    refuse(
+        np.array_equal(surface, start),
+        f"entry: {tuple(map(float, entry))} lies inside bone; begin outside it",
+    )
     where = f"{grid.path}, {how}, entry {tuple(map(float, entry))}, axis {tuple(map(float, axis))}"
     return Specimen(bone, surface, direction, where, made)
 
@@ -745,8 +756,10 @@ class LabelVolume(OnGrid):
         colours = {}
         for label, colour in self.colours.items():
             r, g, b = (int(channel) for channel in colour)
-            if not all(0 <= channel <= 255 for channel in (r, g, b)):
-                raise ValueError(f"colours must be of channels 0 to 255, got {colour} for label {label}")
+            refuse(
+                not all(0 <= channel <= 255 for channel in (r, g, b)),
+                f"colours must be of channels 0 to 255, got {colour} for label {label}",
+            )
             colours[int(label)] = (r, g, b)
         object.__setattr__(self, "colours", colours)
 
@@ -777,10 +790,10 @@ class LabelVolume(OnGrid):
                 places.append(np.clip(place, 0, sizes[axis] - 1))
             found[k] = np.where(inside, self.labels[places[2], places[1], places[0]], 0)
             covered += int(np.count_nonzero(inside))
-        if not covered:
-            raise ValueError(
-                f"labels must overlap the volume: those of {self.path} lie {box_text(self)}, and {volume.path} {box_text(volume)}"
-            )
+        refuse(
+            not covered,
+            f"labels must overlap the volume: those of {self.path} lie {box_text(self)}, and {volume.path} {box_text(volume)}",
+        )
         note = f"labels are the nearest of {self.path} on the voxels of {volume.path}"
         if covered < found.size:  # never told as 0 or 100 % where it is neither
             part = 100 * covered / found.size
@@ -793,10 +806,10 @@ class LabelVolume(OnGrid):
 
 def whole_labels(labels: NDArray[Any], path: str) -> NDArray[Any]:
     """Labels (z, y, x) as integers; ValueError if one is not a whole number."""
-    if labels.ndim != 3 or labels.size == 0 or labels.dtype.kind not in "iufb":
-        raise ValueError(
-            f"{path}: labels must be whole numbers in three dimensions, got shape {labels.shape} of {labels.dtype}"
-        )
+    refuse(
+        labels.ndim != 3 or labels.size == 0 or labels.dtype.kind not in "iufb",
+        f"{path}: labels must be whole numbers in three dimensions, got shape {labels.shape} of {labels.dtype}",
+    )
     if labels.dtype.kind == "b":
         return labels.astype(np.uint8)
     if labels.dtype.kind != "f":

@@ -54,6 +54,7 @@ from burrlab.bone.slices import (
     read_stack,
 )
 from burrlab.bone.snapshot import FORMAT, FORMAT_VERSION, check_tick, load_bone, open_hdf5, save_bone
+from burrlab.common.check import refuse
 from burrlab.common.files import attributes, check_folder, new_folder, write_synced
 from burrlab.common.records import UNREADABLE
 
@@ -113,8 +114,10 @@ def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
         )
         raise ValueError(f"{target}: the exact state, {beside.name}, must lie beside it, and {found}")
     told = _told(beside)
-    if told.get("sha256") != digest:
-        raise ValueError(f"{target}: {beside.name} belongs to another content of it: one of them was changed")
+    refuse(
+        told.get("sha256") != digest,
+        f"{target}: {beside.name} belongs to another content of it: one of them was changed",
+    )
     return beside, told
 
 
@@ -155,10 +158,10 @@ def grey_of_levels(mapping: OccupancyMap) -> NDArray[np.float64]:
         If occupancy falls somewhere with the grey value, or no grey value is empty.
     """
     greys, occupancies = np.array(mapping.greys), np.array(mapping.occupancies)
-    if np.any(np.diff(occupancies) < 0) or occupancies[0] > 0 or occupancies[-1] == 0:
-        raise ValueError(
-            f"map must rise from 0 with the grey value, for what was removed to have one, got {mapping.text}"
-        )
+    refuse(
+        np.any(np.diff(occupancies) < 0) or occupancies[0] > 0 or occupancies[-1] == 0,
+        f"map must rise from 0 with the grey value, for what was removed to have one, got {mapping.text}",
+    )
     levels = np.arange(256) / 255.0
     last = np.clip(np.searchsorted(occupancies, levels), int(np.argmax(occupancies > 0)), len(greys) - 1)
     low, high = occupancies[last - 1], occupancies[last]
@@ -324,16 +327,16 @@ def _stored(
 ) -> tuple[NDArray[Any], tuple[np.dtype[Any], float, float, int]]:
     """The numbers that a slice stores, and how `coded` has them."""
     whole, used, top = (short_of(found, key) for key in ("BitsAllocated", "BitsStored", "HighBit"))
-    if whole not in (8, 16, 32) or not 0 < used <= whole or top != used - 1:
-        raise ValueError(
-            f"{name}: the DICOM file must store whole numbers of 8, 16 or 32 bits to keep its header, got {whole} bits allocated, "
-            f"{used} stored, the highest at {top}"
-        )
+    refuse(
+        whole not in (8, 16, 32) or not 0 < used <= whole or top != used - 1,
+        f"{name}: the DICOM file must store whole numbers of 8, 16 or 32 bits to keep its header, got {whole} bits allocated, "
+        f"{used} stored, the highest at {top}",
+    )
     order = "<" if found.original_encoding[1] else ">"
-    if whole == 8 and order == ">":
-        raise ValueError(
-            f"{name}: 8 bits a pixel in big-endian words cannot be kept: convert the series first"
-        )
+    refuse(
+        whole == 8 and order == ">",
+        f"{name}: 8 bits a pixel in big-endian words cannot be kept: convert the series first",
+    )
     kind = np.dtype(f"{order}{'i' if short_of(found, 'PixelRepresentation') == 1 else 'u'}{whole // 8}")
     scale = [1.0, 0.0]
     with contextlib.suppress(ValueError):
@@ -422,12 +425,18 @@ def check_drilled(
     """The errors of `save_drilled` that can be told before there is a bone; the slices of a stack that is saved as one."""
     target = followed(target)
     check_folder(target)
-    if Path(like.path).exists() and target.exists() and target.samefile(like.path) and not is_drilled(target):
-        raise ValueError(f"path must be another file than the original {like.path}")
+    refuse(
+        Path(like.path).exists()
+        and target.exists()
+        and target.samefile(like.path)
+        and not is_drilled(target),
+        f"path must be another file than the original {like.path}",
+    )
     empty = None
     if isinstance(like, LabelVolume):
-        if mapping is not None:
-            raise ValueError(f"mapping must be given for grey values only, and {like.path} holds labels")
+        refuse(
+            mapping is not None, f"mapping must be given for grey values only, and {like.path} holds labels"
+        )
     elif mapping is None:
         raise ValueError(f"mapping must be given: that with which the bone was made of {like.path}")
     else:
@@ -437,26 +446,28 @@ def check_drilled(
     slices = None if series or target.name.lower().endswith(ENDINGS) else stack_slices(like.path)
     if not series and slices is None:
         ending_of(target, f"{', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}")
-        if (size := len(os.fsencode(target.name))) > _LONGEST:
-            raise ValueError(
-                f"path must have a name of at most {_LONGEST} bytes, for the exact state to be named after it, got {size}"
-            )
+        refuse(
+            (size := len(os.fsencode(target.name))) > _LONGEST,
+            f"path must have a name of at most {_LONGEST} bytes, for the exact state to be named after it, got {size}",
+        )
         medical("SimpleITK", "writing volumes")
         if target.exists() and not is_drilled(target):
             raise FileExistsError(f"path must be a new file or one of save_drilled, {target} is neither")
         return None
-    if series and target.suffix.lower() in (".dcm", ".dicom", ".ima"):
-        raise ValueError(f"path must be a new folder for a DICOM series, and not one file, got {target}")
+    refuse(
+        series and target.suffix.lower() in (".dcm", ".dicom", ".ima"),
+        f"path must be a new folder for a DICOM series, and not one file, got {target}",
+    )
     if target.exists():
         raise FileExistsError(f"path must be a new folder, {target} is there")
     if slices is None:
         check_series(like, empty)
         return None
     sides = (slices.columns, slices.rows) if ROWS_ALONG_X in like.notes else (slices.rows, slices.columns)
-    if (shape := (len(slices.paths), *sides)) != like.shape:
-        raise ValueError(
-            f"{like.path}: a stack must be whole to be saved as one, {shape} voxels, got {like.shape}"
-        )
+    refuse(
+        (shape := (len(slices.paths), *sides)) != like.shape,
+        f"{like.path}: a stack must be whole to be saved as one, {shape} voxels, got {like.shape}",
+    )
     return slices
 
 
@@ -469,15 +480,13 @@ def check_place(bone: VoxelBone, like: Volume | LabelVolume) -> None:
     """ValueError unless a bone is on the voxels of a volume."""
     where = like.bone_point(like.origin)
     small = 1e-2 * like.spacing
-    if (
+    refuse(
         bone.shape != like.shape
         or np.any(np.abs(np.array(bone.spacing) - like.spacing) > 1e-3 * like.spacing)
-        or np.any(np.abs(np.array(bone.origin) - where) > small)
-    ):
-        raise ValueError(
-            f"bone must be on the voxels of {like.path}: it has shape {bone.shape}, spacing {_three(bone.spacing)} and origin "
-            f"{_three(bone.origin)} mm, and the volume {like.shape}, {_three(like.spacing)} and {_three(where)} mm"
-        )
+        or np.any(np.abs(np.array(bone.origin) - where) > small),
+        f"bone must be on the voxels of {like.path}: it has shape {bone.shape}, spacing {_three(bone.spacing)} and origin "
+        f"{_three(bone.origin)} mm, and the volume {like.shape}, {_three(like.spacing)} and {_three(where)} mm",
+    )
 
 
 def check_original(bone: VoxelBone, like: Volume | LabelVolume) -> None:

@@ -26,7 +26,7 @@ from burrlab.bone.dicom import holds_dicom
 from burrlab.bone.header import LPS_ASSUMED
 from burrlab.bone.image import LabelVolume, Volume, checked_spacing
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, known_tissue, plain_name
-from burrlab.common.check import check_memory, check_packed, shown
+from burrlab.common.check import check_memory, check_packed, refuse, shown
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # PNG specification, 11.2.2 IHDR: name and channels.
@@ -154,21 +154,21 @@ def _alike(paths: list[Path]) -> Slices:
     first = _header(paths[0])
     for path in paths[1:]:
         found = _header(path)
-        if found[:2] != first[:2]:
-            raise ValueError(
-                f"{path}: slices must be of one size, this one has {found[0]} x {found[1]} pixels, and {paths[0].name} has "
-                f"{first[0]} x {first[1]}"
-            )
-        if found[2:] != first[2:]:
-            raise ValueError(
-                f"{path}: slices must be of one kind, this one is {found[3]} of {found[2]} bits, and {paths[0].name} is {first[3]} "
-                f"of {first[2]} bits"
-            )
+        refuse(
+            found[:2] != first[:2],
+            f"{path}: slices must be of one size, this one has {found[0]} x {found[1]} pixels, and {paths[0].name} has "
+            f"{first[0]} x {first[1]}",
+        )
+        refuse(
+            found[2:] != first[2:],
+            f"{path}: slices must be of one kind, this one is {found[3]} of {found[2]} bits, and {paths[0].name} is {first[3]} "
+            f"of {first[2]} bits",
+        )
     columns, rows, bits, kind = first
-    if kind == "grey with alpha":
-        raise ValueError(f"{paths[0]}: grey slices must not be transparent (kind: grey with alpha)")
-    if kind != "grey" and bits == 16:
-        raise ValueError(f"{paths[0]}: colours of labels must have 8 bits a channel, got 16")
+    refuse(
+        kind == "grey with alpha", f"{paths[0]}: grey slices must not be transparent (kind: grey with alpha)"
+    )
+    refuse(kind != "grey" and bits == 16, f"{paths[0]}: colours of labels must have 8 bits a channel, got 16")
     return Slices(paths, columns, rows, bits, kind)
 
 
@@ -176,13 +176,12 @@ def _header(path: Path) -> tuple[int, int, int, str]:
     """Columns, rows, bits and kind, from the first chunk."""
     with path.open("rb") as file:
         head = file.read(33)
-    if head[:8] != _SIGNATURE or len(head) < 33 or head[12:16] != b"IHDR":
-        raise ValueError(f"{path}: this is no PNG file")
+    refuse(head[:8] != _SIGNATURE or len(head) < 33 or head[12:16] != b"IHDR", f"{path}: this is no PNG file")
     columns, rows, bits, kind = struct.unpack(">IIBB", head[16:26])
-    if kind not in _KINDS or not (0 < columns <= MOST_PIXELS and 0 < rows <= MOST_PIXELS):
-        raise ValueError(
-            f"{path}: the PNG file is damaged (its header says {columns} x {rows} pixels, kind {kind})"
-        )
+    refuse(
+        kind not in _KINDS or not (0 < columns <= MOST_PIXELS and 0 < rows <= MOST_PIXELS),
+        f"{path}: the PNG file is damaged (its header says {columns} x {rows} pixels, kind {kind})",
+    )
     name, channels = _KINDS[kind]
     check_packed(rows * (1 + columns * bits * channels // 8), path.stat().st_size, str(path))
     return columns, rows, bits, name
@@ -243,20 +242,17 @@ class Palette:
                 raise ValueError(
                     f"palette: colours must differ, {seen[colour]!r} and {name!r} are both {colour}"
                 )
-            if colour == (0, 0, 0):
-                raise ValueError(f"palette: black is label 0 (nothing), got it for {name!r}")
+            refuse(colour == (0, 0, 0), f"palette: black is label 0 (nothing), got it for {name!r}")
             seen[colour] = name
             self.names[label], self.colours[label] = name, colour
-        if not self.colours:
-            raise ValueError("palette must have a colour")
+        refuse(not self.colours, "palette must have a colour")
         self.unknown, self._asked = _checked_unknown(unknown, {0: "", **self.names})
         self._ranked = None if ranking is None else self._by_rank(ranking)
         self.dtype = (
             np.uint8 if max(self.colours) < 256 else np.uint16 if max(self.colours) < 65536 else np.int32
         )
         # A place for each colour there is: 0 for black, 1, 2, ... for the table's, the last for all others.
-        if len(self.colours) > 65533:
-            raise ValueError(f"palette must have at most 65533 colours, got {len(self.colours)}")
+        refuse(len(self.colours) > 65533, f"palette must have at most 65533 colours, got {len(self.colours)}")
         self._strange_place = len(self.colours) + 1
         self._places = np.full(1 << 24, self._strange_place, np.uint16)
         self._places[[0, *(_code(np.array(colour)) for colour in self.colours.values())]] = np.arange(
@@ -346,11 +342,11 @@ class Palette:
         )
         if kinds > _TOLD:
             told += f"; and {kinds - _TOLD} more colours (`burrlab tissues --json -` lists them)"
-        if self.unknown == "refuse":
-            raise ValueError(
-                f"{name}: {many}: {told}; sums of structures that overlap, clipped, or blends of scaling? unknown=LABEL "
-                "(--unknown LABEL) takes them as that label, 'nearest' as the nearest colour, but never as a critical structure or empty"
-            )
+        refuse(
+            self.unknown == "refuse",
+            f"{name}: {many}: {told}; sums of structures that overlap, clipped, or blends of scaling? unknown=LABEL "
+            "(--unknown LABEL) takes them as that label, 'nearest' as the nearest colour, but never as a critical structure or empty",
+        )
         taken = "the nearest colour" if self.unknown == "nearest" else f"label {self.unknown}"
         notes.append(f"{many} were taken as {taken}: {told}")
         if self._spared:
@@ -449,10 +445,10 @@ def _colour(name: str, given: Any) -> Colours:
         red, green, blue = (operator.index(part) for part in given)
     except (TypeError, ValueError):
         red = -1
-    if red < 0 or not all(0 <= part <= 255 for part in (red, green, blue)):
-        raise ValueError(
-            f"palette: a colour must be three whole numbers from 0 to 255, got {given!r} for {name!r}"
-        )
+    refuse(
+        red < 0 or not all(0 <= part <= 255 for part in (red, green, blue)),
+        f"palette: a colour must be three whole numbers from 0 to 255, got {given!r} for {name!r}",
+    )
     return red, green, blue
 
 
@@ -528,12 +524,16 @@ def read_description(path: str | os.PathLike[str], *, unit: float | None = None)
     name = os.fspath(path)
     block = _volume_block(name, _content(name))
     images = _part(name, block, "images", dict)
-    if str(images.get("format", "png")).lower().lstrip(".") != "png":
-        raise ValueError(f"{name}: images: format must be png, got {shown(images.get('format'))}")
+    refuse(
+        str(images.get("format", "png")).lower().lstrip(".") != "png",
+        f"{name}: images: format must be png, got {shown(images.get('format'))}",
+    )
     folder = Path(name).parent / str(_part(name, images, "path", str, within="images: "))
     count = images.get("count")
-    if count is not None and (not isinstance(count, int) or isinstance(count, bool) or count < 1):
-        raise ValueError(f"{name}: images: count must be a whole number from 1, got {shown(count)}")
+    refuse(
+        count is not None and (not isinstance(count, int) or isinstance(count, bool) or count < 1),
+        f"{name}: images: count must be a whole number from 1, got {shown(count)}",
+    )
     dimensions = _part(name, block, "dimensions", dict)
     sides = np.array([_positive(name, f"dimensions: {axis}", dimensions.get(axis)) for axis in "xyz"])
     sides *= _positive(name, "scale", block.get("scale", 1.0))
@@ -551,8 +551,7 @@ def _content(name: str) -> Any:
         raise ImportError("reading YAML needs PyYAML: pip install 'burrlab[medical]'") from error
     with open(name, "rb") as file:
         content = file.read(_LONGEST + 1)
-    if len(content) > _LONGEST:
-        raise ValueError(f"{name}: a description must have at most {_LONGEST} bytes")
+    refuse(len(content) > _LONGEST, f"{name}: a description must have at most {_LONGEST} bytes")
     try:
         loader = yaml.SafeLoader(content)
         merge = loader.flatten_mapping
@@ -598,8 +597,10 @@ def _part(name: str, block: dict[str, Any], key: str, kind: type, *, within: str
 
 
 def _positive(name: str, what: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
-        raise ValueError(f"{name}: {what} must be a finite number above 0, got {shown(value)}")
+    refuse(
+        isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf,
+        f"{name}: {what} must be a finite number above 0, got {shown(value)}",
+    )
     return float(value)
 
 
@@ -707,10 +708,10 @@ def read_stack(
     else:
         apart = described.extent / np.array(shape[::-1])
         if described.count is not None and described.count != count:
-            if count > described.count:
-                raise ValueError(
-                    f"{name}: images: count must be {count}, the slices in {described.folder}, got {described.count}"
-                )
+            refuse(
+                count > described.count,
+                f"{name}: images: count must be {count}, the slices in {described.folder}, got {described.count}",
+            )
             notes.append(
                 f"count in {name} is {described.count}, and {count} slices are there: they share its dimensions, so slices that are "
                 "missing at the end would make the others thicker"
@@ -719,8 +720,9 @@ def read_stack(
         "spacing": apart, "origin": np.zeros(3), "direction": np.eye(3), "path": name,
     }  # fmt: skip
     if slices.kind == "grey" or (palette is None and _without_colour(slices)):
-        if palette is not None:
-            raise ValueError(f"{slices.paths[0]}: a palette is for coloured slices, and these are grey")
+        refuse(
+            palette is not None, f"{slices.paths[0]}: a palette is for coloured slices, and these are grey"
+        )
         check_memory(float(np.prod(shape)) * max(slices.bits // 8, 1), f"{name}: the volume")
         return Volume(_grey(slices, shape, turned), notes=tuple(notes), **grid)
     colours = Palette.of(palette, unknown, ranking)
@@ -749,26 +751,25 @@ def rows_along_x(name: str, transpose: bool | None, colours: Iterable[Colours] =
     ValueError where they must be told: the colours of volumetric_drilling in slices without its YAML file.
     """
     described = Path(name).suffix.lower() in _DESCRIPTIONS
-    if transpose is None and not described and not set(VOLUMETRIC_DRILLING.values()).isdisjoint(colours):
-        raise ValueError(
-            f"{name}: slices in colours of volumetric_drilling must be told their axes, a wrong guess mirrors the ear: "
-            "transpose=True (--transpose) where rows lie along x, as its converter writes them, else False (--no-transpose)"
-        )
+    refuse(
+        transpose is None and not described and not set(VOLUMETRIC_DRILLING.values()).isdisjoint(colours),
+        f"{name}: slices in colours of volumetric_drilling must be told their axes, a wrong guess mirrors the ear: "
+        "transpose=True (--transpose) where rows lie along x, as its converter writes them, else False (--no-transpose)",
+    )
     return described if transpose is None else transpose
 
 
 def _description(name: str, spacing: float | ArrayLike | None, unit: float | None) -> StackDescription | None:
     """What the YAML file says; None if the path names the slices themselves."""
     if Path(name).suffix.lower() in _DESCRIPTIONS:
-        if spacing is not None:
-            raise ValueError(
-                f"spacing must not be given with {name}, which has dimensions (unit= is their unit)"
-            )
+        refuse(
+            spacing is not None,
+            f"spacing must not be given with {name}, which has dimensions (unit= is their unit)",
+        )
         return read_description(name, unit=unit)
     if spacing is None:
         raise ValueError(f"{name}: PNG slices do not say how large they are: give spacing=(x, y, z) [mm]")
-    if unit is not None:
-        raise ValueError("unit goes with a YAML file: spacing is in mm")
+    refuse(unit is not None, "unit goes with a YAML file: spacing is in mm")
     checked_spacing(spacing)
     return None
 

@@ -278,9 +278,9 @@ def test_intervals_and_p_values_are_honest():
     one = pooled = rejected = 0
     for _ in range(1000):
         scatter = normal_scatter(rng)
-        low, high = scatter.pooled_interval
+        (low, high), (least, most) = scatter.pooled_interval, scatter.interval[0]
         pooled += low < 0.05 < high
-        one += scatter.interval[0, 0] < 0.05 < scatter.interval[0, 1]
+        one += least < 0.05 < most
         rejected += scatter.compare(rng.normal(0, 0.05, 29).std(ddof=1), 28).p_value < 0.05
     for misses in (1000 - pooled, 1000 - one, rejected):
         assert abs(misses - 50) < Z * (1000 * 0.05 * 0.95) ** 0.5

@@ -66,7 +66,9 @@ def independently(path):
     return values.T, spacing, origin, vectors / spacing
 
 
-@pytest.mark.parametrize(("kind", "direction"), zip(KINDS, 2 * [np.eye(3), TURNED, MIRRORED], strict=True))
+@pytest.mark.parametrize(
+    ("kind", "direction"), list(zip(KINDS, 2 * [np.eye(3), TURNED, MIRRORED], strict=True))
+)
 @pytest.mark.parametrize("name", ["v.nrrd", "v.nii", "v.nii.gz", "v.mha"])
 def test_round_trip(tmp_path, name, kind, direction):
     volume, path = a_volume(kind, direction), tmp_path / name

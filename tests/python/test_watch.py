@@ -32,8 +32,8 @@ def run(path=None, *, bone=None, watch=LIMITS, devices=None, tools=None, **optio
     bone = nerve_bone() if bone is None else bone
     return burrlab.Session(
         bone, tool() if tools is None else tools, straight(DOWN, TIMES) if devices is None else devices, seed=3,
-        record=path, wall_clock=False, watch=Watch(bone, **watch) if isinstance(watch, dict) else watch,
-        **{"duration": 1.6, **options},
+        record=path, watch=Watch(bone, **watch) if isinstance(watch, dict) else watch,
+        **{"duration": 1.6, "wall_clock": False, **options},
     )  # fmt: skip
 
 
@@ -175,7 +175,7 @@ def test_two_burrs_are_told_apart(tmp_path) -> None:
 def test_a_killed_session_keeps_its_events(tmp_path) -> None:
     path, early = tmp_path / "killed.h5", tmp_path / "early.h5"
     mailbox = _core.MailboxDevice(lost_after=1e4)
-    with run(path, devices=mailbox, watch={}, realtime=False, duration=60) as session:
+    with run(path, devices=mailbox, watch={}, wall_clock=True, realtime=False, duration=60) as session:
         mailbox.put((0, 0, 1.5))
         for _ in range(100):
             session.wait(0.05)

@@ -27,25 +27,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab.bone.header import Header, medical, plain_name
-from burrlab.bone.image import Array, Volume, checked_direction
+from burrlab.bone.image import Array, Volume, checked_direction, point_text
 from burrlab.common.check import DEFLATE, check_memory, refuse
 from burrlab.common.files import check_folder, new_folder
 from burrlab.common.records import in_one_line
 
-#: How far the distances of slices may differ from one another, a part of the distance (headers round).
+#: The part by which distances between slices may differ from one another, since headers round.
 EVEN = 1e-2
-#: How far the slices may shift sideways from the first to the last, a part of a pixel: more is a gantry tilt.
+#: The part of a pixel by which slices may shift sideways from the first to the last; more is a gantry tilt.
 STRAIGHT = 0.1
 # Bits of a pixel where a frame of JPEG begins (SOF), in transfer syntaxes of JPEG.
 _PRECISION = re.compile(rb"\xff[\xc0-\xc3\xc5-\xc7\xc9-\xcb\xcd-\xcf]\0[\x0b\x0e\x11\x14](.)", re.DOTALL)
 _JPEG = ("1.2.840.10008.1.2.4.5", "1.2.840.10008.1.2.4.70")
 #: Name of the exact state of a half-drilled volume in a folder of slices.
 IN_FOLDER = "bone.h5"
-#: Types that are written.
+#: Types of values that are written.
 KINDS = ("uint8", "int16", "uint16")
 _CT_IMAGE = "1.2.840.10008.5.1.4.1.1.2"
 _DEFLATED = b"1.2.840.10008.1.2.1.99"  # its transfer syntax
-#: What any file may unpack to (ours): compressed pixels all alike may take next to nothing [bytes].
+#: Size to which any file may unpack [bytes] (ours): compressed pixels that are all alike take next to nothing.
 _SMALL = 1 << 26
 # Columns and rows of one value a pixel where JPEG 2000 (marker SIZ) and JPEG-LS (SOF) begin.
 _CODED = re.compile(rb"\xff\x4f\xff\x51.{4}(.{4})(.{4})|\xff\xf7\0\x0b[\x02-\x10](..)(..)\x01", re.DOTALL)
@@ -55,7 +55,7 @@ _ONE_LISTENS = threading.Lock()
 
 @dataclass(frozen=True)
 class _Slice:
-    """What the header of one file says; spacing NaN where it says none."""
+    """What the header of one file says; spacing is NaN where it says none."""
 
     name: str
     series: str
@@ -177,13 +177,13 @@ def dataset(name: str) -> Any:
 
 
 def text_of(found: Any, keyword: str) -> str:
-    """Of an element as it is stored; empty where it is not there."""
+    """Text of an element as it is stored; empty where there is no such element."""
     value = found.get_item(keyword).value if keyword in found else b""
     return in_one_line(value.decode("latin-1").strip(" \0")) if isinstance(value, bytes) else ""
 
 
 def short_of(found: Any, keyword: str) -> int:
-    """The one whole number of an element (US); -1 where it is not there."""
+    """The one whole number of an element (US); -1 where there is no such element."""
     value = found.get_item(keyword).value if keyword in found else b""
     order: Any = "little" if found.original_encoding[1] else "big"
     return int.from_bytes(value, order) if isinstance(value, bytes) and len(value) == 2 else -1
@@ -261,12 +261,12 @@ def _check_alike(slices: list[_Slice], where: str) -> None:
         ):
             refuse(
                 not np.allclose(a, b, rtol=1e-5, atol=1e-4 if what == "orientations" else 0, equal_nan=True),
-                f"{where}: the slices have different {what}: {_text(a)} in {first.file}, {_text(b)} in {other.file}",
+                f"{where}: the slices have different {what}: {point_text(a)} in {first.file}, {point_text(b)} in {other.file}",
             )
 
 
 def _distance(slices: list[_Slice], along: Array, where: str) -> float:
-    """Between neighbours, which must be even [mm]; NaN of one slice."""
+    """Distance between neighbours, which must be even [mm]; NaN of one slice."""
     steps = np.diff(along)
     if len(steps) == 0:
         return np.nan
@@ -311,7 +311,7 @@ def _check_straight(slices: list[_Slice], direction: Array, where: str) -> None:
 
 
 def _size(part: _Slice) -> int:
-    """Of the pixels [bytes]."""
+    """Size of the pixels [bytes]."""
     return part.size[0] * part.size[1] * part.bits // 8
 
 
@@ -381,15 +381,11 @@ def _listening(name: str) -> Iterator[None]:
 
 @functools.cache
 def _memory() -> tuple[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]:
-    """A C stream in memory that is never closed, its text and the size of its text."""
+    """A C stream in memory, its text and the size of its text; the stream is never closed."""
     text, size = ctypes.c_void_p(), ctypes.c_size_t()
     opened = ctypes.CDLL(None).open_memstream
     opened.restype = ctypes.c_void_p
     return ctypes.c_void_p(opened(ctypes.byref(text), ctypes.byref(size))), text, size
-
-
-def _text(values: tuple[float, ...] | tuple[int, ...]) -> str:
-    return "(" + ", ".join(f"{v:g}" for v in values) + ")"
 
 
 def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:

@@ -29,7 +29,7 @@ from burrlab.bone.header import (
     settled_spacing,
     three_sizes,
 )
-from burrlab.bone.image import LabelVolume, Volume, checked_direction
+from burrlab.bone.image import Colour, LabelVolume, Volume, checked_direction
 from burrlab.common.check import check_memory, first_bytes, refuse
 from burrlab.common.files import check_folder, new_part
 
@@ -141,7 +141,7 @@ def read_labels(
 def _read(
     path: VolumePath, spacing: float | ArrayLike | None, series: str | None, most: int = 1
 ) -> tuple[str, Header, NDArray[Any]]:
-    """Name, header and values, of at most so many layers."""
+    """Name, header and values of a volume; it may have at most `most` layers."""
     single = isinstance(path, str | os.PathLike)
     names = [os.fspath(part) for part in ([path] if isinstance(path, str | os.PathLike) else path)]
     refuse(not names, "path must name a file, got an empty list")
@@ -175,7 +175,7 @@ def _read(
 
 
 def _read_values(at: Layout, shape: tuple[int, ...], name: str) -> NDArray[Any]:
-    """Grey values, numbers of this machine; ValueError with one sentence where they are not whole."""
+    """Grey values in the byte order of this machine; ValueError with one sentence where they are cut short."""
     size = math.prod(shape) * at.kind.itemsize
     part, left = divmod(size, len(at.files))
     refuse(left, f"{name}: the values must be in files of one size, got {len(at.files)} for {size} bytes")
@@ -197,7 +197,7 @@ def _read_values(at: Layout, shape: tuple[int, ...], name: str) -> NDArray[Any]:
 
 
 def _bytes(at: Layout, path: Path, size: int, name: str) -> NDArray[np.uint8]:
-    """Of one file of values, fewer where it is cut short."""
+    """The bytes of one file of values; fewer than `size` where it is cut short."""
     refuse(not path.is_file(), f"{name}: the file of its values, {path.name}, is not there")
     with path.open("rb") as file:
         file.seek(at.start)
@@ -271,7 +271,7 @@ _ASSUMED, _NIFTI_NOTES = "burrlab_orientation", "ITK_FileNotes"
 
 
 def _noted(header: Header, name: str) -> Header:
-    """The header with the note that the file, written by burrlab, keeps of the one that said no orientation."""
+    """The header, with a note where burrlab wrote the file and its orientation had been assumed."""
     if not any(header.fields.get(key, "").startswith(LPS_ASSUMED) for key in (_ASSUMED, _NIFTI_NOTES)):
         return header
     note = f"{name} was written from a file that says no orientation: {LPS_ASSUMED}"
@@ -279,7 +279,7 @@ def _noted(header: Header, name: str) -> Header:
 
 
 def ending_of(target: Path, said: str) -> str:
-    """The ending that says the format to be written; ValueError, with what is `said` of them, for none of them."""
+    """The ending of a path that says the format; ValueError that names `said`, the endings there are, for any other."""
     ending = next((e for e in ENDINGS if target.name.lower().endswith(e)), None)
     if ending is None:
         raise ValueError(f"path must end in {said}, got {target}")
@@ -290,7 +290,7 @@ def ending_of(target: Path, said: str) -> str:
 def new_volume(
     target: Path, volume: Volume | LabelVolume, fields: Mapping[str, str], *, compress: bool = True
 ) -> Iterator[Path]:
-    """A file, whole and on disk under a name of its own, which replaces the target at the end; errors as `write_volume`."""
+    """A new file, whole and on disk, that replaces the target at the end; errors as `write_volume`."""
     ending = ending_of(target, f"one of {', '.join(ENDINGS)}")
     if any(
         LPS_ASSUMED in note for note in volume.notes
@@ -317,9 +317,6 @@ def new_volume(
             os.fsync(written.fileno())
         yield part
         part.replace(target)
-
-
-Colour = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -404,7 +401,7 @@ def _named(fields: Mapping[str, str]) -> tuple[dict[int, str], dict[int, Colour]
 def segment_fields(
     labels: NDArray[Any], names: Mapping[int, str], colours: Mapping[int, Colour]
 ) -> dict[str, str]:
-    """The fields that `segments_of` reads, of one layer (z, y, x); none of label 0, which is no segment."""
+    """The fields that `segments_of` reads for labels (z, y, x) of one layer. Label 0 is no segment."""
     described = sorted({*names, *colours} - {0})
     if not described:
         return {}

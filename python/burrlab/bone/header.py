@@ -23,9 +23,9 @@ from numpy.typing import ArrayLike
 from burrlab.bone.image import Array, checked_spacing
 from burrlab.common.check import refuse, shown
 
-#: In every note on an orientation that a file does not say, and in pictures of its bone.
+#: These words are in every note on an orientation that a file does not say, and in pictures of its bone.
 LPS_ASSUMED = "LPS assumed"
-#: In the note on voxel axes that are left-handed, and in pictures, which are drawn along them.
+#: These words are in the note on left-handed voxel axes, and in pictures, which are drawn along the axes.
 MIRRORED = "mirror image"
 #: Millimetres of the units that headers name.
 MILLIMETRES = {"mm": 1.0, "millimeter": 1.0, "millimetre": 1.0, "cm": 10.0, "m": 1e3, "meter": 1e3, "metre": 1e3,
@@ -89,13 +89,13 @@ class Layout:
 
 
 def assumed(notes: Iterable[str]) -> str:
-    """What a picture of the bone says of its axes: `LPS_ASSUMED` and `MIRRORED`, where one of the notes does."""
+    """The words on its axes that a picture of the bone repeats from the notes: `LPS_ASSUMED` and `MIRRORED`."""
     said = "\n".join(notes)
     return ", ".join(words for words in (LPS_ASSUMED, MIRRORED) if words in said)
 
 
 def told_notes(source: Any) -> tuple[str, ...]:
-    """The notes in a bone's source as sessions and traces keep it, a mapping or its JSON; none in any other."""
+    """The notes in a bone's source, which sessions and traces keep as a mapping or its JSON; no notes for any other source."""
     try:
         return tuple(map(str, (json.loads(source) if isinstance(source, str) else source)["notes"]))
     except (ValueError, KeyError, TypeError, RecursionError):
@@ -103,7 +103,7 @@ def told_notes(source: Any) -> tuple[str, ...]:
 
 
 def plain_name(name: str) -> str:
-    """A name as SimpleITK takes it, which ends the process for others; ValueError where it is not UTF-8."""
+    """The name; ValueError where it is not UTF-8, for which SimpleITK would end the process."""
     try:
         name.encode()
     except UnicodeEncodeError:
@@ -157,7 +157,7 @@ def _unit_columns(vectors: Array) -> tuple[Array, Array]:
 
 
 def _check_not_negative(numbers: Array, said: str) -> None:
-    """ValueError for a spacing below 0: some readers mirror the volume then, others drop the sign."""
+    """ValueError for a spacing below 0: some readers would mirror the volume, others would drop the sign."""
     refuse(
         np.any(numbers < 0),
         f"{said} must be positive, got {' '.join(f'{n:g}' for n in numbers)}: is the volume mirrored?",
@@ -165,7 +165,7 @@ def _check_not_negative(numbers: Array, said: str) -> None:
 
 
 def _text(content: bytes) -> str:
-    """Of a header's line, without its end and the control characters that no refusal may quote."""
+    """Text of a header's line, without its end and without control characters, which no refusal may quote."""
     return re.sub(r"[\0-\x08\x0a-\x1f\x7f]", "\ufffd", content.rstrip(b"\r\n").decode("utf-8", "replace"))
 
 
@@ -220,7 +220,7 @@ _NRRD_ENCODINGS = {"gz": "gzip", "txt": "text", "ascii": "text"} | {
 
 
 def nrrd_header(name: str) -> tuple[Header, Layout]:
-    """Place of the voxels, and of their values; ValueError with one sentence where the header cannot be read."""
+    """Where the voxels lie, and where their values are; ValueError with one sentence where the header cannot be read."""
     fields, keys, end = _nrrd_fields(plain_name(name))
     try:
         sizes = [int(n) for n in fields["sizes"].split()]
@@ -276,7 +276,7 @@ def nrrd_header(name: str) -> tuple[Header, Layout]:
 
 
 def _nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
-    """Fields, keys, and where the values begin, 0 if nowhere; the names of a list of files follow the word LIST."""
+    """Fields, keys, and the place where the values begin, 0 if there is none. The names of a list of files follow the word LIST."""
     fields: dict[str, str] = {}
     keys: dict[str, str] = {}
     with open(name, "rb") as file:
@@ -319,7 +319,7 @@ def _vector(text: str, name: str) -> tuple[float, ...]:
 
 
 def _unit(text: str | None, name: str) -> float:
-    """Millimetres of the units of space, which must be alike; none named: mm, by the format's use in medicine."""
+    """Millimetres of the units of space, which must be alike. Without a name they are mm, as medicine uses the format."""
     units = set(re.findall(r'"([^"]*)"', text or "")) - {"", "???"} or {"mm"}
     refuse(
         len(units) > 1 or (unit := units.pop().lower()) not in MILLIMETRES,
@@ -390,11 +390,11 @@ _META_OWN = re.compile(
 
 
 def meta_header(name: str) -> tuple[Header, Layout]:
-    """Place of the voxels, and of their values; ValueError with one sentence where the header cannot be read."""
+    """Where the voxels lie, and where their values are; ValueError with one sentence where the header cannot be read."""
     fields, end = _meta_fields(plain_name(name))
 
     def numbers(*keys: str, default: list[float] | None = None) -> Array:
-        """Of the first of these fields that is there."""
+        """The numbers of the first of these fields that is there."""
         key = next((key for key in keys if key in fields), None)
         if key is None and default is not None:
             return np.array(default)
@@ -447,7 +447,7 @@ def meta_header(name: str) -> tuple[Header, Layout]:
 
 
 def _meta_fields(name: str) -> tuple[dict[str, str], int]:
-    """Of the header, and the place in the file where that ends; the names of a list of files follow the word LIST."""
+    """Fields of the header, and the place in the file where it ends. The names of a list of files follow the word LIST."""
     fields: dict[str, str] = {}
     with open(name, "rb") as file:
         while (raw := file.readline(1 << 16)) and len(fields) < 10_000:
@@ -515,7 +515,7 @@ _KEPT_NIFTI = {"ITK_FileNotes": "descrip", "aux_file": "aux_file"}  # as SimpleI
 
 
 def nifti_header(name: str) -> tuple[Header, Layout]:
-    """Place of the voxels, and of their values; ValueError with one sentence where the header cannot be read."""
+    """Where the voxels lie, and where their values are; ValueError with one sentence where the header cannot be read."""
     pair = name[:-4] if name.lower().endswith((".img", ".hdr")) else None
     at, order, apart = _nifti_fields(name if pair is None else pair + ".hdr", name)
     shape = three_sizes(list(at["dim"][1 : at["dim"][0] + 1]), name)

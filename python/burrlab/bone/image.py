@@ -16,16 +16,18 @@ from burrlab._core import VoxelBone
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, surface_along, unit_vector
 from burrlab.common.check import check_memory, real, refuse, require_type
 
-#: Of the corners of a box, which end they lie at along (x, y, z).
+#: For each corner of a box, the end at which it lies along (x, y, z).
 _ENDS = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)])
 #: How far a direction matrix may be from orthonormal, largest entry of |D^T D - 1|: headers hold float32 or a few decimals.
 ORTHONORMAL = 1e-4
-#: Of an exactly given matrix: below it nothing is done, so that matrices of 0 and 1 keep their bits.
+#: A matrix that is off by less is left as it is, so that matrices of 0 and 1 keep their bits.
 _EXACT = 1e-14
 #: Two grids are the same if no corner is further from its counterpart than this part of a voxel.
 SAME = 1e-2
 
 Array = NDArray[np.float64]
+#: Red, green and blue, 0 to 255.
+Colour = tuple[int, int, int]
 
 
 def checked_spacing(spacing: float | ArrayLike, what: str = "spacing") -> Array:
@@ -141,12 +143,10 @@ class OnGrid(ABC):
         last = np.clip(np.floor(places.max(axis=0) + 1e-6) + 1, 0, self.shape[::-1]).astype(int)
         refuse(
             np.any(first >= last),
-            f"box from {_point(corners[0])} to {_point(corners[1])} mm holds no voxel of {self.path}, "
+            f"box from {point_text(corners[0])} to {point_text(corners[1])} mm holds no voxel of {self.path}, "
             f"which lies {box_text(self)}",
         )
-        x, y, z = (int(n) for n in first)
-        u, v, w = (int(n) for n in last)
-        return (z, y, x), (w, v, u)
+        return tuple(first[::-1].tolist()), tuple(last[::-1].tolist())
 
     def corners(self) -> Array:
         """Centres of the eight corner voxels in the volume's own coordinates, shape (8, 3) [mm]."""
@@ -222,7 +222,7 @@ class OnGrid(ABC):
 def box_text(grid: OnGrid) -> str:
     """The corners between which the centres of a volume's voxels lie, in its own coordinates, as text."""
     corners = grid.corners()
-    return f"between {_point(corners.min(axis=0))} and {_point(corners.max(axis=0))} mm"
+    return f"between {point_text(corners.min(axis=0))} and {point_text(corners.max(axis=0))} mm"
 
 
 def same_geometry(first: OnGrid, second: OnGrid) -> bool:
@@ -240,15 +240,15 @@ def _difference(first: OnGrid, second: OnGrid) -> str | None:
     if first.shape != second.shape:
         return f"{_times(first.shape[::-1])} voxels against {_times(second.shape[::-1])}"
     if np.any(np.abs(first.spacing - second.spacing) > 1e-3 * np.minimum(first.spacing, second.spacing)):
-        return f"spacing {_point(first.spacing)} against {_point(second.spacing)} mm"
+        return f"spacing {point_text(first.spacing)} against {point_text(second.spacing)} mm"
     off = float(np.linalg.norm(first.corners() - second.corners(), axis=1).max())
     if off <= SAME * min(first.spacing.min(), second.spacing.min()):
         return None
     if np.abs(first.direction - second.direction).max() > 1e-3:
-        turn = [_point(column) for column in (*first.direction.T, *second.direction.T)]
+        turn = [point_text(column) for column in (*first.direction.T, *second.direction.T)]
         return f"directions {', '.join(turn[:3])} against {', '.join(turn[3:])}"
     if np.linalg.norm(first.origin - second.origin) > 0.5 * off:
-        return f"origin {_point(first.origin)} against {_point(second.origin)} mm"
+        return f"origin {point_text(first.origin)} against {point_text(second.origin)} mm"
     return f"a corner is off by {off:.3g} mm"
 
 
@@ -256,7 +256,8 @@ def _times(values: Iterable[float]) -> str:
     return " x ".join(f"{value:.6g}" for value in values)
 
 
-def _point(values: Array) -> str:
+def point_text(values: Iterable[float]) -> str:
+    """Numbers in parentheses, with six digits."""
     return "(" + ", ".join(f"{v:.6g}" for v in values) + ")"
 
 
@@ -335,7 +336,7 @@ def resample_linear(
 
 
 def resample_nearest(labels: NDArray[Any], old: Array, new: Array) -> NDArray[Any]:
-    """Labels (z, y, x) on a new grid. Each is that of the old voxel at its centre; at a face, of the lower voxel."""
+    """Labels (z, y, x) on a new grid: each is that of the old voxel in which its centre lies, at a face that of the lower voxel."""
     shape = resampled_shape(labels.shape, old, new)
     places = []
     for axis in range(3):
@@ -595,7 +596,12 @@ class Volume(OnGrid):
                 chosen.levels(self.values), spacing=self.spacing, origin=self.bone_point(self.origin)
             )
         levels = resample_linear(
-            chosen.occupancy(self.values), self.spacing, new, empty_outside=True, kind=np.uint8, store=_levels
+            chosen.occupancy(self.values),
+            self.spacing,
+            new,
+            empty_outside=True,
+            kind=np.uint8,
+            store=lambda plane: np.rint(255.0 * plane.astype(np.float64)).astype(np.uint8),
         )
         return VoxelBone(levels, spacing=new, origin=self.bone_point(self._origin_at(new)))
 
@@ -680,34 +686,25 @@ def specimen_in(
 def _place(grid: OnGrid, entry: NDArray[Any]) -> str:
     """A sentence that says where a volume lies, for a caller whose point lies elsewhere."""
     low, high = grid.corners().min(axis=0), grid.corners().max(axis=0)
-    said = f"the volume lies from {_rounded_point(low)} to {_rounded_point(high)} mm, x to the left, y to the back (LPS)"
+    said = f"the volume lies from {point_text(np.round(low, 2) + 0.0)} to {point_text(np.round(high, 2) + 0.0)} mm, x to the left, y to the back (LPS)"
     mirrored = entry * (-1, -1, 1)
     if np.all((low <= mirrored) & (mirrored <= high)) and not np.all((low <= entry) & (entry <= high)):
-        said += (
-            f"; {_rounded_point(mirrored)} lies in it: RAS, as 3D Slicer shows, has x and y of the other sign"
-        )
+        said += f"; {point_text(np.round(mirrored, 2) + 0.0)} lies in it: RAS, as 3D Slicer shows, has x and y of the other sign"
     return said
-
-
-def _rounded_point(point: NDArray[Any]) -> str:
-    return "(" + ", ".join(f"{x:g}" for x in np.round(point, 2) + 0.0) + ")"
 
 
 def check_finite(values: NDArray[Any], path: str) -> None:
     """Raises ValueError for NaN or infinity, with their count and the first index."""
-    if values.dtype.kind != "f":
-        return
-    bad = ~np.isfinite(values)
-    if not (count := int(np.count_nonzero(bad))):
-        return
-    first = tuple(int(i) for i in np.unravel_index(int(np.argmax(bad)), values.shape))
-    raise ValueError(
-        f"{path}: the volume holds values that are not finite: {count} of {values.size}, the first at (z, y, x) = {first}"
-    )
+    if values.dtype.kind == "f" and (bad := ~np.isfinite(values)).any():
+        raise ValueError(
+            f"{path}: the volume holds values that are not finite: {np.count_nonzero(bad)} of {values.size}, the first at "
+            f"(z, y, x) = {_first(bad)}"
+        )
 
 
-def _levels(occupancy: NDArray[np.float32]) -> NDArray[np.uint8]:
-    return np.rint(255.0 * occupancy.astype(np.float64)).astype(np.uint8)
+def _first(mask: NDArray[np.bool_]) -> tuple[int, ...]:
+    """Index of the first voxel of a mask."""
+    return tuple(int(i) for i in np.unravel_index(int(np.argmax(mask)), mask.shape))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -743,7 +740,7 @@ class LabelVolume(OnGrid):
     direction: Array
     path: str
     names: dict[int, str] = field(default_factory=dict)
-    colours: dict[int, tuple[int, int, int]] = field(default_factory=dict)
+    colours: dict[int, Colour] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
     unknown_colours: tuple[Mapping[str, Any], ...] = ()
@@ -810,17 +807,15 @@ def whole_labels(labels: NDArray[Any], path: str) -> NDArray[Any]:
         labels.ndim != 3 or labels.size == 0 or labels.dtype.kind not in "iufb",
         f"{path}: labels must be whole numbers in three dimensions, got shape {labels.shape} of {labels.dtype}",
     )
-    if labels.dtype.kind == "b":
-        return labels.astype(np.uint8)
     if labels.dtype.kind != "f":
-        return labels
+        return labels.astype(np.uint8) if labels.dtype.kind == "b" else labels
     check_finite(labels, path)
     with np.errstate(invalid="ignore"):  # what is too large becomes the least number
         found = labels.astype(np.int32)
     wrong = (found != labels) | (found == -(2**31))
-    if wrong.any():
-        first = tuple(int(i) for i in np.unravel_index(int(np.argmax(wrong)), labels.shape))
-        raise ValueError(
-            f"{path}: labels must be whole numbers below 2^31, got {labels[first]:.10g} at (z, y, x) = {first}"
-        )
+    first = _first(wrong)
+    refuse(
+        wrong[first],
+        f"{path}: labels must be whole numbers below 2^31, got {labels[first]:.10g} at (z, y, x) = {first}",
+    )
     return found

@@ -43,7 +43,7 @@ from burrlab.bone.formats import (
     segment_fields,
 )
 from burrlab.bone.header import medical
-from burrlab.bone.image import LabelVolume, OccupancyMap, Volume, same_geometry
+from burrlab.bone.image import LabelVolume, OccupancyMap, Volume, point_text, same_geometry
 from burrlab.bone.slices import (
     ROWS_ALONG_X,
     Slices,
@@ -84,12 +84,12 @@ def sidecar(target: Path, digest: str) -> Path:
 
 
 def followed(target: Path) -> Path:
-    """Where a link leads: its file is replaced, and not the link."""
+    """The file that a link leads to, since it is replaced and the link is not."""
     return target.resolve() if target.is_symlink() else target
 
 
 def sidecars(target: Path) -> list[Path]:
-    """The exact states beside a file, whatever content of it they belong to; for a link, also those where it leads."""
+    """All exact states beside a file, of its present content or of an older one; for a link, also those where it leads."""
     found: list[Path] = []
     for place in dict.fromkeys((target, followed(target))):
         folder, name = place.parent.resolve(), re.compile(re.escape(place.name) + r"\..{16}\.bone\.h5")
@@ -191,7 +191,9 @@ def coded(
     inter: float = 0.0,
     bits: int | None = None,
 ) -> NDArray[Any]:
-    """Grey values slope * stored + inter as a file stores them, to the nearest whole number; `empty` and what is below it, down.
+    """The numbers that a file stores for grey values, which are slope * stored + inter.
+
+    Whole numbers are the nearest; `empty` and what is below it are rounded down.
 
     ValueError if one, or that of empty (of labels 0), is beyond what numbers of this kind, or of so many bits of it, can hold.
     """
@@ -247,13 +249,13 @@ def kept_fields(target: Path, like: Volume | LabelVolume) -> dict[str, str]:
     return fields
 
 
-#: What no longer holds: when the instance was made, least and highest pixel of image and series, icon, signatures; where packed
-#: pixels begin and end.
+#: Elements that no longer hold after drilling: when the instance was made, least and highest pixel of image and series, icon,
+#: signatures, and where packed pixels begin and end.
 _STALE = (
     0x00080012, 0x00080013, 0x00280106, 0x00280107, 0x00280108, 0x00280109, 0x00880200, 0x4FFE0001, 0xFFFAFFFA, 0x7FE00001,
     0x7FE00002,
 )  # fmt: skip
-#: Transfer syntax by whether types are implicit, and whether bytes are little-endian.
+#: Transfer syntax of pixels that are not packed, by whether types are implicit and whether bytes are little-endian.
 _NOT_PACKED = {
     (True, True): "1.2.840.10008.1.2", (False, True): "1.2.840.10008.1.2.1", (False, False): "1.2.840.10008.1.2.2",
 }  # fmt: skip
@@ -283,7 +285,7 @@ def check_series(like: Volume | LabelVolume, empty: float | None) -> None:
 
 
 def _derived(like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str, bytes]]:
-    """Each slice under its own data set, as a derived image of a new series (PS3.3, C.7.6.1 and C.12.1)."""
+    """Name and content of each slice, as a derived image of a new series (PS3.3, C.7.6.1 and C.12.1)."""
     import pydicom
 
     ends = np.concatenate([[0], np.cumsum(np.count_nonzero(changed.where, axis=(1, 2)))])
@@ -325,7 +327,7 @@ def _derived(like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str
 def _stored(
     found: Any, plane: NDArray[Any], name: str
 ) -> tuple[NDArray[Any], tuple[np.dtype[Any], float, float, int]]:
-    """The numbers that a slice stores, and how `coded` has them."""
+    """The numbers that a slice stores; and their type, slope, intercept and bits, as `coded` takes them."""
     whole, used, top = (short_of(found, key) for key in ("BitsAllocated", "BitsStored", "HighBit"))
     refuse(
         whole not in (8, 16, 32) or not 0 < used <= whole or top != used - 1,
@@ -363,7 +365,7 @@ def _stored(
 
 
 def _grey(like: Volume | LabelVolume, empty: float | None, changed: Changes | None = None) -> Volume:
-    """As `write_dicom` takes it: of the least type that holds the original and empty, whatever type the reader gave them.
+    """The volume as `write_dicom` takes it: of the smallest type that holds the original's values and that of empty.
 
     Whole grey values that became fractions on other voxels are rounded.
     """
@@ -393,7 +395,7 @@ def stack_slices(path: str) -> Slices | None:
 
 
 def _drawn(slices: Slices, like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str, bytes]]:
-    """Slices of the same names, sizes and kind, the changed voxels of coloured ones transparent (black, without transparency)."""
+    """Slices of the same names, sizes and kind. Changed voxels of coloured ones are transparent, or black without transparency."""
     from PIL import Image
 
     new = changed_values(like, changed) if isinstance(like, Volume) else None
@@ -472,7 +474,7 @@ def check_drilled(
 
 
 def is_series(target: Path, like: Volume | LabelVolume) -> bool:
-    """Whether it is to be a folder of DICOM slices."""
+    """Whether the volume is saved as a folder of DICOM slices."""
     return bool(like.files) and not target.name.lower().endswith(ENDINGS)
 
 
@@ -484,8 +486,8 @@ def check_place(bone: VoxelBone, like: Volume | LabelVolume) -> None:
         bone.shape != like.shape
         or np.any(np.abs(np.array(bone.spacing) - like.spacing) > 1e-3 * like.spacing)
         or np.any(np.abs(np.array(bone.origin) - where) > small),
-        f"bone must be on the voxels of {like.path}: it has shape {bone.shape}, spacing {_three(bone.spacing)} and origin "
-        f"{_three(bone.origin)} mm, and the volume {like.shape}, {_three(like.spacing)} and {_three(where)} mm",
+        f"bone must be on the voxels of {like.path}: it has shape {bone.shape}, spacing {point_text(bone.spacing)} and origin "
+        f"{point_text(bone.origin)} mm, and the volume {like.shape}, {point_text(like.spacing)} and {point_text(where)} mm",
     )
 
 
@@ -500,10 +502,6 @@ def check_original(bone: VoxelBone, like: Volume | LabelVolume) -> None:
         raise ValueError(
             f"like must be the original: {like.path} is half-drilled, and {more} voxels of it have less than the bone"
         )
-
-
-def _three(values: Any) -> str:
-    return "(" + ", ".join(f"{float(v):.6g}" for v in values) + ")"
 
 
 @dataclass(frozen=True, eq=False)

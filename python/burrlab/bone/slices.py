@@ -24,7 +24,7 @@ from scipy.spatial.distance import cdist
 from burrlab._core import Tissues
 from burrlab.bone.dicom import holds_dicom
 from burrlab.bone.header import LPS_ASSUMED
-from burrlab.bone.image import LabelVolume, Volume, checked_spacing
+from burrlab.bone.image import Colour, LabelVolume, Volume, checked_spacing
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, known_tissue, plain_name
 from burrlab.common.check import check_memory, check_packed, refuse, shown
 
@@ -187,10 +187,8 @@ def _header(path: Path) -> tuple[int, int, int, str]:
     return columns, rows, bits, name
 
 
-Colours = tuple[int, int, int]
-
-#: Which of two structures gets a voxel that both claim, the first of them (ours): the facial nerve, then thin before thick, so
-#: that no structure vanishes in a thicker one, and bone behind all of them, but before what is empty.
+#: Of two structures that claim a voxel, the one that stands first here gets it (ours). The facial nerve is first. Thin structures
+#: stand before thick ones, so that none vanishes in a thicker one; bone stands behind all structures and before what is empty.
 RANKING = (
     "facial nerve", "chorda tympani", "cochlear nerve", "superior vestibular nerve", "inferior vestibular nerve",
     "vestibular nerve", "vestibular aqueduct", "stapes", "incus", "malleus", "ossicles", "tympanic membrane",
@@ -231,8 +229,8 @@ class Palette:
         critical: Iterable[int] = (),
     ) -> None:
         self.names: dict[int, str] = {}
-        self.colours: dict[int, Colours] = {}
-        seen: dict[Colours, str] = {}
+        self.colours: dict[int, Colour] = {}
+        seen: dict[Colour, str] = {}
         for label, name, given in rows:
             colour = _colour(name, given)
             if label == 0:  # transparent and black, whatever the table says
@@ -272,7 +270,7 @@ class Palette:
     @classmethod
     def of(
         cls,
-        palette: Tissues | Mapping[str, Colours] | None,
+        palette: Tissues | Mapping[str, Colour] | None,
         unknown: str | int,
         ranking: Sequence[str] | None,
     ) -> Palette:
@@ -388,14 +386,14 @@ class Palette:
         return np.array(labels)[apart.argmin(axis=1)], apart.min(axis=1)
 
     def _by_rank(self, ranking: Sequence[str]) -> dict[int, tuple[float, int]]:
-        """A rank for each label: the lower of two gets the voxel. Names without a rank come just before bone."""
+        """A rank for each label; the label with the lower rank gets the voxel. Names without a rank come just before bone."""
         order = [_known(name)[0] for name in ranking]
         rest = next((i for i, name in enumerate(order) if _known(name)[1]), len(order)) - 0.5
         ranks = {name: float(i) for i, name in enumerate(order)}
         return {label: (ranks.get(_known(self.names[label])[0], rest), label) for label in self.colours}
 
     def _places_of_sums(self) -> NDArray[np.uint16]:
-        """For each colour with alpha 254 the number of the pair whose sum it is, from 1; 0 for none; `_UNCLEAR` for several.
+        """For each colour with alpha 254, the number from 1 of the pair whose sum it is; 0 for no pair, `_UNCLEAR` for several.
 
         A pair's sum lies within 1 a channel, modulo 256, and no other pair's, nor one colour of the table, within 2.
         """
@@ -440,7 +438,7 @@ def _code(colour: NDArray[Any]) -> Any:
     return (colour[..., 0] << 16) | (colour[..., 1] << 8) | colour[..., 2]
 
 
-def _colour(name: str, given: Any) -> Colours:
+def _colour(name: str, given: Any) -> Colour:
     try:
         red, green, blue = (operator.index(part) for part in given)
     except (TypeError, ValueError):
@@ -473,7 +471,7 @@ def _checked_unknown(unknown: str | int, names: Mapping[int, str]) -> tuple[str 
 #: Sides of a volume that are taken for a head or a part of one [mm] (ours).
 PLAUSIBLE = (2.0, 500.0)
 _METRE = 1000.0
-#: Bytes of a description, and keys of one mapping in it; theirs have 2 kB (ours).
+#: Most bytes of a description, and most keys of one mapping in it (ours); those of volumetric_drilling have 2 kB.
 _LONGEST = 300_000
 #: What older files of volumetric_drilling call one unit: 0.049664 m (a comment in them).
 _OLD_UNIT = 49.664
@@ -639,7 +637,7 @@ def read_stack(
     path: str | os.PathLike[str],
     *,
     spacing: float | ArrayLike | None = None,
-    palette: Tissues | Mapping[str, Colours] | None = None,
+    palette: Tissues | Mapping[str, Colour] | None = None,
     unknown: str | int = "refuse",
     unit: float | None = None,
     transpose: bool | None = None,
@@ -745,7 +743,7 @@ def read_stack(
     )
 
 
-def rows_along_x(name: str, transpose: bool | None, colours: Iterable[Colours] = ()) -> bool:
+def rows_along_x(name: str, transpose: bool | None, colours: Iterable[Colour] = ()) -> bool:
     """Whether slices are read transposed: as the caller says, else True for a description and False for slices alone.
 
     ValueError where they must be told: the colours of volumetric_drilling in slices without its YAML file.
@@ -775,7 +773,7 @@ def _description(name: str, spacing: float | ArrayLike | None, unit: float | Non
 
 
 def _without_colour(slices: Slices) -> bool:
-    """Whether every pixel is opaque and grey: a grey volume that was written as colours."""
+    """Whether every pixel is opaque and grey, as in a grey volume that was written as colours."""
     for path in slices.paths:
         image = pixels(path)
         if np.any(image[..., 3] != 255) or np.any(image[..., :2] != image[..., 1:3]):

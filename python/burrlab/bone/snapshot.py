@@ -100,7 +100,7 @@ def bone_source(path: str | os.PathLike[str]) -> str:
 
 @contextlib.contextmanager
 def told_as_damage(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Whatever the content of a broken file leads to, a ValueError that names the file."""
+    """Within, every error that the content of a broken file leads to becomes a ValueError that names the file."""
     try:
         yield
     except (
@@ -204,7 +204,7 @@ def read_dataset(group: h5py.Group, name: str, rows: int | None = None) -> Any:
 
 
 def _unfiltered(content: bytes, filters: list[int], found: h5py.Dataset, where: str) -> NDArray[Any]:
-    """A chunk as it was before these filters: gzip and shuffle."""
+    """A chunk without its filters, which are gzip and shuffle."""
     import h5py
 
     size, width = math.prod(found.chunks) * found.dtype.itemsize, found.dtype.itemsize

@@ -20,14 +20,12 @@ from scipy.special import ndtr
 
 import burrlab.common.table as csv_text
 from burrlab._core import Material, Tissue, Tissues, VoxelBone
-from burrlab.bone.image import SAME, LabelVolume, OccupancyMap, OnGrid, Volume, check_same_geometry
+from burrlab.bone.image import SAME, Colour, LabelVolume, OccupancyMap, OnGrid, Volume, check_same_geometry
 from burrlab.bone.materials import materials
 from burrlab.bone.snapshot import tissues_from_json, tissues_to_json
 from burrlab.common.check import refuse, shown
 from burrlab.common.records import UNREADABLE, in_one_line
 from burrlab.common.table import Column, Table
-
-Colour = tuple[int, int, int]
 
 #: Name of the tissue of voxels to which a segmentation gives no structure.
 UNLABELLED = "unlabelled"
@@ -252,7 +250,7 @@ def label_counts(values: NDArray[Any], path: str = "") -> dict[int, int]:
 def _named(
     labels: LabelVolume | Mapping[int, str] | Sequence[str],
 ) -> tuple[dict[int, str], dict[int, int] | None, dict[int, Colour]]:
-    """Names by label; of a label volume the number of voxels by label too, and its colours."""
+    """Names by label; for a label volume also its voxels by label, and its colours."""
     if isinstance(labels, str):
         raise ValueError(f"labels must be a label volume, or names, got the text {labels!r}")
     if isinstance(labels, Mapping):
@@ -276,7 +274,7 @@ def _named(
 
 
 def check_count(labels: Mapping[int, object], said: str = "") -> None:
-    """ValueError for more labels than a bone has tissues: grey values, or instances."""
+    """ValueError for more labels than a bone can have tissues, as grey values or instances are."""
     if len(labels) > MOST:
         first = ", ".join(str(label) for label in sorted(labels)[:5])
         raise ValueError(
@@ -483,8 +481,9 @@ def _tissue(where: str, row: dict[str, Any], material: Material) -> Tissue:
 #: Occupancy from which a voxel counts as bone in notes: half.
 _HALF = 128
 
-#: Of bone of labels alone, by R/voxel: standard deviation of the velocity over 12 places within 0.6 mm [%], least and most of three
-#: kinds of surfaces; as the labels are, and smoothed by two voxels or more. docs/tissues.md says how it was measured.
+#: Scatter of the velocity in bone that is made of labels alone, by R/voxel: standard deviation over 12 places within 0.6 mm [%].
+#: Least and most of three kinds of surfaces are given, for labels as they are and for labels that are smoothed by two voxels or
+#: more. docs/tissues.md says how it was measured.
 LABEL_SCATTER = {10: ((11, 17), (3, 6)), 20: ((6, 15), (3, 5)), 30: ((3, 10), (2, 4))}
 
 

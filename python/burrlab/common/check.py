@@ -34,7 +34,7 @@ def real(value: object, name: str) -> NDArray[np.float64]:
 
 
 def whole(name: str, value: object, end: int, end_text: str) -> int:
-    """ValueError in one sentence unless it is a whole number from 0 and below `end`; True and False are none."""
+    """The whole number from 0 and below `end`; ValueError in one sentence for anything else, True and False included."""
     try:
         number = -1 if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
     except TypeError:
@@ -66,7 +66,7 @@ _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 2, 120, 120
 
 
 def shown(value: object) -> str:
-    """A value as a refusal shows it: short, and at no cost, however much it holds."""
+    """A value as a refusal shows it: shortened, so that a large value costs nothing."""
     text = _SHORT.repr(value)
     return text if len(text) <= 200 else f"{text[:200]}..."
 
@@ -93,7 +93,7 @@ def check_memory(size: float, what: str) -> None:
 
 
 def check_bone(voxels: float, each: float) -> None:
-    """ValueError where the machine has no memory for a bone of so many voxels, of so many bytes each; C++ asks too."""
+    """ValueError where the machine has no memory for a bone of that many voxels, of `each` bytes. C++ checks it too."""
     check_memory(voxels * each, f"a bone of {voxels:.3g} voxels")
 
 

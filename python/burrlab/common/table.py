@@ -50,7 +50,7 @@ def _float(text: str) -> float:
 
 
 def finite(value: float, unit: str, rule: str = "", fine: bool = True) -> str | None:
-    """The sentence on a number that is not finite, or breaks a further rule."""
+    """The sentence on a number that is not finite or breaks a further rule; None where it is sound."""
     if math.isfinite(value) and fine:
         return None
     return f"must be a finite number{rule}{unit and f', in {unit}'}: got {shown(value)}"
@@ -438,7 +438,7 @@ Made = TypeVar("Made")
 
 
 class DataSet(ABC):
-    """What every data set has: equality by its fields, and its table as a DataFrame."""
+    """Base of data sets: they are equal if their fields are, and give their table as a DataFrame."""
 
     @abstractmethod
     def _table(self) -> Mapping[str, Sequence[Any]]:
@@ -535,7 +535,7 @@ class TableData(DataSet):
 
 
 def by_value(kind: type[Made]) -> type[Made]:
-    """Makes objects of a dataclass with arrays equal if all their fields are."""
+    """A dataclass with arrays, whose objects are then equal if all their fields are."""
     kind.__eq__ = DataSet.__eq__  # type: ignore[method-assign, assignment]
     kind.__hash__ = None  # type: ignore[assignment]
     return kind

@@ -76,7 +76,7 @@ def _lay(
     *,
     replace: bool = False,
 ) -> Singles:
-    """Puts a tissue into its part of each voxel. The voxel gets its number if the tissue has half of it, or most of what is in it."""
+    """Fills a part of each voxel with a tissue. A voxel of which the tissue has half, or most of its content, gets its number."""
     before = held * (np.float32(1.0) - part) if replace else held
     added = np.float32(level) * part
     numbers[(part >= np.float32(0.5)) | (added > before)] = number

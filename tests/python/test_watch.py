@@ -126,6 +126,8 @@ def test_reports_of_a_session_hold_that_of_its_anatomy(recorded) -> None:
     told = json.loads(json.dumps(metrics.to_dict(), allow_nan=False))["anatomy"]
     assert told["removed_mm3"]["nerve"] > 0.05
     assert len(told["events"]) == len(trace.events)
+    first = session.anatomy().events[0], session.anatomy().doses[0]
+    assert [one.to_dict() for one in first] == [told["events"][0], told["doses"][0]]
     assert len(metrics.plot()) == 5
     assert report.to_dict()["anatomy"]["closest_mm"]["nerve"] == session.anatomy().closest["nerve"]
 

@@ -94,10 +94,7 @@ def read_dicom(
     columns, rows = slices[0].size
     spacing = np.array([*slices[0].spacing, apart])
     check_memory(2 * len(slices) * _size(slices[0]), f"{where}: the volume")
-    planes = [_values(s, (rows, columns)) for s in slices]
-    values = np.empty((len(planes), rows, columns), dtype=np.result_type(*planes))
-    for k, plane in enumerate(planes):
-        values[k] = plane
+    values = np.stack([_values(s, (rows, columns)) for s in slices])
     notes = _notes(slices, others)
     files = tuple(s.name for s in slices)
     return Header(values.shape, spacing, slices[0].position, direction, notes, files=files), values
@@ -131,11 +128,10 @@ def dicom_files(folder: str | os.PathLike[str]) -> tuple[list[str], list[str]]:
     for path in sorted(Path(folder).iterdir()):
         if not path.is_file() or path.name.upper() == "DICOMDIR":
             continue
-        with path.open("rb") as file:
-            if file.read(132)[128:] == b"DICM" or path.suffix.lower() in (".dcm", ".dicom"):
-                found.append(str(path))
-            elif not path.name.startswith(".") and path.name != IN_FOLDER:
-                others.append(path.name)
+        if is_dicom(str(path)) or path.suffix.lower() in (".dcm", ".dicom"):
+            found.append(str(path))
+        elif not path.name.startswith(".") and path.name != IN_FOLDER:
+            others.append(path.name)
     refuse(not found, f"{os.fspath(folder)}: the folder holds no DICOM files")
     return found, others
 

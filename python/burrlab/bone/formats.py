@@ -364,14 +364,13 @@ def segments_of(fields: Mapping[str, str], *, layers: int = 1) -> list[Segment]:
         label = _whole(f"Segment{i}_LabelValue", parts.get("LabelValue", "1"), 2**31 - 1)
         layer = _whole(f"Segment{i}_Layer", parts.get("Layer", str(i) if layers > 1 else "0"), layers - 1)
         segments.append(Segment(name, label, layer, _colour(f"Segment{i}_Color", parts.get("Color"))))
-    places: dict[tuple[int, int], str] = {}
+    places: dict[tuple[int, int], Segment] = {}
     for segment in segments:
-        place = (segment.layer, segment.label)
-        if place in places:
-            raise ValueError(
-                f"segments must differ in label or layer, {places[place]!r} and {segment.name!r} do not"
-            )
-        places[place] = segment.name
+        other = places.setdefault((segment.layer, segment.label), segment)
+        refuse(
+            other is not segment,
+            f"segments must differ in label or layer, {other.name!r} and {segment.name!r} do not",
+        )
     return segments
 
 

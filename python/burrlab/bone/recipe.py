@@ -151,14 +151,6 @@ def _texts(values: Any) -> tuple[str, ...]:
     return tuple(map(str, values))
 
 
-def _numbers_by_name(values: Any) -> dict[str, float]:
-    return {str(name): float(value) for name, value in dict(values).items()}
-
-
-def _word_or_label(value: Any) -> str | int:
-    return value if isinstance(value, int) else str(value)
-
-
 def _mapping_of(points: Any) -> OccupancyMap:
     points = list(points)
     if points and not isinstance(points[0], Sequence):
@@ -377,10 +369,21 @@ class LabelledRecipe(_FileRecipe):
         default=None, metadata=_key("grey", VolumeRecipe.of, VolumeRecipe.plain)
     )
     fill: Mapping[str, float] = field(
-        default_factory=dict, metadata=_key("fill", _numbers_by_name, dict, omitted={})
+        default_factory=dict,
+        metadata=_key(
+            "fill",
+            lambda fill: {str(name): float(part) for name, part in dict(fill).items()},
+            dict,
+            omitted={},
+        ),
     )
     spacing: Triple | None = field(default=None, metadata=_key("labels_spacing_mm", _triple))
-    unknown: str | int = field(default="refuse", metadata=_key("unknown", _word_or_label, omitted="refuse"))
+    unknown: str | int = field(
+        default="refuse",
+        metadata=_key(
+            "unknown", lambda value: value if isinstance(value, int) else str(value), omitted="refuse"
+        ),
+    )
     unit: float | None = field(default=None, metadata=_key("unit_mm", float))
     crop: Box | None = field(
         default=None, metadata=_key("crop_mm", lambda box: (_triple(box[0]), _triple(box[1])))

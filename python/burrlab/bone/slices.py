@@ -83,12 +83,10 @@ def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> 
         raise FileNotFoundError(
             f"{text}: no such folder; a stack of slices is a folder, a pattern or its YAML file"
         )
-    found = [path for path in found if path.is_file() and not path.name.startswith(".")]
-    if prefix is not None:
-        found = [path for path in found if path.name.startswith(prefix)]
-    if not found:
-        named = "" if prefix is None else f" that begin with {prefix!r}"
-        raise ValueError(f"{text}: there are no PNG slices{named}")
+    seen = (path for path in found if path.is_file() and not path.name.startswith("."))
+    found = [path for path in seen if path.name.startswith(prefix or "")]
+    named = "" if prefix is None else f" that begin with {prefix!r}"
+    refuse(not found, f"{text}: there are no PNG slices{named}")
     first = 0 if prefix is not None else 1  # a description counts from 0
     paths = _in_order(text, found, latest=first if Path(text).is_dir() else None)
     return _alike(paths)
@@ -123,30 +121,30 @@ def _in_order(place: str, found: list[Path], *, latest: int | None) -> list[Path
         if match is None:
             raise ValueError(f"{path}: the name of a slice must end in its number, as slice0012.png")
         prefixes.setdefault(match[1], path)
-        if len(prefixes) > 1:
-            one, other = (p.name for p in prefixes.values())
-            raise ValueError(
-                f"{place}: slices of more than one volume ({one}, {other}): name one by a pattern, as 'folder/name*.png'"
-            )
-        number = int(match[2])
-        if number in numbered:
-            raise ValueError(f"{place}: slice {number} is there twice ({numbered[number].name}, {path.name})")
-        numbered[number] = path
+        refuse(
+            len(prefixes) > 1,
+            f"{place}: slices of more than one volume ({', '.join(p.name for p in prefixes.values())}): name one by a pattern, as "
+            "'folder/name*.png'",
+        )
+        other = numbered.setdefault(int(match[2]), path)
+        refuse(
+            other is not path, f"{place}: slice {int(match[2])} is there twice ({other.name}, {path.name})"
+        )
     order = sorted(numbered)
     far = order[-1] - order[0] >= 10**6
     missing = [] if far else sorted(set(range(order[0], order[-1] + 1)) - set(order))
     if missing or far:
         told = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
-        which = "many are missing (numbers far apart)" if far else f"{len(missing)} are missing ({told})"
-        if len(missing) == 1:
-            which = f"slice {missing[0]} is missing"
-        raise ValueError(f"{place}: of the slices {order[0]} to {order[-1]}, {which}")
-    if latest is not None and order[0] > latest:
-        before = "slice 0 is missing" if order[0] == 1 else f"slices 0 to {order[0] - 1} are missing"
-        raise ValueError(
-            f"{place}: {before}, the first is {numbered[order[0]].name}; a part of a stack is named "
-            "by a pattern"
+        some = (
+            f"slice {missing[0]} is missing" if len(missing) == 1 else f"{len(missing)} are missing ({told})"
         )
+        which = "many are missing (numbers far apart)" if far else some
+        raise ValueError(f"{place}: of the slices {order[0]} to {order[-1]}, {which}")
+    before = "slice 0 is missing" if order[0] == 1 else f"slices 0 to {order[0] - 1} are missing"
+    refuse(
+        latest is not None and order[0] > latest,
+        f"{place}: {before}, the first is {numbered[order[0]].name}; a part of a stack is named by a pattern",
+    )
     return [numbered[number] for number in order]
 
 
@@ -275,7 +273,6 @@ class Palette:
         ranking: Sequence[str] | None,
     ) -> Palette:
         """The palette of a table of tissues, or of names and colours, or of volumetric_drilling."""
-        # anatomy builds on volumes
         if isinstance(palette, Tissues):
             critical = [t.label for t in palette if t.critical]
             return cls(((t.label, t.name, t.colour) for t in palette), unknown, ranking, critical)
@@ -574,9 +571,8 @@ def _content(name: str) -> Any:
 
 
 def _volume_block(name: str, content: Any) -> dict[str, Any]:
-    blocks = {}
-    if isinstance(content, dict):
-        blocks = {key: block for key, block in content.items() if str(key).startswith("VOLUME ")}
+    rows = content.items() if isinstance(content, dict) else ()
+    blocks = {key: block for key, block in rows if str(key).startswith("VOLUME ")}
     if len(blocks) != 1:
         found = ", ".join(map(str, blocks))[:200] or "none"
         raise ValueError(f"{name}: must have one block 'VOLUME name' that describes a stack, got {found}")
@@ -717,7 +713,7 @@ def read_stack(
     grid: dict[str, Any] = {
         "spacing": apart, "origin": np.zeros(3), "direction": np.eye(3), "path": name,
     }  # fmt: skip
-    if slices.kind == "grey" or (palette is None and _without_colour(slices)):
+    if slices.kind == "grey" or (palette is None and all(map(_without_colour, map(pixels, slices.paths)))):
         refuse(
             palette is not None, f"{slices.paths[0]}: a palette is for coloured slices, and these are grey"
         )
@@ -772,13 +768,9 @@ def _description(name: str, spacing: float | ArrayLike | None, unit: float | Non
     return None
 
 
-def _without_colour(slices: Slices) -> bool:
+def _without_colour(image: NDArray[Any]) -> bool:
     """Whether every pixel is opaque and grey, as in a grey volume that was written as colours."""
-    for path in slices.paths:
-        image = pixels(path)
-        if np.any(image[..., 3] != 255) or np.any(image[..., :2] != image[..., 1:3]):
-            return False
-    return True
+    return bool(np.all(image[..., 3] == 255) and np.all(image[..., :2] == image[..., 1:3]))
 
 
 def _grey(slices: Slices, shape: tuple[int, int, int], transpose: bool) -> NDArray[Any]:

@@ -275,12 +275,12 @@ def _named(
 
 def check_count(labels: Mapping[int, object], said: str = "") -> None:
     """ValueError for more labels than a bone can have tissues, as grey values or instances are."""
-    if len(labels) > MOST:
-        first = ", ".join(str(label) for label in sorted(labels)[:5])
-        raise ValueError(
-            f"{said}a bone has at most {MOST} tissues, and there are {len(labels)} labels ({first}, ...): "
-            "is this a grey volume, or does it hold instances? Merge labels first"
-        )
+    first = ", ".join(str(label) for label in sorted(labels)[:5])
+    refuse(
+        len(labels) > MOST,
+        f"{said}a bone has at most {MOST} tissues, and there are {len(labels)} labels ({first}, ...): "
+        "is this a grey volume, or does it hold instances? Merge labels first",
+    )
 
 
 GREY = (128, 128, 128)  # of a structure without a colour

@@ -131,6 +131,8 @@ def test_a_replica_reports_as_its_leader(tmp_path) -> None:
     session, replica = followed(bone, -0.6, record=path, watch=Watch(bone))
     mine, theirs = replica_report(replica), session.anatomy()
     assert (mine.removed, mine.settings) == (theirs.removed, theirs.settings)
+    levels = theirs.watched.doses["removed_levels"].sum(axis=0)
+    np.testing.assert_array_equal(replica.watched()["removed"], levels)
     if replica.status["by_bricks"] == 0:
         assert mine.equals(theirs)
         assert [str(event) for event in replica_events(replica)] == [str(event) for event in theirs.events]

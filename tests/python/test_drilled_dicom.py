@@ -18,8 +18,6 @@ from burrlab.bone.formats import read_labels, read_volume
 from burrlab.bone.image import OccupancyMap, Volume
 from burrlab.bone.kept import check_drilled, load_drilled, save_drilled
 from burrlab.bone.recipe import DrilledRecipe
-from burrlab.cli import main
-from burrlab.session.trace import load_trace
 
 sitk = pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pydicom = pytest.importorskip("pydicom", reason="makes the series and is the independent reader, extra `dev`")
@@ -289,30 +287,6 @@ def test_other_voxels_are_rounded_to_whole_grey_values(tmp_path: Path, like: Vol
     _, again, loaded = kept(tmp_path / "fine", like.resample(0.2))
     assert again.values.dtype == np.int16
     save_drilled(tmp_path / "later", loaded.bone, loaded.volume(), mapping=loaded.mapping)
-
-
-def test_from_the_command_line(
-    tmp_path: Path, like: Volume, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    entry = ",".join(f"{x:.3f}" for x in like.origin + like.patient_point(like.spacing * (9, 8, 12)))
-    hand = "session --device hand --radius 2.5 --duration 0.2 --seed 3 --no-realtime --axis 0,0,-1 --entry"
-
-    def run(*words: str) -> tuple[int, str]:
-        return main([*hand.split(), entry, *words]), capsys.readouterr().err
-
-    status, said = run("--volume", "ct", "--map", "200:1200", "--save", "kept")
-    assert (status, "bone saved as kept" in said) == (0, True)
-    first = load_drilled("kept")
-    assert first.tick == 200
-    assert first.bone.removed > 0
-    check(Path("ct"), Path("kept"), like)
-    assert run("--bone", "kept", "--save", "later", "--record", "later.h5")[0] == 0
-    later = load_drilled("later")
-    assert (later.tick, load_trace("later.h5").bone().digest()) == (400, first.bone.digest())
-    np.testing.assert_array_equal(later.bone.pristine, first.bone.pristine)
-    status, said = run("--bone", "later", "--save", "kept")
-    assert (status, "--save: path must be a new folder, kept is there" in said) == (2, True)
 
 
 def test_what_cannot_be_taken_apart(tmp_path: Path, like: Volume) -> None:

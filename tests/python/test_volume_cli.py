@@ -82,18 +82,6 @@ def test_wrong_options(capsys, command, words, message):
     assert message in said(capsys, *command, *words, status=2)
 
 
-def test_a_session_in_a_resampled_volume(tmp_path, capsys):
-    _, way = slab(tmp_path / "ct.nrrd")
-    hand = ["session", "--device", "hand", "--duration", "0.3", "--seed", "1", "--radius", "2.5", "--no-realtime"]  # fmt: skip
-    place = ["--volume", tmp_path / "ct.nrrd", "--map", "-1000:0,0:0.5,1000:1", *way, "--voxel", "0.3"]
-    said(capsys, *hand, *place, "--record", tmp_path / "s.h5")
-    trace = burrlab.load_trace(tmp_path / "s.h5")
-    assert trace.bone().spacing == (0.3,) * 3
-    recipe = json.loads(trace.source)
-    assert recipe["map"] == [[-1000, 0], [0, 0.5], [1000, 1]]
-    assert make_bone(recipe).digest() == trace.bone().digest()
-
-
 def test_a_real_ct_keeps_its_mass(hand):
     part = burrlab.read_volume(hand).crop((40, 40, 80), (90, 90, 120))
     mapping = OccupancyMap.two_point(90, 180)

@@ -61,12 +61,11 @@ def way(volume):
 
 def test_a_block_is_the_volume_below_the_entry(tmp_path, volume):
     block = cut_block(VolumeRecipe(tmp_path / "ct.nrrd", MAP), (6, 6, 7.5), 0.5, **way(volume))
-    assert block.shape == (15, 12, 12)
-    assert block.origin == (-2.75, -2.75, -7.25)
+    assert (block.shape, block.origin) == ((15, 12, 12), (-2.75, -2.75, -7.25))
     levels = block.density
-    assert levels[7:].min() >= 250  # solid from the top on
+    for solid in (levels[7:], levels[:3]):  # from the top on, and below the hole
+        assert solid.min() >= 250
     assert levels[3:7, 4:8, 4:8].max() <= 5  # the hole, 4 to 6 mm below the surface, about the axis
-    assert levels[:3].min() >= 250
     total = (255 - levels.astype(float)).sum() / 255 * 0.125
     assert total == pytest.approx(4 * 4 * 4 * 0.125, rel=0.05)
 
@@ -112,15 +111,13 @@ def test_a_protocol_with_a_volume_runs(tmp_path, volume, capsys):
 
 
 def test_another_volume_is_another_protocol(tmp_path, volume):
-    before = Protocol.read(protocol(tmp_path, volume)).digest
-    elsewhere = tmp_path / "elsewhere"
+    before, elsewhere = Protocol.read(protocol(tmp_path, volume)).digest, tmp_path / "elsewhere"
     elsewhere.mkdir()
     burrlab.write_volume(elsewhere / "ct.nrrd", volume)
     assert Protocol.read(protocol(elsewhere, volume)).digest == before
     denser = Volume(volume.values // 2, volume.spacing, volume.origin, TURNED, "made")
     burrlab.write_volume(elsewhere / "ct.nrrd", denser)
-    other = protocol(elsewhere, volume, '"0:1000"', '"0:900"')
-    assert Protocol.read(other).digest != before
+    assert Protocol.read(protocol(elsewhere, volume, '"0:1000"', '"0:900"')).digest != before
 
 
 def test_slices_in_a_protocol(tmp_path):

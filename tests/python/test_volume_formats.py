@@ -86,18 +86,15 @@ def test_round_trip(tmp_path, name, kind, direction):
     assert [p.name for p in tmp_path.iterdir()] == [name]
 
 
-@pytest.mark.parametrize("name", ["v.nrrd", "v.nii.gz", "v.mha"])
+@pytest.mark.parametrize("name", ["v.nrrd", "v.mha"])
 def test_what_others_wrote(tmp_path, name):
+    """In other units, NRRD in RAS; test_nifti has what nibabel wrote."""
     volume, path = a_volume(), tmp_path / name
-    vectors = volume.direction * volume.spacing
-    if name == "v.nrrd":  # in RAS and micrometres
+    if name == "v.nrrd":
+        vectors = volume.direction * volume.spacing
         header = {"space": "right-anterior-superior", "space directions": 1e3 * (np.diag([-1, -1, 1]) @ vectors).T,
                   "space origin": 1e3 * volume.origin * (-1, -1, 1), "space units": ["um", "um", "um"]}  # fmt: skip
         nrrd.write(str(path), volume.values.T, header)
-    elif name == "v.nii.gz":
-        affine = np.eye(4)
-        affine[:3, :3], affine[:3, 3] = vectors, volume.origin
-        nibabel.save(nibabel.Nifti1Image(volume.values.T, np.diag([-1.0, -1.0, 1.0, 1.0]) @ affine), path)
     else:
         text = (
             "ObjectType = Image\nNDims = 3\nBinaryData = True\nBinaryDataByteOrderMSB = False\nCompressedData = False\n"

@@ -16,7 +16,6 @@ from burrlab.anatomy.events import KINDS
 from burrlab.anatomy.report import AnatomyReport, dose_figure
 from burrlab.anatomy.watch import Watch
 from burrlab.session.anatomy import anatomy_report
-from burrlab.session.network import follow
 from burrlab.session.replay import inputs
 from burrlab.session.trace import to_rows
 from reference import anatomy as reference
@@ -225,22 +224,6 @@ def test_an_injury_in_a_gap_is_told_without_a_burr() -> None:
     assert (seen["gaps"], seen["ticks_passed_over"]) == (1, 300)
     assert [(e["tick"], e["burr"], KINDS[e["kind"]]) for e in seen["events"]] == [(299, -1, "injury")]
     assert np.isinf(seen["events"]["distance"]).all()
-
-
-def test_a_replica_tells_the_same() -> None:
-    bone = nerve_bone()
-    session = run(bone=bone, publish=0)
-    replica = follow("127.0.0.1", session.port, bone=bone)
-    with session:
-        session.wait()
-        assert replica.wait(20.0)
-    status, mine = replica.status, replica.watched()
-    replica.stop()
-    doses = session.anatomy().watched.doses
-    if status["by_bricks"] == 0:
-        assert mine["events"].tobytes() == session.anatomy().watched.events.tobytes()
-        assert mine["doses"].tobytes() == doses.tobytes()
-    np.testing.assert_array_equal(mine["removed"], doses["removed_levels"].sum(axis=0))
 
 
 def test_tissues_without_a_watch_are_counted(tmp_path) -> None:

@@ -288,8 +288,8 @@ def test_a_description_gives_size_and_slices(tmp_path: Path) -> None:
     np.testing.assert_allclose(turned.spacing, (12.5, 8, 10))
 
 
-SIZE = "dimensions: {x: 0.05, y: 0.04, z: 0.03}"
-PART = "VOLUME a: {images: {path: slices, prefix: plane00COUNT}, SIZES}"
+def block(sizes: str, more: str = "") -> str:
+    return f"VOLUME a: {{dimensions: {{{sizes}}}, images: {{path: slices, prefix: plane00{more}}}}}"
 
 
 @needs_yaml
@@ -309,13 +309,13 @@ PART = "VOLUME a: {images: {path: slices, prefix: plane00COUNT}, SIZES}"
         ("VOLUME a: {images: {path: s}, dimensions: {x: 1, y: 1}}", "dimensions: z must be a finite number above 0, got None"),
         ("VOLUME a: {images: {path: s}, dimensions: {x: 1, y: 1, z: 1}, scale: .nan}", "scale must be a finite number above 0"),
         ("VOLUME a: {images: {path: none}, dimensions: {x: 0.1, y: 0.1, z: 0.1}}", "none: no such folder"),
-        (PART.replace("COUNT", ", count: 2").replace("SIZES", SIZE), r"images: count must be 3, the slices in .*slices, got 2"),
+        (block("x: 0.05, y: 0.04, z: 0.03", ", count: 2"), r"images: count must be 3, the slices in .*slices, got 2"),
         # No head has these sides.
-        (PART.replace("COUNT", "").replace("SIZES", "dimensions: {x: 100, y: 100, z: 100}"),
+        (block("x: 100, y: 100, z: 100"),
          r"1e\+05 x 1e\+05 x 1e\+05 mm.*in millimetres 100 x 100 x 100 mm \(unit=1\)"),
-        (PART.replace("COUNT", "").replace("SIZES", "dimensions: {x: 1.0, y: 1.0, z: 1.0}"),
+        (block("x: 1.0, y: 1.0, z: 1.0"),
          r"1000 x 1000 x 1000 mm.*0.049664 m.* 49.66 x 49.66 x 49.66 mm \(unit=49.664\)"),
-        (PART.replace("COUNT", "").replace("SIZES", "dimensions: {x: 0.0001, y: 0.0001, z: 0.0001}"),
+        (block("x: 0.0001, y: 0.0001, z: 0.0001"),
          "0.1 x 0.1 x 0.1 mm, and a head or a part of one has sides of 2 to 500"),
     ],
 )  # fmt: skip

@@ -364,6 +364,8 @@ SHORT, DEEP = grey()[0][:, :3], grey(kind=np.uint16)[0]
     [
         ({"plane005.png": None, "plane007.png": None}, r"s: of the slices 0 to 11, 2 are missing \(5, 7\)"),
         ({"plane007.png": None}, "s: of the slices 0 to 11, slice 7 is missing"),
+        ({f"plane00{k}.png": None for k in (2, 3, 5, 7, 8)}, r"5 are missing \(2, 3, 5, 7, 8\)$"),
+        ({f"plane00{k}.png": None for k in range(1, 7)}, r"6 are missing \(1, 2, 3, 4, 5, \.\.\.\)$"),
         ({"plane9999999.png": SHORT}, "s: of the slices 0 to 9999999, many are missing"),
         ({"plane000.png": None, "plane001.png": None}, "slices 0 to 1 are missing, the first is plane002.png"),
         ({"plane7.png": SHORT}, "slice 7 is there twice"),

@@ -7,7 +7,7 @@ import os
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -211,8 +211,7 @@ class AnatomyEvent:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON, units in the names; None where there is no number."""
-        plain: dict[str, Any] = _CODEC.plain(self)
-        return plain
+        return cast("dict[str, Any]", _CODEC.plain(self))
 
     def __str__(self) -> str:
         removed = f"{self.removed:.2g} mm^3 removed in this session"

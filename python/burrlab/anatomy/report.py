@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,8 +87,7 @@ class Dose:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON, units in the names; None where there is no number."""
-        plain: dict[str, Any] = _CODEC.plain(self)
-        return plain
+        return cast("dict[str, Any]", _CODEC.plain(self))
 
 
 def dose_table(doses: Sequence[Dose]) -> str:
@@ -294,8 +293,7 @@ class AnatomyReport:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON, units in the names; None where there is no number."""
-        plain: dict[str, Any] = _CODEC.plain(self)
-        return plain
+        return cast("dict[str, Any]", _CODEC.plain(self))
 
     def __str__(self) -> str:
         removed = ", ".join(f"{name} {volume:.4g}" for name, volume in self.removed.items() if volume)

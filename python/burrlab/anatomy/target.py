@@ -75,8 +75,7 @@ class TargetComparison:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON, units in the names."""
-        plain: dict[str, Any] = _CODEC.plain(self)
-        return plain
+        return cast("dict[str, Any]", _CODEC.plain(self))
 
     def table(self) -> str:
         """Text, a line a tissue."""

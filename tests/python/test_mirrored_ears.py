@@ -90,6 +90,10 @@ def written(kind: str, folder: Path) -> list[str]:
 KINDS = ("seg.nrrd", "nii.gz", "mha", "dicom", "turned.nrrd", "left-handed.nii.gz", "silent.nrrd", "yaml", "slices")  # fmt: skip
 
 
+#: Of those, the kinds that every command reads; the bones of the others are made, kept and gone on with.
+EVERY_COMMAND = ("dicom", "left-handed.nii.gz", "silent.nrrd", "slices")
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_right_ear_stays_one(
     kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -124,26 +128,31 @@ def test_a_right_ear_stays_one(
     # Where the nerve leaves: in a mirror image there is none.
     below = ["--radius", "2", "--seed", "1", "--entry", "12,14,-4", "--axis", "0,0,1"]
     hand = "session --device hand --duration 0.1 --no-realtime"
-    run = said("descend --force 0.3 --ideal --max-duration 0.1 --plot p.png", *labels, *below)
-    assert run["status"] == "stalled"
-    swept = said("sweep --forces 0.3 --max-duration 0.1 --out c.csv --plot p.png", *labels, *below)
     kept = "kept" if kind in ("dicom", "yaml", "slices") else f"kept.{kind}"
     first = said(f"{hand} --save {kept} --record s.h5", *labels, *below)
     again = said(f"{hand} --bone {kept} --save alone.h5", *below)
-    viewed = said("view --pictures p.png", *labels)
+    source = first["provenance"]["source"]
     trace, pair = load_trace("s.h5"), load_drilled(kept)
-    seen = said("view --pictures p.png", str(trace.path))
-    alone = said("view --bone alone.h5 --pictures p.png")
-    recipes = run["provenance"]["volume"]["recipe"], first["provenance"]["source"]
+    results, recipes = [found, first, source, again], [source]
+    if kind in EVERY_COMMAND:
+        run = said("descend --force 0.3 --ideal --max-duration 0.1 --plot p.png", *labels, *below)
+        assert run["status"] == "stalled"
+        results += [
+            run["provenance"]["volume"],
+            said("sweep --forces 0.3 --max-duration 0.1 --out c.csv --plot p.png", *labels, *below),
+            said("view --pictures p.png", *labels),
+            said("view --pictures p.png", str(trace.path)),
+            said("view --bone alone.h5 --pictures p.png"),
+        ]
+        recipes.append(run["provenance"]["volume"]["recipe"])
+        assert len(drawn) >= 5  # descent, curve, slices of the volume, of the trace and of the bone alone
     for bone in (*map(make_bone, recipes), trace.bone(), pair.bone, load_bone("alone.h5")[0]):
         stays(bone)
     assert ear_side(pair.volume(), pair.bone.tissues) == SIDE
 
     told = {"LPS assumed": kind in ("silent.nrrd", "yaml", "slices"), "mirror image": turn is LEFT_HANDED}
-    results = [run["provenance"]["volume"], swept, first, first["provenance"]["source"], again, viewed, seen, alone]  # fmt: skip
-    assert len(drawn) >= 5  # descent, curve, slices of the volume, of the trace and of the bone alone
     for words, there in told.items():
-        assert [sum(words in note for note in r["notes"]) for r in (found, *results)] == [there] * 9
+        assert [sum(words in note for note in r["notes"]) for r in results] == [there] * len(results)
         assert [words in figure for figure in drawn] == [there] * len(drawn)
         assert (words in page_source(trace).note) == there
 

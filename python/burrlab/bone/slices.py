@@ -126,10 +126,10 @@ def _in_order(place: str, found: list[Path], *, latest: int | None) -> list[Path
             f"{place}: slices of more than one volume ({', '.join(p.name for p in prefixes.values())}): name one by a pattern, as "
             "'folder/name*.png'",
         )
-        other = numbered.setdefault(int(match[2]), path)
-        refuse(
-            other is not path, f"{place}: slice {int(match[2])} is there twice ({other.name}, {path.name})"
-        )
+        number = int(match[2])
+        if number in numbered:
+            raise ValueError(f"{place}: slice {number} is there twice ({numbered[number].name}, {path.name})")
+        numbered[number] = path
     order = sorted(numbered)
     far = order[-1] - order[0] >= 10**6
     missing = [] if far else sorted(set(range(order[0], order[-1] + 1)) - set(order))

@@ -12,3 +12,10 @@ def call(capsys, *words):
     except SystemExit as stop:
         code = stop.code
     return code, *capsys.readouterr()
+
+
+def said(capsys, *words, status=0):
+    """All that `burrlab WORDS` writes; it must end with this status."""
+    code, out, err = call(capsys, *words)
+    assert code == status, err
+    return out + err

@@ -12,7 +12,9 @@ from PIL import Image
 
 from burrlab import materials
 from burrlab._core import Burr, VoxelBone, erode
-from burrlab.bone.image import LabelVolume, OccupancyMap, Volume
+from burrlab.bone.formats import read_volume
+from burrlab.bone.image import OccupancyMap, Volume
+from burrlab.bone.kept import DrilledVolume, check_drilled, load_drilled, save_drilled
 from burrlab.bone.tissues import default_tissues
 
 MAP = OccupancyMap.two_point(200, 1200)
@@ -28,21 +30,29 @@ def greys(kind: str = "i2") -> np.ndarray:
 
 def drilled(volume: Volume) -> VoxelBone:
     bone = volume.to_bone(MAP)
-    labels = LabelVolume(
-        (np.arange(volume.values.size) % 3).reshape(volume.shape),
-        volume.spacing,
-        volume.origin,
-        volume.direction,
-        "l",
-    )
-    bone.set_tissues(default_tissues(["air", "bone", "facial nerve"]), labels.labels.astype(np.uint8))
-    spacing = np.array(bone.spacing)
-    center = np.array(bone.origin) + spacing * (9, 8, 10)
+    numbers = (np.arange(volume.values.size) % 3).astype(np.uint8).reshape(volume.shape)
+    bone.set_tissues(default_tissues(["air", "bone", "facial nerve"]), numbers)
+    center = np.array(bone.origin) + np.array(bone.spacing) * (9, 8, 10)
     for tick in range(40):
-        erode(bone, Burr(5 * spacing.max()), center, materials["bone"], dt=1.0, seed=1, tick=tick)
-    assert bone.removed > 0
+        erode(bone, Burr(5 * max(bone.spacing)), center, materials["bone"], dt=1.0, seed=1, tick=tick)
     assert np.count_nonzero((bone.density > 0) & (bone.density < bone.pristine)) > 0
     return bone
+
+
+def kept(path: Path, like: Volume, tick: int = 0) -> tuple[VoxelBone, Volume, DrilledVolume]:
+    """A bone drilled in a volume and saved: geometry, voxels of which nothing or all was removed, and exact state come back."""
+    bone = drilled(like)
+    assert check_drilled(path, like, MAP) is None
+    save_drilled(path, bone, like, mapping=MAP, tick=tick)
+    again, loaded = read_volume(path), load_drilled(path)
+    np.testing.assert_allclose(again.corners(), like.corners(), atol=1e-5)
+    whole = bone.density == bone.pristine
+    untouched = np.rint(like.values) if again.values.dtype.kind == "i" else like.values
+    np.testing.assert_array_equal(again.values[whole], untouched[whole])
+    gone = again.values[(bone.density == 0) & ~whole]
+    assert ((gone > 195) & (gone <= 200)).all()  # to a step of what is stored
+    assert (loaded.bone.digest(), loaded.tick, loaded.mapping) == (bone.digest(), tick, MAP)
+    return bone, again, loaded
 
 
 def nrrd(path: Path, values: np.ndarray, encoding: str = "raw", endian: str = "little") -> Path:
@@ -60,7 +70,7 @@ def nrrd(path: Path, values: np.ndarray, encoding: str = "raw", endian: str = "l
 
 def nifti(path: Path, values: np.ndarray, slope: float = 0.0, inter: float = 0.0) -> Path:
     """NIfTI-1 by its definition, with an extension, a description and codes that are not usual."""
-    code = {"i2": 4, "u2": 512, "f4": 16, "u1": 2, "i4": 8}[values.dtype.str[1:]]
+    code = {"i2": 4, "u2": 512, "f4": 16}[values.dtype.str[1:]]
     head = bytearray(352)
     struct.pack_into("<i", head, 0, 348)
     struct.pack_into("<8h", head, 40, 3, *values.shape[::-1], 1, 1, 1, 1)
@@ -97,6 +107,14 @@ def meta(path: Path, values: np.ndarray, compressed: bool) -> Path:
     return path
 
 
+def as_text(path: Path) -> Path:
+    """The values of a file of `greys` as text."""
+    head = path.read_bytes()[: -greys().nbytes].replace(b"encoding: raw", b"encoding: ascii")
+    text = " ".join(map(str, greys().ravel())).encode() + b"\n"
+    path.write_bytes(head.replace(b"BinaryData = True", b"BinaryData = False") + text)
+    return path
+
+
 def with_axis(path: Path) -> Path:
     """A first axis of 1, which is none."""
     content = path.read_bytes()
@@ -117,12 +135,16 @@ MAKERS = {
     "packed.nii.gz": lambda path: nifti(path, greys("f4")),
     "plain.mha": lambda path: meta(path, greys(), False),
     "packed.mha": lambda path: meta(path, greys(), True),
+    "scaled.nii": lambda path: nifti(path, ((greys() + 1024) // 2).astype("u2"), slope=2.0, inter=-1024.0),
+    "text.nrrd": lambda path: as_text(nrrd(path, greys())),
+    "text.mha": lambda path: as_text(meta(path, greys(), False)),
 }
 
 
-def stack(folder: Path, planes: np.ndarray, mode: str | None = None) -> Path:
-    folder.mkdir()
+def stack(folder: Path, planes: np.ndarray, mode: str | None = None, name: str = "plane00{}.png") -> Path:
+    """Slices of the planes, from number 0."""
+    folder.mkdir(exist_ok=True)
     for k, plane in enumerate(planes):
-        image = Image.fromarray(plane)
-        (image.convert(mode) if mode else image).save(folder / f"plane00{k}.png")
+        image = Image.fromarray(np.asarray(plane))
+        (image.convert(mode) if mode else image).save(folder / name.format(k))
     return folder

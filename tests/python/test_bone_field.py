@@ -52,8 +52,9 @@ def test_mean_deviation_and_distribution_are_those_asked_for(mean, contrast):
     np.testing.assert_allclose(field.realised, (mean, sd), rtol=2e-3)
 
 
-@pytest.mark.parametrize("contrast", [0.1, 0.4])
-@pytest.mark.parametrize("direction", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)])
+@pytest.mark.parametrize(
+    ("contrast", "direction"), [(0.1, (1, 0, 0)), (0.4, (0, 1, 0)), (0.1, (0, 0, 1)), (0.4, (1, 1, 1))]
+)
 def test_correlation_is_the_one_defined_in_every_direction(contrast, direction):
     """False-alarm rate 1e-6 a lag."""
     field = BoneField(0.8, contrast, 0.5)
@@ -123,18 +124,15 @@ def test_block_offset_depth_and_voxel_change_nothing_in_the_bone(burr):
 
 
 def test_bone_is_below_the_surface_only(burr):
-    field, axis = BoneField(0.6, 0.1, 0.6), (1.0, -0.5, -2.0)
-    solid = burrlab.half_space(burr, 0.2, axis=axis, offset=(0.1, 0.0, 0.0))
-    bone = field.specimen(burr, 0.2, seed=1, axis=axis, offset=(0.1, 0.0, 0.0))
+    field, place = BoneField(0.6, 0.1, 0.6), {"axis": (1.0, -0.5, -2.0), "offset": (0.1, 0.0, 0.0)}
+    solid, bone = burrlab.half_space(burr, 0.2, **place), field.specimen(burr, 0.2, seed=1, **place)
     full, levels = np.asarray(solid.bone.density), np.asarray(bone.bone.density)
-    assert np.array_equal(bone.surface, solid.surface)
-    assert np.array_equal(bone.axis, solid.axis)
+    assert np.array_equal((bone.surface, bone.axis), (solid.surface, solid.axis))
     assert bone.bone.origin == solid.bone.origin
     assert not levels[full == 0].any()
-    assert levels[full == 255].mean() == pytest.approx(0.6 * 255, rel=0.05)
     half = (full > 0) & (full < 255)
-    assert half.any()
-    assert levels[half].mean() == pytest.approx(0.6 * full[half].mean(), rel=0.05)
+    for here in (full == 255, half):
+        assert levels[here].mean() == pytest.approx(0.6 * full[here].mean(), rel=0.05)
 
 
 def test_no_contrast_is_the_homogeneous_block(burr):
@@ -253,8 +251,7 @@ def test_scatter_grows_with_contrast_and_correlation_length():
 
 def test_no_contrast_no_shift():
     even = predict(BoneField(0.8, 0.0))
-    assert np.array_equal(even.shift, [0.0, 0.0])
-    assert np.array_equal(even.shift_error, [0.0, 0.0])
+    assert np.array_equal([even.shift, even.shift_error], np.zeros((2, 2)))
     assert even.pooled == even.without_field
 
 
@@ -263,10 +260,7 @@ def test_descents_without_a_velocity_are_left_out_and_counted():
     assert scatter.status == ("ok",) * 4 + ("overloaded",) * 4
     assert list(scatter.n_dof) == [3, 0]
     assert scatter.pooled == scatter.sd[0]
-    assert np.isnan(scatter.sd[1])
-    assert np.isnan(scatter.interval[1]).all()
-    assert np.isnan(scatter.shift[1])
-    assert np.isnan(scatter.shift_error[1])
+    assert np.isnan([scatter.sd[1], *scatter.interval[1], scatter.shift[1], scatter.shift_error[1]]).all()
     assert "4 of 8 descents without a velocity are left out" in repr(scatter)
     scatter.plot()
     with pytest.raises(ValueError, match="compare needs a force with at least two velocities, got none"):
@@ -284,9 +278,9 @@ def test_intervals_and_p_values_are_honest():
     one = pooled = rejected = 0
     for _ in range(1000):
         scatter = normal_scatter(rng)
-        low, high = scatter.pooled_interval
+        (low, high), (least, most) = scatter.pooled_interval, scatter.interval[0]
         pooled += low < 0.05 < high
-        one += scatter.interval[0, 0] < 0.05 < scatter.interval[0, 1]
+        one += least < 0.05 < most
         rejected += scatter.compare(rng.normal(0, 0.05, 29).std(ddof=1), 28).p_value < 0.05
     for misses in (1000 - pooled, 1000 - one, rejected):
         assert abs(misses - 50) < Z * (1000 * 0.05 * 0.95) ** 0.5

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import call
+from command_line import call, said
+from drilled_scenes import stack
 from label_scenes import MAP, SPACING, greys, volume, write_files
-from PIL import Image
 
 import burrlab
 from burrlab._core import Burr, VoxelBone
 from burrlab.bone.kept import load_drilled
 from burrlab.bone.recipe import DrilledRecipe
 from burrlab.bone.snapshot import load_bone
-from burrlab.cli import main
 from burrlab.session.network import follow
 from burrlab.session.replay import replay
 from burrlab.session.trace import load_trace
@@ -36,6 +37,7 @@ AXIS = ",".join(f"{x:g}" for x in VOLUME.patient_point((0, 0, -1.0)))
 HAND = ["session", "--device", "hand", "--radius", "1", "--duration", "0.2", "--seed", "3", "--no-realtime"]
 THERE = ["--entry", ENTRY, "--axis", AXIS]
 GREY = ["--volume", "ct.nrrd", "--map", "0:1000"]
+BOTH = [*GREY, "--labels", "labels.nii.gz", "--tissues", "t.csv"]
 
 
 @pytest.fixture
@@ -45,64 +47,62 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_session_and_the_next_day(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    first = [*HAND, *GREY, "--labels", "labels.nii.gz", "--tissues", "t.csv", *THERE]
-    assert main([*first, "--save", "kept.nrrd", "--record", "one.h5", "--json", "one.json"]) == 0
-    said = capsys.readouterr().err
-    assert "bone saved as kept.nrrd" in said
+@pytest.fixture
+def run(files: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    return partial(said, capsys)
+
+
+def test_a_session_and_the_next_day(files: Path, run: Callable[..., str]) -> None:
+    first = [*HAND, *BOTH, *THERE, "--save", "kept.nrrd", "--record", "one.h5", "--json", "one.json"]
+    assert "bone saved as kept.nrrd" in run(*first)
     kept = load_drilled("kept.nrrd")
     assert (kept.tick, kept.mapping) == (200, MAP)
     assert kept.bone.removed_of("facial nerve") > 0
-    assert replay(load_trace("one.h5")).equal
-    source = json.loads(Path("one.json").read_text())["provenance"]["source"]
-    assert source["kind"] == "labelled volume"
     second = [*HAND, "--bone", "kept.nrrd", *THERE, "--record", "two.h5", "--json", "two.json"]
-    assert main([*second, "--save", "kept.nrrd"]) == 0
-    assert "kept.nrrd has been burred for 200 ticks before" in capsys.readouterr().err
-    later = load_drilled("kept.nrrd")
+    assert "kept.nrrd has been burred for 200 ticks before" in run(*second, "--save", "kept.nrrd")
+    later, trace = load_drilled("kept.nrrd"), load_trace("two.h5")
     assert later.tick == 400
     assert later.bone.removed > kept.bone.removed
     np.testing.assert_array_equal(later.bone.pristine, kept.bone.pristine)
-    trace = load_trace("two.h5")
     assert (trace.first_tick, trace.bone().digest()) == (200, kept.bone.digest())
-    assert replay(trace).equal
-    assert json.loads(Path("two.json").read_text())["provenance"]["source"]["digest"] == kept.bone.digest()
+    assert [replay(load_trace(name)).equal for name in ("one.h5", "two.h5")] == [True, True]
+    one, two = (
+        json.loads(Path(name).read_text())["provenance"]["source"] for name in ("one.json", "two.json")
+    )
+    assert (one["kind"], two["digest"]) == ("labelled volume", kept.bone.digest())
     assert len(list(files.glob("kept.nrrd*"))) == 2
 
 
-def test_the_bone_is_kept_when_the_view_fails(files: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_bone_is_kept_when_the_view_fails(
+    run: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fails(*words: object) -> None:
         time.sleep(0.2)
         raise ValueError("the window is gone")
 
     monkeypatch.setattr("burrlab.cli.session.show_live", fails)
-    assert main([*HAND, "--radius", "3", "--voxel", "0.4", "--duration", "60", "--save", "block.h5"]) == 2
+    run(*HAND, "--radius", "3", "--voxel", "0.4", "--duration", "60", "--save", "block.h5", status=2)
     assert 0 < load_bone("block.h5")[1] < 60_000
 
 
-def test_a_block_and_slices_are_kept(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*HAND, "--radius", "3", "--voxel", "0.4", "--save", "block.h5"]) == 0
+def test_a_block_and_slices_are_kept(run: Callable[..., str]) -> None:
+    down = ["--axis", "0,0,-1", "--entry"]
+    run(*HAND, "--radius", "3", "--voxel", "0.4", "--save", "block.h5")
     assert load_bone("block.h5")[1] == 200
-    on = ["--bone", "block.h5", "--entry", "0,0,1", "--axis", "0,0,-1", "--radius", "3"]
-    assert main([*HAND, *on, "--save", "block.h5"]) == 0
+    run(*HAND, "--bone", "block.h5", *down, "0,0,1", "--radius", "3", "--save", "block.h5")
     assert load_bone("block.h5")[1] == 400
-    down = ["--entry", "4,4,8", "--axis", "0,0,-1"]
-    assert main([*HAND, "--labels", "v.yaml", *down, "--save", "kept"]) == 0
-    assert main([*HAND, "--bone", "kept", *down, "--save", "later"]) == 0
+    run(*HAND, "--labels", "v.yaml", *down, "4,4,8", "--save", "kept")
+    run(*HAND, "--bone", "kept", *down, "4,4,8", "--save", "later")
     assert (load_drilled("later").tick, len(list(Path("later").glob("*.png")))) == (400, 28)
-    assert main([*HAND, "--labels", "a.seg.nrrd", "--radius", "2", "--voxel", "0.2", "--entry", "8,10,18",
-                 "--axis", "0,0,-1", "--save", "finer.seg.nrrd"]) == 0  # fmt: skip
+    finer = ["--labels", "a.seg.nrrd", "--radius", "2", "--voxel", "0.2", "--save", "finer.seg.nrrd"]
+    run(*HAND, *finer, *down, "8,10,18")
     assert load_drilled("finer.seg.nrrd").bone.spacing == (0.2, 0.2, 0.2)
-    capsys.readouterr()
 
 
-def test_grey_and_coloured_slices_of_one_spacing(files: Path) -> None:
-    (files / "greys").mkdir()
-    for k, plane in enumerate(np.clip(greys(), 0, None).astype(np.uint16)):
-        Image.fromarray(plane.T).save(files / "greys" / f"g{k:03d}.png")
+def test_grey_and_coloured_slices_of_one_spacing(files: Path, run: Callable[..., str]) -> None:
+    stack(files / "greys", np.clip(greys(), 0, None).astype(np.uint16).swapaxes(1, 2), name="g{:03d}.png")
     words = ["--volume", "greys", "--map", "0:1000", "--labels", "slices", "--spacing", "0.25", "--transpose"]
-    place = ["--entry", "4,4,7", "--axis", "0,0,-1"]
-    assert main([*HAND, *words, *place, "--save", "kept"]) == 0
+    run(*HAND, *words, "--entry", "4,4,7", "--axis", "0,0,-1", "--save", "kept")
     assert {t.name for t in load_drilled("kept").bone.tissues} >= {"bone", "facial nerve"}
 
 
@@ -157,14 +157,14 @@ def test_wrong_input(files: Path, words: list[str], message: str, capsys: pytest
     Path("small.csv").write_text("label,name\n1,bone\n")
     Path("ct.h5").write_text("a text")
     before = {path: path.stat().st_mtime_ns for path in files.rglob("*")}
-    code, _, said = call(capsys, *HAND, *words)
-    assert (code, said.count("\n")) == (2, 1)
-    assert message in said
+    code, _, told = call(capsys, *HAND, *words)
+    assert (code, told.count("\n")) == (2, 1)
+    assert message in told
     assert {path: path.stat().st_mtime_ns for path in files.rglob("*")} == before
 
 
-def test_a_descent_into_labels(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = [
+def test_a_descent_into_labels(run: Callable[..., str], capsys: pytest.CaptureFixture[str]) -> None:
+    descend = [
         "descend",
         "--force",
         "0.3",
@@ -175,50 +175,39 @@ def test_a_descent_into_labels(files: Path, capsys: pytest.CaptureFixture[str]) 
         "0.3",
         "--seed",
         "1",
-        *THERE,
     ]
-    both = [*GREY, "--labels", "labels.nii.gz", "--tissues", "t.csv"]
-    assert main([*words, *both, "--json", "-"]) == 0
-    made = json.loads(capsys.readouterr().out)["provenance"]["volume"]
-    assert made["recipe"]["kind"] == "labelled volume"
-    assert main([*words, *both, "--onto", "--json", "-"]) == 0
-    assert "labels are the nearest of" in capsys.readouterr().err
-    assert main([*words, *GREY, "--labels", "a.seg.nrrd", "--onto"]) == 2
-    assert "labels must overlap the volume: those of" in capsys.readouterr().err
-    alone = [*words[:-4], "--radius", "2", "--labels", "a.seg.nrrd", "--entry", "8,10,18", "--axis", "0,0,-1"]
+    words = [*descend, *THERE]
+    status, out, _ = call(capsys, *words, *BOTH, "--json", "-")
+    assert status == 0
+    assert json.loads(out)["provenance"]["volume"]["recipe"]["kind"] == "labelled volume"
+    assert "labels are the nearest of" in run(*words, *BOTH, "--onto")
+    overlap = run(*words, *GREY, "--labels", "a.seg.nrrd", "--onto", status=2)
+    assert "labels must overlap the volume: those of" in overlap
+    alone = [*descend, "--radius", "2", "--labels", "a.seg.nrrd", "--entry", "8,10,18", "--axis", "0,0,-1"]
     for options, told in (([], "11 to 17 %"), (["--smooth", "0.8"], "3 to 6 %")):
-        assert main([*alone, *options, "--json", "-"]) == 0
-        said = capsys.readouterr()
-        assert f"scatter by {told} at R/voxel = 10 (here 5)" in "".join(json.loads(said.out)["warnings"])
-        assert ("occupancy from labels alone" in said.err, "smoothed by 0.8 mm" in said.err) == (
-            True,
-            bool(options),
-        )
-    assert main([*words, *both, "--smooth", "0.8"]) == 2
-    assert "--smooth goes without --volume" in capsys.readouterr().err
-    assert main(["descend", "--force", "1", "--labels", "a.seg.nrrd"]) == 2
-    assert "--labels needs --entry" in capsys.readouterr().err
+        _, out, err = call(capsys, *alone, *options, "--json", "-")
+        assert f"scatter by {told} at R/voxel = 10 (here 5)" in "".join(json.loads(out)["warnings"])
+        assert "occupancy from labels alone" in err
+        assert ("smoothed by 0.8 mm" in err) == bool(options)
+    assert "--smooth goes without --volume" in run(*words, *BOTH, "--smooth", "0.8", status=2)
+    assert "--labels needs --entry" in run("descend", "--force", "1", "--labels", "a.seg.nrrd", status=2)
 
 
-def test_a_kept_bone_of_another_material(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    first = [*HAND, "--material", "pvc", *GREY, "--labels", "labels.nii.gz", "--tissues", "t.csv", *THERE]
-    assert main([*first, "--save", "kept.nrrd"]) == 0
-    capsys.readouterr()
-    assert main([*HAND, "--bone", "kept.nrrd", *THERE]) == 0  # its own, not the default
-    assert main([*HAND, "--material", "pettigrew", "--bone", "kept.nrrd", *THERE]) == 2
-    assert "material must be that of the bone's tissues" in capsys.readouterr().err
+def test_a_kept_bone_of_another_material(run: Callable[..., str]) -> None:
+    run(*HAND, "--material", "pvc", *BOTH, *THERE, "--save", "kept.nrrd")
+    run(*HAND, "--bone", "kept.nrrd", *THERE)  # its own, not the default
+    refused = run(*HAND, "--material", "pettigrew", "--bone", "kept.nrrd", *THERE, status=2)
+    assert "material must be that of the bone's tissues" in refused
 
 
-def test_a_published_session_on_a_kept_bone_is_followed(files: Path) -> None:
-    bone = VoxelBone.block((8, 8, 4), 0.25)
-    burrlab.save_bone("b.h5", bone, 50)
-    kept = DrilledRecipe("b.h5")
+def test_a_published_session_on_a_kept_bone_is_followed(tmp_path: Path) -> None:
+    burrlab.save_bone(tmp_path / "b.h5", VoxelBone.block((8, 8, 4), 0.25), 50)
+    kept = DrilledRecipe(str(tmp_path / "b.h5"))
     device = burrlab.HandDevice((4, 4, 6))
     session = burrlab.Session(
         kept.bone(), (Burr(1.0), burrlab.materials["bone"]), device, seed=1, tick=kept.tick, duration=1.5,
         publish=0, source=kept.plain(),
     )  # fmt: skip
-    assert session.port is not None
     with session:
         replica = follow("127.0.0.1", session.port)
         assert session.wait(20)

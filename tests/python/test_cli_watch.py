@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import argparse
 import json
+from functools import partial
 
 import numpy as np
 import pytest
 from anatomy_scenes import nerve_bone, straight, table, tool
+from command_line import said
 
 import burrlab
 from burrlab._core import Tissue, Tissues
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.anatomy.watch import Watch
 from burrlab.bone.tissues import write_tissues
-from burrlab.cli import main
 from burrlab.cli.options import add_options
 from burrlab.cli.session import WATCH, chosen_watch
 from burrlab.session.anatomy import replica_events, replica_report
@@ -28,10 +29,8 @@ def folder(tmp_path_factory):
     """Grey volume, labels, their table and a script down into the nerve, as a user has them."""
     folder, bone = tmp_path_factory.mktemp("cli"), nerve_bone()
     header = {
-        "space": "left-posterior-superior",
-        "space directions": np.diag(bone.spacing),
-        "space origin": np.array(bone.origin),
-    }
+        "space": "left-posterior-superior", "space directions": np.diag(bone.spacing), "space origin": np.array(bone.origin),
+    }  # fmt: skip
     nrrd.write(str(folder / "grey.nrrd"), bone.density.T, header)
     nrrd.write(str(folder / "labels.nrrd"), bone.tissue_numbers.T, header)
     write_tissues(folder / "tissues.csv", table())
@@ -39,58 +38,51 @@ def folder(tmp_path_factory):
     return folder
 
 
-def command(folder, *options):
-    return main([
-        "session", "--device", f"scripted:{folder / 'down.csv'}", "--volume", str(folder / "grey.nrrd"), "--map", "0:255",
-        "--labels", str(folder / "labels.nrrd"), "--tissues", str(folder / "tissues.csv"), "--radius", "1.5", "--seed", "1",
-        "--no-realtime", *options,
-    ])  # fmt: skip
+@pytest.fixture
+def session(folder, capsys):
+    """What the command session says."""
+    words = [
+        "session", "--device", f"scripted:{folder / 'down.csv'}", "--volume", folder / "grey.nrrd", "--map", "0:255",
+        "--labels", folder / "labels.nrrd", "--tissues", folder / "tissues.csv", "--radius", "1.5", "--seed", "1",
+        "--no-realtime",
+    ]  # fmt: skip
+    return partial(said, capsys, *words)
 
 
-def test_a_session_watches_and_metrics_tell(folder, capsys) -> None:
-    path, said = folder / "near.h5", folder / "near.json"
-    assert (
-        command(folder, "--record", str(path), "--json", str(said), "--approach", "1", "--injury", "0.1") == 0
-    )
-    told = capsys.readouterr()
-    assert "burr beside" in told.out
-    table = told.out[told.out.index("burr beside") : told.out.index("events:")]
+def test_a_session_watches_and_metrics_tell(folder, session, capsys) -> None:
+    path, kept = folder / "near.h5", folder / "near.json"
+    told = session("--record", path, "--json", kept, "--approach", "1", "--injury", "0.1")
+    table = told[told.index("burr beside") : told.index("events:")]
     assert "time [s] within" in table
     assert max(map(len, table.splitlines())) <= 80  # it fits a terminal
-    assert "burrlab: burr 0: touches nerve at tick" in told.err
-    anatomy = json.loads(said.read_text())["anatomy"]
+    assert "burrlab: burr 0: touches nerve at tick" in told
+    anatomy = json.loads(kept.read_text())["anatomy"]
     assert anatomy["removed_mm3"]["nerve"] > 0.1
-    assert [row["name"] for row in anatomy["watch"]["structures"]] == ["nerve", "sinus"]
-    assert anatomy["watch"]["structures"][0]["approach_mm"] == 1.0
+    watched = [(row["name"], row["approach_mm"]) for row in anatomy["watch"]["structures"]]
+    assert watched == [("nerve", 1.0), ("sinus", 1.0)]
     assert {event["kind"] for event in anatomy["events"]} >= {"approach", "touch", "injury"}
 
-    again = folder / "again.json"
-    assert main(["metrics", str(path), "--json", str(again)]) == 0
-    assert json.loads(again.read_text())["anatomy"] == anatomy
-    assert "burr beside" in capsys.readouterr().out
-    assert main(["metrics", str(path), "--watch", "nerve", "--approach", "1.4", "--json", str(again)]) == 0
-    other = json.loads(again.read_text())["anatomy"]
+    metrics = partial(said, capsys, "metrics", path)
+    assert "burr beside" in metrics("--json", kept)
+    assert json.loads(kept.read_text())["anatomy"] == anatomy
+    metrics("--watch", "nerve", "--approach", "1.4", "--json", kept)
+    other = json.loads(kept.read_text())["anatomy"]
     assert [row["approach_mm"] for row in other["watch"]["structures"]] == [1.4]
     assert other["events"][0]["tick"] < anatomy["events"][0]["tick"]
-    assert main(["metrics", str(path), "--watch", "none"]) == 2
-    assert "--watch must name structures of the trace's bone, got none" in capsys.readouterr().err
+    refused = metrics("--watch", "none", status=2)
+    assert "--watch must name structures of the trace's bone, got none" in refused
 
 
-def test_a_bone_without_critical_tissues_says_that_nothing_is_watched(folder, capsys) -> None:
+def test_a_bone_without_critical_tissues_says_that_nothing_is_watched(folder, session) -> None:
     rows = [Tissue(t.name, label=t.label, c_e=t.c_e, alpha=t.alpha) for t in table()]
     write_tissues(folder / "plain.csv", Tissues(rows, table().material))
-    assert command(folder, "--tissues", str(folder / "plain.csv")) == 0
-    assert (
-        "no tissue is critical, so nothing is watched; --watch TISSUE names a structure"
-        in capsys.readouterr().err
-    )
-    assert command(folder, "--tissues", str(folder / "plain.csv"), "--watch", "none") == 0
-    assert "nothing is watched" not in capsys.readouterr().err
+    told = "no tissue is critical, so nothing is watched; --watch TISSUE names a structure"
+    assert told in session("--tissues", folder / "plain.csv")
+    assert "nothing is watched" not in session("--tissues", folder / "plain.csv", "--watch", "none")
 
 
-def test_a_session_without_a_watch_counts_its_tissues(folder, capsys) -> None:
-    assert command(folder, "--watch", "none") == 0
-    out = capsys.readouterr().out
+def test_a_session_without_a_watch_counts_its_tissues(session) -> None:
+    out = session("--watch", "none")
     assert "removed [mm^3]: bone " in out
     assert "burr beside" not in out
 
@@ -120,21 +112,27 @@ def options(given):
     return parser.parse_args(given)
 
 
-def test_a_replica_reports_as_its_leader(tmp_path) -> None:
-    bone, path = nerve_bone(), tmp_path / "led.h5"
+def followed(bone, depth, **options):
+    """A session that goes down to a depth, at its end, and its replica."""
+    device = straight([(0, 0, 1.5), (0, 0, depth)], [0, 0.4])
     session = burrlab.Session(
-        bone, tool(), straight([(0, 0, 1.5), (0, 0, -0.6)], [0, 0.4]), seed=3, record=path, duration=0.4,
-        wall_clock=False, publish=0, watch=Watch(bone),
-    )  # fmt: skip
+        bone, tool(), device, seed=3, duration=0.4, wall_clock=False, publish=0, **options
+    )
     replica = follow("127.0.0.1", session.port, bone=bone)
     with session:
         session.wait()
         assert replica.wait(20.0)
     replica.stop()
+    return session, replica
+
+
+def test_a_replica_reports_as_its_leader(tmp_path) -> None:
+    bone, path = nerve_bone(), tmp_path / "led.h5"
+    session, replica = followed(bone, -0.6, record=path, watch=Watch(bone))
     mine, theirs = replica_report(replica), session.anatomy()
-    assert mine is not None
-    assert mine.removed == theirs.removed
-    assert mine.settings == theirs.settings
+    assert (mine.removed, mine.settings) == (theirs.removed, theirs.settings)
+    levels = theirs.watched.doses["removed_levels"].sum(axis=0)
+    np.testing.assert_array_equal(replica.watched()["removed"], levels)
     if replica.status["by_bricks"] == 0:
         assert mine.equals(theirs)
         assert [str(event) for event in replica_events(replica)] == [str(event) for event in theirs.events]
@@ -146,18 +144,6 @@ def test_a_replica_reports_as_its_leader(tmp_path) -> None:
 
 def test_a_replica_of_a_session_without_a_watch() -> None:
     bone = burrlab.VoxelBone.block((8, 8, 4), 0.2, origin=(-4, -4, -4))
-    session = burrlab.Session(
-        bone,
-        tool(),
-        straight([(0, 0, 2), (0, 0, 0.8)], [0, 0.1]),
-        seed=1,
-        duration=0.1,
-        wall_clock=False,
-        publish=0,
-    )
-    replica = follow("127.0.0.1", session.port, bone=bone)
-    with session:
-        session.wait()
-    replica.stop()
+    _, replica = followed(bone, 0.8)
     assert replica_report(replica) is None
     assert replica_events(replica) == []

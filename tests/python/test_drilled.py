@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drilled_scenes import MAKERS, MAP, SHAPE, drilled, greys, meta, nifti, nrrd, stack
+from drilled_scenes import MAKERS, MAP, SHAPE, drilled, greys, kept, nifti, nrrd, stack
 
 from burrlab import materials
 from burrlab._core import Burr, erode
@@ -28,31 +28,29 @@ nibabel = pytest.importorskip("nibabel", reason="an independent reader, extra `m
 from test_volume_formats import independently  # noqa: E402
 
 
+@pytest.fixture
+def volume(tmp_path: Path) -> Volume:
+    return read_volume(nrrd(tmp_path / "a.nrrd", greys()))
+
+
 @pytest.mark.parametrize("name", MAKERS)
 def test_header_values_and_state(tmp_path: Path, name: str) -> None:
     original = MAKERS[name](tmp_path / name)
     volume = read_volume(original)
-    bone = drilled(volume)
     saved = tmp_path / f"saved{''.join(Path(name).suffixes)}"
-    save_drilled(saved, bone, volume, mapping=MAP, tick=40)
-    again = read_volume(saved)
-    np.testing.assert_array_equal(again.spacing, volume.spacing)
-    np.testing.assert_array_equal(again.origin, volume.origin)
-    np.testing.assert_array_equal(again.direction, volume.direction)
+    bone, again, loaded = kept(saved, volume, tick=40)
+    for one in ("spacing", "origin", "direction"):
+        np.testing.assert_array_equal(getattr(again, one), getattr(volume, one))
     assert again.values.dtype == volume.values.dtype
-    whole = bone.density == bone.pristine
-    np.testing.assert_array_equal(again.values[whole], volume.values[whole])
     assert (again.values <= volume.values).all()
-    gone = (bone.density == 0) & ~whole
-    assert (again.values[gone] == 200).all()
+    assert (again.values[(bone.density == 0) & (bone.pristine > 0)] == 200).all()
     # What is left of the others is what the map gives for their new grey value, within the type's rounding.
-    assert np.abs(MAP.levels(again.values).astype(int) - bone.density)[~whole].max() <= 1
-    loaded = load_drilled(saved)
-    assert (loaded.bone.digest(), loaded.tick, loaded.mapping) == (bone.digest(), 40, MAP)
+    off = np.abs(MAP.levels(again.values).astype(int) - bone.density)[bone.density < bone.pristine]
+    assert off.max() <= 1
     assert loaded.source == str(original)
     assert loaded.bone.removed_of("facial nerve") == bone.removed_of("facial nerve") > 0
-    kept, told = (format_of(path.name).read(str(path))[0].fields for path in (saved, original))
-    assert kept == told
+    fields, told = (format_of(path.name).read(str(path))[0].fields for path in (saved, original))
+    assert fields == told
     assert "nii" in name or told["Patient"] == "phantom 7"
     np.testing.assert_array_equal(independently(saved)[0], again.values)
     if "nrrd" in name:
@@ -61,46 +59,22 @@ def test_header_values_and_state(tmp_path: Path, name: str) -> None:
         assert nibabel.load(saved).header["descrip"].item().startswith(b"described as it please")
 
 
-@pytest.mark.parametrize("name", ["a.nii", "a.nrrd", "a.mha"])
-def test_scaled_values_and_values_as_text_are_saved_as_numbers(tmp_path: Path, name: str) -> None:
-    if name == "a.nii":
-        path = nifti(tmp_path / name, ((greys() + 1024) // 2).astype("u2"), slope=2.0, inter=-1024.0)
-    else:
-        path = nrrd(tmp_path / name, greys()) if name == "a.nrrd" else meta(tmp_path / name, greys(), False)
-        head = path.read_bytes()[: -greys().nbytes].replace(b"encoding: raw", b"encoding: ascii")
-        text = " ".join(map(str, greys().ravel())).encode() + b"\n"
-        path.write_bytes(head.replace(b"BinaryData = True", b"BinaryData = False") + text)
-    volume = read_volume(path)
-    bone, saved = drilled(volume), tmp_path / f"b{path.suffix}"
-    assert check_drilled(saved, volume, MAP) is None
-    save_drilled(saved, bone, volume, mapping=MAP)
-    whole, again = bone.density == bone.pristine, read_volume(saved).values
-    np.testing.assert_array_equal(again[whole], volume.values[whole])
-    assert (again[(bone.density == 0) & ~whole] == 200).all()
-
-
-def test_what_has_no_header_of_its_own_gets_one(tmp_path: Path) -> None:
+def test_what_has_no_header_of_its_own_gets_one(tmp_path: Path, volume: Volume) -> None:
     """Crops, other spacings, other endings (so DICOM too): the geometry is kept, the fields of the header are not."""
-    volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
     crop = volume.crop_voxels((2, 2, 2), (13, 15, 17))
-    fine = volume.resample(0.25)
-    for like, name in ((crop, "b.nrrd"), (fine, "c.nrrd"), (volume, "d.nii.gz"), (volume, "e.mha")):
-        bone = drilled(like)
-        save_drilled(tmp_path / name, bone, like, mapping=MAP)
-        again = read_volume(tmp_path / name)
+    for like, name in (
+        (crop, "b.nrrd"),
+        (volume.resample(0.25), "c.nrrd"),
+        (volume, "d.nii.gz"),
+        (volume, "e.mha"),
+    ):
+        _, again, _ = kept(tmp_path / name, like)
         assert again.values.dtype == like.values.dtype
-        np.testing.assert_allclose(again.corners(), like.corners(), atol=1e-5)
-        whole = bone.density == bone.pristine
-        np.testing.assert_array_equal(again.values[whole], like.values[whole])
-        assert load_drilled(tmp_path / name).bone.digest() == bone.digest()
 
 
-def test_drilling_goes_on_from_a_saved_volume(tmp_path: Path) -> None:
-    volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
-    bone = drilled(volume)
-    once, path = bone.copy(), tmp_path / "b.nrrd"
-    save_drilled(path, once, volume, mapping=MAP, tick=40)
-    loaded = load_drilled(path)
+def test_drilling_goes_on_from_a_saved_volume(tmp_path: Path, volume: Volume) -> None:
+    path = tmp_path / "b.nrrd"
+    once, _, loaded = kept(path, volume, tick=40)
     later = loaded.bone
     erode(later, Burr(2.0), np.array(later.origin) + (4, 4, 4), materials["bone"], dt=1.0, seed=1, tick=40)
     assert later.digest() != once.digest()
@@ -115,45 +89,35 @@ def test_drilling_goes_on_from_a_saved_volume(tmp_path: Path) -> None:
         save_drilled(tmp_path / "d.nrrd", volume.to_bone(MAP), read_volume(path), mapping=MAP)
 
 
-def test_saved_twice_under_a_relative_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_saved_twice_under_a_relative_name(volume: Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same content has the same exact state: the second save must not take it for an older one."""
-    monkeypatch.chdir(tmp_path)
-    volume = read_volume(nrrd(Path("a.nrrd"), greys()))
-    bone = drilled(volume)
+    monkeypatch.chdir(Path(volume.path).parent)
     for tick in (1, 2):
-        save_drilled("b.nrrd", bone, volume, mapping=MAP, tick=tick)
-        loaded = load_drilled("b.nrrd")
-        assert (loaded.bone.digest(), loaded.tick) == (bone.digest(), tick)
+        kept(Path("b.nrrd"), volume, tick)
 
 
-def test_a_changed_or_missing_part_is_found(tmp_path: Path) -> None:
-    volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
+def test_a_changed_or_missing_part_is_found(tmp_path: Path, volume: Volume) -> None:
     path = tmp_path / "b.nrrd"
-    save_drilled(path, drilled(volume), volume, mapping=MAP)
-    with pytest.raises(
-        ValueError,
-        match=r"a.nrrd: the exact state, a.nrrd\.\w+\.bone.h5, must lie beside it, and there is none",
-    ):
-        load_drilled(tmp_path / "a.nrrd")
-    content = bytearray(path.read_bytes())
-    content[-1] ^= 1
-    path.write_bytes(content)
-    with pytest.raises(ValueError, match=r"there is b.nrrd\.\w+\.bone.h5, of another content of it"):
-        load_drilled(path)
-    content[-1] ^= 1
+    kept(path, volume)
+
+    def refused(match: str, name: str = "b.nrrd", kind: type[Exception] = ValueError) -> None:
+        with pytest.raises(kind, match=match):
+            load_drilled(tmp_path / name)
+
+    refused(r"a.nrrd: the exact state, a.nrrd\.\w+\.bone.h5, must lie beside it, and there is none", "a.nrrd")
+    content = path.read_bytes()
+    path.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+    refused(r"there is b.nrrd\.\w+\.bone.h5, of another content of it")
     path.write_bytes(content)
     [beside] = tmp_path.glob("b.nrrd.*.bone.h5")
     save_drilled(tmp_path / "c.nrrd", volume.to_bone(MAP), volume, mapping=MAP)
     [other] = tmp_path.glob("c.nrrd.*.bone.h5")
     beside.write_bytes(other.read_bytes())
-    with pytest.raises(ValueError, match="belongs to another content of it: one of them was changed"):
-        load_drilled(path)
+    refused("belongs to another content of it: one of them was changed")
     beside.unlink()
     save_bone(beside, volume.to_bone(MAP))
-    with pytest.raises(ValueError, match="is a bone, but not one of a drilled volume"):
-        load_drilled(path)
-    with pytest.raises(FileNotFoundError, match=r"none.nrrd: no such file or folder"):
-        load_drilled(tmp_path / "none.nrrd")
+    refused("is a bone, but not one of a drilled volume")
+    refused(r"none.nrrd: no such file or folder", "none.nrrd", FileNotFoundError)
 
 
 class Dies(BaseException):
@@ -162,14 +126,11 @@ class Dies(BaseException):
 
 @pytest.mark.parametrize("name", ["b.nrrd", "b"])
 def test_killed_in_the_middle_there_is_the_old_pair_or_the_new_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, volume: Volume
 ) -> None:
     """The process ends at each of its calls of fsync, replace, rename and unlink in turn."""
     if name == "b":
         volume = read_stack(stack(tmp_path / "s", greys("u2")), spacing=(0.3, 0.4, 0.5))
-        assert isinstance(volume, Volume)
-    else:
-        volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
     old, new = volume.to_bone(MAP), drilled(volume)
     path, left, calls = tmp_path / name, [0], [0]
 
@@ -179,9 +140,9 @@ def test_killed_in_the_middle_there_is_the_old_pair_or_the_new_one(
             left[0] -= 1
             if left[0] == 0:
                 raise Dies
-            if left[0] < 0:  # what a dead process does not do any more
-                return None
-            return real(*arguments, **options)
+            return (
+                real(*arguments, **options) if left[0] > 0 else None
+            )  # a dead process does nothing any more
 
         return call
 
@@ -208,9 +169,7 @@ def test_killed_in_the_middle_there_is_the_old_pair_or_the_new_one(
             seen.add("nothing")
             continue
         seen.add(load_drilled(path).bone.digest())
-        save_drilled(
-            tmp_path / "after_b.nrrd" if name != "b" else tmp_path / "after_b", new, volume, mapping=MAP
-        )
+        save_drilled(tmp_path / f"after_{name}", new, volume, mapping=MAP)
     assert seen <= {old.digest(), new.digest(), "nothing"}
     assert len(seen) >= (1 if name == "b" else 2)
 
@@ -228,11 +187,11 @@ def test_the_map_turned_round() -> None:
             grey_of_levels(OccupancyMap.table(*bad))
 
 
-def test_another_volume_under_the_name_of_a_half_drilled_one_is_not_replaced(tmp_path: Path) -> None:
-    volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
-    bone = drilled(volume)
-    save_drilled(tmp_path / "b.nrrd", bone, volume, mapping=MAP)
-    save_drilled(tmp_path / "b.nrrd", bone, volume, mapping=MAP)  # its own it replaces
+def test_another_volume_under_the_name_of_a_half_drilled_one_is_not_replaced(
+    tmp_path: Path, volume: Volume
+) -> None:
+    for _ in range(2):  # its own it replaces
+        bone, *_ = kept(tmp_path / "b.nrrd", volume)
     other = nrrd(tmp_path / "b.nrrd", greys() + np.int16(1)).read_bytes()
     with pytest.raises(
         FileExistsError, match=r"path must be a new file or one of save_drilled, .*b\.nrrd is neither"
@@ -245,11 +204,8 @@ def test_another_volume_under_the_name_of_a_half_drilled_one_is_not_replaced(tmp
         save_drilled(tmp_path / "a.nrrd", bone, volume, mapping=MAP)
 
 
-def test_bad_saves_are_refused(tmp_path: Path) -> None:
-    volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
-    bone = volume.to_bone(MAP)
+def test_bad_saves_are_refused(tmp_path: Path, volume: Volume) -> None:
     before = (tmp_path / "a.nrrd").read_bytes()
-
     (tmp_path / "mine.nrrd").write_text("something else")
     grid = (0.3, 0.4, 0.5), (0, 0, 0), np.eye(3)
     small, real = Volume(np.full(SHAPE, 200, np.uint8), *grid, "small"), Volume(greys("f4"), *grid, "real")
@@ -269,7 +225,7 @@ def test_bad_saves_are_refused(tmp_path: Path) -> None:
          {"bone": small.to_bone(below), "like": small, "mapping": below}),
         (ValueError, "it holds float32, got -1e", "b.nrrd", {"bone": real.to_bone(far), "like": real, "mapping": far}),
     ):  # fmt: skip
-        options: dict[str, Any] = {"bone": bone, "like": volume, "mapping": MAP, **changed}
+        options: dict[str, Any] = {"bone": volume.to_bone(MAP), "like": volume, "mapping": MAP, **changed}
         with pytest.raises(kind, match=match):
             save_drilled(tmp_path / path, **options)
     assert (tmp_path / "a.nrrd").read_bytes() == before
@@ -277,9 +233,8 @@ def test_bad_saves_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_missing_library_is_told_before_there_is_a_bone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, volume: Volume, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
     monkeypatch.setitem(sys.modules, "SimpleITK", None)
     with pytest.raises(
         ImportError, match=r"writing volumes needs SimpleITK: pip install 'burrlab\[medical\]'"
@@ -301,13 +256,12 @@ def test_what_was_removed_is_empty_after_rounding(tmp_path: Path, slope: float) 
     np.testing.assert_array_equal(steep.levels(read_volume(tmp_path / "b.nii").values), density)
 
 
-def test_links_and_dots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_links_and_dots(tmp_path: Path, volume: Volume, monkeypatch: pytest.MonkeyPatch) -> None:
     """A link is followed, on reading and on writing; `..` after one goes where the system takes it."""
     (tmp_path / "far" / "away").mkdir(parents=True)
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     os.symlink("../far/away", "door")
-    volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
     bone, whole = drilled(volume), volume.to_bone(MAP)
     os.symlink("door/../b.nrrd", "link.nrrd")  # far/b.nrrd
     for state in (whole, bone):
@@ -322,27 +276,24 @@ def test_links_and_dots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
         save_drilled("c.nrrd", whole, read_volume("link.nrrd"), mapping=MAP)
     save_drilled("link.nrrd", bone, read_volume("link.nrrd"), mapping=MAP, tick=3)
     assert load_drilled("link.nrrd").tick == 3
-    for file in (tmp_path / "far").glob(
-        "b.nrrd*"
-    ):  # as programs that keep large files elsewhere do: a link for each
+    for file in (tmp_path / "far").glob("b.nrrd*"):  # programs that keep large files elsewhere link each
         os.symlink(file, file.name.replace("b.nrrd", "d.nrrd"))
     assert load_drilled("d.nrrd").bone.digest() == bone.digest()
     os.symlink(tmp_path / "a.nrrd", "original.nrrd")
     with pytest.raises(ValueError, match="path must be another file than the original"):
         save_drilled("original.nrrd", bone, volume, mapping=MAP)
-    recipe = VolumeRecipe("door/../../a.nrrd", MAP)
-    assert recipe.path == os.fspath(tmp_path / "a.nrrd")
+    assert VolumeRecipe("door/../../a.nrrd", MAP).path == os.fspath(tmp_path / "a.nrrd")
 
 
-def test_a_folder_that_is_not_writable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_that_is_not_writable(
+    tmp_path: Path, volume: Volume, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Nothing is left behind, and nothing is changed."""
-    volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
     (tmp_path / "shut").mkdir()
-    bone = drilled(volume)
     monkeypatch.setattr(os, "access", lambda *_: False)  # the system asks nothing of root
     for write in (
         lambda: check_drilled(tmp_path / "shut" / "b.nrrd", volume, MAP),
-        lambda: save_drilled(tmp_path / "shut" / "b.nrrd", bone, volume, mapping=MAP),
+        lambda: save_drilled(tmp_path / "shut" / "b.nrrd", volume.to_bone(MAP), volume, mapping=MAP),
         lambda: write_volume(tmp_path / "shut" / "b.nii", volume),
         lambda: write_dicom(tmp_path / "shut" / "b", volume),
     ):
@@ -351,8 +302,6 @@ def test_a_folder_that_is_not_writable(tmp_path: Path, monkeypatch: pytest.Monke
     assert os.listdir(tmp_path / "shut") == []
 
 
-def test_the_longest_name(tmp_path: Path) -> None:
-    volume = read_volume(nrrd(tmp_path / "a.nrrd", greys()))
+def test_the_longest_name(tmp_path: Path, volume: Volume) -> None:
     for name in (f"{'ü' * 110}.nrrd", f"{'x' * 218}.nii.gz"):
-        save_drilled(tmp_path / name, drilled(volume), volume, mapping=MAP)
-        assert load_drilled(tmp_path / name).tick == 0
+        kept(tmp_path / name, volume)

@@ -10,16 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from drilled_scenes import MAP, SHAPE, drilled, greys
+from drilled_scenes import MAP, SHAPE, greys, kept
 
 import burrlab.common.files as files
 from burrlab._core import VoxelBone
 from burrlab.bone.formats import read_labels, read_volume
-from burrlab.bone.image import OccupancyMap
+from burrlab.bone.image import OccupancyMap, Volume
 from burrlab.bone.kept import check_drilled, load_drilled, save_drilled
 from burrlab.bone.recipe import DrilledRecipe
-from burrlab.cli import main
-from burrlab.session.trace import load_trace
 
 sitk = pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
 pydicom = pytest.importorskip("pydicom", reason="makes the series and is the independent reader, extra `dev`")
@@ -54,13 +52,13 @@ def again(folder: Path, change: Callable[[Any], None]) -> None:
         found = pydicom.dcmread(path)
         change(found)
         uid = found.file_meta.TransferSyntaxUID
-        pydicom.dcmwrite(
-            path,
-            found,
-            implicit_vr=uid.is_implicit_VR,
-            little_endian=uid.is_little_endian,
-            force_encoding=True,
-        )
+        kind = {"implicit_vr": uid.is_implicit_VR, "little_endian": uid.is_little_endian}
+        pydicom.dcmwrite(path, found, force_encoding=True, **kind)
+
+
+@pytest.fixture
+def like(tmp_path: Path) -> Volume:
+    return read_volume(series(tmp_path / "ct"))
 
 
 def syntax(uid: str) -> Callable[[Any], None]:
@@ -93,9 +91,10 @@ def check(original: Path, saved: Path, like: Any) -> None:
         np.testing.assert_array_equal(getattr(volume, name), getattr(like, name))
     assert volume.notes == ()
     whole = bone.density == bone.pristine
-    seen = sorted((pydicom.dcmread(path) for path in saved.glob("*.dcm")), key=lambda s: s.InstanceNumber)
-    sources = sorted(map(pydicom.dcmread, original.iterdir()), key=lambda s: s.InstanceNumber)
-    assert len(seen) == len(sources) == SHAPE[0]
+    seen, sources = (
+        sorted(map(pydicom.dcmread, folder.glob("*.dcm")), key=lambda s: s.InstanceNumber)
+        for folder in (saved, original)
+    )
     for k, (found, source) in enumerate(zip(seen, sources, strict=True)):
         values = found.pixel_array * float(found.RescaleSlope) + float(found.RescaleIntercept)
         np.testing.assert_array_equal(values, volume.values[k])
@@ -110,7 +109,7 @@ def check(original: Path, saved: Path, like: Any) -> None:
         assert reference.ReferencedSOPClassUID == source.SOPClassUID
         assert found.file_meta.MediaStorageSOPInstanceUID == found.SOPInstanceUID
         assert found.SOPInstanceUID.is_valid
-    assert len({found.SOPInstanceUID for found in seen} | {s.SOPInstanceUID for s in sources}) == 2 * SHAPE[0]
+    assert len({one.SOPInstanceUID for one in (*seen, *sources)}) == 2 * SHAPE[0]
     (own,) = {found.SeriesInstanceUID for found in seen}
     assert own != sources[0].SeriesInstanceUID
     image = sitk.ReadImage(sitk.ImageSeriesReader.GetGDCMSeriesFileNames(str(saved), own))
@@ -136,25 +135,23 @@ def test_a_derived_series(tmp_path: Path, kind: str) -> None:
     again(original, CHANGES[kind])
     before = {path.name: path.read_bytes() for path in original.iterdir()}
     like = read_volume(original)
-    bone = drilled(like)
-    assert check_drilled(saved, like, MAP) is None
-    save_drilled(saved, bone, like, mapping=MAP, tick=40)
+    bone, _, loaded = kept(saved, like, tick=40)
     check(original, saved, like)
-    recipe, loaded = DrilledRecipe(str(saved)), load_drilled(saved)
-    assert recipe.bone().digest() == loaded.bone.digest() == bone.digest()
-    assert (recipe.like().shape, loaded.tick, loaded.mapping) == (SHAPE, 40, MAP)
+    recipe = DrilledRecipe(str(saved))
+    assert (recipe.bone().digest(), recipe.like().shape) == (bone.digest(), SHAPE)
     np.testing.assert_array_equal(loaded.bone.pristine, like.to_bone(MAP).pristine)
     assert {path.name: path.read_bytes() for path in original.iterdir()} == before
     assert sorted(path.name for path in tmp_path.iterdir()) == [original.name, saved.name]
 
 
-def test_saved_again_and_gone_on_with(tmp_path: Path) -> None:
-    like = read_volume(series(tmp_path / "ct"))
-    bone = drilled(like)
+def same_slices(one: Path, other: Path) -> bool:
+    return all(path.read_bytes() == (other / path.name).read_bytes() for path in one.glob("*.dcm"))
+
+
+def test_saved_again_and_gone_on_with(tmp_path: Path, like: Volume) -> None:
     for name in ("a", "b"):
-        save_drilled(tmp_path / name, bone, like, mapping=MAP)
-    for path in (tmp_path / "a").glob("*.dcm"):  # the same bone is the same series
-        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+        bone, *_ = kept(tmp_path / name, like)
+    assert same_slices(tmp_path / "a", tmp_path / "b")  # the same bone is the same series
     with pytest.raises(FileExistsError, match="path must be a new folder"):
         save_drilled(tmp_path / "a", bone, like, mapping=MAP)
     with pytest.raises(ValueError, match="path must be another file than the original"):
@@ -165,16 +162,8 @@ def test_saved_again_and_gone_on_with(tmp_path: Path) -> None:
     later.restore(density)
     save_drilled(tmp_path / "c", later, recipe.like(), mapping=recipe.mapping, tick=50)
     assert load_drilled(tmp_path / "c").bone.digest() == later.digest()
-    check(tmp_path / "ct", tmp_path / "a", like)
-    uids = {
-        pydicom.dcmread(tmp_path / name / "slice0001.dcm").SeriesInstanceUID
-        for name in (
-            "a",
-            "b",
-            "c",
-        )
-    }
-    assert len(uids) == 2
+    names = [tmp_path / name / "slice0001.dcm" for name in ("a", "b", "c")]
+    assert len({pydicom.dcmread(name).SeriesInstanceUID for name in names}) == 2
     with pytest.raises(ValueError, match=r"like must be the original: .*a is half-drilled"):
         save_drilled(tmp_path / "d", like.to_bone(MAP), read_volume(tmp_path / "a"), mapping=MAP)
     one = tmp_path / "a" / "slice0003.dcm"
@@ -183,36 +172,30 @@ def test_saved_again_and_gone_on_with(tmp_path: Path) -> None:
         load_drilled(tmp_path / "a")
 
 
-def test_a_save_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    like = read_volume(series(tmp_path / "ct"))
-    bone = drilled(like)
-
+def test_a_save_that_fails_leaves_nothing(
+    tmp_path: Path, like: Volume, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def full(*_: Any, **__: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    for place in (
-        "burrlab.bone.kept.write_synced",
-        "burrlab.bone.kept.save_bone",
-        "os.rename",
-    ):
+    for place in ("burrlab.bone.kept.write_synced", "burrlab.bone.kept.save_bone", "os.rename"):
         with monkeypatch.context() as patch:
             patch.setattr(place, full)
             with pytest.raises(OSError, match="No space left"):
-                save_drilled(tmp_path / "kept", bone, like, mapping=MAP)
+                save_drilled(tmp_path / "kept", like.to_bone(MAP), like, mapping=MAP)
         assert [path.name for path in tmp_path.iterdir()] == ["ct"]
     (tmp_path / ".kept.part").mkdir()  # of one that was killed
     (tmp_path / ".kept.part" / "old.dcm").write_bytes(b"old")
-    save_drilled(tmp_path / "kept", bone, like, mapping=MAP)
+    kept(tmp_path / "kept", like)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ct", "kept"]
     assert not (tmp_path / "kept" / "old.dcm").exists()
 
 
-def test_two_that_save_to_one_folder_do_not_mix(tmp_path: Path) -> None:
-    like = read_volume(series(tmp_path / "ct"))
+def test_two_that_save_to_one_folder_do_not_mix(tmp_path: Path, like: Volume) -> None:
     with files.new_folder(tmp_path / "kept") as part:
         (part / "its.dcm").write_bytes(b"another's")
         with pytest.raises(BlockingIOError, match="kept is being written by another process"):
-            save_drilled(tmp_path / "kept", drilled(like), like, mapping=MAP)
+            save_drilled(tmp_path / "kept", like.to_bone(MAP), like, mapping=MAP)
     assert [path.name for path in (tmp_path / "kept").iterdir()] == ["its.dcm"]
 
 
@@ -242,69 +225,46 @@ def test_a_folder_that_another_begins_is_left_alone(tmp_path: Path, monkeypatch:
 def test_one_series_of_a_folder_and_files_in_any_order(tmp_path: Path) -> None:
     folder = series(tmp_path / "ct")
     write_series(folder, greys("i2")[:4], series="9.8", names=[f"o{k}" for k in range(4)])
-    like = read_volume(folder, series="1.2.3.4")
-    bone = drilled(like)
-    save_drilled(tmp_path / "kept", bone, like, mapping=MAP)
-    assert load_drilled(tmp_path / "kept").bone.digest() == bone.digest()
+    kept(tmp_path / "kept", read_volume(folder, series="1.2.3.4"))
     files = sorted(folder.glob("slice*"), reverse=True)
     like = read_volume(files)
     assert like.files == tuple(str(path) for path in files[::-1])
-    save_drilled(tmp_path / "other", bone, like, mapping=MAP)
-    for path in (tmp_path / "kept").glob("*.dcm"):
-        assert path.read_bytes() == (tmp_path / "other" / path.name).read_bytes()
+    kept(tmp_path / "other", like)
+    assert same_slices(tmp_path / "kept", tmp_path / "other")
 
 
-def test_fewer_bits_than_there_are(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("sign", "low", "held"), [(0, -1000, "0 to 4095"), (1, -2100, "-2048 to 2047")])
+def test_fewer_bits_than_there_are(tmp_path: Path, sign: int, low: float, held: str) -> None:
     """12 bits of 16, signed and not, and a scale of its own in each slice."""
-    for sign in (0, 1):
-        values = (greys("i4").clip(0, 2000) - 700 * sign).astype("i2")
-        folder = series(
-            tmp_path / f"ct{sign}",
-            values,
-            BitsStored=12,
-            HighBit=11,
-            PixelRepresentation=sign,
-            RescaleIntercept="0",
-        )
-        for k, path in enumerate(sorted(folder.iterdir())):
-            found = pydicom.dcmread(path)
-            found.RescaleSlope = str(1 + k / 4)
-            if sign == 0:  # an overlay, as old files have it, in the bits that are spare
-                found.PixelData = (np.frombuffer(found.PixelData, "<u2") | 0x5000).tobytes()
-            found.save_as(path)
-        like = read_volume(folder)
-        bone = drilled(like)
-        save_drilled(tmp_path / f"kept{sign}", bone, like, mapping=MAP)
-        kept = read_volume(tmp_path / f"kept{sign}")
-        whole = bone.density == bone.pristine
-        np.testing.assert_array_equal(kept.values[whole], like.values[whole])
-        assert (MAP.levels(kept.values)[(bone.density == 0) & ~whole] == 0).all()
-        assert load_drilled(tmp_path / f"kept{sign}").bone.digest() == bone.digest()
-        low = OccupancyMap.two_point(-1000 if sign == 0 else -2100, 1200)
-        with pytest.raises(
-            ValueError, match=r"slice000\.dcm can hold, .*: it holds u?int16, (0|-2048) to (4095|2047), got"
-        ):
-            check_drilled(tmp_path / "no", like, low)
+    values = (greys("i4").clip(0, 2000) - 700 * sign).astype("i2")
+    bits = {"BitsStored": 12, "HighBit": 11, "PixelRepresentation": sign, "RescaleIntercept": "0"}
+    folder = series(tmp_path / "ct", values, **bits)
+    for k, path in enumerate(sorted(folder.iterdir())):
+        found = pydicom.dcmread(path)
+        found.RescaleSlope = str(1 + k / 4)
+        if sign == 0:  # an overlay, as old files have it, in the bits that are spare
+            found.PixelData = (np.frombuffer(found.PixelData, "<u2") | 0x5000).tobytes()
+        found.save_as(path)
+    like = read_volume(folder)
+    kept(tmp_path / "kept", like)
+    with pytest.raises(ValueError, match=rf"slice000\.dcm can hold, .*: it holds u?int16, {held}, got"):
+        check_drilled(tmp_path / "no", like, OccupancyMap.two_point(low, 1200))
 
 
-def test_crops_get_new_headers_and_labels_stay_labels(tmp_path: Path) -> None:
-    folder = series(tmp_path / "ct")
-    crop = read_volume(folder).crop_voxels((1, 2, 3), (13, 15, 17))
-    bone = drilled(crop)
-    save_drilled(tmp_path / "crop", bone, crop, mapping=MAP)
-    np.testing.assert_allclose(read_volume(tmp_path / "crop").corners(), crop.corners(), atol=1e-9)
-    assert load_drilled(tmp_path / "crop").bone.digest() == bone.digest()
+def test_crops_get_new_headers(tmp_path: Path, like: Volume) -> None:
+    crop = like.crop_voxels((1, 2, 3), (13, 15, 17))
+    _, again, _ = kept(tmp_path / "crop", crop)
+    np.testing.assert_allclose(again.corners(), crop.corners(), atol=1e-9)
     with pytest.raises(
         ValueError,
         match="values must be one of uint8, int16, uint16 to be written as DICOM, got float32; the ending of another format",
     ):
         check_drilled(tmp_path / "fine", replace(crop, values=crop.values.astype(np.float32) + 0.5), MAP)
-    series(
-        tmp_path / "segments",
-        (np.arange(np.prod(SHAPE)).reshape(SHAPE) % 3).astype("i2"),
-        RescaleIntercept="0",
-    )
-    labels = read_labels(tmp_path / "segments")
+
+
+def test_labels_stay_labels(tmp_path: Path) -> None:
+    numbers = (np.arange(np.prod(SHAPE)).reshape(SHAPE) % 3).astype("i2")
+    labels = read_labels(series(tmp_path / "segments", numbers, RescaleIntercept="0"))
     solid = VoxelBone(
         np.where(labels.labels > 0, 255, 0).astype(np.uint8),
         spacing=labels.spacing,
@@ -316,69 +276,24 @@ def test_crops_get_new_headers_and_labels_stay_labels(tmp_path: Path) -> None:
     save_drilled(tmp_path / "cut", solid, labels)
     expected = labels.labels.copy()
     expected[4:8] = 0
-    np.testing.assert_array_equal(read_labels(tmp_path / "cut").labels, expected)
-    assert load_drilled(tmp_path / "cut").bone.digest() == solid.digest()
-    np.testing.assert_array_equal(load_drilled(tmp_path / "cut").volume().labels, expected)
+    loaded = load_drilled(tmp_path / "cut")
+    assert loaded.bone.digest() == solid.digest()
+    for found in (read_labels(tmp_path / "cut"), loaded.volume()):
+        np.testing.assert_array_equal(found.labels, expected)
 
 
-def test_other_voxels_are_rounded_to_whole_grey_values(tmp_path: Path) -> None:
+def test_other_voxels_are_rounded_to_whole_grey_values(tmp_path: Path, like: Volume) -> None:
     """Clinical slices are burred on finer voxels: `--voxel` with `--save FOLDER`."""
-    like = read_volume(series(tmp_path / "ct")).resample(0.2)
-    bone = drilled(like)
-    save_drilled(tmp_path / "fine", bone, like, mapping=MAP)
-    kept = read_volume(tmp_path / "fine")
-    assert kept.values.dtype == np.int16
-    np.testing.assert_allclose(kept.corners(), like.corners(), atol=1e-9)
-    whole = bone.density == bone.pristine
-    np.testing.assert_array_equal(kept.values[whole], np.rint(like.values[whole]))
-    assert (MAP.levels(kept.values)[(bone.density == 0) & ~whole] == 0).all()
-    again = load_drilled(tmp_path / "fine")
-    assert again.bone.digest() == bone.digest()
-    save_drilled(tmp_path / "later", again.bone, again.volume(), mapping=again.mapping)
+    _, again, loaded = kept(tmp_path / "fine", like.resample(0.2))
+    assert again.values.dtype == np.int16
+    save_drilled(tmp_path / "later", loaded.bone, loaded.volume(), mapping=loaded.mapping)
 
 
-def test_from_the_command_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    series(Path("ct"))
-    hand = [
-        "session",
-        "--device",
-        "hand",
-        "--radius",
-        "2.5",
-        "--duration",
-        "0.2",
-        "--seed",
-        "3",
-        "--no-realtime",
-    ]
-    like = read_volume("ct")
-    entry = ",".join(f"{x:.3f}" for x in like.origin + like.patient_point(like.spacing * (9, 8, 12)))
-    there = ["--entry", entry, "--axis", "0,0,-1"]
-    assert main([*hand, "--volume", "ct", "--map", "200:1200", *there, "--save", "kept"]) == 0
-    assert "bone saved as kept" in capsys.readouterr().err
-    kept = load_drilled("kept")
-    assert kept.tick == 200
-    assert kept.bone.removed > 0
-    check(Path("ct"), Path("kept"), like)
-    assert main([*hand, "--bone", "kept", *there, "--save", "later", "--record", "later.h5"]) == 0
-    later = load_drilled("later")
-    assert (later.tick, load_trace("later.h5").bone().digest()) == (400, kept.bone.digest())
-    np.testing.assert_array_equal(later.bone.pristine, kept.bone.pristine)
-    capsys.readouterr()
-    assert main([*hand, "--bone", "later", *there, "--save", "kept"]) == 2
-    assert "--save: path must be a new folder, kept is there" in capsys.readouterr().err
-
-
-def test_what_cannot_be_taken_apart(tmp_path: Path) -> None:
-    folder = series(tmp_path / "ct")
-    like = read_volume(folder)
-    one = folder / "slice004.dcm"
+def test_what_cannot_be_taken_apart(tmp_path: Path, like: Volume) -> None:
+    one = tmp_path / "ct" / "slice004.dcm"
     content = one.read_bytes()
 
-    def refused(match: str, kind: type[Exception] = ValueError, path: str = "kept") -> None:
+    def refused(like: Volume, match: str, kind: type[Exception] = ValueError, path: str = "kept") -> None:
         with pytest.raises(kind, match=match):
             check_drilled(tmp_path / path, like, MAP)
         with pytest.raises(kind, match=match):
@@ -388,31 +303,21 @@ def test_what_cannot_be_taken_apart(tmp_path: Path) -> None:
     found = pydicom.dcmread(one)
     found.HighBit, found.BitsStored = 13, 12
     found.save_as(one)
-    like = read_volume(folder)
-    refused("16 bits allocated, 12 stored, the highest at 13")
+    refused(read_volume(tmp_path / "ct"), "16 bits allocated, 12 stored, the highest at 13")
     one.unlink()
-    refused(r"slice004\.dcm: no such file", FileNotFoundError)
+    refused(like, r"slice004\.dcm: no such file", FileNotFoundError)
     one.write_bytes(content)
-    like = read_volume(folder)
-    refused(
-        r"path must be a new folder for a DICOM series, and not one file, got .*kept\.dcm", path="kept.dcm"
-    )
+    new = r"path must be a new folder for a DICOM series, and not one file, got .*kept\.dcm"
+    refused(like, new, path="kept.dcm")
 
 
-def test_a_slice_without_file_meta_information_gets_it(tmp_path: Path) -> None:
-    folder = series(tmp_path / "ct")
-    one = folder / "slice004.dcm"
+def test_a_slice_without_file_meta_information_gets_it(tmp_path: Path, like: Volume) -> None:
+    one = tmp_path / "ct" / "slice004.dcm"
     one.write_bytes(one.read_bytes()[pydicom.dcmread(one).file_meta.FileMetaInformationGroupLength + 144 :])
-    like = read_volume(folder)
-    bone = drilled(like)
-    save_drilled(tmp_path / "kept", bone, like, mapping=MAP)
-    whole, again = bone.density == bone.pristine, read_volume(tmp_path / "kept")
-    np.testing.assert_array_equal(again.values[whole], like.values[whole])
+    kept(tmp_path / "kept", read_volume(tmp_path / "ct"))
     found = pydicom.dcmread(tmp_path / "kept" / "slice0005.dcm")
-    assert (found.PatientName, found.file_meta.MediaStorageSOPInstanceUID) == (
-        "Phantom^Sept",
-        found.SOPInstanceUID,
-    )
+    assert found.PatientName == "Phantom^Sept"
+    assert found.file_meta.MediaStorageSOPInstanceUID == found.SOPInstanceUID
 
 
 def test_letters_where_none_may_be_and_what_no_longer_holds(tmp_path: Path) -> None:
@@ -420,13 +325,10 @@ def test_letters_where_none_may_be_and_what_no_longer_holds(tmp_path: Path) -> N
     icon = pydicom.Dataset()
     icon.Rows = icon.Columns = 1
     folder = series(tmp_path / "ct", SmallestPixelValueInSeries=24, LargestPixelValueInSeries=2524)
+    again(folder, lambda found: setattr(found, "IconImageSequence", [icon]))
     for path in folder.iterdir():
-        found = pydicom.dcmread(path)
-        found.IconImageSequence = [icon]
-        found.save_as(path)
         path.write_bytes(path.read_bytes().replace(b"PRIMARY\\AXIAL", b"PRIMARY\\\xc4XIAL"))
-    like = read_volume(folder)
-    save_drilled(tmp_path / "kept", drilled(like), like, mapping=MAP)
+    kept(tmp_path / "kept", read_volume(folder))
     for path in (tmp_path / "kept").glob("*.dcm"):
         assert b"DERIVED\\SECONDARY\\\xc4XIAL" in path.read_bytes()
         found = pydicom.dcmread(path)

@@ -11,17 +11,22 @@ from dicom_series import write_series
 from label_scenes import MAP, TABLE, coloured, greys, label_file, labels, volume
 from PIL import Image
 from test_segments import FIELDS, seg_nrrd
+from test_volume_formats import independently
 
 import burrlab
 from burrlab import materials
 from burrlab._core import Burr, ScriptedDevice, VoxelBone
 from burrlab.bone.formats import format_of, read_labels, read_volume, write_volume
 from burrlab.bone.image import LabelVolume
-from burrlab.bone.kept import load_drilled, save_drilled
+from burrlab.bone.kept import DrilledVolume, load_drilled, save_drilled
 from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues
 from burrlab.session.network import make_bone
 from burrlab.session.session import Session
+
+pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
+pytest.importorskip("yaml", reason="extra `medical` is not installed")
+pydicom = pytest.importorskip("pydicom", reason="an independent reader, extra `medical`")
 
 
 def recipe(kind: str, folder: Path) -> tuple[LabelledRecipe | VolumeRecipe, str]:
@@ -62,73 +67,69 @@ def drill(bone: VoxelBone, tick: int, ticks: int) -> tuple[VoxelBone, int]:
     return session.snapshot()
 
 
-KINDS = (".nrrd", ".nii", ".nii.gz", ".mha", "DICOM", "DICOM as NRRD", "coloured slices", "segmentation", "labels.nii.gz")  # fmt: skip
+KINDS = (
+    ".nrrd",
+    ".nii.gz",
+    ".mha",
+    "DICOM",
+    "DICOM as NRRD",
+    "coloured slices",
+    "segmentation",
+    "labels.nii.gz",
+)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_kept_seen_and_gone_on_with(kind: str, tmp_path: Path) -> None:
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
-    pytest.importorskip("yaml", reason="extra `medical` is not installed")
     made, name = recipe(kind, tmp_path)
     bone, tick = drill(made.bone(), 0, 500)
     assert tick == 500
     assert min(bone.removed_of(tissue) for tissue in ("bone", "facial nerve")) > 0
-    path = tmp_path / name
-    like = made.like()
-    save_drilled(path, bone, like, mapping=made.mapping, tick=tick)
-
-    values, vectors, origin = independent(path)
+    path, like, first = tmp_path / name, made.like(), made.bone()
     original = like.labels if isinstance(like, LabelVolume) else like.values
-    whole = bone.density == bone.pristine
-    assert np.count_nonzero(~whole) > 100
-    np.testing.assert_array_equal(values[whole], original[whole])
-    gone = (bone.density == 0) & ~whole
-    assert np.count_nonzero(gone) > 10
-    assert (values[gone] == 0).all()
-    if vectors is not None:  # turned as the original, centre of the first voxel where it was
-        np.testing.assert_allclose(vectors, like.direction * like.spacing, atol=1e-6)
-        np.testing.assert_allclose(origin, like.origin, atol=1e-5)
 
-    kept = load_drilled(path)
-    assert (kept.bone.digest(), kept.tick, kept.mapping) == (bone.digest(), 500, made.mapping)
-    np.testing.assert_array_equal(kept.bone.pristine, made.bone().pristine)
-    assert kept.bone.tissues == made.bone().tissues
-    np.testing.assert_array_equal(kept.bone.tissue_numbers, made.bone().tissue_numbers)
+    def seen(bone: VoxelBone, tick: int) -> DrilledVolume:
+        """What was saved, by readers that are not ours, and its exact state."""
+        values, vectors, origin = independent(path)
+        whole = bone.density == bone.pristine
+        np.testing.assert_array_equal(values[whole], original[whole])
+        gone = (bone.density == 0) & ~whole
+        assert np.count_nonzero(gone) > 10
+        assert (values[gone] == 0).all()
+        if vectors is not None:  # turned as the original, centre of the first voxel where it was
+            np.testing.assert_allclose(vectors, like.direction * like.spacing, atol=1e-6)
+            np.testing.assert_allclose(origin, like.origin, atol=1e-5)
+        kept = load_drilled(path)
+        assert (kept.bone.digest(), kept.tick, kept.mapping) == (bone.digest(), tick, made.mapping)
+        np.testing.assert_array_equal(kept.bone.pristine, first.pristine)
+        assert kept.bone.tissues == first.tissues
+        np.testing.assert_array_equal(kept.bone.tissue_numbers, first.tissue_numbers)
+        return kept
 
+    save_drilled(path, bone, like, mapping=made.mapping, tick=tick)
+    kept = seen(bone, 500)
     later, tick = drill(kept.bone, kept.tick, 400)  # the next day
-    assert tick == 900
     assert later.digest() == drill(made.bone(), 0, 900)[0].digest()  # as if there had been no night
     if path.is_dir():
         with pytest.raises(FileExistsError, match="path must be a new folder"):
             save_drilled(path, later, kept.volume(), mapping=kept.mapping, tick=tick)
-        path = tmp_path / "second"
-    save_drilled(path, later, kept.volume(), mapping=kept.mapping, tick=tick)
-    again = load_drilled(path)
-    assert (again.bone.digest(), again.tick) == (later.digest(), 900)
-    np.testing.assert_array_equal(again.bone.pristine, made.bone().pristine)
-    values, *_ = independent(path)
-    assert (values[(later.density == 0) & (later.pristine > 0)] == 0).all()
-    untouched = later.density == later.pristine
-    np.testing.assert_array_equal(values[untouched], original[untouched])
+    volume = kept.volume()
+    path = tmp_path / "second" if path.is_dir() else path
+    save_drilled(path, later, volume, mapping=kept.mapping, tick=tick)
+    seen(later, 900)
 
 
 def independent(path: Path) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
     """Values (z, y, x), vectors of a voxel along x, y, z and origin in LPS, by readers that are not ours."""
     if any(path.glob("*.dcm")):
-        pydicom = pytest.importorskip("pydicom", reason="an independent reader, extra `medical`")
         slices = sorted(
             map(pydicom.dcmread, path.glob("*.dcm")), key=lambda s: float(s.ImagePositionPatient[2])
         )
         places = np.array([s.ImagePositionPatient for s in slices], float)
         turn = np.reshape(slices[0].ImageOrientationPatient, (2, 3)).astype(float).T
-        vectors = np.column_stack(
-            [turn * np.array(slices[0].PixelSpacing, float)[::-1], places[1] - places[0]]
-        )
-        return (
-            np.stack([s.pixel_array * s.RescaleSlope + s.RescaleIntercept for s in slices]),
-            vectors,
-            places[0],
-        )
+        sides = turn * np.array(slices[0].PixelSpacing, float)[::-1]
+        values = np.stack([s.pixel_array * s.RescaleSlope + s.RescaleIntercept for s in slices])
+        return values, np.column_stack([sides, places[1] - places[0]]), places[0]
     if path.is_dir():
         colours = np.stack([np.asarray(Image.open(file)) for file in sorted(path.glob("*.png"))]).astype(int)
         code = np.zeros(colours.shape[:3], int)
@@ -136,36 +137,29 @@ def independent(path: Path) -> tuple[np.ndarray, np.ndarray | None, np.ndarray |
             code[(colours == (*VOLUMETRIC_DRILLING[name], 255)).all(axis=-1)] = label
         assert ((code > 0) == (colours[..., 3] > 0)).all()
         return code.swapaxes(1, 2), None, None  # rows lie along x
-    from test_volume_formats import independently
-
     values, spacing, origin, turn = independently(path)
     return values, turn * spacing, origin
 
 
 def test_a_segmentation_keeps_names_and_layers_become_labels(tmp_path: Path) -> None:
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     made, name = recipe("segmentation", tmp_path)
     bone, tick = drill(made.bone(), 0, 300)
     save_drilled(tmp_path / name, bone, made.like(), tick=tick)
-    again = read_labels(tmp_path / name)
-    assert again.names == {1: "Bone", 4: "Facial_Nerve"}
-    kept = format_of(name)
-    assert kept is not None
-    assert kept.read(str(tmp_path / name))[0].fields == FIELDS
+    assert read_labels(tmp_path / name).names == {1: "Bone", 4: "Facial_Nerve"}
+    assert format_of(name).read(str(tmp_path / name))[0].fields == FIELDS
     two = np.stack([labels() == 1, labels() == 4], axis=-1)
     fields = {**FIELDS, "Segment1_LabelValue": "1", "Segment1_Layer": "1"}
     layered = read_labels(seg_nrrd(tmp_path / "b.seg.nrrd", two, fields))
     table = default_tissues({1: "bone", 2: "facial nerve"})
     bone, _ = drill(LabelledRecipe(layered.path, table).bone(), 0, 300)
     save_drilled(tmp_path / "c.seg.nrrd", bone, layered)
-    again = read_labels(tmp_path / "c.seg.nrrd")
     gone = 2 * bone.density.astype(int) < bone.pristine
-    np.testing.assert_array_equal(again.labels, np.where(gone, 0, layered.labels))
+    expected = np.where(gone, 0, layered.labels)
+    np.testing.assert_array_equal(read_labels(tmp_path / "c.seg.nrrd").labels, expected)
     assert load_drilled(tmp_path / "c.seg.nrrd").bone.digest() == bone.digest()
 
 
 def test_a_recipe_of_a_kept_bone(tmp_path: Path) -> None:
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
     made, name = recipe(".nrrd", tmp_path)
     bone, tick = drill(made.bone(), 0, 300)
     save_drilled(tmp_path / name, bone, made.like(), mapping=MAP, tick=tick)
@@ -175,9 +169,8 @@ def test_a_recipe_of_a_kept_bone(tmp_path: Path) -> None:
     assert plain == {"kind": "drilled volume", "path": str(tmp_path / name), "digest": bone.digest()}
     assert make_bone(plain).digest() == bone.digest()
     where = volume().patient_point(np.array(bone.origin) + np.array(bone.spacing) * (5, 4, 27))
-    axis = volume().patient_point((0, 0, -1.0))
-    one = kept.specimen(entry=where, axis=axis)
-    np.testing.assert_allclose(one.surface, made.specimen(entry=where, axis=axis).surface)
+    way = {"entry": where, "axis": volume().patient_point((0, 0, -1.0))}
+    np.testing.assert_allclose(kept.specimen(**way).surface, made.specimen(**way).surface)
     with pytest.raises(ValueError, match=r"radius of the burr must be at least 4 voxels of 0.25 mm, got 0.5"):
         kept.check_burr(Burr(0.5))
 
@@ -186,14 +179,12 @@ def test_a_recipe_of_a_kept_bone(tmp_path: Path) -> None:
     assert (alone.tick, alone.mapping, alone.bone().digest()) == (300, None, bone.digest())
     there = alone.specimen(entry=np.array(bone.origin) + (1, 1, 6.8), axis=(0, 0, -1))
     np.testing.assert_allclose(there.axis, (0, 0, -1))
-    with pytest.raises(
-        ValueError, match=r"alone\.h5 is a bone alone, without a volume: save it as .h5 again"
-    ):
-        alone.like()
-
     later, tick = drill(bone, tick, 100)
     save_drilled(tmp_path / name, later, made.like(), mapping=MAP, tick=tick)
-    with pytest.raises(ValueError, match=r"kept.nrrd: the bone has digest \w+ by now, and \w+ is asked for"):
-        make_bone(plain)
-    with pytest.raises(ValueError, match="recipe must be that of"):
-        make_bone({"kind": "drilled volume", "path": "x"})
+    for ask, match in (
+        (alone.like, r"alone\.h5 is a bone alone, without a volume: save it as .h5 again"),
+        (lambda: make_bone(plain), r"kept.nrrd: the bone has digest \w+ by now, and \w+ is asked for"),
+        (lambda: make_bone({"kind": "drilled volume", "path": "x"}), "recipe must be that of"),
+    ):
+        with pytest.raises(ValueError, match=match):
+            ask()

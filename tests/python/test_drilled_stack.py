@@ -13,7 +13,7 @@ from drilled_scenes import MAP, SHAPE, drilled, greys, stack
 from label_scenes import anatomy_bone
 from PIL import Image
 
-from burrlab.bone.image import LabelVolume, OccupancyMap, Volume
+from burrlab.bone.image import OccupancyMap
 from burrlab.bone.kept import load_drilled, save_drilled
 from burrlab.bone.slices import read_stack
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues
@@ -23,39 +23,39 @@ from burrlab.bone.tissues import VOLUMETRIC_DRILLING, default_tissues
 @pytest.mark.parametrize("kind", ["u1", "u2", "rgba"])
 def test_grey_stacks(tmp_path: Path, kind: str, turned: bool) -> None:
     values = np.random.default_rng(6).integers(0, 250, SHAPE).astype("u2" if kind == "u2" else "u1")
+    planes = values
     if kind == "rgba":
         planes = np.repeat(values[..., None], 4, axis=-1)
         planes[..., 3] = 255
-    else:
-        planes = values
-    mapping = OccupancyMap.two_point(20, 200)
-    volume = read_stack(stack(tmp_path / "a", planes), spacing=(0.3, 0.4, 0.5), transpose=turned)
-    assert isinstance(volume, Volume)
+    mapping, place = OccupancyMap.two_point(20, 200), {"spacing": (0.3, 0.4, 0.5), "transpose": turned}
+    volume = read_stack(stack(tmp_path / "a", planes), **place)
     bone = volume.to_bone(mapping)
     density = bone.density.copy()
     density[3:6, 4:8, 5:9] //= 3
     bone.restore(density)
     save_drilled(tmp_path / "b", bone, volume, mapping=mapping, tick=3)
-    again = read_stack(tmp_path / "b", spacing=(0.3, 0.4, 0.5), transpose=turned)
-    assert isinstance(again, Volume)
+    again = read_stack(tmp_path / "b", **place)
     assert again.values.dtype == volume.values.dtype
     whole = bone.density == bone.pristine
     np.testing.assert_array_equal(again.values[whole], volume.values[whole])
     assert np.abs(mapping.levels(again.values).astype(int) - bone.density)[~whole].max() <= 1
     assert load_drilled(tmp_path / "b").bone.digest() == bone.digest()
-    with (
-        Image.open(tmp_path / "b" / "plane000.png") as new,
-        Image.open(tmp_path / "a" / "plane000.png") as old,
-    ):
+    with Image.open(tmp_path / "a/plane000.png") as old, Image.open(tmp_path / "b/plane000.png") as new:
         assert new.mode == old.mode
+
+
+def test_grey_stacks_that_are_refused(tmp_path: Path) -> None:
+    volume = read_stack(stack(tmp_path / "a", greys("u2")), spacing=(0.3, 0.4, 0.5))
+    bone = drilled(volume)
+    save_drilled(tmp_path / "b", bone, volume, mapping=MAP)
     with pytest.raises(FileExistsError, match="path must be a new folder"):
-        save_drilled(tmp_path / "b", bone, volume, mapping=mapping)
+        save_drilled(tmp_path / "b", bone, volume, mapping=MAP)
     (tmp_path / "b" / "plane003.png").write_bytes((tmp_path / "b" / "plane004.png").read_bytes())
     with pytest.raises(ValueError, match=r"bone.h5 belongs to another content of it"):
         load_drilled(tmp_path / "b")
+    crop = volume.crop_voxels((0, 0, 0), (5, 5, 5))
     with pytest.raises(ValueError, match="a stack must be whole to be saved as one"):
-        save_drilled(tmp_path / "c", volume.crop_voxels((0, 0, 0), (5, 5, 5)).to_bone(mapping),
-                     volume.crop_voxels((0, 0, 0), (5, 5, 5)), mapping=mapping)  # fmt: skip
+        save_drilled(tmp_path / "c", crop.to_bone(MAP), crop, mapping=MAP)
 
 
 @pytest.mark.parametrize("mode", ["RGBA", "RGB"])
@@ -72,7 +72,6 @@ def test_coloured_stacks_and_their_description(tmp_path: Path, mode: str) -> Non
         "    format: png\n    count: 14\n  shaders:\n    path: ./shaders/\n"
     )
     labels = read_stack(tmp_path / "v.yaml")
-    assert isinstance(labels, LabelVolume)
     bone = anatomy_bone(None, labels, default_tissues(labels))
     density = bone.density.copy()
     density[2:8, 3:9, 4:10] //= 4
@@ -80,21 +79,20 @@ def test_coloured_stacks_and_their_description(tmp_path: Path, mode: str) -> Non
     bone.restore(density)
     save_drilled(tmp_path / "out", bone, labels, tick=9)
     again = read_stack(tmp_path / "out" / "v.yaml")
-    assert isinstance(again, LabelVolume)
     expected = labels.labels.copy()
     expected[2:8, 3:9, 4:10] = 0
     np.testing.assert_array_equal(again.labels, expected)
     np.testing.assert_array_equal(again.spacing, labels.spacing)
     assert "path: ./shaders/" in (tmp_path / "out" / "v.yaml").read_text()
     loaded = load_drilled(tmp_path / "out")
-    assert (loaded.bone.digest(), loaded.tick, loaded.mapping) == (bone.digest(), 9, None)
-    assert loaded.transpose is True
+    told = (loaded.bone.digest(), loaded.tick, loaded.mapping, loaded.transpose)
+    assert told == (bone.digest(), 9, None, True)
     with h5py.File(
         tmp_path / "out" / "bone.h5", "r+"
     ) as file:  # a pair of an earlier version, without the key
-        told = json.loads(file.attrs["source"])
-        del told["transpose"]
-        file.attrs["source"] = json.dumps(told)
+        kept = json.loads(file.attrs["source"])
+        del kept["transpose"]
+        file.attrs["source"] = json.dumps(kept)
     old = load_drilled(tmp_path / "out")
     assert (old.bone.digest(), old.transpose) == (bone.digest(), False)
     with pytest.raises(ValueError, match=r"mapping must be given for grey values only, and .* holds labels"):
@@ -102,38 +100,28 @@ def test_coloured_stacks_and_their_description(tmp_path: Path, mode: str) -> Non
 
 
 def test_slices_in_capitals_belong_to_their_state_too(tmp_path: Path) -> None:
-    (tmp_path / "old").mkdir()
-    for k, plane in enumerate(greys("u2")):
-        Image.fromarray(plane).save(tmp_path / "old" / f"P{k + 1:03d}.PNG")
-    volume = read_stack(tmp_path / "old", spacing=(0.3, 0.4, 0.5))
-    assert isinstance(volume, Volume)
-    save_drilled(tmp_path / "new", drilled(volume), volume, mapping=MAP)
-    load_drilled(tmp_path / "new")
-    (tmp_path / "new" / "P005.PNG").write_bytes((tmp_path / "old" / "P006.PNG").read_bytes())
+    old, new = stack(tmp_path / "old", greys("u2"), name="P{:03d}.PNG"), tmp_path / "new"
+    volume = read_stack(old, spacing=(0.3, 0.4, 0.5))
+    save_drilled(new, drilled(volume), volume, mapping=MAP)
+    load_drilled(new)
+    (new / "P005.PNG").write_bytes((old / "P006.PNG").read_bytes())
     with pytest.raises(ValueError, match="belongs to another content of it: one of them was changed"):
-        load_drilled(tmp_path / "new")
+        load_drilled(new)
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        "VOLUME v: {dimensions: {x: 0.0054, y: 0.0064, z: 0.007}, images: {path: PLACE, prefix: p}}\n",
-        "VOLUME v:\n  dimensions: {x: 0.0054, y: 0.0064, z: 0.007}\n  images: {path: PLACE, prefix: p}\n",
-        'VOLUME v:\n  dimensions: {x: 0.0054, y: 0.0064, z: 0.007}\n  "images":\n    path: PLACE\n    prefix: p\n',
-        'VOLUME v:\n  dimensions: {x: 0.0054, y: 0.0064, z: 0.007}\n  images:\n    "path": PLACE\n    prefix: p\n',
+        "VOLUME v: {dimensions: {x: 0.0054, y: 0.0064, z: 0.007}, images: {path: PLACE, prefix: plane}}\n",
+        'VOLUME v:\n  dimensions: {x: 0.0054, y: 0.0064, z: 0.007}\n  "images":\n    "path": PLACE\n    prefix: plane\n',
     ],
 )
 def test_descriptions_in_other_styles_name_the_new_slices(tmp_path: Path, text: str) -> None:
     pytest.importorskip("yaml", reason="extra `medical` is not installed")
-    (tmp_path / "old").mkdir()
-    for k, plane in enumerate(greys("u2")):
-        Image.fromarray(plane).save(tmp_path / "old" / f"p{k:03d}.png")
-    (tmp_path / "v.yaml").write_text(text.replace("PLACE", os.fspath(tmp_path / "old")))
+    folder = stack(tmp_path / "old", greys("u2"))
+    (tmp_path / "v.yaml").write_text(text.replace("PLACE", os.fspath(folder)))
     volume = read_stack(tmp_path / "v.yaml")
-    assert isinstance(volume, Volume)
-    bone = drilled(volume)
-    save_drilled(tmp_path / "new", bone, volume, mapping=MAP)
+    save_drilled(tmp_path / "new", drilled(volume), volume, mapping=MAP)
     found = read_stack(tmp_path / "new" / "v.yaml")
-    assert isinstance(found, Volume)
     assert np.count_nonzero(found.values != volume.values) > 0
     np.testing.assert_allclose(found.spacing, volume.spacing)

@@ -28,13 +28,11 @@ def sphere(spacing, radius=4.0, soft=0.0, side=12.0):
 @pytest.mark.parametrize("new", [0.1, 0.2, 0.13, 0.17, (0.1, 0.2, 0.3), 0.7, 1.2, (0.1, 0.9, 0.25)])
 def test_mass_is_kept(old, new):
     """Of a sphere with a rim within a voxel: 0.1 % at any ratio, exactly at whole ones, but for rounding to levels."""
-    volume = sphere(old)
-    mapping = OccupancyMap.two_point(0, 1000)
-    before = volume.to_bone(mapping).mass
-    after = volume.to_bone(mapping, spacing=new).mass
+    volume, mapping = sphere(old), OccupancyMap.two_point(0, 1000)
     ratios = volume.spacing / np.broadcast_to(new, 3)
     whole = np.allclose(ratios, np.round(ratios)) and np.all(ratios > 0.99)
-    assert after == pytest.approx(before, rel=1e-4 if whole else 1e-3)
+    mass = volume.to_bone(mapping).mass
+    assert volume.to_bone(mapping, spacing=new).mass == pytest.approx(mass, rel=1e-4 if whole else 1e-3)
 
 
 def test_resampled_where_the_map_bends():
@@ -77,17 +75,14 @@ def test_no_aliasing():
 
 @pytest.mark.parametrize("new", [0.1, 0.25, 0.7, (0.1, 0.3, 0.2)])
 def test_field_of_view(new):
-    volume = Volume(np.ones((7, 8, 9)), (0.3, 0.3, 0.5), (1, 2, 3), TURNED, "ones")
-    finer = volume.resample(new)
+    place = (0.3, 0.3, 0.5), (1, 2, 3), TURNED
+    volume = Volume(np.ones((7, 8, 9)), *place, "ones")
+    finer, bone = volume.resample(new), volume.to_bone(0, 1, spacing=new)
     low = volume.bone_point(volume.origin) - volume.spacing / 2
     np.testing.assert_allclose(finer.bone_point(finer.origin) - finer.spacing / 2, low, atol=1e-12)
     assert np.all(finer.extent >= volume.extent - 1e-6 * finer.spacing)
     assert np.all(finer.extent < volume.extent + finer.spacing)
-    labels = LabelVolume(np.ones((7, 8, 9), int), volume.spacing, volume.origin, TURNED, "labels").resample(
-        new
-    )
-    assert same_geometry(finer, labels)
-    bone = volume.to_bone(0, 1, spacing=new)
+    assert same_geometry(finer, LabelVolume(np.ones((7, 8, 9), int), *place, "labels").resample(new))
     assert bone.shape == finer.shape
     np.testing.assert_allclose(bone.origin, finer.bone_point(finer.origin))
 
@@ -104,10 +99,9 @@ def test_bone_ends_with_the_volume(new):
 def test_labels_nearest():
     labels = np.random.default_rng(5).integers(0, 40, (4, 5, 6)).astype(np.uint16)
     volume = LabelVolume(labels, (0.4, 0.4, 0.4), (0, 0, 0), np.eye(3), "labels", names={3: "dura"})
-    fine = volume.resample(0.2)
+    fine, odd = volume.resample(0.2), volume.resample(0.15)
     np.testing.assert_array_equal(fine.labels, labels.repeat(2, 0).repeat(2, 1).repeat(2, 2))
     assert (fine.labels.dtype, fine.names) == (np.uint16, {3: "dura"})
-    odd = volume.resample(0.15)
     places = [np.floor((np.arange(n) + 0.5) * 0.15 / 0.4).astype(int).clip(max=m - 1) for n, m in zip(odd.shape, labels.shape, strict=True)]  # fmt: skip
     np.testing.assert_array_equal(odd.labels, labels[np.ix_(*places)])
     np.testing.assert_array_equal(fine.resample(0.4).labels, labels)  # a face: the lower of two
@@ -138,16 +132,14 @@ def test_the_same_spacing_changes_nothing():
 
 def test_crop():
     values = np.arange(4 * 5 * 6).reshape(4, 5, 6)
-    volume = Volume(values, (0.5, 0.5, 1.0), (10, 20, 30), np.eye(3), "v")
-    part = volume.crop((10.6, 20.5, 31.0), (12.0, 21.4, 99))
+    volume, low, high = grey(values=values), (10.6, 20.5, 31.0), (12.0, 21.4, 99)
+    part = volume.crop(low, high)
     np.testing.assert_array_equal(part.values, values[1:, 1:3, 2:5])
     np.testing.assert_array_equal(part.origin, (11, 20.5, 31))
     assert "cropped to voxels (1, 1, 2) to (4, 3, 5) (z, y, x) of (4, 5, 6)" in part.notes
-    np.testing.assert_array_equal(volume.crop((12.0, 21.4, 99), (10.6, 20.5, 31.0)).values, part.values)
-    by_index = volume.crop_voxels((1, 1, 2), (4, 3, 5))
-    assert same_geometry(part, by_index)
-    labels = LabelVolume(values, (0.5, 0.5, 1.0), (10, 20, 30), np.eye(3), "l")
-    assert same_geometry(labels.crop((10.6, 20.5, 31.0), (12.0, 21.4, 99)), part)
+    np.testing.assert_array_equal(volume.crop(high, low).values, part.values)
+    for same in (volume.crop_voxels((1, 1, 2), (4, 3, 5)), numbered(values).crop(low, high)):
+        assert same_geometry(part, same)
     assert volume.crop((-1e300, -1e300, -1e300), (1e300, 1e300, 1e300)).shape == volume.shape
 
 

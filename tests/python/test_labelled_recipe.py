@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drilled_scenes import stack
 from label_scenes import MAP, SPACING, TABLE, anatomy_bone, labels, volume, write_files
+from test_stack import wrapped
 
 from burrlab import materials
 from burrlab._core import Burr, ScriptedDevice
@@ -34,28 +36,23 @@ def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_recipe_comes_back_and_makes_the_same_bone(files: Path) -> None:
-    low = VOLUME.patient_point((-1, -1, -1.0))
-    grey = VolumeRecipe("ct.nrrd", MAP)
-    box = (tuple(VOLUME.origin + low), tuple(VOLUME.origin + VOLUME.patient_point((5, 5, 6.0))))
-    of_grey = LabelledRecipe("labels.nii.gz", TABLE, grey, {"facial nerve": 0.5})
-    cropped = LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP, crop=box))
+    low, high = (tuple(VOLUME.origin + VOLUME.patient_point(p)) for p in ((-1, -1, -1.0), (5, 5, 6.0)))
+    colours = default_tissues({1: "bone", 10: "facial nerve"})
+    filled = LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP), {"facial nerve": 0.5})
+    cropped = LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP, crop=(low, high)))
     finer = LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP, voxel=0.2))
     alone = LabelledRecipe("a.seg.nrrd", TABLE, voxel=(0.2, 0.2, 0.2), smooth=0.5)
-    colours = default_tissues({1: "bone", 10: "facial nerve"})
     slices = LabelledRecipe("slices", colours, spacing=SPACING, unknown="nearest", transpose=True)
     described = LabelledRecipe("v.yaml", colours, unit=500.0)
-    for recipe in (of_grey, cropped, finer, alone, slices, described):
-        plain = json.loads(json.dumps(recipe.plain()))
+    for recipe in (filled, cropped, finer, alone, slices, described):
+        plain, like, bone = json.loads(json.dumps(recipe.plain())), recipe.like(), recipe.bone()
         assert LabelledRecipe.of(plain) == recipe
-        assert make_bone(plain).digest() == recipe.bone().digest()
-        assert recipe.bone().removed == 0
-        like = recipe.like()
-        assert like.shape == recipe.bone().shape
-        np.testing.assert_allclose(like.bone_point(like.origin), recipe.bone().origin, atol=1e-9)
+        assert make_bone(plain).digest() == bone.digest()
+        assert (like.shape, bone.removed) == (bone.shape, 0)
+        np.testing.assert_allclose(like.bone_point(like.origin), bone.origin, atol=1e-9)
     whole = anatomy_bone(read_volume("ct.nrrd"), read_labels("labels.nii.gz"), TABLE, mapping=MAP)
-    np.testing.assert_array_equal(
-        of_grey.bone().density, np.maximum(whole.density, np.where(labels() == 4, 128, 0))
-    )
+    least = np.where(labels() == 4, 128, 0)
+    np.testing.assert_array_equal(filled.bone().density, np.maximum(whole.density, least))
     part = cropped.bone()
     assert np.prod(part.shape) < np.prod(whole.shape)
     start = np.rint((np.array(part.origin) - whole.origin) / SPACING).astype(int)
@@ -83,31 +80,23 @@ def test_a_half_drilled_segmentation_keeps_names_and_colours(
 
 
 def test_a_session_touches_what_is_there(tmp_path: Path) -> None:
-    from test_stack import save, wrapped
-
     planes = np.zeros((24, 20, 20, 4), np.uint8)
     planes[:18] = wrapped("Bone")
     planes[14:16, 9:11] = wrapped("Bone", "Chorda_Tympani")
     planes[:3] = wrapped("Sinus_+_Dura")
-    folder = save(tmp_path / "s", planes, "plane{:03d}.png")
+    folder = stack(tmp_path / "s", planes, name="plane{:03d}.png")
     table = default_tissues({1: "bone", 11: "chorda tympani", 13: "sinus and dura"})
     plain = LabelledRecipe(str(folder), table, spacing=SPACING, unknown="nearest", transpose=False).plain()
-    touched = []
-    for kept in (plain, {key: value for key, value in plain.items() if key != "ranking"}):
+    before = {key: value for key, value in plain.items() if key != "ranking"}
+    # The dura lies 3 mm below, and was seen in the sums.
+    for kept, touched in ((plain, {"chorda tympani"}), (before, {"sinus and dura"})):
         recipe = LabelledRecipe.of(json.loads(json.dumps(kept)))
         assert recipe.plain() == kept
-        device = ScriptedDevice([0, 0.5], [(2.5, 2.4, 6), (2.5, 2.4, 4.6)])
-        bone = recipe.bone()
-        watch = Watch(bone)
-        with Session(
-            bone, (Burr(1.0), materials["bone"]), device, seed=1, duration=0.5, wall_clock=False, watch=watch
-        ) as session:
+        bone, device = recipe.bone(), ScriptedDevice([0, 0.5], [(2.5, 2.4, 6), (2.5, 2.4, 4.6)])
+        options = {"seed": 1, "duration": 0.5, "wall_clock": False, "watch": Watch(bone)}
+        with Session(bone, (Burr(1.0), materials["bone"]), device, **options) as session:
             session.wait()
-        touched.append({event.structure for event in session.anatomy().events if event.kind == "touch"})
-    assert touched == [
-        {"chorda tympani"},
-        {"sinus and dura"},
-    ]  # the dura lies 3 mm below, and was seen in the sums
+        assert {e.structure for e in session.anatomy().events if e.kind == "touch"} == touched
 
 
 def of_grey(**options: object) -> LabelledRecipe:
@@ -134,12 +123,11 @@ def test_wrong_recipes(files: Path, make: Callable[[], object], match: str) -> N
 
 
 def test_a_recipe_of_files_that_lie_elsewhere(files: Path) -> None:
-    recipe = LabelledRecipe("labels.nii.gz", TABLE, VolumeRecipe("ct.nrrd", MAP))
+    recipe, there = of_grey(), files / "there"
     plain, digest = recipe.plain(), recipe.bone().digest()
-    (files / "there").mkdir()
-    (files / "ct.nrrd").rename(files / "there" / "other.nrrd")
-    assert make_bone(plain, volume="there/other.nrrd").digest() == digest
-    (files / "labels.nii.gz").rename(files / "there" / "labels.nii.gz")
-    assert make_bone(plain, volume="there/other.nrrd").digest() == digest
+    there.mkdir()
+    for old, new in (("ct.nrrd", "other.nrrd"), ("labels.nii.gz", "labels.nii.gz")):
+        (files / old).rename(there / new)
+        assert make_bone(plain, volume="there/other.nrrd").digest() == digest
     with pytest.raises(FileNotFoundError, match=r"labels\.nii\.gz: no such file"):
         make_bone(plain)

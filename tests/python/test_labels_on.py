@@ -45,15 +45,9 @@ def test_turned_voxels_are_found_by_their_place() -> None:
     """Against each centre looked up by itself, in patient coordinates."""
     source = random((0.4, 0.5, 0.6), TURN)
     other = np.array([[0.0, 1, 0], [0, 0, -1], [1, 0, 0]])
-    grid = grid_of(
-        source,
-        spacing=np.array((0.45, 0.35, 0.3)),
-        direction=other,
-        origin=source.origin + (0.3, -0.2, 0.1),
-        shape=(6, 7, 8),
-    )
-    found = source.on(grid).labels
-    known = 0
+    place = {"spacing": np.array((0.45, 0.35, 0.3)), "origin": source.origin + (0.3, -0.2, 0.1)}
+    grid = grid_of(source, direction=other, shape=(6, 7, 8), **place)
+    found, known = source.on(grid).labels, 0
     for k, j, i in np.ndindex(6, 7, 8):
         point = grid.origin + grid.direction @ (np.array((i, j, k)) * grid.spacing)
         x, y, z = np.rint(source.direction.T @ (point - source.origin) / source.spacing).astype(int)
@@ -64,13 +58,11 @@ def test_turned_voxels_are_found_by_their_place() -> None:
 
 
 def test_the_same_grid_and_one_elsewhere() -> None:
-    source = random((0.4, 0.5, 0.6), TURN)
-    np.testing.assert_array_equal(source.on(grid_of(source)).labels, source.labels)
-    straight = random((0.4, 0.5, 0.6))
+    turned, straight = random((0.4, 0.5, 0.6), TURN), random((0.4, 0.5, 0.6))
+    np.testing.assert_array_equal(turned.on(grid_of(turned)).labels, turned.labels)
     half = straight.on(grid_of(straight, origin=(4, -5, 9.0)))
-    assert (
-        half.notes[-1] == "labels are the nearest of random on the voxels of grid, of which they cover 44.4 %"
-    )
+    told = "labels are the nearest of random on the voxels of grid, of which they cover 44.4 %"
+    assert half.notes[-1] == told
     np.testing.assert_array_equal(half.labels[:4], straight.labels[5:])
     assert not half.labels[4:].any()
     corner = straight.on(grid_of(straight, origin=(8, -0.5, 10.8)))

@@ -16,10 +16,8 @@ def test_levels_geometry_and_tick_come_back(tmp_path):
     bone = small_bone()
     burrlab.save_bone(tmp_path / "bone.h5", bone, 2**63 + 5, source="a block")
     again, tick = burrlab.load_bone(tmp_path / "bone.h5")
-    assert tick == 2**63 + 5
-    assert again.digest() == bone.digest()
-    np.testing.assert_array_equal(again.density, bone.density)
-    np.testing.assert_array_equal(again.pristine, bone.pristine)
+    assert (tick, again.digest()) == (2**63 + 5, bone.digest())
+    np.testing.assert_array_equal((again.density, again.pristine), (bone.density, bone.pristine))
     assert (again.spacing, again.origin) == (bone.spacing, bone.origin)
     assert (again.density < again.pristine).any()
     assert [p.name for p in tmp_path.iterdir()] == ["bone.h5"]
@@ -80,48 +78,40 @@ def test_what_cannot_be_saved(tmp_path):
         assert burrlab.load_bone(tmp_path / "bone.h5")[1] == tick
 
 
-def no_file(path):
-    path.unlink()
-
-
-def no_hdf5(path):
-    path.write_text("no HDF5")
-
-
-def cut_short(path):
-    path.write_bytes(path.read_bytes()[:-1000])
-
-
 def attribute(name, value):
-    def change(path):
+    return changed(lambda file: file.attrs.__setitem__(name, value))
+
+
+def changed(change):
+    """Damage to an open file."""
+
+    def damage(path):
         with h5py.File(path, "a") as file:
-            file.attrs[name] = value
+            change(file)
 
-    return change
-
-
-def voxel(table, less):
-    def change(path):
-        with h5py.File(path, "a") as file:
-            file[table][0, 0, 0] -= less or file[table][0, 0, 0]
-
-    return change
+    return damage
 
 
-def lose_a_table(path):
-    with h5py.File(path, "a") as file:
-        del file["density"]
+def voxel(table, level):
+    """The first voxel's level, made another."""
+
+    def change(file):
+        file[table][0, 0, 0] = level(int(file[table][0, 0, 0]))
+
+    return changed(change)
 
 
 @pytest.mark.parametrize(
     ("damage", "error", "said"),
     [
-        (no_file, FileNotFoundError, "No such file"), (no_hdf5, ValueError, "is not a burrlab bone: not an HDF5 file"),
-        (cut_short, ValueError, "is damaged: it was cut short"), (lose_a_table, ValueError, "is damaged"),
+        (lambda path: path.unlink(), FileNotFoundError, "No such file"),
+        (lambda path: path.write_text("no HDF5"), ValueError, "is not a burrlab bone: not an HDF5 file"),
+        (lambda path: path.write_bytes(path.read_bytes()[:-1000]), ValueError, "is damaged: it was cut short"),
+        (changed(lambda file: file.__delitem__("density")), ValueError, "is damaged"),
         (attribute("format", "something"), ValueError, r"is not a burrlab bone$"),
         (attribute("format_version", 3), ValueError, "of format 3, and this version reads up to 2"),
-        (voxel("density", 1), ValueError, "is damaged: the bone has digest"),
-        (voxel("pristine", 0), ValueError, "density must be at most the pristine level"),
+        (voxel("density", lambda level: level - 1), ValueError, "is damaged: the bone has digest"),
+        (voxel("pristine", lambda level: 0), ValueError, "density must be at most the pristine level"),
     ],
 )  # fmt: skip
 def test_what_is_no_bone(tmp_path, damage, error, said):

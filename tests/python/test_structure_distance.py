@@ -47,33 +47,30 @@ def test_a_search_does_not_depend_on_the_one_before() -> None:
 
 
 def test_inside_the_distance_is_zero_and_the_surface_at_minus_the_radius() -> None:
-    (nerve,) = structure_distances(nerve_bone(), [1])
+    nerve = nerve_field()
     assert nerve.of_sphere((0, 0, -1.5), 1.25) == -1.25
     assert nerve.of_sphere((0.4, 0, -1.5), 0.0) == pytest.approx(0.0, abs=1e-12)  # on its face
 
 
 @pytest.mark.parametrize("spacing", [(0.2, 0.2, 0.2), (0.1, 0.1, 0.2), (0.15, 0.2, 0.35)])
 def test_a_plane_and_a_sphere(spacing) -> None:
-    s = np.array(spacing)
     shape = tuple(int(np.ceil(9 / step)) for step in spacing[::-1])
-    z, y, x = (((np.arange(n)) * step) for n, step in zip(shape, spacing[::-1], strict=True))
-    numbers = np.zeros(shape, np.uint8)
-    numbers[z < 2] = 1
-    r = np.sqrt(
-        ((x - 4.5) ** 2)[None, None] + ((y - 4.5) ** 2)[None, :, None] + ((z - 6) ** 2)[:, None, None]
+    z, y, x = np.meshgrid(
+        *(np.arange(n) * step for n, step in zip(shape, spacing[::-1], strict=True)), indexing="ij"
     )
-    numbers[r <= 1.5] = 2
-    bone = labelled(numbers, spacing)
+    numbers = (z < 2).astype(np.uint8)
+    numbers[(x - 4.5) ** 2 + (y - 4.5) ** 2 + (z - 6) ** 2 <= 1.5**2] = 2
     top = np.ceil(2 / spacing[2] - 1e-9) * spacing[2] - spacing[2] / 2
-    plane, sphere = structure_distances(bone, [1, 2])
+    plane, sphere = structure_distances(labelled(numbers, spacing), [1, 2])
     at = np.random.default_rng(1).uniform([2, 2, top], [7, 7, top + 7], (300, 3))
-    want = at[:, 2] - top
+    want = at[:, 2] - top - 1.0
     np.testing.assert_allclose(
-        plane.of_sphere(at, 1.0), want - 1.0, rtol=0, atol=1e-6
+        plane.of_sphere(at, 1.0), want, rtol=0, atol=1e-6
     )  # a field is exact on planes
     far = np.linalg.norm(at - (4.5, 4.5, 6), axis=1)
     off = sphere.of_sphere(at, 0.5) - np.maximum(far - 1.5, 0.0) + 0.5
-    assert np.abs(off).max() < np.linalg.norm(s) + 0.03  # a sphere of voxels is that much of a sphere
+    # A sphere of voxels is that much of a sphere.
+    assert np.abs(off).max() < np.linalg.norm(spacing) + 0.03
 
 
 @pytest.mark.parametrize("spacing", [(0.2, 0.2, 0.2), (0.3, 0.3, 0.5)])
@@ -101,10 +98,8 @@ def test_the_field_errs_within_its_bounds_and_is_exact_near(spacing) -> None:
 
 
 def test_estimates_beyond_the_searched_nodes_err_by_less_than_is_said() -> None:
-    bone = nerve_bone()
-    (distance,) = structure_distances(bone, [1])
     points = np.random.default_rng(8).uniform((-19, -19, -15), (19, 19, 12), (20_000, 3))
-    exact, field = StructureSearch(bone, 1).distance(points), distance.field(points)
+    exact, field = StructureSearch(nerve_bone(), 1).distance(points), nerve_field().field(points)
     inside = np.isfinite(field)
     assert inside.sum() > 15_000
     assert (exact[~inside] >= 15.0 - 1e-9).all()
@@ -113,6 +108,11 @@ def test_estimates_beyond_the_searched_nodes_err_by_less_than_is_said() -> None:
 
 def nerve_field():
     return structure_distances(nerve_bone(), [1])[0]
+
+
+def field_of(**changes):
+    values = {"estimate": np.zeros((4, 4, 4), np.float32), "spacing": 0.4, "origin": (0, 0, 0), "error": 0.5}
+    return StructureDistance(StructureSearch(nerve_bone(), 1), **{**values, **changes})
 
 
 @pytest.mark.parametrize(
@@ -125,21 +125,14 @@ def nerve_field():
         (lambda: StructureSearch(nerve_bone(), 1).distance((0.0, 1.0)), r"points must be \(x, y, z\) along their last axis"),
         (lambda: nerve_field().of_sphere((0, 0, 0), 7.0), "radius must be at most 6 mm, got 7"),
         (lambda: nerve_field().of_sphere((0, 0, 0), -1.0), "radius must be zero or positive"),
+        (lambda: field_of(spacing=0.5), "spacing must be at most 0.4 mm, got 0.5"),
+        (lambda: field_of(spacing=0.0), "spacing must be positive"),
+        (lambda: field_of(error=-1.0), "error must be zero or positive"),
+        (lambda: field_of(origin=(0, np.inf, 0)), "origin must be finite"),
+        (lambda: field_of(estimate=np.zeros((1, 4, 4), np.float32)), "every side of a field must be at least 2, got 1"),
+        (lambda: field_of(estimate=np.zeros((4, 4), np.float32)), "estimate must have 3 dimensions"),
     ],
 )  # fmt: skip
 def test_what_is_refused(ask, sentence) -> None:
     with pytest.raises(ValueError, match=sentence):
         ask()
-
-
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [({"spacing": 0.5}, "spacing must be at most 0.4 mm, got 0.5"), ({"spacing": 0.0}, "spacing must be positive"),
-     ({"error": -1.0}, "error must be zero or positive"), ({"origin": (0, np.inf, 0)}, "origin must be finite"),
-     ({"estimate": np.zeros((1, 4, 4), np.float32)}, "every side of a field must be at least 2, got 1"),
-     ({"estimate": np.zeros((4, 4), np.float32)}, "estimate must have 3 dimensions")],
-)  # fmt: skip
-def test_a_field_is_checked(change, sentence) -> None:
-    values = {"estimate": np.zeros((4, 4, 4), np.float32), "spacing": 0.4, "origin": (0, 0, 0), "error": 0.5}
-    with pytest.raises(ValueError, match=sentence):
-        StructureDistance(StructureSearch(nerve_bone(), 1), **{**values, **change})

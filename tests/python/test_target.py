@@ -32,9 +32,8 @@ def carved() -> tuple[VoxelBone, np.ndarray, np.ndarray]:
 
 
 def labels_on(bone: VoxelBone, region: np.ndarray) -> LabelVolume:
-    return LabelVolume(
-        region.astype(np.uint8) * 3, np.array(bone.spacing), np.array(bone.origin), np.eye(3), "target.nrrd"
-    )
+    place = np.array(bone.spacing), np.array(bone.origin), np.eye(3)
+    return LabelVolume(region.astype(np.uint8) * 3, *place, "target.nrrd")
 
 
 def test_sums_by_tissue_are_those_of_the_voxels():
@@ -45,9 +44,12 @@ def test_sums_by_tissue_are_those_of_the_voxels():
     assert found.tissues == ("bone", "nerve")
     for k in range(2):
         here = numbers == k
-        assert found.overlap[k] == pytest.approx(lost[here & region].sum() * unit, rel=1e-14)
-        assert found.missed[k] == pytest.approx(now[here & region].sum() * unit, rel=1e-14)
-        assert found.excess[k] == pytest.approx(lost[here & ~region].sum() * unit, rel=1e-14)
+        for part, levels, where in (
+            (found.overlap, lost, region),
+            (found.missed, now, region),
+            (found.excess, lost, ~region),
+        ):
+            assert part[k] == pytest.approx(levels[here & where].sum() * unit, rel=1e-14)
     assert found.removed == pytest.approx(bone.removed, rel=1e-12)
     assert found.volume == pytest.approx(region.sum() * 0.03)
     assert found.planned == pytest.approx(bone.pristine[region].astype(int).sum() * unit)
@@ -55,11 +57,12 @@ def test_sums_by_tissue_are_those_of_the_voxels():
     assert found.dice == pytest.approx(2 * found.overlap.sum() / (found.planned + found.removed))
 
 
-def test_slabs_change_nothing(monkeypatch):
+def test_slabs_change_nothing_nor_labels_for_an_array(monkeypatch):
     bone, region, _ = carved()
-    whole = compare_with_target(bone, region)
+    whole = compare_with_target(bone, region).to_dict()
+    assert compare_with_target(bone, labels_on(bone, region)).to_dict() == whole
     monkeypatch.setattr("burrlab.anatomy.target.AT_A_TIME", 250)
-    assert compare_with_target(bone, region).to_dict() == whole.to_dict()
+    assert compare_with_target(bone, region).to_dict() == whole
 
 
 def test_all_and_nothing():
@@ -74,17 +77,8 @@ def test_all_and_nothing():
     assert done.tissues == ("bone",)
 
 
-def test_a_label_volume_is_a_target():
-    bone, region, _ = carved()
-    assert (
-        compare_with_target(bone, labels_on(bone, region)).to_dict()
-        == compare_with_target(bone, region).to_dict()
-    )
-
-
 def test_it_prints_and_draws_itself():
-    bone, region, _ = carved()
-    found = compare_with_target(bone, region)
+    found = compare_with_target(BONE, REGION)
     assert "nerve" in repr(found)
     assert "<table>" in found._repr_html_()
     kept = json.loads(json.dumps(found.to_dict()))
@@ -127,66 +121,64 @@ def test_a_target_on_other_voxels_is_brought_onto_the_bone():
     turn = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
     labels = replace(labels_on(bone, region), origin=turn @ np.array(bone.origin), direction=turn)
     finer = labels.resample(labels.spacing / 2)
-    z, y, x = np.nonzero(finer.labels)
-    part = finer.crop_voxels(
-        (int(z.min()), int(y.min()), int(x.min())), (int(z.max()) + 1, int(y.max()) + 1, int(x.max()) + 1)
-    )
+    places = np.argwhere(finer.labels)
+    part = finer.crop_voxels(tuple(places.min(axis=0)), tuple(places.max(axis=0) + 1))
     for target in (finer, part):
         assert compare_with_target(bone, target, onto=True).to_dict() == expected
 
 
-def test_command_line(tmp_path, capsys):
-    """A trace of a bone and a target in a file, which a second program could have drawn."""
+def drilled_session(bone, record, tick=0):
+    """The bone after a session, and the session's last tick."""
+    device = straight([[0, 0, 1.2], [0, 0, 0.2], [1, 0, 0.2]], [0, 0.2, 0.5])
+    with burrlab.Session(bone, tool(), device, seed=1, tick=tick, wall_clock=False, record=record) as session:
+        session.wait()
+    return session.snapshot()
+
+
+@pytest.fixture
+def metrics(capsys):
+    """What the command says of a trace: its JSON, or its text and status."""
     pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
-    bone = nerve_bone()
+
+    def run(*words):
+        status, said = main(["metrics", *map(str, words)]), capsys.readouterr()
+        return json.loads(said.out)["target"] if "--json" in words else (status, said.out + said.err)
+
+    return run
+
+
+def test_command_line(tmp_path, metrics):
+    """A trace of a bone and a target in a file, which a second program could have drawn."""
+    bone, record = nerve_bone(), tmp_path / "session.h5"
     region = np.zeros(bone.shape, bool)
     region[-5:] = True
-    write_volume(tmp_path / "target.nrrd", labels_on(bone, region))
-    record, wrong = tmp_path / "session.h5", tmp_path / "wrong.nrrd"
-    device = straight([[0, 0, 1.2], [0, 0, 0.2], [1, 0, 0.2]], [0, 0.2, 0.5])
-    with burrlab.Session(bone, tool(), device, seed=1, wall_clock=False, record=record) as session:
-        session.wait()
-        drilled, _ = session.snapshot()
-    assert main(["metrics", str(record), "--target", str(tmp_path / "target.nrrd"), "--json", "-"]) == 0
-    found = json.loads(capsys.readouterr().out)["target"]
-    expected = compare_with_target(drilled, region).to_dict()
+    labels = labels_on(bone, region)
+    write_volume(tmp_path / "target.nrrd", labels)
+    write_volume(tmp_path / "finer.nrrd", labels.resample(np.array(bone.spacing) / 2))
+    write_volume(tmp_path / "wrong.nrrd", replace(labels, origin=np.zeros(3)))
+    expected = compare_with_target(drilled_session(bone, record)[0], region).to_dict()
     assert expected["overlap_mm3"] > 0
-    assert {key: found[key] for key in expected} == expected
-    assert main(["metrics", str(record), "--target", str(tmp_path / "target.nrrd")]) == 0
-    said = capsys.readouterr().out
-    assert "% of the target's" in said
-    assert "before this session" not in said
-    finer = labels_on(bone, region).resample(np.array(bone.spacing) / 2)
-    write_volume(tmp_path / "finer.nrrd", finer)
-    assert (
-        main(["metrics", str(record), "--target", str(tmp_path / "finer.nrrd"), "--onto", "--json", "-"]) == 0
-    )
-    found = json.loads(capsys.readouterr().out)["target"]
-    assert {key: found[key] for key in expected} == expected
-    assert main(["metrics", str(record), "--onto"]) == 2
-    assert "--onto goes with --target" in capsys.readouterr().err
-    write_volume(wrong, replace(labels_on(bone, region), origin=np.zeros(3)))
-    assert main(["metrics", str(record), "--target", str(wrong)]) == 2
-    assert "target must lie on the bone's grid" in capsys.readouterr().err
+    for words in (("target.nrrd",), ("finer.nrrd", "--onto")):
+        found = metrics(record, "--json", "-", "--target", tmp_path / words[0], *words[1:])
+        assert {key: found[key] for key in expected} == expected
+    status, said = metrics(record, "--target", tmp_path / "target.nrrd")
+    assert (status, "% of the target's" in said, "before this session" in said) == (0, True, False)
+    for words, told in (
+        (("--onto",), "--onto goes with --target"),
+        (("--target", tmp_path / "wrong.nrrd"), "target must lie on the bone's grid"),
+    ):
+        status, said = metrics(record, *words)
+        assert (status, told in said) == (2, True)
 
 
-def test_a_session_that_went_on_says_what_was_removed_before(tmp_path, capsys):
-    pytest.importorskip("SimpleITK", reason="extra `medical` is not installed")
-    bone, target, record = nerve_bone(), tmp_path / "target.nrrd", tmp_path / "session.h5"
+def test_a_session_that_went_on_says_what_was_removed_before(tmp_path, metrics):
+    bone, target, tick = nerve_bone(), tmp_path / "target.nrrd", 0
     write_volume(target, labels_on(bone, np.ones(bone.shape, bool)))
-    tick = 0
-    for _ in range(2):
-        device = straight([[0, 0, 1.2], [0, 0, 0.2], [1, 0, 0.2]], [0, 0.2, 0.5])
+    for record in (tmp_path / "session.h5", tmp_path / "next.h5"):
         before = bone.removed
-        with burrlab.Session(
-            bone, tool(), device, seed=1, tick=tick, wall_clock=False, record=record
-        ) as session:
-            session.wait()
-            bone, tick = session.snapshot()
-        assert main(["metrics", str(record), "--target", str(target), "--json", "-"]) == 0
-        found = json.loads(capsys.readouterr().out)["target"]
+        bone, tick = drilled_session(bone, record, tick)
+        found = metrics(record, "--target", target, "--json", "-")
         assert found["removed_before_mm3"] == before
         assert found["removed_mm3"] == pytest.approx(bone.removed, rel=1e-12)
-        record = tmp_path / "next.h5"
-    assert main(["metrics", str(tmp_path / "next.h5"), "--target", str(target)]) == 0
-    assert f"{before:.2f} mm^3 of that were removed before this session" in capsys.readouterr().out
+    said = metrics(record, "--target", target)[1]
+    assert f"{before:.2f} mm^3 of that were removed before this session" in said

@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from command_line import said
 from label_scenes import coloured
 from PIL import Image
 from session_scenes import SEED, FakeReader, make_records, small_bone, tools
@@ -15,38 +16,44 @@ from session_scenes import SEED, FakeReader, make_records, small_bone, tools
 import burrlab
 from burrlab.bone.recipe import LabelledRecipe
 from burrlab.bone.tissues import default_tissues
-from burrlab.cli import main
 from burrlab.session.exchange import _NEW
 
 TICKS = 2005
 NEW = "physics_data/intermittent_data/voxels_removed/"
 
 
+def flat(file):
+    """The datasets of a file by their names."""
+    found = {}
+    file.visititems(
+        lambda name, item: found.update({name: item[()]} if isinstance(item, h5py.Dataset) else {})
+    )
+    return found
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("export")
-    bone = small_bone()
-    records = make_records(bone, TICKS, burrs=2, first=10)
+    """(datasets of the old layout, trace, records, bone)"""
+    folder, bone = tmp_path_factory.mktemp("export"), small_bone()
+    records, done = make_records(bone, TICKS, burrs=2, first=10), []
     burrlab.TraceWriter(
         folder / "session.h5", FakeReader(records), small_bone(), tools(2), seed=SEED, first_tick=10
     ).stop()
     trace = burrlab.load_trace(folder / "session.h5")
-    done = []
     burrlab.export_volumetric_drilling(trace, folder / "export.hdf5", layout="old", progress=done.append)
     assert done[-1] == 1.0
     with h5py.File(folder / "export.hdf5") as file:
-        yield file, trace, records, bone
+        assert file["metadata/voxel_volume"].attrs["units"].startswith("mm^3")
+        return flat(file), trace, records, bone
 
 
 def test_names_and_shapes_are_the_documented_ones(made):
-    file, *_ = made
-    found = {}
-    file.visititems(
-        lambda name, item: found.update({name: item.shape} if isinstance(item, h5py.Dataset) else {})
+    file = made[0]
+    samples, voxels, groups = (
+        len(file[name])
+        for name in ("data/time", "voxels_removed/voxel_removed", "voxels_removed/voxel_time_stamp")
     )
-    samples = len(file["data/time"])
-    voxels, groups = len(file["voxels_removed/voxel_removed"]), len(file["voxels_removed/voxel_time_stamp"])
-    assert found == {
+    assert {name: np.shape(values) for name, values in file.items()} == {
         "metadata/README": (), "metadata/voxel_volume": (),
         "data/time": (samples,), "data/pose_mastoidectomy_drill": (samples, 7),
         "data/pose_mastoidectomy_volume": (samples, 7),
@@ -63,37 +70,33 @@ def test_names_and_shapes_are_the_documented_ones(made):
 
 def test_poses_are_metres_and_forces_newtons(made):
     file, trace, records, _ = made
-    pose = file["high_frequency_poses/mastoidectomy_drill/pose"][()]
+    pose = file["high_frequency_poses/mastoidectomy_drill/pose"]
     np.testing.assert_allclose(pose[:, :3] * 1000, records["burr"]["center"][:, 0], rtol=1e-14)
     np.testing.assert_array_equal(pose[:, 3:], np.tile([0, 0, 0, 1], (TICKS, 1)))
-    wrench = file["drill_force_feedback/wrench"][()]
+    wrench = file["drill_force_feedback/wrench"]
     np.testing.assert_array_equal(wrench[:, :3], records["burr"]["sent"][:, 0])
     assert not wrench[:, 3:].any()
-    np.testing.assert_array_equal(file["data/pose_mastoidectomy_drill"][()], pose[::20])
-    stamps = file["drill_force_feedback/time_stamp"][()]
-    np.testing.assert_allclose(
-        stamps - trace.provenance["started_unix_s"], np.cumsum(records["k"]) / 1000, atol=1e-6
-    )
-    assert file["burr_change/burr_size"][()].tolist() == [4]
-    assert file["metadata/voxel_volume"][()] == pytest.approx(0.008)
-    assert file["metadata/voxel_volume"].attrs["units"].startswith("mm^3")
+    np.testing.assert_array_equal(file["data/pose_mastoidectomy_drill"], pose[::20])
+    since = file["drill_force_feedback/time_stamp"] - trace.provenance["started_unix_s"]
+    np.testing.assert_allclose(since, np.cumsum(records["k"]) / 1000, atol=1e-6)
+    assert file["burr_change/burr_size"].tolist() == [4]
+    assert file["metadata/voxel_volume"] == pytest.approx(0.008)
     np.testing.assert_allclose(file["data/pose_mastoidectomy_volume"][0, :3], [0.0, 0.0, -0.002], atol=1e-9)
 
 
 def test_the_voxels_are_those_that_lost_half_of_their_bone(made):
     file, trace, _, bone = made
-    rows = file["voxels_removed/voxel_removed"][()].astype(int)
+    rows = file["voxels_removed/voxel_removed"].astype(int)
     assert len(np.unique(rows[:, 1:], axis=0)) == len(rows)
-    gone = np.zeros(bone.shape, dtype=bool)
-    gone[rows[:, 3], rows[:, 2], rows[:, 1]] = True
-    before = trace.bone().density
+    gone, before, at = np.zeros(bone.shape, dtype=bool), trace.bone().density, tuple(rows[:, :0:-1].T)
+    gone[at] = True
     np.testing.assert_array_equal(gone, 2 * bone.density.astype(int) < before)
-    stamps = file["voxels_removed/voxel_time_stamp"][()]
+    stamps = file["voxels_removed/voxel_time_stamp"]
     assert (np.diff(stamps) > 0).all()
     assert np.unique(rows[:, 0]).tolist() == list(range(len(stamps)))
-    color = file["voxels_removed/voxel_color"][()]
+    color = file["voxels_removed/voxel_color"]
     np.testing.assert_array_equal(color[:, 0], rows[:, 0])
-    np.testing.assert_array_equal(color[:, 1], before[rows[:, 3], rows[:, 2], rows[:, 1]])
+    np.testing.assert_array_equal(color[:, 1], before[at])
     assert (color[:, 4] == 255).all()
 
 
@@ -125,26 +128,22 @@ def test_what_is_refused(made, tmp_path, monkeypatch, change, error, told):
 
 
 def test_the_layout_of_today_holds_the_same(made, tmp_path, capsys):
-    old, trace, *_ = made
+    wanted, trace, *_ = made
     out = str(tmp_path / "new.hdf5")
-    assert main(["export", str(trace.path), "--out", out]) == 0
-    assert capsys.readouterr().out == f"written {out}\n"
-    found, wanted = {}, {}
+    assert said(capsys, "export", trace.path, "--out", out) == f"written {out}\n"
     with h5py.File(out) as file:
         assert set(file) == {"metadata_v3", "vision_data", "physics_data"}
         assert list(file["vision_data/intermittent_data"]) == []
-        file.visititems(lambda name, item: found.update({name: item[()]} if hasattr(item, "dtype") else {}))
-    old.visititems(lambda name, item: wanted.update({name: item[()]} if hasattr(item, "dtype") else {}))
+        found = flat(file)
     assert len(found) == len(wanted) == 15
     for name, values in wanted.items():
         group, _, last = name.rpartition("/")
         np.testing.assert_array_equal(found[f"{_NEW[group]}/{last}"], values)
     assert found["physics_data/intermittent_data/burr_change/burr_size"].dtype == np.int64
-    assert main(["export", str(trace.path), "--out", out]) == 2
-    assert "--out must be a new file" in capsys.readouterr().err
-    assert main(["export", str(trace.path), "--out", f"{out}.old", "--old"]) == 0
+    assert "--out must be a new file" in said(capsys, "export", trace.path, "--out", out, status=2)
+    said(capsys, "export", trace.path, "--out", f"{out}.old", "--old")
     with h5py.File(f"{out}.old") as file:
-        assert set(file) == set(old)
+        assert set(flat(file)) == set(wanted)
 
 
 @pytest.mark.parametrize(

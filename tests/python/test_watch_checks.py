@@ -75,29 +75,27 @@ def test_a_trace_without_a_watch_takes_no_events(tmp_path) -> None:
 
 def test_a_session_goes_on_from_a_file_with_its_tissues(tmp_path) -> None:
     """A bone with tissues, saved in the middle of its life: session, trace, replay and replica begin there."""
-    first = burrlab.Session(
-        nerve_bone(), tool(), straight([(0, 0, 1.5), (0, 0, -0.3)], [0, 0.3]), seed=3, duration=0.3, wall_clock=False
-    )  # fmt: skip
-    with first:
+
+    def session(bone, first, last, **options):
+        device = straight([(0, 0, first), (0, 0, last)], [0, 0.3])
+        return burrlab.Session(bone, tool(), device, seed=3, duration=0.3, wall_clock=False, **options)
+
+    with session(nerve_bone(), 1.5, -0.3) as first:
         first.wait()
     burrlab.save_bone(tmp_path / "bone.h5", *first.snapshot())
-    bone, tick = burrlab.load_bone(tmp_path / "bone.h5")
-    assert bone.removed_of("nerve") > 0
+    (bone, tick), (copy, _) = (burrlab.load_bone(tmp_path / "bone.h5") for _ in range(2))
     gone = bone.removed_of("nerve")
-    session = burrlab.Session(
-        bone, tool(), straight([(0, 0, -0.2), (0, 0, -0.8)], [0, 0.3]), seed=3, tick=tick, duration=0.3,
-        wall_clock=False, publish=0, watch=Watch(bone), record=tmp_path / "on.h5",
-    )  # fmt: skip
-    copy, _ = burrlab.load_bone(tmp_path / "bone.h5")
-    replica = follow("127.0.0.1", session.port, bone=copy)
-    with session:
-        session.wait()
+    assert gone > 0
+    second = session(bone, -0.2, -0.8, tick=tick, publish=0, watch=Watch(bone), record=tmp_path / "on.h5")
+    replica = follow("127.0.0.1", second.port, bone=copy)
+    with second:
+        second.wait()
         assert replica.wait(20.0)
     replica.stop()
     after, _ = replica.snapshot()
-    assert replica.digest() == session.digests[-1][1] == after.digest()
+    assert replica.digest() == second.digests[-1][1] == after.digest()
     np.testing.assert_array_equal(after.tissue_numbers, bone.tissue_numbers)
-    report, trace = session.anatomy(), burrlab.load_trace(tmp_path / "on.h5")
+    report, trace = second.anatomy(), burrlab.load_trace(tmp_path / "on.h5")
     assert trace.first_tick == tick > 0
     assert report.removed["nerve"] == pytest.approx(after.removed_of("nerve") - gone, abs=1e-9)
     assert anatomy_report(trace).equals(report)

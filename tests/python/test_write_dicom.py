@@ -23,8 +23,9 @@ def a_volume(kind="int16", direction=TURNED):
     return Volume(values, (0.1, 0.25, 1 / 3), (-31.25, 12.123456789, 1024.3), direction, "made")
 
 
-@pytest.mark.parametrize("direction", [np.eye(3), TURNED], ids=["straight", "turned"])
-@pytest.mark.parametrize("kind", ["uint8", "int16", "uint16"])
+@pytest.mark.parametrize(
+    ("kind", "direction"), [("uint8", np.eye(3)), ("int16", TURNED), ("uint16", TURNED)], ids=str
+)
 def test_round_trip(tmp_path, kind, direction):
     volume = a_volume(kind, direction)
     write_dicom(tmp_path / "ct", volume)

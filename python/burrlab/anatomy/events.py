@@ -7,7 +7,7 @@ import os
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import burrlab._core as _core
 from burrlab.bone.snapshot import read_dataset
 from burrlab.common.check import refuse
-from burrlab.common.records import Codec
+from burrlab.common.records import Codec, Keys
 
 if TYPE_CHECKING:
     import h5py
@@ -58,7 +58,7 @@ class Watched:
 
     @classmethod
     def of(cls, seen: Mapping[str, Any], removed: NDArray[np.int64]) -> Watched:
-        """Of what `AnatomyWatch.seen` gives, bit for bit."""
+        """What `AnatomyWatch.seen` gives, bit for bit."""
         return cls(
             _read_only(seen["events"].view(EVENT_DTYPE)), _read_only(seen["doses"].view(DOSE_DTYPE)), removed,
             seen["gaps"], seen["ticks_passed_over"], seen["events_lost"],
@@ -66,12 +66,12 @@ class Watched:
 
     @property
     def counts(self) -> NDArray[np.uint64]:
-        """gaps, ticks passed over, events lost"""
+        """Gaps, ticks passed over and events lost, in this order."""
         return np.array([self.gaps, self.ticks_passed_over, self.events_lost], np.uint64)
 
 
 def create_watch(file: h5py.File, settings: str, burrs: int, tissues: int) -> dict[str, h5py.Dataset]:
-    """The group with all of its structure but `events`; no event yet."""
+    """Makes the group of a watch and its datasets but `events`; there is no event yet."""
     group = file.create_group(GROUP)
     group.create_dataset("settings", data=np.bytes_(settings.encode()))
     structures = len(json.loads(settings)["structures"])
@@ -98,7 +98,7 @@ class WatchWriter:
         self._lock = threading.Lock()
 
     def add(self, events: NDArray[np.void]) -> None:
-        """Takes events to write; from any thread."""
+        """Takes events to write. Any thread may call it."""
         with self._lock:
             self._pending = np.concatenate([self._pending, events])
 
@@ -201,7 +201,7 @@ class AnatomyEvent:
 
     @classmethod
     def of(cls, row: np.void, structures: Sequence[str], voxel_volume: float) -> AnatomyEvent:
-        """Of a row of a trace's events."""
+        """The event in a row of a trace's events."""
         burr = int(row["burr"])
         return cls(
             KINDS[int(row["kind"])], int(row["tick"]), structures[int(row["structure"])], None if burr < 0 else burr,
@@ -211,8 +211,7 @@ class AnatomyEvent:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON, units in the names; None where there is no number."""
-        plain: dict[str, Any] = _CODEC.plain(self)
-        return plain
+        return cast("dict[str, Any]", _CODEC.plain(self))
 
     def __str__(self) -> str:
         removed = f"{self.removed:.2g} mm^3 removed in this session"
@@ -230,4 +229,8 @@ class AnatomyEvent:
 
 
 _UNITS = {"distance": "distance_mm", "force": "force_N", "removed": "removed_mm3", "center": "center_mm"}
-_CODEC = Codec(keys={AnatomyEvent: {_UNITS.get(f.name, f.name): f.name for f in fields(AnatomyEvent)}})
+#: How JSON names the fields of an event.
+EVENT_KEYS: dict[type, Keys] = {
+    AnatomyEvent: {_UNITS.get(f.name, f.name): f.name for f in fields(AnatomyEvent)}
+}
+_CODEC = Codec(keys=EVENT_KEYS)

@@ -27,7 +27,7 @@ RAPID, LIFT = 3.0, 1.0
 @by_value
 @dataclass(frozen=True)
 class BurrPath:
-    """Where the burr's centre is when, and whether it turns.
+    """Places of the burr's centre in time, and whether the burr turns there.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class BurrPath:
         return float(self.time[-1])
 
     def device(self) -> ScriptedDevice:
-        """For a session."""
+        """A device that follows the path in a session."""
         return ScriptedDevice(self.time, self.center, self.on)
 
     def sampled(self, dt: float = 1.0) -> tuple[Floats, Mask]:
@@ -197,7 +197,7 @@ class _Plan:
         return np.asarray(self.origin + self.spacing * np.column_stack([np.full(len(z), k), y, z]))
 
     def approach(self, here: Floats | None, there: Floats) -> list[tuple[Floats, bool]]:
-        """Rows that bring the burr to a stroke: straight where it may go, else up and over, not turning."""
+        """Rows that bring the burr to a stroke: straight where the way is clear, else up and over without turning."""
         if here is not None:  # straight, where all of the way is clear
             count = int(np.max(np.abs(there - here) / self.spacing)) + 2
             way = (here + t * (there - here) for t in np.linspace(0.0, 1.0, count))

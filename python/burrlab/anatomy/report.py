@@ -7,17 +7,19 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 import burrlab._core as _core
 from burrlab._core import Tissues
-from burrlab.anatomy.events import DOSE_DTYPE, EVENT_DTYPE, AnatomyEvent, Watched
+from burrlab.anatomy.events import DOSE_DTYPE, EVENT_DTYPE, EVENT_KEYS, AnatomyEvent, Watched
 from burrlab.anatomy.watch import check_structure
 from burrlab.common.check import refuse
 from burrlab.common.figures import new_figure, tidy
+from burrlab.common.records import Codec
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,7 +69,7 @@ class Dose:
 
     @classmethod
     def of(cls, row: np.void, structure: str, burr: int, period: float, voxel_volume: float) -> Dose:
-        """Of a row of a trace's doses; period [ms], volume [mm^3]."""
+        """The dose in a row of a trace's doses; period [ms], volume [mm^3]."""
         seconds, near = period / 1000.0, row["near_periods"].tolist()
         came = math.isfinite(row["closest_mm"])
         within = [
@@ -85,17 +87,7 @@ class Dose:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON, units in the names; None where there is no number."""
-        return {
-            "structure": self.structure, "burr": self.burr,
-            "closest_mm": self.closest if math.isfinite(self.closest) else None,
-            "closest_tick": self.closest_tick, "closest_center_mm": self.closest_center,
-            "time_within_s": [{"mm": d, "s": s, "turning_s": self.turning_within[d]} for d, s in self.time_within.items()],
-            "touching_s": self.touching, "removed_mm3": self.removed,
-            "force_within": [
-                {"mm": d, "mean_N": None if math.isnan(mean) else mean, "peak_N": self.peak_force[d]}
-                for d, mean in self.mean_force.items()
-            ],
-        }  # fmt: skip
+        return cast("dict[str, Any]", _CODEC.plain(self))
 
 
 def dose_table(doses: Sequence[Dose]) -> str:
@@ -195,7 +187,7 @@ class AnatomyReport:
         period: float,
         voxel_volume: float,
     ) -> AnatomyReport:
-        """Of what a watch with these settings saw in a bone of these tissues; settings empty: there was none."""
+        """The report of what a watch with these settings saw in a bone of these tissues. Empty settings mean that there was none."""
         return cls(
             tuple(row["name"] for row in settings.get("structures", ())), dict(settings), tuple(t.name for t in tissues),
             watched, period, voxel_volume, {t.name: t.colour for t in tissues},
@@ -217,7 +209,7 @@ class AnatomyReport:
 
     @property
     def events(self) -> tuple[AnatomyEvent, ...]:
-        """In their order."""
+        """The events in their order."""
         return tuple(AnatomyEvent.of(row, self.structures, self.voxel_volume) for row in self.watched.events)
 
     @property
@@ -285,7 +277,7 @@ class AnatomyReport:
 
     @property
     def doses(self) -> list[Dose]:
-        """Of each burr beside each structure."""
+        """The dose of each burr beside each structure."""
         return [self.dose(name, burr) for burr in range(self.burrs) for name in self.structures]
 
     def equals(self, other: AnatomyReport) -> bool:
@@ -301,15 +293,7 @@ class AnatomyReport:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON, units in the names; None where there is no number."""
-        w = self.watched
-        return {
-            "removed_mm3": self.removed, "watch": self.settings,
-            "touched_s": self.touched(), "touched_from_s": TOUCH_TIME,
-            "injured_mm3": self.injured(), "injured_from_mm3": self._injury_volumes,
-            "closest_mm": {name: d if math.isfinite(d) else None for name, d in self.closest.items()},
-            "doses": [dose.to_dict() for dose in self.doses], "events": [event.to_dict() for event in self.events],
-            "gaps": w.gaps, "ticks_passed_over": w.ticks_passed_over, "events_lost": w.events_lost,
-        }  # fmt: skip
+        return cast("dict[str, Any]", _CODEC.plain(self))
 
     def __str__(self) -> str:
         removed = ", ".join(f"{name} {volume:.4g}" for name, volume in self.removed.items() if volume)
@@ -360,3 +344,27 @@ def nothing_watched(burrs: int, removed: NDArray[np.int64] | Sequence[int]) -> W
     return Watched(
         np.zeros(0, EVENT_DTYPE), np.zeros((burrs, 0), DOSE_DTYPE), np.asarray(removed, dtype=np.int64)
     )
+
+
+_CODEC = Codec(
+    keys={
+        Dose: {
+            "structure": "structure", "burr": "burr", "closest_mm": "closest", "closest_tick": "closest_tick",
+            "closest_center_mm": "closest_center",
+            "time_within_s": lambda dose: [
+                {"mm": d, "s": s, "turning_s": dose.turning_within[d]} for d, s in dose.time_within.items()
+            ],
+            "touching_s": "touching", "removed_mm3": "removed",
+            "force_within": lambda dose: [
+                {"mm": d, "mean_N": mean, "peak_N": dose.peak_force[d]} for d, mean in dose.mean_force.items()
+            ],
+        },
+        AnatomyReport: {
+            "removed_mm3": "removed", "watch": "settings", "touched_s": AnatomyReport.touched,
+            "touched_from_s": lambda report: TOUCH_TIME, "injured_mm3": AnatomyReport.injured,
+            "injured_from_mm3": "_injury_volumes", "closest_mm": "closest", "doses": "doses", "events": "events",
+            **{name: attrgetter(f"watched.{name}") for name in ("gaps", "ticks_passed_over", "events_lost")},
+        },
+        **EVENT_KEYS,
+    }
+)  # fmt: skip

@@ -13,6 +13,7 @@ from burrlab.bone.image import LabelVolume
 from burrlab.bone.tissues import check_count, label_counts
 from burrlab.common.check import refuse
 from burrlab.common.figures import axes_or_new, tidy
+from burrlab.common.records import Codec
 from burrlab.common.table import by_value, html_table
 
 if TYPE_CHECKING:
@@ -74,15 +75,7 @@ class TargetComparison:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON, units in the names."""
-        rows = {
-            name: {f"{part}_mm3": float(getattr(self, part)[k]) for part in _PARTS}
-            for k, name in enumerate(self.tissues)
-        }
-        return {
-            "target_mm3": self.volume, "planned_mm3": self.planned, "removed_mm3": self.removed,
-            "overlap_mm3": float(self.overlap.sum()), "missed_mm3": float(self.missed.sum()),
-            "excess_mm3": float(self.excess.sum()), "percent": self.percent, "dice": self.dice, "tissues": rows,
-        }  # fmt: skip
+        return cast("dict[str, Any]", _CODEC.plain(self))
 
     def table(self) -> str:
         """Text, a line a tissue."""
@@ -121,6 +114,20 @@ class TargetComparison:
         axes.set_title(f"{self.percent:.1f} % of the target removed, Dice {self.dice:.2f}", fontsize=10)
         axes.legend(fontsize=8, frameon=False)
         return tidy(axes)
+
+
+_CODEC = Codec(
+    keys={
+        TargetComparison: {
+            "target_mm3": "volume", "planned_mm3": "planned", "removed_mm3": "removed",
+            "overlap_mm3": lambda found: found.overlap.sum(), "missed_mm3": lambda found: found.missed.sum(),
+            "excess_mm3": lambda found: found.excess.sum(), "percent": "percent", "dice": "dice",
+            "tissues": lambda found: {
+                name: {f"{part}_mm3": getattr(found, part)[k] for part in _PARTS} for k, name in enumerate(found.tissues)
+            },
+        }
+    }
+)  # fmt: skip
 
 
 def compare_with_target(

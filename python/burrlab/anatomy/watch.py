@@ -76,7 +76,7 @@ def _field(
 
 
 def _estimate(empty: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Distance of each node to the nearest that is not empty [mm], slice by slice: the memory of distances alone."""
+    """Distance of each node to the nearest that is not empty [mm]; slice by slice, which saves memory."""
     nearest = distance_transform_edt(empty, return_distances=False, return_indices=True)
     estimate = np.empty(empty.shape, np.float32)
     y, x = np.ogrid[: empty.shape[1], : empty.shape[2]]

@@ -27,25 +27,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab.bone.header import Header, medical, plain_name
-from burrlab.bone.image import Array, Volume, checked_direction
-from burrlab.common.check import DEFLATE, check_memory
+from burrlab.bone.image import Array, Volume, checked_direction, point_text
+from burrlab.common.check import DEFLATE, check_memory, refuse
 from burrlab.common.files import check_folder, new_folder
 from burrlab.common.records import in_one_line
 
-#: How far the distances of slices may differ from one another, a part of the distance (headers round).
+#: The part by which distances between slices may differ from one another, since headers round.
 EVEN = 1e-2
-#: How far the slices may shift sideways from the first to the last, a part of a pixel: more is a gantry tilt.
+#: The part of a pixel by which slices may shift sideways from the first to the last; more is a gantry tilt.
 STRAIGHT = 0.1
 # Bits of a pixel where a frame of JPEG begins (SOF), in transfer syntaxes of JPEG.
 _PRECISION = re.compile(rb"\xff[\xc0-\xc3\xc5-\xc7\xc9-\xcb\xcd-\xcf]\0[\x0b\x0e\x11\x14](.)", re.DOTALL)
 _JPEG = ("1.2.840.10008.1.2.4.5", "1.2.840.10008.1.2.4.70")
 #: Name of the exact state of a half-drilled volume in a folder of slices.
 IN_FOLDER = "bone.h5"
-#: Types that are written.
+#: Types of values that are written.
 KINDS = ("uint8", "int16", "uint16")
 _CT_IMAGE = "1.2.840.10008.5.1.4.1.1.2"
 _DEFLATED = b"1.2.840.10008.1.2.1.99"  # its transfer syntax
-#: What any file may unpack to (ours): compressed pixels all alike may take next to nothing [bytes].
+#: Size to which any file may unpack [bytes] (ours): compressed pixels that are all alike take next to nothing.
 _SMALL = 1 << 26
 # Columns and rows of one value a pixel where JPEG 2000 (marker SIZ) and JPEG-LS (SOF) begin.
 _CODED = re.compile(rb"\xff\x4f\xff\x51.{4}(.{4})(.{4})|\xff\xf7\0\x0b[\x02-\x10](..)(..)\x01", re.DOTALL)
@@ -55,7 +55,7 @@ _ONE_LISTENS = threading.Lock()
 
 @dataclass(frozen=True)
 class _Slice:
-    """What the header of one file says; spacing NaN where it says none."""
+    """What the header of one file says; spacing is NaN where it says none."""
 
     name: str
     series: str
@@ -94,10 +94,7 @@ def read_dicom(
     columns, rows = slices[0].size
     spacing = np.array([*slices[0].spacing, apart])
     check_memory(2 * len(slices) * _size(slices[0]), f"{where}: the volume")
-    planes = [_values(s, (rows, columns)) for s in slices]
-    values = np.empty((len(planes), rows, columns), dtype=np.result_type(*planes))
-    for k, plane in enumerate(planes):
-        values[k] = plane
+    values = np.stack([_values(s, (rows, columns)) for s in slices])
     notes = _notes(slices, others)
     files = tuple(s.name for s in slices)
     return Header(values.shape, spacing, slices[0].position, direction, notes, files=files), values
@@ -131,13 +128,11 @@ def dicom_files(folder: str | os.PathLike[str]) -> tuple[list[str], list[str]]:
     for path in sorted(Path(folder).iterdir()):
         if not path.is_file() or path.name.upper() == "DICOMDIR":
             continue
-        with path.open("rb") as file:
-            if file.read(132)[128:] == b"DICM" or path.suffix.lower() in (".dcm", ".dicom"):
-                found.append(str(path))
-            elif not path.name.startswith(".") and path.name != IN_FOLDER:
-                others.append(path.name)
-    if not found:
-        raise ValueError(f"{os.fspath(folder)}: the folder holds no DICOM files")
+        if is_dicom(str(path)) or path.suffix.lower() in (".dcm", ".dicom"):
+            found.append(str(path))
+        elif not path.name.startswith(".") and path.name != IN_FOLDER:
+            others.append(path.name)
+    refuse(not found, f"{os.fspath(folder)}: the folder holds no DICOM files")
     return found, others
 
 
@@ -164,8 +159,7 @@ def dataset(name: str) -> Any:
         stream = zlib.decompressobj(-zlib.MAX_WBITS)
         with contextlib.suppress(zlib.error):  # behind the file meta information
             stream.decompress(content[144 + int.from_bytes(content[140:144], "little") :], _SMALL)
-        if stream.unconsumed_tail:
-            raise ValueError(f"{name}: the deflated data must be of at most {_SMALL} bytes")
+        refuse(stream.unconsumed_tail, f"{name}: the deflated data must be of at most {_SMALL} bytes")
     with contextlib.suppress(Exception), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found: Any = pydicom.dcmread(io.BytesIO(content), force=True)
@@ -179,13 +173,13 @@ def dataset(name: str) -> Any:
 
 
 def text_of(found: Any, keyword: str) -> str:
-    """Of an element as it is stored; empty where it is not there."""
+    """Text of an element as it is stored; empty where there is no such element."""
     value = found.get_item(keyword).value if keyword in found else b""
     return in_one_line(value.decode("latin-1").strip(" \0")) if isinstance(value, bytes) else ""
 
 
 def short_of(found: Any, keyword: str) -> int:
-    """The one whole number of an element (US); -1 where it is not there."""
+    """The one whole number of an element (US); -1 where there is no such element."""
     value = found.get_item(keyword).value if keyword in found else b""
     order: Any = "little" if found.original_encoding[1] else "big"
     return int.from_bytes(value, order) if isinstance(value, bytes) and len(value) == 2 else -1
@@ -213,23 +207,27 @@ def _header_of(name: str) -> _Slice:
     rows, columns, bits, values = (
         short_of(found, keyword) for keyword in ("Rows", "Columns", "BitsAllocated", "SamplesPerPixel")
     )
-    if min(rows, columns, bits) < 1:
-        raise ValueError(
-            f"{name}: cannot be read as a DICOM image: it is cut short, damaged, or holds no image"
-        )
-    if (whole("NumberOfFrames") or 1) > 1:
-        raise ValueError(f"{name}: DICOM files of several frames are not read: convert it to NRRD or NIfTI")
+    refuse(
+        min(rows, columns, bits) < 1,
+        f"{name}: cannot be read as a DICOM image: it is cut short, damaged, or holds no image",
+    )
+    refuse(
+        (whole("NumberOfFrames") or 1) > 1,
+        f"{name}: DICOM files of several frames are not read: convert it to NRRD or NIfTI",
+    )
     shades = text_of(found, "PhotometricInterpretation")
-    if abs(values) != 1 or shades not in ("MONOCHROME2", ""):
-        raise ValueError(
-            f"{name}: a volume needs three dimensions and one value a voxel, got a {shades} image of {abs(values)} values"
-        )
+    refuse(
+        abs(values) != 1 or shades not in ("MONOCHROME2", ""),
+        f"{name}: a volume needs three dimensions and one value a voxel, got a {shades} image of {abs(values)} values",
+    )
     down, across = (
         s if s > 0 else np.nan for s in numbers("PixelSpacing", 2)
     )  # between rows, between columns
     position, turn = numbers("ImagePositionPatient", 3), numbers("ImageOrientationPatient", 6)
-    if np.any(np.isnan(position)) or np.any(np.isnan(turn)):
-        raise ValueError(f"{name}: the DICOM header does not say the slice's position and orientation")
+    refuse(
+        np.any(np.isnan(position)) or np.any(np.isnan(turn)),
+        f"{name}: the DICOM header does not say the slice's position and orientation",
+    )
     return _Slice(
         name, text_of(found, "SeriesInstanceUID"), (columns, rows), (across, down), turn[:3], turn[3:], np.array(position), bits,
         whole("InstanceNumber"), whole("ImagesInAcquisition"),
@@ -239,10 +237,13 @@ def _header_of(name: str) -> _Slice:
 def _of_series(slices: list[_Slice], where: str, series: str | None) -> list[_Slice]:
     counts = Counter(s.series for s in slices)
     said = ", ".join(f"{uid} ({count} files)" for uid, count in sorted(counts.items()))
-    if series is None and len(counts) > 1:
-        raise ValueError(f"{where}: series must say which of {len(counts)} DICOM series: {said}")
-    if series is not None and series not in counts:
-        raise ValueError(f"{where}: series must be one of {said}, got {series}")
+    refuse(
+        series is None and len(counts) > 1,
+        f"{where}: series must say which of {len(counts)} DICOM series: {said}",
+    )
+    refuse(
+        series is not None and series not in counts, f"{where}: series must be one of {said}, got {series}"
+    )
     return [s for s in slices if series in (None, s.series)]
 
 
@@ -254,14 +255,14 @@ def _check_alike(slices: list[_Slice], where: str) -> None:
             ("pixel spacings", first.spacing, other.spacing),
             ("orientations", first.rows + first.columns, other.rows + other.columns),
         ):
-            if not np.allclose(a, b, rtol=1e-5, atol=1e-4 if what == "orientations" else 0, equal_nan=True):
-                raise ValueError(
-                    f"{where}: the slices have different {what}: {_text(a)} in {first.file}, {_text(b)} in {other.file}"
-                )
+            refuse(
+                not np.allclose(a, b, rtol=1e-5, atol=1e-4 if what == "orientations" else 0, equal_nan=True),
+                f"{where}: the slices have different {what}: {point_text(a)} in {first.file}, {point_text(b)} in {other.file}",
+            )
 
 
 def _distance(slices: list[_Slice], along: Array, where: str) -> float:
-    """Between neighbours, which must be even [mm]; NaN of one slice."""
+    """Distance between neighbours, which must be even [mm]; NaN of one slice."""
     steps = np.diff(along)
     if len(steps) == 0:
         return np.nan
@@ -306,7 +307,7 @@ def _check_straight(slices: list[_Slice], direction: Array, where: str) -> None:
 
 
 def _size(part: _Slice) -> int:
-    """Of the pixels [bytes]."""
+    """Size of the pixels [bytes]."""
     return part.size[0] * part.size[1] * part.bits // 8
 
 
@@ -314,24 +315,26 @@ def _check_whole(part: _Slice) -> None:
     """ValueError where the pixel data is shorter than rows and columns ask for: GDCM would fill the rest up."""
     found, wanted = dataset(part.name), _size(part)
     content = found.get_item("PixelData").value
-    if wanted > max(DEFLATE * len(content), _SMALL):  # before a decoder makes room for it
-        raise ValueError(
-            f"{part.name}: the pixel data is cut short: {len(content)} bytes cannot hold {wanted}"
-        )
+    refuse(  # before a decoder makes room for it
+        wanted > max(DEFLATE * len(content), _SMALL),
+        f"{part.name}: the pixel data is cut short: {len(content)} bytes cannot hold {wanted}",
+    )
     if str(found.file_meta.get("TransferSyntaxUID", "")).startswith(_JPEG):
         most = max((bits[0] for bits in _PRECISION.findall(content)), default=0)
-        if most > part.bits:  # a decoder writes beyond its memory
-            raise ValueError(
-                f"{part.name}: the compressed pixels must have at most {part.bits} bits, got {most}"
-            )
+        refuse(
+            most > part.bits,  # a decoder writes beyond its memory
+            f"{part.name}: the compressed pixels must have at most {part.bits} bits, got {most}",
+        )
     for sizes in _CODED.findall(content):  # a decoder goes by them
         coded = math.prod(int.from_bytes(size) for size in sizes if size)
-        if coded > max(part.size[0] * part.size[1], _SMALL // 4):
-            raise ValueError(
-                f"{part.name}: the compressed pixels must be of the header's size, got {coded} of them"
-            )
-    if not is_packed(found) and len(content) < wanted:
-        raise ValueError(f"{part.name}: the pixel data is cut short: {len(content)} bytes of {wanted}")
+        refuse(
+            coded > max(part.size[0] * part.size[1], _SMALL // 4),
+            f"{part.name}: the compressed pixels must be of the header's size, got {coded} of them",
+        )
+    refuse(
+        not is_packed(found) and len(content) < wanted,
+        f"{part.name}: the pixel data is cut short: {len(content)} bytes of {wanted}",
+    )
 
 
 def _values(part: _Slice, shape: tuple[int, int]) -> NDArray[Any]:
@@ -343,8 +346,7 @@ def _values(part: _Slice, shape: tuple[int, int]) -> NDArray[Any]:
             values = np.asarray(sitk.GetArrayFromImage(sitk.ReadImage(part.name, imageIO="GDCMImageIO")))
     except RuntimeError:
         values = np.empty(0)
-    if values.size != math.prod(shape):
-        raise ValueError(f"{part.name}: the pixel data of the slice cannot be read whole")
+    refuse(values.size != math.prod(shape), f"{part.name}: the pixel data of the slice cannot be read whole")
     return values.reshape(shape)
 
 
@@ -375,15 +377,11 @@ def _listening(name: str) -> Iterator[None]:
 
 @functools.cache
 def _memory() -> tuple[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]:
-    """A C stream in memory that is never closed, its text and the size of its text."""
+    """A C stream in memory, its text and the size of its text; the stream is never closed."""
     text, size = ctypes.c_void_p(), ctypes.c_size_t()
     opened = ctypes.CDLL(None).open_memstream
     opened.restype = ctypes.c_void_p
     return ctypes.c_void_p(opened(ctypes.byref(text), ctypes.byref(size))), text, size
-
-
-def _text(values: tuple[float, ...] | tuple[int, ...]) -> str:
-    return "(" + ", ".join(f"{v:g}" for v in values) + ")"
 
 
 def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:
@@ -426,12 +424,14 @@ def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:
 
 def check_slices(volume: Volume) -> None:
     """ValueError where a volume cannot be written as DICOM; ImportError without SimpleITK."""
-    if volume.values.dtype.name not in KINDS:
-        raise ValueError(
-            f"values must be one of {', '.join(KINDS)} to be written as DICOM, got {volume.values.dtype}"
-        )
-    if np.linalg.det(volume.direction) < 0:
-        raise ValueError("direction must be right-handed to be written as DICOM, got a left-handed one")
+    refuse(
+        volume.values.dtype.name not in KINDS,
+        f"values must be one of {', '.join(KINDS)} to be written as DICOM, got {volume.values.dtype}",
+    )
+    refuse(
+        np.linalg.det(volume.direction) < 0,
+        "direction must be right-handed to be written as DICOM, got a left-handed one",
+    )
     medical("SimpleITK", "writing volumes")
 
 

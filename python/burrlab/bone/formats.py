@@ -29,8 +29,8 @@ from burrlab.bone.header import (
     settled_spacing,
     three_sizes,
 )
-from burrlab.bone.image import LabelVolume, Volume, checked_direction
-from burrlab.common.check import check_memory, first_bytes
+from burrlab.bone.image import Colour, LabelVolume, Volume, checked_direction
+from burrlab.common.check import check_memory, first_bytes, refuse
 from burrlab.common.files import check_folder, new_part
 
 
@@ -141,11 +141,10 @@ def read_labels(
 def _read(
     path: VolumePath, spacing: float | ArrayLike | None, series: str | None, most: int = 1
 ) -> tuple[str, Header, NDArray[Any]]:
-    """Name, header and values, of at most so many layers."""
+    """Name, header and values of a volume; it may have at most `most` layers."""
     single = isinstance(path, str | os.PathLike)
     names = [os.fspath(part) for part in ([path] if isinstance(path, str | os.PathLike) else path)]
-    if not names:
-        raise ValueError("path must name a file, got an empty list")
+    refuse(not names, "path must name a file, got an empty list")
     name = names[0]
     if single and Path(name).is_dir():
         files, others = dicom_files(name)
@@ -158,8 +157,7 @@ def _read(
         name = f"{len(names)} files in {common}"
     if not single or is_dicom(name):
         return name, *read_dicom(names, name, series)
-    if series is not None:
-        raise ValueError(f"series goes with DICOM, got {name}")
+    refuse(series is not None, f"series goes with DICOM, got {name}")
     found = format_of(name)
     if found is None:
         raise ValueError(
@@ -177,20 +175,16 @@ def _read(
 
 
 def _read_values(at: Layout, shape: tuple[int, ...], name: str) -> NDArray[Any]:
-    """Grey values, numbers of this machine; ValueError with one sentence where they are not whole."""
+    """Grey values in the byte order of this machine; ValueError with one sentence where they are cut short."""
     size = math.prod(shape) * at.kind.itemsize
     part, left = divmod(size, len(at.files))
-    if left:
-        raise ValueError(
-            f"{name}: the values must be in files of one size, got {len(at.files)} for {size} bytes"
-        )
+    refuse(left, f"{name}: the values must be in files of one size, got {len(at.files)} for {size} bytes")
     if len(at.files) == 1:
         data = _bytes(at, at.files[0], size, name)
     else:
         check_memory(2 * size, f"{name}: the volume")
         data = np.concatenate([_bytes(at, path, part, name) for path in at.files])
-    if len(data) < size:
-        raise ValueError(f"{name}: the file is cut short: {len(data)} bytes of values, of {size}")
+    refuse(len(data) < size, f"{name}: the file is cut short: {len(data)} bytes of values, of {size}")
     stored = np.require(data[:size].view(at.kind).reshape(shape), at.kind.newbyteorder("="), "A")
     if (at.slope, at.inter) == (1.0, 0.0):
         return stored
@@ -203,9 +197,8 @@ def _read_values(at: Layout, shape: tuple[int, ...], name: str) -> NDArray[Any]:
 
 
 def _bytes(at: Layout, path: Path, size: int, name: str) -> NDArray[np.uint8]:
-    """Of one file of values, fewer where it is cut short."""
-    if not path.is_file():
-        raise ValueError(f"{name}: the file of its values, {path.name}, is not there")
+    """The bytes of one file of values; fewer than `size` where it is cut short."""
+    refuse(not path.is_file(), f"{name}: the file of its values, {path.name}, is not there")
     with path.open("rb") as file:
         file.seek(at.start)
         for _ in range(at.lines):
@@ -216,10 +209,10 @@ def _bytes(at: Layout, path: Path, size: int, name: str) -> NDArray[np.uint8]:
         if at.encoding == "gzip":
             data, _ = first_bytes(file, at.skip + size, True, name)
             used = file.tell() - begin
-            if at.told and not (re.fullmatch(r"\d{1,18}", at.told) and used <= int(at.told) <= left):
-                raise ValueError(
-                    f"{name}: CompressedDataSize of the MetaImage header must be {used}, got {at.told}"
-                )
+            refuse(
+                at.told and not (re.fullmatch(r"\d{1,18}", at.told) and used <= int(at.told) <= left),
+                f"{name}: CompressedDataSize of the MetaImage header must be {used}, got {at.told}",
+            )
             return data[at.skip :]
         file.seek(max(left - size, 0) if at.skip < 0 else min(at.skip, max(left, 0)), os.SEEK_CUR)
         if at.encoding == "raw":
@@ -278,7 +271,7 @@ _ASSUMED, _NIFTI_NOTES = "burrlab_orientation", "ITK_FileNotes"
 
 
 def _noted(header: Header, name: str) -> Header:
-    """The header with the note that the file, written by burrlab, keeps of the one that said no orientation."""
+    """The header, with a note where burrlab wrote the file and its orientation had been assumed."""
     if not any(header.fields.get(key, "").startswith(LPS_ASSUMED) for key in (_ASSUMED, _NIFTI_NOTES)):
         return header
     note = f"{name} was written from a file that says no orientation: {LPS_ASSUMED}"
@@ -286,7 +279,7 @@ def _noted(header: Header, name: str) -> Header:
 
 
 def ending_of(target: Path, said: str) -> str:
-    """The ending that says the format to be written; ValueError, with what is `said` of them, for none of them."""
+    """The ending of a path that says the format; ValueError that names `said`, the endings there are, for any other."""
     ending = next((e for e in ENDINGS if target.name.lower().endswith(e)), None)
     if ending is None:
         raise ValueError(f"path must end in {said}, got {target}")
@@ -297,7 +290,7 @@ def ending_of(target: Path, said: str) -> str:
 def new_volume(
     target: Path, volume: Volume | LabelVolume, fields: Mapping[str, str], *, compress: bool = True
 ) -> Iterator[Path]:
-    """A file, whole and on disk under a name of its own, which replaces the target at the end; errors as `write_volume`."""
+    """A new file, whole and on disk, that replaces the target at the end; errors as `write_volume`."""
     ending = ending_of(target, f"one of {', '.join(ENDINGS)}")
     if any(
         LPS_ASSUMED in note for note in volume.notes
@@ -324,9 +317,6 @@ def new_volume(
             os.fsync(written.fileno())
         yield part
         part.replace(target)
-
-
-Colour = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
@@ -374,14 +364,13 @@ def segments_of(fields: Mapping[str, str], *, layers: int = 1) -> list[Segment]:
         label = _whole(f"Segment{i}_LabelValue", parts.get("LabelValue", "1"), 2**31 - 1)
         layer = _whole(f"Segment{i}_Layer", parts.get("Layer", str(i) if layers > 1 else "0"), layers - 1)
         segments.append(Segment(name, label, layer, _colour(f"Segment{i}_Color", parts.get("Color"))))
-    places: dict[tuple[int, int], str] = {}
+    places: dict[tuple[int, int], Segment] = {}
     for segment in segments:
-        place = (segment.layer, segment.label)
-        if place in places:
-            raise ValueError(
-                f"segments must differ in label or layer, {places[place]!r} and {segment.name!r} do not"
-            )
-        places[place] = segment.name
+        other = places.setdefault((segment.layer, segment.label), segment)
+        refuse(
+            other is not segment,
+            f"segments must differ in label or layer, {other.name!r} and {segment.name!r} do not",
+        )
     return segments
 
 
@@ -411,7 +400,7 @@ def _named(fields: Mapping[str, str]) -> tuple[dict[int, str], dict[int, Colour]
 def segment_fields(
     labels: NDArray[Any], names: Mapping[int, str], colours: Mapping[int, Colour]
 ) -> dict[str, str]:
-    """The fields that `segments_of` reads, of one layer (z, y, x); none of label 0, which is no segment."""
+    """The fields that `segments_of` reads for labels (z, y, x) of one layer. Label 0 is no segment."""
     described = sorted({*names, *colours} - {0})
     if not described:
         return {}
@@ -483,8 +472,10 @@ def merged(
 
 def _whole(key: str, text: str, most: int) -> int:
     text = text.strip()
-    if not (text.isascii() and text.isdecimal() and int(text) <= most):
-        raise ValueError(f"{key} must be a whole number from 0 to {most}, got {text!r}")
+    refuse(
+        not (text.isascii() and text.isdecimal() and int(text) <= most),
+        f"{key} must be a whole number from 0 to {most}, got {text!r}",
+    )
     return int(text)
 
 
@@ -495,6 +486,8 @@ def _colour(key: str, text: str | None) -> Colour | None:
         red, green, blue = (float(part) for part in text.split())
     except ValueError:
         red = green = blue = -1.0
-    if not all(0.0 <= part <= 1.0 for part in (red, green, blue)):
-        raise ValueError(f"{key} must be three numbers from 0 to 1, got {text!r}")
+    refuse(
+        not all(0.0 <= part <= 1.0 for part in (red, green, blue)),
+        f"{key} must be three numbers from 0 to 1, got {text!r}",
+    )
     return round(255 * red), round(255 * green), round(255 * blue)

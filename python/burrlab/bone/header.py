@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from burrlab.bone.image import Array, checked_spacing
-from burrlab.common.check import shown
+from burrlab.common.check import refuse, shown
 
-#: In every note on an orientation that a file does not say, and in pictures of its bone.
+#: These words are in every note on an orientation that a file does not say, and in pictures of its bone.
 LPS_ASSUMED = "LPS assumed"
-#: In the note on voxel axes that are left-handed, and in pictures, which are drawn along them.
+#: These words are in the note on left-handed voxel axes, and in pictures, which are drawn along the axes.
 MIRRORED = "mirror image"
 #: Millimetres of the units that headers name.
 MILLIMETRES = {"mm": 1.0, "millimeter": 1.0, "millimetre": 1.0, "cm": 10.0, "m": 1e3, "meter": 1e3, "metre": 1e3,
@@ -89,13 +89,13 @@ class Layout:
 
 
 def assumed(notes: Iterable[str]) -> str:
-    """What a picture of the bone says of its axes: `LPS_ASSUMED` and `MIRRORED`, where one of the notes does."""
+    """The words on its axes that a picture of the bone repeats from the notes: `LPS_ASSUMED` and `MIRRORED`."""
     said = "\n".join(notes)
     return ", ".join(words for words in (LPS_ASSUMED, MIRRORED) if words in said)
 
 
 def told_notes(source: Any) -> tuple[str, ...]:
-    """The notes in a bone's source as sessions and traces keep it, a mapping or its JSON; none in any other."""
+    """The notes in a bone's source, which sessions and traces keep as a mapping or its JSON; no notes for any other source."""
     try:
         return tuple(map(str, (json.loads(source) if isinstance(source, str) else source)["notes"]))
     except (ValueError, KeyError, TypeError, RecursionError):
@@ -103,7 +103,7 @@ def told_notes(source: Any) -> tuple[str, ...]:
 
 
 def plain_name(name: str) -> str:
-    """A name as SimpleITK takes it, which ends the process for others; ValueError where it is not UTF-8."""
+    """The name; ValueError where it is not UTF-8, for which SimpleITK would end the process."""
     try:
         name.encode()
     except UnicodeEncodeError:
@@ -141,10 +141,10 @@ def settled_spacing(header: Header, given: float | ArrayLike | None, name: str) 
 def three_sizes(sizes: list[int], name: str) -> tuple[int, int, int]:
     """(z, y, x) of sizes x, y, z and further ones of 1; ValueError for anything else."""
     kept = sizes[:3] + [n for n in sizes[3:] if n != 1]
-    if len(kept) != 3 or any(not 1 <= n < 2**31 for n in sizes):
-        raise ValueError(
-            f"{name}: a volume needs three dimensions and one value a voxel, got sizes {' x '.join(map(shown, sizes[:16]))}"
-        )
+    refuse(
+        len(kept) != 3 or any(not 1 <= n < 2**31 for n in sizes),
+        f"{name}: a volume needs three dimensions and one value a voxel, got sizes {' x '.join(map(shown, sizes[:16]))}",
+    )
     x, y, z = kept
     return z, y, x
 
@@ -157,21 +157,23 @@ def _unit_columns(vectors: Array) -> tuple[Array, Array]:
 
 
 def _check_not_negative(numbers: Array, said: str) -> None:
-    """ValueError for a spacing below 0: some readers mirror the volume then, others drop the sign."""
-    if np.any(numbers < 0):
-        raise ValueError(
-            f"{said} must be positive, got {' '.join(f'{n:g}' for n in numbers)}: is the volume mirrored?"
-        )
+    """ValueError for a spacing below 0: some readers would mirror the volume, others would drop the sign."""
+    refuse(
+        np.any(numbers < 0),
+        f"{said} must be positive, got {' '.join(f'{n:g}' for n in numbers)}: is the volume mirrored?",
+    )
 
 
 def _text(content: bytes) -> str:
-    """Of a header's line, without its end and the control characters that no refusal may quote."""
+    """Text of a header's line, without its end and without control characters, which no refusal may quote."""
     return re.sub(r"[\0-\x08\x0a-\x1f\x7f]", "\ufffd", content.rstrip(b"\r\n").decode("utf-8", "replace"))
 
 
 def _count(text: str, what: str, name: str) -> int:
-    if not re.fullmatch(r"-1|\d{1,18}", text):
-        raise ValueError(f"{name}: {what} must be a number of bytes or lines, or -1, got {shown(text)}")
+    refuse(
+        not re.fullmatch(r"-1|\d{1,18}", text),
+        f"{name}: {what} must be a number of bytes or lines, or -1, got {shown(text)}",
+    )
     return int(text)
 
 
@@ -218,7 +220,7 @@ _NRRD_ENCODINGS = {"gz": "gzip", "txt": "text", "ascii": "text"} | {
 
 
 def nrrd_header(name: str) -> tuple[Header, Layout]:
-    """Place of the voxels, and of their values; ValueError with one sentence where the header cannot be read."""
+    """Where the voxels lie, and where their values are; ValueError with one sentence where the header cannot be read."""
     fields, keys, end = _nrrd_fields(plain_name(name))
     try:
         sizes = [int(n) for n in fields["sizes"].split()]
@@ -228,19 +230,20 @@ def nrrd_header(name: str) -> tuple[Header, Layout]:
     kinds = fields.get("kinds", "").lower().split() or ["?"] * len(sizes)
     told = re.findall(r"\([^()]*\)|none", fields.get("space directions", ""))
     vectors = [() if part == "none" else _vector(part, name) for part in told]
-    if {len(sizes), len(kinds), len(vectors or sizes)} != {dimension} or dimension > 16:  # the format's limit
-        raise ValueError(
-            f"{name}: cannot be read as a volume: the NRRD header contradicts its dimension {shown(dimension)}"
-        )
+    refuse(
+        {len(sizes), len(kinds), len(vectors or sizes)} != {dimension}
+        or dimension > 16,  # the format's limit
+        f"{name}: cannot be read as a volume: the NRRD header contradicts its dimension {shown(dimension)}",
+    )
     spatial = [i for i in range(dimension) if (vectors[i] if vectors else not _VALUES.search(kinds[i]))]
     while len(spatial) > 3 and 1 in (rest := [sizes[i] for i in spatial]):
         del spatial[len(rest) - 1 - rest[::-1].index(1)]
     layers = sizes[0] if dimension == 4 and kinds[0] == "list" and 0 not in spatial else 1
     others = [n for i, n in enumerate(sizes) if i not in spatial]
-    if len(spatial) != 3 or max(others, default=1) > layers:
-        raise ValueError(
-            f"{name}: a volume needs three dimensions and one value a voxel, got sizes {' x '.join(map(shown, sizes))}"
-        )
+    refuse(
+        len(spatial) != 3 or max(others, default=1) > layers,
+        f"{name}: a volume needs three dimensions and one value a voxel, got sizes {' x '.join(map(shown, sizes))}",
+    )
     shape, notes, turn = three_sizes([sizes[i] for i in spatial], name), [], np.ones(3)
     if vectors or "space origin" in fields:
         space = fields.get("space", "").lower().removesuffix("-time").rstrip("t")
@@ -248,8 +251,10 @@ def nrrd_header(name: str) -> tuple[Header, Layout]:
             notes.append(f"space '{space}' of the NRRD header is no anatomical one: {LPS_ASSUMED}")
         turn = np.array([*_TO_LPS.get(space, (1.0, 1.0)), 1.0]) * _unit(fields.get("space units"), name)
     if vectors:
-        if any(len(vectors[i]) != 3 for i in spatial):
-            raise ValueError(f"{name}: space directions of the NRRD header must be three vectors of three")
+        refuse(
+            any(len(vectors[i]) != 3 for i in spatial),
+            f"{name}: space directions of the NRRD header must be three vectors of three",
+        )
         table = np.array([vectors[i] for i in spatial], dtype=float).T
         spacing, direction = _unit_columns(turn[:, None] * table)
     else:
@@ -260,10 +265,10 @@ def nrrd_header(name: str) -> tuple[Header, Layout]:
         origin = np.zeros(3)
     else:
         origin = np.array(_vector(said, name))
-        if origin.shape != (3,) or not np.all(np.isfinite(origin)):
-            raise ValueError(
-                f"{name}: space origin of the NRRD header must be three finite numbers, got {shown(said)}"
-            )
+        refuse(
+            origin.shape != (3,) or not np.all(np.isfinite(origin)),
+            f"{name}: space origin of the NRRD header must be three finite numbers, got {shown(said)}",
+        )
         origin = turn * origin
     kept = {key: text for key, text in keys.items() if not key.startswith("NRRD_")}  # these turn ITK's writer
     header = Header(shape, spacing, origin, direction, tuple(notes), kept, layers)
@@ -271,12 +276,13 @@ def nrrd_header(name: str) -> tuple[Header, Layout]:
 
 
 def _nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
-    """Fields, keys, and where the values begin, 0 if nowhere; the names of a list of files follow the word LIST."""
+    """Fields, keys, and the place where the values begin, 0 if there is none. The names of a list of files follow the word LIST."""
     fields: dict[str, str] = {}
     keys: dict[str, str] = {}
     with open(name, "rb") as file:
-        if not file.readline(64).startswith(b"NRRD"):
-            raise ValueError(f"{name}: cannot be read as a volume: no NRRD header")
+        refuse(
+            not file.readline(64).startswith(b"NRRD"), f"{name}: cannot be read as a volume: no NRRD header"
+        )
         while raw := file.readline(1 << 20):
             line = _text(raw)
             if not line:
@@ -296,8 +302,10 @@ def _nrrd_fields(name: str) -> tuple[dict[str, str], dict[str, str], int]:
                 if key in fields:
                     raise ValueError(f"{name}: {shown(key)} must be once in the NRRD header, got it twice")
                 fields[key] = value
-            if len(fields) + len(keys) > 100_000 or file.tell() > 1 << 26:
-                raise ValueError(f"{name}: cannot be read as a volume: the NRRD header has no end")
+            refuse(
+                len(fields) + len(keys) > 100_000 or file.tell() > 1 << 26,
+                f"{name}: cannot be read as a volume: the NRRD header has no end",
+            )
     return fields, keys, 0
 
 
@@ -311,12 +319,12 @@ def _vector(text: str, name: str) -> tuple[float, ...]:
 
 
 def _unit(text: str | None, name: str) -> float:
-    """Millimetres of the units of space, which must be alike; none named: mm, by the format's use in medicine."""
+    """Millimetres of the units of space, which must be alike. Without a name they are mm, as medicine uses the format."""
     units = set(re.findall(r'"([^"]*)"', text or "")) - {"", "???"} or {"mm"}
-    if len(units) > 1 or (unit := units.pop().lower()) not in MILLIMETRES:
-        raise ValueError(
-            f"{name}: units of space in the NRRD header must be one of {', '.join(MILLIMETRES)}, got {shown(text)}"
-        )
+    refuse(
+        len(units) > 1 or (unit := units.pop().lower()) not in MILLIMETRES,
+        f"{name}: units of space in the NRRD header must be one of {', '.join(MILLIMETRES)}, got {shown(text)}",
+    )
     return MILLIMETRES[unit]
 
 
@@ -350,16 +358,19 @@ def _nrrd_layout(fields: dict[str, str], end: int, name: str) -> Layout:
             f"{name}: type of the NRRD file must be one of whole or real numbers, got {shown(told)}"
         )
     if encoding != "text" and kind.itemsize > 1:
-        if (order := fields.get("endian", "").lower()) not in ("little", "big"):
-            raise ValueError(f"{name}: endian of the NRRD file must be little or big, got {shown(order)}")
+        refuse(
+            (order := fields.get("endian", "").lower()) not in ("little", "big"),
+            f"{name}: endian of the NRRD file must be little or big, got {shown(order)}",
+        )
         kind = kind.newbyteorder("<" if order == "little" else ">")
     lines, skip = (_count(fields.get(f"{what} skip", "0"), f"{what} skip", name) for what in ("line", "byte"))
-    if skip < 0 and encoding != "raw":
-        raise ValueError(f"{name}: byte skip of -1 goes with raw values, got encoding {encoding}")
+    refuse(
+        skip < 0 and encoding != "raw",
+        f"{name}: byte skip of -1 goes with raw values, got encoding {encoding}",
+    )
     if (apart := fields.get("data file")) is not None:
         return Layout(kind, encoding, _value_files(apart, name), 0, lines, skip)
-    if not end:
-        raise ValueError(f"{name}: the values must follow the NRRD header in the same file")
+    refuse(not end, f"{name}: the values must follow the NRRD header in the same file")
     return Layout(kind, encoding, [Path(name)], end, lines, skip)
 
 
@@ -379,11 +390,11 @@ _META_OWN = re.compile(
 
 
 def meta_header(name: str) -> tuple[Header, Layout]:
-    """Place of the voxels, and of their values; ValueError with one sentence where the header cannot be read."""
+    """Where the voxels lie, and where their values are; ValueError with one sentence where the header cannot be read."""
     fields, end = _meta_fields(plain_name(name))
 
     def numbers(*keys: str, default: list[float] | None = None) -> Array:
-        """Of the first of these fields that is there."""
+        """The numbers of the first of these fields that is there."""
         key = next((key for key in keys if key in fields), None)
         if key is None and default is not None:
             return np.array(default)
@@ -397,17 +408,19 @@ def meta_header(name: str) -> tuple[Header, Layout]:
             ) from None
 
     sizes, needs = numbers("DimSize"), f"{name}: a volume needs three dimensions and one value a voxel, got"
-    if not np.all(np.isfinite(sizes) & (sizes == np.rint(sizes))):
-        raise ValueError(f"{name}: DimSize must hold whole numbers, got {fields['DimSize'][:100]}")
-    if (n := len(sizes)) < 3:
-        raise ValueError(f"{needs} {n} dimensions")
-    if fields.get("NDims") != str(n) or n > 10:  # the format's limit
-        raise ValueError(
-            f"{name}: NDims of the MetaImage header must be the {n} numbers of DimSize, at most 10, got "
-            f"{shown(fields.get('NDims'))}"
-        )
-    if (channels := fields.get("ElementNumberOfChannels", "1")) != "1":
-        raise ValueError(f"{needs} {channels[:100]} values")
+    refuse(
+        not np.all(np.isfinite(sizes) & (sizes == np.rint(sizes))),
+        f"{name}: DimSize must hold whole numbers, got {fields['DimSize'][:100]}",
+    )
+    refuse((n := len(sizes)) < 3, f"{needs} {n} dimensions")
+    refuse(
+        fields.get("NDims") != str(n) or n > 10,  # the format's limit
+        f"{name}: NDims of the MetaImage header must be the {n} numbers of DimSize, at most 10, got "
+        f"{shown(fields.get('NDims'))}",
+    )
+    refuse(
+        (channels := fields.get("ElementNumberOfChannels", "1")) != "1", f"{needs} {channels[:100]} values"
+    )
     shape, notes = three_sizes([int(size) for size in sizes], name), []
     unit = fields.get("DistanceUnits", "mm").lower()
     scale = MILLIMETRES.get("mm" if unit == "?" else unit)
@@ -421,8 +434,7 @@ def meta_header(name: str) -> tuple[Header, Layout]:
             notes.append(f"the MetaImage header says no orientation: {LPS_ASSUMED}, voxel axes along L, P, S")
         matrix = np.eye(n).ravel()
     for key, found, count in (("ElementSpacing", spacing, 3), ("TransformMatrix", matrix, n * n)):
-        if len(found) != count:
-            raise ValueError(f"{name}: {key} must hold {count} numbers, got {len(found)}")
+        refuse(len(found) != count, f"{name}: {key} must hold {count} numbers, got {len(found)}")
     origin = numbers("Offset", "Position", "Origin", default=[])
     if len(origin) == 0:
         notes.append("the MetaImage header has no origin: (0, 0, 0) is assumed")
@@ -435,7 +447,7 @@ def meta_header(name: str) -> tuple[Header, Layout]:
 
 
 def _meta_fields(name: str) -> tuple[dict[str, str], int]:
-    """Of the header, and the place in the file where that ends; the names of a list of files follow the word LIST."""
+    """Fields of the header, and the place in the file where it ends. The names of a list of files follow the word LIST."""
     fields: dict[str, str] = {}
     with open(name, "rb") as file:
         while (raw := file.readline(1 << 16)) and len(fields) < 10_000:
@@ -463,8 +475,7 @@ def _meta_layout(fields: dict[str, str], end: int, name: str) -> Layout:
     binary, packed, big_endian = (text[:1].lower() in ("t", "1") for text in told)
     local, size = fields[_LAST].upper() == "LOCAL", fields.get("CompressedDataSize", "none")
     before = _count(fields.get("HeaderSize", "") or "0", "HeaderSize", name)
-    if before < 0 and (packed or not binary):
-        raise ValueError(f"{name}: HeaderSize of -1 goes with raw values")
+    refuse(before < 0 and (packed or not binary), f"{name}: HeaderSize of -1 goes with raw values")
     return Layout(
         np.dtype(kind).newbyteorder(">" if big_endian else "<") if binary else np.dtype(kind),
         "text" if not binary else "gzip" if packed else "raw",
@@ -504,7 +515,7 @@ _KEPT_NIFTI = {"ITK_FileNotes": "descrip", "aux_file": "aux_file"}  # as SimpleI
 
 
 def nifti_header(name: str) -> tuple[Header, Layout]:
-    """Place of the voxels, and of their values; ValueError with one sentence where the header cannot be read."""
+    """Where the voxels lie, and where their values are; ValueError with one sentence where the header cannot be read."""
     pair = name[:-4] if name.lower().endswith((".img", ".hdr")) else None
     at, order, apart = _nifti_fields(name if pair is None else pair + ".hdr", name)
     shape = three_sizes(list(at["dim"][1 : at["dim"][0] + 1]), name)
@@ -540,8 +551,7 @@ def _nifti_fields(path: str, name: str) -> tuple[dict[str, Any], str, bool]:
             content = file.read(540)
     except (EOFError, gzip.BadGzipFile, zlib.error) as error:
         raise ValueError(f"{name}: the compressed data is cut short or damaged ({error})") from error
-    if len(content) < 348:
-        raise ValueError(f"{name}: the file is too short for a NIfTI header")
+    refuse(len(content) < 348, f"{name}: the file is too short for a NIfTI header")
     for order in "<>":
         (size,) = struct.unpack(order + "i", content[:4])
         version = {348: 1, 540: 2}.get(size, 0)
@@ -555,10 +565,10 @@ def _nifti_fields(path: str, name: str) -> tuple[dict[str, Any], str, bool]:
         apart, offset = magic[:2] == b"ni", at["offset"][0]
         if version == 1:
             offset = int(offset) if math.isfinite(offset) and offset >= 0 and not apart else 0
-        if offset < (0 if apart else size):
-            raise ValueError(
-                f"{name}: the values must begin behind the NIfTI header of {size} bytes, got vox_offset {offset}"
-            )
+        refuse(
+            offset < (0 if apart else size),
+            f"{name}: the values must begin behind the NIfTI header of {size} bytes, got vox_offset {offset}",
+        )
         return {**at, "offset": offset}, order, apart
     raise ValueError(f"{name}: cannot be read as a volume: no NIfTI header")
 
@@ -578,8 +588,10 @@ def _nifti_place(
     q = direction = _from_quaternion(at, name) if q_code > 0 else np.eye(3)
     if s_code > 0:
         s = np.array(at["srow"], dtype=float).reshape(3, 4)
-        if not np.all(np.isfinite(s)):
-            raise ValueError(f"{name}: the sform of the NIfTI header holds values that are not finite")
+        refuse(
+            not np.all(np.isfinite(s)),
+            f"{name}: the sform of the NIfTI header holds values that are not finite",
+        )
         lengths, direction = _unit_columns(s[:, :3])
         lengths, origin = scale * lengths, scale * s[:, 3]
         off = np.abs(lengths - spacing) > _AGREE * lengths
@@ -604,18 +616,17 @@ def _nifti_place(
             f"the NIfTI header says no orientation (qform and sform code 0): {LPS_ASSUMED}, voxel axes along L, P, S, from (0, 0, 0)"
         )
         return spacing, np.zeros(3), np.eye(3), tuple(notes)
-    if not np.all(np.isfinite(origin)):
-        raise ValueError(f"{name}: the origin in the NIfTI header is not finite")
+    refuse(not np.all(np.isfinite(origin)), f"{name}: the origin in the NIfTI header is not finite")
     return spacing, _NIFTI_TO_LPS @ origin, _NIFTI_TO_LPS @ direction, tuple(notes)
 
 
 def _from_quaternion(at: dict[str, Any], name: str) -> Array:
     b, c, d = at["quatern"]
     square = b * b + c * c + d * d
-    if not square <= 1.0 + 1e-5:
-        raise ValueError(
-            f"{name}: the quaternion of the NIfTI header is not of length 1, got {at['quatern']}"
-        )
+    refuse(
+        not square <= 1.0 + 1e-5,
+        f"{name}: the quaternion of the NIfTI header is not of length 1, got {at['quatern']}",
+    )
     if square > 1.0:
         b, c, d = (part / math.sqrt(square) for part in (b, c, d))
     a = math.sqrt(max(1.0 - square, 0.0))

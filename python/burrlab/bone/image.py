@@ -14,50 +14,56 @@ from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector, surface_along, unit_vector
-from burrlab.common.check import check_memory, real, require_type
+from burrlab.common.check import check_memory, real, refuse, require_type
 
-#: Of the corners of a box, which end they lie at along (x, y, z).
+#: For each corner of a box, the end at which it lies along (x, y, z).
 _ENDS = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)])
 #: How far a direction matrix may be from orthonormal, largest entry of |D^T D - 1|: headers hold float32 or a few decimals.
 ORTHONORMAL = 1e-4
-#: Of an exactly given matrix: below it nothing is done, so that matrices of 0 and 1 keep their bits.
+#: A matrix that is off by less is left as it is, so that matrices of 0 and 1 keep their bits.
 _EXACT = 1e-14
 #: Two grids are the same if no corner is further from its counterpart than this part of a voxel.
 SAME = 1e-2
 
 Array = NDArray[np.float64]
+#: Red, green and blue, 0 to 255.
+Colour = tuple[int, int, int]
 
 
 def checked_spacing(spacing: float | ArrayLike, what: str = "spacing") -> Array:
     """(x, y, z) of a number or of three [mm]; ValueError unless positive and finite."""
     found = real(spacing, what)
-    if found.shape not in ((), (3,)) or not np.all(np.isfinite(found) & (found > 0)):
-        raise ValueError(f"{what} must be a positive number or three [mm], got {spacing!r}")
+    refuse(
+        found.shape not in ((), (3,)) or not np.all(np.isfinite(found) & (found > 0)),
+        f"{what} must be a positive number or three [mm], got {spacing!r}",
+    )
     return np.broadcast_to(found, (3,)).copy()
 
 
 def checked_point(point: ArrayLike, what: str) -> Array:
     """(x, y, z); ValueError unless three finite numbers."""
     found = real(point, what)
-    if found.shape != (3,) or not np.all(np.isfinite(found)):
-        raise ValueError(f"{what} must be three finite numbers [mm], got {point!r}")
+    refuse(
+        found.shape != (3,) or not np.all(np.isfinite(found)),
+        f"{what} must be three finite numbers [mm], got {point!r}",
+    )
     return found
 
 
 def checked_direction(direction: ArrayLike, what: str = "direction") -> Array:
     """The nearest orthonormal matrix, left-handed or not; ValueError if it is further away than `ORTHONORMAL`."""
     found = real(direction, what)
-    if found.shape != (3, 3) or not np.all(np.isfinite(found)):
-        raise ValueError(
-            f"{what}: the direction matrix must be of 3 x 3 finite numbers, got {np.asarray(direction).tolist()}"
-        )
+    refuse(
+        found.shape != (3, 3) or not np.all(np.isfinite(found)),
+        f"{what}: the direction matrix must be of 3 x 3 finite numbers, got {np.asarray(direction).tolist()}",
+    )
     with np.errstate(over="ignore", invalid="ignore"):
         off = float(np.abs(found.T @ found - np.eye(3)).max())
-    if not off <= ORTHONORMAL:
-        raise ValueError(
-            f"{what}: the direction matrix is not orthonormal (off by {off:.2g}, at most {ORTHONORMAL:g}): "
-            "sheared volumes are not supported"
-        )
+    refuse(
+        not off <= ORTHONORMAL,
+        f"{what}: the direction matrix is not orthonormal (off by {off:.2g}, at most {ORTHONORMAL:g}): "
+        "sheared volumes are not supported",
+    )
     if off > _EXACT:
         left, _, right = np.linalg.svd(found)
         found = left @ right
@@ -135,14 +141,12 @@ class OnGrid(ABC):
         places = ((np.where(_ENDS, corners[1], corners[0]) - self.origin) @ self.direction) / self.spacing
         first = np.clip(np.ceil(places.min(axis=0) - 1e-6), 0, self.shape[::-1]).astype(int)
         last = np.clip(np.floor(places.max(axis=0) + 1e-6) + 1, 0, self.shape[::-1]).astype(int)
-        if np.any(first >= last):
-            raise ValueError(
-                f"box from {_point(corners[0])} to {_point(corners[1])} mm holds no voxel of {self.path}, "
-                f"which lies {box_text(self)}"
-            )
-        x, y, z = (int(n) for n in first)
-        u, v, w = (int(n) for n in last)
-        return (z, y, x), (w, v, u)
+        refuse(
+            np.any(first >= last),
+            f"box from {point_text(corners[0])} to {point_text(corners[1])} mm holds no voxel of {self.path}, "
+            f"which lies {box_text(self)}",
+        )
+        return tuple(first[::-1].tolist()), tuple(last[::-1].tolist())
 
     def corners(self) -> Array:
         """Centres of the eight corner voxels in the volume's own coordinates, shape (8, 3) [mm]."""
@@ -168,10 +172,10 @@ class OnGrid(ABC):
     def crop_voxels(self, start: tuple[int, int, int], stop: tuple[int, int, int]) -> Self:
         """The voxels from `start` up to but without `stop`, indices (z, y, x); ValueError unless they lie in the volume."""
         box = [(int(a), int(b)) for a, b in zip(start, stop, strict=True)]
-        if len(box) != 3 or not all(0 <= a < b <= n for (a, b), n in zip(box, self.shape, strict=True)):
-            raise ValueError(
-                f"start and stop must be a box of voxels (z, y, x) in {self.shape}, got {tuple(start)} to {tuple(stop)}"
-            )
+        refuse(
+            len(box) != 3 or not all(0 <= a < b <= n for (a, b), n in zip(box, self.shape, strict=True)),
+            f"start and stop must be a box of voxels (z, y, x) in {self.shape}, got {tuple(start)} to {tuple(stop)}",
+        )
         kept = self._voxels[tuple(slice(a, b) for a, b in box)]
         origin = self.origin + self.patient_point(np.array(start[::-1]) * self.spacing)
         note = f"cropped to voxels {tuple(start)} to {tuple(stop)} (z, y, x) of {self.shape}"
@@ -218,7 +222,7 @@ class OnGrid(ABC):
 def box_text(grid: OnGrid) -> str:
     """The corners between which the centres of a volume's voxels lie, in its own coordinates, as text."""
     corners = grid.corners()
-    return f"between {_point(corners.min(axis=0))} and {_point(corners.max(axis=0))} mm"
+    return f"between {point_text(corners.min(axis=0))} and {point_text(corners.max(axis=0))} mm"
 
 
 def same_geometry(first: OnGrid, second: OnGrid) -> bool:
@@ -229,23 +233,22 @@ def same_geometry(first: OnGrid, second: OnGrid) -> bool:
 def check_same_geometry(first: OnGrid, second: OnGrid) -> None:
     """Raises ValueError with what differs unless two volumes have the same voxels."""
     what = _difference(first, second)
-    if what is not None:
-        raise ValueError(f"{first.path} and {second.path} must have the same geometry: {what}")
+    refuse(what is not None, f"{first.path} and {second.path} must have the same geometry: {what}")
 
 
 def _difference(first: OnGrid, second: OnGrid) -> str | None:
     if first.shape != second.shape:
         return f"{_times(first.shape[::-1])} voxels against {_times(second.shape[::-1])}"
     if np.any(np.abs(first.spacing - second.spacing) > 1e-3 * np.minimum(first.spacing, second.spacing)):
-        return f"spacing {_point(first.spacing)} against {_point(second.spacing)} mm"
+        return f"spacing {point_text(first.spacing)} against {point_text(second.spacing)} mm"
     off = float(np.linalg.norm(first.corners() - second.corners(), axis=1).max())
     if off <= SAME * min(first.spacing.min(), second.spacing.min()):
         return None
     if np.abs(first.direction - second.direction).max() > 1e-3:
-        turn = [_point(column) for column in (*first.direction.T, *second.direction.T)]
+        turn = [point_text(column) for column in (*first.direction.T, *second.direction.T)]
         return f"directions {', '.join(turn[:3])} against {', '.join(turn[3:])}"
     if np.linalg.norm(first.origin - second.origin) > 0.5 * off:
-        return f"origin {_point(first.origin)} against {_point(second.origin)} mm"
+        return f"origin {point_text(first.origin)} against {point_text(second.origin)} mm"
     return f"a corner is off by {off:.3g} mm"
 
 
@@ -253,7 +256,8 @@ def _times(values: Iterable[float]) -> str:
     return " x ".join(f"{value:.6g}" for value in values)
 
 
-def _point(values: Array) -> str:
+def point_text(values: Iterable[float]) -> str:
+    """Numbers in parentheses, with six digits."""
     return "(" + ", ".join(f"{v:.6g}" for v in values) + ")"
 
 
@@ -271,11 +275,11 @@ def resampled_shape(
         sides = np.array(shape, dtype=float) * old[::-1] / new[::-1]
         counts = np.maximum(np.ceil(sides - _WHOLE), 1.0)
         voxels = float(np.prod(counts))
-    if not voxels <= MOST_VOXELS:
-        raise ValueError(
-            f"spacing must be coarser or the volume cropped: {new.min():g} mm makes {voxels:.3g} voxels, and "
-            f"{MOST_VOXELS:.3g} are the most"
-        )
+    refuse(
+        not voxels <= MOST_VOXELS,
+        f"spacing must be coarser or the volume cropped: {new.min():g} mm makes {voxels:.3g} voxels, and "
+        f"{MOST_VOXELS:.3g} are the most",
+    )
     check_memory(5.0 * voxels + work * math.prod(shape), f"resampling to {voxels:.3g} voxels")
     z, y, x = (int(n) for n in counts)
     return z, y, x
@@ -332,7 +336,7 @@ def resample_linear(
 
 
 def resample_nearest(labels: NDArray[Any], old: Array, new: Array) -> NDArray[Any]:
-    """Labels (z, y, x) on a new grid. Each is that of the old voxel at its centre; at a face, of the lower voxel."""
+    """Labels (z, y, x) on a new grid: each is that of the old voxel in which its centre lies, at a face that of the lower voxel."""
     shape = resampled_shape(labels.shape, old, new)
     places = []
     for axis in range(3):
@@ -392,14 +396,18 @@ class OccupancyMap:
     def __post_init__(self) -> None:
         greys = tuple(float(real(g, "greys")) for g in self.greys)
         occupancies = tuple(float(real(o, "occupancies")) for o in self.occupancies)
-        if len(greys) != len(occupancies) or len(greys) < 2:
-            raise ValueError(
-                f"map must have two points or more, a grey value and an occupancy each, got {len(greys)} and {len(occupancies)}"
-            )
-        if not all(map(math.isfinite, greys)) or any(b <= a for a, b in pairwise(greys)):
-            raise ValueError(f"map must have finite, increasing grey values, got {greys}")
-        if not all(0.0 <= o <= 1.0 for o in occupancies):
-            raise ValueError(f"map must have occupancies within 0 to 1, got {occupancies}")
+        refuse(
+            len(greys) != len(occupancies) or len(greys) < 2,
+            f"map must have two points or more, a grey value and an occupancy each, got {len(greys)} and {len(occupancies)}",
+        )
+        refuse(
+            not all(map(math.isfinite, greys)) or any(b <= a for a, b in pairwise(greys)),
+            f"map must have finite, increasing grey values, got {greys}",
+        )
+        refuse(
+            not all(0.0 <= o <= 1.0 for o in occupancies),
+            f"map must have occupancies within 0 to 1, got {occupancies}",
+        )
         object.__setattr__(self, "greys", greys)
         object.__setattr__(self, "occupancies", occupancies)
 
@@ -407,8 +415,10 @@ class OccupancyMap:
     def two_point(cls, empty: float, solid: float) -> OccupancyMap:
         """0 at the grey value `empty` and below, 1 at `solid` and above; ValueError unless `empty` is below `solid`."""
         empty, solid = float(real(empty, "map")), float(real(solid, "map"))
-        if not (math.isfinite(empty) and math.isfinite(solid) and empty < solid):
-            raise ValueError(f"map must be LO:HI with LO below HI, got {empty:g}:{solid:g}")
+        refuse(
+            not (math.isfinite(empty) and math.isfinite(solid) and empty < solid),
+            f"map must be LO:HI with LO below HI, got {empty:g}:{solid:g}",
+        )
         return cls((empty, solid), (0.0, 1.0))
 
     @classmethod
@@ -429,12 +439,13 @@ class OccupancyMap:
             pairs = [tuple(float(number) for number in part.split(":")) for part in text.split(",")]
         except ValueError:
             pairs = []
-        if not pairs or any(len(pair) != 2 for pair in pairs):
-            raise ValueError(f"must be LO:HI or GREY:OCCUPANCY,GREY:OCCUPANCY,..., got '{text}'")
+        refuse(
+            not pairs or any(len(pair) != 2 for pair in pairs),
+            f"must be LO:HI or GREY:OCCUPANCY,GREY:OCCUPANCY,..., got '{text}'",
+        )
         if len(pairs) == 1:
             low, high = pairs[0]
-            if not low < high:
-                raise ValueError(f"must be LO:HI with LO below HI, got '{text}'")
+            refuse(not low < high, f"must be LO:HI with LO below HI, got '{text}'")
             return cls.two_point(low, high)
         return cls.table([pair[0] for pair in pairs], [pair[1] for pair in pairs])
 
@@ -470,8 +481,7 @@ class OccupancyMap:
         flat, out = values.reshape(-1), found.reshape(-1)
         for first in range(0, flat.size, 1 << 22):  # bounds what double precision takes
             part = flat[first : first + (1 << 22)].astype(np.float64)
-            if not np.all(np.isfinite(part)):
-                raise ValueError("values must be finite, got some that are not")
+            refuse(not np.all(np.isfinite(part)), "values must be finite, got some that are not")
             out[first : first + part.size] = store(self._linear(part))
         return found
 
@@ -539,10 +549,10 @@ class Volume(OnGrid):
 
     def __post_init__(self) -> None:
         values = np.asarray(self.values)
-        if values.ndim != 3 or values.size == 0 or values.dtype.kind not in "iuf":
-            raise ValueError(
-                f"values must be numbers in three dimensions, got shape {values.shape} of {values.dtype}"
-            )
+        refuse(
+            values.ndim != 3 or values.size == 0 or values.dtype.kind not in "iuf",
+            f"values must be numbers in three dimensions, got shape {values.shape} of {values.dtype}",
+        )
         check_finite(values, self.path)
         self._check(values)
 
@@ -586,7 +596,12 @@ class Volume(OnGrid):
                 chosen.levels(self.values), spacing=self.spacing, origin=self.bone_point(self.origin)
             )
         levels = resample_linear(
-            chosen.occupancy(self.values), self.spacing, new, empty_outside=True, kind=np.uint8, store=_levels
+            chosen.occupancy(self.values),
+            self.spacing,
+            new,
+            empty_outside=True,
+            kind=np.uint8,
+            store=lambda plane: np.rint(255.0 * plane.astype(np.float64)).astype(np.uint8),
         )
         return VoxelBone(levels, spacing=new, origin=self.bone_point(self._origin_at(new)))
 
@@ -649,19 +664,21 @@ def specimen_in(
     low, high = grid.corners().min(axis=0), grid.corners().max(axis=0)
     beyond = math.hypot(*np.maximum(0, np.maximum(low - at, at - high)))
     # What begins so far away was hardly meant, though its axis may meet bone.
-    if beyond > math.hypot(*(high - low)):
-        raise ValueError(
-            f"entry: {tuple(map(float, entry))} lies {beyond:.0f} mm outside {grid.path}, more than it is wide; "
-            + _place(grid, at)
-        )
+    refuse(
+        beyond > math.hypot(*(high - low)),
+        f"entry: {tuple(map(float, entry))} lies {beyond:.0f} mm outside {grid.path}, more than it is wide; "
+        + _place(grid, at),
+    )
     surface = surface_along(bone, start, direction)
     if surface is None:
         raise ValueError(
             f"entry: the axis from {tuple(map(float, entry))} meets no occupancy of 128 in {of or grid.path}; "
             + _place(grid, at)
         )
-    if np.array_equal(surface, start):
-        raise ValueError(f"entry: {tuple(map(float, entry))} lies inside bone; begin outside it")
+    refuse(
+        np.array_equal(surface, start),
+        f"entry: {tuple(map(float, entry))} lies inside bone; begin outside it",
+    )
     where = f"{grid.path}, {how}, entry {tuple(map(float, entry))}, axis {tuple(map(float, axis))}"
     return Specimen(bone, surface, direction, where, made)
 
@@ -669,34 +686,25 @@ def specimen_in(
 def _place(grid: OnGrid, entry: NDArray[Any]) -> str:
     """A sentence that says where a volume lies, for a caller whose point lies elsewhere."""
     low, high = grid.corners().min(axis=0), grid.corners().max(axis=0)
-    said = f"the volume lies from {_rounded_point(low)} to {_rounded_point(high)} mm, x to the left, y to the back (LPS)"
+    said = f"the volume lies from {point_text(np.round(low, 2) + 0.0)} to {point_text(np.round(high, 2) + 0.0)} mm, x to the left, y to the back (LPS)"
     mirrored = entry * (-1, -1, 1)
     if np.all((low <= mirrored) & (mirrored <= high)) and not np.all((low <= entry) & (entry <= high)):
-        said += (
-            f"; {_rounded_point(mirrored)} lies in it: RAS, as 3D Slicer shows, has x and y of the other sign"
-        )
+        said += f"; {point_text(np.round(mirrored, 2) + 0.0)} lies in it: RAS, as 3D Slicer shows, has x and y of the other sign"
     return said
-
-
-def _rounded_point(point: NDArray[Any]) -> str:
-    return "(" + ", ".join(f"{x:g}" for x in np.round(point, 2) + 0.0) + ")"
 
 
 def check_finite(values: NDArray[Any], path: str) -> None:
     """Raises ValueError for NaN or infinity, with their count and the first index."""
-    if values.dtype.kind != "f":
-        return
-    bad = ~np.isfinite(values)
-    if not (count := int(np.count_nonzero(bad))):
-        return
-    first = tuple(int(i) for i in np.unravel_index(int(np.argmax(bad)), values.shape))
-    raise ValueError(
-        f"{path}: the volume holds values that are not finite: {count} of {values.size}, the first at (z, y, x) = {first}"
-    )
+    if values.dtype.kind == "f" and (bad := ~np.isfinite(values)).any():
+        raise ValueError(
+            f"{path}: the volume holds values that are not finite: {np.count_nonzero(bad)} of {values.size}, the first at "
+            f"(z, y, x) = {_first(bad)}"
+        )
 
 
-def _levels(occupancy: NDArray[np.float32]) -> NDArray[np.uint8]:
-    return np.rint(255.0 * occupancy.astype(np.float64)).astype(np.uint8)
+def _first(mask: NDArray[np.bool_]) -> tuple[int, ...]:
+    """Index of the first voxel of a mask."""
+    return tuple(int(i) for i in np.unravel_index(int(np.argmax(mask)), mask.shape))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -732,7 +740,7 @@ class LabelVolume(OnGrid):
     direction: Array
     path: str
     names: dict[int, str] = field(default_factory=dict)
-    colours: dict[int, tuple[int, int, int]] = field(default_factory=dict)
+    colours: dict[int, Colour] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
     unknown_colours: tuple[Mapping[str, Any], ...] = ()
@@ -745,8 +753,10 @@ class LabelVolume(OnGrid):
         colours = {}
         for label, colour in self.colours.items():
             r, g, b = (int(channel) for channel in colour)
-            if not all(0 <= channel <= 255 for channel in (r, g, b)):
-                raise ValueError(f"colours must be of channels 0 to 255, got {colour} for label {label}")
+            refuse(
+                not all(0 <= channel <= 255 for channel in (r, g, b)),
+                f"colours must be of channels 0 to 255, got {colour} for label {label}",
+            )
             colours[int(label)] = (r, g, b)
         object.__setattr__(self, "colours", colours)
 
@@ -777,10 +787,10 @@ class LabelVolume(OnGrid):
                 places.append(np.clip(place, 0, sizes[axis] - 1))
             found[k] = np.where(inside, self.labels[places[2], places[1], places[0]], 0)
             covered += int(np.count_nonzero(inside))
-        if not covered:
-            raise ValueError(
-                f"labels must overlap the volume: those of {self.path} lie {box_text(self)}, and {volume.path} {box_text(volume)}"
-            )
+        refuse(
+            not covered,
+            f"labels must overlap the volume: those of {self.path} lie {box_text(self)}, and {volume.path} {box_text(volume)}",
+        )
         note = f"labels are the nearest of {self.path} on the voxels of {volume.path}"
         if covered < found.size:  # never told as 0 or 100 % where it is neither
             part = 100 * covered / found.size
@@ -793,21 +803,19 @@ class LabelVolume(OnGrid):
 
 def whole_labels(labels: NDArray[Any], path: str) -> NDArray[Any]:
     """Labels (z, y, x) as integers; ValueError if one is not a whole number."""
-    if labels.ndim != 3 or labels.size == 0 or labels.dtype.kind not in "iufb":
-        raise ValueError(
-            f"{path}: labels must be whole numbers in three dimensions, got shape {labels.shape} of {labels.dtype}"
-        )
-    if labels.dtype.kind == "b":
-        return labels.astype(np.uint8)
+    refuse(
+        labels.ndim != 3 or labels.size == 0 or labels.dtype.kind not in "iufb",
+        f"{path}: labels must be whole numbers in three dimensions, got shape {labels.shape} of {labels.dtype}",
+    )
     if labels.dtype.kind != "f":
-        return labels
+        return labels.astype(np.uint8) if labels.dtype.kind == "b" else labels
     check_finite(labels, path)
     with np.errstate(invalid="ignore"):  # what is too large becomes the least number
         found = labels.astype(np.int32)
     wrong = (found != labels) | (found == -(2**31))
-    if wrong.any():
-        first = tuple(int(i) for i in np.unravel_index(int(np.argmax(wrong)), labels.shape))
-        raise ValueError(
-            f"{path}: labels must be whole numbers below 2^31, got {labels[first]:.10g} at (z, y, x) = {first}"
-        )
+    first = _first(wrong)
+    refuse(
+        wrong[first],
+        f"{path}: labels must be whole numbers below 2^31, got {labels[first]:.10g} at (z, y, x) = {first}",
+    )
     return found

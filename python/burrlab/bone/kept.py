@@ -43,7 +43,7 @@ from burrlab.bone.formats import (
     segment_fields,
 )
 from burrlab.bone.header import medical
-from burrlab.bone.image import LabelVolume, OccupancyMap, Volume, same_geometry
+from burrlab.bone.image import LabelVolume, OccupancyMap, Volume, point_text, same_geometry
 from burrlab.bone.slices import (
     ROWS_ALONG_X,
     Slices,
@@ -54,6 +54,7 @@ from burrlab.bone.slices import (
     read_stack,
 )
 from burrlab.bone.snapshot import FORMAT, FORMAT_VERSION, check_tick, load_bone, open_hdf5, save_bone
+from burrlab.common.check import refuse
 from burrlab.common.files import attributes, check_folder, new_folder, write_synced
 from burrlab.common.records import UNREADABLE
 
@@ -83,12 +84,12 @@ def sidecar(target: Path, digest: str) -> Path:
 
 
 def followed(target: Path) -> Path:
-    """Where a link leads: its file is replaced, and not the link."""
+    """The file that a link leads to, since it is replaced and the link is not."""
     return target.resolve() if target.is_symlink() else target
 
 
 def sidecars(target: Path) -> list[Path]:
-    """The exact states beside a file, whatever content of it they belong to; for a link, also those where it leads."""
+    """All exact states beside a file, of its present content or of an older one; for a link, also those where it leads."""
     found: list[Path] = []
     for place in dict.fromkeys((target, followed(target))):
         folder, name = place.parent.resolve(), re.compile(re.escape(place.name) + r"\..{16}\.bone\.h5")
@@ -113,8 +114,10 @@ def own_sidecar(target: Path) -> tuple[Path, dict[str, Any]]:
         )
         raise ValueError(f"{target}: the exact state, {beside.name}, must lie beside it, and {found}")
     told = _told(beside)
-    if told.get("sha256") != digest:
-        raise ValueError(f"{target}: {beside.name} belongs to another content of it: one of them was changed")
+    refuse(
+        told.get("sha256") != digest,
+        f"{target}: {beside.name} belongs to another content of it: one of them was changed",
+    )
     return beside, told
 
 
@@ -155,10 +158,10 @@ def grey_of_levels(mapping: OccupancyMap) -> NDArray[np.float64]:
         If occupancy falls somewhere with the grey value, or no grey value is empty.
     """
     greys, occupancies = np.array(mapping.greys), np.array(mapping.occupancies)
-    if np.any(np.diff(occupancies) < 0) or occupancies[0] > 0 or occupancies[-1] == 0:
-        raise ValueError(
-            f"map must rise from 0 with the grey value, for what was removed to have one, got {mapping.text}"
-        )
+    refuse(
+        np.any(np.diff(occupancies) < 0) or occupancies[0] > 0 or occupancies[-1] == 0,
+        f"map must rise from 0 with the grey value, for what was removed to have one, got {mapping.text}",
+    )
     levels = np.arange(256) / 255.0
     last = np.clip(np.searchsorted(occupancies, levels), int(np.argmax(occupancies > 0)), len(greys) - 1)
     low, high = occupancies[last - 1], occupancies[last]
@@ -188,7 +191,9 @@ def coded(
     inter: float = 0.0,
     bits: int | None = None,
 ) -> NDArray[Any]:
-    """Grey values slope * stored + inter as a file stores them, to the nearest whole number; `empty` and what is below it, down.
+    """The numbers that a file stores for grey values, which are slope * stored + inter.
+
+    Whole numbers are the nearest; `empty` and what is below it are rounded down.
 
     ValueError if one, or that of empty (of labels 0), is beyond what numbers of this kind, or of so many bits of it, can hold.
     """
@@ -244,13 +249,13 @@ def kept_fields(target: Path, like: Volume | LabelVolume) -> dict[str, str]:
     return fields
 
 
-#: What no longer holds: when the instance was made, least and highest pixel of image and series, icon, signatures; where packed
-#: pixels begin and end.
+#: Elements that no longer hold after drilling: when the instance was made, least and highest pixel of image and series, icon,
+#: signatures, and where packed pixels begin and end.
 _STALE = (
     0x00080012, 0x00080013, 0x00280106, 0x00280107, 0x00280108, 0x00280109, 0x00880200, 0x4FFE0001, 0xFFFAFFFA, 0x7FE00001,
     0x7FE00002,
 )  # fmt: skip
-#: Transfer syntax by whether types are implicit, and whether bytes are little-endian.
+#: Transfer syntax of pixels that are not packed, by whether types are implicit and whether bytes are little-endian.
 _NOT_PACKED = {
     (True, True): "1.2.840.10008.1.2", (False, True): "1.2.840.10008.1.2.1", (False, False): "1.2.840.10008.1.2.2",
 }  # fmt: skip
@@ -280,7 +285,7 @@ def check_series(like: Volume | LabelVolume, empty: float | None) -> None:
 
 
 def _derived(like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str, bytes]]:
-    """Each slice under its own data set, as a derived image of a new series (PS3.3, C.7.6.1 and C.12.1)."""
+    """Name and content of each slice, as a derived image of a new series (PS3.3, C.7.6.1 and C.12.1)."""
     import pydicom
 
     ends = np.concatenate([[0], np.cumsum(np.count_nonzero(changed.where, axis=(1, 2)))])
@@ -322,18 +327,18 @@ def _derived(like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str
 def _stored(
     found: Any, plane: NDArray[Any], name: str
 ) -> tuple[NDArray[Any], tuple[np.dtype[Any], float, float, int]]:
-    """The numbers that a slice stores, and how `coded` has them."""
+    """The numbers that a slice stores; and their type, slope, intercept and bits, as `coded` takes them."""
     whole, used, top = (short_of(found, key) for key in ("BitsAllocated", "BitsStored", "HighBit"))
-    if whole not in (8, 16, 32) or not 0 < used <= whole or top != used - 1:
-        raise ValueError(
-            f"{name}: the DICOM file must store whole numbers of 8, 16 or 32 bits to keep its header, got {whole} bits allocated, "
-            f"{used} stored, the highest at {top}"
-        )
+    refuse(
+        whole not in (8, 16, 32) or not 0 < used <= whole or top != used - 1,
+        f"{name}: the DICOM file must store whole numbers of 8, 16 or 32 bits to keep its header, got {whole} bits allocated, "
+        f"{used} stored, the highest at {top}",
+    )
     order = "<" if found.original_encoding[1] else ">"
-    if whole == 8 and order == ">":
-        raise ValueError(
-            f"{name}: 8 bits a pixel in big-endian words cannot be kept: convert the series first"
-        )
+    refuse(
+        whole == 8 and order == ">",
+        f"{name}: 8 bits a pixel in big-endian words cannot be kept: convert the series first",
+    )
     kind = np.dtype(f"{order}{'i' if short_of(found, 'PixelRepresentation') == 1 else 'u'}{whole // 8}")
     scale = [1.0, 0.0]
     with contextlib.suppress(ValueError):
@@ -360,7 +365,7 @@ def _stored(
 
 
 def _grey(like: Volume | LabelVolume, empty: float | None, changed: Changes | None = None) -> Volume:
-    """As `write_dicom` takes it: of the least type that holds the original and empty, whatever type the reader gave them.
+    """The volume as `write_dicom` takes it: of the smallest type that holds the original's values and that of empty.
 
     Whole grey values that became fractions on other voxels are rounded.
     """
@@ -390,7 +395,7 @@ def stack_slices(path: str) -> Slices | None:
 
 
 def _drawn(slices: Slices, like: Volume | LabelVolume, changed: Changes) -> Iterator[tuple[str, bytes]]:
-    """Slices of the same names, sizes and kind, the changed voxels of coloured ones transparent (black, without transparency)."""
+    """Slices of the same names, sizes and kind. Changed voxels of coloured ones are transparent, or black without transparency."""
     from PIL import Image
 
     new = changed_values(like, changed) if isinstance(like, Volume) else None
@@ -422,12 +427,18 @@ def check_drilled(
     """The errors of `save_drilled` that can be told before there is a bone; the slices of a stack that is saved as one."""
     target = followed(target)
     check_folder(target)
-    if Path(like.path).exists() and target.exists() and target.samefile(like.path) and not is_drilled(target):
-        raise ValueError(f"path must be another file than the original {like.path}")
+    refuse(
+        Path(like.path).exists()
+        and target.exists()
+        and target.samefile(like.path)
+        and not is_drilled(target),
+        f"path must be another file than the original {like.path}",
+    )
     empty = None
     if isinstance(like, LabelVolume):
-        if mapping is not None:
-            raise ValueError(f"mapping must be given for grey values only, and {like.path} holds labels")
+        refuse(
+            mapping is not None, f"mapping must be given for grey values only, and {like.path} holds labels"
+        )
     elif mapping is None:
         raise ValueError(f"mapping must be given: that with which the bone was made of {like.path}")
     else:
@@ -437,31 +448,33 @@ def check_drilled(
     slices = None if series or target.name.lower().endswith(ENDINGS) else stack_slices(like.path)
     if not series and slices is None:
         ending_of(target, f"{', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}")
-        if (size := len(os.fsencode(target.name))) > _LONGEST:
-            raise ValueError(
-                f"path must have a name of at most {_LONGEST} bytes, for the exact state to be named after it, got {size}"
-            )
+        refuse(
+            (size := len(os.fsencode(target.name))) > _LONGEST,
+            f"path must have a name of at most {_LONGEST} bytes, for the exact state to be named after it, got {size}",
+        )
         medical("SimpleITK", "writing volumes")
         if target.exists() and not is_drilled(target):
             raise FileExistsError(f"path must be a new file or one of save_drilled, {target} is neither")
         return None
-    if series and target.suffix.lower() in (".dcm", ".dicom", ".ima"):
-        raise ValueError(f"path must be a new folder for a DICOM series, and not one file, got {target}")
+    refuse(
+        series and target.suffix.lower() in (".dcm", ".dicom", ".ima"),
+        f"path must be a new folder for a DICOM series, and not one file, got {target}",
+    )
     if target.exists():
         raise FileExistsError(f"path must be a new folder, {target} is there")
     if slices is None:
         check_series(like, empty)
         return None
     sides = (slices.columns, slices.rows) if ROWS_ALONG_X in like.notes else (slices.rows, slices.columns)
-    if (shape := (len(slices.paths), *sides)) != like.shape:
-        raise ValueError(
-            f"{like.path}: a stack must be whole to be saved as one, {shape} voxels, got {like.shape}"
-        )
+    refuse(
+        (shape := (len(slices.paths), *sides)) != like.shape,
+        f"{like.path}: a stack must be whole to be saved as one, {shape} voxels, got {like.shape}",
+    )
     return slices
 
 
 def is_series(target: Path, like: Volume | LabelVolume) -> bool:
-    """Whether it is to be a folder of DICOM slices."""
+    """Whether the volume is saved as a folder of DICOM slices."""
     return bool(like.files) and not target.name.lower().endswith(ENDINGS)
 
 
@@ -469,15 +482,13 @@ def check_place(bone: VoxelBone, like: Volume | LabelVolume) -> None:
     """ValueError unless a bone is on the voxels of a volume."""
     where = like.bone_point(like.origin)
     small = 1e-2 * like.spacing
-    if (
+    refuse(
         bone.shape != like.shape
         or np.any(np.abs(np.array(bone.spacing) - like.spacing) > 1e-3 * like.spacing)
-        or np.any(np.abs(np.array(bone.origin) - where) > small)
-    ):
-        raise ValueError(
-            f"bone must be on the voxels of {like.path}: it has shape {bone.shape}, spacing {_three(bone.spacing)} and origin "
-            f"{_three(bone.origin)} mm, and the volume {like.shape}, {_three(like.spacing)} and {_three(where)} mm"
-        )
+        or np.any(np.abs(np.array(bone.origin) - where) > small),
+        f"bone must be on the voxels of {like.path}: it has shape {bone.shape}, spacing {point_text(bone.spacing)} and origin "
+        f"{point_text(bone.origin)} mm, and the volume {like.shape}, {point_text(like.spacing)} and {point_text(where)} mm",
+    )
 
 
 def check_original(bone: VoxelBone, like: Volume | LabelVolume) -> None:
@@ -491,10 +502,6 @@ def check_original(bone: VoxelBone, like: Volume | LabelVolume) -> None:
         raise ValueError(
             f"like must be the original: {like.path} is half-drilled, and {more} voxels of it have less than the bone"
         )
-
-
-def _three(values: Any) -> str:
-    return "(" + ", ".join(f"{float(v):.6g}" for v in values) + ")"
 
 
 @dataclass(frozen=True, eq=False)

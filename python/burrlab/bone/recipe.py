@@ -35,7 +35,7 @@ from burrlab.bone.slices import RANKING, is_stack, read_stack, rows_along_x
 from burrlab.bone.snapshot import bone_source, load_bone, tissues_from_json, tissues_to_json
 from burrlab.bone.specimen import MOST_VOXELS, Specimen, Vector
 from burrlab.bone.tissues import EMPTY, LabelledBone, labelled_bone, placed_on
-from burrlab.common.check import real
+from burrlab.common.check import real, refuse
 from burrlab.common.records import UNREADABLE
 
 _LEAST_VOXELS, _ENOUGH_VOXELS = 4.0, 7.5  # of a burr's radius, as the tick has them
@@ -143,21 +143,12 @@ class _FileRecipe(BoneRecipe):
 
 
 def whole_number(number: Any, most: int) -> int:
-    if not 0 <= int(number) <= most or int(number) != number:
-        raise ValueError(number)
+    refuse(not 0 <= int(number) <= most or int(number) != number, number)
     return int(number)
 
 
 def _texts(values: Any) -> tuple[str, ...]:
     return tuple(map(str, values))
-
-
-def _numbers_by_name(values: Any) -> dict[str, float]:
-    return {str(name): float(value) for name, value in dict(values).items()}
-
-
-def _word_or_label(value: Any) -> str | int:
-    return value if isinstance(value, int) else str(value)
 
 
 def _mapping_of(points: Any) -> OccupancyMap:
@@ -273,8 +264,10 @@ class VolumeRecipe(_FileRecipe):
 
 def absolute(path: str | os.PathLike[str]) -> str:
     """The absolute path; ".." behind a link is resolved as the system does. ValueError if it holds control characters."""
-    if re.search(r"[\0-\x1f\x7f]", os.fspath(path)):
-        raise ValueError(f"path must hold no control characters, got {os.fspath(path)!r}")
+    refuse(
+        re.search(r"[\0-\x1f\x7f]", os.fspath(path)),
+        f"path must hold no control characters, got {os.fspath(path)!r}",
+    )
     return os.path.realpath(path) if ".." in Path(path).parts else os.path.abspath(path)
 
 
@@ -304,10 +297,10 @@ def cut_block(
     """
     sides, apart = checked_spacing(size, "size"), float(checked_spacing(voxel, "voxel")[0])
     counts = np.maximum(np.round(sides / apart), 1)
-    if not (voxels := math.prod(counts.tolist())) <= MOST_VOXELS:
-        raise ValueError(
-            f"voxel must be coarser: the block has {voxels:.3g} voxels, and {MOST_VOXELS:.3g} are the most"
-        )
+    refuse(
+        not (voxels := math.prod(counts.tolist())) <= MOST_VOXELS,
+        f"voxel must be coarser: the block has {voxels:.3g} voxels, and {MOST_VOXELS:.3g} are the most",
+    )
     found = recipe.specimen(entry=entry, axis=axis)
     across = np.cross(found.axis, np.eye(3)[np.argmin(np.abs(found.axis))])
     across /= np.linalg.norm(across)
@@ -376,10 +369,21 @@ class LabelledRecipe(_FileRecipe):
         default=None, metadata=_key("grey", VolumeRecipe.of, VolumeRecipe.plain)
     )
     fill: Mapping[str, float] = field(
-        default_factory=dict, metadata=_key("fill", _numbers_by_name, dict, omitted={})
+        default_factory=dict,
+        metadata=_key(
+            "fill",
+            lambda fill: {str(name): float(part) for name, part in dict(fill).items()},
+            dict,
+            omitted={},
+        ),
     )
     spacing: Triple | None = field(default=None, metadata=_key("labels_spacing_mm", _triple))
-    unknown: str | int = field(default="refuse", metadata=_key("unknown", _word_or_label, omitted="refuse"))
+    unknown: str | int = field(
+        default="refuse",
+        metadata=_key(
+            "unknown", lambda value: value if isinstance(value, int) else str(value), omitted="refuse"
+        ),
+    )
     unit: float | None = field(default=None, metadata=_key("unit_mm", float))
     crop: Box | None = field(
         default=None, metadata=_key("crop_mm", lambda box: (_triple(box[0]), _triple(box[1])))
@@ -397,12 +401,12 @@ class LabelledRecipe(_FileRecipe):
         object.__setattr__(self, "labels", absolute(self.labels))
         colours = [tissue.colour for tissue in self.tissues] if is_stack(self.labels) else []
         object.__setattr__(self, "transpose", rows_along_x(self.labels, self.transpose, colours))
-        if self.grey is not None and (self.crop is not None or self.voxel is not None):
-            raise ValueError("crop and voxel must be those of the grey volume")
-        if self.onto and self.grey is None:
-            raise ValueError("onto goes with a grey volume")
-        if self.smooth is not None and self.grey is not None:
-            raise ValueError("smooth goes with labels alone")
+        refuse(
+            self.grey is not None and (self.crop is not None or self.voxel is not None),
+            "crop and voxel must be those of the grey volume",
+        )
+        refuse(self.onto and self.grey is None, "onto goes with a grey volume")
+        refuse(self.smooth is not None and self.grey is not None, "smooth goes with labels alone")
         if self.ranking is not None and Path(self.labels).is_file() and not is_stack(self.labels):
             object.__setattr__(self, "ranking", None)  # a file's labels do not overlap
 
@@ -588,8 +592,7 @@ class DrilledRecipe(_FileRecipe):
 
     def like(self) -> Volume | LabelVolume:
         """The volume on the voxels of the bone, for `save_drilled`, read once; ValueError of a bone without one."""
-        if _holds_bone(self.path):
-            raise ValueError(f"{self.path} is a bone alone, without a volume: save it as .h5 again")
+        refuse(_holds_bone(self.path), f"{self.path} is a bone alone, without a volume: save it as .h5 again")
         return self._volume
 
     @cached_property

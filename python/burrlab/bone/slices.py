@@ -24,9 +24,9 @@ from scipy.spatial.distance import cdist
 from burrlab._core import Tissues
 from burrlab.bone.dicom import holds_dicom
 from burrlab.bone.header import LPS_ASSUMED
-from burrlab.bone.image import LabelVolume, Volume, checked_spacing
+from burrlab.bone.image import Colour, LabelVolume, Volume, checked_spacing
 from burrlab.bone.tissues import VOLUMETRIC_DRILLING, known_tissue, plain_name
-from burrlab.common.check import check_memory, check_packed, shown
+from burrlab.common.check import check_memory, check_packed, refuse, shown
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 # PNG specification, 11.2.2 IHDR: name and channels.
@@ -83,12 +83,10 @@ def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> 
         raise FileNotFoundError(
             f"{text}: no such folder; a stack of slices is a folder, a pattern or its YAML file"
         )
-    found = [path for path in found if path.is_file() and not path.name.startswith(".")]
-    if prefix is not None:
-        found = [path for path in found if path.name.startswith(prefix)]
-    if not found:
-        named = "" if prefix is None else f" that begin with {prefix!r}"
-        raise ValueError(f"{text}: there are no PNG slices{named}")
+    seen = (path for path in found if path.is_file() and not path.name.startswith("."))
+    found = [path for path in seen if path.name.startswith(prefix or "")]
+    named = "" if prefix is None else f" that begin with {prefix!r}"
+    refuse(not found, f"{text}: there are no PNG slices{named}")
     first = 0 if prefix is not None else 1  # a description counts from 0
     paths = _in_order(text, found, latest=first if Path(text).is_dir() else None)
     return _alike(paths)
@@ -123,11 +121,11 @@ def _in_order(place: str, found: list[Path], *, latest: int | None) -> list[Path
         if match is None:
             raise ValueError(f"{path}: the name of a slice must end in its number, as slice0012.png")
         prefixes.setdefault(match[1], path)
-        if len(prefixes) > 1:
-            one, other = (p.name for p in prefixes.values())
-            raise ValueError(
-                f"{place}: slices of more than one volume ({one}, {other}): name one by a pattern, as 'folder/name*.png'"
-            )
+        refuse(
+            len(prefixes) > 1,
+            f"{place}: slices of more than one volume ({', '.join(p.name for p in prefixes.values())}): name one by a pattern, as "
+            "'folder/name*.png'",
+        )
         number = int(match[2])
         if number in numbered:
             raise ValueError(f"{place}: slice {number} is there twice ({numbered[number].name}, {path.name})")
@@ -137,16 +135,16 @@ def _in_order(place: str, found: list[Path], *, latest: int | None) -> list[Path
     missing = [] if far else sorted(set(range(order[0], order[-1] + 1)) - set(order))
     if missing or far:
         told = ", ".join(map(str, missing[:5])) + (", ..." if len(missing) > 5 else "")
-        which = "many are missing (numbers far apart)" if far else f"{len(missing)} are missing ({told})"
-        if len(missing) == 1:
-            which = f"slice {missing[0]} is missing"
-        raise ValueError(f"{place}: of the slices {order[0]} to {order[-1]}, {which}")
-    if latest is not None and order[0] > latest:
-        before = "slice 0 is missing" if order[0] == 1 else f"slices 0 to {order[0] - 1} are missing"
-        raise ValueError(
-            f"{place}: {before}, the first is {numbered[order[0]].name}; a part of a stack is named "
-            "by a pattern"
+        some = (
+            f"slice {missing[0]} is missing" if len(missing) == 1 else f"{len(missing)} are missing ({told})"
         )
+        which = "many are missing (numbers far apart)" if far else some
+        raise ValueError(f"{place}: of the slices {order[0]} to {order[-1]}, {which}")
+    before = "slice 0 is missing" if order[0] == 1 else f"slices 0 to {order[0] - 1} are missing"
+    refuse(
+        latest is not None and order[0] > latest,
+        f"{place}: {before}, the first is {numbered[order[0]].name}; a part of a stack is named by a pattern",
+    )
     return [numbered[number] for number in order]
 
 
@@ -154,21 +152,21 @@ def _alike(paths: list[Path]) -> Slices:
     first = _header(paths[0])
     for path in paths[1:]:
         found = _header(path)
-        if found[:2] != first[:2]:
-            raise ValueError(
-                f"{path}: slices must be of one size, this one has {found[0]} x {found[1]} pixels, and {paths[0].name} has "
-                f"{first[0]} x {first[1]}"
-            )
-        if found[2:] != first[2:]:
-            raise ValueError(
-                f"{path}: slices must be of one kind, this one is {found[3]} of {found[2]} bits, and {paths[0].name} is {first[3]} "
-                f"of {first[2]} bits"
-            )
+        refuse(
+            found[:2] != first[:2],
+            f"{path}: slices must be of one size, this one has {found[0]} x {found[1]} pixels, and {paths[0].name} has "
+            f"{first[0]} x {first[1]}",
+        )
+        refuse(
+            found[2:] != first[2:],
+            f"{path}: slices must be of one kind, this one is {found[3]} of {found[2]} bits, and {paths[0].name} is {first[3]} "
+            f"of {first[2]} bits",
+        )
     columns, rows, bits, kind = first
-    if kind == "grey with alpha":
-        raise ValueError(f"{paths[0]}: grey slices must not be transparent (kind: grey with alpha)")
-    if kind != "grey" and bits == 16:
-        raise ValueError(f"{paths[0]}: colours of labels must have 8 bits a channel, got 16")
+    refuse(
+        kind == "grey with alpha", f"{paths[0]}: grey slices must not be transparent (kind: grey with alpha)"
+    )
+    refuse(kind != "grey" and bits == 16, f"{paths[0]}: colours of labels must have 8 bits a channel, got 16")
     return Slices(paths, columns, rows, bits, kind)
 
 
@@ -176,22 +174,19 @@ def _header(path: Path) -> tuple[int, int, int, str]:
     """Columns, rows, bits and kind, from the first chunk."""
     with path.open("rb") as file:
         head = file.read(33)
-    if head[:8] != _SIGNATURE or len(head) < 33 or head[12:16] != b"IHDR":
-        raise ValueError(f"{path}: this is no PNG file")
+    refuse(head[:8] != _SIGNATURE or len(head) < 33 or head[12:16] != b"IHDR", f"{path}: this is no PNG file")
     columns, rows, bits, kind = struct.unpack(">IIBB", head[16:26])
-    if kind not in _KINDS or not (0 < columns <= MOST_PIXELS and 0 < rows <= MOST_PIXELS):
-        raise ValueError(
-            f"{path}: the PNG file is damaged (its header says {columns} x {rows} pixels, kind {kind})"
-        )
+    refuse(
+        kind not in _KINDS or not (0 < columns <= MOST_PIXELS and 0 < rows <= MOST_PIXELS),
+        f"{path}: the PNG file is damaged (its header says {columns} x {rows} pixels, kind {kind})",
+    )
     name, channels = _KINDS[kind]
     check_packed(rows * (1 + columns * bits * channels // 8), path.stat().st_size, str(path))
     return columns, rows, bits, name
 
 
-Colours = tuple[int, int, int]
-
-#: Which of two structures gets a voxel that both claim, the first of them (ours): the facial nerve, then thin before thick, so
-#: that no structure vanishes in a thicker one, and bone behind all of them, but before what is empty.
+#: Of two structures that claim a voxel, the one that stands first here gets it (ours). The facial nerve is first. Thin structures
+#: stand before thick ones, so that none vanishes in a thicker one; bone stands behind all structures and before what is empty.
 RANKING = (
     "facial nerve", "chorda tympani", "cochlear nerve", "superior vestibular nerve", "inferior vestibular nerve",
     "vestibular nerve", "vestibular aqueduct", "stapes", "incus", "malleus", "ossicles", "tympanic membrane",
@@ -232,8 +227,8 @@ class Palette:
         critical: Iterable[int] = (),
     ) -> None:
         self.names: dict[int, str] = {}
-        self.colours: dict[int, Colours] = {}
-        seen: dict[Colours, str] = {}
+        self.colours: dict[int, Colour] = {}
+        seen: dict[Colour, str] = {}
         for label, name, given in rows:
             colour = _colour(name, given)
             if label == 0:  # transparent and black, whatever the table says
@@ -243,20 +238,17 @@ class Palette:
                 raise ValueError(
                     f"palette: colours must differ, {seen[colour]!r} and {name!r} are both {colour}"
                 )
-            if colour == (0, 0, 0):
-                raise ValueError(f"palette: black is label 0 (nothing), got it for {name!r}")
+            refuse(colour == (0, 0, 0), f"palette: black is label 0 (nothing), got it for {name!r}")
             seen[colour] = name
             self.names[label], self.colours[label] = name, colour
-        if not self.colours:
-            raise ValueError("palette must have a colour")
+        refuse(not self.colours, "palette must have a colour")
         self.unknown, self._asked = _checked_unknown(unknown, {0: "", **self.names})
         self._ranked = None if ranking is None else self._by_rank(ranking)
         self.dtype = (
             np.uint8 if max(self.colours) < 256 else np.uint16 if max(self.colours) < 65536 else np.int32
         )
         # A place for each colour there is: 0 for black, 1, 2, ... for the table's, the last for all others.
-        if len(self.colours) > 65533:
-            raise ValueError(f"palette must have at most 65533 colours, got {len(self.colours)}")
+        refuse(len(self.colours) > 65533, f"palette must have at most 65533 colours, got {len(self.colours)}")
         self._strange_place = len(self.colours) + 1
         self._places = np.full(1 << 24, self._strange_place, np.uint16)
         self._places[[0, *(_code(np.array(colour)) for colour in self.colours.values())]] = np.arange(
@@ -276,12 +268,11 @@ class Palette:
     @classmethod
     def of(
         cls,
-        palette: Tissues | Mapping[str, Colours] | None,
+        palette: Tissues | Mapping[str, Colour] | None,
         unknown: str | int,
         ranking: Sequence[str] | None,
     ) -> Palette:
         """The palette of a table of tissues, or of names and colours, or of volumetric_drilling."""
-        # anatomy builds on volumes
         if isinstance(palette, Tissues):
             critical = [t.label for t in palette if t.critical]
             return cls(((t.label, t.name, t.colour) for t in palette), unknown, ranking, critical)
@@ -346,11 +337,11 @@ class Palette:
         )
         if kinds > _TOLD:
             told += f"; and {kinds - _TOLD} more colours (`burrlab tissues --json -` lists them)"
-        if self.unknown == "refuse":
-            raise ValueError(
-                f"{name}: {many}: {told}; sums of structures that overlap, clipped, or blends of scaling? unknown=LABEL "
-                "(--unknown LABEL) takes them as that label, 'nearest' as the nearest colour, but never as a critical structure or empty"
-            )
+        refuse(
+            self.unknown == "refuse",
+            f"{name}: {many}: {told}; sums of structures that overlap, clipped, or blends of scaling? unknown=LABEL "
+            "(--unknown LABEL) takes them as that label, 'nearest' as the nearest colour, but never as a critical structure or empty",
+        )
         taken = "the nearest colour" if self.unknown == "nearest" else f"label {self.unknown}"
         notes.append(f"{many} were taken as {taken}: {told}")
         if self._spared:
@@ -392,14 +383,14 @@ class Palette:
         return np.array(labels)[apart.argmin(axis=1)], apart.min(axis=1)
 
     def _by_rank(self, ranking: Sequence[str]) -> dict[int, tuple[float, int]]:
-        """A rank for each label: the lower of two gets the voxel. Names without a rank come just before bone."""
+        """A rank for each label; the label with the lower rank gets the voxel. Names without a rank come just before bone."""
         order = [_known(name)[0] for name in ranking]
         rest = next((i for i, name in enumerate(order) if _known(name)[1]), len(order)) - 0.5
         ranks = {name: float(i) for i, name in enumerate(order)}
         return {label: (ranks.get(_known(self.names[label])[0], rest), label) for label in self.colours}
 
     def _places_of_sums(self) -> NDArray[np.uint16]:
-        """For each colour with alpha 254 the number of the pair whose sum it is, from 1; 0 for none; `_UNCLEAR` for several.
+        """For each colour with alpha 254, the number from 1 of the pair whose sum it is; 0 for no pair, `_UNCLEAR` for several.
 
         A pair's sum lies within 1 a channel, modulo 256, and no other pair's, nor one colour of the table, within 2.
         """
@@ -444,15 +435,15 @@ def _code(colour: NDArray[Any]) -> Any:
     return (colour[..., 0] << 16) | (colour[..., 1] << 8) | colour[..., 2]
 
 
-def _colour(name: str, given: Any) -> Colours:
+def _colour(name: str, given: Any) -> Colour:
     try:
         red, green, blue = (operator.index(part) for part in given)
     except (TypeError, ValueError):
         red = -1
-    if red < 0 or not all(0 <= part <= 255 for part in (red, green, blue)):
-        raise ValueError(
-            f"palette: a colour must be three whole numbers from 0 to 255, got {given!r} for {name!r}"
-        )
+    refuse(
+        red < 0 or not all(0 <= part <= 255 for part in (red, green, blue)),
+        f"palette: a colour must be three whole numbers from 0 to 255, got {given!r} for {name!r}",
+    )
     return red, green, blue
 
 
@@ -477,7 +468,7 @@ def _checked_unknown(unknown: str | int, names: Mapping[int, str]) -> tuple[str 
 #: Sides of a volume that are taken for a head or a part of one [mm] (ours).
 PLAUSIBLE = (2.0, 500.0)
 _METRE = 1000.0
-#: Bytes of a description, and keys of one mapping in it; theirs have 2 kB (ours).
+#: Most bytes of a description, and most keys of one mapping in it (ours); those of volumetric_drilling have 2 kB.
 _LONGEST = 300_000
 #: What older files of volumetric_drilling call one unit: 0.049664 m (a comment in them).
 _OLD_UNIT = 49.664
@@ -528,12 +519,16 @@ def read_description(path: str | os.PathLike[str], *, unit: float | None = None)
     name = os.fspath(path)
     block = _volume_block(name, _content(name))
     images = _part(name, block, "images", dict)
-    if str(images.get("format", "png")).lower().lstrip(".") != "png":
-        raise ValueError(f"{name}: images: format must be png, got {shown(images.get('format'))}")
+    refuse(
+        str(images.get("format", "png")).lower().lstrip(".") != "png",
+        f"{name}: images: format must be png, got {shown(images.get('format'))}",
+    )
     folder = Path(name).parent / str(_part(name, images, "path", str, within="images: "))
     count = images.get("count")
-    if count is not None and (not isinstance(count, int) or isinstance(count, bool) or count < 1):
-        raise ValueError(f"{name}: images: count must be a whole number from 1, got {shown(count)}")
+    refuse(
+        count is not None and (not isinstance(count, int) or isinstance(count, bool) or count < 1),
+        f"{name}: images: count must be a whole number from 1, got {shown(count)}",
+    )
     dimensions = _part(name, block, "dimensions", dict)
     sides = np.array([_positive(name, f"dimensions: {axis}", dimensions.get(axis)) for axis in "xyz"])
     sides *= _positive(name, "scale", block.get("scale", 1.0))
@@ -551,8 +546,7 @@ def _content(name: str) -> Any:
         raise ImportError("reading YAML needs PyYAML: pip install 'burrlab[medical]'") from error
     with open(name, "rb") as file:
         content = file.read(_LONGEST + 1)
-    if len(content) > _LONGEST:
-        raise ValueError(f"{name}: a description must have at most {_LONGEST} bytes")
+    refuse(len(content) > _LONGEST, f"{name}: a description must have at most {_LONGEST} bytes")
     try:
         loader = yaml.SafeLoader(content)
         merge = loader.flatten_mapping
@@ -577,9 +571,8 @@ def _content(name: str) -> Any:
 
 
 def _volume_block(name: str, content: Any) -> dict[str, Any]:
-    blocks = {}
-    if isinstance(content, dict):
-        blocks = {key: block for key, block in content.items() if str(key).startswith("VOLUME ")}
+    rows = content.items() if isinstance(content, dict) else ()
+    blocks = {key: block for key, block in rows if str(key).startswith("VOLUME ")}
     if len(blocks) != 1:
         found = ", ".join(map(str, blocks))[:200] or "none"
         raise ValueError(f"{name}: must have one block 'VOLUME name' that describes a stack, got {found}")
@@ -598,8 +591,10 @@ def _part(name: str, block: dict[str, Any], key: str, kind: type, *, within: str
 
 
 def _positive(name: str, what: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
-        raise ValueError(f"{name}: {what} must be a finite number above 0, got {shown(value)}")
+    refuse(
+        isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf,
+        f"{name}: {what} must be a finite number above 0, got {shown(value)}",
+    )
     return float(value)
 
 
@@ -638,7 +633,7 @@ def read_stack(
     path: str | os.PathLike[str],
     *,
     spacing: float | ArrayLike | None = None,
-    palette: Tissues | Mapping[str, Colours] | None = None,
+    palette: Tissues | Mapping[str, Colour] | None = None,
     unknown: str | int = "refuse",
     unit: float | None = None,
     transpose: bool | None = None,
@@ -707,10 +702,10 @@ def read_stack(
     else:
         apart = described.extent / np.array(shape[::-1])
         if described.count is not None and described.count != count:
-            if count > described.count:
-                raise ValueError(
-                    f"{name}: images: count must be {count}, the slices in {described.folder}, got {described.count}"
-                )
+            refuse(
+                count > described.count,
+                f"{name}: images: count must be {count}, the slices in {described.folder}, got {described.count}",
+            )
             notes.append(
                 f"count in {name} is {described.count}, and {count} slices are there: they share its dimensions, so slices that are "
                 "missing at the end would make the others thicker"
@@ -718,9 +713,10 @@ def read_stack(
     grid: dict[str, Any] = {
         "spacing": apart, "origin": np.zeros(3), "direction": np.eye(3), "path": name,
     }  # fmt: skip
-    if slices.kind == "grey" or (palette is None and _without_colour(slices)):
-        if palette is not None:
-            raise ValueError(f"{slices.paths[0]}: a palette is for coloured slices, and these are grey")
+    if slices.kind == "grey" or (palette is None and all(map(_without_colour, map(pixels, slices.paths)))):
+        refuse(
+            palette is not None, f"{slices.paths[0]}: a palette is for coloured slices, and these are grey"
+        )
         check_memory(float(np.prod(shape)) * max(slices.bits // 8, 1), f"{name}: the volume")
         return Volume(_grey(slices, shape, turned), notes=tuple(notes), **grid)
     colours = Palette.of(palette, unknown, ranking)
@@ -743,43 +739,38 @@ def read_stack(
     )
 
 
-def rows_along_x(name: str, transpose: bool | None, colours: Iterable[Colours] = ()) -> bool:
+def rows_along_x(name: str, transpose: bool | None, colours: Iterable[Colour] = ()) -> bool:
     """Whether slices are read transposed: as the caller says, else True for a description and False for slices alone.
 
     ValueError where they must be told: the colours of volumetric_drilling in slices without its YAML file.
     """
     described = Path(name).suffix.lower() in _DESCRIPTIONS
-    if transpose is None and not described and not set(VOLUMETRIC_DRILLING.values()).isdisjoint(colours):
-        raise ValueError(
-            f"{name}: slices in colours of volumetric_drilling must be told their axes, a wrong guess mirrors the ear: "
-            "transpose=True (--transpose) where rows lie along x, as its converter writes them, else False (--no-transpose)"
-        )
+    refuse(
+        transpose is None and not described and not set(VOLUMETRIC_DRILLING.values()).isdisjoint(colours),
+        f"{name}: slices in colours of volumetric_drilling must be told their axes, a wrong guess mirrors the ear: "
+        "transpose=True (--transpose) where rows lie along x, as its converter writes them, else False (--no-transpose)",
+    )
     return described if transpose is None else transpose
 
 
 def _description(name: str, spacing: float | ArrayLike | None, unit: float | None) -> StackDescription | None:
     """What the YAML file says; None if the path names the slices themselves."""
     if Path(name).suffix.lower() in _DESCRIPTIONS:
-        if spacing is not None:
-            raise ValueError(
-                f"spacing must not be given with {name}, which has dimensions (unit= is their unit)"
-            )
+        refuse(
+            spacing is not None,
+            f"spacing must not be given with {name}, which has dimensions (unit= is their unit)",
+        )
         return read_description(name, unit=unit)
     if spacing is None:
         raise ValueError(f"{name}: PNG slices do not say how large they are: give spacing=(x, y, z) [mm]")
-    if unit is not None:
-        raise ValueError("unit goes with a YAML file: spacing is in mm")
+    refuse(unit is not None, "unit goes with a YAML file: spacing is in mm")
     checked_spacing(spacing)
     return None
 
 
-def _without_colour(slices: Slices) -> bool:
-    """Whether every pixel is opaque and grey: a grey volume that was written as colours."""
-    for path in slices.paths:
-        image = pixels(path)
-        if np.any(image[..., 3] != 255) or np.any(image[..., :2] != image[..., 1:3]):
-            return False
-    return True
+def _without_colour(image: NDArray[Any]) -> bool:
+    """Whether every pixel is opaque and grey, as in a grey volume that was written as colours."""
+    return bool(np.all(image[..., 3] == 255) and np.all(image[..., :2] == image[..., 1:3]))
 
 
 def _grey(slices: Slices, shape: tuple[int, int, int], transpose: bool) -> NDArray[Any]:

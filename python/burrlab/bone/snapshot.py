@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import Material, Tissue, Tissues, VoxelBone, __version__
-from burrlab.common.check import DEFLATE, check_memory, check_packed
+from burrlab.common.check import DEFLATE, check_memory, check_packed, refuse
 from burrlab.common.files import attributes, check_heap, check_walk, new_hdf5, new_part, put_attributes
 from burrlab.common.records import in_one_line
 
@@ -100,7 +100,7 @@ def bone_source(path: str | os.PathLike[str]) -> str:
 
 @contextlib.contextmanager
 def told_as_damage(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Whatever the content of a broken file leads to, a ValueError that names the file."""
+    """Within, every error that the content of a broken file leads to becomes a ValueError that names the file."""
     try:
         yield
     except (
@@ -134,8 +134,7 @@ def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File
 
     with Path(path).open("rb") as raw:  # what is missing or forbidden says so in the system's words
         start = raw.read(9)
-    if start[:8] != b"\x89HDF\r\n\x1a\n":
-        raise ValueError(f"{path} is not a {kind}: not an HDF5 file")
+    refuse(start[:8] != b"\x89HDF\r\n\x1a\n", f"{path} is not a {kind}: not an HDF5 file")
     if start[8:] < b"\x03":  # version of the superblock: before HDF5 1.10, no checksums
         check_walk(path)
     try:
@@ -154,8 +153,7 @@ def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File
     if found == kind and 1 <= version <= newest:
         return file
     file.close()
-    if found != kind:
-        raise ValueError(f"{path} is not a {kind}")
+    refuse(found != kind, f"{path} is not a {kind}")
     raise ValueError(f"{path} is a {kind} of format {version}, and this version reads up to {newest}")
 
 
@@ -171,8 +169,10 @@ def read_dataset(group: h5py.Group, name: str, rows: int | None = None) -> Any:
     """
     found = group[name]
     where = f"its dataset {name}"
-    if found.is_virtual or found.external or (found.dtype.hasobject and found.shape):
-        raise ValueError(f"{where} lies elsewhere")
+    refuse(
+        found.is_virtual or found.external or (found.dtype.hasobject and found.shape),
+        f"{where} lies elsewhere",
+    )
     if not found.shape:
         check_heap(found, found.dtype)
         return found[()]
@@ -199,13 +199,12 @@ def read_dataset(group: h5py.Group, name: str, rows: int | None = None) -> Any:
             content = _unfiltered(file.read(min(at.size, stored)), kept, found, where)
             part[...] = content[tuple(map(slice, part.shape))]
             whole += part.size
-    if whole != values.size:
-        raise ValueError(f"{where} is not whole")
+    refuse(whole != values.size, f"{where} is not whole")
     return values
 
 
 def _unfiltered(content: bytes, filters: list[int], found: h5py.Dataset, where: str) -> NDArray[Any]:
-    """A chunk as it was before these filters: gzip and shuffle."""
+    """A chunk without its filters, which are gzip and shuffle."""
     import h5py
 
     size, width = math.prod(found.chunks) * found.dtype.itemsize, found.dtype.itemsize
@@ -220,8 +219,7 @@ def _unfiltered(content: bytes, filters: list[int], found: h5py.Dataset, where: 
             shuffled, chunk = chunk.reshape(width, -1), np.empty(size, np.uint8)
             for k in range(width):  # three times as fast as a transposed copy
                 chunk[k::width] = shuffled[k]
-    if len(chunk) != size:
-        raise ValueError(f"{where} must have chunks of {size} bytes, got {len(chunk)} or more")
+    refuse(len(chunk) != size, f"{where} must have chunks of {size} bytes, got {len(chunk)} or more")
     return np.asarray(chunk.view(found.dtype).reshape(found.chunks))
 
 
@@ -293,5 +291,7 @@ def tissues_from_json(text: str) -> Tissues:
 
 
 def check_tick(tick: int) -> None:
-    if not 0 <= operator.index(tick) < 2**64:
-        raise ValueError(f"tick must be a whole number from 0 and below 2^64, got {tick}")
+    refuse(
+        not 0 <= operator.index(tick) < 2**64,
+        f"tick must be a whole number from 0 and below 2^64, got {tick}",
+    )

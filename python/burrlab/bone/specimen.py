@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from burrlab._core import Burr, VoxelBone
-from burrlab.common.check import check_bone, real
+from burrlab.common.check import check_bone, real, refuse
 from burrlab.common.study import stored_as
 from burrlab.common.table import by_value
 
@@ -26,8 +26,10 @@ def unit_vector(axis: Vector) -> NDArray[np.float64]:
     vector = real(axis, "axis")
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.linalg.norm(vector)
-    if vector.shape != (3,) or not 0.0 < length < np.inf:
-        raise ValueError(f"axis must be three finite numbers, not all zero, got {axis!r}")
+    refuse(
+        vector.shape != (3,) or not 0.0 < length < np.inf,
+        f"axis must be three finite numbers, not all zero, got {axis!r}",
+    )
     return np.asarray(vector / length)
 
 
@@ -93,11 +95,12 @@ def block_below_plane(
 ) -> Block:
     """The block of `half_space`, with its parameters and errors."""
     spacing = np.broadcast_to(real(voxel, "voxel"), (3,)).copy()
-    if not (np.all(np.isfinite(spacing)) and np.all(spacing > 0)):
-        raise ValueError(f"voxel must be positive and finite, got {voxel!r}")
+    refuse(
+        not (np.all(np.isfinite(spacing)) and np.all(spacing > 0)),
+        f"voxel must be positive and finite, got {voxel!r}",
+    )
     depth = burr.radius / 3 if depth is None else float(real(depth, "depth"))
-    if not (np.isfinite(depth) and depth > 0):
-        raise ValueError(f"depth must be positive and finite, got {depth!r}")
+    refuse(not (np.isfinite(depth) and depth > 0), f"depth must be positive and finite, got {depth!r}")
     normal = unit_vector(axis)
     s = spacing.max()
     reach, bottom = burr.radius + s, depth + 3 * s
@@ -110,11 +113,11 @@ def block_below_plane(
     low = np.floor((np.minimum(0, bottom * normal) - across) / spacing + 1e-6)
     high = np.ceil((np.maximum(0, bottom * normal) + across) / spacing - 1e-6)
     count = float(np.prod(high - low))
-    if count > MOST_VOXELS:
-        raise ValueError(
-            f"voxel must be coarser: a block for R = {burr.radius:g} mm at {spacing.min():g} mm has {count:.3g} voxels, "
-            f"above {MOST_VOXELS:.3g}"
-        )
+    refuse(
+        count > MOST_VOXELS,
+        f"voxel must be coarser: a block for R = {burr.radius:g} mm at {spacing.min():g} mm has {count:.3g} voxels, "
+        f"above {MOST_VOXELS:.3g}",
+    )
     check_bone(count, 26.0)  # while it is made, as measured
     centers = tuple((np.arange(low[i], high[i]) + 0.5) * spacing[i] for i in range(3))
     x, y, z = (normal[i] * centers[i] for i in range(3))
@@ -183,8 +186,10 @@ def surface_along(
         [mm]; None where the ray meets no bone. The entry itself where that is inside bone already.
     """
     direction, start = unit_vector(axis), real(entry, "entry")
-    if start.shape != (3,) or not np.all(np.isfinite(start)):
-        raise ValueError(f"entry must be three finite numbers, got {entry!r}")
+    refuse(
+        start.shape != (3,) or not np.all(np.isfinite(start)),
+        f"entry must be three finite numbers, got {entry!r}",
+    )
     spacing, origin = np.asarray(bone.spacing), np.asarray(bone.origin)
     extent = np.asarray(bone.shape[::-1]) * spacing
     length = float(np.linalg.norm(extent) + np.linalg.norm(start - (origin + extent / 2)))

@@ -20,14 +20,12 @@ from scipy.special import ndtr
 
 import burrlab.common.table as csv_text
 from burrlab._core import Material, Tissue, Tissues, VoxelBone
-from burrlab.bone.image import SAME, LabelVolume, OccupancyMap, OnGrid, Volume, check_same_geometry
+from burrlab.bone.image import SAME, Colour, LabelVolume, OccupancyMap, OnGrid, Volume, check_same_geometry
 from burrlab.bone.materials import materials
 from burrlab.bone.snapshot import tissues_from_json, tissues_to_json
-from burrlab.common.check import shown
+from burrlab.common.check import refuse, shown
 from burrlab.common.records import UNREADABLE, in_one_line
 from burrlab.common.table import Column, Table
-
-Colour = tuple[int, int, int]
 
 #: Name of the tissue of voxels to which a segmentation gives no structure.
 UNLABELLED = "unlabelled"
@@ -229,10 +227,10 @@ def label_counts(values: NDArray[Any], path: str = "") -> dict[int, int]:
     said = f"{path}: " if path else ""
     if not np.issubdtype(values.dtype, np.integer):
         whole = np.rint(values)
-        if not np.array_equal(whole, values):  # NaN too
-            raise ValueError(
-                f"{said}labels must be whole numbers: this is a grey volume, or was interpolated"
-            )
+        refuse(
+            not np.array_equal(whole, values),  # NaN too
+            f"{said}labels must be whole numbers: this is a grey volume, or was interpolated",
+        )
         values = whole.astype(np.int64)
     if values.dtype.itemsize > 2 or values.dtype.kind != "u":
         found, counts = np.unique(values, return_counts=True)
@@ -252,7 +250,7 @@ def label_counts(values: NDArray[Any], path: str = "") -> dict[int, int]:
 def _named(
     labels: LabelVolume | Mapping[int, str] | Sequence[str],
 ) -> tuple[dict[int, str], dict[int, int] | None, dict[int, Colour]]:
-    """Names by label; of a label volume the number of voxels by label too, and its colours."""
+    """Names by label; for a label volume also its voxels by label, and its colours."""
     if isinstance(labels, str):
         raise ValueError(f"labels must be a label volume, or names, got the text {labels!r}")
     if isinstance(labels, Mapping):
@@ -276,13 +274,13 @@ def _named(
 
 
 def check_count(labels: Mapping[int, object], said: str = "") -> None:
-    """ValueError for more labels than a bone has tissues: grey values, or instances."""
-    if len(labels) > MOST:
-        first = ", ".join(str(label) for label in sorted(labels)[:5])
-        raise ValueError(
-            f"{said}a bone has at most {MOST} tissues, and there are {len(labels)} labels ({first}, ...): "
-            "is this a grey volume, or does it hold instances? Merge labels first"
-        )
+    """ValueError for more labels than a bone can have tissues, as grey values or instances are."""
+    first = ", ".join(str(label) for label in sorted(labels)[:5])
+    refuse(
+        len(labels) > MOST,
+        f"{said}a bone has at most {MOST} tissues, and there are {len(labels)} labels ({first}, ...): "
+        "is this a grey volume, or does it hold instances? Merge labels first",
+    )
 
 
 GREY = (128, 128, 128)  # of a structure without a colour
@@ -291,14 +289,15 @@ _WORDS = {"": None, "yes": True, "no": False, "true": True, "false": False, "1":
 
 
 def _label(text: str) -> int:
-    if not (text.isascii() and text.isdecimal() and len(text) < 20 and int(text) < 2**31):
-        raise ValueError(f"must be a whole number from 0, got {shown(text)}")
+    refuse(
+        not (text.isascii() and text.isdecimal() and len(text) < 20 and int(text) < 2**31),
+        f"must be a whole number from 0, got {shown(text)}",
+    )
     return int(text)
 
 
 def _colour(text: str) -> Colour | None:
-    if text and re.fullmatch(r"#[0-9a-fA-F]{6}", text) is None:
-        raise ValueError(f"must be #rrggbb, got {shown(text)}")
+    refuse(text and re.fullmatch(r"#[0-9a-fA-F]{6}", text) is None, f"must be #rrggbb, got {shown(text)}")
     red_green_blue = bytes.fromhex(text[1:])
     return (red_green_blue[0], red_green_blue[1], red_green_blue[2]) if text else None
 
@@ -306,14 +305,14 @@ def _colour(text: str) -> Colour | None:
 def _number(text: str, rule: str, least: float, most: float) -> float | None:
     # NaN is a number beyond the limits here, not a wrong way to leave the field empty.
     value = csv_text.number("" if text.lower().strip("+-") == "nan" else text)
-    if text and not (math.isfinite(value) and least <= value <= most):
-        raise ValueError(f"must be {rule}, got {shown(text)}")
+    refuse(
+        text and not (math.isfinite(value) and least <= value <= most), f"must be {rule}, got {shown(text)}"
+    )
     return value if text else None
 
 
 def _flag(text: str) -> bool | None:
-    if text.lower() not in _WORDS:
-        raise ValueError(f"must be yes or no, got {shown(text)}")
+    refuse(text.lower() not in _WORDS, f"must be yes or no, got {shown(text)}")
     return _WORDS[text.lower()]
 
 
@@ -377,8 +376,7 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
             continue
         for column in ("label", "name"):
             before = lines.setdefault(f"{column} {texts[column]}", line)
-            if before != line:
-                raise ValueError(f"{where}, column {column}: {shown(texts[column])} is in {before} already")
+            refuse(before != line, f"{where}, column {column}: {shown(texts[column])} is in {before} already")
         rows.append(_tissue(where, TABLE.values(where, texts), material))
     if waiting:
         told = ", ".join(waiting)
@@ -427,10 +425,10 @@ def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
     "structure 3", and what the file says with a mark behind it, are refused by `read_tissues`.
     """
     for tissue in tissues:
-        if len(tissue.name.splitlines()) != 1 or tissue.name != tissue.name.strip():
-            raise ValueError(
-                f"name of a tissue must be one line without space around it, got {tissue.name!r}"
-            )
+        refuse(
+            len(tissue.name.splitlines()) != 1 or tissue.name != tissue.name.strip(),
+            f"name of a tissue must be one line without space around it, got {tissue.name!r}",
+        )
     rows = []
     for t in tissues:
         values = [
@@ -470,8 +468,10 @@ def _tissue(where: str, row: dict[str, Any], material: Material) -> Tissue:
     missing = not {"c_e", "alpha"} <= given.keys()
     # Bone without both has the material's pair, which is published.
     lacking = missing and not (known is not None and known.bone and not {"c_e", "alpha"} & given.keys())
-    if lacking and given.get("assumed") is False:
-        raise ValueError(f"{where}, column assumed: must be yes where c_e or alpha is empty, got 'no'")
+    refuse(
+        lacking and given.get("assumed") is False,
+        f"{where}, column assumed: must be yes where c_e or alpha is empty, got 'no'",
+    )
     usual: dict[str, Any] = {"c_e": material.c_e, "alpha": material.alpha, "assumed": lacking, "colour": GREY}
     if known is not None:
         usual |= {"colour": known.colour, "critical": known.critical, "bleeds": known.bleeds}
@@ -481,8 +481,9 @@ def _tissue(where: str, row: dict[str, Any], material: Material) -> Tissue:
 #: Occupancy from which a voxel counts as bone in notes: half.
 _HALF = 128
 
-#: Of bone of labels alone, by R/voxel: standard deviation of the velocity over 12 places within 0.6 mm [%], least and most of three
-#: kinds of surfaces; as the labels are, and smoothed by two voxels or more. docs/tissues.md says how it was measured.
+#: Scatter of the velocity in bone that is made of labels alone, by R/voxel: standard deviation over 12 places within 0.6 mm [%].
+#: Least and most of three kinds of surfaces are given, for labels as they are and for labels that are smoothed by two voxels or
+#: more. docs/tissues.md says how it was measured.
 LABEL_SCATTER = {10: ((11, 17), (3, 6)), 20: ((6, 15), (3, 5)), 30: ((3, 10), (2, 4))}
 
 
@@ -568,16 +569,20 @@ def labelled_bone(
     """
     notes = list(labels.notes)
     _check_source(source, labels, mapping)
-    if smooth is not None and source is not None:
-        raise ValueError(f"smooth goes with labels alone, got {smooth!r} beside a source")
+    refuse(
+        smooth is not None and source is not None,
+        f"smooth goes with labels alone, got {smooth!r} beside a source",
+    )
     if isinstance(source, Volume):
         notes[:0] = source.notes
         labels = placed_on(labels, source)
     counts = label_counts(labels.labels, labels.path)
     tissues = _with_background(tissues, counts, labels.path)
     if spacing is not None:
-        if isinstance(source, np.ndarray):
-            raise ValueError("spacing must not be given with levels, which have that of the labels")
+        refuse(
+            isinstance(source, np.ndarray),
+            "spacing must not be given with levels, which have that of the labels",
+        )
         labels = labels.resample(spacing)
     numbers = _numbers(labels.labels, tissues)
     origin = labels.bone_point(labels.origin)
@@ -643,14 +648,15 @@ def _check_source(source: Any, labels: LabelVolume, mapping: OccupancyMap | None
         if mapping is None:
             raise ValueError(f"mapping must be given for the grey values of {source.path}")
         return
-    if mapping is not None:
-        raise ValueError("mapping must be given with grey values only")
+    refuse(mapping is not None, "mapping must be given with grey values only")
     if source is None:
         return
     if not (isinstance(source, np.ndarray) and source.dtype == np.uint8):
         raise TypeError(f"source must be a Volume, levels of uint8 or None, got {type(source).__name__}")
-    if source.shape != labels.shape:
-        raise ValueError(f"levels must have the shape of the labels {labels.shape}, got {source.shape}")
+    refuse(
+        source.shape != labels.shape,
+        f"levels must have the shape of the labels {labels.shape}, got {source.shape}",
+    )
 
 
 def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tissues:
@@ -664,13 +670,12 @@ def _with_background(tissues: Tissues, counts: dict[int, int], path: str) -> Tis
         raise ValueError(f"{path}: labels that are not in the table: {told}{more}; the table has {have}")
     if 0 in known or 0 not in counts:
         return tissues
-    if len(tissues) == MOST:
-        raise ValueError(
-            f"the table must have a row for label 0 ({counts[0]} voxels), or one row less than {MOST}"
-        )
+    refuse(
+        len(tissues) == MOST,
+        f"the table must have a row for label 0 ({counts[0]} voxels), or one row less than {MOST}",
+    )
     names = {tissue.name for tissue in tissues}
-    if UNLABELLED in names:
-        raise ValueError(f"the table must have {UNLABELLED!r} for label 0 only ({counts[0]} voxels)")
+    refuse(UNLABELLED in names, f"the table must have {UNLABELLED!r} for label 0 only ({counts[0]} voxels)")
     return Tissues([*tissues, unlabelled(tissues.material)], tissues.material)
 
 
@@ -690,10 +695,10 @@ def _smoothed(
     full: NDArray[np.uint8], numbers: NDArray[np.uint8], tissues: Tissues, apart: NDArray[Any], width: float
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8], str]:
     """Levels and numbers with smoothed borders, and a text on how volumes change; `apart` along (z, y, x) [mm]."""
-    if not 0.999 <= width / apart.min() <= 10.001:
-        raise ValueError(
-            f"smooth must be 1 to 10 times the finest side of a voxel, {apart.min():g} to {10 * apart.min():g} mm, got {width!r}"
-        )
+    refuse(
+        not 0.999 <= width / apart.min() <= 10.001,
+        f"smooth must be 1 to 10 times the finest side of a voxel, {apart.min():g} to {10 * apart.min():g} mm, got {width!r}",
+    )
     weights = [_gaussian(width / side) for side in apart]
     part = (full > 0).astype(np.float32)
     for axis in range(3):  # whole numbers up to 2^24: exact, on every machine
@@ -730,10 +735,11 @@ def _filled(
     least, notes = np.zeros(len(tissues), np.uint8), []
     names = [tissue.name for tissue in tissues]
     for name, occupancy in fill.items():
-        if name not in names:
-            raise ValueError(f"fill must be of tissues of the table ({', '.join(names)}), got {name!r}")
-        if not 0.0 <= occupancy <= 1.0:
-            raise ValueError(f"fill of {name!r} must be an occupancy from 0 to 1, got {occupancy!r}")
+        refuse(name not in names, f"fill must be of tissues of the table ({', '.join(names)}), got {name!r}")
+        refuse(
+            not 0.0 <= occupancy <= 1.0,
+            f"fill of {name!r} must be an occupancy from 0 to 1, got {occupancy!r}",
+        )
         least[names.index(name)] = round(255 * occupancy)
         notes.append(f"{name}: occupancy at least {occupancy:g}, as asked")
     return (np.maximum(levels, least[numbers]) if fill else levels), notes

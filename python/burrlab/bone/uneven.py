@@ -10,6 +10,7 @@ from scipy import special
 
 from burrlab._core import Burr
 from burrlab.bone.specimen import Specimen, Vector, block_below_plane
+from burrlab.common.check import refuse
 from burrlab.common.study import stored_as
 
 Floats = NDArray[np.float64]
@@ -85,20 +86,21 @@ class BoneField:
     correlation_length: float = 0.5
 
     def __post_init__(self) -> None:
-        if not 0 < self.mean <= 1:
-            raise ValueError(f"mean must be above 0 and at most 1, got {self.mean}")
+        refuse(not 0 < self.mean <= 1, f"mean must be above 0 and at most 1, got {self.mean}")
         most = np.sqrt((1 - self.mean) / self.mean)
-        if not (self.contrast == 0 or 0 < self.contrast < most):
-            raise ValueError(
-                f"contrast must be 0 or between 0 and sqrt((1 - mean)/mean) = {most:.4g}, got {self.contrast}"
-            )
-        if 0 < self.contrast * self.mean * 255 < 1:
-            raise ValueError(
-                f"contrast must be 0 or give a standard deviation of at least one level, 1/(255 mean) = "
-                f"{1 / (255 * self.mean):.4g}, got {self.contrast}"
-            )
-        if not 0 < self.correlation_length < np.inf:
-            raise ValueError(f"correlation_length must be positive and finite, got {self.correlation_length}")
+        refuse(
+            not (self.contrast == 0 or 0 < self.contrast < most),
+            f"contrast must be 0 or between 0 and sqrt((1 - mean)/mean) = {most:.4g}, got {self.contrast}",
+        )
+        refuse(
+            0 < self.contrast * self.mean * 255 < 1,
+            f"contrast must be 0 or give a standard deviation of at least one level, 1/(255 mean) = "
+            f"{1 / (255 * self.mean):.4g}, got {self.contrast}",
+        )
+        refuse(
+            not 0 < self.correlation_length < np.inf,
+            f"correlation_length must be positive and finite, got {self.correlation_length}",
+        )
 
     @property
     def realised(self) -> tuple[float, float]:
@@ -161,8 +163,7 @@ class BoneField:
         ValueError
             If the seed is not in 0..2^64 - 1.
         """
-        if not 0 <= seed < 2**64:
-            raise ValueError(f"seed must be in 0..2^64 - 1, got {seed}")
+        refuse(not 0 <= seed < 2**64, f"seed must be in 0..2^64 - 1, got {seed}")
         axes = [np.asarray(c, dtype=float) for c in (z, y, x)]
         out = np.full([len(c) for c in axes], np.rint(255 * self.mean), dtype=np.uint8)
         if self.contrast == 0 or out.size == 0:
@@ -213,11 +214,11 @@ class BoneField:
         """
         block = block_below_plane(burr, voxel, depth=depth, axis=axis, offset=offset)
         # Centres at a spacing of L leave 0.2 % of g's variance an axis beyond what they can represent.
-        if self.contrast > 0 and self.correlation_length < block.spacing.max():
-            raise ValueError(
-                f"correlation_length must be at least one voxel, {block.spacing.max():g} mm, "
-                f"got {self.correlation_length:g} mm"
-            )
+        refuse(
+            self.contrast > 0 and self.correlation_length < block.spacing.max(),
+            f"correlation_length must be at least one voxel, {block.spacing.max():g} mm, "
+            f"got {self.correlation_length:g} mm",
+        )
         levels = self.levels(*block.centers, seed=seed)
         partial = (block.fraction > 0) & (block.fraction < 1)
         levels[block.fraction == 0] = 0

@@ -55,6 +55,7 @@ from burrlab.cli.options import (
     transposed,
     unknown_colours,
 )
+from burrlab.common.check import refuse
 
 _BLOCK = (30.0, 30.0, 10.0)  # of the block that a session burrs unless a volume is given, top at z = 0 [mm]
 _GAP = 0.5  # between the burr of a simulated hand and the bone at the start [mm]
@@ -129,8 +130,7 @@ def chosen_start(options: argparse.Namespace, burr: Burr, material: Material) ->
     as asked."""
     recipe = _recipe(options, material)
     if recipe is None:
-        if options.axis is not None:
-            raise ValueError("--axis goes with --volume, --labels or --bone")
+        refuse(options.axis is not None, "--axis goes with --volume, --labels or --bone")
         source = _block(options.voxel or 0.1)
         like, mapping = _kept_as(options.save, None)
         place: Mapping[str, Any] = {"start": (0.0, 0.0, burr.radius + _GAP)}
@@ -167,8 +167,10 @@ def _check_place(options: argparse.Namespace) -> None:
 
 
 def _block(voxel: float) -> dict[str, Any]:
-    if (voxels := math.prod(_BLOCK) / voxel**3) > MOST_VOXELS:
-        raise ValueError(f"--voxel makes a block of {voxels:.3g} voxels, and {MOST_VOXELS:.3g} are the most")
+    refuse(
+        (voxels := math.prod(_BLOCK) / voxel**3) > MOST_VOXELS,
+        f"--voxel makes a block of {voxels:.3g} voxels, and {MOST_VOXELS:.3g} are the most",
+    )
     return block_recipe(
         _BLOCK, voxel, origin=[0.5 * voxel - side / 2 for side in _BLOCK[:2]] + [0.5 * voxel - _BLOCK[2]]
     )
@@ -311,10 +313,10 @@ def template(labels: LabelVolume) -> Tissues:
     ValueError where there are more labels than a bone has tissues.
     """
     counts = label_counts(labels.labels, labels.path)
-    if len(counts) > MOST:
-        raise ValueError(
-            f"{labels.path}: a bone has at most {MOST} tissues, and there are {len(counts)} labels"
-        )
+    refuse(
+        len(counts) > MOST,
+        f"{labels.path}: a bone has at most {MOST} tissues, and there are {len(counts)} labels",
+    )
     bone = materials["bone"]
     rows: list[Tissue] = []
     for label in counts:

@@ -34,13 +34,12 @@ def real(value: object, name: str) -> NDArray[np.float64]:
 
 
 def whole(name: str, value: object, end: int, end_text: str) -> int:
-    """ValueError in one sentence unless it is a whole number from 0 and below `end`; True and False are none."""
+    """The whole number from 0 and below `end`; ValueError in one sentence for anything else, True and False included."""
     try:
         number = -1 if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
     except TypeError:
         number = -1
-    if not 0 <= number < end:
-        raise ValueError(f"{name} must be a whole number from 0 and below {end_text}, got {value!r}")
+    refuse(not 0 <= number < end, f"{name} must be a whole number from 0 and below {end_text}, got {value!r}")
     return number
 
 
@@ -67,7 +66,7 @@ _SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 2, 120, 120
 
 
 def shown(value: object) -> str:
-    """A value as a refusal shows it: short, and at no cost, however much it holds."""
+    """A value as a refusal shows it: shortened, so that a large value costs nothing."""
     text = _SHORT.repr(value)
     return text if len(text) <= 200 else f"{text[:200]}..."
 
@@ -87,21 +86,23 @@ def available_memory() -> float:
 
 def check_memory(size: float, what: str) -> None:
     """ValueError where something needs more memory than there is [bytes]."""
-    if size > (there := available_memory()):
-        raise ValueError(f"{what} needs {size / 1e9:.3g} GB of memory, and {there / 1e9:.3g} GB are there")
+    refuse(
+        size > (there := available_memory()),
+        f"{what} needs {size / 1e9:.3g} GB of memory, and {there / 1e9:.3g} GB are there",
+    )
 
 
 def check_bone(voxels: float, each: float) -> None:
-    """ValueError where the machine has no memory for a bone of so many voxels, of so many bytes each; C++ asks too."""
+    """ValueError where the machine has no memory for a bone of that many voxels, of `each` bytes. C++ checks it too."""
     check_memory(voxels * each, f"a bone of {voxels:.3g} voxels")
 
 
 def check_packed(size: float, packed: float, name: str) -> None:
     """ValueError where a file says that its packed bytes hold more than they can."""
-    if size > DEFLATE * packed:
-        raise ValueError(
-            f"{name}: the file is cut short: {packed:.0f} packed bytes cannot hold {size} of values"
-        )
+    refuse(
+        size > DEFLATE * packed,
+        f"{name}: the file is cut short: {packed:.0f} packed bytes cannot hold {size} of values",
+    )
 
 
 def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDArray[np.uint8], bytes]:
@@ -132,8 +133,9 @@ def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDA
         values[have : have + taken] = np.frombuffer(piece, np.uint8, taken)
         have, rest = have + taken, rest + piece[taken:]
         if not stream.eof:
-            if not (chunk or piece):
-                raise ValueError(f"{name}: the compressed data is cut short or damaged (it has no end)")
+            refuse(
+                not (chunk or piece), f"{name}: the compressed data is cut short or damaged (it has no end)"
+            )
             chunk = stream.unconsumed_tail
             continue
         chunk = stream.unused_data + file.read(2)

@@ -39,7 +39,7 @@ def check_folder(target: Path) -> None:
 
 
 def kept_elsewhere(path: str, name: str, write: Callable[[str], object]) -> str | None:
-    """Where else something was written: beside its path, or among temporary files; None if it could be nowhere."""
+    """Writes something elsewhere, beside its path or among temporary files, and returns where; None if neither works."""
     beside, folder = f"{path}{Path(name).suffix}", ""
     if not os.path.lexists(beside) and (
         os.path.isfile(path) or not os.path.exists(path)
@@ -76,7 +76,7 @@ def lock(file: int, taken: str, *, wait: bool = False) -> None:
 
 @contextlib.contextmanager
 def new_part(target: Path, ending: str = "") -> Iterator[Path]:
-    """A new, empty file beside a path, under a name of its own, to be moved to the path once it is whole; else it is removed.
+    """A new, empty file beside a path. Its user moves it to the path once it is whole; else it is removed.
 
     A process that is killed leaves it behind. OSError where it cannot be made.
     """
@@ -162,7 +162,7 @@ def new_hdf5(path: str | os.PathLike[str], **options: Any) -> Iterator[h5py.File
 
 
 def put_attributes(item: h5py.Group | h5py.Dataset, values: Mapping[str, Any]) -> None:
-    """Attributes, texts with a fixed length: the heap of the others has no checksum, and zeros in it hang libhdf5 for ever."""
+    """Writes attributes, texts with a fixed length: the heap of other texts has no checksum, and zeros in it hang libhdf5 for ever."""
     import h5py
 
     for name, value in values.items():
@@ -203,7 +203,7 @@ def check_walk(path: str | os.PathLike[str]) -> None:
 
 
 class _Disk(io.FileIO):
-    """A new file that cannot fail to be written; `failure` is the first error that it was not told."""
+    """A new file whose writing never fails for libhdf5; `failure` is the first error that libhdf5 was not told of."""
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         super().__init__(path, "w+")
@@ -266,7 +266,7 @@ def lock_run(file: int, path: Path, *, wait: bool = False) -> None:
 
 @contextmanager
 def locked(file: int, path: Path, *, wait: bool = False) -> Iterator[None]:
-    """Within, the lock of an open file is held; then the file is closed."""
+    """Holds the lock of an open file within the block, then closes the file."""
     try:
         lock_run(file, path, wait=wait)
         yield
@@ -295,7 +295,7 @@ def synced_write(file: int, path: Path, text: bytes) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """So that the names of new files outlive a power cut."""
+    """Puts the names in a folder on disk, so that new files outlive a power cut."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)

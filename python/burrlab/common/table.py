@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import VoxelBone
-from burrlab.common.check import real, shown
+from burrlab.common.check import real, refuse, shown
 
 if TYPE_CHECKING:
     import pandas
@@ -50,7 +50,7 @@ def _float(text: str) -> float:
 
 
 def finite(value: float, unit: str, rule: str = "", fine: bool = True) -> str | None:
-    """The sentence on a number that is not finite, or breaks a further rule."""
+    """The sentence on a number that is not finite or breaks a further rule; None where it is sound."""
     if math.isfinite(value) and fine:
         return None
     return f"must be a finite number{rule}{unit and f', in {unit}'}: got {shown(value)}"
@@ -159,8 +159,7 @@ class Table:
         """For each row its place ("file, line 3") and its texts by column name; fills `comments`."""
         lines = _lines(text, {} if comments is None else comments)
         line, header = next(lines, (0, ""))
-        if not line:
-            raise ValueError(f"{name}: the file is empty, or holds nothing but comments")
+        refuse(not line, f"{name}: the file is empty, or holds nothing but comments")
         columns = self._columns(f"{name}, line {line}", header)
         where = ""
         for line, row in lines:
@@ -170,8 +169,7 @@ class Table:
                 due = ", ".join(column.heading for column in columns)
                 raise ValueError(f"{where}: {len(columns)} fields are due ({due}), found {len(texts)}")
             yield where, {column.name: text for column, text in zip(columns, texts, strict=True)}
-        if not where:
-            raise ValueError(f"{name}: there is no row below the column names")
+        refuse(not where, f"{name}: there is no row below the column names")
 
     def values(self, where: str, texts: Mapping[str, str]) -> dict[str, Any]:
         """The values of a row's texts by column name; ValueError with place and column for a text without a value."""
@@ -179,8 +177,7 @@ class Table:
         for name, text in texts.items():
             column = self.named[name]
             try:
-                if column.due and not text:
-                    raise ValueError(f"every row needs {column.due}")
+                refuse(column.due and not text, f"every row needs {column.due}")
                 found[name] = column.type(text)
             except ValueError as error:
                 raise ValueError(f"{where}, column {column.heading}: {error}") from None
@@ -188,18 +185,23 @@ class Table:
 
     def _columns(self, where: str, header: str) -> list[Column]:
         for separator, word in ((";", "semicolons"), ("\t", "tabs")):
-            if separator in header and "," not in header:
-                raise ValueError(f"{where}: the separator must be a comma, not {word}; decimals have a point")
+            refuse(
+                separator in header and "," not in header,
+                f"{where}: the separator must be a comma, not {word}; decimals have a point",
+            )
         known = {column.heading: column for column in self.columns}
         headings = _fields(where, header)
         for heading in headings:
-            if heading not in known:
-                raise ValueError(f"{where}: unknown column {shown(heading)}; known are {', '.join(known)}")
-            if headings.count(heading) > 1:
-                raise ValueError(f"{where}: column {heading} is there twice")
+            refuse(
+                heading not in known,
+                f"{where}: unknown column {shown(heading)}; known are {', '.join(known)}",
+            )
+            refuse(headings.count(heading) > 1, f"{where}: column {heading} is there twice")
         for column in self.columns:
-            if not column.optional and column.heading not in headings:
-                raise ValueError(f"{where}: column {column.heading} is missing")
+            refuse(
+                not column.optional and column.heading not in headings,
+                f"{where}: column {column.heading} is missing",
+            )
         for pair in self.pairs:
             one, other = (self.named[name].heading for name in pair)
             if (one in headings) != (other in headings):
@@ -214,8 +216,7 @@ def decoded(name: str, content: bytes) -> str:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ValueError(f"{name}: this is not a text file in UTF-8") from None
-    if "\0" in text:
-        raise ValueError(f"{name}: this is not a text file, it holds zero bytes")
+    refuse("\0" in text, f"{name}: this is not a text file, it holds zero bytes")
     # Nor may a sentence about it hold them.
     if found := re.search(r"[\1-\x08\x0b-\x0c\x0e-\x1f\x7f]", text):
         raise ValueError(f"{name}: this is not a text file, it holds the control character {found[0]!r}")
@@ -256,10 +257,10 @@ def number_in_comments(file: str, comments: Mapping[str, str], key: str) -> floa
         value = float(comments[key])
     except ValueError:
         value = math.nan
-    if not 0 < value < math.inf:
-        raise ValueError(
-            f"{file}: {key} in the comments must be a finite number above 0: got {shown(comments[key])}"
-        )
+    refuse(
+        not 0 < value < math.inf,
+        f"{file}: {key} in the comments must be a finite number above 0: got {shown(comments[key])}",
+    )
     return value
 
 
@@ -272,10 +273,10 @@ def agreed_number(
         if argument is None:
             raise ValueError(f"{file}: the {name} is unknown: add the comment '# {key}: ...' or give {name}=")
         return float(argument)
-    if argument not in (None, noted):
-        raise ValueError(
-            f"{file}: {name} must be the {noted!r} of the comment '# {key}:' in the file: got {shown(argument)}"
-        )
+    refuse(
+        argument not in (None, noted),
+        f"{file}: {name} must be the {noted!r} of the comment '# {key}:' in the file: got {shown(argument)}",
+    )
     return noted
 
 
@@ -361,22 +362,22 @@ def parse(name: str, content: bytes) -> TextTable:
     """
     lines = [line.removesuffix("\r") for line in decoded(name, content).split("\n")]
     numbered = [(place, line) for place, line in enumerate(lines, start=1) if line.strip()]
-    if not numbered:
-        raise ValueError(f"{name}: the file is empty")
+    refuse(not numbered, f"{name}: the file is empty")
     (place, head), *body = numbered
-    if "\t" not in head and "," in head:
-        raise ValueError(f"{name}, line {place}: the separator must be a tab, not a comma")
+    refuse(
+        "\t" not in head and "," in head, f"{name}, line {place}: the separator must be a tab, not a comma"
+    )
     columns = _fields(f"{name}, line {place}", head, tabs=True)
     for column in columns:
-        if not column:
-            raise ValueError(f"{name}, line {place}: a column has no name")
-        if columns.count(column) > 1:
-            raise ValueError(f"{name}, line {place}: column {column} is there twice")
+        refuse(not column, f"{name}, line {place}: a column has no name")
+        refuse(columns.count(column) > 1, f"{name}, line {place}: column {column} is there twice")
     rows = []
     for place, line in body:
         texts = _fields(f"{name}, line {place}", line, tabs=True)
-        if len(texts) != len(columns):
-            raise ValueError(f"{name}, line {place}: {len(columns)} fields are due, found {len(texts)}")
+        refuse(
+            len(texts) != len(columns),
+            f"{name}, line {place}: {len(columns)} fields are due, found {len(texts)}",
+        )
         rows.append((place, dict(zip(columns, texts, strict=True))))
     return TextTable(name, tuple(columns), tuple(rows))
 
@@ -390,10 +391,10 @@ def line(fields: Sequence[str]) -> bytes:
         If a field is empty or holds a tab, a line break or a quotation mark.
     """
     for text in fields:
-        if not text or any(mark in text for mark in '\t\r\n"'):
-            raise ValueError(
-                f"a field must be a text without tabs, line breaks and quotation marks, got {text!r}"
-            )
+        refuse(
+            not text or any(mark in text for mark in '\t\r\n"'),
+            f"a field must be a text without tabs, line breaks and quotation marks, got {text!r}",
+        )
     return ("\t".join(fields) + "\n").encode()
 
 
@@ -411,8 +412,7 @@ def number_or_none(text: str) -> float | None:
         value = _float(text)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
-        raise ValueError(f"must be a finite number with a point, or {NOTHING}, got {text!r}")
+    refuse(not math.isfinite(value), f"must be a finite number with a point, or {NOTHING}, got {text!r}")
     return value
 
 
@@ -426,8 +426,10 @@ def whole(text: str, *, below: int = 2**63) -> int | None:
     """
     if text == NOTHING:
         return None
-    if not (text.isascii() and text.isdecimal() and len(text) < 21 and int(text) < below):
-        raise ValueError(f"must be a whole number from 0, or {NOTHING}, got {text!r}")
+    refuse(
+        not (text.isascii() and text.isdecimal() and len(text) < 21 and int(text) < below),
+        f"must be a whole number from 0, or {NOTHING}, got {text!r}",
+    )
     return int(text)
 
 
@@ -436,7 +438,7 @@ Made = TypeVar("Made")
 
 
 class DataSet(ABC):
-    """What every data set has: equality by its fields, and its table as a DataFrame."""
+    """Base of data sets: they are equal if their fields are, and give their table as a DataFrame."""
 
     @abstractmethod
     def _table(self) -> Mapping[str, Sequence[Any]]:
@@ -480,8 +482,7 @@ class TableData(DataSet):
         for name, values in columns.items():
             if values is not None and self._TABLE.named[name].type is number:
                 values = real(values, name)
-                if values.ndim != 1:
-                    raise ValueError(f"{name} must have one dimension: got shape {values.shape}")
+                refuse(values.ndim != 1, f"{name} must have one dimension: got shape {values.shape}")
                 values.flags.writeable = False
             object.__setattr__(self, name, values)
         for name, (value, unit) in numbers.items():
@@ -493,8 +494,10 @@ class TableData(DataSet):
         object.__setattr__(self, "provenance", json_mapping(provenance or {}))
         first, *others = self._columns().items()
         for name, values in others:
-            if len(values) != len(self):
-                raise ValueError(f"{name} must have {len(self)} values, one a {first[0]}: got {len(values)}")
+            refuse(
+                len(values) != len(self),
+                f"{name} must have {len(self)} values, one a {first[0]}: got {len(values)}",
+            )
 
     def _columns(self) -> dict[str, Any]:
         """The columns that are there by their names."""
@@ -503,8 +506,7 @@ class TableData(DataSet):
 
     def _check_rows(self) -> None:
         """ValueError unless there is a row, and every row obeys the table's rules."""
-        if not len(self):
-            raise ValueError(f"{self._WHAT} needs at least one row")
+        refuse(not len(self), f"{self._WHAT} needs at least one row")
         columns = self._columns()
         for i, row in enumerate(
             zip(*(np.asarray(values).tolist() for values in columns.values()), strict=True)
@@ -533,7 +535,7 @@ class TableData(DataSet):
 
 
 def by_value(kind: type[Made]) -> type[Made]:
-    """Makes objects of a dataclass with arrays equal if all their fields are."""
+    """A dataclass with arrays, whose objects are then equal if all their fields are."""
     kind.__eq__ = DataSet.__eq__  # type: ignore[method-assign, assignment]
     kind.__hash__ = None  # type: ignore[assignment]
     return kind

@@ -13,6 +13,7 @@ from scipy import special
 from scipy.spatial import cKDTree
 
 from burrlab.bone.phantom.shapes import FAR, Floats, Grid, Singles
+from burrlab.common.check import refuse
 
 #: Edge of the blocks that share a list of nearby cells [mm].
 BLOCK = 2.0
@@ -53,15 +54,19 @@ class AirCells:
     wall: float = 0.3
 
     def __post_init__(self) -> None:
-        if not 0.8 <= self.median_diameter <= 8:
-            raise ValueError(f"median_diameter must be 0.8 to 8 mm, got {self.median_diameter}")
-        if not 1 <= self.geometric_deviation <= 2:
-            raise ValueError(f"geometric_deviation must be 1 to 2, got {self.geometric_deviation}")
-        if not 0.05 <= self.wall <= self.median_diameter / 2:
-            raise ValueError(
-                f"wall must be between 0.05 mm and half the median diameter, {self.median_diameter / 2:g} mm, "
-                f"got {self.wall}"
-            )
+        refuse(
+            not 0.8 <= self.median_diameter <= 8,
+            f"median_diameter must be 0.8 to 8 mm, got {self.median_diameter}",
+        )
+        refuse(
+            not 1 <= self.geometric_deviation <= 2,
+            f"geometric_deviation must be 1 to 2, got {self.geometric_deviation}",
+        )
+        refuse(
+            not 0.05 <= self.wall <= self.median_diameter / 2,
+            f"wall must be between 0.05 mm and half the median diameter, {self.median_diameter / 2:g} mm, "
+            f"got {self.wall}",
+        )
 
     def draw(self, volume: float, seed: int) -> Floats:
         """Diameters [mm] of cells that fill a volume [mm^3], largest first, each a function of seed and its place."""

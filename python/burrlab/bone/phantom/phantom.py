@@ -18,7 +18,7 @@ from burrlab.bone.phantom.air_cells import AirCells, Honeycomb, honeycomb
 from burrlab.bone.phantom.shapes import Grid, Singles, distance_to, ellipsoid, lattice_around, share
 from burrlab.bone.phantom.structures import CELLS_BOX, DURA, Fields, Structures
 from burrlab.bone.tissues import default_tissues
-from burrlab.common.check import check_bone, real
+from burrlab.common.check import check_bone, real, refuse
 from burrlab.common.table import by_value
 
 #: Occupancy of nerve, sinus, dura and labyrinth: softer than bone, and yet seen at level 128 (ours, assumed).
@@ -76,7 +76,7 @@ def _lay(
     *,
     replace: bool = False,
 ) -> Singles:
-    """Puts a tissue into its part of each voxel. The voxel gets its number if the tissue has half of it, or most of what is in it."""
+    """Fills a part of each voxel with a tissue. A voxel of which the tissue has half, or most of its content, gets its number."""
     before = held * (np.float32(1.0) - part) if replace else held
     added = np.float32(level) * part
     numbers[(part >= np.float32(0.5)) | (added > before)] = number
@@ -206,8 +206,7 @@ def temporal_bone(
     """
     spacing, grid = _checked_grid(voxel, size, corner, side)
     seed = operator.index(seed)
-    if not 0 <= seed < 2**64:
-        raise ValueError(f"seed must be in 0..2^64 - 1, got {seed}")
+    refuse(not 0 <= seed < 2**64, f"seed must be in 0..2^64 - 1, got {seed}")
     at = Structures.of(seed)
     cells = _cells(seed, air_cells.median_diameter, air_cells.geometric_deviation)
     mirrored = side == "left"
@@ -239,27 +238,29 @@ def _checked_grid(
     voxel: float | Sequence[float], size: Sequence[float], corner: Sequence[float] | None, side: str
 ) -> tuple[Floats, Grid]:
     spacing = np.broadcast_to(real(voxel, "voxel"), (3,)).copy()
-    if not np.all((spacing >= 0.02) & (spacing <= 1.0)):
-        raise ValueError(f"voxel must be 0.02 to 1 mm, got {voxel!r}")
+    refuse(not np.all((spacing >= 0.02) & (spacing <= 1.0)), f"voxel must be 0.02 to 1 mm, got {voxel!r}")
     lengths = real(size, "size")
-    if lengths.shape != (3,) or not np.all((lengths > 0) & np.isfinite(lengths)):
-        raise ValueError(f"size must be three positive numbers, got {size!r}")
-    if side not in ("right", "left"):
-        raise ValueError(f"side must be 'right' or 'left', got {side!r}")
+    refuse(
+        lengths.shape != (3,) or not np.all((lengths > 0) & np.isfinite(lengths)),
+        f"size must be three positive numbers, got {size!r}",
+    )
+    refuse(side not in ("right", "left"), f"side must be 'right' or 'left', got {side!r}")
     if corner is None:
         low = np.array(CORNER)
         if side == "left":
             low[0] = -(low[0] + lengths[0])
     else:
         low = real(corner, "corner")
-        if low.shape != (3,) or not np.all(np.abs(low) < 1000):
-            raise ValueError(f"corner must be three numbers within 1000 mm, got {corner!r}")
+        refuse(
+            low.shape != (3,) or not np.all(np.abs(low) < 1000),
+            f"corner must be three numbers within 1000 mm, got {corner!r}",
+        )
     first = np.rint(low / spacing).astype(np.int64)
     count = np.rint(lengths / spacing).astype(np.int64)
-    if not 1 <= count.prod(dtype=float) <= MOST_VOXELS or count.min() < 1:
-        raise ValueError(
-            f"size and voxel must give 1 to {MOST_VOXELS:g} voxels, got {tuple(count.tolist())} along x, y, z"
-        )
+    refuse(
+        not 1 <= count.prod(dtype=float) <= MOST_VOXELS or count.min() < 1,
+        f"size and voxel must give 1 to {MOST_VOXELS:g} voxels, got {tuple(count.tolist())} along x, y, z",
+    )
     check_bone(count.prod(dtype=float), 6.0)  # while it is made, as measured
     x, y, z = ((f + np.arange(n) + 0.5) * s for f, n, s in zip(first, count, spacing, strict=True))
     return spacing, Grid(x, y, z)

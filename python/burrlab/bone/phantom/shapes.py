@@ -91,11 +91,6 @@ class Tube:
         circle = np.asarray(centre, dtype=float) + radius * (np.cos(angle) * one + np.sin(angle) * two)
         return cls(circle, np.full(len(circle), thickness))
 
-    @property
-    def length(self) -> float:
-        """Length of the polyline [mm]."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
-
     def merge_into(self, field: Floats | Singles, grid: Grid, reach: float) -> None:
         """Lowers a field to the signed distance from the tube, wherever that is below `reach` [mm]."""
         for k in range(len(self.points) - 1):

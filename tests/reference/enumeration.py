@@ -1,6 +1,6 @@
 """How good estimates and intervals of d' are: every outcome of an experiment, weighed with its probability.
 
-`python -m burrlab.psychophysics.statistics.enumeration` prints the tables of `docs/psychophysics.md`.
+`python -m reference.enumeration`, in the folder of the tests, prints the tables of `docs/psychophysics.md`.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import TypeAlias
 
 import numpy as np
@@ -42,57 +42,6 @@ def exact_p_values(rule: Rule, signals: int, noises: int, d_prime: float) -> Flo
     return np.asarray(np.minimum(beyond[last], 1.0))
 
 
-@dataclass(frozen=True)
-class Enumeration:
-    """Over all outcomes at one d' and criterion; no simulation.
-
-    Attributes
-    ----------
-    task, rule : str
-    trials : int
-        Half of either kind.
-    d_prime, criterion : float
-        The truth.
-    exact, profile : float
-        Share of experiments whose interval holds the truth.
-    exact_open, profile_open : float
-        Share whose interval is open above.
-    wald : float
-        Share in which estimate +- standard errors exists and holds the truth.
-    wald_exists : float
-        Share in which it exists: the estimate is above 0 and finite.
-    wald_corrected : float
-        As `wald`, after the log-linear correction.
-    equal : float
-        Share with as many hits as false alarms, whose standard error is infinite.
-    infinite, zero : float
-        Share of estimates that are infinite, or 0.
-    bias : float
-        Of the mean of those that are finite.
-    bias_log_linear, bias_half : float
-        Of the mean after a correction.
-    """
-
-    task: str
-    rule: str
-    trials: int
-    d_prime: float
-    criterion: float
-    exact: float
-    profile: float
-    exact_open: float
-    profile_open: float
-    wald: float
-    wald_exists: float
-    wald_corrected: float
-    equal: float
-    infinite: float
-    zero: float
-    bias: float
-    bias_log_linear: float
-    bias_half: float
-
-
 def outcome_probabilities(rule: Rule, trials: int, d_prime: float, criterion: float) -> Floats:
     """Of `Outcomes.all(trials/2, trials/2)`."""
     hit, miss, alarm, rejection = rule.log_rates(d_prime, criterion)
@@ -108,8 +57,8 @@ def enumerate_estimator(
     d_primes: Sequence[float] = D_PRIMES,
     shift: float = 0.0,
     level: float = 0.95,
-) -> list[Enumeration]:
-    """One row for each d'.
+) -> list[SimpleNamespace]:
+    """Shares and means over all outcomes, one row for each d'; no simulation.
 
     Parameters
     ----------
@@ -118,11 +67,20 @@ def enumerate_estimator(
     trials : int
         An even number: half of either kind.
     d_primes : sequence of float
-        At least 0.
+        The truth, at least 0.
     shift : float, default 0
         Of the criterion from the unbiased one [sd].
     level : float, default 0.95
         Of the intervals.
+
+    Returns
+    -------
+    list of SimpleNamespace
+        `exact`, `profile`: share of experiments whose interval holds the truth; `exact_open`: whose interval is open
+        above. `wald`: in which estimate +- standard errors exists and holds the truth; `wald_corrected`: after the
+        log-linear correction. `equal`: with as many hits as false alarms, whose standard error is infinite.
+        `infinite`, `zero`: of such estimates. `bias`: of the mean of those that are finite; `bias_log_linear`,
+        `bias_half`: of the mean after a correction.
 
     Raises
     ------
@@ -135,48 +93,40 @@ def enumerate_estimator(
     >>> print(f"{row.exact:.3f} {row.profile:.3f}")
     0.982 0.835
     """
-    law = rule_of(task, rule)
+    law, half = rule_of(task, rule), _half(trials)
     check_level(level)
-    if trials < 2 or trials % 2:
-        raise ValueError(f"trials must be even and at least 2, got {trials}")
-    half = trials // 2
     outcomes = Outcomes.all(half, half)
     estimate, limit = outcomes.estimate(law)[0], float(chdtri(1.0, 1.0 - level))
     h, f = outcomes.corrected("log-linear")
     log_linear, by_half = law.invert(h, f)[0], law.invert(*outcomes.corrected("half"))[0]
     more = Outcomes(h * (half + 1.0), outcomes.signals + 1.0, f * (half + 1.0), outcomes.noises + 1.0)
+    finite = np.isfinite(estimate)
     # An interval is open above where its test keeps every d', however large.
     exact_open = exact_p_values(law, half, half, LARGEST) > 1.0 - level
-    profile_open = outcomes.deviance(law, LARGEST) <= limit
     rows = []
     for d in d_primes:
-        criterion = float(law.unbiased(d)) + shift
-        p = outcome_probabilities(law, trials, d, criterion)
-        wald, wald_exists = _wald(outcomes, law, d, level)
-        finite = np.isfinite(estimate)
-        rows.append(
-            Enumeration(
-                task=task,
-                rule=rule,
-                trials=trials,
-                d_prime=d,
-                criterion=criterion,
-                exact=float(p @ (exact_p_values(law, half, half, d) > 1.0 - level)),
-                profile=float(p @ (outcomes.deviance(law, d) <= limit)),
-                exact_open=float(p @ exact_open),
-                profile_open=float(p @ profile_open),
-                wald=float(p @ wald),
-                wald_exists=float(p @ wald_exists),
-                wald_corrected=float(p @ _wald(more, law, d, level)[0]),
-                equal=float(p @ (outcomes.hits == outcomes.false_alarms)),
-                infinite=float(p @ ~finite),
-                zero=float(p @ (estimate == 0.0)),
-                bias=float(p[finite] @ estimate[finite] / p[finite].sum()) - d,
-                bias_log_linear=float(p @ log_linear) - d,
-                bias_half=float(p @ by_half) - d,
-            )
-        )
+        p = outcome_probabilities(law, trials, d, float(law.unbiased(d)) + shift)
+        shares = {
+            "exact": exact_p_values(law, half, half, d) > 1.0 - level,
+            "profile": outcomes.deviance(law, d) <= limit,
+            "exact_open": exact_open,
+            "wald": _wald(outcomes, law, d, level),
+            "wald_corrected": _wald(more, law, d, level),
+            "equal": outcomes.hits == outcomes.false_alarms,
+            "infinite": ~finite,
+            "zero": estimate == 0.0,
+        }
+        row = SimpleNamespace(**{name: float(p @ held) for name, held in shares.items()})
+        row.bias = float(p[finite] @ estimate[finite] / p[finite].sum()) - d
+        row.bias_log_linear, row.bias_half = float(p @ log_linear) - d, float(p @ by_half) - d
+        rows.append(row)
     return rows
+
+
+def _half(trials: int) -> int:
+    if trials < 2 or trials % 2:
+        raise ValueError(f"trials must be even and at least 2, got {trials}")
+    return trials // 2
 
 
 def binomial_error_rate(trials: int, hit: float, *, nominal: float = 0.05) -> float:
@@ -187,19 +137,16 @@ def binomial_error_rate(trials: int, hit: float, *, nominal: float = 0.05) -> fl
     ValueError
         If trials are not even and positive.
     """
-    if trials < 2 or trials % 2:
-        raise ValueError(f"trials must be even and at least 2, got {trials}")
-    half = trials // 2
+    half = _half(trials)
     k = np.arange(half + 1)
-    of_hits, of_alarms = binom.pmf(k, half, hit), binom.pmf(k, half, hit)
-    score = k[:, None] + half - k[None, :]
-    return float(np.sum(np.outer(of_hits, of_alarms)[binom.sf(score - 1, trials, 0.5) <= nominal]))
+    chance, score = binom.pmf(k, half, hit), k[:, None] + half - k[None, :]
+    return float(np.sum(np.outer(chance, chance)[binom.sf(score - 1, trials, 0.5) <= nominal]))
 
 
 def coverage_table(task: str, *, trials: Sequence[int] = (12, 48, 200), shift: float = 0.0) -> str:
     """In Markdown: shares [%] of exact, profile and Wald intervals that hold the truth; * open in over half the cases."""
 
-    def cell(row: Enumeration) -> str:
+    def cell(row: SimpleNamespace) -> str:
         shares = " / ".join(f"{100.0 * share:.1f}" for share in (row.exact, row.profile, row.wald))
         return shares + (" *" if row.exact_open > 0.5 else "")
 
@@ -209,14 +156,14 @@ def coverage_table(task: str, *, trials: Sequence[int] = (12, 48, 200), shift: f
 def bias_table(task: str, *, trials: Sequence[int] = (12, 48, 200), shift: float = 0.0) -> str:
     """In Markdown: bias of the finite estimates, log-linear, "half"; share of infinite estimates [%] in brackets."""
 
-    def cell(row: Enumeration) -> str:
+    def cell(row: SimpleNamespace) -> str:
         biases = " / ".join(f"{bias:+.2f}" for bias in (row.bias, row.bias_log_linear, row.bias_half))
         return f"{biases} ({100.0 * row.infinite:.0f})"
 
     return _table(task, trials, shift, cell)
 
 
-def _table(task: str, trials: Sequence[int], shift: float, cell: Callable[[Enumeration], str]) -> str:
+def _table(task: str, trials: Sequence[int], shift: float, cell: Callable[[SimpleNamespace], str]) -> str:
     lines = [
         "| rule | trials | " + " | ".join(f"d' {d:g}" for d in D_PRIMES) + " |",
         "|---|---|" + "---|" * len(D_PRIMES),
@@ -228,13 +175,13 @@ def _table(task: str, trials: Sequence[int], shift: float, cell: Callable[[Enume
     return "\n".join(lines)
 
 
-def _wald(outcomes: Outcomes, rule: Rule, d_prime: float, level: float) -> tuple[Booleans, Booleans]:
-    """Where estimate +- standard errors holds d', and where it exists at all."""
+def _wald(outcomes: Outcomes, rule: Rule, d_prime: float, level: float) -> Booleans:
+    """Where estimate +- standard errors exists and holds d'."""
     error = outcomes.standard_error(rule)
     exists = np.isfinite(error)
     estimate = np.where(exists, outcomes.estimate(rule)[0], 0.0)
     width = float(ndtri(0.5 * (1.0 + level))) * np.where(exists, error, 0.0)
-    return exists & (np.abs(estimate - d_prime) <= width), exists
+    return exists & (np.abs(estimate - d_prime) <= width)
 
 
 if __name__ == "__main__":

@@ -98,7 +98,7 @@ class Bones(RuleBasedStateMachine):
         material = burrlab.Material("any", c_e=1.5, alpha=alpha, shape=shape)
         contact = burrlab.BurrContact(self.bone, burrlab.Burr(radius), material, seed=5, scheme=scheme)
         contact.tick = self.tick
-        step_both(contact, reference_of(contact, self.q, self.p), center)
+        step_both([contact], reference_of(contact, self.q, self.p), center)
         self.tick += 1
 
     @rule()

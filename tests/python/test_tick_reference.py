@@ -1,4 +1,4 @@
-"""The core's tick against the slow reference, bit for bit."""
+"""The core's tick on every CPU path against the slow reference, bit for bit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tick_scenes import (
     Scene,
     assert_same_sums,
     check_scene,
-    make_pair,
+    on_every_path,
     reference_of,
     scene_of,
     step_both,
@@ -133,11 +133,11 @@ share = st.one_of(st.floats(0.0, 1.0), st.floats(-0.6, 1.6))
 
 @st.composite
 def scenes(draw: st.DrawFn) -> Scene:
-    product = 10.0 ** draw(st.floats(-5.0, math.log10(5.0)))
+    product = 10.0 ** draw(st.floats(-5.0, 2.5))
     dt = draw(st.sampled_from([0.1, 0.25, 1.0, 2.0, 5.0]))
     return Scene(
         scheme=draw(st.sampled_from(SCHEMES)),
-        shape=draw(st.sampled_from([*SHAPES, "power(0.5)", "power(7.3)"])),
+        shape=draw(st.sampled_from(SHAPES)),
         size=draw(st.tuples(st.integers(1, 22), st.integers(1, 22), st.integers(1, 27))),
         spacing=draw(spacings),
         origin=draw(st.tuples(*[st.floats(-100.0, 100.0)] * 3)),
@@ -237,22 +237,23 @@ def test_two_burrs_on_one_bone(scheme: str, several: bool) -> None:
     pairs = [(core, reference_of(core, q, p, tissues)) for core in cores]
     for _ in range(6):
         for core, reference in pairs:
-            step_both(core, reference, (2.0 + 0.3 * core.index, 2.1, 2.0))
+            step_both([core], reference, (2.0 + 0.3 * core.index, 2.1, 2.0))
             if tissues is not None:
                 assert_same_sums(bone, tissues.number)
 
 
 def test_write_sets_both_levels() -> None:
     """After a write, the tick sees the new pristine level."""
-    bone, core, reference = make_pair(scene_of("layer", "parabolic"))
+    cores, reference = on_every_path(scene_of("layer", "parabolic"))
     center = np.array(reference.origin) + 2.1
     values = np.random.default_rng(6).integers(0, 256, (6, 7, 9)).astype(np.uint8)
     for tick in range(5):
         if tick == 2:
-            bone.write(values, start=(5, 6, 7))
+            for core in cores:
+                core.bone.write(values, start=(5, 6, 7))
             reference.q[5:11, 6:13, 7:16] = reference.p[5:11, 6:13, 7:16] = values
-        step_both(core, reference, center)
-    np.testing.assert_array_equal(bone.pristine, reference.p)
+        step_both(cores, reference, center)
+    np.testing.assert_array_equal(cores[0].bone.pristine, reference.p)
 
 
 ONE, OTHER = (8, 8, 12), (8, 8, 11)
@@ -282,5 +283,5 @@ def test_flags_at_their_thresholds(
         p[voxel] = level
     bone, material = burrlab.VoxelBone(p, 0.25), burrlab.Material("any", c_e=1, alpha=1)
     core = burrlab.BurrContact(bone, burrlab.Burr(radius), material, seed=0, scheme=scheme)
-    got = step_both(core, reference_of(core, p.copy(), p), (2.0, 2.0, 2.0), burr_on=False)
+    got = step_both([core], reference_of(core, p.copy(), p), (2.0, 2.0, 2.0), burr_on=False)
     assert [flag for flag in FLAGS if getattr(got, flag)] == expected.split()

@@ -1,7 +1,8 @@
-"""A bone, a burr and a path, run by the core and by the slow reference, and compared bit for bit."""
+"""A bone, a burr and a path, run by the core on every CPU path and by the slow reference, and compared bit for bit."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +11,10 @@ import pytest
 from numpy.typing import NDArray
 
 import burrlab
+import burrlab._core as _core
 from reference.tick import ReferenceContact, ReferenceShape, ReferenceTissues
 
-SHAPES = ("parabolic", "linear", "quartic", "constant", "power(1.5)", "power(3)")
+SHAPES = ("parabolic", "linear", "quartic", "constant", "power(0.5)", "power(1.5)", "power(3)", "power(7.3)")
 SCHEMES = ("layer", "cell")
 FLAGS = ("touching", "ambiguous", "coarse", "faint")
 SKEW = (0.13, 0.2, 0.17)  # spacing (x, y, z) [mm]
@@ -97,7 +99,7 @@ def reference_of(
     """The reference's contact, at the same tick, for one of the core; `q` and `p` are not copied."""
     material = core.material
     shape, order = material.shape.name, ReferenceShape(material.shape.name).order
-    table = np.asarray(burrlab._core.depth_table(order)) if order > 0 else None
+    table = np.asarray(_core.depth_table(order)) if order > 0 else None
     reference = ReferenceContact(
         q, p, core.bone.spacing, core.bone.origin, core.burr.radius, material.c_e, material.alpha, shape,
         core.seed, core.index, core.scheme, table, tissues,
@@ -106,8 +108,8 @@ def reference_of(
     return reference
 
 
-def make_pair(scene: Scene, tissues: ReferenceTissues | None = None) -> tuple[Any, Any, ReferenceContact]:
-    """The bone and the contact of the core, and the reference's contact, for a scene."""
+def make_pair(scene: Scene, tissues: ReferenceTissues | None = None) -> tuple[Any, ReferenceContact]:
+    """The contact of the core, on a bone of its own, and the reference's contact, for a scene."""
     p = scene.pristine()
     bone = burrlab.VoxelBone(p, spacing=scene.spacing, origin=scene.origin)
     material = burrlab.Material("any", c_e=2.145, alpha=scene.alpha, shape=scene.shape)
@@ -116,30 +118,44 @@ def make_pair(scene: Scene, tissues: ReferenceTissues | None = None) -> tuple[An
     burr = burrlab.Burr(scene.ratio * max(scene.spacing))
     core = burrlab.BurrContact(bone, burr, material, scene.seed, scene.index, scheme=scene.scheme)
     core.tick = scene.tick
-    return bone, core, reference_of(core, p.copy(), p, tissues)
+    return core, reference_of(core, p.copy(), p, tissues)
+
+
+def on_every_path(
+    scene: Scene, tissues: ReferenceTissues | None = None
+) -> tuple[list[Any], ReferenceContact]:
+    """A contact of the core for each CPU path, and one of the reference."""
+    before, cores = _core.cpu_path(), []
+    for path in _core.cpu_paths():
+        _core.use_cpu_path(path)
+        core, reference = make_pair(scene, tissues)
+        cores.append(core)
+    _core.use_cpu_path(before)
+    return cores, reference
 
 
 def step_both(
-    core: Any, reference: ReferenceContact, center: Any, dt: float = 1.0, burr_on: bool = True
+    cores: Sequence[Any], reference: ReferenceContact, center: Any, dt: float = 1.0, burr_on: bool = True
 ) -> Any:
-    """One tick of both: moments and force to RELATIVE of their size, flags, and levels to the bit. The core's contact."""
+    """One tick of all: moments and force to RELATIVE of their size, flags, and levels to the bit. A core's contact."""
     expected: Any = reference.step(center, dt, burr_on)
-    got = core.step(center, dt, burr_on=burr_on)
-    for name in ("m0", "penetration", "removed"):
-        assert getattr(got, name) == pytest.approx(expected[name], rel=RELATIVE, abs=0.0), name
     sizes = {
         "m1": expected["m0"] * reference.radius,
         "normal": 1.0,
         "force": np.linalg.norm(expected["force"]),
     }
-    for name, size in sizes.items():
-        np.testing.assert_allclose(
-            getattr(got, name), expected[name], rtol=RELATIVE, atol=RELATIVE * size, err_msg=name
-        )
-    for name in ("c_e", *FLAGS):
-        assert getattr(got, name) == expected[name], name
-    np.testing.assert_array_equal(core.bone.density, reference.q)
-    assert core.tick == reference.tick
+    for core in cores:
+        got = core.step(center, dt, burr_on=burr_on)
+        for name in ("m0", "penetration", "removed"):
+            assert getattr(got, name) == pytest.approx(expected[name], rel=RELATIVE, abs=0.0), name
+        for name, size in sizes.items():
+            np.testing.assert_allclose(
+                getattr(got, name), expected[name], rtol=RELATIVE, atol=RELATIVE * size, err_msg=name
+            )
+        for name in ("c_e", *FLAGS):
+            assert getattr(got, name) == expected[name], name
+        np.testing.assert_array_equal(core.bone.density, reference.q)
+        assert core.tick == reference.tick
     return got
 
 
@@ -155,14 +171,15 @@ def assert_same_sums(bone: Any, numbers: NDArray[np.uint8]) -> None:
 
 
 def check_scene(scene: Scene, tissues: ReferenceTissues | None = None) -> float:
-    """Run both, compare after every tick, and return what was removed [mm^3]."""
-    bone, core, reference = make_pair(scene, tissues)
+    """Run all, compare after every tick, and return what was removed [mm^3]."""
+    cores, reference = on_every_path(scene, tissues)
     removed = 0.0
     for center, (_, burr_on) in zip(scene.centers(), scene.steps, strict=True):
-        removed += step_both(core, reference, center, scene.dt, burr_on).removed
-        np.testing.assert_array_equal(bone.pristine, reference.p)
-        if tissues is not None:
-            assert_same_sums(bone, tissues.number)
+        removed += step_both(cores, reference, center, scene.dt, burr_on).removed
+        for bone in (core.bone for core in cores):
+            np.testing.assert_array_equal(bone.pristine, reference.p)
+            if tissues is not None:
+                assert_same_sums(bone, tissues.number)
     return removed
 
 

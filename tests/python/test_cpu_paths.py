@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tick_scenes import SCHEMES, Scene, check_scene, make_pair, on_every_path, scene_of, step_both
+from tick_scenes import SCHEMES, Scene, check_scene, make_pair, on_every_path, scene_of, step_both, tissues_of
 
 import burrlab
 import burrlab._core as _core
@@ -43,6 +43,8 @@ def test_clipped_volumes(scheme: str, size: tuple[int, int, int]) -> None:
         steps = tuple((share[k:] + share[:k], True) for share in places for k in range(3))
         scene = scene_of(scheme, "quartic", size=size, steps=steps, snap=snap, ratio=5.0, alpha=0.5)
         assert check_scene(scene) > 0.0
+        tissues = tissues_of("random" if snap else "bricks", size, 16, (0.5, 0.2))
+        assert check_scene(scene, tissues) > 0.0
 
 
 @pytest.mark.parametrize("shape", KINDS)

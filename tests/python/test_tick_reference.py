@@ -11,6 +11,7 @@ import pytest
 from hypothesis import HealthCheck, event, example, given, settings
 from hypothesis import strategies as st
 from tick_scenes import (
+    ALL_SHAPES,
     FLAGS,
     SCHEMES,
     SHAPES,
@@ -137,7 +138,7 @@ def scenes(draw: st.DrawFn) -> Scene:
     dt = draw(st.sampled_from([0.1, 0.25, 1.0, 2.0, 5.0]))
     return Scene(
         scheme=draw(st.sampled_from(SCHEMES)),
-        shape=draw(st.sampled_from(SHAPES)),
+        shape=draw(st.sampled_from(ALL_SHAPES)),
         size=draw(st.tuples(st.integers(1, 22), st.integers(1, 22), st.integers(1, 27))),
         spacing=draw(spacings),
         origin=draw(st.tuples(*[st.floats(-100.0, 100.0)] * 3)),
@@ -157,7 +158,7 @@ def scenes(draw: st.DrawFn) -> Scene:
 
 @pytest.mark.parametrize("fill", ["solid", "random", "faint", "sparse"])
 @pytest.mark.parametrize("spacing", [(0.2, 0.2, 0.2), (0.2, 0.2, 0.3), (0.15, 0.25, 0.2)], ids=str)
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", ALL_SHAPES)
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_tick_equals_reference(
     scheme: str, shape: str, spacing: tuple[float, float, float], fill: str

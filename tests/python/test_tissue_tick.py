@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
 from test_tick_reference import scenes
 from tick_scenes import (
+    ALL_SHAPES,
     SCHEMES,
-    SHAPES,
     SKEW,
     Scene,
     assert_same_sums,
@@ -52,7 +52,7 @@ def test_kinds_of_bricks(scheme: str, kind: str, count: int, spacing: tuple[floa
         assert check_scene(scene, tissues_of(kind, scene.size, count)) > 0.0
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", ALL_SHAPES)
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_shapes(scheme: str, shape: str) -> None:
     for spacing in ((0.2, 0.2, 0.2), SKEW):
@@ -78,15 +78,6 @@ def test_a_tissue_that_does_not_erode_stays() -> None:
     stays = tissues.number % 2 == 0
     np.testing.assert_array_equal(bone.density[stays], 255)
     assert bone.density[~stays].min() < 255
-
-
-@pytest.mark.parametrize("size", [(1, 1, 1), (7, 9, 15), (8, 8, 8), (9, 17, 5), (5, 6, 300)])
-def test_clipped_volumes(size: tuple[int, int, int]) -> None:
-    """Sides that are no multiples of a brick, or shorter than one."""
-    steps = tuple(((i / 7, 0.3, 0.9), True) for i in range(8))
-    for kind in ("random", "bricks"):
-        scene = scene_of("layer", "quartic", size=size, steps=steps, ratio=5.0)
-        check_scene(scene, tissues_of(kind, size, 16, (0.5, 0.2)))
 
 
 @settings(max_examples=80, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])

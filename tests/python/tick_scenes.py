@@ -14,7 +14,8 @@ import burrlab
 import burrlab._core as _core
 from reference.tick import ReferenceContact, ReferenceShape, ReferenceTissues
 
-SHAPES = ("parabolic", "linear", "quartic", "constant", "power(0.5)", "power(1.5)", "power(3)", "power(7.3)")
+SHAPES = ("parabolic", "linear", "quartic", "constant", "power(1.5)", "power(3)")
+ALL_SHAPES = (*SHAPES, "power(0.5)", "power(7.3)")
 SCHEMES = ("layer", "cell")
 FLAGS = ("touching", "ambiguous", "coarse", "faint")
 SKEW = (0.13, 0.2, 0.17)  # spacing (x, y, z) [mm]

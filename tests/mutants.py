@@ -74,19 +74,24 @@ def _pytest(files: list[str], package: Path, *options: str, **environment: str) 
         return None, time.monotonic() - begun
 
 
-def trace(out: Path) -> None:
-    calls = json.loads(out.read_text()) if out.exists() else {}
+def _rows(file: str | Path) -> list[dict[str, Any]]:
+    path = Path(file)
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def trace(out: str) -> None:
+    path = Path(out).absolute()
+    calls = json.loads(path.read_text()) if path.exists() else {}
     for file in sorted(TESTS.glob("test_*.py")):
-        if file.name not in calls:
-            with tempfile.TemporaryDirectory() as folder:
-                ran = Path(folder) / "ran.json"
-                status, seconds = _pytest(
-                    [str(file)], PACKAGE.parent, "-p", "mutants", MUTANTS_CALLS=str(ran)
-                )
-                functions = json.loads(ran.read_text()) if ran.exists() and status == 0 else []
-            calls[file.name] = {"seconds": round(seconds, 1), "functions": functions, "status": status}
-            out.write_text(json.dumps(calls))
-            print(file.name, status, round(seconds, 1), len(functions), flush=True)
+        if file.name in calls:
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            ran = Path(folder) / "ran.json"
+            status, seconds = _pytest([str(file)], PACKAGE.parent, "-p", "mutants", MUTANTS_CALLS=str(ran))
+            functions = json.loads(ran.read_text()) if ran.exists() and status == 0 else []
+        calls[file.name] = {"seconds": round(seconds, 1), "functions": functions, "status": status}
+        path.write_text(json.dumps(calls))
+        print(file.name, status, round(seconds, 1), len(functions), flush=True)
 
 
 # ---- faults ----
@@ -107,8 +112,7 @@ def _expressions(function: ast.FunctionDef) -> Iterator[ast.expr]:
 
     def walk(node: ast.AST) -> Iterator[ast.expr]:
         if isinstance(
-            node,
-            ast.Raise | ast.JoinedStr | ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef,
+            node, ast.Raise | ast.JoinedStr | ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
         ):
             return
         if isinstance(node, ast.expr):
@@ -139,12 +143,8 @@ def _mutated(node: ast.expr) -> ast.expr | None:
     return new
 
 
-def _places(function: ast.FunctionDef, before: str) -> list[ast.expr]:
-    return [node for node in _expressions(function) if ast.unparse(node) == before]
-
-
-def draw(count: int) -> Iterator[dict[str, Any]]:
-    """Faults of every room by its size, at least three each."""
+def draw(count: str) -> None:
+    """Faults of every room by its size, at least three each, a line each."""
     rooms: dict[str, list[dict[str, Any]]] = {}
     files = {
         path: list(_functions(ast.parse(path.read_text(encoding="utf-8"))))
@@ -152,66 +152,57 @@ def draw(count: int) -> Iterator[dict[str, Any]]:
     }
     named = Counter(name for functions in files.values() for name, _ in functions)
     for path, functions in files.items():
+        room = path.relative_to(PACKAGE).parts[0] if path.parent != PACKAGE else "loose"
         for name, function in functions:
             seen: Counter[str] = Counter()
             if named[name] > 1:  # which of them could not be told
                 continue
             for node in _expressions(function):
-                before = ast.unparse(node)
-                if (new := _mutated(node)) is not None and name.rpartition(".")[2] not in (
-                    "__repr__",
-                    "_repr_html_",
-                ):
-                    room = path.relative_to(PACKAGE).parts[0] if path.parent != PACKAGE else "loose"
-                    rooms.setdefault(room, []).append(
-                        {
-                            "room": room,
-                            "function": name,
-                            "before": before,
-                            "after": ast.unparse(new),
-                            "nth": seen[before],
-                        }
-                    )
+                before, nth = ast.unparse(node), seen[ast.unparse(node)]
+                new = _mutated(node)
+                if new is not None and name.rpartition(".")[2] not in ("__repr__", "_repr_html_"):
+                    fault = {"room": room, "function": name, "before": before, "after": ast.unparse(new)}
+                    rooms.setdefault(room, []).append({**fault, "nth": nth})
                 seen[before] += 1
-    chance, whole = random.Random(SEED), sum(map(len, rooms.values()))
-    shares = {room: max(3, round(count * len(rows) / whole)) for room, rows in rooms.items()}
-    shares[max(shares, key=lambda room: shares[room])] += count - sum(shares.values())
+    chance, whole, drawn = random.Random(SEED), sum(map(len, rooms.values())), int(count)
+    shares = {room: max(3, round(drawn * len(rows) / whole)) for room, rows in rooms.items()}
+    shares[max(shares, key=lambda room: shares[room])] += drawn - sum(shares.values())
     for room, rows in sorted(rooms.items()):
-        yield from chance.sample(rows, shares[room])
+        print(*map(json.dumps, chance.sample(rows, shares[room])), sep="\n")
 
 
 def placed(fault: dict[str, Any]) -> tuple[Path, str]:
     """The file that holds the fault's function now, and its text with the fault; LookupError where neither is found."""
     for path in sorted(PACKAGE.rglob("*.py")):
         text = path.read_text(encoding="utf-8")
-        if fault["function"].rpartition(".")[2] in text:
-            for name, function in _functions(ast.parse(text)):
-                places = _places(function, fault["before"]) if name == fault["function"] else []
-                if len(places) > fault["nth"]:
-                    node, lines = places[fault["nth"]], text.encode().splitlines(keepends=True)
-                    assert node.end_lineno is not None
-                    assert node.end_col_offset is not None
-                    begin = sum(map(len, lines[: node.lineno - 1])) + node.col_offset
-                    end = sum(map(len, lines[: node.end_lineno - 1])) + node.end_col_offset
-                    whole = b"".join(lines)
-                    return path, (whole[:begin] + f"({fault['after']})".encode() + whole[end:]).decode()
+        if fault["function"].rpartition(".")[2] not in text:
+            continue
+        for name, function in _functions(ast.parse(text)):
+            if name != fault["function"]:
+                continue
+            places = [node for node in _expressions(function) if ast.unparse(node) == fault["before"]]
+            if len(places) > fault["nth"]:
+                node, lines = places[fault["nth"]], text.encode().splitlines(keepends=True)
+                begin, end = (
+                    sum(map(len, lines[: line - 1])) + column
+                    for line, column in (
+                        (node.lineno, node.col_offset),
+                        (node.end_lineno, node.end_col_offset),
+                    )
+                )
+                whole = b"".join(lines)
+                return path, (whole[:begin] + f"({fault['after']})".encode() + whole[end:]).decode()
     raise LookupError(f"{fault['function']} has no {fault['before']}")
 
 
-def run(calls_file: Path, out: Path, part: str) -> None:
-    calls, begin, step = json.loads(calls_file.read_text()), *map(int, part.split("/"))
-    faults = [json.loads(line) for file in FAULTS if file.exists() for line in file.read_text().splitlines()]
-    done = (
-        {json.dumps(json.loads(line)["fault"]) for line in out.read_text().splitlines()}
-        if out.exists()
-        else set()
-    )
+def run(calls_file: str, out: str, part: str = "1/1") -> None:
+    calls, begin, step = json.loads(Path(calls_file).read_text()), *map(int, part.split("/"))
+    faults = [fault for file in FAULTS for fault in _rows(file)][begin - 1 :: step]
+    done = [row["fault"] for row in _rows(out)]
     with tempfile.TemporaryDirectory() as folder:
         package = Path(folder) / "burrlab"
         shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
-        for fault in faults[begin - 1 :: step]:
-            if json.dumps(fault) in done:
-                continue
+        for fault in (fault for fault in faults if fault not in done):
             row: dict[str, Any] = {"fault": fault, "caught": None, "by": []}
             try:
                 path, text = placed(fault)
@@ -222,21 +213,13 @@ def run(calls_file: Path, out: Path, part: str) -> None:
                 kept = copied.read_text(encoding="utf-8")
                 copied.write_text(text, encoding="utf-8")
                 row["by"] = files = _chosen(calls, fault["function"])
-                row["caught"] = (
-                    bool(files) and _pytest([str(TESTS / file) for file in files], package.parent)[0] != 0
-                )
+                status = _pytest([str(TESTS / file) for file in files], package.parent)[0] if files else 0
+                row["caught"] = status != 0
                 copied.write_text(kept, encoding="utf-8")
-            with out.open("a") as file:
+            with Path(out).open("a") as file:
                 file.write(json.dumps(row) + "\n")
-            print(
-                row["caught"],
-                fault["function"],
-                fault["before"],
-                "->",
-                fault["after"],
-                *row["by"],
-                flush=True,
-            )
+            told = fault["function"], fault["before"], "->", fault["after"]
+            print(row["caught"], *told, *row["by"], flush=True)
 
 
 def _chosen(calls: dict[str, Any], function: str) -> list[str]:
@@ -250,38 +233,19 @@ def _chosen(calls: dict[str, Any], function: str) -> list[str]:
     return chosen
 
 
-def compare(before: Path, after: Path) -> int:
+def compare(before: str, after: str) -> int:
     """Faults that were caught and are not now, and by room how many survive; 1 where it is worse."""
-    was, now = (
-        {json.dumps(row["fault"]): row for row in map(json.loads, file.read_text().splitlines())}
-        for file in (before, after)
-    )
+    was, now = ({json.dumps(row["fault"]): row for row in _rows(file)} for file in (before, after))
     lost = [key for key, row in was.items() if row["caught"] and not now.get(key, {}).get("caught")]
     print(*(f"no longer caught: {key}" for key in lost), sep="\n")
-    rooms = sorted({row["fault"]["room"] for row in was.values()})
-    for room in rooms:
-        counts = [
-            sum(not r["caught"] for r in rows.values() if r["fault"]["room"] == room) for rows in (was, now)
+    for room in sorted({row["fault"]["room"] for row in was.values()}):
+        here = [
+            [row["caught"] for row in rows.values() if row["fault"]["room"] == room] for rows in (was, now)
         ]
-        print(
-            f"{room}: {counts[0]} survived, {counts[1]} now, of {sum(r['fault']['room'] == room for r in was.values())}"
-        )
+        survived, still = (sum(not caught for caught in rows) for rows in here)
+        print(f"{room}: {survived} survived, {still} now, of {len(here[0])}")
     return int(bool(lost))
 
 
-def main() -> int:
-    what, *given = sys.argv[1:]
-    if what == "trace":
-        trace(Path(given[0]).absolute())
-    elif what == "draw":
-        for fault in draw(int(given[0])):
-            print(json.dumps(fault))
-    elif what == "run":
-        run(Path(given[0]), Path(given[1]), given[2] if len(given) > 2 else "1/1")
-    elif what == "compare":
-        return compare(Path(given[0]), Path(given[1]))
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit({"trace": trace, "draw": draw, "run": run, "compare": compare}[sys.argv[1]](*sys.argv[2:]))

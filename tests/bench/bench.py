@@ -22,8 +22,8 @@ import experiments
 import report
 import tissues
 from check import check_all
-from machine import machine, pin, unpin
-from measure import Measured, measure
+from machine import machine, on_one_core
+from measure import measure
 from native import Native
 from plot import draw
 from scenes import RESOLUTIONS, growing
@@ -35,32 +35,39 @@ def say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def run(native: Native, quick: bool) -> tuple[list[Measured], dict[str, Any], str]:
-    """All that is measured, and the CPU path that baselines are compared with."""
-    paths = native.cpu_paths
-    reference = "avx2" if "avx2" in paths else paths[-1]
+def run(native: Native, quick: bool, reference: str) -> dict[str, Any]:
+    """All that is measured; `reference` is the CPU path that baselines are compared with."""
     split = ("slide 25", "buried 25") if quick else SPLIT_SCENES
-    where = pin()
-    found = []
-    for scene in growing(quick):
-        say(f"  {scene.name}")
-        found.append(measure(native, scene, passes=reference if scene.name in split else None))
-    for resolution in (12.5,) if quick else RESOLUTIONS:
-        say(f"  descent {resolution:g}")
-        found.append(experiments.descent_scene(native, resolution, quick))
-    once: dict[str, Any] = {}
-    say("  call from Python, bandwidth")
-    once["python_step"] = experiments.python_step(native, quick)
-    once["bandwidth"] = experiments.bandwidth(native, quick)
-    once["limits"] = report.limits(found, once["bandwidth"], reference)
-    say("  volume")
-    once["volume"] = experiments.volume_scaling(native, reference, quick)
-    say("  tissues")
-    once["tissues"] = tissues.tissue_cost(native, quick)
-    unpin(where)
+    scenes, once = {}, {}
+    with on_one_core():
+        for scene in growing(quick):
+            say(f"  {scene.name}")
+            passes = reference if scene.name in split else None
+            scenes[scene.name] = measure(native, scene, reference, passes=passes)
+        for resolution in (12.5,) if quick else RESOLUTIONS:
+            say(f"  descent {resolution:g}")
+            name, found = experiments.descent_scene(native, resolution, reference, quick)
+            scenes[name] = found
+        say("  call from Python, bandwidth")
+        once["python_step"] = experiments.python_step(native, quick)
+        once["bandwidth"] = experiments.bandwidth(native, quick)
+        once["limits"] = report.limits(scenes, once["bandwidth"], reference)
+        say("  volume")
+        once["volume"] = experiments.volume_scaling(native, reference, quick)
+        say("  tissues")
+        once["tissues"] = tissues.tissue_cost(native, quick)
     say("  sweep")
     once["sweep"] = experiments.sweep(quick)
-    return found, once, reference
+    slopes = {
+        kind: {
+            name: report.exponent(*curve) for name, curve in report.growth({"scenes": scenes}, kind).items()
+        }
+        for kind in ("slide", "buried")
+    }
+    exponents = {
+        kind: {name: k for name, k in found.items() if isfinite(k)} for kind, found in slopes.items()
+    }
+    return {"scenes": scenes, "exponents": exponents, **once}
 
 
 def main() -> None:
@@ -74,38 +81,27 @@ def main() -> None:
     say("Equal to the reference, bit for bit?")
     comparisons = check_all(native)
     say(f"yes, in {comparisons} comparisons\nScenes:")
-    found, once, reference = run(native, options.quick)
-    rows = report.targets(found, once)
-    here = machine(native)
-    print(f"{here['cpu']}, {here['compiler']} {here['flags']}, burrlab {here['burrlab']}")
+    reference = "avx2" if "avx2" in native.cpu_paths else native.cpu_paths[-1]
     missing = [path for path in ("portable", "avx2", "avx512") if path not in native.cpu_paths]
-    if missing:
-        print(f"Left out, as this CPU has none: {', '.join(missing)}")
-    print(report.table(found, reference))
-    print(report.summary(found, once, rows, reference))
-    options.out.mkdir(parents=True, exist_ok=True)
     results = {
-        "machine": here,
+        "machine": machine(native),
         "quick": options.quick,
         "compared_with_reference": comparisons,
         "reference_path": reference,
         "left_out": missing,
-        "scenes": {one.scene.name: one.summary(reference) for one in found},
-        "exponents": {
-            kind: {
-                name: value
-                for name, curve in report.growth(found, kind).items()
-                if isfinite(value := report.exponent(*curve))
-            }
-            for kind in ("slide", "buried")
-        },
-        **once,
-        "targets": report.target_rows(rows),
-        "seconds": time.perf_counter() - begun,
+        **run(native, options.quick, reference),
     }
+    results["targets"] = report.targets(results)
+    here = results["machine"]
+    print(f"{here['cpu']}, {here['compiler']} {here['flags']}, burrlab {here['burrlab']}")
+    if missing:
+        print(f"Left out, as this CPU has none: {', '.join(missing)}")
+    print(*report.table(results), *report.summary(results), sep="\n")
+    options.out.mkdir(parents=True, exist_ok=True)
+    results["seconds"] = time.perf_counter() - begun
     (options.out / "results.json").write_text(json.dumps(results, indent=2, allow_nan=False) + "\n")
     about = f"median over ticks, one thread; {here['cpu']}, {here['compiler']}, burrlab {here['burrlab']}"
-    draw(found, once["volume"], about, options.out / "tick.png")
+    draw(results, about, options.out / "tick.png")
     say(f"{options.out}/results.json, {options.out}/tick.png; {results['seconds']:.0f} s")
 
 

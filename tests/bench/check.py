@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from types import ModuleType
+from typing import Any
 
 import numba_tick
 import numpy as np
@@ -54,25 +54,11 @@ def expected(case: Case, table: NDArray[np.float32]) -> tuple[NDArray[np.int64],
     contact.tick = FIRST_TICK
     sums, moments = [], []
     for center in case.centers:
-        before = int(q.sum())
-        row = index_sums(case, q, center)
+        row, before = index_sums(case, q, center), int(q.sum())
         felt = contact.step(center, b.dt)
         sums.append([*row, before - int(q.sum())])
         moments.append([felt["m0"], *felt["m1"]])
     return np.array(sums), np.array(moments), q
-
-
-def by_module(module: ModuleType, case: Case, table: NDArray[np.float32]) -> tuple[NDArray[np.int64], Levels]:
-    """Sums and levels of the Numba or NumPy tick."""
-    b, q = case.burring, case.q.copy()
-    sums = [
-        module.step(
-            q, case.p, b.spacing, b.origin, b.radius, b.scheme == "layer", b.alpha * b.dt,
-            b.seed, 0, FIRST_TICK + i, table, tuple(center),
-        )
-        for i, center in enumerate(case.centers)
-    ]  # fmt: skip
-    return np.array(sums), q
 
 
 def check_all(native: Native) -> int:
@@ -82,23 +68,23 @@ def check_all(native: Native) -> int:
         for alpha, resolution in ((0.087, 12.5), (0.6, 9.3), (0.087, 24.0)):
             case = Case(scheme, alpha, resolution, seed=done)
             sums, moments, levels = expected(case, table)
-            found = {"NumPy": by_module(numpy_tick, case, table), "Numba": by_module(numba_tick, case, table)}
+            found: dict[str, tuple[Any, ...]] = {}
+            for name, module in (("NumPy", numpy_tick), ("Numba", numba_tick)):
+                q = case.q.copy()
+                ticks = (case.burring.arguments(FIRST_TICK + i, table, c) for i, c in enumerate(case.centers))
+                found[name] = np.array([module.step(q, case.p, *one) for one in ticks]), sums, q
             q = case.q.copy()
-            found["plain"] = (native.plain_run(q, case.p, case.burring, FIRST_TICK, case.centers)[1], q)
-            for name, (own_sums, own_levels) in found.items():
-                require(np.array_equal(own_sums, sums), f"sums of {name}, {scheme}, R/voxel {resolution:g}")
-                require(
-                    np.array_equal(own_levels, levels), f"levels of {name}, {scheme}, R/voxel {resolution:g}"
-                )
+            found["plain"] = native.plain_run(q, case.p, case.burring, FIRST_TICK, case.centers)[1], sums, q
             for path in native.cpu_paths:
                 core = Core.of(native, case.p, case.burring, path, q=case.q, tick=FIRST_TICK)
-                own_moments = core.moments(case.centers)
-                require(np.array_equal(own_moments, moments), f"moments of the core, {path}, {scheme}")
-                require(np.array_equal(core.density(), levels), f"levels of the core, {path}, {scheme}")
-            done += len(found) + len(native.cpu_paths)
+                own = np.empty((TICKS, 4))
+                core.run(case.centers, moments=own)
+                found[f"the core, {path}"] = own, moments, core.density()
+            for name, (own, wanted, own_levels) in found.items():
+                what = f"{name}, {scheme}, R/voxel {resolution:g}: {{}} not equal to tests/reference/tick.py"
+                if not np.array_equal(own, wanted):
+                    raise RuntimeError(what.format("sums are"))
+                if not np.array_equal(own_levels, levels):
+                    raise RuntimeError(what.format("levels are"))
+            done += len(found)
     return done
-
-
-def require(equal: bool, what: str) -> None:
-    if not equal:
-        raise RuntimeError(f"{what}: not equal to tests/reference/tick.py")

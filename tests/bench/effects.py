@@ -84,33 +84,26 @@ def companion_of(made: burrlab.Session, parcels: int) -> Companion:
     )
 
 
-class Ticks:
-    """Times of a session's ticks from the end of the warm-up on [us]."""
-
-    def __init__(self, made: burrlab.Session) -> None:
-        self.loop = made.loop
-        self.before = self._counts()
-
-    def _counts(self) -> dict[str, NDArray[np.uint64]]:
-        return {"cpu": self.loop.tick_time.counts, "wall": self.loop.wall_time.counts}
-
-    def quantiles(self) -> dict[str, float]:
-        """Median and p99, upper ends of bins that are 1/32 of their value wide."""
-        out = {}
-        edges = self.loop.tick_time.edges
-        for name, counts in self._counts().items():
-            sums = np.cumsum(counts - self.before[name])
-            for label, part in (("p50", 0.5), ("p99", 0.99)):
-                out[f"{name}_{label}"] = float(edges[np.searchsorted(sums, part * sums[-1]) + 1])
-        return out
+def ticks_us(loop: Any, before: dict[str, NDArray[np.uint64]] | None = None) -> dict[str, Any]:
+    """Counts of a loop's times of ticks; of those since `before` median and p99, upper ends of bins 1/32 of their value wide."""
+    counts = {"cpu": loop.tick_time.counts, "wall": loop.wall_time.counts}
+    if before is None:
+        return counts
+    out = {}
+    for name in counts:
+        sums = np.cumsum(counts[name] - before[name])
+        for label, part in (("p50", 0.5), ("p99", 0.99)):
+            at = np.searchsorted(sums, part * sums[-1]) + 1
+            out[f"{name}_{label}"] = float(loop.tick_time.edges[at])
+    return out
 
 
 def run_alone(seconds: float) -> dict[str, float]:
     with session(seconds) as made:
         made.wait(WARM)
-        ticks = Ticks(made)
+        before = ticks_us(made.loop)
         made.wait()
-        return ticks.quantiles()
+        return ticks_us(made.loop, before)
 
 
 def run_beside(seconds: float, parcels: int) -> dict[str, Any]:
@@ -118,11 +111,11 @@ def run_beside(seconds: float, parcels: int) -> dict[str, Any]:
     companion = companion_of(made, parcels)
     with companion, made:
         made.wait(WARM)
-        ticks, begin = Ticks(made), companion.report()
+        before, begin = ticks_us(made.loop), companion.report()
         present = [len(companion.parcels)]
         while not made.wait(0.5):
             present.append(len(companion.parcels))
-        quantiles = ticks.quantiles()
+        quantiles = ticks_us(made.loop, before)
         companion.wait(10)
     newest, end = companion.newest(), companion.report()
     dust, removed = newest["balance"]["dust"], round(made.snapshot()[0].removed / companion.quantum)
@@ -141,17 +134,13 @@ def run_beside(seconds: float, parcels: int) -> dict[str, Any]:
 
 def run(seconds: float, parcels: int, *, alone_first: bool = True) -> dict[str, Any]:
     """The same session without and with effects."""
-    if alone_first:
-        alone = run_alone(seconds)
+    alone = run_alone(seconds) if alone_first else None
     result = run_beside(seconds, parcels)
-    if not alone_first:
-        alone = run_alone(seconds)
-    beside = result["ticks_us"]
-    result["alone_us"] = alone
-    result["median_ratio"] = beside["cpu_p50"] / alone["cpu_p50"]
-    within = result["frames"] - result["over_budget"]
+    alone = alone or run_alone(seconds)
+    beside, frames = result["ticks_us"], result["frames"]
+    within = frames - result["over_budget"]
     lines = [
-        f"{within} of {result['frames']} frames within 20 ms ({100 * within / result['frames']:.2f} %), at least "
+        f"{within} of {frames} frames within 20 ms ({100 * within / frames:.2f} %), at least "
         f"{result['least_parcels']} parcels in them",
         f"with the first {WARM:g} s: {result['report_text']}",
         *(
@@ -166,8 +155,8 @@ def run(seconds: float, parcels: int, *, alone_first: bool = True) -> dict[str, 
         ),
         f"made = present + sucked + drained in quanta, and dust made = bone removed: {result['exact']}",
     ]
-    result["text"] = "\n".join(lines)
-    return result
+    ratio = beside["cpu_p50"] / alone["cpu_p50"]
+    return {**result, "alone_us": alone, "median_ratio": ratio, "text": "\n".join(lines)}
 
 
 if __name__ == "__main__":

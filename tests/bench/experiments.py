@@ -9,60 +9,55 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from measure import Measured, measure
+from measure import measure
 from native import Core, Native
 from scenes import air, descent, volume
-from times import Times, quartiles
+from times import in_turns, quartiles
 
 import burrlab
 
 SWEEP_FORCES = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  # [N]
-CHUNK = 25  # ticks of one volume before the next one's turn
 FORCE = 1.0  # of the descent [N]
 
 
 def volume_scaling(native: Native, path: str, quick: bool) -> dict[str, Any]:
     """The same slide in volumes of growing size, in turns; core on one CPU path, and the plain loop."""
-    sides = (64, 128) if quick else (256, 512, 1024)
     free = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    left_out = [side for side in sides if 6 * side**3 > free]
-    sides = tuple(side for side in sides if side not in left_out)
-    scenes = {side: volume(side, quick=quick) for side in sides}
-    pristine = {side: scene.levels() for side, scene in scenes.items()}
-    cores = {side: Core.of(native, pristine[side], scene.burring, path) for side, scene in scenes.items()}
-    present = {side: p.copy() for side, p in pristine.items()}
-    core_times: dict[int, list[Times]] = {side: [] for side in sides}
-    plain_times: dict[int, list[Times]] = {side: [] for side in sides}
-    ticks = len(scenes[sides[0]].path)
-    for begin in range(0, ticks, CHUNK):
-        for side, scene in scenes.items():
-            centers = scene.path[begin : begin + CHUNK]
-            core_times[side].append(cores[side].run(centers))
-            plain_times[side].append(
-                native.plain_run(present[side], pristine[side], scene.burring, begin, centers)[0]
-            )
+    wanted = (64, 128) if quick else (256, 512, 1024)
+    sides = [side for side in wanted if 6 * side**3 <= free]
+    runs: dict[tuple[str, int], Any] = {}
+    cores, present = {}, {}
+    for side in sides:
+        scene = volume(side, quick=quick)
+        p = scene.levels()
+        cores[side], present[side] = core, q = Core.of(native, p, scene.burring, path), p.copy()
+        runs["core", side] = scene.path, lambda _, centers, core=core: core.run(centers)
+        runs["plain", side] = (
+            scene.path,
+            lambda begin, centers, q=q, p=p, b=scene.burring: native.plain_run(q, p, b, begin, centers)[0],
+        )
+    times = in_turns(runs)
+    rows = {}
     for side in sides:
         if not np.array_equal(cores[side].density(), present[side]):
             raise RuntimeError(f"volume {side}: the plain loop left other levels than the core")
-    first = ticks // 10
-    rows = {}
-    smallest = Times.join(core_times[sides[0]])[first:]
-    for side in sides:
-        core, plain = (Times.join(t[side])[first:] for t in (core_times, plain_times))
+        core = times["core", side]
         rows[str(side)] = {
             "voxels": side**3,
             "core_median_us": 1e6 * core.median,
             "core_percentile_95_us": 1e6 * core.percentile_95,
-            "core_over_smallest": quartiles(core.over(smallest)),
-            "plain_median_us": 1e6 * plain.median,
+            "core_over_smallest": quartiles(core.over(times["core", sides[0]])),
+            "plain_median_us": 1e6 * times["plain", side].median,
             "hierarchy_bytes": cores[side].hierarchy_bytes,
             "hierarchy_over_voxels": cores[side].hierarchy_bytes / side**3,
         }
-    return {"cpu_path": path, "radius_over_voxel": scenes[sides[0]].resolution, "sides": rows,
-            "left_out_for_memory": left_out}  # fmt: skip
+    return {"cpu_path": path, "radius_over_voxel": scene.resolution, "sides": rows,
+            "left_out_for_memory": [side for side in wanted if side not in sides]}  # fmt: skip
 
 
-def descent_scene(native: Native, resolution: float, quick: bool) -> Measured:
+def descent_scene(
+    native: Native, resolution: float, reference: str, quick: bool
+) -> tuple[str, dict[str, Any]]:
     """A whole descent at held force on every CPU path; then its path replayed, baselines beside it."""
     scene, start, axis = descent(resolution, quick=quick)
     limit, travel = 200_000, scene.burring.radius / 3
@@ -74,13 +69,11 @@ def descent_scene(native: Native, resolution: float, quick: bool) -> Measured:
     first = positions[native.cpu_paths[-1]]
     if not all(np.array_equal(first, own) for own in positions.values()):
         raise RuntimeError(f"{scene.name}: the CPU paths took different ways")
-    found = measure(native, replace(scene, path=start + first[:, None] * axis))
-    found.extra |= {
+    return scene.name, measure(native, replace(scene, path=start + first[:, None] * axis), reference) | {
         "force_N": FORCE,
         "total_s": totals,
         "total_us_per_tick": {path: 1e6 * seconds / len(first) for path, seconds in totals.items()},
     }
-    return found
 
 
 def python_step(native: Native, quick: bool) -> dict[str, float]:
@@ -91,26 +84,23 @@ def python_step(native: Native, quick: bool) -> dict[str, float]:
     core = Core.of(native, scene.levels(), b, path)
     bone = burrlab.VoxelBone(scene.levels(), b.spacing)
     contact = burrlab.BurrContact(bone, burrlab.Burr(b.radius), burrlab.materials["bone"], seed=b.seed)
-    step, calls, python, native_ = contact.step, 1000, [], []
-    array = np.array(center)
-    by_array = []
+    step, array, calls = contact.step, np.array(center), 1000
+    times = []
     for _ in range(10 if quick else 50):
-        start = time.perf_counter()
-        for _ in range(calls):
-            step(center, 1.0)
-        python.append((time.perf_counter() - start) / calls)
-        start = time.perf_counter()
-        for _ in range(calls):
-            step(array, 1.0)
-        by_array.append((time.perf_counter() - start) / calls)
-        native_.append(core.run(np.tile(array, (calls, 1)), batch=calls).seconds[0])
-    tick = float(np.median(native_))
+        row = []
+        for place in (center, array):
+            start = time.perf_counter()
+            for _ in range(calls):
+                step(place, 1.0)
+            row.append((time.perf_counter() - start) / calls)
+        times.append([*row, core.run(np.tile(array, (calls, 1)), batch=calls).seconds[0]])
+    by_tuple, by_array, tick = (1e6 * np.median(times, axis=0)).tolist()
     return {
-        "python_step_us": 1e6 * float(np.median(python)),
-        "python_step_array_us": 1e6 * float(np.median(by_array)),
-        "native_step_us": 1e6 * tick,
-        "overhead_us": 1e6 * (float(np.median(python)) - tick),
-        "overhead_array_us": 1e6 * (float(np.median(by_array)) - tick),
+        "python_step_us": by_tuple,
+        "python_step_array_us": by_array,
+        "native_step_us": tick,
+        "overhead_us": by_tuple - tick,
+        "overhead_array_us": by_array - tick,
     }
 
 
@@ -119,10 +109,10 @@ def bandwidth(native: Native, quick: bool) -> dict[str, float]:
     large = 2**25 if quick else 2**29
     return {
         "large_bytes": large,
-        "read_GB_per_s": 1e-9 * native.bandwidth(large, copy=False),
-        "copy_GB_per_s": 1e-9 * native.bandwidth(large, copy=True),
+        "read_GB_per_s": native.bandwidth(large, copy=False),
+        "copy_GB_per_s": native.bandwidth(large, copy=True),
         "small_bytes": 2**20,
-        "small_copy_GB_per_s": 1e-9 * native.bandwidth(2**20, copy=True, repeats=100),
+        "small_copy_GB_per_s": native.bandwidth(2**20, copy=True, repeats=100),
     }
 
 
@@ -131,16 +121,8 @@ def sweep(quick: bool) -> dict[str, Any]:
     forces, repeats, voxel = ((2.0, 3.0), 1, 0.2) if quick else (SWEEP_FORCES, 4, 0.1)
 
     def run(executor: ThreadPoolExecutor | None) -> tuple[float, burrlab.VelocityCurve]:
-        start = time.perf_counter()
-        curve = burrlab.force_sweep(
-            burrlab.Burr(3.0),
-            burrlab.materials["bone"],
-            forces,
-            repeats=repeats,
-            voxel=voxel,
-            seed=1,
-            executor=executor,
-        )
+        tool, start = (burrlab.Burr(3.0), burrlab.materials["bone"]), time.perf_counter()
+        curve = burrlab.force_sweep(*tool, forces, repeats=repeats, voxel=voxel, seed=1, executor=executor)
         return time.perf_counter() - start, curve
 
     with ThreadPoolExecutor(1) as one:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import datetime
 import os
 import platform
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +21,11 @@ import burrlab
 def cpu_model() -> str:
     """As the system names it."""
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        text = Path("/proc/cpuinfo").read_text()
     except OSError:
         return platform.processor() or "unknown"
-    return next(
-        (line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown"
-    )
+    named = re.search(r"^model name.*?:(.*)", text, re.MULTILINE)
+    return named[1].strip() if named else "unknown"
 
 
 def machine(native: Native) -> dict[str, Any]:
@@ -32,27 +34,25 @@ def machine(native: Native) -> dict[str, Any]:
         "cpu": cpu_model(),
         "cores": os.cpu_count(),
         "cpu_paths": native.cpu_paths,
-        "compiler": native.compiler,
-        "flags": native.flags,
+        "compiler": native.library.bench_compiler().decode(),
+        "flags": native.library.bench_flags().decode(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "numpy": np.__version__,
         "numba": numba.__version__,
         "burrlab": burrlab.__version__,
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "clock_ns": 1e9 * native.clock(),
+        "clock_ns": 1e9 * native.library.bench_clock(1000),  # of a look at the clock
     }
 
 
-def pin() -> set[int] | None:
-    """Keeps this process on one core, where the system can; returns where it may run otherwise."""
+@contextmanager
+def on_one_core() -> Iterator[None]:
+    """Keeps this process on one core, where the system can."""
     if not hasattr(os, "sched_setaffinity"):
-        return None
+        yield
+        return
     before = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {max(before)})
-    return before
-
-
-def unpin(before: set[int] | None) -> None:
-    if before is not None:
-        os.sched_setaffinity(0, before)
+    yield
+    os.sched_setaffinity(0, before)

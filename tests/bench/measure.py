@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from typing import Any
 
 import numba_tick
@@ -16,159 +15,63 @@ from times import Numbers, Times, quartiles
 
 WARM_UP = 0.1  # part of a run that is not counted
 BASELINES = ("plain", "numba", "numpy")
-Burst = Callable[[Numbers], tuple[Times, Levels]]  # times of the ticks, and the levels after the last
+HALVES = {"split": SPLIT, "probe": PROBE, "erode": ERODE}
 
 
-@dataclass
-class Measured:
-    """Times of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-    runs : dict
-        Over the whole run, by CPU path.
-    bursts : dict
-        At the samples, by implementation; tick by tick side by side.
-    extra : dict
-        Figures of this scene alone.
-    """
-
-    scene: Scene
-    runs: dict[str, Times] = field(default_factory=dict)
-    bursts: dict[str, Times] = field(default_factory=dict)
-    extra: dict[str, Any] = field(default_factory=dict)
-
-    def ratio(self, slow: str, fast: str) -> Numbers:
-        """Of the times of ticks measured side by side."""
-        if slow not in self.bursts or fast not in self.bursts:
-            return np.empty(0)
-        return self.bursts[slow].over(self.bursts[fast])
-
-    def times(self, name: str) -> Times:
-        """All that was measured of one implementation."""
-        return self.runs[name] if name in self.runs else self.bursts[name]
-
-    @property
-    def implementations(self) -> list[str]:
-        """CPU paths, baselines, then the passes of a split tick."""
-        names = dict.fromkeys((*self.runs, *BASELINES, *self.bursts))
-        return [name for name in names if name in self.bursts and self.bursts[name].made.any()]
-
-    def summary(self, reference: str) -> dict[str, Any]:
-        """Medians, 95th percentiles and ratios with quartiles, for results.json."""
-        rows: dict[str, Any] = {}
-        for name in self.implementations:
-            times = self.times(name)
-            rows[name] = {
-                "median_us": 1e6 * times.median,
-                "percentile_95_us": 1e6 * times.percentile_95,
-                "ticks": int(times.made.sum()) * (self.scene.batch if name in self.runs else 1),
-                "share_interrupted": times.share_interrupted,
-                "plain_over_this": quartiles(self.ratio("plain", name)) if name in self.runs else None,
-                f"this_over_{reference}": quartiles(self.ratio(name, reference)),
-            }
-        s, b = self.scene, self.scene.burring
-        return {
-            "about": s.about, "radius_mm": b.radius, "voxel_mm": b.spacing, "radius_over_voxel": s.resolution,
-            "scheme": b.scheme, "volume_zyx": list(s.shape), "path_ticks": len(s.path),
-            "implementations": rows, **self.extra,
-        }  # fmt: skip
+def core_ticks(core: Core, scene: Scene, centers: Numbers, how: int = FUSED) -> Times:
+    return core.run_fresh(centers, how) if scene.fresh else core.run(centers, how=how, batch=scene.batch)
 
 
-# --- One burst of each implementation, from the same state ------------------------------------------------
-
-
-def core_burst(core: Core, scene: Scene, how: int = FUSED) -> Burst:
-    def burst(centers: Numbers) -> tuple[Times, Levels]:
+def baseline_ticks(
+    native: Native, scene: Scene, name: str, q: Levels, p: Levels, first: int, centers: Numbers
+) -> Times:
+    """By the plain loop, Numba or NumPy; erodes `q`."""
+    step, times = {"numba": numba_tick.step, "numpy": numpy_tick.step}.get(name), []
+    for tick, center in enumerate(centers, first):
         if scene.fresh:
-            return run_fresh(core, centers, how), core.density()
-        many = np.repeat(
-            centers, scene.batch, axis=0
-        )  # a batch of more than one is for air, which nothing changes
-        return core.run(many, how=how, batch=scene.batch), core.density()
-
-    return burst
-
-
-def run_fresh(core: Core, centers: Numbers, how: int = FUSED) -> Times:
-    """Ticks that each meet the bone as loaded."""
-    times = []
-    for center in centers:
-        core.reset()
-        times.append(core.run(center[None], how=how))
+            q[...] = p
+        if step is None:
+            times.append(native.plain_run(q, p, scene.burring, tick, center[None])[0])
+            continue
+        arguments = scene.burring.arguments(tick, native.depth_table, center)
+        before, start = native.library.bench_interruptions(), time.perf_counter()
+        step(q, p, *arguments)
+        seconds = time.perf_counter() - start
+        interrupted = native.library.bench_interruptions() != before
+        times.append(Times(np.array([seconds]), np.array([interrupted])))
     return Times.join(times)
 
 
-def dense_burst(
-    step: Callable[[Levels, int, Numbers], Times], q: Levels, p: Levels, tick: int, fresh: bool
-) -> Burst:
-    def burst(centers: Numbers) -> tuple[Times, Levels]:
-        times = []
-        for i, center in enumerate(centers):
-            if fresh:
-                q[...] = p
-            times.append(step(q, tick + i, center))
-        return Times.join(times), q
-
-    return burst
-
-
-def baseline_bursts(
-    native: Native, scene: Scene, q: Levels, p: Levels, tick: int, names: Sequence[str]
-) -> dict[str, Burst]:
-    b, table = scene.burring, native.depth_table
-
-    def plain(levels: Levels, tick: int, center: Numbers) -> Times:
-        return native.plain_run(levels, p, b, tick, center[None])[0]
-
-    def by(step: Callable[..., object]) -> Callable[[Levels, int, Numbers], Times]:
-        def timed(levels: Levels, tick: int, center: Numbers) -> Times:
-            at = tuple(center.tolist())
-            before, start = native.interruptions(), time.perf_counter()
-            step(levels, p, b.spacing, b.origin, b.radius, b.scheme == "layer", b.alpha * b.dt, b.seed, 0, tick,
-                 table, at)  # fmt: skip
-            seconds = time.perf_counter() - start
-            return Times(np.array([seconds]), np.array([native.interruptions() != before]))
-
-        return timed
-
-    steps = {"plain": plain, "numba": by(numba_tick.step), "numpy": by(numpy_tick.step)}
-    return {name: dense_burst(steps[name], q.copy(), p, tick, scene.fresh) for name in names}
-
-
-def compare(native: Native, scene: Scene, main: Core, p: Levels, centers: Numbers, baselines: Sequence[str],
-            passes: str | None) -> dict[str, Numbers]:  # fmt: skip
+def compare(
+    native: Native, scene: Scene, main: Core, p: Levels, tick: int, baselines: Sequence[str], passes: str | None
+) -> dict[str, Times]:  # fmt: skip
     """Times of the same ticks by everyone; RuntimeError if the levels differ in the end."""
-    bursts = {path: core_burst(main.clone(path), scene) for path in native.cpu_paths}
+    centers = scene.path[tick : tick + scene.effort.burst]
+    many = np.repeat(centers, scene.batch, axis=0)  # a batch is for air, which nothing changes
+    ways = {path: (path, FUSED) for path in native.cpu_paths}
     if passes is not None:
-        bursts[f"{passes} split"] = core_burst(main.clone(passes), scene, SPLIT)
-    bursts |= baseline_bursts(native, scene, main.density(), p, main.tick, baselines)
-    times: dict[str, Times] = {}
-    levels: Levels | None = None
-    for name, burst in bursts.items():
-        times[name], own = burst(centers)
-        if levels is None:
-            levels = own
-        elif not np.array_equal(own, levels):
+        ways |= {f"{passes} {name}": (passes, how) for name, how in HALVES.items()}
+    times, levels = {}, {}
+    for name, (path, how) in ways.items():
+        core = main.clone(path)
+        times[name] = core_ticks(core, scene, many, how)
+        if how in (FUSED, SPLIT):  # a half leaves other levels
+            levels[name] = core.density()
+    for name in baselines:
+        levels[name] = main.density()
+        times[name] = baseline_ticks(native, scene, name, levels[name], p, tick, centers)
+    for name, own in levels.items():
+        if not np.array_equal(own, levels[native.cpu_paths[0]]):
             raise RuntimeError(f"{scene.name}: {name} left other levels than the core")
-    if (
-        passes is not None
-    ):  # halves of the split tick; the levels are the same as long as nothing but one half runs
-        for name, how in (("probe", PROBE), ("erode", ERODE)):
-            times[f"{passes} {name}"] = core_burst(main.clone(passes), scene, how)(centers)[0]
     return times
 
 
-# --- A scene ----------------------------------------------------------------------------------------------
-
-
-def measure(native: Native, scene: Scene, *, passes: str | None = None) -> Measured:
-    """Times one scene; `passes` names a CPU path whose split tick is timed too."""
+def measure(native: Native, scene: Scene, reference: str, *, passes: str | None = None) -> dict[str, Any]:
+    """Times one scene, for results.json; `passes` names a CPU path whose split tick is timed too."""
     p, effort = scene.levels(), scene.effort
     cores = {path: Core.of(native, p, scene.burring, path) for path in native.cpu_paths}
-    first = int(WARM_UP * len(scene.path)) // scene.batch * scene.batch
-    last = len(scene.path) - effort.burst
+    main = cores[native.cpu_paths[-1]]
+    first, last = int(WARM_UP * len(scene.path)) // scene.batch * scene.batch, len(scene.path) - effort.burst
     samples = np.unique(np.linspace(first, last, effort.samples).astype(int) // scene.batch * scene.batch)
     for_numpy = set(samples[np.linspace(0, len(samples) - 1, effort.numpy_samples).astype(int)].tolist())
     runs: dict[str, list[Times]] = {path: [] for path in cores}
@@ -177,37 +80,51 @@ def measure(native: Native, scene: Scene, *, passes: str | None = None) -> Measu
     done = 0
     for sample in [*samples.tolist(), len(scene.path)]:
         for path, core in cores.items():
-            runs[path].append(run_segment(core, scene, done, sample))
+            runs[path].append(core_ticks(core, scene, scene.path[done:sample]))
         done = sample
         if sample == len(scene.path):
             break
-        main = cores[native.cpu_paths[-1]]
-        centers = scene.path[sample : sample + effort.burst]
         names = [name for name in BASELINES if name != "numpy" or sample in for_numpy]
-        times = compare(native, scene, main, p, centers, names, passes)
+        times = compare(native, scene, main, p, sample, names, passes)
         for name in dict.fromkeys((*times, "numpy")):
             bursts.setdefault(name, []).append(times.get(name, Times.empty(effort.burst))[effort.warm :])
         if passes is not None:
             q = p if scene.fresh else main.density()
-            touched.append(touched_bytes(q, p, scene.burring, centers[0], native))
+            touched.append(touched_bytes(q, p, scene.burring, scene.path[sample], native))
     if len({core.digest for core in cores.values()}) != 1:
         raise RuntimeError(f"{scene.name}: the CPU paths left different bones")
-    found = Measured(scene)
-    found.runs = {path: Times.join(parts)[first // scene.batch :] for path, parts in runs.items()}
-    found.bursts = {name: Times.join(parts) for name, parts in bursts.items()}
-    if touched:
-        found.extra["bytes_touched"] = float(np.mean(touched))
-    return found
+    whole = {path: Times.join(parts)[first // scene.batch :] for path, parts in runs.items()}
+    found = summary(scene, whole, {name: Times.join(parts) for name, parts in bursts.items()}, reference)
+    return found | ({"bytes_touched": float(np.mean(touched))} if touched else {})
 
 
-def run_segment(core: Core, scene: Scene, begin: int, end: int) -> Times:
-    centers = scene.path[begin:end]
-    return run_fresh(core, centers) if scene.fresh else core.run(centers, batch=scene.batch)
+def summary(scene: Scene, runs: dict[str, Times], bursts: dict[str, Times], reference: str) -> dict[str, Any]:
+    """Medians and 95th percentiles, of the run or else of the samples; ratios, tick by tick side by side, with quartiles.
+
+    CPU paths come first, then baselines, then the passes of a split tick.
+    """
+    rows: dict[str, Any] = {}
+    for name in dict.fromkeys((*runs, *BASELINES, *bursts)):
+        if not bursts[name].made.any():
+            continue
+        times = runs.get(name, bursts[name])
+        rows[name] = {
+            "median_us": 1e6 * times.median,
+            "percentile_95_us": 1e6 * times.percentile_95,
+            "ticks": int(times.made.sum()) * (scene.batch if name in runs else 1),
+            "share_interrupted": times.share_interrupted,
+            "plain_over_this": quartiles(bursts["plain"].over(bursts[name])) if name in runs else None,
+            f"this_over_{reference}": quartiles(bursts[name].over(bursts[reference])),
+        }
+    s, b = scene, scene.burring
+    return {
+        "about": s.about, "radius_mm": b.radius, "voxel_mm": b.spacing, "radius_over_voxel": s.resolution,
+        "scheme": b.scheme, "volume_zyx": list(s.shape), "path_ticks": len(s.path), "implementations": rows,
+    }  # fmt: skip
 
 
-def touched_bytes(q: Levels, p: Levels, burring: Burring, center: Numbers, native: Native) -> int:
+def touched_bytes(q: Levels, p: Levels, b: Burring, center: Numbers, native: Native) -> int:
     """Bytes that a tick has to move: q of every voxel with mass read and written, p read but where it is deep."""
-    b = burring
     _, (z, y, x), r2 = numpy_tick.select(q, b.spacing, b.origin, b.radius, tuple(center.tolist()))
     level = q[z, y, x].astype(np.int64)
     mass, _ = numpy_tick.mass_and_shape(

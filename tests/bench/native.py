@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from ctypes import c_char_p, c_double, c_int, c_int64, c_uint64, c_void_p
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,22 @@ class Burring:
     seed: int = 1
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
+    def arguments(self, tick: int, table: NDArray[np.float32], center: Numbers) -> tuple[Any, ...]:
+        """Of the Numba and NumPy tick, behind the levels."""
+        place, layer = tuple(center.tolist()), self.scheme == "layer"
+        return (
+            self.spacing,
+            self.origin,
+            self.radius,
+            layer,
+            self.alpha * self.dt,
+            self.seed,
+            0,
+            tick,
+            table,
+            place,
+        )
+
 
 def address(array: NDArray[np.generic] | None) -> int | None:
     """Of a C-contiguous array."""
@@ -84,13 +101,15 @@ class Native:
             ("core_density", c_int, [c_void_p, c_void_p]),
             ("core_digest", c_char_p, [c_void_p]),
             ("core_hierarchy_bytes", c_int64, [c_void_p]),
-            ("core_tick", c_uint64, [c_void_p]),
             ("plain_run", c_int, [c_void_p, c_void_p, c_void_p, c_double, c_void_p, c_double, c_int, c_uint64,
                                   c_uint64, c_double, c_void_p, c_int64, c_void_p, c_void_p, c_void_p]),
         ):  # fmt: skip
             function = getattr(library, name)
             function.restype, function.argtypes = result, arguments
         self.library = library
+        self.cpu_paths: list[str] = library.bench_cpu_paths().decode().split(",")
+        self.depth_table = np.empty((25, 41), dtype=np.float32)  # G(e, tau) of order 1
+        library.bench_depth_table(address(self.depth_table))
 
     def check(self, done: int | None) -> int:
         """The result of a call, or its error."""
@@ -98,36 +117,9 @@ class Native:
             raise RuntimeError(self.library.bench_error().decode())
         return done
 
-    @property
-    def cpu_paths(self) -> list[str]:
-        return self.library.bench_cpu_paths().decode().split(",")
-
-    @property
-    def compiler(self) -> str:
-        return self.library.bench_compiler().decode()
-
-    @property
-    def flags(self) -> str:
-        return self.library.bench_flags().decode()
-
-    @property
-    def depth_table(self) -> NDArray[np.float32]:
-        """G(e, tau) of order 1, shape (25, 41)."""
-        table = np.empty((25, 41), dtype=np.float32)
-        self.library.bench_depth_table(address(table))
-        return table
-
     def bandwidth(self, size: int, *, copy: bool, repeats: int = 3) -> float:
-        """Best of some passes over `size` bytes [byte/s]."""
-        return self.library.bench_bandwidth(size, repeats, copy)
-
-    def clock(self) -> float:
-        """Cost of a look at the clock [s]."""
-        return self.library.bench_clock(1000)
-
-    def interruptions(self) -> int:
-        """How often another process took this thread's core so far."""
-        return self.library.bench_interruptions()
+        """Best of some passes over `size` bytes [GB/s]."""
+        return 1e-9 * float(self.library.bench_bandwidth(size, repeats, copy))
 
     def plain_run(
         self, q: Levels, p: Levels, burring: Burring, tick: int, centers: Numbers
@@ -149,9 +141,8 @@ class Core:
     """A bone of the core with one burr on one CPU path."""
 
     def __init__(self, native: Native, handle: int | None, shape: Sequence[int], burring: Burring) -> None:
-        if handle is None:
-            native.check(handle)
-        self.native, self.handle, self.shape, self.burring = native, handle, tuple(shape), burring
+        self.native, self.library, self.shape, self.burring = native, native.library, tuple(shape), burring
+        self.handle = native.check(handle)
 
     @classmethod
     def of(
@@ -167,35 +158,36 @@ class Core:
 
     def clone(self, path: str) -> Core:
         """The same state on another CPU path."""
-        handle = self.native.library.core_clone(self.handle, path.encode())
-        return Core(self.native, handle, self.shape, self.burring)
+        return Core(
+            self.native, self.library.core_clone(self.handle, path.encode()), self.shape, self.burring
+        )
 
     def __del__(self) -> None:
-        if self.handle is not None:
-            self.native.library.core_free(self.handle)
+        if hasattr(self, "handle"):
+            self.library.core_free(self.handle)
 
-    def run(self, centers: Numbers, *, how: int = FUSED, batch: int = 1) -> Times:
-        """Ticks, one a centre; times a tick, means over `batch` ticks."""
-        return self._run(centers, how, batch, None)
-
-    def moments(self, centers: Numbers) -> Numbers:
-        """Ticks, one a centre; m0 [mm^3] and m1 (x, y, z) [mm^4] of each, shape (n, 4)."""
-        found = np.empty((len(centers), 4))
-        self._run(centers, FUSED, 1, found)
-        return found
-
-    def _run(self, centers: Numbers, how: int, batch: int, moments: Numbers | None) -> Times:
+    def run(
+        self, centers: Numbers, *, how: int = FUSED, batch: int = 1, moments: Numbers | None = None
+    ) -> Times:
+        """Ticks, one a centre; times a tick, means over `batch` ticks. `moments` takes m0 and m1 of each, shape (n, 4)."""
         if len(centers) % batch:
             raise ValueError("the number of ticks must be a multiple of batch")
-        times = Times.empty(len(centers) // batch)
-        centers = np.ascontiguousarray(centers)
+        times, centers = Times.empty(len(centers) // batch), np.ascontiguousarray(centers)
         self.native.check(
-            self.native.library.core_run(
+            self.library.core_run(
                 self.handle, address(centers), len(centers), self.burring.dt, how, batch,
                 address(times.seconds), address(times.interrupted), address(moments),
             )
         )  # fmt: skip
         return times
+
+    def run_fresh(self, centers: Numbers, how: int = FUSED) -> Times:
+        """Ticks that each meet the bone as loaded."""
+        times = []
+        for center in centers:
+            self.native.check(self.library.core_reset(self.handle))
+            times.append(self.run(center[None], how=how))
+        return Times.join(times)
 
     def hold(
         self, force: float, start: Numbers, axis: Numbers, *, begin: float, travel: float, ticks: int
@@ -203,7 +195,7 @@ class Core:
         """Sinks at an exactly held force [N]; positions along the axis [mm], and seconds of all ticks."""
         positions, seconds = np.empty(ticks), np.empty(1)
         done = self.native.check(
-            self.native.library.core_hold(
+            self.library.core_hold(
                 self.handle, force, address(start), address(axis), begin, travel, self.burring.dt, ticks,
                 address(positions), address(seconds),
             )
@@ -212,25 +204,18 @@ class Core:
 
     def set_tissues(self, numbers: Levels, count: int, *, watched: int = 0) -> None:
         """`count` tissues with the values of the burr's material; distances to the first `watched` are asked for."""
-        self.native.check(self.native.library.core_set_tissues(self.handle, address(numbers), count, watched))
-
-    def reset(self) -> None:
-        self.native.check(self.native.library.core_reset(self.handle))
+        self.native.check(self.library.core_set_tissues(self.handle, address(numbers), count, watched))
 
     def density(self) -> Levels:
         """Dense copy of the present levels."""
         q = np.empty(self.shape, dtype=np.uint8)
-        self.native.check(self.native.library.core_density(self.handle, address(q)))
+        self.native.check(self.library.core_density(self.handle, address(q)))
         return q
 
     @property
     def digest(self) -> str:
-        return self.native.library.core_digest(self.handle).decode()
+        return self.library.core_digest(self.handle).decode()
 
     @property
     def hierarchy_bytes(self) -> int:
-        return self.native.library.core_hierarchy_bytes(self.handle)
-
-    @property
-    def tick(self) -> int:
-        return self.native.library.core_tick(self.handle)
+        return self.library.core_hierarchy_bytes(self.handle)

@@ -1,13 +1,15 @@
 """The tick in whole arrays over the sphere's box: a baseline of the benchmark, docs/tick.md to the bit.
 
 Cubic voxels, f parabolic. Voxels that hold bone inside the sphere are selected first; all that is expensive is
-done for these alone.
+done for these alone, in part by functions of the reference, which take arrays of any shape.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+
+from reference.tick import bilinear, eroded_fraction, philox4x32
 
 f32 = np.float32
 Float = NDArray[np.float32]
@@ -16,48 +18,7 @@ Levels = NDArray[np.uint8]
 
 ZERO, HALF, ONE, TWO = f32(0), f32(0.5), f32(1), f32(2)
 LEAST_W, MOST_E, MOST_TAU = f32(2.0**-20), f32(3 - 2.0**-22), f32(1 - 2.0**-24)
-P_2, P_3, P_4 = f32(0.49999714), f32(0.16652727), f32(0.03972289)  # of the eroded fraction
-WORD, LOW = np.uint64(0xFFFFFFFF), np.uint64(32)
-
-
-def draw_words(column: Integer, tick: int, index: int, draw: int, seed: int) -> NDArray[np.uint32]:
-    """Philox4x32-7: the eight 16-bit numbers of every column, in four words; shape (n, 4)."""
-    c0, c1 = column.astype(np.uint64), np.uint64(tick & 0xFFFFFFFF)
-    c2, c3 = np.uint64(tick >> 32), np.uint64(index + (draw << 31))
-    k0, k1 = seed & 0xFFFFFFFF, seed >> 32
-    for _ in range(7):
-        product_0, product_1 = np.uint64(0xD2511F53) * c0, np.uint64(0xCD9E8D57) * c2
-        c0, c1, c2, c3 = (
-            (product_1 >> LOW) ^ c1 ^ np.uint64(k0),
-            product_1 & WORD,
-            (product_0 >> LOW) ^ c3 ^ np.uint64(k1),
-            product_0 & WORD,
-        )
-        k0, k1 = (k0 + 0x9E3779B9) & 0xFFFFFFFF, (k1 + 0xBB67AE85) & 0xFFFFFFFF
-    return np.stack([c0, c1, c2, c3], axis=-1).astype(np.uint32)
-
-
-def effective_depth(table: Float, e: Float, tau: Float) -> Float:
-    """G(e, tau), bilinear in its table."""
-    te, tt = e * f32(8), tau * f32(40)
-    i, j = np.minimum(te.astype(np.int32), 23), np.minimum(tt.astype(np.int32), 39)
-    fe, ft = te - i.astype(f32), tt - j.astype(f32)
-    lo = table[i, j] + (table[i, j + 1] - table[i, j]) * ft
-    hi = table[i + 1, j] + (table[i + 1, j + 1] - table[i + 1, j]) * ft
-    return lo + (hi - lo) * fe
-
-
-def eroded_fraction(f: Float, a: float) -> Float:
-    """1 - exp(-a f)."""
-    doublings = 0
-    while a > 0.125:
-        a *= 0.5
-        doublings += 1
-    y = f32(a) * f
-    fraction = y * (ONE - y * (P_2 - y * (P_3 - y * P_4)))
-    for _ in range(doublings):
-        fraction = fraction * (TWO - fraction)
-    return fraction
+WORD = 0xFFFFFFFF
 
 
 def mass_and_shape(
@@ -83,7 +44,7 @@ def mass_and_shape(
     rim, depth, w, p, m = rim[held], depth[held], w[held], p[held], m[held]
     tau = np.minimum((m.astype(f32) * (ONE / (p * f32(256)))) / w, MOST_TAU)
     e = np.clip((depth * inv_s + HALF) - ONE, ZERO, MOST_E)
-    delta = (w * (s * inv_R)) * effective_depth(table, e, tau)
+    delta = (w * (s * inv_R)) * bilinear(table, e, tau)
     f[rim] = delta * (TWO - delta)
     return mass, f
 
@@ -101,8 +62,10 @@ def draw_lanes(
     held = np.zeros(size, dtype=bool)
     held[z - z0, group - g0, x - x0] = True
     zs, gs, xs = np.nonzero(held)
+    column = ((zs + z0) * ((ny + 7) // 8) + gs + g0) * nx + xs + x0
+    counter, key = (column, tick & WORD, tick >> 32, index + (draw << 31)), (seed & WORD, seed >> 32)
     words = np.zeros((*size, 4), dtype=np.uint32)
-    words[held] = draw_words(((zs + z0) * ((ny + 7) // 8) + gs + g0) * nx + xs + x0, tick, index, draw, seed)
+    words[held] = np.stack(philox4x32(counter, key), axis=-1)
     lane = y & 7
     word = words[z - z0, group - g0, x - x0, lane >> 1]
     return (word >> (16 * (lane & 1)).astype(np.uint32)) & np.uint32(0xFFFF)

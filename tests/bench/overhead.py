@@ -11,12 +11,11 @@ import argparse
 import multiprocessing
 import os
 import platform
-import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,32 +36,18 @@ def nothing(item: Item) -> float:
     return 0.5 * item.seed
 
 
-@contextmanager
-def threads() -> Iterator[Executor]:
-    with ThreadPoolExecutor(WORKERS) as pool:
-        yield pool
-
-
-@contextmanager
-def processes() -> Iterator[Executor]:
-    with ProcessPoolExecutor(WORKERS, mp_context=multiprocessing.get_context("spawn")) as pool:
-        yield pool
-
-
-@contextmanager
-def dask_cluster() -> Iterator[Executor]:
+def dask_cluster(stack: ExitStack) -> Executor:
     from distributed import Client, LocalCluster
 
-    with (
-        LocalCluster(n_workers=WORKERS, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster,
-        Client(cluster) as client,
-    ):
-        yield client.get_executor()
+    one_each = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
+    cluster = stack.enter_context(LocalCluster(n_workers=WORKERS, **one_each))
+    return stack.enter_context(Client(cluster)).get_executor()
 
 
-KINDS: dict[str, Callable[[], contextmanager[Executor]]] = {
-    "threads": threads,
-    "processes": processes,
+SPAWN = multiprocessing.get_context("spawn")
+KINDS: dict[str, Callable[[ExitStack], Executor]] = {
+    "threads": lambda stack: stack.enter_context(ThreadPoolExecutor(WORKERS)),
+    "processes": lambda stack: stack.enter_context(ProcessPoolExecutor(WORKERS, mp_context=SPAWN)),
     "dask": dask_cluster,
 }
 
@@ -82,7 +67,7 @@ def cost(executor: Executor, items: int, rounds: int, chunk: int, stored: bool) 
     return 1e6 * min(times) / items
 
 
-def main() -> int:
+def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--items", type=int, default=500)
     parser.add_argument("--rounds", type=int, default=3)
@@ -93,7 +78,8 @@ def main() -> int:
     print("| us an item | " + " | ".join(f"chunk {c}{s}" for s in ("", ", store") for c in CHUNKS) + " |")
     print("|---" * (1 + 2 * len(CHUNKS)) + "|")
     for name, kind in KINDS.items():
-        with kind() as executor:
+        with ExitStack() as stack:
+            executor = kind(stack)
             cost(executor, 100, 1, 1, False)  # workers start and import
             row = [
                 cost(executor, options.items, options.rounds, chunk, stored)
@@ -101,8 +87,7 @@ def main() -> int:
                 for chunk in CHUNKS
             ]
         print(f"| {name} | " + " | ".join(f"{value:.0f}" for value in row) + " |", flush=True)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -108,6 +108,16 @@ def surface_at(layers: int, spacing: float) -> float:
     return (layers - 0.5) * spacing
 
 
+def along_x(
+    burring: Burring, travel: Numbers, height: float, begin: float = 0.0, y: float | None = None
+) -> Numbers:
+    """Centres on a line, two voxels from the volume's edges, or from `begin`, or at `y` [mm]."""
+    x, other = burring.radius + 2 * burring.spacing + begin + OFF_GRID[:2] * burring.spacing
+    return np.stack(
+        [x + travel, np.full_like(travel, other if y is None else y), np.full_like(travel, height)], axis=1
+    )
+
+
 def slide(
     radius: float,
     spacing: float,
@@ -118,16 +128,11 @@ def slide(
     quick: bool = False,
 ) -> Scene:
     """Burr sunk to R/3 that moves at 20 mm/s through fresh bone, cutting."""
-    burring = Burring(spacing, radius, scheme)
-    layers = voxels(radius / 3, spacing) + 4
+    burring, resolution = Burring(spacing, radius, scheme), radius / spacing
+    layers, side = voxels(radius / 3, spacing) + 4, voxels(2 * radius, spacing) + 6
     travel = SPEED * 1e-3 * burring.dt * np.arange(ticks)
-    start = np.full(3, radius + 2 * spacing) + OFF_GRID * spacing
-    path = np.tile(start, (ticks, 1))
-    path[:, 0] += travel
-    path[:, 2] = surface_at(layers, spacing) + 2 * radius / 3
-    side = voxels(2 * radius, spacing) + 6
+    path = along_x(burring, travel, surface_at(layers, spacing) + 2 * radius / 3)
     shape = (layers + voxels(5 * radius / 3, spacing) + 3, side, side + voxels(float(travel[-1]), spacing))
-    resolution = radius / spacing
     name = f"slide {resolution:g}" + (f" R {radius:g}" if radius != LARGE_RADIUS else "")
     name += ("" if scheme == "layer" else f" {scheme}") + (" varied" if varied else "")
     about = "sunk to R/3, 20 mm/s through fresh bone, cutting" + (
@@ -150,19 +155,15 @@ def buried(radius: float, spacing: float, *, quick: bool = False) -> Scene:
 
 def air(radius: float, spacing: float, *, near: bool, quick: bool = False) -> Scene:
     """Burr that touches nothing: a radius above the bone, or just above its surface."""
-    ticks = 1000 if quick else 4000
-    layers = voxels(radius, spacing)
-    side = voxels(2 * radius, spacing) + 6
-    across = voxels(3.2 * radius, spacing)
+    ticks, resolution, burring = 1000 if quick else 4000, radius / spacing, Burring(spacing, radius)
+    layers, across = voxels(radius, spacing), voxels(3.2 * radius, spacing)
     travel = SPEED * 1e-3 * np.arange(ticks) % (across * spacing - 2 * (radius + 3 * spacing))
-    path = np.tile(np.full(3, radius + 2 * spacing) + OFF_GRID * spacing, (ticks, 1))
-    path[:, 0] += travel
-    path[:, 2] = surface_at(layers, spacing) + (radius + 0.01 * spacing if near else 2 * radius)
-    shape = (layers + voxels((2 if near else 3) * radius, spacing) + 4, side, across)
-    kind = "near" if near else "far"
-    about = "just above the surface, no contact" if near else "a radius above the surface, no contact"
-    return Scene(f"air {kind} {radius / spacing:g}", about, Burring(spacing, radius), shape, layers, path, batch=20,
-                 effort=effort_at(radius / spacing, quick))  # fmt: skip
+    height, room = (radius + 0.01 * spacing, 2) if near else (2 * radius, 3)
+    path = along_x(burring, travel, surface_at(layers, spacing) + height)
+    shape = (layers + voxels(room * radius, spacing) + 4, voxels(2 * radius, spacing) + 6, across)
+    kind, where = ("near", "just above the surface") if near else ("far", "a radius above the surface")
+    return Scene(f"air {kind} {resolution:g}", f"{where}, no contact", burring, shape, layers, path, batch=20,
+                 effort=effort_at(resolution, quick))  # fmt: skip
 
 
 def descent(resolution: float, *, quick: bool = False) -> tuple[Scene, Numbers, Numbers]:
@@ -181,16 +182,14 @@ def descent(resolution: float, *, quick: bool = False) -> tuple[Scene, Numbers, 
 
 def volume(side: int, *, quick: bool = False) -> Scene:
     """A slide in a cube of `side` voxels of 0.1 mm, bone below a surface, the same place within the bricks."""
-    radius, spacing = (2.5, 0.2) if quick else (LARGE_RADIUS, 0.1)
-    small = 64 if quick else 256
-    burring = Burring(spacing, radius)
-    layers = side - voxels(5 * radius / 3, spacing) - 8
-    ticks = 200 if quick else 600
+    radius, spacing, small, ticks = (2.5, 0.2, 64, 200) if quick else (LARGE_RADIUS, 0.1, 256, 600)
+    burring, layers = Burring(spacing, radius), side - voxels(5 * radius / 3, spacing) - 8
     offset = (side - small) // 2 // 64 * 64  # whole blocks of bricks
-    path = np.tile(np.full(3, radius + 2 * spacing + offset * spacing) + OFF_GRID * spacing, (ticks, 1))
-    path[:, 0] += SPEED * 1e-3 * burring.dt * np.arange(ticks)
-    path[:, 1] = (offset + 0.5 * small + OFF_GRID[1]) * spacing
-    path[:, 2] = surface_at(layers, spacing) + 2 * radius / 3
+    travel, height = (
+        SPEED * 1e-3 * burring.dt * np.arange(ticks),
+        surface_at(layers, spacing) + 2 * radius / 3,
+    )
+    path = along_x(burring, travel, height, offset * spacing, (offset + 0.5 * small + OFF_GRID[1]) * spacing)
     return Scene(f"volume {side}", f"slide in {side}^3 voxels", burring, (side, side, side), layers, path)
 
 

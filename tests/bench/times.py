@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Numbers = NDArray[np.float64]
 
+Name = TypeVar("Name")
+
 FEWEST = 5  # undisturbed ticks for a median
+CHUNK = 25  # ticks of one before the next one's turn
 
 
 @dataclass(frozen=True)
@@ -39,9 +43,6 @@ class Times:
     def join(cls, parts: Sequence[Times]) -> Times:
         return cls(np.concatenate([t.seconds for t in parts]), np.concatenate([t.interrupted for t in parts]))
 
-    def __len__(self) -> int:
-        return len(self.seconds)
-
     def __getitem__(self, which: slice) -> Times:
         return Times(self.seconds[which], self.interrupted[which])
 
@@ -50,14 +51,9 @@ class Times:
         return np.isfinite(self.seconds)
 
     @property
-    def counted(self) -> Numbers:
-        """Seconds of the ticks that count."""
-        return undisturbed(self.seconds[self.made], self.interrupted[self.made])
-
-    @property
     def median(self) -> float:
-        """[s]"""
-        return float(np.median(self.counted))
+        """Of the ticks that count [s]."""
+        return float(np.median(undisturbed(self.seconds[self.made], self.interrupted[self.made])))
 
     @property
     def percentile_95(self) -> float:
@@ -85,10 +81,20 @@ def quartiles(values: Numbers) -> dict[str, float] | None:
     """Median, quartiles and number; None without values."""
     if len(values) == 0:
         return None
-    low, median, high = np.percentile(values, [25, 50, 75])
-    return {
-        "median": float(median),
-        "quartile_1": float(low),
-        "quartile_3": float(high),
-        "ticks": len(values),
-    }
+    low, median, high = np.percentile(values, [25, 50, 75]).tolist()
+    return {"median": median, "quartile_1": low, "quartile_3": high, "ticks": len(values)}
+
+
+def in_turns(
+    runs: dict[Name, tuple[Numbers, Callable[[int, Numbers], Times]]],
+) -> dict[Name, Times]:
+    """Paths of one length, CHUNK ticks of one before the next one's turn; the first tenth is not counted.
+
+    Each is called with the number of its first tick, and the centres of the burr.
+    """
+    found: dict[Name, list[Times]] = {name: [] for name in runs}
+    ticks = max(len(path) for path, _ in runs.values())
+    for begin in range(0, ticks, CHUNK):
+        for name, (path, run) in runs.items():
+            found[name].append(run(begin, path[begin : begin + CHUNK]))
+    return {name: Times.join(parts)[ticks // 10 :] for name, parts in found.items()}

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from measure import run_fresh
+from measure import core_ticks
 from native import Core, Levels, Native
 from scenes import Scene, buried, slide
-from times import Times, quartiles
+from times import in_turns, quartiles
 
 COUNT = 16  # tissues
 WATCHED = COUNT  # of them: all, more than any patient has
-CHUNK = 25  # ticks of one bone before the next one's turn
 
 
 def numbers_of(layout: str, shape: tuple[int, int, int]) -> Levels:
@@ -27,40 +27,37 @@ def numbers_of(layout: str, shape: tuple[int, int, int]) -> Levels:
     return random.integers(0, COUNT, shape, dtype=np.uint8)
 
 
+LAYOUTS = {
+    "no tissues": None, "one": (1, 0), "bricks": (COUNT, 0), "random": (COUNT, 0),
+    "bricks watched": (COUNT, WATCHED), "random watched": (COUNT, WATCHED),
+}  # fmt: skip
+
+
 def scene_cost(native: Native, scene: Scene, path: str) -> dict[str, Any]:
     """Medians [us] by layout, and ratios to one tissue, tick by tick; RuntimeError where levels differ."""
     p = scene.levels()
-    layouts = {
-        "no tissues": None,
-        "one": (1, 0),
-        "bricks": (COUNT, 0),
-        "random": (COUNT, 0),
-        "bricks watched": (COUNT, WATCHED),
-        "random watched": (COUNT, WATCHED),
-    }
-    cores = {name: Core.of(native, p, scene.burring, path) for name in layouts}
-    for name, given in layouts.items():
+    cores = {name: Core.of(native, p, scene.burring, path) for name in LAYOUTS}
+    for name, given in LAYOUTS.items():
         if given is not None:
             numbers = numbers_of(name.removesuffix(" watched"), scene.shape)
             cores[name].set_tissues(numbers, given[0], watched=given[1])
-    found: dict[str, list[Times]] = {name: [] for name in layouts}
-    for begin in range(0, len(scene.path), CHUNK):
-        centers = scene.path[begin : begin + CHUNK]
-        for name, core in cores.items():
-            found[name].append(run_fresh(core, centers) if scene.fresh else core.run(centers))
+    times = in_turns(
+        {
+            name: (scene.path, lambda _, centers, core=core: core_ticks(core, scene, centers))
+            for name, core in cores.items()
+        }
+    )
     for name, core in cores.items():
         if not np.array_equal(core.density(), cores["one"].density()):
             raise RuntimeError(f"{scene.name}, {name}: equal tissues left other levels than one")
-    first = len(scene.path) // 10
-    times = {name: Times.join(parts)[first:] for name, parts in found.items()}
     bricks = float(np.prod([-(-n // 8) for n in scene.shape]))
     return {
         name: {
             "median_us": 1e6 * times[name].median,
             "over_one": quartiles(times[name].over(times["one"])),
-            "hierarchy_over_voxels": cores[name].hierarchy_bytes / (512 * bricks),  # of whole bricks
+            "hierarchy_over_voxels": core.hierarchy_bytes / (512 * bricks),  # of whole bricks
         }
-        for name in layouts
+        for name, core in cores.items()
     }
 
 
@@ -77,37 +74,18 @@ def tissue_cost(native: Native, quick: bool) -> dict[str, Any]:
     }
 
 
-def largest_ratios(cost: dict[str, Any]) -> dict[str, float]:
-    """Median ratio to one tissue, with distance queries: the largest over scenes and CPU paths, by layout."""
-    return {
-        layout: max(
-            by_layout[f"{layout} watched"]["over_one"]["median"]
-            for paths in cost.values()
-            for by_layout in paths.values()
-        )
-        for layout in ("bricks", "random")
-    }
-
-
-def largest_hierarchy(cost: dict[str, Any]) -> float:
-    """[byte/voxel]"""
-    return max(
-        row["hierarchy_over_voxels"]
-        for paths in cost.values()
-        for by_layout in paths.values()
-        for row in by_layout.values()
-    )
-
-
-def lines(cost: dict[str, Any]) -> list[str]:
-    """For the summary."""
-    rows = [
-        f"Tissues: a tick with {COUNT} over one with one, tick by tick [quartiles]; watched: with {WATCHED} distances"
-    ]
+def rows_of(cost: dict[str, Any]) -> Iterator[tuple[str, str, str, dict[str, Any]]]:
+    """Scene, CPU path, layout and what was found."""
     for scene, paths in cost.items():
         for path, layouts in paths.items():
-            for name, row in layouts.items():
-                ratio = row["over_one"]
-                spread = f"{ratio['median']:.2f} [{ratio['quartile_1']:.2f}, {ratio['quartile_3']:.2f}]"
-                rows.append(f"  {scene:<12} {path:<9} {name:<15} {row['median_us']:>8.4g} us  {spread}")
-    return rows
+            for layout, row in layouts.items():
+                yield scene, path, layout, row
+
+
+def lines(cost: dict[str, Any]) -> Iterator[str]:
+    """For the summary."""
+    yield f"Tissues: a tick with {COUNT} over one with one, tick by tick [quartiles]; watched: with {WATCHED} distances"
+    for scene, path, layout, row in rows_of(cost):
+        ratio = row["over_one"]
+        spread = f"{ratio['median']:.2f} [{ratio['quartile_1']:.2f}, {ratio['quartile_3']:.2f}]"
+        yield f"  {scene:<12} {path:<9} {layout:<15} {row['median_us']:>8.4g} us  {spread}"

@@ -7,9 +7,15 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections import defaultdict
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from vtkmodules.util.numpy_support import numpy_to_vtk
+from vtkmodules.vtkCommonDataModel import vtkImageData
+from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D
 
 import burrlab
 from burrlab.view.scene import Scene
@@ -28,22 +34,12 @@ def changed_bricks(bone: burrlab.VoxelBone, low: np.ndarray, before: np.ndarray)
 
 def summary(values: list[float]) -> dict[str, float]:
     """Median and quartiles [ms]."""
-    low, median, high = np.percentile(np.array(values) * 1e3, [25, 50, 75])
-    return {
-        "median_ms": float(median),
-        "q1_ms": float(low),
-        "q3_ms": float(high),
-        "largest_ms": 1e3 * max(values),
-    }
+    low, median, high, largest = np.percentile(np.array(values) * 1e3, [25, 50, 75, 100]).tolist()
+    return {"median_ms": median, "q1_ms": low, "q3_ms": high, "largest_ms": largest}
 
 
-def flying_edges(bone: burrlab.VoxelBone, start: np.ndarray, shape: tuple[int, int, int]) -> float:
-    """Seconds that VTK takes for a box, from levels to triangles with normals."""
-    from vtkmodules.util.numpy_support import numpy_to_vtk
-    from vtkmodules.vtkCommonDataModel import vtkImageData
-    from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D
-
-    begin = time.perf_counter()
+def flying_edges(bone: burrlab.VoxelBone, start: np.ndarray, shape: tuple[int, int, int]) -> None:
+    """What VTK does for a box, from levels to triangles with normals."""
     levels = bone.read(start, shape)
     image = vtkImageData()
     image.SetDimensions(shape[2], shape[1], shape[0])
@@ -52,14 +48,6 @@ def flying_edges(bone: burrlab.VoxelBone, start: np.ndarray, shape: tuple[int, i
     edges.SetInputData(image)
     edges.SetValue(0, 127.5)
     edges.Update()
-    return time.perf_counter() - begin
-
-
-def rendering(scene: Any) -> float:
-    """Seconds to draw once; by software where there is no graphics card."""
-    begin = time.perf_counter()
-    scene.render()
-    return time.perf_counter() - begin
 
 
 def main() -> None:
@@ -77,8 +65,16 @@ def main() -> None:
     scene = Scene(bone, [RADIUS], off_screen=True)
     scene.render()
     extraction = Surface(bone)
-    update, rebuild, extract, extract_all, vtk, drawn, counts = [], [], [], [], [], [], []
-    update_cpu, rebuild_cpu = [], []  # what a machine busy with others would not change
+    counts, times = [], defaultdict(list)
+
+    def timed(name: str, work: Callable[..., Any], *given: object) -> Any:
+        """What it returns; on the thread's CPU clock too, which a machine busy with others does not change."""
+        begin, busy = time.perf_counter(), time.thread_time()
+        found = work(*given)
+        times[name].append(time.perf_counter() - begin)
+        times[f"{name}_cpu"].append(time.thread_time() - busy)
+        return found
+
     every = max(options.frames // options.rebuilds, 1)
     low = np.array([SIDE - 64, SIDE // 2 - 80, 0])
     for frame in range(options.frames):
@@ -87,49 +83,33 @@ def main() -> None:
         before = bone.read(low, (64, 160, SIDE))
         contact.run(path, 1.0)
         bricks = changed_bricks(bone, low, before)
-        begin, busy = time.perf_counter(), time.thread_time()
-        scene.update(bone, bricks)
-        update.append(time.perf_counter() - begin)
-        update_cpu.append(time.thread_time() - busy)
-        begin = time.perf_counter()
-        blocks = extraction.update(bone, bricks)
-        extract.append(time.perf_counter() - begin)
-        if options.draw:
-            drawn.append(rendering(scene))
+        timed("scene_update", scene.update, bone, bricks)
+        blocks = timed("extraction_of_the_blocks", extraction.update, bone, bricks)
+        if options.draw:  # by software where there is no graphics card
+            timed("drawing", scene.render)
         changed = [extraction.blocks[b] for b in blocks if b in extraction.blocks]
         counts.append((len(bricks), len(blocks), sum(len(block.triangles) for block in changed)))
-        vtk.append(0.0)
-        for block in blocks:
-            start = np.maximum(np.array(block) * 32 - 1, 0)
-            vtk[-1] += flying_edges(bone, start, tuple(np.minimum(34, SIDE - start).tolist()))
+        starts = [np.maximum(np.array(block) * 32 - 1, 0) for block in blocks]
+        boxes = [(start, tuple(np.minimum(34, SIDE - start).tolist())) for start in starts]
+        timed("flying_edges_of_the_blocks", lambda given: [flying_edges(bone, *box) for box in given], boxes)
         if frame % every == every - 1:
-            begin, busy = time.perf_counter(), time.thread_time()
-            scene.update(bone)
-            rebuild.append(time.perf_counter() - begin)
-            rebuild_cpu.append(time.thread_time() - busy)
-            begin = time.perf_counter()
-            extraction.update(bone)
-            extract_all.append(time.perf_counter() - begin)
+            timed("scene_rebuild", scene.update, bone)
+            timed("extraction_of_all", extraction.update, bone)
             if options.draw:
                 scene.render()
-    triangles = sum(len(block.triangles) for block in extraction.blocks.values())
-    middle = np.median(np.array(counts), axis=0)
-    result = {
-        "bricks": middle[0], "blocks": middle[1], "triangles": middle[2], "all_triangles": triangles,
-        "scene_update": summary(update), "scene_rebuild": summary(rebuild),
-        "ratio": float(np.median(rebuild) / np.median(update)),
-        "scene_update_cpu": summary(update_cpu), "scene_rebuild_cpu": summary(rebuild_cpu),
-        "ratio_cpu": float(np.median(rebuild_cpu) / np.median(update_cpu)),
-        "extraction_of_the_blocks": summary(extract), "extraction_of_all": summary(extract_all),
-        "flying_edges_of_the_blocks": summary(vtk),
-    }  # fmt: skip
-    if drawn:
-        result["drawing"] = summary(drawn)
+    result = dict(zip(("bricks", "blocks", "triangles"), np.median(counts, axis=0).tolist(), strict=True))
+    result["all_triangles"] = sum(len(block.triangles) for block in extraction.blocks.values())
+    for clock in ("", "_cpu"):
+        update, rebuild = times[f"scene_update{clock}"], times[f"scene_rebuild{clock}"]
+        result |= {f"scene_update{clock}": summary(update), f"scene_rebuild{clock}": summary(rebuild)}
+        result[f"ratio{clock}"] = float(np.median(rebuild) / np.median(update))
+    for name in ("extraction_of_the_blocks", "extraction_of_all", "flying_edges_of_the_blocks", "drawing"):
+        if name in times:
+            result[name] = summary(times[name])
     text = json.dumps(result, indent=2)
     print(text)
     if options.json:
-        with open(options.json, "w", encoding="utf-8") as file:
-            file.write(text + "\n")
+        Path(options.json).write_text(text + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

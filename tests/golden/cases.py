@@ -18,16 +18,30 @@ import os
 import re
 import shutil
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 
 import burrlab
 import burrlab._core as _core
 
 sys.path += [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "python")]  # golden, page_scenes
+from page_scenes import make_page
+
+import burrlab.view.page as page_calls
+from burrlab.bone.kept import load_drilled
+from burrlab.bone.slices import read_stack
+from burrlab.cli.main import command_parser
+from burrlab.psychophysics.analysis import analyse
+from burrlab.psychophysics.answers import read_folder
+from burrlab.psychophysics.protocol import Protocol
+from burrlab.session.anatomy import anatomy_report
+from burrlab.view.page_source import page_source
 from golden.made_files import BONE, BURR, FILES, curve, make_files, run
 
 FOLDER = Path(__file__).parent
@@ -92,14 +106,11 @@ def differences(before: Any, now: Any, at: str = "") -> Iterator[str]:
 @case
 def names(_: Path) -> Any:
     """Public names of the faces, with signatures, and the members of classes with theirs."""
+    modules = {face: importlib.import_module(face) for face in FACES}
     return {
-        face: {name: _told(getattr(importlib.import_module(face), name)) for name in _public(face)}
-        for face in FACES
+        face: {name: _told(getattr(module, name)) for name in sorted(module.__all__)}
+        for face, module in modules.items()
     }
-
-
-def _public(face: str) -> list[str]:
-    return sorted(importlib.import_module(face).__all__)
 
 
 def _told(item: Any) -> Any:
@@ -168,8 +179,6 @@ def _is_there(module: str, name: str) -> bool:
 @case
 def help_texts(_: Path) -> Any:
     """Of each command and action; widths and headings are argparse's, of one version of Python."""
-    from burrlab.cli.main import command_parser
-
     found = {}
 
     def walk(parser: argparse.ArgumentParser, *way: str) -> None:
@@ -302,10 +311,8 @@ def descents(_: Path) -> Any:
 @case
 def fits(_: Path) -> Any:
     """Of each kind of data, residual, model and status."""
-    data, flat = (
-        curve(),
-        burrlab.synthetic_curve(BURR, BONE, [0.8, 0.85, 0.9], repeats=2, scatter=0.08, seed=3),
-    )
+    data = curve()
+    flat = burrlab.synthetic_curve(BURR, BONE, [0.8, 0.85, 0.9], repeats=2, scatter=0.08, seed=3)
     presses = burrlab.synthetic_indentation(BURR, BONE, [0.05, 0.1, 0.15], seed=1)
     sinking = [burrlab.synthetic_trace(BURR, BONE, force, seed=5) for force in (0.8, 1.2, 1.6)]
     made = {
@@ -335,11 +342,9 @@ def fits(_: Path) -> Any:
     }  # fmt: skip
 
 
-def objects(folder: Path) -> dict[str, Any]:
+@cache
+def objects() -> dict[str, Any]:
     """One of each result that prints or plots itself."""
-    from burrlab.psychophysics.answers import read_folder
-    from burrlab.session.anatomy import anatomy_report
-
     trace = burrlab.load_trace(FILES / "trace.h5")
     data = curve()
     fit = burrlab.fit(data, BURR, seed=1)
@@ -349,23 +354,16 @@ def objects(folder: Path) -> dict[str, Any]:
         "depth trace": burrlab.synthetic_trace(BURR, BONE, 1.0, seed=5), "mean field": burrlab.mean_field_descent(BURR, BONE, 1.0),
         "shapes": burrlab.compare_shapes(data, BURR, seed=1), "trace": trace, "metrics": burrlab.session_metrics(trace),
         "replay": burrlab.replay(trace), "anatomy": anatomy_report(trace), "answers": read_folder(FILES / "experiment")[0],
-        "analysis": analysis(), "volume": burrlab.read_volume(FILES / "grey.nrrd"), "labels": burrlab.read_labels(FILES / "labels.nrrd"),
+        "analysis": analyse(Protocol.read(FILES / "experiment.toml"), simulated=True), "volume": burrlab.read_volume(FILES / "grey.nrrd"), "labels": burrlab.read_labels(FILES / "labels.nrrd"),
         "bone": burrlab.load_bone(FILES / "bone.h5")[0], "material": BONE, "burr": BURR,
     }  # fmt: skip
-
-
-def analysis() -> Any:
-    from burrlab.psychophysics.analysis import analyse
-    from burrlab.psychophysics.protocol import Protocol
-
-    return analyse(Protocol.read(FILES / "experiment.toml"), simulated=True)
 
 
 @case
 def results(folder: Path) -> Any:
     """How results print themselves, as text, as HTML and as JSON."""
     found = {}
-    for name, one in objects(folder).items():
+    for name, one in objects().items():
         html = getattr(one, "_repr_html_", None)
         as_dict = getattr(one, "to_dict", None)
         found[name] = {
@@ -382,7 +380,7 @@ def plots(folder: Path) -> Any:
     from matplotlib import pyplot
 
     found = {}
-    for name, one in objects(folder).items():
+    for name, one in objects().items():
         for way in (member for member in dir(one) if member == "plot" or member.startswith("plot_")):
             with contextlib.suppress(ValueError):  # what this one does not hold
                 made = getattr(one, way)()
@@ -410,8 +408,6 @@ def _artists(axes: Any) -> Any:
 
 def _layouts(folder: Path) -> Any:
     """Names, types and attributes in what HDF5 files hold, and the lines of a store."""
-    import h5py
-
     found: dict[str, Any] = {}
     for path in (folder / "trace.h5", folder / "bone.h5", *folder.glob("drilled.nrrd.*.h5")):
         with h5py.File(path) as file:
@@ -444,10 +440,6 @@ def written(folder: Path) -> Any:
 @case
 def read(_: Path) -> Any:
     """What the files hold that this version wrote: values, digests, replays, answers."""
-    from burrlab.bone.kept import load_drilled
-    from burrlab.bone.slices import read_stack
-    from burrlab.psychophysics.answers import read_folder
-
     trace = burrlab.load_trace(FILES / "trace.h5")
     bone, tick = burrlab.load_bone(FILES / "bone.h5")
     found: dict[str, Any] = {
@@ -501,11 +493,6 @@ def messages(_: Path) -> Any:
 @case
 def page(_: Path) -> Any:
     """What the page tells a browser, and what a browser may tell it."""
-    from page_scenes import make_page
-
-    import burrlab.view.page as page_calls
-    from burrlab.view.page_source import page_source
-
     made = make_page(page_source(burrlab.load_trace(FILES / "trace.h5")))
     made.state.tell("wanted_s", 0.9)
     made._turn(1.0)
@@ -533,8 +520,6 @@ def notebooks(_: Path) -> Any:
 
 
 def main() -> None:
-    import tempfile
-
     os.environ.setdefault("MPLBACKEND", "Agg")
     if not (FILES / "trace.h5").exists():
         make_files(FILES)

@@ -1,7 +1,7 @@
 """Every refusal that the tests meet: type and message of what `pytest.raises` catches, exit status and sentence of commands.
 
 REFUSALS=folder python -m pytest -p golden.refusals -m "not slow" tests/python     # each process writes its part
-python tests/golden/refusals.py folder                                             # against refusals.txt
+python tests/golden/refusals.py before after                                       # what one run met and the other did not
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-FROZEN = Path(__file__).with_name("refusals.txt")
 _MOST = 300  # characters: what follows quotes the value
 met: set[str] = set()
 
@@ -25,25 +24,12 @@ def masked(text: str) -> str:
     return re.sub(r"(?<![A-Za-z_])[+-]?(\d[\d,.e+-]*|nan|inf)", "#", text)[:_MOST]
 
 
-class _Tee(io.StringIO):
-    """Keeps what it passes on."""
-
-    def __init__(self, file: Any) -> None:
-        super().__init__()
-        self.file, self.text = file, ""
-
-    def write(self, text: str) -> int:
-        self.text += text
-        return int(self.file.write(text))
-
-
 def pytest_configure() -> None:
     from _pytest.raises import RaisesExc
 
     import burrlab.cli
-    import burrlab.cli.main
 
-    leave, run = RaisesExc.__exit__, burrlab.cli.main.main
+    leave, run = RaisesExc.__exit__, burrlab.cli.main
 
     def caught(self: Any, kind: Any, error: Any, trace: Any) -> Any:
         if error is not None:
@@ -51,38 +37,38 @@ def pytest_configure() -> None:
         return leave(self, kind, error, trace)
 
     def main(arguments: Any = None) -> int:
-        said, status = _Tee(sys.stderr), 0
+        status: int | str | None = 0
         try:
-            with contextlib.redirect_stderr(said):
+            with contextlib.redirect_stderr(io.StringIO()) as said:
                 status = run(arguments)
             return status
         except SystemExit as ended:
-            status = int(ended.code or 0)
+            status = ended.code
             raise
         finally:
+            sys.stderr.write(said.getvalue())
             if status:
-                met.add(f"exit {status}: {masked(said.text).strip()}")
+                met.add(f"exit {status}: {masked(said.getvalue()).strip()}")
 
     RaisesExc.__exit__ = caught  # type: ignore[method-assign]
-    burrlab.cli.main = burrlab.cli.main.main = main
+    burrlab.cli.main = sys.modules[run.__module__].main = main  # type: ignore[assignment,attr-defined]
 
 
 def pytest_unconfigure() -> None:
     (Path(os.environ["REFUSALS"]) / f"{os.getpid()}.txt").write_text("\n".join(sorted(met)), encoding="utf-8")
 
 
+def read(folder: str) -> set[str]:
+    return {
+        line for part in Path(folder).glob("*.txt") for line in part.read_text("utf-8").splitlines() if line
+    }
+
+
 if __name__ == "__main__":
-    now = {
-        line
-        for part in Path(sys.argv[1]).glob("*.txt")
-        for line in part.read_text(encoding="utf-8").splitlines()
-    } - {""}
-    if not FROZEN.exists():
-        FROZEN.write_text("\n".join(sorted(now)) + "\n", encoding="utf-8")
-    before = set(FROZEN.read_text(encoding="utf-8").splitlines())
-    print(
-        *(f"gone {line}" for line in sorted(before - now)),
-        *(f"new  {line}" for line in sorted(now - before)),
-        sep="\n",
+    before, now = map(read, sys.argv[1:])
+    gone, new = (
+        (f"gone {line}" for line in sorted(before - now)),
+        (f"new  {line}" for line in sorted(now - before)),
     )
+    print(*gone, *new, sep="\n")
     sys.exit(before - now != set())

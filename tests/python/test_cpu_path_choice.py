@@ -45,21 +45,20 @@ def test_environment_variable_chooses_the_path() -> None:
     assert len(results) == 1
 
 
-@pytest.mark.parametrize("name", ["sse9", "AVX2", "scalar "])
-def test_a_wrong_environment_variable_ends_the_import_of_the_core(name: str) -> None:
+MUST_BE = f"must be one that this CPU runs, {', '.join(PATHS)}; got "
+
+
+def test_a_wrong_environment_variable_ends_the_import_of_the_core() -> None:
     """In one sentence, which names the paths that this CPU runs."""
-    process = import_with(name, "import burrlab; burrlab.Burr")
+    process = import_with("AVX2", "import burrlab; burrlab.Burr")
     assert process.returncode == 1
-    sentence = f"BURRLAB_CPU_PATH must be one that this CPU runs, {', '.join(PATHS)}; got '{name}'"
-    assert process.stderr.splitlines()[-1] == f"ImportError: {sentence}"
+    assert process.stderr.splitlines()[-1] == f"ImportError: BURRLAB_CPU_PATH {MUST_BE}'AVX2'"
 
 
-@pytest.mark.parametrize("name", ["x", "", "AVX2"])
+@pytest.mark.parametrize("name", ["x", "", "AVX2", "scalar "])
 def test_use_of_an_unknown_path(name: str) -> None:
     before = _core.cpu_path()
-    with pytest.raises(
-        ValueError, match=f"cpu_path must be one that this CPU runs, {', '.join(PATHS)}; got '{name}'$"
-    ):
+    with pytest.raises(ValueError, match=f"cpu_path {MUST_BE}'{name}'$"):
         _core.use_cpu_path(name)
     assert _core.cpu_path() == before
 

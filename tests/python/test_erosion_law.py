@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tick_scenes import SCHEMES, reference_of
 
 import burrlab
-from reference.tick import ReferenceContact, draw_lanes
+from reference.tick import draw_lanes
 
-SCHEMES = ("layer", "cell")
 FALSE_ALARM = 1e-6  # of each statistical test as a whole
 
 
@@ -26,22 +27,18 @@ def deviation_bound(variance: NDArray[np.float64] | float, tests: int) -> NDArra
     return log_odds / 3.0 + np.sqrt(log_odds**2 / 9.0 + 2.0 * log_odds * np.asarray(variance))
 
 
-BLOCK_SPACING = 0.05  # [mm]
-
-
-def block_radius(p: NDArray[np.uint8]) -> float:
-    """Radius of a sphere that covers the whole block [mm]."""
-    return BLOCK_SPACING * (math.sqrt(3.0) * max(p.shape) / 2.0 + 2.0)
+SPACING = 0.05  # [mm]
+ONES = np.full((64, 64, 64), 1, dtype=np.uint8)
 
 
 def block_contact(
-    p: NDArray[np.uint8], alpha: float, scheme: str, seed: int
+    p: NDArray[np.uint8], alpha: float, scheme: str, seed: int, index: int = 0
 ) -> tuple[Any, Any, NDArray[np.float64]]:
     """A cubic block wholly inside the sphere, so that with `constant` every voxel erodes alike."""
-    bone = burrlab.VoxelBone(p, spacing=BLOCK_SPACING)
+    bone, burr = burrlab.VoxelBone(p, SPACING), burrlab.Burr(SPACING * (math.sqrt(3) * max(p.shape) / 2 + 2))
     material = burrlab.Material("any", c_e=1.5, alpha=alpha, shape="constant")
-    contact = burrlab.BurrContact(bone, burrlab.Burr(block_radius(p)), material, seed=seed, scheme=scheme)
-    return bone, contact, BLOCK_SPACING * (np.array(p.shape[::-1]) - 1.0) / 2.0
+    contact = burrlab.BurrContact(bone, burr, material, seed=seed, index=index, scheme=scheme)
+    return bone, contact, SPACING * (np.array(p.shape[::-1]) - 1.0) / 2.0
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -75,26 +72,19 @@ def test_expected_loss_is_unbiased(scheme: str) -> None:
 
 def test_tiny_losses_are_drawn_from_the_second_number() -> None:
     """Below 2^-16 level a loss needs U = 65535 and V < lo; its rate is lambda still, its voxels the same."""
-    p = np.full((64, 64, 64), 1, dtype=np.uint8)
-    bone, contact, center = block_contact(p, alpha=1e-4, scheme="layer", seed=2**33 + 1)
-    ticks = 200
-    for _ in range(ticks):
+    bone, contact, center = block_contact(ONES, 1e-4, "layer", seed=2**33 + 1)
+    q, ticks = ONES.copy(), 200
+    reference = reference_of(contact, q, ONES)
+    for tick in range(ticks):
         contact.step(center, 0.1)
-    lost = int(p.sum(dtype=np.int64)) - int(bone.density.sum(dtype=np.int64))
+        if tick < 8:
+            reference.step(center, 0.1)
+            np.testing.assert_array_equal(bone.density, q)
+    assert ONES.sum() > q.sum()
+    lost = ONES.size - int(bone.density.sum(dtype=np.int64))
     rate = -math.expm1(-1e-5)
-    expected = p.size * -math.expm1(-rate * ticks)  # a voxel of level 1 can be lost only once
+    expected = ONES.size * -math.expm1(-rate * ticks)  # a voxel of level 1 can be lost only once
     assert abs(lost - expected) <= deviation_bound(expected, 1)
-
-    q = p.copy()
-    reference = ReferenceContact(
-        q, p, BLOCK_SPACING, (0, 0, 0), block_radius(p), 1.5, 1e-4, "constant", seed=2**33 + 1
-    )
-    bone, contact, center = block_contact(p, alpha=1e-4, scheme="layer", seed=2**33 + 1)
-    for _ in range(8):
-        contact.step(center, 0.1)
-        reference.step(center, 0.1)
-    assert p.sum() > q.sum()
-    np.testing.assert_array_equal(bone.density, q)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -107,29 +97,16 @@ def test_loss_at_the_edge_of_its_draw(whole: int, excess: float, lost: int, sche
 
     The excess over v is rounded to one of these; in single precision it is uncertain by 0.1 where T = 3.
     """
-    p = np.full((64, 64, 64), 1, dtype=np.uint8)
     seed = 3
-    u, v = draw_lanes(p.shape, seed, 0, 0, 0), draw_lanes(p.shape, seed, 0, 0, 1)
+    u, v = (draw_lanes(ONES.shape, seed, 0, 0, draw) for draw in (0, 1))
     voxels = np.argwhere((u == 65535 - whole) & (v > 1000))
     assert len(voxels) > 0
     for voxel in map(tuple, voxels):
         expected = whole * 2.0**-16 + (int(v[voxel]) + excess) * 2.0**-32  # [level]
-        alpha = -math.log1p(-expected)
-        bone, contact, center = block_contact(p, alpha, scheme, seed)
+        bone, contact, center = block_contact(ONES, -math.log1p(-expected), scheme, seed)
+        reference = reference_of(contact, ONES.copy(), ONES)
         contact.step(center, 1.0)
         assert 1 - bone.density[voxel] == lost
-        reference = ReferenceContact(
-            p.copy(),
-            p,
-            BLOCK_SPACING,
-            (0, 0, 0),
-            block_radius(p),
-            1.5,
-            alpha,
-            "constant",
-            seed,
-            scheme=scheme,
-        )
         reference.step(center, 1.0)
         np.testing.assert_array_equal(bone.density, reference.q)
 
@@ -137,11 +114,10 @@ def test_loss_at_the_edge_of_its_draw(whole: int, excess: float, lost: int, sche
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_a_draw_besides_the_edge_never_draws_again(scheme: str) -> None:
     """U = 65534 keeps the level and, at T = 1, U = 65535 takes it, whatever V is."""
-    p = np.full((64, 64, 64), 1, dtype=np.uint8)
     seed = 3
-    u = draw_lanes(p.shape, seed, 0, 0, 0)
+    u = draw_lanes(ONES.shape, seed, 0, 0, 0)
     for expected, draw, lost in ((0.999 * 2.0**-16, 65534, 0), (1.001 * 2.0**-16, 65535, 1)):
-        bone, contact, center = block_contact(p, -math.log1p(-expected), scheme, seed)
+        bone, contact, center = block_contact(ONES, -math.log1p(-expected), scheme, seed)
         contact.step(center, 1.0)
         assert np.any(u == draw)
         assert np.all(1 - bone.density[u == draw] == lost)
@@ -149,16 +125,13 @@ def test_a_draw_besides_the_edge_never_draws_again(scheme: str) -> None:
 
 def test_draws_of_ticks_burrs_and_seeds_are_unrelated() -> None:
     """Where each voxel loses a level with probability 1/2, two patterns agree on half of the voxels."""
-    p = np.full((48, 48, 48), 1, dtype=np.uint8)
     patterns = []
     for seed, tick, index in [(0, 0, 0), (1, 0, 0), (2**32, 0, 0), (0, 1, 0), (0, 2**32, 0), (0, 0, 1)]:
-        bone = burrlab.VoxelBone(p, spacing=0.1)
-        material = burrlab.Material("any", c_e=1.5, alpha=math.log(2.0), shape="constant")
-        contact = burrlab.BurrContact(bone, burrlab.Burr(5.0), material, seed=seed, index=index)
+        bone, contact, center = block_contact(ONES, math.log(2.0), "layer", seed, index)
         contact.tick = tick
-        contact.step((2.35, 2.35, 2.35), 1.0)
-        patterns.append(bone.density.copy())
-    pairs = [(a, b) for i, a in enumerate(patterns) for b in patterns[:i]]
+        contact.step(center, 1.0)
+        patterns.append(bone.density)
+    pairs = list(itertools.combinations(patterns, 2))
     for a, b in pairs:
         agree = int(np.count_nonzero(a == b))
-        assert abs(agree - p.size / 2) <= deviation_bound(p.size / 4, len(pairs))
+        assert abs(agree - ONES.size / 2) <= deviation_bound(ONES.size / 4, len(pairs))

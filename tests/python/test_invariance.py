@@ -6,10 +6,10 @@ Burr of 3 mm. Seeds are fixed, so a run either keeps its bound or not; means ove
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,26 +43,18 @@ def material_of(case: Case) -> burrlab.Material:
     return burrlab.Material(known.name, c_e=known.c_e, alpha=known.alpha, shape=case.shape)
 
 
-def _descend(case: Case, seed: int) -> float:
-    run = burrlab.descend(
-        BURR,
-        material_of(case),
-        case.force,
-        voxel=case.voxel,
-        dt=case.dt,
-        seed=seed,
-        scheme=case.scheme,
-        ideal=True,
-    )
-    assert run.penetration_velocity is not None, run
-    return run.penetration_velocity
-
-
 @cache
 def velocities(case: Case) -> tuple[float, ...]:
     """Penetration velocity of every seed [mm/s]."""
+    options = {"voxel": case.voxel, "dt": case.dt, "scheme": case.scheme, "ideal": True}
+
+    def velocity(seed: int) -> float:
+        run = burrlab.descend(BURR, material_of(case), case.force, seed=seed, **options)
+        assert run.penetration_velocity is not None, run
+        return run.penetration_velocity
+
     with ThreadPoolExecutor(2) as pool:
-        return tuple(pool.map(lambda seed: _descend(case, seed), range(case.seeds)))
+        return tuple(pool.map(velocity, range(case.seeds)))
 
 
 def deviation(case: Case) -> float:
@@ -70,25 +62,46 @@ def deviation(case: Case) -> float:
     return float(np.mean(velocities(case)) / penetration_velocity(BURR, material_of(case), case.force) - 1)
 
 
-def largest(cases: Iterable[Case]) -> float:
-    return max(abs(deviation(case)) for case in cases)
+def slow(*values: object) -> Any:
+    return pytest.param(*values, marks=pytest.mark.slow)
 
 
-# --- Default run: coarse grids, few seeds ------------------------------------------------------------------
+# --- With the force held exactly ---------------------------------------------------------------------------
+
+QUICK = [
+    *(
+        (Case("bone", force, voxel), 0.03)
+        for force, voxel in ((0.5, 0.4), (1.0, 0.4), (1.0, 0.2), (2.0, 0.2))
+    ),
+    (Case("bone", 2.0, 0.4), 0.05),  # the coarsest grid at the highest force
+    (Case("pvc", 0.2, 0.2), 0.03),
+    (Case("pettigrew", 0.7, 0.2), 0.03),
+    (Case("bone", 1.0, 0.2, shape="linear"), 0.04),
+    (Case("bone", 2.0, 0.2, shape="quartic"), 0.04),
+    *((Case("bone", 0.5, 0.2, dt, "constant"), bound) for dt, bound in ((1.0, 0.06), (0.25, 0.02))),
+]
+ALL = [
+    *((Case("bone", force, voxel), 0.03) for force in FORCES for voxel in VOXELS if (force, voxel) != (2.0, 0.4)),
+    *((Case(name, force, voxel), 0.03) for name, force in (("pvc", 0.2), ("pettigrew", 0.7)) for voxel in VOXELS),
+    *((Case("bone", 1.0, voxel, shape=shape), 0.04) for shape in ("linear", "quartic") for voxel in VOXELS),
+    *((Case("bone", 0.5, voxel, dt, "constant"), bound) for dt, bound in ((1.0, 0.06), (0.25, 0.02)) for voxel in VOXELS),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(("force", "voxel"), [(0.5, 0.4), (1.0, 0.4), (1.0, 0.2), (2.0, 0.2)])
-def test_coarse_grids_agree_with_the_mean_field(force: float, voxel: float) -> None:
-    assert abs(deviation(Case("bone", force, voxel))) < 0.03
+@pytest.mark.parametrize(
+    ("case", "bound"), [*QUICK, *(slow(*one) for one in ALL if one not in QUICK)], ids=str
+)
+def test_agrees_with_the_mean_field(case: Case, bound: float) -> None:
+    assert abs(deviation(case)) < bound
 
 
-def test_coarsest_grid_at_the_highest_force() -> None:
-    assert abs(deviation(Case("bone", 2.0, 0.4))) < 0.05
-
-
-def test_steps_agree_on_a_coarse_grid() -> None:
-    means = [np.mean(velocities(Case("bone", 2.0, 0.2, dt))) for dt in STEPS]
-    assert max(means) / min(means) - 1 < 0.02
+@pytest.mark.slow
+def test_deviation_shrinks_with_the_voxel() -> None:
+    """The largest over the four forces: 2.6 %, 1.4 %, 0.7 % when this was written."""
+    coarse, middle, fine = (
+        max(abs(deviation(Case("bone", force, voxel))) for force in FORCES) for voxel in VOXELS
+    )
+    assert coarse > middle > fine
 
 
 def test_cell_scheme_depends_on_the_grid() -> None:
@@ -98,83 +111,18 @@ def test_cell_scheme_depends_on_the_grid() -> None:
     assert coarse < fine < -0.05
 
 
-@pytest.mark.parametrize(("material", "force"), [("pvc", 0.2), ("pettigrew", 0.7)])
-def test_other_materials_on_a_coarse_grid(material: str, force: float) -> None:
-    assert abs(deviation(Case(material, force, 0.2))) < 0.03
-
-
 @pytest.mark.parametrize(
-    ("shape", "force", "dt", "bound"),
+    ("force", "voxel", "steps", "seeds"),
     [
-        ("linear", 1.0, 1.0, 0.04),
-        ("quartic", 2.0, 1.0, 0.04),
-        ("constant", 0.5, 1.0, 0.06),
-        ("constant", 0.5, 0.25, 0.02),
+        (2.0, 0.2, STEPS, 8),
+        *(slow(force, 0.2, STEPS, 8) for force in FORCES[:-1]),
+        *(slow(force, 0.1, (0.5, 2.0), 3) for force in FORCES[:2]),  # minutes a case below
+        *(slow(force, 0.1, STEPS, 3) for force in FORCES[2:]),
     ],
 )
-def test_other_shapes_on_a_coarse_grid(shape: str, force: float, dt: float, bound: float) -> None:
-    assert abs(deviation(Case("bone", force, 0.2, dt, shape))) < bound
-
-
-def test_controller_on_a_coarse_grid() -> None:
-    compare_with_rig("bone", 1.0, 0.2, seeds=2)
-
-
-def test_too_fast_for_the_controller() -> None:
-    assert rig_run("bone", 2.5, 0.4, 0)[0].status == "never-settled"
-
-
-# --- Full matrix -------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("voxel", VOXELS)
-@pytest.mark.parametrize("force", FORCES)
-def test_grid_independence(force: float, voxel: float) -> None:
-    bound = 0.05 if (force, voxel) == (2.0, 0.4) else 0.03
-    assert abs(deviation(Case("bone", force, voxel))) < bound
-
-
-@pytest.mark.slow
-def test_deviation_shrinks_with_the_voxel() -> None:
-    """The largest over the four forces: 2.6 %, 1.4 %, 0.7 % when this was written."""
-    coarse, middle, fine = (largest(Case("bone", force, voxel) for force in FORCES) for voxel in VOXELS)
-    assert coarse > middle > fine
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("voxel", [0.2, 0.1])
-@pytest.mark.parametrize("force", FORCES)
-def test_step_independence(force: float, voxel: float) -> None:
-    if voxel == 0.1 and force < 1.0:
-        steps: tuple[float, ...] = (0.5, 2.0)  # minutes a case below
-    else:
-        steps = STEPS
-    means = [
-        np.mean(velocities(Case("bone", force, voxel, dt, seeds=8 if voxel == 0.2 else 3))) for dt in steps
-    ]
+def test_step_independence(force: float, voxel: float, steps: tuple[float, ...], seeds: int) -> None:
+    means = [np.mean(velocities(Case("bone", force, voxel, dt, seeds=seeds))) for dt in steps]
     assert max(means) / min(means) - 1 < 0.02
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("voxel", VOXELS)
-@pytest.mark.parametrize(("material", "force"), [("pvc", 0.2), ("pettigrew", 0.7)])
-def test_materials(material: str, force: float, voxel: float) -> None:
-    assert abs(deviation(Case(material, force, voxel))) < 0.03
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("voxel", VOXELS)
-@pytest.mark.parametrize(("shape", "force"), [("linear", 1.0), ("quartic", 1.0)])
-def test_shapes(shape: str, force: float, voxel: float) -> None:
-    assert abs(deviation(Case("bone", force, voxel, shape=shape))) < 0.04
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("voxel", VOXELS)
-@pytest.mark.parametrize(("dt", "bound"), [(1.0, 0.06), (0.25, 0.02)])
-def test_constant_shape(dt: float, bound: float, voxel: float) -> None:
-    assert abs(deviation(Case("bone", 0.5, voxel, dt, "constant"))) < bound
 
 
 # --- With controller and rig -------------------------------------------------------------------------------
@@ -189,7 +137,15 @@ def rig_run(material: str, force: float, voxel: float, seed: int) -> tuple[burrl
     return run, exact
 
 
-def compare_with_rig(material: str, force: float, voxel: float, seeds: int) -> None:
+BONE_FORCES, PVC_FORCES = (0.5, 0.75, 1.0, 1.25, 1.5), (0.1, 0.15, 0.2)
+RUNS = [*(("bone", force) for force in BONE_FORCES), *(("pvc", force) for force in PVC_FORCES)]
+
+
+@pytest.mark.parametrize(
+    ("material", "force", "voxel", "seeds"),
+    [("bone", 1.0, 0.2, 2), *(slow(*run, voxel, seeds) for run in RUNS for voxel, seeds in ((0.2, 8), (0.1, 2)))],
+)  # fmt: skip
+def test_controller(material: str, force: float, voxel: float, seeds: int) -> None:
     """Mean over seeds within 5 % of the mean field, and 3 % of exact force if it settles before R/6."""
     with ThreadPoolExecutor(2) as pool:
         pairs = list(pool.map(lambda seed: rig_run(material, force, voxel, seed), range(seeds)))
@@ -197,47 +153,26 @@ def compare_with_rig(material: str, force: float, voxel: float, seeds: int) -> N
     for run, exact in pairs:
         assert exact.duration > 0.29
         assert run.status == "ok", run
-        assert run.window is not None
-        assert run.penetration_velocity is not None
         expected = penetration_velocity(BURR, burrlab.materials[material], force, *run.window)
         to_mean_field.append(run.penetration_velocity / expected - 1)
         if run.window[0] <= BURR.radius / 6:
-            assert exact.penetration_velocity is not None
             to_exact.append(run.penetration_velocity / exact.penetration_velocity - 1)
     assert abs(np.mean(to_mean_field)) < 0.05
     if to_exact:
         assert abs(np.mean(to_exact)) < 0.03
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("voxel", [0.2, 0.1])
-@pytest.mark.parametrize(
-    ("material", "force"),
-    [
-        ("bone", 0.5),
-        ("bone", 0.75),
-        ("bone", 1.0),
-        ("bone", 1.25),
-        ("bone", 1.5),
-        ("pvc", 0.1),
-        ("pvc", 0.15),
-        ("pvc", 0.2),
-    ],
-)
-def test_controller(material: str, force: float, voxel: float) -> None:
-    compare_with_rig(material, force, voxel, seeds=8 if voxel == 0.2 else 2)
+FAST = [("bone", 2.25), ("bone", 2.5), ("bone", 3.0), ("pvc", 0.45), ("pvc", 0.6)]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("voxel", [0.4, 0.2])
 @pytest.mark.parametrize(
-    ("material", "force"), [("bone", 2.25), ("bone", 2.5), ("bone", 3.0), ("pvc", 0.45), ("pvc", 0.6)]
+    ("material", "force", "voxel", "seeds"),
+    [("bone", 2.5, 0.4, 1), *(slow(*run, voxel, 4) for run in FAST for voxel in (0.4, 0.2))],
 )
-def test_never_settled(material: str, force: float, voxel: float) -> None:
-    for seed in range(4):
+def test_too_fast_for_the_controller(material: str, force: float, voxel: float, seeds: int) -> None:
+    for seed in range(seeds):
         run, _ = rig_run(material, force, voxel, seed)
-        assert run.status == "never-settled", run
-        assert run.penetration_velocity is None
+        assert (run.status, run.penetration_velocity) == ("never-settled", None), run
 
 
 @pytest.mark.slow

@@ -1,7 +1,8 @@
-"""A bone, a burr and a path, run by the core and by the slow reference, and compared bit for bit."""
+"""A bone, a burr and a path, run by the core on every CPU path and by the slow reference, and compared bit for bit."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,11 +11,15 @@ import pytest
 from numpy.typing import NDArray
 
 import burrlab
+import burrlab._core as _core
 from reference.tick import ReferenceContact, ReferenceShape, ReferenceTissues
 
 SHAPES = ("parabolic", "linear", "quartic", "constant", "power(1.5)", "power(3)")
+ALL_SHAPES = (*SHAPES, "power(0.5)", "power(7.3)")
 SCHEMES = ("layer", "cell")
 FLAGS = ("touching", "ambiguous", "coarse", "faint")
+SKEW = (0.13, 0.2, 0.17)  # spacing (x, y, z) [mm]
+RATES = (0.0, 0.087, 0.256, 2.0, 1e-4, 40.0, 0.1250001)  # alpha [1/ms], with and without doublings
 RELATIVE = 1e-12  # of m0, m1 and the force
 
 
@@ -51,19 +56,10 @@ class Scene:
         return p.astype(np.uint8)
 
     def centers(self) -> list[NDArray[np.float64]]:
-        extent = np.array(self.size[::-1]) - 1.0
-        result = []
-        for share, _ in self.steps:
-            voxel = np.array(share) * extent
-            if self.snap:
-                voxel = np.round(voxel / self.snap) * self.snap
-            result.append(np.array(self.origin) + voxel * np.array(self.spacing))
-        return result
-
-
-def table_of(shape: str) -> NDArray[np.float32] | None:
-    order = ReferenceShape(shape).order
-    return np.asarray(burrlab._core.depth_table(order)) if order > 0 else None
+        voxels = np.array([share for share, _ in self.steps]) * (np.array(self.size[::-1]) - 1.0)
+        if self.snap:
+            voxels = np.round(voxels / self.snap) * self.snap
+        return list(np.array(self.origin) + voxels * np.array(self.spacing))
 
 
 def table_of_tissues(tissues: ReferenceTissues, material: burrlab.Material) -> burrlab.Tissues:
@@ -74,66 +70,117 @@ def table_of_tissues(tissues: ReferenceTissues, material: burrlab.Material) -> b
     return burrlab.Tissues(rows, material)
 
 
-def make_pair(scene: Scene, tissues: ReferenceTissues | None = None) -> tuple[Any, Any, ReferenceContact]:
-    """The bone and the contact of the core, and the reference's contact, for a scene."""
+def numbers_of(kind: str, size: tuple[int, ...], count: int) -> NDArray[np.uint8]:
+    """One number throughout, one a brick, two halves, or one a voxel."""
+    random = np.random.default_rng(3)
+    if kind == "one":
+        return np.full(size, count - 1, np.uint8)
+    if kind == "bricks":
+        bricks = random.integers(0, count, tuple(-(-n // 8) for n in size)).astype(np.uint8)
+        whole = bricks.repeat(8, 0).repeat(8, 1).repeat(8, 2)
+        return whole[: size[0], : size[1], : size[2]].copy()
+    if kind == "halves":
+        z, y, x = np.indices(size)
+        return np.where(z + y > x, 0, count - 1).astype(np.uint8)
+    return random.integers(0, count, size).astype(np.uint8)
+
+
+def tissues_of(
+    kind: str, size: tuple[int, ...], count: int, rates: tuple[float, ...] = RATES
+) -> ReferenceTissues:
+    c_e = np.random.default_rng(count).uniform(0.2, 5.0, count)
+    c_e[-1] = 1000.0
+    alpha = [rates[i % len(rates)] for i in range(count)]
+    return ReferenceTissues(numbers_of(kind, size, count), c_e.tolist(), alpha)
+
+
+def reference_of(
+    core: Any, q: NDArray[np.uint8], p: NDArray[np.uint8], tissues: ReferenceTissues | None = None
+) -> ReferenceContact:
+    """The reference's contact, at the same tick, for one of the core; `q` and `p` are not copied."""
+    material = core.material
+    shape, order = material.shape.name, ReferenceShape(material.shape.name).order
+    table = np.asarray(_core.depth_table(order)) if order > 0 else None
+    reference = ReferenceContact(
+        q, p, core.bone.spacing, core.bone.origin, core.burr.radius, material.c_e, material.alpha, shape,
+        core.seed, core.index, core.scheme, table, tissues,
+    )  # fmt: skip
+    reference.tick = core.tick
+    return reference
+
+
+def make_pair(scene: Scene, tissues: ReferenceTissues | None = None) -> tuple[Any, ReferenceContact]:
+    """The contact of the core, on a bone of its own, and the reference's contact, for a scene."""
     p = scene.pristine()
-    radius = scene.ratio * max(scene.spacing)
     bone = burrlab.VoxelBone(p, spacing=scene.spacing, origin=scene.origin)
     material = burrlab.Material("any", c_e=2.145, alpha=scene.alpha, shape=scene.shape)
     if tissues is not None:
         bone.set_tissues(table_of_tissues(tissues, material), tissues.number)
-    core = burrlab.BurrContact(
-        bone, burrlab.Burr(radius), material, seed=scene.seed, index=scene.index, scheme=scene.scheme
-    )
-    reference = ReferenceContact(
-        p.copy(), p, scene.spacing, scene.origin, radius, 2.145, scene.alpha, scene.shape,
-        seed=scene.seed, index=scene.index, scheme=scene.scheme, depth_table=table_of(scene.shape), tissues=tissues,
-    )  # fmt: skip
-    core.tick = reference.tick = scene.tick
-    return bone, core, reference
+    burr = burrlab.Burr(scene.ratio * max(scene.spacing))
+    core = burrlab.BurrContact(bone, burr, material, scene.seed, scene.index, scheme=scene.scheme)
+    core.tick = scene.tick
+    return core, reference_of(core, p.copy(), p, tissues)
 
 
-def assert_same_contact(got: Any, expected: Any, radius: float) -> None:
-    """Moments and force to RELATIVE of their size, and the flags."""
-    m0 = expected["m0"]
-    assert got.m0 == pytest.approx(m0, rel=RELATIVE, abs=0.0)
-    np.testing.assert_allclose(got.m1, expected["m1"], rtol=RELATIVE, atol=RELATIVE * m0 * radius)
-    assert got.c_e == expected["c_e"]
-    assert got.penetration == pytest.approx(expected["penetration"], rel=RELATIVE, abs=0.0)
-    np.testing.assert_allclose(got.normal, expected["normal"], rtol=RELATIVE, atol=RELATIVE)
-    scale = float(np.linalg.norm(expected["force"]))
-    np.testing.assert_allclose(got.force, expected["force"], rtol=RELATIVE, atol=RELATIVE * scale)
-    assert got.removed == pytest.approx(expected["removed"], rel=RELATIVE, abs=0.0)
-    for flag in FLAGS:
-        assert getattr(got, flag) == expected[flag], flag
+def on_every_path(
+    scene: Scene, tissues: ReferenceTissues | None = None
+) -> tuple[list[Any], ReferenceContact]:
+    """A contact of the core for each CPU path, and one of the reference."""
+    before, cores = _core.cpu_path(), []
+    for path in _core.cpu_paths():
+        _core.use_cpu_path(path)
+        core, reference = make_pair(scene, tissues)
+        cores.append(core)
+    _core.use_cpu_path(before)
+    return cores, reference
 
 
-def assert_same_sums(bone: Any, tissues: ReferenceTissues) -> None:
+def step_both(
+    cores: Sequence[Any], reference: ReferenceContact, center: Any, dt: float = 1.0, burr_on: bool = True
+) -> Any:
+    """One tick of all: moments and force to RELATIVE of their size, flags, and levels to the bit. A core's contact."""
+    expected: Any = reference.step(center, dt, burr_on)
+    sizes = {
+        "m1": expected["m0"] * reference.radius,
+        "normal": 1.0,
+        "force": np.linalg.norm(expected["force"]),
+    }
+    for core in cores:
+        got = core.step(center, dt, burr_on=burr_on)
+        for name in ("m0", "penetration", "removed"):
+            assert getattr(got, name) == pytest.approx(expected[name], rel=RELATIVE, abs=0.0), name
+        for name, size in sizes.items():
+            np.testing.assert_allclose(
+                getattr(got, name), expected[name], rtol=RELATIVE, atol=RELATIVE * size, err_msg=name
+            )
+        for name in ("c_e", *FLAGS):
+            assert getattr(got, name) == expected[name], name
+        np.testing.assert_array_equal(core.bone.density, reference.q)
+        assert core.tick == reference.tick
+    return got
+
+
+def assert_same_sums(bone: Any, numbers: NDArray[np.uint8]) -> None:
     """What is left and what was removed of every tissue, counted anew."""
-    present, pristine = bone.density, bone.pristine
     sx, sy, sz = bone.spacing
     dv = sx * sy * sz / 255
-    for number in range(len(tissues.c_e)):
-        here = tissues.number == number
-        left, all_ = int(present[here].sum(dtype=np.int64)), int(pristine[here].sum(dtype=np.int64))
+    for number in range(len(bone.tissues)):
+        here = numbers == number
+        left, all_ = (int(levels[here].sum(dtype=np.int64)) for levels in (bone.density, bone.pristine))
         assert bone.mass_of(number) == left * dv
         assert bone.removed_of(number) == (all_ - left) * dv
 
 
 def check_scene(scene: Scene, tissues: ReferenceTissues | None = None) -> float:
-    """Run both, compare after every tick, and return what was removed [mm^3]."""
-    bone, core, reference = make_pair(scene, tissues)
+    """Run all, compare after every tick, and return what was removed [mm^3]."""
+    cores, reference = on_every_path(scene, tissues)
     removed = 0.0
     for center, (_, burr_on) in zip(scene.centers(), scene.steps, strict=True):
-        expected: Any = reference.step(center, scene.dt, burr_on)
-        got = core.step(center, scene.dt, burr_on=burr_on)
-        assert_same_contact(got, expected, reference.radius)
-        np.testing.assert_array_equal(bone.density, reference.q)
-        np.testing.assert_array_equal(bone.pristine, reference.p)
-        assert core.tick == reference.tick
-        if tissues is not None:
-            assert_same_sums(bone, tissues)
-        removed += got.removed
+        removed += step_both(cores, reference, center, scene.dt, burr_on).removed
+        for bone in (core.bone for core in cores):
+            np.testing.assert_array_equal(bone.pristine, reference.p)
+            if tissues is not None:
+                assert_same_sums(bone, tissues.number)
     return removed
 
 

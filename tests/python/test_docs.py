@@ -1,0 +1,114 @@
+"""What the README and the pages show, runs or is there: scripts, commands, links."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+from burrlab.cli import main
+from burrlab.cli.main import command_parser, join_vectors
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+TEXTS = {page.name: page.read_text(encoding="utf-8") for page in PAGES}
+README = TEXTS["README.md"]
+
+
+def blocks(page: str, language: str = "python") -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", TEXTS[page], re.MULTILINE | re.DOTALL)
+
+
+def run(name: str, *scripts: str) -> None:
+    exec(compile("\n".join(scripts), name, "exec"), {"__name__": "__main__"})
+
+
+def test_scripts_of_the_readme(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    first, second, third = blocks("README.md")
+    run("README.md", first)
+    assert {p.name for p in tmp_path.iterdir()} == {"descent.png", "curve.csv", "fit.png", "region.png"}
+    run("README.md", second)
+    run("README.md", third)
+    said = capsys.readouterr().out
+    for text in (
+        "[[Variables]]",
+        "Replay(equal, 5000 ticks",
+        "path length",
+        "facial nerve",
+        "of bone removed; Dice",
+    ):
+        assert text in said
+
+
+def test_commands_of_the_readme(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (block,) = blocks("README.md", "sh")
+    commands = [shlex.split(line) for line in block.strip().splitlines()]
+    assert len(commands) >= 9
+    for name, *arguments in commands:
+        assert (name, main(arguments)) == ("burrlab", 0), arguments
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "psychophysics",
+        "simulated_subject",
+        "experiment",
+        "volumes",
+        "tissues",
+        "phantom",
+        "effects",
+        "anatomy",
+        "view",
+    ],
+)
+def test_blocks_run(name, tmp_path, monkeypatch):
+    """As they stand, one after the other."""
+    monkeypatch.chdir(tmp_path)
+    found = blocks(f"{name}.md")
+    assert len(found) > 0
+    if name == "experiment":  # it needs a folder of answers; a device of one's own needs a terminal
+        found = [block for block in found if "TerminalSeat" not in block]
+        simulated = "--simulated --subject 01 --fast --task probing"
+        for line in ("new experiment.toml", f"run experiment.toml {simulated}"):
+            assert main(["experiment", *line.split()]) == 0
+    run(f"{name}.md", *found)
+
+
+def commands(page: str) -> list[str]:
+    """Lines of their own, two in one apart; HOST:PORT stands for an address."""
+    lines = re.findall(r"^(?: {4,8})?(burrlab .*)$", TEXTS[page], re.MULTILINE)
+    parts = [part.strip() for line in lines for part in line.split(" #")[0].split(";")]
+    return [part.replace("HOST:PORT", "localhost:18944") for part in parts if part.startswith("burrlab ")]
+
+
+@pytest.mark.parametrize("page", TEXTS)
+def test_commands_parse(page, capsys):
+    for line in commands(page):
+        try:
+            command_parser().parse_args(join_vectors(shlex.split(line)[1:]))
+        except SystemExit as stop:
+            if stop.code:
+                pytest.fail(f"{line}\n{capsys.readouterr().err}")
+
+
+def test_pages_have_commands():
+    found = {page: len(commands(page)) for page in TEXTS}
+    assert min(found[name] for name in ("README.md", "tissues.md", "view.md", "volumes.md", "web.md")) >= 2
+
+
+def test_make_targets_exist():
+    makefile = (ROOT / "Makefile").read_text()
+    targets = set(re.findall(r"(?:^ {4}|[`(;] ?)make ([a-z-]+)", README, re.MULTILINE))
+    assert {"demo", "test", "test-slow", "figures"} <= targets
+    assert targets <= set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links(page: Path) -> None:
+    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", TEXTS[page.name])
+    assert not [link for link in links if not (page.parent / link).is_file()]

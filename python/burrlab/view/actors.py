@@ -270,7 +270,6 @@ class ParcelActor:
 
 
 _TEXT = (0.92, 0.93, 0.95)
-_LENGTHS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # [mm]
 
 
 def shown_tissues(bone: VoxelBone, surface: Surface) -> list[int]:
@@ -378,7 +377,7 @@ class ScaleBar:
 
 def scale_length(most: float) -> float:
     """The longest of the round lengths, 0.1 to 100 mm, that is at most `most` [mm]."""
-    return max((length for length in _LENGTHS if length <= most), default=_LENGTHS[0])
+    return float(np.clip(round_value(most), 0.1, 100.0))
 
 
 _SPAN = 10.0  # of the time axis [s]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -234,17 +234,12 @@ class Surface:
 
     def merged(self) -> SurfaceBlock:
         """One mesh of all blocks; vertices on common borders stay doubled."""
-        blocks = list(self.blocks.values())
-        if not blocks:
-            return SurfaceBlock(
-                np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32),
-                np.zeros(0, np.uint8), np.zeros(0, np.uint8),
-            )  # fmt: skip
-        first = np.cumsum([0] + [len(block.points) for block in blocks[:-1]]).astype(np.int32)
-        return SurfaceBlock(
-            np.concatenate([block.points for block in blocks]),
-            np.concatenate([block.normals for block in blocks]),
-            np.concatenate([block.triangles + n for block, n in zip(blocks, first, strict=True)]),
-            np.concatenate([block.tissues for block in blocks]),
-            np.concatenate([block.lost for block in blocks]),
-        )
+        none = SurfaceBlock(
+            np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32),
+            np.zeros(0, np.uint8), np.zeros(0, np.uint8),
+        )  # fmt: skip
+        blocks = [none, *self.blocks.values()]
+        first = np.cumsum([0, *(len(one.points) for one in blocks[:-1])], dtype=np.int32)
+        parts = {f.name: [getattr(one, f.name) for one in blocks] for f in fields(none)}
+        parts["triangles"] = [part + n for part, n in zip(parts["triangles"], first, strict=True)]
+        return SurfaceBlock(**{name: np.concatenate(part) for name, part in parts.items()})

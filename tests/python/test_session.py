@@ -99,8 +99,7 @@ class TestWallClock:
         assert burrlab.replay(trace).equal
         assert trace.digests[-1] == run.digests[-1]
         report = run.report()
-        assert report.follower["differing"] == 0
-        assert report.follower["tick"] == 1500
+        assert (report.follower["differing"], report.follower["tick"]) == (0, 1500)
         assert report.recording["complete"]
         assert repr(report).startswith("SessionReport(all ticks were executed, 1500 ticks, ")
         assert report._repr_html_().startswith("<pre>all ticks were executed: 1500 ticks")
@@ -174,31 +173,30 @@ class TestWallClock:
 
 
 class TestSafety:
+    @staticmethod
+    def pressed(depth, **options):
+        """The burr's last record and the session, after it stood still so deep in the bone [mm]."""
+        script = burrlab.ScriptedDevice([0.0, 0.5], [[0, 0, 3.0 - depth]] * 2, on=[False, False])
+        with session(script, **options) as run:
+            run.wait()
+        return run.follower.take(run.follower.view())["newest"]["burr"][0]
+
     def test_force_limit(self):
         """Pressed deep: the force sent stays at the limit, the model's does not."""
-        script = burrlab.ScriptedDevice([0.0, 1.0], [[0, 0, 2.0]] * 2, on=[False, False])
-        with session(script, force_limit=2.0) as run:
-            run.wait()
-        record = run.follower.take(run.follower.view())["newest"]["burr"][0]
+        record = self.pressed(1.0, force_limit=2.0)
         assert np.linalg.norm(record["sent"]) == pytest.approx(2.0)
         assert np.linalg.norm(record["force"]) > 2.0
 
     def test_slew_limit(self, tmp_path):
-        path = tmp_path / "slew.h5"
-        script = burrlab.ScriptedDevice([0.0, 0.5], [[0, 0, 2.5]] * 2, on=[False, False])
-        with session(script, slew_limit=0.05, record=path) as run:
-            run.wait()
-        sent = burrlab.load_trace(path).array("sent_force_N")
+        self.pressed(0.5, slew_limit=0.05, record=tmp_path / "slew.h5")
+        sent = burrlab.load_trace(tmp_path / "slew.h5").array("sent_force_N")
         steps = np.linalg.norm(np.diff(sent, axis=0, prepend=0), axis=1)
         assert steps.max() <= 0.05 + 1e-12
         assert sent[-1, 2] > 1.0
 
     def test_coupling_softens(self):
         """A still burr: the spring's and the bone's forces balance, and the burr is off the device."""
-        script = burrlab.ScriptedDevice([0.0, 0.5], [[0, 0, 2.5]] * 2, on=[False, False])
-        with session(script, coupling=1.0) as run:
-            run.wait()
-        burr = run.follower.take(run.follower.view())["newest"]["burr"][0]
+        burr = self.pressed(0.5, coupling=1.0)
         offset = burr["center"] - burr["device_position"]
         np.testing.assert_allclose(burr["sent"], 1.0 * offset, atol=1e-9)
         np.testing.assert_allclose(burr["sent"], burr["force"], atol=2e-4)
@@ -231,6 +229,16 @@ def begun_twice():
     run.start()
 
 
+def stopped_first():
+    run = session()
+    run.stop()
+    run.start()
+
+
+def executor(**options):
+    return _core.TickExecutor(block(), [TOOL], 1, **options)
+
+
 @pytest.mark.parametrize(
     ("make", "error", "told"),
     [
@@ -244,6 +252,12 @@ def begun_twice():
             ({"coupling": -1.0}, "coupling must be positive and finite, got -1"),
             ({"scheme": "box"}, "scheme must be layer or cell, got 'box'"),
             ({"source": {"a": {1}}}, "source must be what JSON holds: "),
+            ({"source": {"x": float("nan")}}, "source must be what JSON holds"),
+            *(({"seed": seed}, r"seed must be a whole number from 0 and below 2\^64, got ") for seed in (-1, 2**64, 1.5)),
+            ({"tick": 2**53}, r"tick must be a whole number from 0 and below 2\^53, got 9007199254740992"),
+            ({"cpu": -2}, r"cpu must be a whole number from 0 and below 2\^31, got -2"),
+            ({"rate": 5.0, "wall_clock": True}, r"rate must be at least 20 Hz on the wall clock, got 5\.0"),
+            ({"digest_every": float("inf")}, "digest_every must be positive, got inf"),
         ]),
         (lambda: session(HANDS[:2]), ValueError, "number of devices must be one a burr, 1, got 2"),
         (lambda: burrlab.Session(block(), [TOOL] * 3, HANDS), ValueError, "number of burrs must be 1 or 2, got 3"),
@@ -251,7 +265,17 @@ def begun_twice():
           for tools in (BURR, [BURR, BONE], (BONE, BURR), [TOOL, None])),
         *((lambda devices=devices: burrlab.Session(block(), TOOL, devices), TypeError, "devices must be a Device or a list of them, got")
           for devices in (3, ["hand"], None)),
-        (begun_twice, ValueError, "session must be started once"),
+        (begun_twice, ValueError, "session must be started once: it has been started or stopped"),
+        (stopped_first, ValueError, "session must be started once: it has been started or stopped"),
+        *((make, ValueError, told) for make, told in [
+            (lambda: session()._follower.take(session().follower.view()), "view must be one of this follower"),
+            (lambda: _core.HapticLoop(None, []), "executor must be a TickExecutor, got None"),
+            (lambda: _core.HapticLoop(executor(), HANDS[:1], cpu=-2), "cpu must be -1 or the number of a CPU, got -2"),
+            (lambda: _core.Follower(None), "loop must be a HapticLoop, got None"),
+            (lambda: _core.RecordReader(None), "loop must be a HapticLoop, got None"),
+            (lambda: _core.Publisher(None), "follower must be a Follower, got None"),
+            (lambda: executor(tick=2**53), r"tick must be below 2\^53"),
+        ]),
     ],
 )  # fmt: skip
 def test_what_is_refused(make, error, told):
@@ -281,15 +305,15 @@ def test_never_started():
     ],
 )
 def test_an_executor_refuses_all_records_for_a_wrong_one(index, k, x, told):
-    executor = _core.TickExecutor(block(), [TOOL], 1)
+    carried_out = executor()
     records = np.zeros(2, _core.record_dtype)
     records["index"], records["k"], records["burrs"] = (0, index), (1, k), 1
     records["burr"]["center"][1, 0, 0] = x
     with pytest.raises(ValueError, match=told):
-        executor.execute(records)
+        carried_out.execute(records)
     with pytest.raises(ValueError, match=r"records must be an array of shape \(n,\) and type record_dtype"):
-        executor.execute(np.zeros(2))
-    assert executor.tick == 0
+        carried_out.execute(np.zeros(2))
+    assert carried_out.tick == 0
 
 
 def test_executor_is_steps():

@@ -15,6 +15,7 @@ import webbrowser
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from burrlab.common.check import refuse
 from burrlab.effects.companion import Companion
 from burrlab.effects.effects import Effects
 from burrlab.view.camera import Viewpoint
@@ -87,8 +88,7 @@ def serve(
         If there is no library to draw without a screen, or an event loop runs already.
     """
     shown = page_source(source, effects)
-    if not 0 <= port <= 65535:
-        raise ValueError(f"port must be from 0 to 65535, got {port!r}")
+    refuse(not 0 <= port <= 65535, f"port must be from 0 to 65535, got {port!r}")
     check_page(host=host, port=port)
     settings = {"size": size, "level": level, "note": note or shown.note, "outline": shown.kind == "replay"}
     asyncio.run(_serve(shown, host, port, open_browser, viewpoint, stereo, on_ready, settings))

@@ -144,33 +144,6 @@ class TestWallClock:
         assert run.messages[-1] == run.reason
         np.testing.assert_array_equal(box.force, 0)
 
-    def test_follower_serves_what_changed(self):
-        with session(wall_clock=True) as run:
-            view = run.follower.view()
-            shown = block().density.copy()
-            for last in [False] * 10 + [True]:
-                time.sleep(0.1)
-                if last:
-                    run.stop()
-                update = run.follower.take(view)
-                for (z, y, x), levels in zip(8 * update["bricks"], update["density"], strict=True):
-                    part = shown[z : z + 8, y : y + 8, x : x + 8]
-                    part[...] = levels[tuple(slice(n) for n in part.shape)]
-        bone, _ = run.snapshot()
-        np.testing.assert_array_equal(shown, bone.density)
-        assert bone.removed > 0
-
-    def test_rebuilt_follower(self):
-        with session(wall_clock=True, duration=1.2) as run:
-            for _ in range(8):
-                time.sleep(0.1)
-                run.follower.ask_rebuild()
-            run.wait(60)
-        status = run.follower.status
-        assert status["rebuilds"] >= 4
-        assert status["differing"] == 0
-        assert run.digests[-1] == (1200, run.loop.executor.bone.digest())
-
 
 class TestSafety:
     @staticmethod

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
-from command_line import call
+from command_line import refusal, result
 from session_scenes import FakeReader, make_records, recorded, small_bone, tools
 
 import burrlab
@@ -159,8 +157,7 @@ def test_a_name_is_no_trace(ask):
 
 def test_command_line(tmp_path, capsys):
     trace_of(tmp_path, stroking(5, 1.0, 8.0))
-    code, out, _ = call(capsys, "metrics", tmp_path / "session.h5", "--json", "-", "--threshold", 1.5)
-    result = json.loads(out)
-    assert (code, result["strokes"], result["threshold_N"], result["burr"]) == (0, 11, 1.5, 0)
-    code, _, err = call(capsys, "metrics", tmp_path / "session.h5", "--burr", 1)
-    assert (code, "burr must be an index below 1, got 1" in err) == (2, True)
+    told = result(capsys, "metrics", tmp_path / "session.h5", "--threshold", 1.5)
+    assert (told["strokes"], told["threshold_N"], told["burr"]) == (11, 1.5, 0)
+    said = refusal(capsys, "metrics", tmp_path / "session.h5", "--burr", 1)
+    assert "burr must be an index below 1, got 1" in said

@@ -89,29 +89,21 @@ def test_vertices_and_normals_of_a_ball_are_where_they_should_be():
 @pytest.mark.parametrize("make", [ball, lambda: burrlab.VoxelBone(noise(1), 0.1)])
 def test_neighbours_share_vertices_and_normals_to_the_bit(make):
     blocks = surface_blocks(make())
-    shared = 0
-    for a, b in itertools.combinations(blocks, 2):
-        if max(abs(i - j) for i, j in zip(a, b, strict=True)) > 1:
-            continue
-        one, other = blocks[a], blocks[b]
-        normals = {
-            point.tobytes(): normal.tobytes() for point, normal in zip(one.points, one.normals, strict=True)
-        }
-        for point, normal in zip(other.points, other.normals, strict=True):
-            if point.tobytes() in normals:
-                assert normals[point.tobytes()] == normal.tobytes()
-                shared += 1
-    assert shared > 500
+    points, normals = (
+        np.concatenate([getattr(b, name) for b in blocks.values()]) for name in ("points", "normals")
+    )
+    different, uses = np.unique(points, axis=0, return_counts=True)
+    assert (uses > 1).sum() > 500
+    assert len(np.unique(np.hstack([points, normals]), axis=0)) == len(different)
 
 
 def test_borders_are_covered_by_both_sides():
     """Every edge that one block uses once is used once by a neighbour: no gap."""
     surface = Surface(burrlab.VoxelBone(noise(2, (36, 35, 34)), 0.1))
     _, triangles = joined(surface.merged())
-    edges = directed_edges(triangles)
-    directed, uses = np.unique(edges, axis=0, return_counts=True)
-    forth = {tuple(edge): int(n) for edge, n in zip(directed.tolist(), uses, strict=True)}
-    assert all(forth.get((b, a), 0) == n for (a, b), n in forth.items())
+    edges = directed_edges(triangles).astype(np.int64)
+    forth, back = (np.sort(edges @ way) for way in ([1, 1 << 32], [1 << 32, 1]))
+    np.testing.assert_array_equal(forth, back)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -186,7 +178,7 @@ def test_every_voxel_changes_no_other_block():
     rng = np.random.default_rng(4)
     found = set()
     near_borders = np.array([*range(24, 40), *range(56, 72)])
-    for _ in range(30):
+    for _ in range(20):
         z, y, x = (int(rng.choice(near_borders[near_borders < n])) for n in levels.shape)
         changed = levels.copy()
         changed[z, y, x] ^= 255

@@ -64,12 +64,12 @@ class Command(NamedTuple):
 
 
 def option(name: str, help: str | None = None, **settings: Any) -> Option:
-    """With a value, or with the action that the settings name."""
+    """An option with a value, or with the action that the settings name."""
     return Option(name, {"help": help, **settings})
 
 
 def flag(name: str, help: str, default: bool | None = False) -> Option:
-    """Without a value; the default None tells that it was not given."""
+    """An option without a value; the default None tells that it was not given."""
     return Option(name, {"help": help, "action": "store_true", "default": default})
 
 
@@ -416,12 +416,12 @@ LABELS = Group(
 
 
 def unknown_colours(options: argparse.Namespace) -> str | int:
-    """What --unknown says; without it unknown colours are refused."""
+    """The value of --unknown; without it unknown colours are refused."""
     return "refuse" if options.unknown is None else options.unknown
 
 
 def transposed(options: argparse.Namespace, *paths: str | None) -> bool | None:
-    """What --transpose says; ValueError where none of the files is a stack."""
+    """The value of --transpose; ValueError where none of the files is a stack."""
     if not any(path is not None and is_stack(path) for path in paths):
         refuse_options(options, ("transpose",), "and --no-transpose go with PNG slices")
     asked: bool | None = options.transpose

@@ -93,7 +93,7 @@ class Effects:
 
     @property
     def nozzle(self) -> Nozzle | None:
-        """From the next frame on."""
+        """The nozzle; another one counts from the next frame on."""
         return self._core.nozzle
 
     @nozzle.setter
@@ -102,7 +102,7 @@ class Effects:
 
     @property
     def sucker(self) -> Sucker | None:
-        """From the next frame on."""
+        """The sucker; another one counts from the next frame on."""
         return self._core.sucker
 
     @sucker.setter

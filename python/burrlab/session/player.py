@@ -24,8 +24,8 @@ _tick = operator.itemgetter(0)
 class BrickHistory:
     """States of a bone, each kept as the bricks that changed since the one before.
 
-    Where they take more room than `memory` every second one is given up, as often as needed: what is left goes back to
-    the beginning all the same, in wider steps. Safe to use from several threads.
+    Where the states take more room than `memory`, every second one is given up, as often as needed. What is left still
+    reaches back to the beginning, in wider steps. Safe to use from several threads.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class BrickHistory:
             return next((state[0] for state in self._states[self._behind(tick) :]), None)
 
     def add(self, tick: int, bricks: NDArray[np.uint32], bone: VoxelBone) -> None:
-        """Keeps the state at a tick. `bricks` are all that changed since the newest one; another's state is no news."""
+        """Keeps the state at a tick that is later than the newest one; `bricks` are all that changed since that one."""
         with self.lock:
             if tick <= self.last:
                 return
@@ -118,7 +118,7 @@ class BrickHistory:
 
 
 def _union(parts: list[NDArray[np.uint32]]) -> NDArray[np.uint32]:
-    """Sorted, each once."""
+    """All of their numbers, sorted, each once."""
     return np.unique(np.concatenate([*parts, np.empty(0, np.uint32)]))
 
 
@@ -198,17 +198,17 @@ class TracePlayer:
 
     @property
     def bone(self) -> VoxelBone:
-        """As it is at `time`; the same object throughout, changed by `seek`."""
+        """The bone as it is at `time`: one object throughout, which `seek` changes."""
         return self._walk.bone
 
     @property
     def duration(self) -> float:
-        """Of the trace [s]."""
+        """Duration of the trace [s]."""
         return self.trace.duration
 
     @property
     def ticks(self) -> int:
-        """In the trace."""
+        """Number of ticks in the trace."""
         return len(self.trace)
 
     @property
@@ -228,7 +228,7 @@ class TracePlayer:
 
     @property
     def burrs(self) -> Burrs:
-        """After the last executed tick; before the first one where it will begin."""
+        """The burrs after the last executed tick; before the first tick they are where it begins."""
         radii = np.array([burr.radius for burr, _ in self.trace.tools])
         if not self.ticks:
             none = np.zeros(len(radii), bool)
@@ -239,7 +239,7 @@ class TracePlayer:
 
     @property
     def force(self) -> NDArray[np.float64]:
-        """Of the model in the last executed tick [N], shape (burrs, 3)."""
+        """The model's force in the last executed tick [N], shape (burrs, 3)."""
         return self._last("force_N", (self.trace.burrs, 3))
 
     @property
@@ -249,7 +249,7 @@ class TracePlayer:
 
     @property
     def events(self) -> tuple[Any, ...]:
-        """Of the whole trace, as it recorded them; empty where it has none."""
+        """Events of the whole trace, as it recorded them; empty where it has none."""
         return tuple(getattr(self.trace, "events", ()))
 
     @property
@@ -290,8 +290,8 @@ class TracePlayer:
         return self._walk.go(int(np.searchsorted(self.history.time, seconds + min(half, 1e-6), side="right")))
 
     def seek_tick(self, tick: int) -> NDArray[np.uint32]:
-        """Goes to before the tick of this index, as `tick`, `Trace.digests` and `Companion.first_tick` count. As `seek`;
-        ValueError if the trace does not reach it."""
+        """Goes to the moment before the tick of this index, which counts as `tick`, `Trace.digests` and
+        `Companion.first_tick` do. Returns what `seek` returns. ValueError if the trace does not reach it."""
         first = self.trace.first_tick
         refuse(
             not first <= tick <= first + self.ticks,
@@ -304,7 +304,7 @@ class TracePlayer:
     ) -> bool:
         """Executes the whole trace once on a bone of its own, so that every later seek is fast.
 
-        May run in a thread beside seeks. What it needs besides the kept states is one more bone, until it returns.
+        It may run in a thread beside seeks. Until it returns it needs one more bone besides the kept states.
 
         Parameters
         ----------
@@ -339,7 +339,7 @@ class TracePlayer:
 
 
 class _Walk:
-    """One bone that moves to any tick of a trace, and keeps the states that nobody has kept yet."""
+    """One bone that moves to any tick of a trace, and keeps the states that are not kept yet."""
 
     def __init__(self, trace: Trace, kept: BrickHistory, every: int) -> None:
         self._trace, self._kept, self._every = trace, kept, every

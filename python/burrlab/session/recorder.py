@@ -167,7 +167,7 @@ class TraceWriter:
 
     @property
     def complete(self) -> bool:
-        """Whether recording ended with the session, every tick in the file, and the file is where it was made."""
+        """Whether recording ended with the session, every tick is in the file, and the file is where it was made."""
         return self._complete
 
     @property
@@ -197,13 +197,13 @@ class TraceWriter:
         self._watch.add(events)
 
     def set_watched(self, watched: Watched) -> None:
-        """What a watch saw in all, to be written by `stop`. ValueError if the trace has none."""
+        """Takes all that a watch saw, which `stop` writes. ValueError if the trace has no watch."""
         if self._watch is None:
             raise ValueError("what was watched must be of a trace with a watch")
         self._watch.set_sums(watched)
 
     def start(self) -> None:
-        """Once, before `stop`; ValueError else."""
+        """Starts recording. ValueError if it was started or stopped before."""
         refuse(
             self._stopping is not None or self._thread.ident is not None,
             "recording must be started once: it has been started or stopped",

@@ -154,7 +154,7 @@ def replay(
 
 
 def executor_of(trace: Trace, bone: VoxelBone | None = None, done: int = 0) -> TickExecutor:
-    """What executes the ticks of a trace: on a new bone, or on one on which so many were executed."""
+    """An executor of the ticks of a trace: on a new bone, or on a given one on which `done` ticks were executed."""
     return TickExecutor(
         trace.bone() if bone is None else bone, list(trace.tools), trace.seed, period=trace.period,
         scheme=trace.scheme, tick=trace.first_tick + done,

@@ -49,24 +49,24 @@ class Session:
     Parameters
     ----------
     bone : VoxelBone
-        Copied; `snapshot` gives what becomes of it.
+        It is copied; `snapshot` gives the bone as it becomes.
     tools : (Burr, Material) or list of them
         One a burr, at most two; they act in this order within a tick.
     devices : Device or list of them
         One a burr: `HandDevice`, `ScriptedDevice`, `ReplayDevice`, `MailboxDevice`, `IgtlDevice`. A device serves one
         session at a time.
     seed : int, optional
-        None draws one; `seed` tells it.
+        None draws one; the attribute `seed` holds it.
     rate : float
-        Of the loop [Hz], up to 10 000; on the wall clock at least 20.
+        Rate of the loop [Hz], up to 10 000; on the wall clock at least 20.
     scheme : {"layer", "cell"}
         See `BurrContact`.
     tick : int
         Ticks executed on this bone before, as `load_bone` gives them.
     duration : float, optional
-        The session ends after duration times rate ticks [s]; without it, when it is stopped or a device comes to its end.
+        The session ends after duration times rate ticks [s]. Without a duration it ends when it is stopped or a device ends.
     force_limit, slew_limit : float
-        Of the force sent [N] and of its change [N/ms]. Defaults are ours.
+        Limits of the force sent [N] and of its change [N/ms]. The defaults are ours.
     coupling : float, optional
         Stiffness of a spring between device and burr [N/mm]; without it the burr is where the device is.
     record : path, optional
@@ -80,11 +80,11 @@ class Session:
     source : mapping, optional
         How others make the same bone (`block_recipe`, `volume_recipe`), for replicas and the trace.
     wall_clock : bool
-        Keep absolute deadlines. Else one period follows the other as fast as it goes, with the same result everywhere.
+        Keep absolute deadlines. Otherwise periods follow one another as fast as possible, with the same result on every machine.
     realtime : bool
         Ask for real-time priority and locked memory.
     cpu : int, optional
-        To keep the loop on.
+        Number of the processor that the loop is kept on.
     digest_every : float
         Between digests [s].
     watch : Watch, optional
@@ -227,7 +227,7 @@ class Session:
             self._loop.started or self._done.is_set(),
             "session must be started once: it has been started or stopped",
         )
-        _to_stop.add(self)  # nobody may stop it: its threads would meet an interpreter that is gone
+        _to_stop.add(self)  # a session that is never stopped would outlive the interpreter
         # Registered last it runs first, before what writing a trace needs is gone.
         atexit.unregister(_stop_all)
         atexit.register(_stop_all)
@@ -299,7 +299,7 @@ class Session:
 
     @property
     def port(self) -> int | None:
-        """That is published on."""
+        """The port that the session is published on; None if it is not."""
         return None if self._publisher is None else self._publisher.port
 
     @property
@@ -309,7 +309,7 @@ class Session:
 
     @property
     def follower(self) -> Follower:
-        """What looks at the bone: newest record, bricks that changed, snapshots, stiffness."""
+        """The follower, which gives the newest record, bricks that changed, snapshots and stiffness."""
         return self._follower
 
     @property
@@ -322,7 +322,7 @@ class Session:
         return self._follower.snapshot()
 
     def report(self) -> SessionReport:
-        """What there is to say of the session now."""
+        """The report of the session as it is now."""
         return SessionReport.of(
             self._loop, self._follower, self._publisher, self._writer, self.messages, self._anatomy.report(),
             told_notes(self.provenance["source"]),

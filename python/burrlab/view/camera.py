@@ -1,4 +1,4 @@
-"""From where one looks: viewpoints, the two eyes of a stereo pair, and the way of a trace into the bone."""
+"""Cameras: viewpoints, the two eyes of a stereo pair, and the way of a trace into the bone."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def surgeon_view(
 
 
 def looking_at(focus: ArrayLike, axis: ArrayLike | None, width: float, tilt: float = _TILT) -> Viewpoint:
-    """As `surgeon_view`, at a point that may lie far from the bone, as a lifted burr does."""
+    """The view of `surgeon_view` at a point that may lie far from the bone, as a lifted burr does."""
     into = _unit("axis", _DOWN if axis is None else axis)
     refuse(
         not (np.isfinite(width) and width > 0 and np.isfinite(tilt)),

@@ -188,7 +188,7 @@ _CURVE_POINTS = 600  # of a scene's curves
 
 
 class HasParcels(Protocol):
-    """As `burrlab.effects.Effects` and `Companion`."""
+    """Whatever has parcels, such as `burrlab.effects.Effects` and `Companion`."""
 
     @property
     def parcels(self) -> NDArray[np.void]: ...

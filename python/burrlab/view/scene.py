@@ -462,7 +462,7 @@ class Scene:
         return self._eyes
 
     def picture(self) -> NDArray[np.uint8]:
-        """What is seen now, (height, width, 3)."""
+        """The picture of the scene as it is now, (height, width, 3)."""
         self.render()
         pixels: NDArray[np.uint8] = np.asarray(self.plotter.screenshot(return_img=True))
         return pixels

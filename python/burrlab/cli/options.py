@@ -443,7 +443,9 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
     else:
         grey = _grey_recipe(options, burr)
         refuse_options(options, ("smooth",), "goes without --volume")
-    own = options.spacing if grey is None or _sizeless(options.labels) else None
+    # Of slices without a description of their size, --spacing alone says it.
+    sizeless = is_stack(options.labels) and Path(options.labels).suffix.lower() not in (".yaml", ".yml")
+    own = options.spacing if grey is None or sizeless else None
     stack: dict[str, Any] = {
         "unknown": unknown_colours(options),
         "unit": options.unit,
@@ -465,11 +467,6 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
     return recipe
 
 
-def _sizeless(labels: str) -> bool:
-    """Whether these are slices without a description of their size, so that --spacing alone says it."""
-    return is_stack(labels) and Path(labels).suffix.lower() not in (".yaml", ".yml")
-
-
 def _grey_recipe(options: argparse.Namespace, burr: Burr | None) -> VolumeRecipe | None:
     if options.volume is None:
         refuse_options(options, ("map", "entry", "spacing", "series", "crop"), "goes with --volume")
@@ -486,9 +483,10 @@ def _grey_recipe(options: argparse.Namespace, burr: Burr | None) -> VolumeRecipe
 
 def chosen_specimen(options: argparse.Namespace, burr: Burr, material: Material) -> Specimen | None:
     """The specimen of a volume or labels, with --entry and --axis; None without a volume or labels."""
-    given = "volume" if options.volume is not None else "labels"
-    if getattr(options, given) is not None:
-        require_options(options, (("map",) if given == "volume" else ()) + PLACE, f"--{given}")
+    if options.volume is not None:
+        require_options(options, ("map", *PLACE), "--volume")
+    elif options.labels is not None:
+        require_options(options, PLACE, "--labels")
     recipe = chosen_recipe(options, material, burr)
     if recipe is None:
         return None

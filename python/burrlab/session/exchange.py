@@ -25,10 +25,6 @@ if TYPE_CHECKING:
     import h5py
 
 
-def _zero_or_one(value: float, unit: str) -> str | None:
-    return None if value in (0.0, 1.0) else f"must be 0 or 1: got {value!r}"
-
-
 def _finite(value: float, unit: str) -> str | None:
     return csv_text.finite(value, "")
 
@@ -37,7 +33,11 @@ SCRIPT = csv_text.Table(
     (
         csv_text.Column("time", "s", check=_finite, due="a time"),
         *(csv_text.Column(axis, "mm", check=_finite, due="a position") for axis in "xyz"),
-        csv_text.Column("on", check=_zero_or_one, optional=True),
+        csv_text.Column(
+            "on",
+            check=lambda value, unit: None if value in (0.0, 1.0) else f"must be 0 or 1: got {value!r}",
+            optional=True,
+        ),
     )
 )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bisect
 import operator
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -145,6 +145,12 @@ class Burrs:
     touching: NDArray[np.bool_]
 
 
+def unknown_burrs(radii: Sequence[float] | NDArray[np.float64]) -> Burrs:
+    """Burrs of these radii [mm] whose places are not known."""
+    n = len(radii)
+    return Burrs(np.full((n, 3), np.nan), np.array(radii, float), np.zeros(n, bool), np.zeros(n, bool))
+
+
 @dataclass(frozen=True, eq=False)
 class History:
     """What the burrs met, tick by tick, for charts.
@@ -231,8 +237,7 @@ class TracePlayer:
         """The burrs after the last executed tick; before the first tick they are where it begins."""
         radii = np.array([burr.radius for burr, _ in self.trace.tools])
         if not self.ticks:
-            none = np.zeros(len(radii), bool)
-            return Burrs(np.full((len(radii), 3), np.nan), radii, none, none)
+            return unknown_burrs(radii)
         row = self.trace.ticks["burr"][max(self.done - 1, 0)]
         ran = self.done > 0
         return Burrs(row["center_mm"].copy(), radii, ran & (row["on"] > 0), ran & (row["touching"] > 0))
@@ -240,12 +245,12 @@ class TracePlayer:
     @property
     def force(self) -> NDArray[np.float64]:
         """The model's force in the last executed tick [N], shape (burrs, 3)."""
-        return self._last("force_N", (self.trace.burrs, 3))
+        return self._last("force_N")
 
     @property
     def depth(self) -> NDArray[np.float64]:
         """Penetration h in the last executed tick [mm], shape (burrs,)."""
-        return self._last("penetration_mm", (self.trace.burrs,))
+        return self._last("penetration_mm")
 
     @property
     def events(self) -> tuple[Any, ...]:
@@ -327,11 +332,9 @@ class TracePlayer:
                 progress(scout.done / self.ticks)
         return True
 
-    def _last(self, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-        if not self.done:
-            return np.zeros(shape)
-        values: NDArray[np.float64] = self.trace.ticks["burr"][name][self.done - 1].copy()
-        return values
+    def _last(self, name: str) -> NDArray[np.float64]:
+        kept = self.trace.ticks["burr"][name]
+        return np.array(kept[self.done - 1] if self.done else np.zeros(kept.shape[1:]))
 
     def __repr__(self) -> str:
         states, size = self.kept
@@ -355,8 +358,7 @@ class _Walk:
         with self._kept.lock:  # another walk may give up states
             key = self._kept.at_or_before(done)
             if done < self.done or key > self.done:
-                between = self._kept.changed_between(key, self.done)
-                bricks = np.unique(np.concatenate([between, *self._since]))
+                bricks = _union([self._kept.changed_between(key, self.done), *self._since])
                 restore_bricks(self.bone, bricks, self._kept.levels(bricks, key))
                 self.done, self._since = key, []
                 self._executor = executor_of(self._trace, self.bone, key)
@@ -377,6 +379,6 @@ class _Walk:
         changed = take_changed_bricks(self.bone)
         self._since.append(changed)
         if end == key:
-            self._kept.add(end, np.unique(np.concatenate(self._since)), self.bone)
+            self._kept.add(end, _union(self._since), self.bone)
             self._since = []
         return changed

@@ -12,7 +12,7 @@ import pytest
 from command_line import call, refusal, result
 from rendering_probe import need_drawing
 from session_scenes import small_bone
-from view_scenes import frames_in, read, write_trace
+from view_scenes import carve, frames_in, read, write_trace
 
 import burrlab
 import burrlab.cli.view as cli_view
@@ -242,15 +242,14 @@ def test_missing_libraries_are_one_sentence(trace, tmp_path):
 def test_depth_is_mapped_along_the_axis_that_shows_the_opening():
     for start, axis in (((10, 10, 8.5), "-z"), ((-0.5, 10, 4), "x"), ((10, 20.5, 4), "-y")):
         bone = burrlab.VoxelBone.block((20, 20, 8), 0.5)
-        burrlab.BurrContact(bone, burrlab.Burr(2.5), burrlab.materials["bone"], 1).run([start] * 100, 1.0)
+        carve(bone, start, radius=2.5)
         assert bone.removed > 0
         assert cli_view._widest_opening(bone) == axis
 
 
 def test_a_narrow_depth_map_leaves_no_empty_half(tmp_path):
     bone = burrlab.VoxelBone.block((20, 20, 8), 0.5)
-    contact = burrlab.BurrContact(bone, burrlab.Burr(2.5), burrlab.materials["bone"], 1)
-    contact.run([(10, y, 8.5) for y in np.linspace(3, 17, 400)], 1.0)
+    carve(bone, *((10, y, 8.5) for y in np.linspace(3, 17, 400)), radius=2.5, ticks=1)
     cli_view._write_pictures(str(tmp_path / "a.png"), bone, (10, 10, 7), "")
     picture = read(tmp_path / "a-depth.png")
     inked = np.flatnonzero((picture[..., :3] < 250).any(axis=(0, 2)))

@@ -10,7 +10,7 @@ import pytest
 from rendering_probe import need_drawing
 from scene_pictures import SIZE, differing, open_scene, small_scene  # noqa: F401
 from session_scenes import small_bone, tools
-from view_scenes import parcels, read, write_trace
+from view_scenes import carve, parcels, read, write_trace
 
 import burrlab
 from burrlab.view.actors import parcel_colours
@@ -59,12 +59,8 @@ def test_a_burr_inside_the_bone_is_outlined_where_that_is_asked_for(scene):
 
 
 def test_an_update_draws_what_a_new_scene_draws(scene):
-    bone = scene.bone
-    before = bone.density.copy()
-    contact = burrlab.BurrContact(bone, burrlab.Burr(1.0), burrlab.materials["bone"], 1)
-    contact.run(np.tile([-1.0, 0.5, 0.3], (100, 1)), 1.0)
-    changed = np.unique(np.argwhere(bone.density != before) // 8, axis=0)
-    seen = scene.picture()
+    bone, seen = scene.bone, scene.picture()
+    changed = carve(bone, (-1.0, 0.5, 0.3))
     assert 0 < scene.update(bone, changed) < len(scene.surface.blocks) + 1
     updated = scene.picture()
     assert differing(updated, seen).any()

@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from view_scenes import carve, cortex_and_nerve
 
 import burrlab
 from burrlab.view.surface import (
@@ -112,11 +113,7 @@ def test_an_update_equals_a_rebuild(seed):
     bone = burrlab.VoxelBone.block((10, 7, 9), 0.1)
     surface = Surface(bone)
     for _ in range(4):
-        contact = burrlab.BurrContact(bone, burrlab.Burr(1.5), burrlab.materials["bone"], seed)
-        centers = rng.uniform([0, 0, 0], [10, 7, 9], (3, 3)).repeat(20, axis=0)
-        before = bone.density.copy()
-        contact.run(centers, 1.0)
-        changed = np.unique(np.argwhere(bone.density != before) // 8, axis=0)
+        changed = carve(bone, *rng.uniform([0, 0, 0], [10, 7, 9], (3, 3)), radius=1.5, ticks=20, seed=seed)
         assert len(changed)
         made = surface.update(bone, changed)
         assert set(made) <= set(blocks_of_bricks(changed, bone))
@@ -213,17 +210,9 @@ def test_brick_numbers_are_the_cores():
 
 
 def test_a_cut_is_lighter_and_tissues_have_their_colours():
-    tissues = burrlab.Tissues(
-        [
-            burrlab.Tissue("cortex", label=1, c_e=2.1, alpha=0.1, colour=(200, 190, 150)),
-            burrlab.Tissue("nerve", label=2, c_e=2.1, alpha=0.1, colour=(240, 220, 20), critical=True),
-        ],
-        burrlab.materials["bone"],
-    )
-    numbers = np.zeros((40, 40, 40), np.uint8)
-    numbers[:, :, 20:] = 1
-    bone = burrlab.VoxelBone.block((4, 4, 4), 0.1)
-    bone.set_tissues(tissues, numbers)
+    is_nerve = np.zeros((40, 40, 40), bool)
+    is_nerve[:, :, 20:] = True
+    bone = cortex_and_nerve(burrlab.VoxelBone.block((4, 4, 4), 0.1), is_nerve)
     palette = tissue_palette(bone)
     np.testing.assert_array_equal(palette, [(200, 190, 150), (240, 220, 20)])
     mesh = Surface(bone).merged()
@@ -231,8 +220,7 @@ def test_a_cut_is_lighter_and_tissues_have_their_colours():
     right = mesh.points[:, 0] > 2.0
     np.testing.assert_array_equal(mesh.tissues, right)
     np.testing.assert_array_equal(mesh.colours(palette)[right], np.tile(palette[1], (right.sum(), 1)))
-    contact = burrlab.BurrContact(bone, burrlab.Burr(1.0), burrlab.materials["bone"], 1)
-    contact.run(np.tile([2.0, 2.0, 4.0], (100, 1)), 1.0)
+    carve(bone, (2.0, 2.0, 4.0))
     mesh = Surface(bone).merged()
     cut = mesh.lost > 200
     assert cut.sum() > 100

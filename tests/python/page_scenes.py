@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 from anatomy_scenes import nerve_bone, straight, tool
+from session_scenes import ended
 
 import burrlab
 from burrlab.anatomy.watch import Watch
@@ -24,8 +25,7 @@ def nerve_session(path=PATH, **options) -> burrlab.Session:
 
 def nerve_trace(file: Path) -> Path:
     """4 s into a nerve."""
-    with nerve_session(record=file) as session:
-        session.wait()
+    ended(nerve_session(record=file))
     return file
 
 

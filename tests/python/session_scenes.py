@@ -96,3 +96,10 @@ def recorded(file, *batches, **options):
     """The trace of that."""
     record(file, *batches, **options)
     return burrlab.load_trace(file)
+
+
+def ended(session):
+    """The session after its end."""
+    with session:
+        assert session.wait(120)
+    return session

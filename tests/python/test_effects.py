@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from effects_scenes import SOLID, bone_with_tissues, levels_removed, session
+from session_scenes import ended
 
 import burrlab
 import burrlab._core as _core
@@ -121,8 +122,7 @@ def test_the_budget_decides_how_fine() -> None:
 
 def test_a_recorded_session_and_one_that_goes_back(tmp_path: Path) -> None:
     """The same parcels each time; what comes back to its place buries nothing."""
-    with session(1.0, record=tmp_path / "trace.h5") as made:
-        made.wait()
+    ended(session(1.0, record=tmp_path / "trace.h5"))
     trace, parcels = burrlab.load_trace(tmp_path / "trace.h5"), []
     for _ in range(2):
         player = TracePlayer(trace)

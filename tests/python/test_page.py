@@ -12,7 +12,7 @@ import pytest
 from anatomy_scenes import nerve_bone, tool
 from page_scenes import make_page, nerve_session, nerve_trace
 from PIL import Image
-from session_scenes import FakeReader
+from session_scenes import FakeReader, ended
 
 import burrlab
 import burrlab.view.page as page_chart
@@ -171,8 +171,7 @@ def test_views_and_slices(page, trace):
 
 def test_a_burr_far_away_is_looked_at(tmp_path):
     """As when a hand lifts it."""
-    with nerve_session(([(0, 0, 1.5), (0, 0, 200.0)], [0, 0.5]), record=tmp_path / "trace.h5") as session:
-        session.wait()
+    ended(nerve_session(([(0, 0, 1.5), (0, 0, 200.0)], [0, 0.5]), record=tmp_path / "trace.h5"))
     page = make_page(page_source(burrlab.load_trace(tmp_path / "trace.h5")))
     turn(page, 1.0, wanted=0.5)
     page.look("burr")

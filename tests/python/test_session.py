@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 import pytest
+from session_scenes import ended
 
 import burrlab
 import burrlab._core as _core
@@ -28,8 +29,7 @@ class TestVirtualClock:
     def test_repeats_to_the_bit(self):
         digests = []
         for _ in range(2):
-            with session(duration=3.0) as run:
-                assert run.wait()
+            run = ended(session(duration=3.0))
             digests.append(run.digests)
         assert digests[0] == digests[1]
         assert [tick for tick, _ in digests[0]] == [0, 1000, 2000, 3000]
@@ -38,8 +38,7 @@ class TestVirtualClock:
     def test_bone_given_is_not_changed(self):
         bone = block()
         before = bone.digest()
-        with burrlab.Session(bone, TOOL, burrlab.HandDevice(), seed=1, duration=2.0, wall_clock=False) as run:
-            run.wait()
+        run = ended(burrlab.Session(bone, TOOL, burrlab.HandDevice(), seed=1, duration=2.0, wall_clock=False))
         assert bone.digest() == before
         cut, tick = run.snapshot()
         assert (cut.digest(), tick) == run.digests[-1][::-1]
@@ -50,22 +49,19 @@ class TestVirtualClock:
         for spacing, told in ((0.5, ["coarse: the radius of burr 0 is 6 voxels, below 7.5"]), (0.4, [])):
             bone = burrlab.VoxelBone.block((16, 16, 4), spacing)
             device = burrlab.ScriptedDevice([0, 0.01], [(8, 8, 9)] * 2)
-            with burrlab.Session(bone, TOOL, device, seed=1, wall_clock=False) as run:
-                assert run.wait(20)
+            run = ended(burrlab.Session(bone, TOOL, device, seed=1, wall_clock=False))
             assert [text for text in run.report().messages if "coarse" in text] == told
 
     def test_goes_on_from_a_saved_bone(self, tmp_path):
         """Two halves with the tick index kept give the bone of one run."""
         time_, position = np.arange(0, 2.001, 0.5), np.array([[x, 0, 2.7] for x in (0, 3, 0, -3, 0)])
-        with session(burrlab.ScriptedDevice(time_, position), record=tmp_path / "whole.h5") as whole:
-            whole.wait()
+        whole = ended(session(burrlab.ScriptedDevice(time_, position), record=tmp_path / "whole.h5"))
         positions = burrlab.load_trace(tmp_path / "whole.h5").array("device_position_mm")
         bone, tick = block(), 0
         for part in np.array_split(positions, 2):
-            with burrlab.Session(
-                bone, TOOL, burrlab.ReplayDevice(part), seed=1, tick=tick, wall_clock=False
-            ) as half:
-                half.wait()
+            half = ended(
+                burrlab.Session(bone, TOOL, burrlab.ReplayDevice(part), seed=1, tick=tick, wall_clock=False)
+            )
             burrlab.save_bone(tmp_path / "bone.h5", *half.snapshot())
             bone, tick = burrlab.load_bone(tmp_path / "bone.h5")
         assert tick == whole.ticks
@@ -90,8 +86,7 @@ class TestVirtualClock:
 class TestWallClock:
     def test_records_what_replays(self, tmp_path):
         path = tmp_path / "session.h5"
-        with session(wall_clock=True, duration=1.5, record=path) as run:
-            assert run.wait(60)
+        run = ended(session(wall_clock=True, duration=1.5, record=path))
         trace = burrlab.load_trace(path)
         assert len(trace.ticks) == run.ticks == 1500
         assert burrlab.replay(trace).equal
@@ -148,8 +143,7 @@ class TestSafety:
     def pressed(depth, **options):
         """The burr's last record and the session, after it stood still so deep in the bone [mm]."""
         script = burrlab.ScriptedDevice([0.0, 0.5], [[0, 0, 3.0 - depth]] * 2, on=[False, False])
-        with session(script, **options) as run:
-            run.wait()
+        run = ended(session(script, **options))
         return run.follower.take(run.follower.view())["newest"]["burr"][0]
 
     def test_force_limit(self):
@@ -175,10 +169,9 @@ class TestSafety:
 
     def test_stability_is_told(self):
         said = []
-        with session(
-            burrlab.HandDevice(damping=2.0), duration=3.0, wall_clock=True, on_message=said.append
-        ) as run:
-            run.wait(60)
+        run = ended(
+            session(burrlab.HandDevice(damping=2.0), duration=3.0, wall_clock=True, on_message=said.append)
+        )
         assert any(
             re.search(r"N/mm, at its stiffest \d+\.\d\d of the device's limit; below", text) for text in said
         )
@@ -195,8 +188,7 @@ NO_TOOLS = r"tools must be \(Burr, Material\) or a list of such pairs, got"
 
 
 def begun_twice():
-    with session(duration=0.1) as run:
-        run.wait()
+    run = ended(session(duration=0.1))
     run.start()
 
 

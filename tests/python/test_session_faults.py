@@ -13,6 +13,7 @@ import weakref
 
 import numpy as np
 import pytest
+from session_scenes import ended
 from test_session import TOOL, block, session
 
 import burrlab
@@ -77,8 +78,7 @@ class TestCallback:
         def leave(text):
             raise kind("enough")
 
-        with lost_soon(on_message=leave, record=tmp_path / "a.h5") as run:
-            assert run.wait(20)
+        run = ended(lost_soon(on_message=leave, record=tmp_path / "a.h5"))
         assert run.failed
         assert f"on_message failed: {kind('enough')!r}" in run.messages
         trace = burrlab.load_trace(tmp_path / "a.h5")
@@ -86,8 +86,8 @@ class TestCallback:
         assert burrlab.replay(trace).equal
 
     def test_may_stop_the_session(self, tmp_path):
-        with lost_soon(on_message=lambda text: run.stop("seen"), record=tmp_path / "a.h5") as run:
-            assert run.wait(20)
+        run = lost_soon(on_message=lambda text: run.stop("seen"), record=tmp_path / "a.h5")
+        assert not [text for text in ended(run).messages if "on_message failed" in text]
         assert burrlab.load_trace(tmp_path / "a.h5").complete
 
     def test_may_stop_it_from_the_recorder(self, tmp_path, monkeypatch):
@@ -111,8 +111,7 @@ class TestEnds:
         """Through a plate thinner than the burr k = dF/dH is negative: no warning, and no end of the housekeeping."""
         plate = burrlab.VoxelBone.block((16, 16, 0.4), 0.2, origin=(-7.9, -7.9, -0.1))
         script = burrlab.ScriptedDevice([0.0, 0.5], [[0, 0, 0.5], [0, 0, -1.0]], on=[False, False])
-        with burrlab.Session(plate, TOOL, script, seed=1, realtime=False) as run:
-            assert run.wait(20)
+        run = ended(burrlab.Session(plate, TOOL, script, seed=1, realtime=False))
         assert not [text for text in run.messages if "without warnings" in text]
         executor = _core.TickExecutor(plate, [TOOL], 1)
         still = burrlab.ScriptedDevice([0.0, 0.05], [[0, 0, 0.2]] * 2, [False] * 2)
@@ -213,23 +212,20 @@ class TestDevices:
             pytest.raises(ValueError, match="device 0 must serve one burr of one session at a time"),
         ):
             session(hand).start()
-        with session(hand, duration=0.1) as after:
-            assert after.wait(20)
+        ended(session(hand, duration=0.1))
 
     def test_second_session_feels_the_bone(self):
         """A device halted at the end of a session gives force again in the next."""
         hand, digests = burrlab.HandDevice(), []
         for _ in range(2):
-            with session(hand, duration=2.0) as run:
-                run.wait()
+            run = ended(session(hand, duration=2.0))
             digests.append(run.digests[-1])
         assert digests[0] == digests[1]
 
     def test_replay_begins_again(self):
         device = burrlab.ReplayDevice(np.tile([0.0, 0.0, 2.8], (100, 1)))
         for _ in range(2):
-            with session(device) as run:
-                run.wait()
+            run = ended(session(device))
             assert run.ticks == 100
 
     def test_closed_network_device(self):
@@ -256,8 +252,7 @@ class TestResources:
         assert kept.value
 
     def test_digests_that_come_often(self, tmp_path):
-        with session(duration=3.0, digest_every=0.01, record=tmp_path / "a.h5") as run:
-            run.wait()
+        run = ended(session(duration=3.0, digest_every=0.01, record=tmp_path / "a.h5"))
         trace = burrlab.load_trace(tmp_path / "a.h5")
         assert len(trace.digests) == 301
         assert trace.digests[-1] == run.digests[-1]
@@ -268,8 +263,7 @@ def test_numpy_numbers(tmp_path):
         "seed": np.uint64(2**64 - 1), "rate": np.float32(500), "tick": np.int64(3), "duration": np.float32(0.1),
         "force_limit": np.float32(4), "slew_limit": np.int64(1), "coupling": np.float32(2), "publish": np.int64(0),
     }  # fmt: skip
-    with session(**options, record=tmp_path / "a.h5") as run:
-        run.wait()
+    ended(session(**options, record=tmp_path / "a.h5"))
     trace = burrlab.load_trace(tmp_path / "a.h5")
     assert (trace.seed, trace.first_tick, len(trace)) == (2**64 - 1, 3, 50)
     assert json.loads(json.dumps(trace.note))["seed"] == 2**64 - 1
@@ -281,8 +275,7 @@ def test_a_session_that_nobody_holds_is_gone_with_its_bones(tmp_path, record):
     """At once, not when the garbage is next collected: an experiment holds one session after the other."""
     gc.disable()
     try:
-        with session(record=tmp_path / "a.h5" if record else None, duration=0.5) as run:
-            run.wait(20)
+        run = ended(session(record=tmp_path / "a.h5" if record else None, duration=0.5))
         gone = weakref.ref(run)
         del run
         assert gone() is None

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from session_scenes import ended
 
 import burrlab
 import burrlab._core as _core
@@ -24,10 +25,11 @@ def two_hands(folder, seconds, voxel):
             start=(0.0, 1.5, 2.5), along=(0.0, 1.0, 0.0), amplitude=4.0, strokes=2.0, push=0.5
         ),
     ]
-    with burrlab.Session(
-        bone, tools, devices, seed=3, wall_clock=False, duration=seconds, record=folder / "session.h5"
-    ) as run:
-        assert run.wait(120)
+    run = ended(
+        burrlab.Session(
+            bone, tools, devices, seed=3, wall_clock=False, duration=seconds, record=folder / "session.h5"
+        )
+    )
     trace = burrlab.load_trace(folder / "session.h5")
     assert trace.complete
     return trace, run.loop.executor.bone.digest()

@@ -162,8 +162,7 @@ class Chromium:
             time.sleep(0.02)
         self.mouse("Released", *stop, buttons=0)
 
-    def screenshot(self, path):
-        """Written, and returned as an array (height, width, 3)."""
+    def screenshot(self):
+        """An array (height, width, 3)."""
         data = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
-        path.write_bytes(data)
         return np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(int)

@@ -211,7 +211,7 @@ class Session:
                 )  # fmt: skip
             except BaseException:
                 if self._publisher is not None:
-                    self._publisher.stop()  # whoever keeps the exception keeps the port
+                    self._publisher.stop()  # an exception that is kept would keep the port
                 raise
         self._digests = 0
         self._warned: set[int] = set()
@@ -244,7 +244,7 @@ class Session:
             for i, (burr, _) in enumerate(self.tools):
                 if (voxels := burr.radius / self._largest_spacing) < _COARSE:
                     self._say(f"coarse: the radius of burr {i} is {voxels:.3g} voxels, below {_COARSE}")
-        except BaseException as error:  # Ctrl-C as well: without it nobody would stop the loop
+        except BaseException as error:  # Ctrl-C as well: else the loop would run on
             self.stop(f"stopped by {type(error).__name__}")
             raise
         return self
@@ -371,7 +371,7 @@ class Session:
                 waited += _LOOK
                 for burr in range(len(self.tools)):
                     self._warn_of_stiffness(burr)
-            except Exception as error:  # whoever waits for the end depends on this thread
+            except Exception as error:  # the end of the session needs this thread
                 if well:
                     self._say(f"the session goes on without warnings: {error!r}")
                 well = False
@@ -437,7 +437,7 @@ def _stop_all() -> None:
 
 
 def _weakly(method: Callable[[str], None]) -> Callable[[str], None]:
-    """Calls it while its object lives, so that whoever keeps this does not keep the object."""
+    """A function that calls the method while its object lives, and does not keep that object alive."""
     weak = weakref.WeakMethod(method)
 
     def call(text: str) -> None:

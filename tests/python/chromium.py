@@ -37,11 +37,10 @@ def chromium_path():
 
 
 class Chromium:
-    """One page. What it logs, fails to load and asks for is kept."""
+    """One page. What it logs is kept, what fails to load among it: so does whatever another machine is asked for."""
 
     def __init__(self, folder, *flags, size=(1280, 800)):
-        self.console, self.errors, self.failed, self.asked = [], [], [], []
-        self._urls = {}
+        self.console = []
         read, chromium_write = os.pipe()
         chromium_read, write = os.pipe()
         self._read, self._write = read, write
@@ -57,7 +56,7 @@ class Chromium:
         page = next(target for target in targets if target["type"] == "page")
         attached = self.call("Target.attachToTarget", targetId=page["targetId"], flatten=True)
         self._session = attached["sessionId"]
-        for domain in ("Page", "Runtime", "Log", "Network"):
+        for domain in ("Page", "Runtime", "Log"):
             self.call(f"{domain}.enable")
         self.call(
             "Emulation.setDeviceMetricsOverride",
@@ -120,16 +119,7 @@ class Chromium:
         elif of == "Log.entryAdded":
             self.console.append((told["entry"]["level"], told["entry"]["text"]))
         elif of == "Runtime.exceptionThrown":
-            self.errors.append(told["exceptionDetails"])
-        elif of == "Network.requestWillBeSent":
-            self._urls[told["requestId"]] = told["request"]["url"]
-            self.asked.append(told["request"]["url"])
-        elif of == "Network.webSocketCreated":
-            self.asked.append(told["url"])
-        elif of == "Network.responseReceived" and told["response"]["status"] >= 400:
-            self.failed.append(told["response"]["url"])
-        elif of == "Network.loadingFailed":
-            self.failed.append((self._urls.get(told["requestId"]), told["errorText"]))
+            self.console.append(("error", str(told["exceptionDetails"])))
 
     def load(self, url):
         self.call("Page.navigate", url=url)
@@ -172,8 +162,7 @@ class Chromium:
             time.sleep(0.02)
         self.mouse("Released", *stop, buttons=0)
 
-    def screenshot(self, path):
-        """Written, and returned as an array (height, width, 3)."""
+    def screenshot(self):
+        """An array (height, width, 3)."""
         data = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
-        path.write_bytes(data)
         return np.asarray(Image.open(io.BytesIO(data)).convert("RGB")).astype(int)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 from burrlab.cli import main
 
 
@@ -19,3 +21,17 @@ def said(capsys, *words, status=0):
     code, out, err = call(capsys, *words)
     assert code == status, err
     return out + err
+
+
+def refusal(capsys, *words):
+    """What a command says that is refused: status 2, one line, and nothing on standard output."""
+    code, out, err = call(capsys, *words)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    return err
+
+
+def result(capsys, *words):
+    """What a command that ends well writes as JSON."""
+    code, out, _ = call(capsys, *words, "--json", "-")
+    assert code == 0
+    return json.loads(out)

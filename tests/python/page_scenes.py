@@ -7,21 +7,25 @@ from types import SimpleNamespace
 
 import numpy as np
 from anatomy_scenes import nerve_bone, straight, tool
+from session_scenes import ended
 
 import burrlab
 from burrlab.anatomy.watch import Watch
 from burrlab.view.page import Page
 
+PATH = [(-3, 0, 1.5), (-3, 0, -0.6), (3, 0, -0.6), (0, 0, -1.2)], [0, 1, 3, 4]  # into the nerve
+
+
+def nerve_session(path=PATH, **options) -> burrlab.Session:
+    """On the virtual clock, along a path that ends it, with a watch."""
+    bone = nerve_bone()
+    settings = {"seed": 1, "duration": float(path[1][-1]), "wall_clock": False, **options}
+    return burrlab.Session(bone, tool(), straight(*path), watch=Watch(bone, approach=0.5), **settings)
+
 
 def nerve_trace(file: Path) -> Path:
-    """4 s into a nerve, with a watch."""
-    bone = nerve_bone()
-    device = straight([(-3, 0, 1.5), (-3, 0, -0.6), (3, 0, -0.6), (0, 0, -1.2)], [0, 1, 3, 4])
-    watch = Watch(bone, approach=0.5)
-    with burrlab.Session(
-        bone, tool(), device, seed=1, duration=4.0, wall_clock=False, record=file, watch=watch
-    ) as session:
-        session.wait()
+    """4 s into a nerve."""
+    ended(nerve_session(record=file))
     return file
 
 

@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 import socket
+import socketserver
 import struct
 import subprocess
 import sys
@@ -89,62 +90,48 @@ class Leader:
         return self.follower.digest()
 
 
-class Proxy:
+class Proxy(socketserver.ThreadingTCPServer):
     """Passes bytes between replicas and a leader. `pump(source, sink)` passes the leader's; anew for each connection."""
 
     def __init__(self, port, pump, *, receive_buffer=None):
+        super().__init__(("127.0.0.1", 0), None)
         self.port_behind, self.pump, self.receive_buffer = port, pump, receive_buffer
-        self.listener = socket.create_server(("127.0.0.1", 0))
-        self.port = self.listener.getsockname()[1]
-        self.connections = 0
-        self.threads, self.sockets = [], []
+        self.port, self.sockets = self.server_address[1], []
 
     def __enter__(self):
-        self._begin(self._accept)
+        threading.Thread(target=self.serve_forever, args=(0.02,), daemon=True).start()
         return self
 
     def __exit__(self, *_):
-        with contextlib.suppress(OSError):
-            self.listener.shutdown(socket.SHUT_RDWR)
-        self.listener.close()
-        for end in self.sockets:
-            with contextlib.suppress(OSError):
-                end.shutdown(socket.SHUT_RDWR)
-        for thread in self.threads:
-            thread.join(5)
-        for end in self.sockets:
-            end.close()
+        self.shutdown()
+        end_both(self.sockets)
+        self.server_close()
 
-    def _begin(self, function, *arguments):
-        thread = threading.Thread(target=function, args=arguments, daemon=True)
-        self.threads.append(thread)
-        thread.start()
+    def finish_request(self, replica, _):
+        with socket.socket() as leader, contextlib.suppress(OSError):
+            self.sockets += [replica, leader]
+            for end in (replica, leader):
+                end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            if self.receive_buffer:
+                leader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, self.receive_buffer)
+            leader.connect(("127.0.0.1", self.port_behind))
+            back = threading.Thread(target=pass_on, args=(pass_all, replica, leader), daemon=True)
+            back.start()
+            pass_on(self.pump, leader, replica)
+            back.join()
 
-    def _accept(self):
-        with contextlib.suppress(OSError):
-            while True:
-                replica, _ = self.listener.accept()
-                leader = socket.socket()
-                self.sockets += [replica, leader]
-                for end in (replica, leader):
-                    end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                if self.receive_buffer:
-                    leader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, self.receive_buffer)
-                try:
-                    leader.connect(("127.0.0.1", self.port_behind))
-                except OSError:
-                    replica.shutdown(socket.SHUT_RDWR)
-                    continue
-                self.connections += 1
-                self._begin(self._pass, pass_all, replica, leader)
-                self._begin(self._pass, self.pump, leader, replica)
 
-    def _pass(self, pump, source, sink):
+def end_both(sockets):
+    for end in sockets:
         with contextlib.suppress(OSError):
-            pump(source, sink)
-        for end in (source, sink):  # either end of a connection ends both
-            with contextlib.suppress(OSError):
-                end.shutdown(socket.SHUT_RDWR)
+            end.shutdown(socket.SHUT_RDWR)
+
+
+def pass_on(pump, source, sink):
+    """Either end of a connection ends both."""
+    with contextlib.suppress(OSError):
+        pump(source, sink)
+    end_both([source, sink])
 
 
 def pass_all(source, sink):
@@ -178,49 +165,32 @@ class Dropper:
 
     def __init__(self, probability, random):
         self.probability, self.random = probability, random
-        self.passed, self.dropped = 0, []
 
     def __call__(self, source, sink):
         for message in messages_of(source):
-            if self.random.random() < self.probability:
-                self.dropped.append(name_of(message))
-            else:
-                self.passed += 1
+            if self.random.random() >= self.probability:
                 sink.sendall(message)
 
 
-class Cutter:
+def cutter(source, sink):
     """Cuts the stream in the middle of a message, once a second."""
-
-    def __init__(self, every=1.0):
-        self.every, self.cuts = every, 0
-
-    def __call__(self, source, sink):
-        end = time.monotonic() + self.every
-        for message in messages_of(source):
-            if time.monotonic() < end:
-                sink.sendall(message)
-                continue
+    end = time.monotonic() + 1.0
+    for message in messages_of(source):
+        if time.monotonic() >= end:
             sink.sendall(message[: len(message) // 2])
-            self.cuts += 1
             return
+        sink.sendall(message)
 
 
-class Mangler:
-    """Leaves out some bytes of every so many thousand, so that the framing is lost."""
-
-    def __init__(self, every=200_000):
-        self.every, self.losses = every, 0
-
-    def __call__(self, source, sink):
-        passed = 0
-        while data := source.recv(4096):
-            passed += len(data)
-            if passed > self.every:
-                passed -= self.every
-                self.losses += 1
-                data = data[: len(data) // 2] + data[len(data) // 2 + 100 :]
-            sink.sendall(data)
+def mangler(source, sink):
+    """Leaves out some bytes of every 200 000, so that the framing is lost."""
+    passed = 0
+    while data := source.recv(4096):
+        passed += len(data)
+        if passed > 200_000:
+            passed -= 200_000
+            data = data[: len(data) // 2] + data[len(data) // 2 + 100 :]
+        sink.sendall(data)
 
 
 class Slower:

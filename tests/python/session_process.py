@@ -20,48 +20,31 @@ import h5py  # noqa: F401  (now, not in each session)
 import numpy as np
 
 import burrlab
-import burrlab._core as _core
 
 
 def run(folder: Path, seconds: float) -> None:
     with (folder / "ticks").open("r+b") as file:
         shown = mmap.mmap(file.fileno(), 9)
     bone = burrlab.VoxelBone.block((20, 12, 4), 0.2, origin=(-9.9, -5.9, -3.9))
-    tools = [(burrlab.Burr(2.0), burrlab.materials["bone"])]
-    executor = _core.TickExecutor(bone.copy(), tools, 5)
-    device = _core.MailboxDevice(name="test")
-    loop = _core.HapticLoop(executor, [device])
-    follower = _core.Follower(loop, digest_every=100)
-    reader = _core.RecordReader(loop)
-    done = threading.Event()
+    tool = burrlab.Burr(2.0), burrlab.materials["bone"]
+    device = burrlab.MailboxDevice(name="test")
+    session = burrlab.Session(bone, tool, device, seed=5, digest_every=0.1, record=folder / "session.h5")
 
     def show() -> None:
-        while not done.is_set():
-            shown[:8] = struct.pack("<Q", loop.counts.ticks)
+        while True:
+            shown[:8] = struct.pack("<Q", session.ticks)
             time.sleep(0.0005)
 
-    writer = burrlab.TraceWriter(folder / "session.h5", reader, bone, tools, seed=5, devices=[device.name])
-    writer.start()
     device.put((0.0, 0.0, 3.0))
-    follower.start()
-    loop.start()
+    session.start()
     threading.Thread(target=show, daemon=True).start()
     shown[8] = 1
-    told = 0
     begin = time.monotonic()
     while (now := time.monotonic() - begin) < seconds:
         device.put((6.0 * np.sin(8.0 * now), 0.0, max(1.5, 2.2 - now)))
-        for tick, digest in follower.digests[told:]:
-            writer.add_digest(tick, digest)
-            told += 1
         time.sleep(0.002)
-    loop.stop()
-    done.set()
-    follower.stop()
-    for tick, digest in follower.digests[told:]:
-        writer.add_digest(tick, digest)
     shown[8] = 2
-    writer.stop(loop.reason)
+    session.stop()
     shown[8] = 3
 
 

@@ -77,10 +77,11 @@ class FakeReader:
         return batch[:most], False
 
 
-def writer(file, *batches, **options):
-    """A recorder of these batches of records, not yet started."""
-    settings = {"seed": SEED, "first_tick": 40, **options}
-    return burrlab.TraceWriter(file, FakeReader(*batches), small_bone(), tools(), **settings)
+def writer(file, *batches, burrs=1, reader=None, **options):
+    """A recorder of these batches of records, or of a reader, not yet started."""
+    first = int(batches[0]["index"][0]) if batches and len(batches[0]) else 40
+    settings = {"seed": SEED, "first_tick": first, **options}
+    return burrlab.TraceWriter(file, reader or FakeReader(*batches), small_bone(), tools(burrs), **settings)
 
 
 def record(file, *batches, **options):
@@ -89,3 +90,16 @@ def record(file, *batches, **options):
     made.start()
     made.stop()
     return made
+
+
+def recorded(file, *batches, **options):
+    """The trace of that."""
+    record(file, *batches, **options)
+    return burrlab.load_trace(file)
+
+
+def ended(session):
+    """The session after its end."""
+    with session:
+        assert session.wait(120)
+    return session

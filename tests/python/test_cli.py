@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from command_line import call
+from command_line import call, refusal, result
 
 import burrlab
 
@@ -28,24 +28,6 @@ def test_overrides_and_figure(capsys, tmp_path):
 
 
 CSV = "force_N,velocity_mm_s\n1.0,0.5\n1.2,{cell}\n1.4,0.9\n"
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("", "empty"),
-        ("force_N\n1.0\n", "velocity_mm_s"),
-        (CSV.format(cell="fast"), "line 3"),
-        (CSV.format(cell="-0.4"), "line 3"),
-        ("force_N,velocity_mm_s\n1,0.5\n1,0.6\n1.2,0.7\n", "three"),
-    ],
-)
-def test_wrong_csv_exits_2_with_one_line(capsys, tmp_path, content, message):
-    file = tmp_path / "data.csv"
-    file.write_text(content)
-    code, out, err = call(capsys, "fit", file, "--radius", 3)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert message in err
 
 
 @pytest.mark.parametrize(
@@ -74,6 +56,8 @@ def test_wrong_csv_exits_2_with_one_line(capsys, tmp_path, content, message):
         (["fit", "a.csv", "--profile", "/nowhere/p.png"], "--profile: /nowhere/p.png cannot be written"),
         (["fit", "a.csv", "--radius", "3", "--residuals", "sigma"], "need a sigma"),
         (["fit", "a.csv", "--engine", "oracle"], "invalid choice"),
+        (["fit", "a.csv"], "--radius must be given: a.csv does not say it"),
+        (["fit", "wrong.csv", "--radius", "3"], "wrong.csv, line 3"),
         (
             ["fit", "a.csv", "--radius", "3", "--engine", "voxel", "--store", "a.csv"],
             "store must be a file of burrlab results",
@@ -85,9 +69,8 @@ def test_wrong_csv_exits_2_with_one_line(capsys, tmp_path, content, message):
 def test_wrong_options_exit_2_with_one_line(capsys, tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a.csv").write_text(CSV.format(cell="0.7"))
-    code, out, err = call(capsys, *arguments)
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert message in err
+    (tmp_path / "wrong.csv").write_text(CSV.format(cell="fast"))
+    assert message in refusal(capsys, *arguments)
 
 
 def test_descent_into_a_hand(capsys, shared_data, tmp_path):
@@ -97,37 +80,20 @@ def test_descent_into_a_hand(capsys, shared_data, tmp_path):
         pytest.skip(f"no {file}")
     pytest.importorskip("SimpleITK")
     figure = tmp_path / "hand.png"
-    code, out, _ = call(
+    sunk = result(
         capsys, "descend", "--force", 0.5, "--volume", file, "--map", "90:180", "--entry", "65,50,103", "--axis",
-        "0,1,0", "--seed", 1, "--json", "-", "--plot", figure,
+        "0,1,0", "--seed", 1, "--plot", figure,
     )  # fmt: skip
-    result = json.loads(out)
-    assert code == 0
-    assert result["status"] == "ok"
+    assert sunk["status"] == "ok"
     # A narrow bone: faster than a half-space, for the burr wets less of it.
-    assert 0.0785 < result["penetration_velocity_mm_s"] < 0.4
-    assert any("coarse" in text for text in result["warnings"])
+    assert 0.0785 < sunk["penetration_velocity_mm_s"] < 0.4
+    assert any("coarse" in text for text in sunk["warnings"])
     assert figure.stat().st_size > 10_000
 
 
 def test_negative_coordinates(capsys):
-    code, out, _ = call(
-        capsys,
-        "descend",
-        "--force",
-        1,
-        "--voxel",
-        0.4,
-        "--seed",
-        1,
-        "--ideal",
-        "--axis",
-        "-1,0,0",
-        "--json",
-        "-",
-    )
-    assert code == 0
-    assert json.loads(out)["provenance"]["axis"] == [-1.0, 0.0, 0.0]
+    made = result(capsys, "descend", "--force", 1, "--voxel", 0.4, "--seed", 1, "--ideal", "--axis", "-1,0,0")
+    assert made["provenance"]["axis"] == [-1.0, 0.0, 0.0]
 
 
 def test_an_interrupted_run_exits_130(capsys, monkeypatch):
@@ -155,7 +121,7 @@ sys.exit(main())
 """
 
 
-@pytest.mark.parametrize("modules", [3, 30, 150, 400, 800])
+@pytest.mark.parametrize("modules", [3, 150, 800])
 def test_ctrl_c_while_modules_load_is_no_traceback(modules):
     """In the importing of so many modules, the first of which is the package itself."""
     program = [sys.executable, "-c", AT_AN_IMPORT, str(modules)]
@@ -183,18 +149,10 @@ def test_an_interrupted_sweep_goes_on(capsys, tmp_path, monkeypatch):
         code, out, _ = call(capsys, *command, 5)
     assert code == 130
     assert "interrupted, the same command goes on from" in out
-    whole = burrlab.force_sweep(
-        burrlab.Burr(3.0), burrlab.materials["bone"], [1.0, 2.0], repeats=2, voxel=0.4, seed=5
-    )
     code, out, _ = call(capsys, *command, 5)
-    assert code == 0
-    assert list(burrlab.VelocityCurve.from_csv(tmp_path / "c.csv").velocity) == list(whole.velocity)
-    size = (tmp_path / "s.jsonl").stat().st_size
-    assert call(capsys, *command, 5)[0] == 0
-    assert (tmp_path / "s.jsonl").stat().st_size == size, "all of it was there"
-    code, _, err = call(capsys, *command[:-1])
-    assert code == 2
-    assert "seed must be given with a store" in err
+    assert (code, len(burrlab.Store(tmp_path / "s.jsonl"))) == (0, 4)
+    assert "4 descents, 4 with a velocity" in out
+    assert "seed must be given with a store" in refusal(capsys, *command[:-1])
 
 
 @pytest.fixture
@@ -211,16 +169,15 @@ def test_several_sets(capsys, files):
     names = [files / name for name in ("a.csv", "b.csv")]
     code, out, err = call(
         capsys, "fit", *names, "--indentation", files / "i.csv", "--trace", files / "t.csv", "--radius", 3,
-        "--test", "2.145,0.087", "--region", files / "r.png", "--profile", files / "p.png", "--json", "-",
+        "--test", "2.145,0.087", "--region", files / "r.png", "--profile", files / "p.png", "--json", files / "fit.json",
     )  # fmt: skip
-    result = json.loads(out)
+    fitted = json.loads((files / "fit.json").read_text())
     assert (code, err) == (0, "")
-    assert [one["kind"] for one in result["data"]] == ["velocity", "velocity", "indentation", "trace"]
-    assert result["separately_identified"] is True
-    assert result["verdict"].startswith("c_e and alpha are separately identified")
-    assert set(result["intervals"]) == {"c_e", "alpha"}
-    assert set(result["identified"]) == {"exponent", "value", "interval"}
-    assert 0 <= result["test"]["p_value"] <= 1
+    assert "(2.145 N/mm^2, 0.087 /ms) lies" in out
+    assert [one["kind"] for one in fitted["data"]] == ["velocity", "velocity", "indentation", "trace"]
+    assert fitted["separately_identified"] is True
+    assert fitted["verdict"].startswith("c_e and alpha are separately identified")
+    assert 0 <= fitted["test"]["p_value"] <= 1
     for name in ("r.png", "p.png"):
         assert (files / name).stat().st_size > 10_000
 
@@ -228,20 +185,10 @@ def test_several_sets(capsys, files):
 def test_open_ends_are_null(capsys, files):
     bone = burrlab.materials["bone"]
     burrlab.synthetic_curve(burrlab.Burr(3.0), bone, [0.3, 0.4, 0.5], seed=1).to_csv(files / "ridge.csv")
-    code, out, _ = call(capsys, "fit", files / "ridge.csv", "--radius", 3, "--json", "-")
-    result = json.loads(out)
-    assert code == 0
-    assert result["intervals"]["c_e"]["95"][1] is None
-    assert result["separately_identified"] is False
-    assert "no upper end" in result["verdict"]
-
-
-def test_the_test_is_in_the_report(capsys, files):
-    code, out, _ = call(
-        capsys, "fit", files / "a.csv", files / "b.csv", "--radius", 3, "--test", "2.145,0.087"
-    )
-    assert code == 0
-    assert "(2.145 N/mm^2, 0.087 /ms) lies" in out
+    fitted = result(capsys, "fit", files / "ridge.csv", "--radius", 3)
+    assert fitted["intervals"]["c_e"]["95"][1] is None
+    assert fitted["separately_identified"] is False
+    assert "no upper end" in fitted["verdict"]
 
 
 def test_voxel_engine_and_store(capsys, files):
@@ -250,22 +197,11 @@ def test_voxel_engine_and_store(capsys, files):
         files / "v.csv"
     )
     command = (
-        "fit",
-        files / "v.csv",
-        "--radius",
-        3,
-        "--engine",
-        "voxel",
-        "--voxel",
-        0.4,
-        "--store",
-        files / "s",
-    )
-    code, out, err = call(capsys, *command, "--json", "-")
-    assert (code, err) == (0, "")
-    first = json.loads(out)
+        "fit", files / "v.csv", "--radius", 3, "--engine", "voxel", "--voxel", 0.4, "--store", files / "s",
+    )  # fmt: skip
+    first = result(capsys, *command)
     assert first["engine"] == "voxel"
     n = len(burrlab.Store(files / "s"))
     assert n == 12 * len(first["record"])
-    assert json.loads(call(capsys, *command, "--json", "-")[1])["c_e"] == first["c_e"]
+    assert result(capsys, *command)["c_e"] == first["c_e"]
     assert len(burrlab.Store(files / "s")) == n

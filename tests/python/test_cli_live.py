@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from command_line import call, refusal, result
 from replica_scenes import soon
 
 import burrlab
@@ -41,17 +42,15 @@ def leader(seconds):
 
 
 @pytest.mark.parametrize("option", ["effects", "stereo"])
-@pytest.mark.parametrize("command", [["session", *FAST, "--duration", "1"], ["replica", "127.0.0.1:1"]])
-def test_what_needs_a_place_to_be_seen(command, option, capsys):
-    assert main([*command, f"--{option}"]) == 2
-    assert capsys.readouterr().err == f"burrlab {command[0]}: --{option} goes with --view or --web\n"
+def test_what_needs_a_place_to_be_seen(option, capsys):
+    said = refusal(capsys, "replica", "127.0.0.1:1", f"--{option}")
+    assert said == f"burrlab replica: --{option} goes with --view or --web\n"
 
 
 def test_effects_of_a_session_are_reported(shown, tmp_path, capsys):
     file = tmp_path / "said.json"
     arguments = ["session", *FAST, "--duration", "1.5", "--no-realtime", "--web", "--effects", "--stereo"]
-    assert main([*arguments, "--json", str(file)]) == 0
-    said, plain = capsys.readouterr().out, json.loads(file.read_text())
+    said, plain = call(capsys, *arguments, "--json", file)[1], json.loads(file.read_text())
     session, companion, told = shown["source"], shown["effects"], plain["effects"]
     assert shown["stereo"]
     assert not companion.running
@@ -67,42 +66,34 @@ def test_effects_of_a_session_are_reported(shown, tmp_path, capsys):
     assert f"dust: made {told['balance_mm3']['dust']['made']:.3f}, present " in said
 
 
-def test_without_effects_nothing_is_said_of_them(shown, tmp_path, capsys):
-    file = tmp_path / "said.json"
-    assert main(["session", *FAST, "--duration", "0.3", "--web", "--json", str(file)]) == 0
-    assert shown["effects"] is None
-    assert not shown["stereo"]
-    assert "effects" not in json.loads(file.read_text())
-    assert "dust" not in capsys.readouterr().out
+def test_without_effects_nothing_is_said_of_them(shown, capsys):
+    told = result(capsys, "session", *FAST, "--duration", "0.3", "--web")
+    assert (shown["effects"], shown["stereo"], "effects" in told) == (None, False, False)
 
 
 def test_effects_of_a_replica_are_reported(shown, tmp_path, capsys):
     file = tmp_path / "said.json"
+    """Also of one that a duration ends, while it is shown."""
     with leader(60.0) as session:
         assert soon(lambda: session.snapshot()[0].removed > 0)
+        where = ["replica", f"127.0.0.1:{session.port}", "--web", "--effects"]
+        assert main([*where, "--duration", "1.5"]) == 0
+        assert shown["source"].wait(0.0)
+        assert not shown["effects"].running
+        assert "ended (stopped): tick " in capsys.readouterr().out
 
         def meanwhile():
             assert soon(lambda: shown["effects"].balance()["dust"].made > 0)
             session.stop()
 
         shown["meanwhile"] = meanwhile
-        arguments = ["replica", f"127.0.0.1:{session.port}", "--web", "--effects", "--json", str(file)]
-        assert main(arguments) == 0
+        assert main([*where, "--json", str(file)]) == 0
     plain = json.loads(file.read_text())
     assert plain["digest"] == session.snapshot()[0].digest()
     assert plain["effects"]["seed"] == 11
     assert plain["effects"]["balance_mm3"]["dust"]["exact"]
     assert 0 < plain["effects"]["balance_mm3"]["dust"]["made"] <= session.snapshot()[0].removed * (1 + 1e-12)
     assert "effects at assumed rates, seed 11: " in capsys.readouterr().out
-
-
-def test_a_duration_ends_a_replica_that_is_shown(shown, capsys):
-    with leader(60.0) as session:
-        where = ["replica", f"127.0.0.1:{session.port}", "--web", "--effects"]
-        assert main([*where, "--duration", "1.5"]) == 0
-    assert shown["source"].wait(0.0)
-    assert not shown["effects"].running
-    assert "ended (stopped): tick " in capsys.readouterr().out
 
 
 def test_effects_that_ended_early_are_said(monkeypatch):

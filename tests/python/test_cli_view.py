@@ -9,10 +9,10 @@ import sys
 
 import numpy as np
 import pytest
-from command_line import call
+from command_line import call, refusal, result
 from rendering_probe import need_drawing
 from session_scenes import small_bone
-from view_scenes import frames_in, read, write_trace
+from view_scenes import carve, frames_in, read, write_trace
 
 import burrlab
 import burrlab.cli.view as cli_view
@@ -65,20 +65,23 @@ sys.exit(main(["view", {str(trace)!r}, "--png", {str(tmp_path / "a.png")!r}]))
 
 def test_pictures_of_a_volume_are_in_the_bone_frame(volume, tmp_path, capsys):
     made = tmp_path / "slices.png"
-    code, out, _ = call(
-        capsys, "view", "--volume", volume, "--map", "-1000:1000", "--pictures", made, "--entry", "9,21,32", "--json", "-"
-    )  # fmt: skip
-    assert code == 0
-    assert json.loads(out)["written"] == [str(made)]  # nothing removed: no depth
+    told = result(
+        capsys, "view", "--volume", volume, "--map", "-1000:1000", "--pictures", made, "--entry", "9,21,32"
+    )
+    assert told["written"] == [str(made)]  # nothing removed: no depth
     assert read(made).shape == (780, 1920, 3)
 
 
-def test_pictures_of_a_trace_go_through_the_entry(trace, tmp_path, capsys):
-    seen = []
-    for i, look in enumerate(((), ("--entry", "1,1,-1"))):
-        assert call(capsys, "view", trace, "--pictures", tmp_path / f"{i}.png", *look)[0] == 0
-        seen.append(read(tmp_path / f"{i}.png"))
-    assert (seen[0] != seen[1]).any()
+def test_pictures_of_a_trace_go_through_the_entry(trace, tmp_path, capsys, monkeypatch):
+    through = []
+    monkeypatch.setattr(
+        cli_view, "_write_pictures", lambda path, bone, point, note, **_: through.append(point) or []
+    )
+    for look in ((), ("--entry", "1,1,-1")):
+        assert call(capsys, "view", trace, "--pictures", tmp_path / "a.png", *look)[0] == 0
+    last = burrlab.load_trace(trace).ticks["burr"]["center_mm"][-1, 0]
+    assert tuple(through[0]) == tuple(last)
+    assert through[1] == (1, 1, -1)
 
 
 def test_effects_have_dust_and_water(trace, capsys, monkeypatch):
@@ -96,7 +99,7 @@ def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
     for said, *arguments in (
         ("view needs one of TRACE, --bone FILE, and --volume or --labels FILE",),
         ("view needs one of TRACE, --bone FILE, and --volume or --labels FILE", trace, "--bone", trace),
-        ("--at goes with a trace", "--bone", trace, "--at", 1),
+        ("--effects goes with a trace", "--bone", trace, "--web", "--effects"),
         ("--at goes with a trace", "--bone", trace, "--at", 0),
         ("--video goes with a trace", "--volume", volume, "--video", "a.mp4"),
         ("--map goes with --volume or --labels", trace, "--map", "0:1"),
@@ -127,8 +130,7 @@ def test_what_does_not_go_together_is_refused(trace, volume, tmp_path, capsys):
          trace, "--pictures", "./a.png", "--png", "a-depth.png"),
         ("entry lies 950 mm outside the bone, more than it is wide", trace, "--png", png, "--entry=0,0,950"),
     ):  # fmt: skip
-        code, out, err = call(capsys, "view", *arguments)
-        assert (code, out, err) == (2, "", f"burrlab view: {said}\n")
+        assert refusal(capsys, "view", *arguments) == f"burrlab view: {said}\n"
     assert not png.exists()
 
 
@@ -147,9 +149,7 @@ def test_bad_values_and_files(trace, tmp_path, capsys, monkeypatch):
         ("", "broken.h5", "--pictures", "b.png"), ("", "--bone", "broken.h5", "--pictures", "b.png"),
         ("", "none.h5", "--pictures", "b.png"),
     ):  # fmt: skip
-        code, out, err = call(capsys, "view", *arguments)
-        assert (code, out, err.count("\n")) == (2, "", 1)
-        assert said in err
+        assert said in refusal(capsys, "view", *arguments)
     assert {file.name for file in tmp_path.iterdir()} == {"ct.nrrd", "broken.h5"}
 
 
@@ -159,12 +159,8 @@ def test_a_window_without_a_screen_is_one_sentence(trace, capsys, monkeypatch):
         pytest.skip("other systems have a screen")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    code, _, err = call(capsys, "view", trace)
-    assert code == 2
-    assert (
-        err
-        == "burrlab view: a window needs a screen and there is none: draw to a file (--png, --video) or a page (--web)\n"
-    )
+    said = "a window needs a screen and there is none: draw to a file (--png, --video) or a page (--web)"
+    assert refusal(capsys, "view", trace) == f"burrlab view: {said}\n"
 
 
 @pytest.mark.slow
@@ -178,26 +174,29 @@ def test_picture_film_and_stereo_of_a_trace(trace, tmp_path, capsys):
     assert call(capsys, "view", trace, "--png", wet, "--at", 0.2, "--effects", *SMALL)[0] == 0
     assert (np.abs(read(wet).astype(int) - read(png)).max(axis=2) > 8).sum() > 20
     assert read(stereo).shape == (240, 640, 3)
-    code, out, _ = call(
-        capsys, "view", trace, "--video", film, "--fps", 10, "--speed", 0.5, "--json", "-", *SMALL
-    )
-    assert code == 0
-    duration = burrlab.load_trace(trace).duration
-    frames = int(duration * 10 / 0.5 + 1e-9) + 1
-    assert json.loads(out)["frames"] == frames
-    assert frames_in(film) == frames
-
-
-@pytest.mark.slow
-def test_pictures_beside_a_film_are_of_the_time_asked_for(trace, tmp_path, capsys):
-    need_drawing()
-    film, both, alone = tmp_path / "c.gif", tmp_path / "both.png", tmp_path / "alone.png"
-    assert (
-        call(capsys, "view", trace, "--video", film, "--fps", 5, "--pictures", both, "--at", 0, *SMALL)[0]
-        == 0
+    both, alone = tmp_path / "both.png", tmp_path / "alone.png"
+    told = result(
+        capsys,
+        "view",
+        trace,
+        "--video",
+        film,
+        "--fps",
+        10,
+        "--speed",
+        0.5,
+        "--pictures",
+        both,
+        "--at",
+        0,
+        *SMALL,
     )
     assert call(capsys, "view", trace, "--pictures", alone, "--at", 0)[0] == 0
     np.testing.assert_array_equal(read(both), read(alone))
+    duration = burrlab.load_trace(trace).duration
+    frames = int(duration * 10 / 0.5 + 1e-9) + 1
+    assert told["frames"] == frames
+    assert frames_in(film) == frames
 
 
 @pytest.mark.slow
@@ -243,15 +242,14 @@ def test_missing_libraries_are_one_sentence(trace, tmp_path):
 def test_depth_is_mapped_along_the_axis_that_shows_the_opening():
     for start, axis in (((10, 10, 8.5), "-z"), ((-0.5, 10, 4), "x"), ((10, 20.5, 4), "-y")):
         bone = burrlab.VoxelBone.block((20, 20, 8), 0.5)
-        burrlab.BurrContact(bone, burrlab.Burr(2.5), burrlab.materials["bone"], 1).run([start] * 100, 1.0)
+        carve(bone, start, radius=2.5)
         assert bone.removed > 0
         assert cli_view._widest_opening(bone) == axis
 
 
 def test_a_narrow_depth_map_leaves_no_empty_half(tmp_path):
     bone = burrlab.VoxelBone.block((20, 20, 8), 0.5)
-    contact = burrlab.BurrContact(bone, burrlab.Burr(2.5), burrlab.materials["bone"], 1)
-    contact.run([(10, y, 8.5) for y in np.linspace(3, 17, 400)], 1.0)
+    carve(bone, *((10, y, 8.5) for y in np.linspace(3, 17, 400)), radius=2.5, ticks=1)
     cli_view._write_pictures(str(tmp_path / "a.png"), bone, (10, 10, 7), "")
     picture = read(tmp_path / "a-depth.png")
     inked = np.flatnonzero((picture[..., :3] < 250).any(axis=(0, 2)))

@@ -33,8 +33,7 @@ def frames(center=(0.0, 0.0, 1.5), radius=2.0, count=20, parameters=None, **inst
     assert accounts["dust"].made == removed > 0
     assert all(account.exact for account in accounts.values())
     parcels = effects.parcels
-    assert np.isfinite(parcels["position"]).all()
-    assert np.isfinite(parcels["velocity"]).all()
+    assert np.isfinite([parcels["position"], parcels["velocity"]]).all()
     assert effects._core.embedded == 0
     return effects
 

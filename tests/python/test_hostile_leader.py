@@ -42,10 +42,11 @@ def bricks(total, first, *these, tick=0):
 
 
 class FakeLeader:
-    """Says the same to everybody who connects, then waits."""
+    """Says the same to everybody who connects, but to the first, who asks for the hello only; then waits."""
 
-    def __init__(self, *messages, pause=0.0):
-        self.messages, self.pause, self.sockets, self.words = messages, pause, [], []
+    def __init__(self, *messages, pause=0.0, first=None):
+        self.first = hello() if first is None else first
+        self.messages, self.pause, self.sockets = messages, pause, []
         self.listener = socket.create_server(("127.0.0.1", 0))
         self.port = self.listener.getsockname()[1]
         self.thread = threading.Thread(target=self.run)
@@ -55,17 +56,10 @@ class FakeLeader:
             while True:
                 peer, _ = self.listener.accept()
                 self.sockets.append(peer)
-                word = peer.recv(4096)
-                self.words.append(word)
-                # The first asks for the hello only.
-                if len(self.words) == 1:
-                    peer.sendall(hello())
-                elif self.pause:
-                    for message in self.messages:
-                        peer.sendall(message)
-                        time.sleep(self.pause)
-                else:
-                    peer.sendall(b"".join(self.messages))
+                peer.recv(4096)
+                for message in self.messages if len(self.sockets) > 1 else [self.first]:
+                    peer.sendall(message)
+                    time.sleep(self.pause)
 
     def __enter__(self):
         self.thread.start()
@@ -177,6 +171,9 @@ UNREADABLE = "hello of the leader at .* cannot be read"
     [
         (b"[" * 500_000, UNREADABLE),
         (b"\xff\xfe{}", UNREADABLE),
+        (b"not JSON", UNREADABLE),
+        (b"[]", UNREADABLE),
+        *(({**HELLO, "seed": seed}, UNREADABLE) for seed in (2**64, 1.5, None)),
         ({**HELLO, "seed": float("inf")}, UNREADABLE),
         ({**HELLO, "seed": -1}, UNREADABLE),
         ({**HELLO, "rate_Hz": 10**400}, UNREADABLE),
@@ -196,38 +193,11 @@ def test_hello_that_no_leader_says(text, message):
     """One sentence, whatever it holds."""
     text = text if isinstance(text, bytes) else json.dumps(text).encode()
     said = say("hello", struct.pack(">IQQ32s", 1, 5, 0, DIGEST) + text)
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-
-        def answer():
-            with contextlib.suppress(OSError), listener.accept()[0] as peer:
-                peer.recv(4096)
-                peer.sendall(said)
-                peer.recv(1)
-
-        thread = threading.Thread(target=answer)
-        thread.start()
-        with pytest.raises(ValueError, match=message):
-            follow("127.0.0.1", listener.getsockname()[1], timeout=5.0)
-        thread.join(10)
+    with FakeLeader(first=said) as leader, pytest.raises(ValueError, match=message):
+        follow("127.0.0.1", leader.port, timeout=5.0)
 
 
 def test_digest_that_is_none():
     """It would end up in a sentence."""
-    with socket.create_server(("127.0.0.1", 0)) as listener:
-
-        def answer():
-            with listener.accept()[0] as peer:
-                peer.recv(4096)
-                peer.sendall(hello(digest=b"\xff" * 32))
-                peer.recv(1)
-
-        thread = threading.Thread(target=answer)
-        thread.start()
-        assert not _core.Replica("127.0.0.1", listener.getsockname()[1]).fetch_hello(0.3)
-        thread.join(10)
-
-
-@pytest.mark.parametrize("timeout", [0.0, -1.0, float("nan")])
-def test_timeout(timeout):
-    with pytest.raises(ValueError, match="timeout must be positive, got"):
-        follow("127.0.0.1", 9, timeout=timeout)
+    with FakeLeader(first=hello(digest=b"\xff" * 32)) as leader:
+        assert not _core.Replica("127.0.0.1", leader.port).fetch_hello(0.3)

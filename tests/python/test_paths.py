@@ -9,7 +9,6 @@ falls too early when the burr backs out of a cut, and rises as steeply when it c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -75,29 +74,22 @@ def break_through() -> tuple[float, Floats]:
 PATHS = {path.__name__: path for path in (slide, second_hole, both_sides, break_through)}
 
 
-@dataclass(frozen=True)
-class Felt:
-    force: Floats  #: (n, 3) [N]
-    ambiguous: NDArray[np.bool_]
-
-
 @cache
-def felt_along(name: str, scheme: str, voxel: float, seed: int) -> Felt:
+def felt_along(name: str, scheme: str, voxel: float, seed: int) -> burrlab.ContactSeries:
     thickness, centers = PATHS[name]()
     half = np.abs(centers[:, :2]).max(axis=0) + BURR.radius + 2 * COARSE
     half = np.ceil(half / COARSE) * COARSE  # faces of the fine grid are faces of the coarse one
     origin = (-half[0] + voxel / 2, -half[1] + voxel / 2, -thickness + voxel / 2)
     bone = burrlab.VoxelBone.block((2 * half[0], 2 * half[1], thickness), voxel, origin=origin)
-    series = burrlab.BurrContact(bone, BURR, BONE, seed=seed, scheme=scheme).run(centers, DT)
-    return Felt(series.force, series.ambiguous)
+    return burrlab.BurrContact(bone, BURR, BONE, seed=seed, scheme=scheme).run(centers, DT)
 
 
-def jumps(felt: Felt) -> Floats:
+def jumps(felt: burrlab.ContactSeries) -> Floats:
     """Change of the force in every tick [N]."""
     return np.asarray(np.linalg.norm(np.diff(felt.force, axis=0), axis=1))
 
 
-def angles(felt: Felt, reference: Felt) -> Floats:
+def angles(felt: burrlab.ContactSeries, reference: burrlab.ContactSeries) -> Floats:
     """Between the two forces [degrees], where both are meaningful and neither fades."""
     size, expected = (np.linalg.norm(f.force, axis=1) for f in (felt, reference))
     rows = (np.minimum(size, expected) > MEANINGFUL * expected.max()) & ~felt.ambiguous & ~reference.ambiguous

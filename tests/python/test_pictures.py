@@ -7,6 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from PIL import Image
+from view_scenes import carve, cortex_and_nerve
 
 import burrlab
 from burrlab.view.film import write_video
@@ -26,24 +27,17 @@ SPACING, ORIGIN = (0.1, 0.2, 0.4), (-1.0, 2.0, 5.0)
 @pytest.fixture
 def bone():
     """Two tissues, full; 30 x 20 x 10 voxels."""
+    is_nerve = np.zeros((10, 20, 30), bool)
+    is_nerve[4:6, 8:12] = True  # along x
     made = burrlab.VoxelBone(np.full((10, 20, 30), 255, np.uint8), SPACING, ORIGIN)
-    table = [
-        burrlab.Tissue("cortex", label=1, c_e=2.1, alpha=0.1, colour=(200, 190, 150)),
-        burrlab.Tissue("nerve", label=2, c_e=2.1, alpha=0.1, colour=(240, 220, 20), critical=True),
-    ]
-    numbers = np.zeros((10, 20, 30), np.uint8)
-    numbers[4:6, 8:12] = 1  # along x
-    made.set_tissues(burrlab.Tissues(table, burrlab.materials["bone"]), numbers)
-    return made
+    return cortex_and_nerve(made, is_nerve)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def crater():
     """A block of 6 x 6 x 3 mm, its top at z = 0, with a crater of a burr of 2 mm."""
     made = burrlab.VoxelBone.block((6, 6, 3), 0.1, origin=(-2.95, -2.95, -2.95))
-    contact = burrlab.BurrContact(made, burrlab.Burr(2.0), burrlab.materials["bone"], 1)
-    for z in np.linspace(2.2, 0.8, 29):
-        contact.run(np.tile([0.0, 0.0, z], (60, 1)), 1.0)
+    carve(made, *((0.0, 0.0, z) for z in np.linspace(2.2, 0.8, 29)), radius=2.0, ticks=60)
     return made
 
 
@@ -60,8 +54,7 @@ def test_a_slice_is_the_plane_of_voxels_with_its_outer_faces(bone):
 
 
 def test_planes_agree_where_they_meet(bone):
-    contact = burrlab.BurrContact(bone, burrlab.Burr(1.7), burrlab.materials["bone"], 1)
-    contact.run(np.tile([0.5, 4.0, 8.0], (50, 1)), 1.0)
+    carve(bone, (0.5, 4.0, 8.0), radius=1.7, ticks=50)
     point, index = (0.5, 4.0, 7.0), (15, 10, 5)
     images = {plane: slice_image(bone, point, plane) for plane in ("xy", "xz", "yz")}
     np.testing.assert_array_equal(images["xy"].pixels[index[1], :], images["xz"].pixels[index[2], :])
@@ -86,8 +79,9 @@ def test_slices_have_units_outlines_and_a_legend(bone):
     figure = axes[0].figure
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["cortex", "nerve", "burr"]
     mine = Figure()
-    assert plot_slices(bone, (0, 0, 0), figure=mine)[0].figure is mine
-    assert not mine.legends or [t.get_text() for t in mine.legends[0].get_texts()]
+    drawn = plot_slices(bone, (0, 0, 0), radii=[0.5], centers=[(9, 9, 90)], figure=mine)
+    assert drawn[0].figure is mine
+    assert not any(axes.patches for axes in drawn), "a burr that meets no plane"
 
 
 def test_depth_of_a_crater(crater):
@@ -108,8 +102,7 @@ def test_depth_is_of_what_one_sees(bone):
     levels[:, 3, 3] = 0
     assert depth_map(burrlab.VoxelBone(levels, 0.1)).max() == 0  # as it was
     hole = burrlab.VoxelBone.block((3, 3, 1), 0.1, origin=(0, 0, 0))
-    contact = burrlab.BurrContact(hole, burrlab.Burr(0.5), burrlab.materials["bone"], 1)
-    contact.run(np.tile([1.5, 1.5, 1.1], (2000, 1)), 1.0)
+    carve(hole, (1.5, 1.5, 1.1), radius=0.5, ticks=2000)
     front, back = depth_map(hole), depth_map(hole, axis="z")
     assert front[15, 15] > 0.3
     assert back.max() == 0

@@ -2,7 +2,6 @@
 
 import contextlib
 import random
-import resource
 import socket
 import struct
 import subprocess
@@ -51,28 +50,28 @@ def records_of(leader):
     return _core.RecordReader(leader.loop).take()[0]
 
 
-@pytest.mark.parametrize("version", [1, 2])
-@pytest.mark.parametrize("burrs", [1, 2])
+def in_ras(centers):
+    """Positions as they are sent: x and y turned round, in 32 bits."""
+    return (centers * (-1, -1, 1)).astype(np.float32)
+
+
+@pytest.mark.parametrize(("version", "burrs"), [(1, 1), (2, 2)])
 def test_poses_and_forces_of_every_tick(version, burrs):
     with Leader(burrs=burrs, header_version=version) as leader:
         with connect(leader) as peer:
             messages = receive(peer, 1000, burrs)
         leader.loop.stop()
-        records = records_of(leader)
-    poses = np.array([m.value[:3, 3] for m in messages if m.device_name == "burrlab_burr_0"])
-    forces = np.array([m.value for m in messages if m.device_name == "burrlab_force_0"])
-    assert len(poses) == len(forces) == 1000
+        records = records_of(leader)["burr"]
     assert {m.version for m in messages} == {version}
     assert {m.unit for m in messages if m.type == "SENSOR"} == {NEWTON}
-    sent = records["burr"]["center"][:, 0] * (-1, -1, 1)
-    first = int(np.flatnonzero((sent.astype(np.float32) == poses[0]).all(1))[0])
-    chosen = slice(first, first + 1000)
-    assert np.array_equal(poses, sent[chosen].astype(np.float32))
-    assert np.array_equal(forces, records["burr"]["force"][chosen, 0] * (-1, -1, 1))
-    assert np.abs(forces).max() > 0.1
-    if burrs == 2:
-        second = np.array([m.value[:3, 3] for m in messages if m.device_name == "burrlab_burr_1"])
-        assert np.array_equal(second, (records["burr"]["center"][chosen, 1] * (-1, -1, 1)).astype(np.float32))
+    sent, felt = in_ras(records["center"]), records["force"] * (-1, -1, 1)
+    for i in range(burrs):
+        poses = np.array([m.value[:3, 3] for m in messages if m.device_name == f"burrlab_burr_{i}"])
+        forces = np.array([m.value for m in messages if m.device_name == f"burrlab_force_{i}"])
+        first = int(np.flatnonzero((sent[:, i] == poses[0]).all(1))[0])
+        assert np.array_equal(poses, sent[first : first + 1000, i])
+        assert np.array_equal(forces, felt[first : first + 1000, i])
+        assert np.abs(forces).max() > 0.1
 
 
 def test_slow_standard_peer_gets_the_newest():
@@ -89,8 +88,7 @@ def test_slow_standard_peer_gets_the_newest():
         behind = leader.tick
         leader.loop.stop()
         leader.follower.stop()
-        records = records_of(leader)
-        sent = (records["burr"]["center"][:, 0] * (-1, -1, 1)).astype(np.float32)
+        sent = in_ras(records_of(leader)["burr"]["center"][:, 0])
         place = {tuple(position): i for i, position in enumerate(sent)}
         behind -= place[tuple(positions[-1])]
         while tuple(positions[-1]) != tuple(sent[-1]):
@@ -255,30 +253,19 @@ class Attack:
 
 
 @pytest.mark.parametrize("ticks", [2500, pytest.param(30_000, marks=pytest.mark.slow)])
-def test_hostile_peers_beside_a_session(ticks, record_property, capsys):
-    figures = {}
-    for hostile in (False, True):
-        with Leader() as leader:
-            replica = follow("127.0.0.1", leader.port)
-            with Attack(leader) if hostile else contextlib.nullcontext() as attack:
-                leader.run_to(ticks)
-            memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-            leader.end()
-            assert replica.wait(5)
-            loop, status = leader.loop, leader.publisher.status
-            name = "hostile" if hostile else "quiet"
-            figures[name] = {
-                "tick_p99_us": round(loop.tick_time.quantile(0.99), 1), "late": loop.counts.late,
-                "lateness_p99_us": round(loop.lateness.quantile(0.99)), "memory_MB": memory // 1024,
-            }  # fmt: skip
-            assert leader.follower.status["differing"] == leader.follower.status["rebuilds"] == 0
-            assert replica.digest() == leader.digest == leader.executor.bone.digest()
+def test_hostile_peers_beside_a_session(ticks):
+    with Leader() as leader:
+        replica = follow("127.0.0.1", leader.port)
+        with Attack(leader) as attack:
+            leader.run_to(ticks)
+        leader.end()
+        assert replica.wait(5)
+        status = leader.publisher.status
+        assert leader.follower.status["differing"] == leader.follower.status["rebuilds"] == 0
+        assert replica.digest() == leader.digest == leader.executor.bone.digest()
     assert attack.connections > 50
     assert status["framing_lost"] > 0
     assert sum(status["dropped"].values()) > 0
-    record_property("figures", figures)
-    with capsys.disabled():
-        print(f"\n    {figures}, {attack.connections} connections, {status}")
 
 
 def test_a_thousand_connections():
@@ -327,7 +314,7 @@ def test_libopenigtlink_decodes_all(build, tmp_path):
     assert {line[3] + " " + line[4] for line in lines if line[0] == "SENSOR"} == {"0 11^1"}
     assert len(poses) == len(forces) >= 1000
     last = records[-len(poses) :]["burr"]
-    assert np.array_equal(poses.astype(np.float32), (last["center"][:, 0] * (-1, -1, 1)).astype(np.float32))
+    assert np.array_equal(poses.astype(np.float32), in_ras(last["center"][:, 0]))
     assert np.array_equal(forces, last["force"][:, 0] * (-1, -1, 1))
 
 
@@ -347,21 +334,3 @@ def test_example_client_of_libopenigtlink(build, tmp_path):
     assert text.count("Receiving TRANSFORM data type") >= 1000
     assert text.count("Receiving : SENSOR") >= 1000
     assert skipped == 0
-
-
-def test_pyigtl_reads_poses_and_forces(pyigtl):
-    """It keeps only the newest message of each device."""
-    with Leader() as leader:
-        client = pyigtl.OpenIGTLinkClient("127.0.0.1", leader.port)
-        try:
-            poses = []
-            for _ in range(20):
-                message = client.wait_for_message("burrlab_burr_0", timeout=5)
-                poses.append(tuple(np.float32(message.matrix[:3, 3])))
-        finally:
-            client.stop()
-        leader.loop.stop()
-        records = records_of(leader)
-    sent = {tuple(p) for p in (records["burr"]["center"][:, 0] * (-1, -1, 1)).astype(np.float32)}
-    assert len(set(poses)) > 5
-    assert set(poses) <= sent

@@ -2,9 +2,8 @@
 
 import random
 
-import numpy as np
 import pytest
-from replica_scenes import Cutter, Dropper, Leader, Mangler, Proxy, ReplicaProcess, Slower, soon
+from replica_scenes import Dropper, Leader, Proxy, ReplicaProcess, Slower, cutter, mangler, soon
 
 import burrlab._core as _core
 from burrlab.session.anatomy import status_text
@@ -18,34 +17,19 @@ def lengths(short):
 
 def check_equal(leader, status, digest):
     """The leader has ended: the replica knows, and holds the same bone."""
-    assert (status["ended"], status["failed"]) == (True, False), status
-    assert status["reason"] == "done"
-    assert status["tick"] == leader.tick
+    due = {"ended": True, "failed": False, "reason": "done", "tick": leader.tick, "digests_different": 0,
+           "differing_ticks": 0, "divergences": []}  # fmt: skip
+    assert {name: status[name] for name in due} == due
     assert digest == leader.digest == leader.executor.bone.digest()
-    assert status["digests_different"] == 0
-    assert status["differing_ticks"] == 0
-    assert status["divergences"] == []
     assert leader.follower.status["rebuilds"] == 0
 
 
-def report(record_property, capsys, **figures):
-    for name, value in figures.items():
-        record_property(name, value)
-    with capsys.disabled():
-        print("\n   ", ", ".join(f"{name} {value}" for name, value in figures.items()))
-
-
-def counted(status):
-    names = ("connections", "by_ticks", "by_bricks", "faults", "most_missed", "digests_equal")
-    return {name: status[name] for name in names}
-
-
 @lengths(1500)
-@pytest.mark.parametrize("burrs", [1, 2])
-@pytest.mark.parametrize("version", [1, 2])
-def test_replica_in_another_process(burrs, version, ticks, record_property, capsys):
+@pytest.mark.parametrize(("burrs", "version", "path"), [(1, 2, None), (2, 1, "scalar")])
+def test_replica_in_another_process(burrs, version, path, ticks):
+    """Also on another path of the processor than the leader."""
     with Leader(burrs=burrs, header_version=version) as leader:
-        replica = ReplicaProcess(leader.port)
+        replica = ReplicaProcess(leader.port, cpu_path=path)
         leader.run_to(leader.tick + ticks)  # it may have taken longer to start than the log is
         leader.end()
     result = replica.result()
@@ -53,21 +37,10 @@ def test_replica_in_another_process(burrs, version, ticks, record_property, caps
     assert result["waited"]
     assert result["digests_equal"] >= 5
     assert leader.executor.bone.removed > 0
-    report(record_property, capsys, **counted(result), ticks=leader.tick)
-
-
-@pytest.mark.parametrize("path", _core.cpu_paths())
-def test_replica_on_another_cpu_path(path):
-    with Leader(burrs=2) as leader:
-        replica = ReplicaProcess(leader.port, cpu_path=path)
-        leader.run_to(1000)
-        leader.end()
-    result = replica.result()
-    check_equal(leader, result, result["digest"])
 
 
 @lengths(2000)
-def test_killed_and_restarted_replica_catches_up(ticks, record_property, capsys):
+def test_killed_and_restarted_replica_catches_up(ticks):
     with Leader() as leader:
         for share in (0.2, 0.4, 0.6):
             replica = ReplicaProcess(leader.port)
@@ -81,7 +54,6 @@ def test_killed_and_restarted_replica_catches_up(ticks, record_property, capsys)
     # What is missing is in the log of 10 s, or comes as bricks.
     if 0.6 * ticks > 10_000:
         assert result["by_bricks"] == 1
-    report(record_property, capsys, **counted(result))
 
 
 def followed_through(pump, ticks):
@@ -96,39 +68,13 @@ def followed_through(pump, ticks):
     return status
 
 
+@pytest.mark.parametrize(("pump", "least"), [(Dropper(0.01, random.Random(1)), 1), (cutter, 2), (mangler, 2)])
 @lengths(3000)
-def test_proxy_that_drops_messages(ticks, record_property, capsys):
-    drop = Dropper(0.01, random.Random(1))
-    status = followed_through(drop, ticks)
-    assert len(drop.dropped) > 0
-    assert status["faults"] > 0
-    assert status["most_missed"] <= 100
-    report(record_property, capsys, dropped=len(drop.dropped), passed=drop.passed, **counted(status))
-
-
-@pytest.mark.parametrize("pump", [Cutter, Mangler])
-@lengths(3000)
-def test_proxy_that_breaks_the_stream(pump, ticks, record_property, capsys):
-    pump = pump()
+def test_proxy_that_breaks_the_stream(pump, least, ticks):
+    """By messages that are left out, by cuts, by bytes that are left out."""
     status = followed_through(pump, ticks)
-    assert status["faults"] >= 2
+    assert status["faults"] >= least
     assert status["most_missed"] <= 100
-    report(record_property, capsys, breaks=getattr(pump, "cuts", 0) or pump.losses, **counted(status))
-
-
-def test_cut_is_noticed_at_once(record_property, capsys):
-    """Noticed by the clock: ticks that the leader was ahead when the replica had given the connection up."""
-    cutter = Cutter(0.3)
-    with Leader() as leader, Proxy(leader.port, cutter) as proxy:
-        replica = follow("127.0.0.1", proxy.port)
-        behind = []
-        for cut in range(1, 6):
-            assert soon(lambda cut=cut: cutter.cuts >= cut)
-            at = leader.tick
-            assert soon(lambda cut=cut: replica.status["faults"] >= cut)
-            behind.append(leader.tick - at)
-        replica.stop()
-    report(record_property, capsys, ticks_until_noticed=behind)
 
 
 @pytest.mark.parametrize("burrs", [1, 2])
@@ -143,11 +89,8 @@ def test_corrupted_brick_is_named_and_repaired(burrs):
         assert replica.wait(5)
     status = replica.status
     (found,) = status["divergences"]
-    assert found["what"] == "digest"
-    assert found["bricks"] == [(0, 0, 14)]
-    assert found["exact"]
-    assert found["tick"] >= 500
-    assert found["tick"] % 100 == 0
+    assert (found["what"], found["bricks"], found["exact"]) == ("digest", [(0, 0, 14)], True)
+    assert found["tick"] in range(500, leader.tick, 100)
     assert (status["digests_different"], status["differing_ticks"], status["by_bricks"]) == (1, 0, 1)
     assert status["tick"] == leader.tick
     assert replica.digest() == leader.digest
@@ -206,7 +149,7 @@ def test_bricks_are_there_after_the_end():
 
 
 @lengths(3000)
-def test_slow_replica_is_cut_off_and_comes_back(ticks, record_property, capsys):
+def test_slow_replica_is_cut_off_and_comes_back(ticks):
     """The stream needs 190 kB a second; the proxy passes less, and holds little."""
     with (
         Leader(most_behind=30_000, log=0.5) as leader,
@@ -223,7 +166,6 @@ def test_slow_replica_is_cut_off_and_comes_back(ticks, record_property, capsys):
     check_equal(leader, slow.status, slow.digest())
     assert slow.status["faults"] >= 1
     assert slow.status["by_bricks"] + slow.status["by_ticks"] >= 1
-    report(record_property, capsys, cut_off=leader.publisher.status["cut_off"], **counted(slow.status))
 
 
 def test_rebuilt_follower_sends_bricks():
@@ -237,28 +179,7 @@ def test_rebuilt_follower_sends_bricks():
         leader.end()
         assert replica.wait(5)
     assert replica.digest() == leader.digest == leader.executor.bone.digest()
-
-
-def test_replica_shows_what_changed():
-    with Leader() as leader:
-        replica = follow("127.0.0.1", leader.port)
-        leader.run_to(800)
-        first = replica.take()
-        leader.run_to(1500)
-        leader.end()
-        assert replica.wait(5)
-    second, third = replica.take(), replica.take()
-    assert 0 < first["tick"] < second["tick"] == leader.tick
-    assert len(third["bricks"]) == 0
-    assert second["newest"]["index"] == leader.tick - 1
-    bone, tick = replica.snapshot()
-    assert tick == leader.tick
-    shown = make_bone(leader.hello["source"]).density.copy()
-    for update in (first, second):
-        for (z, y, x), density in zip(update["bricks"], update["density"], strict=True):
-            box = shown[8 * z : 8 * z + 8, 8 * y : 8 * y + 8, 8 * x : 8 * x + 8]
-            box[:] = density[tuple(map(slice, box.shape))]
-    assert np.array_equal(shown, bone.density)
+    assert leader.follower.status["differing"] == 0
 
 
 def test_leader_that_has_gone():

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import shutil
 import subprocess
-import time
 
 import numpy as np
 import pytest
 from rendering_probe import need_drawing
-from replica_scenes import Leader
 from scene_pictures import SIZE, differing, open_scene, small_scene  # noqa: F401
 from session_scenes import small_bone, tools
-from view_scenes import parcels, read, write_trace
+from view_scenes import carve, parcels, read, write_trace
 
 import burrlab
-from burrlab.session.network import follow
 from burrlab.view.actors import parcel_colours
 from burrlab.view.camera import surgeon_view
 from burrlab.view.film import TraceView, write_video
@@ -62,12 +59,8 @@ def test_a_burr_inside_the_bone_is_outlined_where_that_is_asked_for(scene):
 
 
 def test_an_update_draws_what_a_new_scene_draws(scene):
-    bone = scene.bone
-    before = bone.density.copy()
-    contact = burrlab.BurrContact(bone, burrlab.Burr(1.0), burrlab.materials["bone"], 1)
-    contact.run(np.tile([-1.0, 0.5, 0.3], (100, 1)), 1.0)
-    changed = np.unique(np.argwhere(bone.density != before) // 8, axis=0)
-    seen = scene.picture()
+    bone, seen = scene.bone, scene.picture()
+    changed = carve(bone, (-1.0, 0.5, 0.3))
     assert 0 < scene.update(bone, changed) < len(scene.surface.blocks) + 1
     updated = scene.picture()
     assert differing(updated, seen).any()
@@ -186,13 +179,6 @@ def test_a_view_of_a_trace_holds_its_bone(tmp_path):
         TraceView(small_bone(), off_screen=True)
 
 
-def check_live(view, bone, tick):
-    """The scene holds this state and draws its surface."""
-    assert (view.bone.digest(), view.tick) == (bone.digest(), tick)
-    assert bone.removed > 0
-    assert holds(view.scene, bone)
-
-
 def test_a_live_view_ends_with_the_bone_of_the_session():
     need_drawing()
     device = burrlab.HandDevice(start=(0.0, 0.0, 2.2), strokes_after=0.0)
@@ -203,32 +189,20 @@ def test_a_live_view_ends_with_the_bone_of_the_session():
     view.step()
     assert len(frames) > 2
     assert differing(frames[0], frames[-1]).any()
-    check_live(view, *session.snapshot())
+    bone, tick = session.snapshot()
+    assert (view.bone.digest(), view.tick) == (bone.digest(), tick)
+    assert bone.removed > 0
+    assert holds(view.scene, bone)
     assert view.scene._burrs.balls[0].GetVisibility()
-    with pytest.raises(ValueError, match=r"seconds and fps must be positive, got 0 and 20\.0"):
-        next(view.frames(0))
-    with pytest.raises(ValueError, match="rate must be positive and finite, got 0"):
-        view.run(rate=0)
+    for call, sentence in (
+        (lambda: next(view.frames(0)), r"seconds and fps must be positive, got 0 and 20\.0"),
+        (lambda: view.run(rate=0), "rate must be positive and finite, got 0"),
+    ):
+        with pytest.raises(ValueError, match=sentence):
+            call()
     view.close()
     with pytest.raises(TypeError, match="source must be a Session or a Replica, got VoxelBone"):
         LiveView(small_bone(), off_screen=True)
-
-
-def test_a_live_view_of_a_replica():
-    need_drawing()
-    with Leader() as leader:
-        replica = follow("127.0.0.1", leader.port)
-        view = LiveView(replica, off_screen=True, size=SIZE)
-        for _ in range(3):
-            time.sleep(0.3)
-            view.step()
-            view.scene.picture()
-        leader.end()
-        assert replica.wait(60.0)
-    view.step()
-    check_live(view, *replica.snapshot())
-    replica.stop()
-    view.close()
 
 
 def test_blood_outweighs_and_nothing_is_grey():

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from scene_pictures import SIZE, differing, open_scene, small_scene  # noqa: F401
 from session_scenes import small_bone
-from view_scenes import parcels
-
-import burrlab
+from view_scenes import carve, parcels
 
 pytestmark = pytest.mark.slow
 
@@ -31,10 +29,7 @@ def test_both_eyes_in_one_window_are_those_of_the_pair(scene):
     scene.picture()
     scene.move_burrs([[1.0, -0.5, 1.5]], [True])
     scene.set_parcels(parcels(50))
-    before = scene.bone.density.copy()
-    contact = burrlab.BurrContact(scene.bone, burrlab.Burr(1.0), burrlab.materials["bone"], 1)
-    contact.run(np.tile([-1.0, 0.5, 0.3], (100, 1)), 1.0)
-    scene.update(scene.bone, np.unique(np.argwhere(scene.bone.density != before) // 8, axis=0))
+    scene.update(scene.bone, carve(scene.bone, (-1.0, 0.5, 0.3)))
     pair = scene.picture()
     assert pair.shape == (240, 320, 3)
     assert scene.stereo

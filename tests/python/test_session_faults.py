@@ -13,11 +13,20 @@ import weakref
 
 import numpy as np
 import pytest
+from session_scenes import ended
 from test_session import TOOL, block, session
 
 import burrlab
 import burrlab._core as _core
 import burrlab.session.recorder as trace_writer
+
+
+def run_here(program, *arguments, **environment):
+    """A program in a process of its own, beside these tests."""
+    return subprocess.run(
+        [sys.executable, "-c", program, *map(str, arguments)], cwd=os.path.dirname(__file__), capture_output=True,
+        text=True, timeout=60, env={**os.environ, **environment}, check=False,
+    )  # fmt: skip
 
 
 def lost_soon(**options):
@@ -39,9 +48,7 @@ def test_a_fork_ends_no_session_of_its_parent():
         "    ended = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])\n"
         "    print(ended, run.wait(20), run.reason)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=os.path.dirname(__file__), capture_output=True, text=True, timeout=60
-    )  # fmt: skip
+    done = run_here(program)
     assert done.stdout.startswith("7 True device 0 was lost"), done.stdout + done.stderr
 
 
@@ -59,39 +66,28 @@ def test_a_sleep_that_ends_early_is_no_tick(tmp_path):
         "with session(wall_clock=True, realtime=False, duration=0.3) as run:\n"
         "    print(run.wait(20), run.reason, run.ticks)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", program], cwd=os.path.dirname(__file__), capture_output=True, text=True, timeout=60,
-        env={**os.environ, "LD_PRELOAD": str(tmp_path / "early.so")},
-    )  # fmt: skip
+    done = run_here(program, LD_PRELOAD=str(tmp_path / "early.so"))
     assert done.stdout == "True all ticks were executed 300\n", (done.returncode, done.stderr)
 
 
 class TestCallback:
     """`on_message` runs in the session's threads."""
 
-    def test_that_raises_ends_nothing(self, tmp_path):
-        def fail(text):
-            raise RuntimeError("no terminal")
-
-        with lost_soon(on_message=fail, record=tmp_path / "a.h5") as run:
-            assert run.wait(20)
-        assert run.failed
-        assert "on_message failed: RuntimeError('no terminal')" in run.messages
-        assert burrlab.replay(burrlab.load_trace(tmp_path / "a.h5")).equal
-
-    @pytest.mark.parametrize("kind", [SystemExit, KeyboardInterrupt])
-    def test_that_wants_to_exit_ends_nothing(self, tmp_path, kind):
+    @pytest.mark.parametrize("kind", [RuntimeError, SystemExit, KeyboardInterrupt])
+    def test_that_raises_or_wants_to_exit_ends_nothing(self, tmp_path, kind):
         def leave(text):
             raise kind("enough")
 
-        with lost_soon(on_message=leave, record=tmp_path / "a.h5") as run:
-            assert run.wait(20)
+        run = ended(lost_soon(on_message=leave, record=tmp_path / "a.h5"))
+        assert run.failed
         assert f"on_message failed: {kind('enough')!r}" in run.messages
-        assert burrlab.load_trace(tmp_path / "a.h5").ended == run.reason
+        trace = burrlab.load_trace(tmp_path / "a.h5")
+        assert trace.ended == run.reason
+        assert burrlab.replay(trace).equal
 
     def test_may_stop_the_session(self, tmp_path):
-        with lost_soon(on_message=lambda text: run.stop("seen"), record=tmp_path / "a.h5") as run:
-            assert run.wait(20)
+        run = lost_soon(on_message=lambda text: run.stop("seen"), record=tmp_path / "a.h5")
+        assert not [text for text in ended(run).messages if "on_message failed" in text]
         assert burrlab.load_trace(tmp_path / "a.h5").complete
 
     def test_may_stop_it_from_the_recorder(self, tmp_path, monkeypatch):
@@ -115,8 +111,7 @@ class TestEnds:
         """Through a plate thinner than the burr k = dF/dH is negative: no warning, and no end of the housekeeping."""
         plate = burrlab.VoxelBone.block((16, 16, 0.4), 0.2, origin=(-7.9, -7.9, -0.1))
         script = burrlab.ScriptedDevice([0.0, 0.5], [[0, 0, 0.5], [0, 0, -1.0]], on=[False, False])
-        with burrlab.Session(plate, TOOL, script, seed=1, realtime=False) as run:
-            assert run.wait(20)
+        run = ended(burrlab.Session(plate, TOOL, script, seed=1, realtime=False))
         assert not [text for text in run.messages if "without warnings" in text]
         executor = _core.TickExecutor(plate, [TOOL], 1)
         still = burrlab.ScriptedDevice([0.0, 0.05], [[0, 0, 0.2]] * 2, [False] * 2)
@@ -141,8 +136,9 @@ class TestEnds:
         assert run.wait(20)
 
     def test_full_disk_on_the_virtual_clock(self, tmp_path, monkeypatch):
-        """The loop does not wait for a recorder that has given up; 40 s are more than half the ring."""
+        """The loop waits neither for a recorder that has given up nor for a reader that nobody holds; 40 s are more than half the ring."""
         run = session(duration=40.0, record=tmp_path / "a.h5")
+        _core.RecordReader(run.loop)
 
         def full(file, data, at):
             raise OSError(28, "No space left on device")
@@ -151,12 +147,6 @@ class TestEnds:
         with run:
             assert run.wait(60)
         assert run.ticks == 40_000
-
-    def test_reader_that_nobody_holds(self):
-        run = session(duration=40.0)
-        _core.RecordReader(run.loop)
-        with run:
-            assert run.wait(60)
 
     def test_interrupted_start(self, tmp_path, monkeypatch):
         """Ctrl-C between the loop's start and the follower's: nothing runs on."""
@@ -178,12 +168,6 @@ class TestEnds:
         assert run.wait(20)
         assert burrlab.load_trace(tmp_path / "a.h5").ended == "stopped by KeyboardInterrupt"
 
-    def test_start_after_stop(self, tmp_path):
-        run = session(record=tmp_path / "a.h5")
-        run.stop()
-        with pytest.raises(ValueError, match="session must be started once: it has been started or stopped"):
-            run.start()
-
     def test_wait_before_start(self):
         loop = session().loop
         assert not loop.wait(0.01)
@@ -191,24 +175,18 @@ class TestEnds:
         assert short.loop.wait(float("inf"))
         short.stop()
 
-    @pytest.mark.parametrize("options", ["wall_clock=True, record=sys.argv[1]", "wall_clock=True, publish=0"])
-    def test_program_that_forgets(self, tmp_path, options):
+    def test_program_that_forgets(self, tmp_path):
         """The interpreter ends while a session runs: no crash, no hang, and a whole trace."""
-        code = (
+        done = run_here(
             "import sys, time; from test_session import session\n"
-            f"run = session({options}, realtime=False).start(); time.sleep(0.3)"
+            "run = session(wall_clock=True, record=sys.argv[1], publish=0, realtime=False).start(); time.sleep(0.3)",
+            tmp_path / "a.h5",
         )
-        path = os.pathsep.join([os.path.dirname(__file__), os.environ.get("PYTHONPATH", "")])
-        done = subprocess.run(
-            [sys.executable, "-c", code, str(tmp_path / "a.h5")], env={**os.environ, "PYTHONPATH": path},
-            capture_output=True, text=True, timeout=60, check=False,
-        )  # fmt: skip
         assert (done.returncode, done.stderr) == (0, "")
-        if "record" in options:
-            trace = burrlab.load_trace(tmp_path / "a.h5")
-            assert trace.complete
-            assert trace.ended == "the program ended"
-            assert burrlab.replay(trace).equal
+        trace = burrlab.load_trace(tmp_path / "a.h5")
+        assert trace.complete
+        assert trace.ended == "the program ended"
+        assert burrlab.replay(trace).equal
 
     def test_follower_forgotten_while_the_loop_runs(self):
         loop = _core.HapticLoop(
@@ -224,38 +202,30 @@ class TestEnds:
 
 
 class TestDevices:
-    def test_one_session_at_a_time(self):
+    def test_one_burr_of_one_session_at_a_time(self):
         hand = burrlab.HandDevice()
+        two = burrlab.Session(block(), [TOOL] * 2, [hand] * 2, seed=1, wall_clock=False)
+        with pytest.raises(ValueError, match="device 1 must serve one burr of one session at a time"):
+            two.start()
         with (
             session(hand, wall_clock=True, realtime=False),
             pytest.raises(ValueError, match="device 0 must serve one burr of one session at a time"),
         ):
             session(hand).start()
-        with session(hand, duration=0.1) as after:
-            assert after.wait(20)
-
-    def test_not_two_burrs(self):
-        hand = burrlab.HandDevice()
-        run = burrlab.Session(block(), [TOOL] * 2, [hand] * 2, seed=1, wall_clock=False)
-        with pytest.raises(ValueError, match="device 1 must serve one burr of one session at a time"):
-            run.start()
-        with session(hand, duration=0.1) as after:
-            assert after.wait(20)
+        ended(session(hand, duration=0.1))
 
     def test_second_session_feels_the_bone(self):
         """A device halted at the end of a session gives force again in the next."""
         hand, digests = burrlab.HandDevice(), []
         for _ in range(2):
-            with session(hand, duration=2.0) as run:
-                run.wait()
+            run = ended(session(hand, duration=2.0))
             digests.append(run.digests[-1])
         assert digests[0] == digests[1]
 
     def test_replay_begins_again(self):
         device = burrlab.ReplayDevice(np.tile([0.0, 0.0, 2.8], (100, 1)))
         for _ in range(2):
-            with session(device) as run:
-                run.wait()
+            run = ended(session(device))
             assert run.ticks == 100
 
     def test_closed_network_device(self):
@@ -282,66 +252,22 @@ class TestResources:
         assert kept.value
 
     def test_digests_that_come_often(self, tmp_path):
-        with session(duration=3.0, digest_every=0.01, record=tmp_path / "a.h5") as run:
-            run.wait()
+        run = ended(session(duration=3.0, digest_every=0.01, record=tmp_path / "a.h5"))
         trace = burrlab.load_trace(tmp_path / "a.h5")
         assert len(trace.digests) == 301
         assert trace.digests[-1] == run.digests[-1]
 
-    def test_view_of_another_follower(self):
-        one, two = session(), session()
-        view = one.follower.view()
-        with pytest.raises(ValueError, match="view must be one of this follower"):
-            two.follower.take(view)
 
-
-class TestArguments:
-    def test_numpy_numbers(self, tmp_path):
-        options = {
-            "seed": np.uint64(2**64 - 1), "rate": np.float32(500), "tick": np.int64(3), "duration": np.float32(0.1),
-            "force_limit": np.float32(4), "slew_limit": np.int64(1), "coupling": np.float32(2), "publish": np.int64(0),
-        }  # fmt: skip
-        with session(**options, record=tmp_path / "a.h5") as run:
-            run.wait()
-        trace = burrlab.load_trace(tmp_path / "a.h5")
-        assert (trace.seed, trace.first_tick, len(trace)) == (2**64 - 1, 3, 50)
-        assert json.loads(json.dumps(trace.note))["seed"] == 2**64 - 1
-        assert burrlab.replay(trace).equal
-
-    @pytest.mark.parametrize(
-        ("options", "message"),
-        [
-            ({"seed": -1}, r"seed must be a whole number from 0 and below 2\^64, got -1"),
-            (
-                {"seed": 2**64},
-                r"seed must be a whole number from 0 and below 2\^64, got 18446744073709551616",
-            ),
-            ({"seed": 1.5}, r"seed must be a whole number .* got 1\.5"),
-            ({"tick": 2**53}, r"tick must be a whole number from 0 and below 2\^53, got 9007199254740992"),
-            ({"cpu": -2}, r"cpu must be a whole number from 0 and below 2\^31, got -2"),
-            ({"rate": 5.0, "wall_clock": True}, r"rate must be at least 20 Hz on the wall clock, got 5\.0"),
-            ({"digest_every": float("inf")}, "digest_every must be positive, got inf"),
-            ({"source": {"x": float("nan")}}, "source must be what JSON holds"),
-            ({"source": {"x": object()}}, "source must be what JSON holds"),
-        ],
-    )
-    def test_refused(self, options, message):
-        with pytest.raises(ValueError, match=message):
-            session(**options)
-
-    def test_core(self):
-        executor = _core.TickExecutor(block(), [TOOL], 1)
-        with pytest.raises(ValueError, match="executor must be a TickExecutor, got None"):
-            _core.HapticLoop(None, [])
-        with pytest.raises(ValueError, match="cpu must be -1 or the number of a CPU, got -2"):
-            _core.HapticLoop(executor, [burrlab.HandDevice()], cpu=-2)
-        for kind in (_core.Follower, _core.RecordReader):
-            with pytest.raises(ValueError, match="loop must be a HapticLoop, got None"):
-                kind(None)
-        with pytest.raises(ValueError, match="follower must be a Follower, got None"):
-            _core.Publisher(None)
-        with pytest.raises(ValueError, match=r"tick must be below 2\^53"):
-            _core.TickExecutor(block(), [TOOL], 1, tick=2**53)
+def test_numpy_numbers(tmp_path):
+    options = {
+        "seed": np.uint64(2**64 - 1), "rate": np.float32(500), "tick": np.int64(3), "duration": np.float32(0.1),
+        "force_limit": np.float32(4), "slew_limit": np.int64(1), "coupling": np.float32(2), "publish": np.int64(0),
+    }  # fmt: skip
+    ended(session(**options, record=tmp_path / "a.h5"))
+    trace = burrlab.load_trace(tmp_path / "a.h5")
+    assert (trace.seed, trace.first_tick, len(trace)) == (2**64 - 1, 3, 50)
+    assert json.loads(json.dumps(trace.note))["seed"] == 2**64 - 1
+    assert burrlab.replay(trace).equal
 
 
 @pytest.mark.parametrize("record", [False, True])
@@ -349,8 +275,7 @@ def test_a_session_that_nobody_holds_is_gone_with_its_bones(tmp_path, record):
     """At once, not when the garbage is next collected: an experiment holds one session after the other."""
     gc.disable()
     try:
-        with session(record=tmp_path / "a.h5" if record else None) as run:
-            run.wait(20)
+        run = ended(session(record=tmp_path / "a.h5" if record else None, duration=0.5))
         gone = weakref.ref(run)
         del run
         assert gone() is None

@@ -13,7 +13,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from session_scenes import SEED, FakeReader, make_records, small_bone, tools
+from session_scenes import make_records, small_bone, writer
 
 import burrlab
 import burrlab.session.recorder as trace_writer
@@ -65,18 +65,17 @@ def examine(file):
 
 
 def killed(nursery, folder, times, random, capsys, title):
-    lost, cut, digests, stages = [], 0, 0, [0, 0, 0, 0]
+    """Prints how many ticks were lost: that is not held against 100 ms, other processes of the machine decide it."""
+    lost, stages = [], [0, 0, 0, 0]
     for i in range(times):
         here = folder / str(i)
         here.mkdir()
         executed, stage = kill(nursery, here, random.uniform(0.0, SECONDS + 0.2))
         trace = examine(here / "session.h5")
-        digests += len(trace.digests)
         stages[stage] += 1
         if stage == 1:
             assert not trace.complete
             lost.append(max(0, executed - len(trace)))
-            cut += len(trace)
         elif stage == 3:
             assert trace.complete
         (here / "session.h5").unlink()
@@ -84,10 +83,8 @@ def killed(nursery, folder, times, random, capsys, title):
     parts = np.percentile(lost, [0, 50, 90, 99, 100]).astype(int).tolist()
     with capsys.disabled():
         print(
-            f"\n{title}: {times} kills, {stages} of them before, while and after ticks ran and when all was closed; {cut} ticks and "
-            f"{digests} digests replayed; ticks lost: least, median, 90 %, 99 %, most {parts}"
-        )  # fmt: skip
-    return lost
+            f"\n{title}: {stages} killed before, while and after ticks ran and when all was closed; {parts} ticks lost"
+        )
 
 
 def test_killed_sessions_replay_to_their_end(nursery, tmp_path, capsys):
@@ -102,7 +99,6 @@ def busy():
 @pytest.mark.slow
 @pytest.mark.parametrize("load", [0, 2])
 def test_a_hundred_killed_sessions(nursery, tmp_path, capsys, load):
-    """Printed, not held against 100 ms: other processes of the machine decide that."""
     context = multiprocessing.get_context("spawn")
     others = [context.Process(target=busy, daemon=True) for _ in range(load)]
     try:
@@ -149,7 +145,7 @@ def test_a_kill_between_any_two_writes(tmp_path, monkeypatch):
 
     monkeypatch.setattr(trace_writer, "_write", write)
     batches = [records[i : i + 60] for i in range(0, 300, 60)]
-    made = burrlab.TraceWriter(file, FakeReader(*batches), small_bone(), tools(), seed=SEED, duration=0.5)
+    made = writer(file, *batches, duration=0.5)
     made.add_digest(0, small_bone().digest())
     made.stop()
     assert made.complete

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from session_scenes import ended
 
 import burrlab
 import burrlab._core as _core
@@ -18,23 +19,20 @@ def two_hands(folder, seconds, voxel):
     """A trace of two simulated hands that cut one block, on the virtual clock; (trace, digest of the loop's bone)."""
     bone = burrlab.VoxelBone.block((30, 30, 10), voxel, origin=(-14.9, -14.9, -9.9))
     tools = [(burrlab.Burr(3.0), burrlab.materials["bone"]), (burrlab.Burr(2.0), burrlab.materials["bone"])]
-    executor = _core.TickExecutor(bone.copy(), tools, 3)
     devices = [
-        _core.HandDevice(start=(0.0, -1.5, 3.5)),
-        _core.HandDevice(start=(0.0, 1.5, 2.5), along=(0.0, 1.0, 0.0), amplitude=4.0, strokes=2.0, push=0.5),
+        burrlab.HandDevice(start=(0.0, -1.5, 3.5)),
+        burrlab.HandDevice(
+            start=(0.0, 1.5, 2.5), along=(0.0, 1.0, 0.0), amplitude=4.0, strokes=2.0, push=0.5
+        ),
     ]
-    loop = _core.HapticLoop(executor, devices, wall_clock=False, ticks=round(1000 * seconds))
-    follower = _core.Follower(loop)
-    writer = burrlab.TraceWriter(folder / "session.h5", _core.RecordReader(loop), bone, tools, seed=3)
-    with writer:
-        follower.start()
-        loop.start()
-        assert loop.wait(120)
-        follower.stop()
-        for tick, digest in follower.digests:
-            writer.add_digest(tick, digest)
-    assert writer.complete
-    return burrlab.load_trace(writer.path), executor.bone.digest()
+    run = ended(
+        burrlab.Session(
+            bone, tools, devices, seed=3, wall_clock=False, duration=seconds, record=folder / "session.h5"
+        )
+    )
+    trace = burrlab.load_trace(folder / "session.h5")
+    assert trace.complete
+    return trace, run.loop.executor.bone.digest()
 
 
 def assert_replays(trace, digest):

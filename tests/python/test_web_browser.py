@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
-from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
 from chromium import Chromium, chromium_path
 from page_scenes import nerve_trace
+from rendering_probe import need_drawing
 
 import burrlab
 from burrlab.session.player import TracePlayer
 
 pytestmark = pytest.mark.slow
 
-_RENDERS = "from burrlab import VoxelBone\nfrom burrlab.view import Scene\nscene = Scene(VoxelBone.block((2, 2, 2), 0.2), [], off_screen=True, size=(64, 64))\nassert scene.picture().std() > 0"
 _IMAGE = "document.querySelector('.burrlab-view img')"
 _SWITCHES = "[...document.querySelectorAll('.v-switch input')].map(input => input.checked)"
 _WEBGL = ("--enable-unsafe-swiftshader",)
@@ -35,19 +32,12 @@ def needs():
         pytest.importorskip(name, reason="needs the extra viz3d")
     if chromium_path() is None:
         pytest.skip("needs a browser: apt-get install chromium")
-    tried = subprocess.run([sys.executable, "-c", _RENDERS], capture_output=True, text=True, timeout=120)
-    if tried.returncode:
-        pytest.skip(f"needs libegl1 or libosmesa6 to draw without a screen: {tried.stderr.strip()[-200:]}")
+    need_drawing()
 
 
 @pytest.fixture(scope="module")
 def trace(tmp_path_factory):
     return nerve_trace(tmp_path_factory.mktemp("web") / "session.h5")
-
-
-@pytest.fixture(scope="module")
-def pictures(tmp_path_factory):
-    return Path(os.environ.get("BURRLAB_PICTURES", tmp_path_factory.mktemp("pictures")))
 
 
 class Served:
@@ -102,9 +92,10 @@ def opened(page, address):
     settled(page)
 
 
-def bone_part(page, picture):
+def bone_part(page):
+    """What is seen of the bone now."""
     x, y, width, height = map(round, page.box(".burrlab-view"))
-    return picture[y : y + height, x : x + width]
+    return page.screenshot()[y : y + height, x : x + width]
 
 
 def middle(page):
@@ -138,50 +129,37 @@ def numbers(page):
     return {row[0].strip(): row[1] for row in reversed(rows)}  # of a structure, how near it is
 
 
-def nothing_amiss(page, address):
+def nothing_amiss(page):
     assert [entry for entry in page.console if entry[0] in ("error", "warning", "assert")] == []
-    assert page.errors == []
-    assert page.failed == []
-    elsewhere = {
-        urlsplit(url).netloc for url in page.asked if not url.startswith(("data:", "about:", "blob:"))
-    }
-    assert elsewhere == {urlsplit(address).netloc}
 
 
 @pytest.mark.parametrize("flags", [_WEBGL, _NO_WEBGL], ids=["WebGL", "no WebGL"])
-def test_load_orbit_scrub_and_play(served, trace, pictures, tmp_path, flags):
-    name = "no_webgl" if flags == _NO_WEBGL else "webgl"
+def test_load_orbit_scrub_and_play(served, trace, tmp_path, flags):
     with Chromium(tmp_path / "profile", *flags) as page:
         opened(page, served.address)
         has_webgl = page.value("!!document.createElement('canvas').getContext('webgl')")
         assert has_webgl == (flags == _WEBGL)
-        first = page.screenshot(pictures / f"{name}_load.png")
-        assert bone_part(page, first).std() > 10
+        first = bone_part(page)
+        assert first.std() > 10
 
         x, y = middle(page)
         page.drag((x, y), (x + 150, y - 60))
         settled(page)
-        turned = page.screenshot(pictures / f"{name}_orbit.png")
-        assert np.abs(bone_part(page, turned) - bone_part(page, first)).mean() > 3
+        assert np.abs(bone_part(page) - first).mean() > 3
 
         press(page, "SURGEON")
         settled(page)
-        player = TracePlayer(burrlab.load_trace(trace))
-        seen = [page.screenshot(pictures / f"{name}_surgeon.png")]
-        for part in (0.3, 0.9, 0.6):
+        player, seen = TracePlayer(burrlab.load_trace(trace)), {}
+        for place, part in enumerate((0.3, 0.9, 0.3)):
             at = to_time(page, part)
             assert at == pytest.approx(part * 4.0, abs=0.05)
             player.seek(at)
             said = numbers(page)
             assert said["bone removed"] == f"{player.bone.removed:.2f}"
-            assert said["force"] == f"{np.linalg.norm(player.force[0]):.2f}"
             assert said["penetration"] == f"{player.depth[0]:.3f}"
-            assert said["centre"] == ", ".join(f"{value:.2f}" for value in player.burrs.centers[0])
-            seen.append(page.screenshot(pictures / f"{name}_scrub_{part:g}.png"))
-            assert np.abs(bone_part(page, seen[-1]) - bone_part(page, seen[-2])).mean() > 0.3
-        to_time(page, 0.9)
-        again = page.screenshot(pictures / f"{name}_again.png")
-        assert np.abs(bone_part(page, again) - bone_part(page, seen[2])).mean() < 0.5
+            seen[place] = bone_part(page)
+        assert np.abs(seen[1] - seen[0]).mean() > 0.3
+        assert np.abs(seen[2] - seen[0]).mean() < 0.5
 
         to_time(page, 0.1)
         page.value("document.querySelector('[aria-label=play]').click()")
@@ -189,12 +167,11 @@ def test_load_orbit_scrub_and_play(served, trace, pictures, tmp_path, flags):
         page.wait("document.querySelector('[aria-label=play]')", 120)  # at the end it stops
         settled(page)
         assert clock(page) == pytest.approx(player.duration, abs=1e-3)
-        page.screenshot(pictures / f"{name}_played.png")
-        nothing_amiss(page, served.address)
+        nothing_amiss(page)
     assert served.end() == (0, "")
 
 
-def test_events_slices_wheel_and_presets(served, trace, pictures, tmp_path):
+def test_events_slices_wheel_and_presets(served, trace, tmp_path):
     with Chromium(tmp_path / "profile", *_NO_WEBGL) as page:
         opened(page, served.address)
         events = burrlab.load_trace(trace).events
@@ -210,7 +187,7 @@ def test_events_slices_wheel_and_presets(served, trace, pictures, tmp_path):
         assert clock(page) == pytest.approx(float(re.match(r"[\d.]+", shown[0])[0]), abs=0.02)
         assert float(numbers(page)["nerve"]) == pytest.approx(0.5, abs=0.02)
 
-        last = bone_part(page, page.screenshot(pictures / "event.png"))
+        last = bone_part(page)
         x, y = middle(page)
         actions = {
             "wheel": lambda: page.mouse("Wheel", x, y, buttons=0, deltaX=0, deltaY=-240),
@@ -220,10 +197,12 @@ def test_events_slices_wheel_and_presets(served, trace, pictures, tmp_path):
         for name, action in actions.items():
             action()
             settled(page)
-            now = bone_part(page, page.screenshot(pictures / f"{name}.png"))
+            now = bone_part(page)
             assert np.abs(now - last).mean() > 2, name
             last = now
-        nothing_amiss(page, served.address)
+        nothing_amiss(page)
+        assert served.end(signal.SIGTERM) == (0, "")  # beside a browser that looks on
+    assert shutil.which("ps") is None or not children(served.process.pid)
 
 
 def test_two_browsers_and_one_that_goes(served, tmp_path):
@@ -234,19 +213,10 @@ def test_two_browsers_and_one_that_goes(served, tmp_path):
             at = to_time(two, 0.5)
             assert clock(one) == at  # the same page: whoever reaches it works it
         assert to_time(one, 0.8) > at
-        nothing_amiss(one, served.address)
+        nothing_amiss(one)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_in_order(trace, tmp_path, number):
-    served = Served("view", trace)
-    with Chromium(tmp_path / "profile", *_NO_WEBGL) as page:
-        opened(page, served.address)
-        assert served.end(number) == (0, "")
-    assert shutil.which("ps") is None or not children(served.process.pid)
-
-
-def test_beside_a_session_and_a_replica(tmp_path, pictures):
+def test_beside_a_session_and_a_replica(tmp_path):
     """Live in two pages with effects, one of them for both eyes; Ctrl-C ends each with its page, and the trace is whole."""
     file = tmp_path / "session.h5"
     session = Served("session", "--device", "hand", "--effects", "--record", file, "--publish", 0)
@@ -256,7 +226,6 @@ def test_beside_a_session_and_a_replica(tmp_path, pictures):
         replica = Served("replica", f"127.0.0.1:{port}", "--effects", "--stereo")
         with Chromium(tmp_path / "profile", *_NO_WEBGL) as page:
             for name, one in (("session", session), ("replica", replica)):
-                page.asked.clear()
                 page.load(one.address)
                 page.wait(f"{_IMAGE}?.naturalWidth > 0")
                 number = int(page.value(f"{_IMAGE}.dataset.number"))
@@ -264,21 +233,16 @@ def test_beside_a_session_and_a_replica(tmp_path, pictures):
                 page.wait("document.querySelectorAll('.burrlab-chart polyline').length === 2")
                 page.wait("!document.querySelector('.burrlab-side').innerText.includes('not known')")
                 assert page.value(_SWITCHES) == [False, name == "replica", True]  # slices, stereo, effects
-                seen = bone_part(page, page.screenshot(pictures / f"live_{name}.png"))
+                seen = bone_part(page)
                 assert seen.std() > 10
                 assert (halves_differ(seen) < 40) == (name == "replica")
-                nothing_amiss(page, one.address)
+                nothing_amiss(page)
         for one in (replica, session):
             code, rest = one.end()
             assert code == 130, rest
             assert "effects at assumed rates, seed " in rest
-            assert re.search(
-                r"^dust: made [0-9.]+, present [0-9.]+, sucked 0\.000, drained [0-9.]+ mm\^3$", rest, re.M
-            )
         assert not children(session.process.pid) + children(replica.process.pid)
-        recorded = burrlab.load_trace(file)
-        assert len(recorded) > 500
-        assert recorded.complete
+        assert burrlab.load_trace(file).complete
     finally:
         session.kill()
         if replica is not None:

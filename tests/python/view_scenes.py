@@ -4,9 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 from PIL import Image
-from session_scenes import SEED, FakeReader, make_records, small_bone, tools
+from session_scenes import make_records, record, small_bone
 
 import burrlab
+
+
+def carve(bone, *centers, radius=1.0, ticks=100, seed=1):
+    """Bricks (z, y, x) that a burr changes which stands at each of these places [mm] for so many ticks."""
+    before = bone.density.copy()
+    contact = burrlab.BurrContact(bone, burrlab.Burr(radius), burrlab.materials["bone"], seed)
+    contact.run(np.repeat(np.array(centers, float), ticks, axis=0), 1.0)
+    return np.unique(np.argwhere(bone.density != before) // 8, axis=0)
+
+
+def cortex_and_nerve(bone, is_nerve):
+    """The bone with two tissues, (200, 190, 150) and (240, 220, 20)."""
+    table = [
+        burrlab.Tissue("cortex", label=1, c_e=2.1, alpha=0.1, colour=(200, 190, 150)),
+        burrlab.Tissue("nerve", label=2, c_e=2.1, alpha=0.1, colour=(240, 220, 20), critical=True),
+    ]
+    bone.set_tissues(burrlab.Tissues(table, burrlab.materials["bone"]), is_nerve.astype(np.uint8))
+    return bone
 
 
 def parcels(count, seed=1):
@@ -23,9 +41,7 @@ def parcels(count, seed=1):
 def write_trace(file, ticks=400):
     """Writes it; returns its digest at the end."""
     bone = small_bone()
-    records = make_records(bone, ticks, burrs=1)
-    writer = burrlab.TraceWriter(file, FakeReader(records), small_bone(), tools(1), seed=SEED)
-    writer.stop()
+    record(file, make_records(bone, ticks))
     return bone.digest()
 
 

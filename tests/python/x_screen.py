@@ -42,8 +42,9 @@ class Screen:
         os.close(write)
         with os.fdopen(read) as said:
             self.name = f":{said.readline().strip()}"
-        self.environment = {**os.environ, "DISPLAY": self.name}
-        self.environment.pop("WAYLAND_DISPLAY", None)
+        # A test that drew without a screen in this process has told VTK so.
+        kept = os.environ.keys() - {"WAYLAND_DISPLAY", "VTK_DEFAULT_OPENGL_WINDOW"}
+        self.environment = {**{name: os.environ[name] for name in kept}, "DISPLAY": self.name}
 
     def __enter__(self) -> Screen:
         return self

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -31,18 +30,20 @@ from burrlab.cli.options import (
     parsed_by,
     plot,
     positive,
+    refuse_options,
     save_figure,
     seed,
     show_progress,
 )
+from burrlab.common.check import refuse
 
 
+@parsed_by
 def _forces(text: str) -> list[float]:
     if ":" not in text:
         return [positive(part) for part in text.split(",")]
     parts = text.split(":")
-    if len(parts) != 3:
-        raise argparse.ArgumentTypeError(f"must be FIRST:LAST:COUNT or F,F,..., got '{text}'")
+    refuse(len(parts) != 3, f"must be FIRST:LAST:COUNT or F,F,..., got '{text}'")
     return [float(f) for f in np.linspace(positive(parts[0]), positive(parts[1]), count(parts[2]))]
 
 
@@ -114,16 +115,16 @@ def _materials(options: Options) -> int:
     return 0
 
 
+@parsed_by
 def _pair(text: str) -> tuple[float, float]:
     values = [positive(part) for part in text.split(",")]
-    if len(values) != 2:
-        raise argparse.ArgumentTypeError(f"must be C_E,ALPHA, got '{text}'")
+    refuse(len(values) != 2, f"must be C_E,ALPHA, got '{text}'")
     return values[0], values[1]
 
 
 def _fit(options: Options) -> int:
-    if options.store is not None and options.engine != "voxel":
-        raise ValueError("--store goes with --engine voxel")
+    if options.engine != "voxel":
+        refuse_options(options, ("store",), "goes with --engine voxel")
     result = burrlab.fit(
         _data(options),
         shape=options.shape,
@@ -146,18 +147,15 @@ def _fit(options: Options) -> int:
 
 def _data(options: Options) -> list[burrlab.VelocityCurve | burrlab.Indentation | burrlab.DepthTrace]:
     """The data sets of a fit, each with its radius: its own or --radius."""
-    if not options.file and not options.trace:
-        raise ValueError("a fit needs velocities: give a FILE.csv or --trace")
+    refuse(not options.file and not options.trace, "a fit needs velocities: give a FILE.csv or --trace")
     found: list[burrlab.VelocityCurve | burrlab.Indentation | burrlab.DepthTrace] = []
     for file in options.file:
         curve = burrlab.VelocityCurve.from_csv(file)
-        if curve.radius is None and options.radius is None:
-            raise ValueError(f"--radius must be given: {file} does not say it")
-        if None not in (curve.radius, options.radius) and curve.radius != options.radius:
-            raise ValueError(
-                f"--radius is {options.radius:g} mm, but {file} was taken with {curve.radius:g} mm"
-            )
-        found.append(curve if curve.radius is not None else replace(curve, radius=options.radius))
+        radius = curve.radius or options.radius
+        refuse(radius is None, f"--radius must be given: {file} does not say it")
+        if options.radius not in (None, radius):
+            raise ValueError(f"--radius is {options.radius:g} mm, but {file} was taken with {radius:g} mm")
+        found.append(replace(curve, radius=radius))
     found += [burrlab.Indentation.from_csv(file, radius=options.radius) for file in options.indentation]
     found += [burrlab.DepthTrace.from_csv(file, radius=options.radius) for file in options.trace]
     return found

@@ -57,7 +57,7 @@ def join_vectors(arguments: Sequence[str]) -> list[str]:
 
 
 def command_parser() -> argparse.ArgumentParser:
-    """With all commands."""
+    """The parser of all commands."""
     parser = _Parser(
         prog="burrlab", description="Virtual bone-burring experiments. Units: mm, N, s; dt in ms."
     )

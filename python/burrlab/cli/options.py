@@ -24,6 +24,7 @@ from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe, lab
 from burrlab.bone.slices import is_stack
 from burrlab.bone.specimen import Specimen
 from burrlab.bone.tissues import default_tissues, read_tissues
+from burrlab.common.check import refuse
 from burrlab.common.files import NO_ROOM, kept_elsewhere
 
 if TYPE_CHECKING:
@@ -63,12 +64,12 @@ class Command(NamedTuple):
 
 
 def option(name: str, help: str | None = None, **settings: Any) -> Option:
-    """With a value, or with the action that the settings name."""
+    """An option with a value, or with the action that the settings name."""
     return Option(name, {"help": help, **settings})
 
 
 def flag(name: str, help: str, default: bool | None = False) -> Option:
-    """Without a value; the default None tells that it was not given."""
+    """An option without a value; the default None tells that it was not given."""
     return Option(name, {"help": help, "action": "store_true", "default": default})
 
 
@@ -83,42 +84,6 @@ def add_options(parser: Any, options: Sequence[Option | Group]) -> None:
             add_options(parser.add_mutually_exclusive_group(), one.options)
 
 
-def number(text: str) -> float:
-    """A finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"must be a number, got '{text}'") from None
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"must be finite, got '{text}'")
-    return value
-
-
-def positive(text: str) -> float:
-    """A number above 0."""
-    value = number(text)
-    if value <= 0:
-        raise argparse.ArgumentTypeError(f"must be positive, got '{text}'")
-    return value
-
-
-def whole_number(rule: str, least: int = 0, most: float = math.inf) -> Callable[[str], int]:
-    """The type of an option that takes a whole number, and the rule as its refusal says it."""
-
-    def parse(text: str) -> int:
-        if not (text.isdecimal() and least <= int(text) <= most):
-            raise argparse.ArgumentTypeError(f"must be {rule}, got '{text}'")
-        return int(text)
-
-    return parse
-
-
-count = whole_number("a whole number from 1", 1)
-whole = whole_number("a whole number from 0")
-seed = whole_number("a whole number below 2^64", most=2**64 - 1)
-port = whole_number("a port, 0 to 65535", most=65535)
-
-
 def parsed_by(parse: Callable[[str], Made]) -> Callable[[str], Made]:
     """The type of an option whose refusal is the sentence of the ValueError of `parse`."""
 
@@ -129,6 +94,41 @@ def parsed_by(parse: Callable[[str], Made]) -> Callable[[str], Made]:
             raise argparse.ArgumentTypeError(str(error)) from None
 
     return parsed
+
+
+@parsed_by
+def number(text: str) -> float:
+    """A finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise ValueError(f"must be a number, got '{text}'") from None
+    refuse(not math.isfinite(value), f"must be finite, got '{text}'")
+    return value
+
+
+@parsed_by
+def positive(text: str) -> float:
+    """A number above 0."""
+    value = number(text)
+    refuse(value <= 0, f"must be positive, got '{text}'")
+    return value
+
+
+def whole_number(rule: str, least: int = 0, most: float = math.inf) -> Callable[[str], int]:
+    """The type of an option that takes a whole number, and the rule as its refusal says it."""
+
+    def parse(text: str) -> int:
+        refuse(not (text.isdecimal() and least <= int(text) <= most), f"must be {rule}, got '{text}'")
+        return int(text)
+
+    return parsed_by(parse)
+
+
+count = whole_number("a whole number from 1", 1)
+whole = whole_number("a whole number from 0")
+seed = whole_number("a whole number below 2^64", most=2**64 - 1)
+port = whole_number("a port, 0 to 65535", most=65535)
 
 
 JSON = option("--json", "write the result as JSON; - for standard output", metavar="FILE")
@@ -167,15 +167,14 @@ def refuse_options(options: Options, names: Sequence[str], why: str) -> None:
     for name in names:
         value = getattr(options, name)
         # --no-transpose is given as much as --transpose; a flag without a "no" is False where it is not
-        if value is not None and (value is not False or name == "transpose") and value != []:
-            raise ValueError(f"--{name} {why}")
+        given = value is not None and (value is not False or name == "transpose") and value != []
+        refuse(given, f"--{name} {why}")
 
 
 def require_options(options: Options, names: Sequence[str], what: str) -> None:
     """ValueError that names all of these that are missing: what needs --NAME and --NAME."""
     missing = [f"--{name}" for name in names if getattr(options, name) is None]
-    if missing:
-        raise ValueError(f"{what} needs {' and '.join(missing)}")
+    refuse(missing, f"{what} needs {' and '.join(missing)}")
 
 
 _FIGURES = ("plot", "region", "profile", "pictures")
@@ -224,27 +223,24 @@ def check_outputs(options: Options) -> None:
         path = getattr(options, name, None)
         if path is None or (path == "-" and name not in _FIGURES):  # standard output, which takes text
             continue
-        folder = Path(path).resolve().parent
-        if (
-            not folder.is_dir()
-            or not os.access(folder, os.W_OK)
-            or (
-                Path(path).is_dir() and name != "save"  # slices are saved as a folder
-            )
-        ):
-            raise ValueError(f"--{name}: {path} cannot be written")
-        if name == "record" and Path(path).exists():  # a trace is never replaced
-            raise ValueError(f"--record must be a new file, {path} exists")
-        if (other := taken.setdefault(Path(path).resolve(), name)) != name:
-            raise ValueError(f"--{name} must be another file than --{other}, got {path}")
-        if name not in _KEPT and Path(path).resolve() in _read_files(options):
-            raise ValueError(f"--{name}: {path} is read, and would be lost")
+        place, folder = Path(path).resolve(), Path(path).resolve().parent
+        writable = folder.is_dir() and os.access(folder, os.W_OK)
+        is_folder = place.is_dir() and name != "save"  # slices are saved as a folder
+        refuse(not writable or is_folder, f"--{name}: {path} cannot be written")
+        # A trace is never replaced.
+        refuse(name == "record" and place.exists(), f"--record must be a new file, {path} exists")
+        other = taken.setdefault(place, name)
+        refuse(other != name, f"--{name} must be another file than --{other}, got {path}")
+        lost = name not in _KEPT and place in _read_files(options)
+        refuse(lost, f"--{name}: {path} is read, and would be lost")
         if name in _FIGURES:
             from matplotlib.figure import Figure
 
             kinds = Figure().canvas.get_supported_filetypes()
-            if Path(path).suffix[1:].lower() not in kinds:
-                raise ValueError(f"--{name}: {path} must end in one of {', '.join(sorted(kinds))}")
+            refuse(
+                Path(path).suffix[1:].lower() not in kinds,
+                f"--{name}: {path} must end in one of {', '.join(sorted(kinds))}",
+            )
 
 
 def _read_files(options: Options) -> set[Path]:
@@ -306,40 +302,41 @@ def ended_by_signals() -> Iterator[None]:
             signal.signal(name, handler)
 
 
+@parsed_by
 def filling(text: str) -> tuple[str, float]:
     """TISSUE:OCCUPANCY."""
     name, _, part = text.rpartition(":")
-    try:
+    occupancy = math.nan
+    with contextlib.suppress(ValueError):
         occupancy = float(part)
-    except ValueError:
-        occupancy = math.nan
-    if not name or not 0.0 <= occupancy <= 1.0:
-        raise argparse.ArgumentTypeError(f"must be TISSUE:OCCUPANCY, 0 to 1, got '{text}'")
+    refuse(not name or not 0.0 <= occupancy <= 1.0, f"must be TISSUE:OCCUPANCY, 0 to 1, got '{text}'")
     return name, occupancy
 
 
+@parsed_by
 def label_or_word(text: str) -> str | int:
     """A label, or "nearest", or that with names of structures."""
     if text in ("nearest", "refuse") or text.startswith("nearest:"):
         return text
-    if not (text.isascii() and text.isdecimal()):
-        raise argparse.ArgumentTypeError(f"must be nearest or a label, got '{text}'")
+    refuse(not (text.isascii() and text.isdecimal()), f"must be nearest or a label, got '{text}'")
     return int(text)
 
 
+@parsed_by
 def vector(text: str) -> Numbers:
     """X,Y,Z."""
     return _three(text, "X,Y,Z", text)
 
 
+@parsed_by
 def spacing(text: str) -> Numbers:
     """X,Y,Z, or one number for all."""
     found = _three(text if "," in text else f"{text},{text},{text}", "positive X,Y,Z", text)
-    if min(found) <= 0:
-        raise argparse.ArgumentTypeError(f"must be positive X,Y,Z, got '{text}'")
+    refuse(min(found) <= 0, f"must be positive X,Y,Z, got '{text}'")
     return found
 
 
+@parsed_by
 def box(text: str) -> tuple[Numbers, Numbers]:
     """X,Y,Z:X,Y,Z."""
     low, _, high = text.partition(":")
@@ -350,9 +347,8 @@ def _three(text: str, form: str, whole: str) -> Numbers:
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:
-        raise argparse.ArgumentTypeError(f"must be {form}, got '{whole}'") from None
-    if not all(map(math.isfinite, (x, y, z))):
-        raise argparse.ArgumentTypeError(f"must be {form} of finite numbers, got '{whole}'")
+        raise ValueError(f"must be {form}, got '{whole}'") from None
+    refuse(not all(map(math.isfinite, (x, y, z))), f"must be {form} of finite numbers, got '{whole}'")
     return x, y, z
 
 
@@ -420,12 +416,12 @@ LABELS = Group(
 
 
 def unknown_colours(options: argparse.Namespace) -> str | int:
-    """What --unknown says; without it unknown colours are refused."""
+    """The value of --unknown; without it unknown colours are refused."""
     return "refuse" if options.unknown is None else options.unknown
 
 
 def transposed(options: argparse.Namespace, *paths: str | None) -> bool | None:
-    """What --transpose says; ValueError where none of the files is a stack."""
+    """The value of --transpose; ValueError where none of the files is a stack."""
     if not any(path is not None and is_stack(path) for path in paths):
         refuse_options(options, ("transpose",), "and --no-transpose go with PNG slices")
     asked: bool | None = options.transpose
@@ -441,13 +437,15 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
     if options.labels is None:
         refuse_options(options, OF_LABELS, "goes with --labels")
         return _grey_recipe(options, burr)
-    grey = None
-    if options.volume is not None:
+    if options.volume is None:
+        grey = None
+        refuse_options(options, ("map", "series", "onto"), "goes with --volume")
+    else:
         grey = _grey_recipe(options, burr)
         refuse_options(options, ("smooth",), "goes without --volume")
-    else:
-        refuse_options(options, ("map", "series", "onto"), "goes with --volume")
-    own = options.spacing if grey is None or _sizeless(options.labels) else None
+    # Of slices without a description of their size, --spacing alone says it.
+    sizeless = is_stack(options.labels) and Path(options.labels).suffix.lower() not in (".yaml", ".yml")
+    own = options.spacing if grey is None or sizeless else None
     stack: dict[str, Any] = {
         "unknown": unknown_colours(options),
         "unit": options.unit,
@@ -469,17 +467,11 @@ def chosen_recipe(options: argparse.Namespace, material: Material, burr: Burr | 
     return recipe
 
 
-def _sizeless(labels: str) -> bool:
-    """Whether these are slices without a description of their size, so that --spacing alone says it."""
-    return is_stack(labels) and Path(labels).suffix.lower() not in (".yaml", ".yml")
-
-
 def _grey_recipe(options: argparse.Namespace, burr: Burr | None) -> VolumeRecipe | None:
     if options.volume is None:
         refuse_options(options, ("map", "entry", "spacing", "series", "crop"), "goes with --volume")
         return None
-    if options.map is None:
-        raise ValueError("--volume needs --map")
+    refuse(options.map is None, "--volume needs --map")
     recipe = VolumeRecipe(
         options.volume, options.map, options.spacing, options.series, options.crop, options.voxel,
         options.transpose if is_stack(options.volume) else None,
@@ -491,9 +483,10 @@ def _grey_recipe(options: argparse.Namespace, burr: Burr | None) -> VolumeRecipe
 
 def chosen_specimen(options: argparse.Namespace, burr: Burr, material: Material) -> Specimen | None:
     """The specimen of a volume or labels, with --entry and --axis; None without a volume or labels."""
-    given = "volume" if options.volume is not None else "labels"
-    if getattr(options, given) is not None:
-        require_options(options, (("map",) if given == "volume" else ()) + PLACE, f"--{given}")
+    if options.volume is not None:
+        require_options(options, ("map", *PLACE), "--volume")
+    elif options.labels is not None:
+        require_options(options, PLACE, "--labels")
     recipe = chosen_recipe(options, material, burr)
     if recipe is None:
         return None

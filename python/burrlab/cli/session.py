@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import math
 import os
 import threading
 from collections.abc import Iterator, Mapping
@@ -33,7 +34,6 @@ from burrlab.cli.options import (
     deliver,
     ended_by_signals,
     flag,
-    number,
     option,
     parsed_by,
     plot,
@@ -46,6 +46,7 @@ from burrlab.cli.options import (
     show_progress,
     whole,
 )
+from burrlab.common.check import refuse
 from burrlab.common.files import kept_elsewhere
 from burrlab.effects.companion import Companion
 from burrlab.session.anatomy import anatomy_report, replica_events, replica_report, status_text
@@ -117,13 +118,12 @@ def show_live(options: Options, source: Session | Replica, effects: Companion | 
             raise KeyboardInterrupt
 
 
+@parsed_by
 def _not_negative(text: str) -> float:
-    try:
-        value = number(text)
-    except argparse.ArgumentTypeError:
-        value = -1.0
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"must be zero or positive, got '{text}'")
+    value = math.nan
+    with contextlib.suppress(ValueError):
+        value = float(text)
+    refuse(not 0 <= value < math.inf, f"must be zero or positive, got '{text}'")
     return value
 
 
@@ -160,23 +160,20 @@ def chosen_watch(options: argparse.Namespace, bone: VoxelBone) -> Watch | None:
         name: value for name in _LIMITS if (value := getattr(options, name)) is not None
     }
     if options.watch == ["none"]:
-        if limits:
-            raise ValueError(f"--{next(iter(limits))} goes with a watch, not with --watch none")
+        refuse_options(options, tuple(_LIMITS), "goes with a watch, not with --watch none")
         return None
     if not watch_asked_for(options) and not critical_structures(bone):
         return None
     if bone.tissues is None:
-        given = next(name for name in ("watch", *_LIMITS) if getattr(options, name) is not None)
-        raise ValueError(f"--{given} needs a bone with tissues")
+        refuse_options(options, ("watch", *_LIMITS), "needs a bone with tissues")
     return Watch(bone, structures=options.watch, **limits)
 
 
 def _session(options: Options) -> int:
     check_live(options)
-    if options.host is not None and options.publish is None:
-        raise ValueError("--host goes with --publish")
-    host = options.host or "127.0.0.1"
-    burr = Burr(options.radius)
+    if options.publish is None:
+        refuse_options(options, ("host",), "goes with --publish")
+    host, burr = options.host or "127.0.0.1", Burr(options.radius)
     start = chosen_start(options, burr, chosen_material(options))
     watch = chosen_watch(options, start.bone)
     if watch is None and start.bone.tissues is not None and not watch_asked_for(options):
@@ -336,14 +333,13 @@ def _replay(options: Options) -> int:
 
 
 def _metrics(options: Options) -> int:
-    if options.onto and options.target is None:
-        raise ValueError("--onto goes with --target")
+    if options.target is None:
+        refuse_options(options, ("onto",), "goes with --target")
     trace, target = load_trace(options.file), None
     if options.target is not None:
         target = read_labels(options.target)
-        compare_with_target(
-            trace.bone(), target, onto=options.onto
-        )  # what is wrong with it is said before the work
+        # What is wrong with it is said before the work.
+        compare_with_target(trace.bone(), target, onto=options.onto)
     metrics = session_metrics(
         trace, burr=options.burr, threshold=options.threshold or THRESHOLD,
         hysteresis=options.hysteresis or HYSTERESIS,
@@ -352,8 +348,7 @@ def _metrics(options: Options) -> int:
     # Not recorded, the session was killed, or another watch is wanted.
     if asked or (metrics.anatomy is None and trace.tissues is not None):
         watch = chosen_watch(options, trace.bone()) if asked else None
-        if asked and watch is None:
-            raise ValueError("--watch must name structures of the trace's bone, got none")
+        refuse(asked and watch is None, "--watch must name structures of the trace's bone, got none")
         with show_progress("replay") as progress:
             anatomy = anatomy_report(trace, watch=watch, progress=progress)
         metrics = replace(metrics, anatomy=anatomy)
@@ -361,8 +356,7 @@ def _metrics(options: Options) -> int:
     if target is not None:
         with show_progress("replay") as progress:
             again = replay(trace, progress=progress)
-        if again.difference is not None:
-            raise ValueError(f"--target: the trace replays otherwise than recorded: {again.difference}")
+        refuse(not again.equal, f"--target: the trace replays otherwise than recorded: {again.difference}")
         removed = compare_with_target(again.bone, target, onto=options.onto)
         before = trace.bone().removed
         result["target"] = {"file": options.target, **removed.to_dict(), "removed_before_mm3": before}
@@ -375,8 +369,7 @@ def _metrics(options: Options) -> int:
 
 
 def _export(options: Options) -> int:
-    if os.path.exists(options.out):
-        raise ValueError(f"--out must be a new file, {options.out} exists")
+    refuse(os.path.exists(options.out), f"--out must be a new file, {options.out} exists")
     with show_progress("replay") as progress:
         export_volumetric_drilling(
             load_trace(options.file), options.out, burr=options.burr, layout="old" if options.old else "new",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +24,14 @@ from burrlab.cli.options import (
     flag,
     number,
     option,
+    parsed_by,
     port,
     positive,
     refuse_options,
     say_notes,
     sentence,
 )
+from burrlab.common.check import refuse
 from burrlab.common.figures import new_figure
 from burrlab.effects.effects import Effects
 from burrlab.session.player import TracePlayer
@@ -44,10 +45,11 @@ from burrlab.view.web import serve
 _FPS = 20.0  # of a film [1/s]
 
 
+@parsed_by
 def _size(text: str) -> tuple[int, int]:
     parts = text.lower().split("x")
-    if len(parts) != 2 or not all(part.isdecimal() for part in parts) or min(map(int, parts)) < 16:
-        raise argparse.ArgumentTypeError(f"must be WIDTHxHEIGHT of at least 16 pixels, got '{text}'")
+    fine = len(parts) == 2 and all(part.isdecimal() and int(part) >= 16 for part in parts)
+    refuse(not fine, f"must be WIDTHxHEIGHT of at least 16 pixels, got '{text}'")
     return int(parts[0]), int(parts[1])
 
 
@@ -70,8 +72,8 @@ def _view(options: Options) -> int:
             viewpoint=_viewpoint(options, bone, player), stereo=bool(options.stereo), note=note,
         )  # fmt: skip
         return 0
-    if player is not None and not 0 <= at <= player.duration:
-        raise ValueError(f"--at must be from 0 to {player.duration:g} s, got {at:g}")
+    if player is not None:
+        refuse(not 0 <= at <= player.duration, f"--at must be from 0 to {player.duration:g} s, got {at:g}")
     result.update(written=[], notes=notes)
     middle = [
         o + s * (n - 1) / 2 for o, s, n in zip(bone.origin, bone.spacing, bone.shape[::-1], strict=True)
@@ -119,8 +121,10 @@ def _check(options: Options) -> None:
     """ValueError, before any work, for options that do not go together and files that could not be
     written."""
     of_volume = options.volume is not None or options.labels is not None
-    if (options.file is not None) + (options.bone is not None) + of_volume != 1:
-        raise ValueError("view needs one of TRACE, --bone FILE, and --volume or --labels FILE")
+    refuse(
+        (options.file is not None) + (options.bone is not None) + of_volume != 1,
+        "view needs one of TRACE, --bone FILE, and --volume or --labels FILE",
+    )
     film_alone = options.video is not None and not (options.png or options.pictures)
     for applies, names, why in (
         (options.file is None, ("at", "video", "effects"), "goes with a trace"),
@@ -143,12 +147,16 @@ def _check(options: Options) -> None:
             refuse_options(options, names, why)
     if options.video is not None:
         check_film(Path(options.video), options.fps or _FPS)
-    if options.png is not None and Path(options.png).suffix.lower() != ".png":
-        raise ValueError(f"--png: {options.png} must end in .png")
+    refuse(
+        options.png is not None and Path(options.png).suffix.lower() != ".png",
+        f"--png: {options.png} must end in .png",
+    )
     for name in ("png", "json") if options.pictures is not None else ():
         path = getattr(options, name)
-        if path is not None and Path(path).resolve() == _depth_file(options.pictures).resolve():
-            raise ValueError(f"--{name} must be another file than the depth map of --pictures, got {path}")
+        refuse(
+            path is not None and Path(path).resolve() == _depth_file(options.pictures).resolve(),
+            f"--{name} must be another file than the depth map of --pictures, got {path}",
+        )
 
 
 def _needs_scene(options: Options) -> bool:

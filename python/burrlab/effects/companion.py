@@ -132,15 +132,15 @@ class Companion:
         self.stop()
 
     def set_nozzle(self, nozzle: Nozzle | None) -> None:
-        """From the next frame on."""
+        """Sets the nozzle, from the next frame on."""
         self._core.set_nozzle(nozzle)
 
     def set_sucker(self, sucker: Sucker | None) -> None:
-        """From the next frame on."""
+        """Sets the sucker, from the next frame on."""
         self._core.set_sucker(sucker)
 
     def set_camera(self, camera: Camera | None) -> None:
-        """From the next frame on."""
+        """Sets the camera, from the next frame on."""
         self._core.set_camera(camera)
 
     @property
@@ -149,7 +149,7 @@ class Companion:
 
     @property
     def error(self) -> str:
-        """What ended it; empty if nothing did."""
+        """The error that ended it; empty if none did."""
         return self._core.error
 
     @property

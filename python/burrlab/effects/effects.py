@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import burrlab._core as _core
 from burrlab._core import Camera, EffectParameters, Nozzle, Sucker, VoxelBone, read_bricks
-from burrlab.common.check import real, require_type, whole
+from burrlab.common.check import real, refuse, require_type, whole
 from burrlab.effects.report import EffectsReport, SubstanceBalance, to_balance
 from burrlab.session.player import TracePlayer
 
@@ -93,7 +93,7 @@ class Effects:
 
     @property
     def nozzle(self) -> Nozzle | None:
-        """From the next frame on."""
+        """The nozzle; another one counts from the next frame on."""
         return self._core.nozzle
 
     @nozzle.setter
@@ -102,7 +102,7 @@ class Effects:
 
     @property
     def sucker(self) -> Sucker | None:
-        """From the next frame on."""
+        """The sucker; another one counts from the next frame on."""
         return self._core.sucker
 
     @sucker.setter
@@ -164,8 +164,7 @@ class Effects:
     def _numbers(self, bricks: NDArray[Any]) -> NDArray[np.uint32]:
         if bricks.ndim == 2 and bricks.shape[1] == 3:
             inside = (bricks >= 0).all() and (bricks < np.array(self._bricks)).all()
-            if not inside:
-                raise ValueError(f"bricks must lie inside the {self._bricks} bricks of the volume")
+            refuse(not inside, f"bricks must lie inside the {self._bricks} bricks of the volume")
             bricks = np.ravel_multi_index(tuple(bricks.T.astype(np.intp)), self._bricks)
         return np.ascontiguousarray(bricks, np.uint32)
 
@@ -279,8 +278,7 @@ def effects_of(
         for time in effects_of(player, effects):
             scene.set_parcels(effects.parcels)
     """
-    if not 0 < rate < float("inf"):
-        raise ValueError(f"rate must be positive, got {rate!r}")
+    refuse(not 0 < rate < float("inf"), f"rate must be positive, got {rate!r}")
     if frames is None:
         return _made(player, effects, _at_rate(player, rate))
     first = player.trace.first_tick

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import burrlab.common.table as csv_text
-from burrlab._core import ScriptedDevice, VoxelBone
+from burrlab._core import ScriptedDevice, VoxelBone, read_bricks, take_changed_bricks
 from burrlab.bone.kept import stack_slices
 from burrlab.bone.slices import is_stack
 from burrlab.common.check import refuse
@@ -25,10 +25,6 @@ if TYPE_CHECKING:
     import h5py
 
 
-def _zero_or_one(value: float, unit: str) -> str | None:
-    return None if value in (0.0, 1.0) else f"must be 0 or 1: got {value!r}"
-
-
 def _finite(value: float, unit: str) -> str | None:
     return csv_text.finite(value, "")
 
@@ -37,7 +33,11 @@ SCRIPT = csv_text.Table(
     (
         csv_text.Column("time", "s", check=_finite, due="a time"),
         *(csv_text.Column(axis, "mm", check=_finite, due="a position") for axis in "xyz"),
-        csv_text.Column("on", check=_zero_or_one, optional=True),
+        csv_text.Column(
+            "on",
+            check=lambda value, unit: None if value in (0.0, 1.0) else f"must be 0 or 1: got {value!r}",
+            optional=True,
+        ),
     )
 )
 
@@ -116,10 +116,9 @@ def parse_device(text: str) -> DeviceText:
         return DeviceText("scripted", file=rest)
     if kind == "igtl" and rest:
         try:
-            host, port = parse_address(rest)
+            return DeviceText("igtl", "", *parse_address(rest))
         except ValueError as error:
             raise ValueError(f"igtl: {error}") from None
-        return DeviceText("igtl", host=host, port=port)
     raise ValueError(f"must be hand, scripted:FILE or igtl:HOST:PORT, got '{text}'")
 
 
@@ -132,8 +131,10 @@ def parse_address(text: str) -> tuple[str, int]:
         If the text is no HOST:PORT with a port of 1 to 65535.
     """
     host, colon, port = text.rpartition(":")
-    fine = colon and host and port.isdecimal() and 0 < int(port) < 65536
-    refuse(not fine, f"must be HOST:PORT, got '{text}'")
+    refuse(
+        not (colon and host and port.isdecimal() and 0 < int(port) < 65536),
+        f"must be HOST:PORT, got '{text}'",
+    )
     return host.strip("[]"), int(port)
 
 
@@ -294,7 +295,7 @@ def _write_voxels(
     out: h5py.Group, trace: Trace, grid: _Grid, stamps: NDArray[np.float64],
     progress: Callable[[float], object] | None,
 ) -> None:  # fmt: skip
-    bone = trace.bone()
+    start, bone = trace.bone(), trace.bone()
     before, numbers = bone.density, bone.tissue_numbers
     table = np.array([tissue.colour for tissue in bone.tissues or ()], dtype=float)
     executor = executor_of(trace, bone)
@@ -305,7 +306,7 @@ def _write_voxels(
     for first in range(0, len(trace), _GROUP):
         rows = trace.ticks[first : first + _GROUP]
         executor.execute(inputs(rows))
-        found = _newly_gone(bone, before, gone, trace, rows)
+        found = _newly_gone(bone, start, gone)
         if len(found):
             group, opaque = np.full((len(found), 1), float(len(times))), np.full((len(found), 1), 255.0)
             at = tuple(found.T)
@@ -323,25 +324,14 @@ def _write_voxels(
     out.create_dataset("README", data=_VOXEL_README.format(axes=axes))
 
 
-def _newly_gone(
-    bone: VoxelBone, before: NDArray[np.uint8], gone: NDArray[np.bool_], trace: Trace, rows: NDArray[np.void]
-) -> NDArray[np.int64]:
-    """(n, 3) indices (z, y, x) of voxels that fell below half within these ticks; marks them in `gone`."""
-    spacing, origin = np.array(bone.spacing), np.array(bone.origin)
-    found = []
-    for burr, (tool, _) in enumerate(trace.tools):
-        if not rows["burr"]["removed_levels"][:, burr].any():
-            continue
-        center = rows["burr"]["center_mm"][:, burr]
-        reach = tool.radius + spacing
-        low = np.floor((center.min(axis=0) - reach - origin) / spacing).astype(int)[::-1]
-        high = np.ceil((center.max(axis=0) + reach - origin) / spacing).astype(int)[::-1] + 1
-        low, high = np.clip(low, 0, bone.shape), np.clip(high, 0, bone.shape)
-        if (high <= low).any():
-            continue
-        box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
-        now = bone.read(tuple(int(a) for a in low), tuple(int(n) for n in high - low))
-        new = (2 * now.astype(np.int16) < before[box]) & ~gone[box]
-        gone[box] |= new
-        found.append(np.argwhere(new) + low)
-    return np.vstack([np.zeros((0, 3), np.int64), *found])
+def _newly_gone(bone: VoxelBone, start: VoxelBone, gone: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """(n, 3) indices (z, y, x), in order, of voxels that fell below half since the last call; marks them in `gone`."""
+    bricks = take_changed_bricks(bone)
+    now, before = (read_bricks(one, bricks).astype(np.int16) for one in (bone, start))
+    brick, voxel = np.nonzero(2 * now < before)  # beyond the bone both are 0
+    counts = [-(-n // 8) for n in bone.shape]
+    corner, within = np.unravel_index(bricks[brick], counts), np.unravel_index(voxel, (8, 8, 8))
+    found: NDArray[np.int64] = np.unique(8 * np.column_stack(corner) + np.column_stack(within), axis=0)
+    found = found[~gone[tuple(found.T)]]
+    gone[tuple(found.T)] = True
+    return found

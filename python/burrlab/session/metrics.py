@@ -13,6 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 from burrlab.anatomy.report import AnatomyReport
 from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, new_figure, tidy
+from burrlab.common.records import Codec
 from burrlab.common.table import html_table
 from burrlab.session.trace import Trace, check_trace
 
@@ -106,10 +107,8 @@ class SessionMetrics:
 
     def to_dict(self) -> dict[str, Any]:
         """For JSON, units in the names; None where there is no number."""
-        pairs = [(key, getattr(self, name)) for name, key, _ in _TABLE]
-        values = {key: None if math.isnan(value) else value for key, value in pairs}
         anatomy = {} if self.anatomy is None else {"anatomy": self.anatomy.to_dict()}
-        return {**values, "threshold_N": self.threshold, "burr": self.burr, **anatomy}
+        return {**_CODEC.plain(self), **anatomy}
 
     def __repr__(self) -> str:
         lines = [f"{text:<42} {getattr(self, name):>12.5g}" for name, _, text in _TABLE]
@@ -131,22 +130,23 @@ class SessionMetrics:
         figure = new_figure(6.4, 11.2 if near else 6.4) if figure is None else figure
         parts = figure.subfigures(2, 1, squeeze=False, height_ratios=(8, 7))[:, 0] if near else [figure]
         upper, lower = parts[0], parts[-1]
-        top, middle, bottom = upper.subplots(3, 1, sharex=True)
+        all_axes = top, middle, bottom = upper.subplots(3, 1, sharex=True)
         s = self.series
         top.plot(s["time"], s["force"], color=FORCE, linewidth=0.6)
         if self.peak_force > 0.5 * self.threshold:
             top.axhline(self.threshold, color=REFERENCE, linewidth=0.8, linestyle="--", label="threshold")
             top.legend(fontsize=8, frameon=False)
-        top.set_ylabel("force [N]")
         middle.plot(s["motion_time"], s["speed"], color=VELOCITY, linewidth=0.8)
-        middle.set_ylabel("speed [mm/s]")
         bottom.plot(s["time"], s["removed"], color=POSITION, linewidth=1.2)
-        bottom.set_ylabel("removed [mm$^3$]")
         bottom.set_xlabel("time [s]")
-        for axes in (top, middle, bottom):
-            axes.set_ylim(bottom=0)
-        drawn = [tidy(axes) for axes in (top, middle, bottom)]
+        for axes, label in zip(all_axes, ("force [N]", "speed [mm/s]", "removed [mm$^3$]"), strict=True):
+            axes.set(ylabel=label, ylim=(0, None))
+        drawn = [tidy(axes) for axes in all_axes]
         return drawn + self.anatomy.plot(lower) if near and self.anatomy is not None else drawn
+
+
+_KEYS = {key: name for name, key, _ in _TABLE} | {"threshold_N": "threshold", "burr": "burr"}
+_CODEC = Codec(keys={SessionMetrics: _KEYS})
 
 
 def session_metrics(

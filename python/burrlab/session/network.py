@@ -44,7 +44,7 @@ def open_publisher(
     Raises
     ------
     ValueError
-        If the hello lacks something or is not JSON, nobody can listen there, or an option is out of range.
+        If the hello lacks something or is not JSON, the address cannot be listened on, or an option is out of range.
     """
     port = whole("port", port, 2**16, "2^16")
     for name in _NEEDED:

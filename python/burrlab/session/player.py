@@ -5,7 +5,7 @@ from __future__ import annotations
 import bisect
 import operator
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,8 +24,8 @@ _tick = operator.itemgetter(0)
 class BrickHistory:
     """States of a bone, each kept as the bricks that changed since the one before.
 
-    Where they take more room than `memory` every second one is given up, as often as needed: what is left goes back to
-    the beginning all the same, in wider steps. Safe to use from several threads.
+    Where the states take more room than `memory`, every second one is given up, as often as needed. What is left still
+    reaches back to the beginning, in wider steps. Safe to use from several threads.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class BrickHistory:
             return next((state[0] for state in self._states[self._behind(tick) :]), None)
 
     def add(self, tick: int, bricks: NDArray[np.uint32], bone: VoxelBone) -> None:
-        """Keeps the state at a tick. `bricks` are all that changed since the newest one; another's state is no news."""
+        """Keeps the state at a tick that is later than the newest one; `bricks` are all that changed since that one."""
         with self.lock:
             if tick <= self.last:
                 return
@@ -118,7 +118,7 @@ class BrickHistory:
 
 
 def _union(parts: list[NDArray[np.uint32]]) -> NDArray[np.uint32]:
-    """Sorted, each once."""
+    """All of their numbers, sorted, each once."""
     return np.unique(np.concatenate([*parts, np.empty(0, np.uint32)]))
 
 
@@ -143,6 +143,12 @@ class Burrs:
     radii: NDArray[np.float64]
     on: NDArray[np.bool_]
     touching: NDArray[np.bool_]
+
+
+def unknown_burrs(radii: Sequence[float] | NDArray[np.float64]) -> Burrs:
+    """Burrs of these radii [mm] whose places are not known."""
+    n = len(radii)
+    return Burrs(np.full((n, 3), np.nan), np.array(radii, float), np.zeros(n, bool), np.zeros(n, bool))
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,17 +204,17 @@ class TracePlayer:
 
     @property
     def bone(self) -> VoxelBone:
-        """As it is at `time`; the same object throughout, changed by `seek`."""
+        """The bone as it is at `time`: one object throughout, which `seek` changes."""
         return self._walk.bone
 
     @property
     def duration(self) -> float:
-        """Of the trace [s]."""
+        """Duration of the trace [s]."""
         return self.trace.duration
 
     @property
     def ticks(self) -> int:
-        """In the trace."""
+        """Number of ticks in the trace."""
         return len(self.trace)
 
     @property
@@ -228,28 +234,27 @@ class TracePlayer:
 
     @property
     def burrs(self) -> Burrs:
-        """After the last executed tick; before the first one where it will begin."""
+        """The burrs after the last executed tick; before the first tick they are where it begins."""
         radii = np.array([burr.radius for burr, _ in self.trace.tools])
         if not self.ticks:
-            none = np.zeros(len(radii), bool)
-            return Burrs(np.full((len(radii), 3), np.nan), radii, none, none)
+            return unknown_burrs(radii)
         row = self.trace.ticks["burr"][max(self.done - 1, 0)]
         ran = self.done > 0
         return Burrs(row["center_mm"].copy(), radii, ran & (row["on"] > 0), ran & (row["touching"] > 0))
 
     @property
     def force(self) -> NDArray[np.float64]:
-        """Of the model in the last executed tick [N], shape (burrs, 3)."""
-        return self._last("force_N", (self.trace.burrs, 3))
+        """The model's force in the last executed tick [N], shape (burrs, 3)."""
+        return self._last("force_N")
 
     @property
     def depth(self) -> NDArray[np.float64]:
         """Penetration h in the last executed tick [mm], shape (burrs,)."""
-        return self._last("penetration_mm", (self.trace.burrs,))
+        return self._last("penetration_mm")
 
     @property
     def events(self) -> tuple[Any, ...]:
-        """Of the whole trace, as it recorded them; empty where it has none."""
+        """Events of the whole trace, as it recorded them; empty where it has none."""
         return tuple(getattr(self.trace, "events", ()))
 
     @property
@@ -290,8 +295,8 @@ class TracePlayer:
         return self._walk.go(int(np.searchsorted(self.history.time, seconds + min(half, 1e-6), side="right")))
 
     def seek_tick(self, tick: int) -> NDArray[np.uint32]:
-        """Goes to before the tick of this index, as `tick`, `Trace.digests` and `Companion.first_tick` count. As `seek`;
-        ValueError if the trace does not reach it."""
+        """Goes to the moment before the tick of this index, which counts as `tick`, `Trace.digests` and
+        `Companion.first_tick` do. Returns what `seek` returns. ValueError if the trace does not reach it."""
         first = self.trace.first_tick
         refuse(
             not first <= tick <= first + self.ticks,
@@ -304,7 +309,7 @@ class TracePlayer:
     ) -> bool:
         """Executes the whole trace once on a bone of its own, so that every later seek is fast.
 
-        May run in a thread beside seeks. What it needs besides the kept states is one more bone, until it returns.
+        It may run in a thread beside seeks. Until it returns it needs one more bone besides the kept states.
 
         Parameters
         ----------
@@ -327,11 +332,9 @@ class TracePlayer:
                 progress(scout.done / self.ticks)
         return True
 
-    def _last(self, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-        if not self.done:
-            return np.zeros(shape)
-        values: NDArray[np.float64] = self.trace.ticks["burr"][name][self.done - 1].copy()
-        return values
+    def _last(self, name: str) -> NDArray[np.float64]:
+        kept = self.trace.ticks["burr"][name]
+        return np.array(kept[self.done - 1] if self.done else np.zeros(kept.shape[1:]))
 
     def __repr__(self) -> str:
         states, size = self.kept
@@ -339,7 +342,7 @@ class TracePlayer:
 
 
 class _Walk:
-    """One bone that moves to any tick of a trace, and keeps the states that nobody has kept yet."""
+    """One bone that moves to any tick of a trace, and keeps the states that are not kept yet."""
 
     def __init__(self, trace: Trace, kept: BrickHistory, every: int) -> None:
         self._trace, self._kept, self._every = trace, kept, every
@@ -355,8 +358,7 @@ class _Walk:
         with self._kept.lock:  # another walk may give up states
             key = self._kept.at_or_before(done)
             if done < self.done or key > self.done:
-                between = self._kept.changed_between(key, self.done)
-                bricks = np.unique(np.concatenate([between, *self._since]))
+                bricks = _union([self._kept.changed_between(key, self.done), *self._since])
                 restore_bricks(self.bone, bricks, self._kept.levels(bricks, key))
                 self.done, self._since = key, []
                 self._executor = executor_of(self._trace, self.bone, key)
@@ -377,6 +379,6 @@ class _Walk:
         changed = take_changed_bricks(self.bone)
         self._since.append(changed)
         if end == key:
-            self._kept.add(end, np.unique(np.concatenate(self._since)), self.bone)
+            self._kept.add(end, _union(self._since), self.bone)
             self._since = []
         return changed

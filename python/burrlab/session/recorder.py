@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
+import re
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -116,13 +118,10 @@ class TraceWriter:
         refuse(not 1 <= len(tools) <= 2, f"number of tools must be 1 or 2, got {len(tools)}")
         refuse(not 0 <= seed < 2**64, f"seed must be a whole number from 0 and below 2^64, got {seed}")
         check_tick(first_tick)
-        spans = {"period": period, "duration": duration, "digest_every": digest_every}
-        for name, value in spans.items():
+        for name, value in (("period", period), ("duration", duration), ("digest_every", digest_every)):
             refuse(not 0 < value < math.inf, f"{name} must be positive, got {value}")
-        rows, digests = (
-            max(1, math.ceil(duration * 1000.0 / period)),
-            math.ceil(duration / min(digest_every, 1.0)) + 16,
-        )
+        rows = max(1, math.ceil(duration * 1000.0 / period))
+        digests = math.ceil(duration / min(digest_every, 1.0)) + 16
         note_text, watch_text = json_text("note", note), json_text("watch", watch) if watch else ""
         if self.path.exists():
             raise FileExistsError(f"path must be a new file, {self.path} exists")
@@ -168,7 +167,7 @@ class TraceWriter:
 
     @property
     def complete(self) -> bool:
-        """Whether recording ended with the session, every tick in the file, and the file is where it was made."""
+        """Whether recording ended with the session, every tick is in the file, and the file is where it was made."""
         return self._complete
 
     @property
@@ -184,8 +183,10 @@ class TraceWriter:
         ValueError
             If it is not 32 hexadecimal digits.
         """
-        wrong = len(digest) != 32 or any(c not in "0123456789abcdef" for c in digest)
-        refuse(wrong, f"digest must be 32 hexadecimal digits, got '{digest}'")
+        refuse(
+            not re.fullmatch("[0-9a-f]{32}", digest),
+            f"digest must be 32 hexadecimal digits, got '{digest}'",
+        )
         with self._lock:
             self._pending.append((tick, digest))
 
@@ -196,15 +197,17 @@ class TraceWriter:
         self._watch.add(events)
 
     def set_watched(self, watched: Watched) -> None:
-        """What a watch saw in all, to be written by `stop`. ValueError if the trace has none."""
+        """Takes all that a watch saw, which `stop` writes. ValueError if the trace has no watch."""
         if self._watch is None:
             raise ValueError("what was watched must be of a trace with a watch")
         self._watch.set_sums(watched)
 
     def start(self) -> None:
-        """Once, before `stop`; ValueError else."""
-        begun = self._stopping is not None or self._thread.ident is not None
-        refuse(begun, "recording must be started once: it has been started or stopped")
+        """Starts recording. ValueError if it was started or stopped before."""
+        refuse(
+            self._stopping is not None or self._thread.ident is not None,
+            "recording must be started once: it has been started or stopped",
+        )
         self._thread.start()
 
     def stop(self, reason: str = "stopped") -> None:
@@ -295,9 +298,10 @@ class TraceWriter:
 
     def _write_digests(self) -> None:
         """Digests of bones whose ticks are in the file; the others wait."""
+        last = self._first + self._recorded
         with self._lock:
-            ready = [d for d in self._pending if d[0] <= self._first + self._recorded]
-            self._pending = [d for d in self._pending if d[0] > self._first + self._recorded]
+            ready = [d for d in self._pending if d[0] <= last]
+            self._pending = [d for d in self._pending if d[0] > last]
         ready = ready[: self._digest_room - self._digests_recorded]
         if not ready or self._ended:
             return
@@ -320,14 +324,12 @@ class TraceWriter:
 
     def _end(self, reason: str, *, complete: bool = False) -> None:
         self._complete = complete
-        text = reason
-        if not complete:
-            text = f"recording ended before tick {self._first + self._recorded}: {reason}"
-        try:  # these pages exist since the file was made; where a file system wants room even so, `ended` still says it
+        before = "" if complete else f"recording ended before tick {self._first + self._recorded}: "
+        text = before + reason
+        # These pages exist since the file was made; where a file system wants room even so, `ended` still says it.
+        with contextlib.suppress(OSError):
             _write(self._file, text.encode()[:ENDED_LENGTH].ljust(ENDED_LENGTH, b"\0"), self._places["ended"])
             _write(self._file, np.uint8(complete).tobytes(), self._places["complete"])
-        except OSError:
-            pass
         self._ended = text
 
     def _lost(self) -> str:

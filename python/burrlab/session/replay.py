@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import burrlab._core as _core
 from burrlab._core import TickExecutor, VoxelBone
 from burrlab.common.check import refuse
+from burrlab.common.records import Codec
 from burrlab.common.table import by_value
 from burrlab.session.trace import Trace, check_trace, to_records, to_rows
 
@@ -72,23 +73,27 @@ class Replay:
         return self.difference is None
 
     def to_dict(self) -> dict[str, Any]:
-        """For JSON."""
-        out: dict[str, Any] = {
-            "equal": self.equal, "ticks": self.ticks, "digests": self.digests, "tick": self.tick,
-            "digest": self.bone.digest(), "cpu_path": self.cpu_path, "difference": None,
-        }  # fmt: skip
-        if self.difference is not None:
-            d = self.difference
-            out["difference"] = {
-                "tick": d.tick, "burr": d.burr, "field": d.field,
-                "recorded": _plain(d.recorded), "replayed": _plain(d.replayed),
-            }  # fmt: skip
-        return out
+        """For JSON; what is not finite is spelt "nan" or "inf"."""
+        plain: dict[str, Any] = _CODEC.plain(self)
+        return plain
 
     def __repr__(self) -> str:
         if self.difference is not None:
             return f"Replay(different: {self.difference})"
         return f"Replay(equal, {self.ticks} ticks, {self.digests} digests)"
+
+
+_CODEC = Codec(
+    "spelt",
+    keys={
+        Replay: {
+            "equal": lambda one: one.equal,
+            **{name: name for name in ("ticks", "digests", "tick")},
+            "digest": lambda one: one.bone.digest(),
+            **{name: name for name in ("cpu_path", "difference")},
+        }
+    },
+)
 
 
 def replay(
@@ -126,10 +131,9 @@ def replay(
     )
     executor, path = executor_of(trace), _core.cpu_path()
     bone = executor.bone
-    digests = {
-        tick: digest for tick, digest in trace.digests if trace.first_tick <= tick <= trace.first_tick + end
-    }
-    marks = sorted({tick - trace.first_tick for tick in digests} | set(range(0, end, _BATCH)) | {end})
+    first = trace.first_tick
+    digests = {tick - first: digest for tick, digest in trace.digests if first <= tick <= first + end}
+    marks = sorted({*digests, *range(0, end, _BATCH), end})
     done = compared = 0
     difference = None
     for mark in marks:
@@ -138,11 +142,10 @@ def replay(
             again = to_rows(executor.execute(inputs(rows)), trace.burrs)
             difference = _first_difference(rows, again)
             done = mark
-        if difference is None and trace.first_tick + mark in digests:
+        if difference is None and mark in digests:
             compared += 1
-            kept, found = digests[trace.first_tick + mark], bone.digest()
-            if found != kept:
-                difference = Difference(executor.tick, None, "digest", kept, found)
+            if (found := bone.digest()) != digests[mark]:
+                difference = Difference(executor.tick, None, "digest", digests[mark], found)
         if progress is not None:
             progress(done / max(end, 1))
         if difference is not None:
@@ -151,7 +154,7 @@ def replay(
 
 
 def executor_of(trace: Trace, bone: VoxelBone | None = None, done: int = 0) -> TickExecutor:
-    """What executes the ticks of a trace: on a new bone, or on one on which so many were executed."""
+    """An executor of the ticks of a trace: on a new bone, or on a given one on which `done` ticks were executed."""
     return TickExecutor(
         trace.bone() if bone is None else bone, list(trace.tools), trace.seed, period=trace.period,
         scheme=trace.scheme, tick=trace.first_tick + done,
@@ -169,17 +172,14 @@ def inputs(rows: NDArray[np.void]) -> NDArray[np.void]:
 
 
 def _first_difference(rows: NDArray[np.void], again: NDArray[np.void]) -> Difference | None:
-    first: tuple[int, int, str] | None = None
-    for name in COMPARED:
+    found = []
+    for order, name in enumerate(COMPARED):
         one, two = (_bits(table["burr"][name]) for table in (rows, again))
         unequal = (one != two).reshape(len(rows), rows["burr"].shape[1], -1).any(axis=2)
-        if unequal.any():
-            row, burr = (int(i) for i in np.argwhere(unequal)[0])
-            if first is None or (row, burr) < first[:2]:
-                first = row, burr, name
-    if first is None:
+        found += [(*place, order, name) for place in np.argwhere(unequal)[:1].tolist()]
+    if not found:
         return None
-    row, burr, name = first
+    row, burr, _, name = min(found)
     return Difference(
         int(rows["index"][row]), burr, name, rows["burr"][name][row, burr], again["burr"][name][row, burr]
     )
@@ -187,11 +187,3 @@ def _first_difference(rows: NDArray[np.void], again: NDArray[np.void]) -> Differ
 
 def _bits(values: NDArray[Any]) -> NDArray[Any]:
     return np.ascontiguousarray(values).view(np.uint64) if values.dtype.kind == "f" else values
-
-
-def _plain(value: Any) -> Any:
-    """For JSON, which has no NaN: that becomes text."""
-    if isinstance(value, str):
-        return value
-    plain = np.asarray(value)
-    return plain.tolist() if np.isfinite(plain).all() else str(plain)

@@ -92,8 +92,8 @@ class SessionReport:
         counts, burrs = loop.counts, range(loop.executor.burrs)
         found: dict[str, Histogram] = {name: getattr(loop, name) for name in _NAMES}
         recording = {} if writer is None else {
-            "file": str(writer.path), "ticks": writer.recorded, "ended": writer.ended, "complete": writer.complete,
-            "rescued": writer.rescued,
+            "file": str(writer.path), "ticks": writer.recorded,
+            **{name: getattr(writer, name) for name in ("ended", "complete", "rescued")},
         }  # fmt: skip
         return cls(
             state="running" if loop.running else loop.reason or "not started",

@@ -10,7 +10,7 @@ import secrets
 import threading
 import weakref
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, cast
+from typing import Any
 
 from burrlab._core import (
     Burr,
@@ -49,24 +49,24 @@ class Session:
     Parameters
     ----------
     bone : VoxelBone
-        Copied; `snapshot` gives what becomes of it.
+        It is copied; `snapshot` gives the bone as it becomes.
     tools : (Burr, Material) or list of them
         One a burr, at most two; they act in this order within a tick.
     devices : Device or list of them
         One a burr: `HandDevice`, `ScriptedDevice`, `ReplayDevice`, `MailboxDevice`, `IgtlDevice`. A device serves one
         session at a time.
     seed : int, optional
-        None draws one; `seed` tells it.
+        None draws one; the attribute `seed` holds it.
     rate : float
-        Of the loop [Hz], up to 10 000; on the wall clock at least 20.
+        Rate of the loop [Hz], up to 10 000; on the wall clock at least 20.
     scheme : {"layer", "cell"}
         See `BurrContact`.
     tick : int
         Ticks executed on this bone before, as `load_bone` gives them.
     duration : float, optional
-        The session ends after duration times rate ticks [s]; without it, when it is stopped or a device comes to its end.
+        The session ends after duration times rate ticks [s]. Without a duration it ends when it is stopped or a device ends.
     force_limit, slew_limit : float
-        Of the force sent [N] and of its change [N/ms]. Defaults are ours.
+        Limits of the force sent [N] and of its change [N/ms]. The defaults are ours.
     coupling : float, optional
         Stiffness of a spring between device and burr [N/mm]; without it the burr is where the device is.
     record : path, optional
@@ -80,11 +80,11 @@ class Session:
     source : mapping, optional
         How others make the same bone (`block_recipe`, `volume_recipe`), for replicas and the trace.
     wall_clock : bool
-        Keep absolute deadlines. Else one period follows the other as fast as it goes, with the same result everywhere.
+        Keep absolute deadlines. Otherwise periods follow one another as fast as possible, with the same result on every machine.
     realtime : bool
         Ask for real-time priority and locked memory.
     cpu : int, optional
-        To keep the loop on.
+        Number of the processor that the loop is kept on.
     digest_every : float
         Between digests [s].
     watch : Watch, optional
@@ -143,8 +143,12 @@ class Session:
         watch: Watch | None = None,
         on_message: Callable[[str], object] | None = None,
     ) -> None:
-        self.tools: list[Tool] = _tools(tools)
-        self.devices = _devices(devices)
+        self.tools: list[Tool] = _listed(
+            tools, _is_tool, "tools must be (Burr, Material) or a list of such pairs"
+        )
+        self.devices: list[Device] = _listed(
+            devices, lambda one: isinstance(one, Device), "devices must be a Device or a list of them"
+        )
         self.seed = secrets.randbits(64) if seed is None else whole("seed", seed, 2**64, "2^64")
         tick = whole("tick", tick, _EXACT, "2^53")
         # NumPy's numbers are welcome, and JSON knows Python's only.
@@ -153,10 +157,14 @@ class Session:
         coupling = None if coupling is None else float(real(coupling, "coupling"))
         duration = None if duration is None else float(real(duration, "duration"))
         refuse(not rate > 0, f"rate must be positive, got {rate!r}")
-        slow = wall_clock and rate < _LEAST_RATE
-        refuse(slow, f"rate must be at least {_LEAST_RATE:g} Hz on the wall clock, got {rate!r}")
-        long = duration is not None and not 0 < duration < 1e9
-        refuse(long, f"duration must be positive and below 1e9 s, got {duration!r}")
+        refuse(
+            wall_clock and rate < _LEAST_RATE,
+            f"rate must be at least {_LEAST_RATE:g} Hz on the wall clock, got {rate!r}",
+        )
+        refuse(
+            duration is not None and not 0 < duration < 1e9,
+            f"duration must be positive and below 1e9 s, got {duration!r}",
+        )
         refuse(not 0 < digest_every < 1e9, f"digest_every must be positive, got {digest_every!r}")
         recipe = json.loads(json_text("source", source))
         period = 1e3 / rate
@@ -174,12 +182,13 @@ class Session:
         if watch is not None and not hasattr(watch, "settings"):
             raise TypeError(f"watch must be a Watch, got {type(watch).__name__}")
         watching = {} if watch is None else {"watch": watch.settings}
+        names = [device.name for device in self.devices]
         self._anatomy = SessionAnatomy(start, self._follower, self.tools, watch, period)
         self.provenance = provenance(
             seed=self.seed, rate_Hz=rate, scheme=scheme, first_tick=tick, digest=start.digest(), source=recipe,
             tools=[{"radius_mm": b.radius, "c_e_N_per_mm2": m.c_e, "alpha_per_ms": m.alpha, "shape": m.shape.name,
                     "material": m.name} for b, m in self.tools],
-            devices=[device.name for device in self.devices],
+            devices=names,
             force_limit_N=force_limit, slew_limit_N_per_ms=slew_limit, coupling_N_per_mm=coupling, wall_clock=wall_clock,
             **watching,
         )  # fmt: skip
@@ -196,13 +205,13 @@ class Session:
             try:
                 self._writer = TraceWriter(
                     record, RecordReader(self._loop), start, self.tools, seed=self.seed, period=period,
-                    scheme=scheme, first_tick=tick, devices=[device.name for device in self.devices],
+                    scheme=scheme, first_tick=tick, devices=names,
                     source=json.dumps(recipe), note=self.provenance, watch=watching.get("watch"), duration=room, digest_every=ticks_a_digest * period / 1e3,
                     on_end=_weakly(self._say),
                 )  # fmt: skip
             except BaseException:
                 if self._publisher is not None:
-                    self._publisher.stop()  # whoever keeps the exception keeps the port
+                    self._publisher.stop()  # an exception that is kept would keep the port
                 raise
         self._digests = 0
         self._warned: set[int] = set()
@@ -214,12 +223,13 @@ class Session:
 
     def start(self) -> Session:
         """Starts all threads; once. ValueError the second time, or if a device serves another session."""
-        begun = self._loop.started or self._done.is_set()
-        refuse(begun, "session must be started once: it has been started or stopped")
-        _to_stop.add(self)  # nobody may stop it: its threads would meet an interpreter that is gone
-        atexit.unregister(
-            _stop_all
-        )  # registered last it runs first, before what writing a trace needs is gone
+        refuse(
+            self._loop.started or self._done.is_set(),
+            "session must be started once: it has been started or stopped",
+        )
+        _to_stop.add(self)  # a session that is never stopped would outlive the interpreter
+        # Registered last it runs first, before what writing a trace needs is gone.
+        atexit.unregister(_stop_all)
         atexit.register(_stop_all)
         try:
             self._loop.start()
@@ -234,7 +244,7 @@ class Session:
             for i, (burr, _) in enumerate(self.tools):
                 if (voxels := burr.radius / self._largest_spacing) < _COARSE:
                     self._say(f"coarse: the radius of burr {i} is {voxels:.3g} voxels, below {_COARSE}")
-        except BaseException as error:  # Ctrl-C as well: without it nobody would stop the loop
+        except BaseException as error:  # Ctrl-C as well: else the loop would run on
             self.stop(f"stopped by {type(error).__name__}")
             raise
         return self
@@ -289,7 +299,7 @@ class Session:
 
     @property
     def port(self) -> int | None:
-        """That is published on."""
+        """The port that the session is published on; None if it is not."""
         return None if self._publisher is None else self._publisher.port
 
     @property
@@ -299,7 +309,7 @@ class Session:
 
     @property
     def follower(self) -> Follower:
-        """What looks at the bone: newest record, bricks that changed, snapshots, stiffness."""
+        """The follower, which gives the newest record, bricks that changed, snapshots and stiffness."""
         return self._follower
 
     @property
@@ -312,7 +322,7 @@ class Session:
         return self._follower.snapshot()
 
     def report(self) -> SessionReport:
-        """What there is to say of the session now."""
+        """The report of the session as it is now."""
         return SessionReport.of(
             self._loop, self._follower, self._publisher, self._writer, self.messages, self._anatomy.report(),
             told_notes(self.provenance["source"]),
@@ -326,8 +336,7 @@ class Session:
         ValueError
             If the bone has no tissues.
         """
-        report = self._anatomy.report()
-        if report is None:
+        if (report := self._anatomy.report()) is None:
             raise ValueError("bone of the session must have tissues, got one of a single material")
         return report
 
@@ -362,7 +371,7 @@ class Session:
                 waited += _LOOK
                 for burr in range(len(self.tools)):
                     self._warn_of_stiffness(burr)
-            except Exception as error:  # whoever waits for the end depends on this thread
+            except Exception as error:  # the end of the session needs this thread
                 if well:
                     self._say(f"the session goes on without warnings: {error!r}")
                 well = False
@@ -428,28 +437,21 @@ def _stop_all() -> None:
 
 
 def _weakly(method: Callable[[str], None]) -> Callable[[str], None]:
-    """Calls it while its object lives, so that whoever keeps this does not keep the object."""
+    """A function that calls the method while its object lives, and does not keep that object alive."""
     weak = weakref.WeakMethod(method)
 
     def call(text: str) -> None:
-        method = weak()
-        if method is not None:
-            method(text)
+        if (alive := weak()) is not None:
+            alive(text)
 
     return call
 
 
-def _tools(tools: Tool | Sequence[Tool]) -> list[Tool]:
-    found = [tools] if _is_tool(tools) else tools
-    if not isinstance(found, Sequence) or not all(_is_tool(tool) for tool in found):
-        raise TypeError(f"tools must be (Burr, Material) or a list of such pairs, got {tools!r}")
-    return list(cast(Sequence[Tool], found))
-
-
-def _devices(devices: Device | Sequence[Device]) -> list[Device]:
-    found = [devices] if isinstance(devices, Device) else devices
-    if not isinstance(found, Sequence) or not all(isinstance(device, Device) for device in found):
-        raise TypeError(f"devices must be a Device or a list of them, got {devices!r}")
+def _listed(given: Any, is_one: Callable[[object], bool], rule: str) -> list[Any]:
+    """One thing or several as a list; TypeError in a sentence with the rule where one is of another kind."""
+    found = [given] if is_one(given) else given
+    if not isinstance(found, Sequence) or not all(map(is_one, found)):
+        raise TypeError(f"{rule}, got {given!r}")
     return list(found)
 
 

@@ -255,7 +255,7 @@ class Trace:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was assumed on the way to its bone, as `source` says."""
+        """Sentences on what was assumed on the way to the bone, as `source` tells them."""
         return told_notes(self.source)
 
     @property
@@ -265,7 +265,7 @@ class Trace:
 
     @cached_property  # a sum over all ticks, asked for in loops
     def duration(self) -> float:
-        """What the ticks stand for, the sum of their k periods [s]."""
+        """Time that the ticks stand for, the sum of their k periods [s]."""
         return float(self.ticks["k"].sum()) * self.period / 1000.0
 
     @cached_property
@@ -275,12 +275,12 @@ class Trace:
 
     @property
     def voxel_volume(self) -> float:
-        """Of the bone's grid [mm^3]."""
+        """Volume of one voxel of the bone [mm^3]."""
         return float(np.prod(self._bone.spacing))
 
     @property
     def tissues(self) -> Tissues | None:
-        """Of its bone; None for a single material."""
+        """Tissues of the bone; None for a single material."""
         return self._bone.tissues
 
     def bone(self) -> VoxelBone:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
+from burrlab.common.check import refuse
 from burrlab.view.pictures import PLANES, SliceImage, slice_image
 from burrlab.view.surface import Block, Surface, SurfaceBlock
 
@@ -220,8 +221,7 @@ def parcel_colours(parcels: NDArray[np.void]) -> NDArray[np.uint8]:
         If the array has no fields position, radius, dust, blood and water.
     """
     missing = [name for name in FIELDS if name not in (parcels.dtype.names or ())]
-    if missing:
-        raise ValueError(f"parcels must have the fields {', '.join(FIELDS)}; {', '.join(missing)} is missing")
+    refuse(missing, f"parcels must have the fields {', '.join(FIELDS)}; {', '.join(missing)} is missing")
     weights = np.stack([_STRENGTH[name] * parcels[name].astype(float) for name in _COLOURS], axis=1)
     total = weights.sum(axis=1, keepdims=True)
     weights = np.divide(weights, total, out=np.full_like(weights, 1 / 3), where=total > 0)
@@ -270,7 +270,6 @@ class ParcelActor:
 
 
 _TEXT = (0.92, 0.93, 0.95)
-_LENGTHS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)  # [mm]
 
 
 def shown_tissues(bone: VoxelBone, surface: Surface) -> list[int]:
@@ -378,7 +377,7 @@ class ScaleBar:
 
 def scale_length(most: float) -> float:
     """The longest of the round lengths, 0.1 to 100 mm, that is at most `most` [mm]."""
-    return max((length for length in _LENGTHS if length <= most), default=_LENGTHS[0])
+    return float(np.clip(round_value(most), 0.1, 100.0))
 
 
 _SPAN = 10.0  # of the time axis [s]

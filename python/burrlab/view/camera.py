@@ -1,4 +1,4 @@
-"""From where one looks: viewpoints, the two eyes of a stereo pair, and the way of a trace into the bone."""
+"""Cameras: viewpoints, the two eyes of a stereo pair, and the way of a trace into the bone."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
+from burrlab.common.check import refuse
 from burrlab.session.player import TracePlayer
 
 _ANGLE = 30.0  # of the view, top to bottom [degree]
@@ -70,19 +71,25 @@ def surgeon_view(
         focus = middle - (0.35 if width is None else 1.0) * into * away.min()
     else:
         focus = np.asarray(entry, float)
-        if focus.shape != (3,) or not np.isfinite(focus).all():
-            raise ValueError(f"entry must be three finite numbers (x, y, z) [mm], got {entry!r}")
+        refuse(
+            focus.shape != (3,) or not np.isfinite(focus).all(),
+            f"entry must be three finite numbers (x, y, z) [mm], got {entry!r}",
+        )
         beyond = float(np.linalg.norm(np.maximum(np.abs(focus - middle) - half, 0)))
-        if beyond > 2 * np.linalg.norm(half):
-            raise ValueError(f"entry lies {beyond:.0f} mm outside the bone, more than it is wide")
+        refuse(
+            beyond > 2 * np.linalg.norm(half),
+            f"entry lies {beyond:.0f} mm outside the bone, more than it is wide",
+        )
     return looking_at(focus, into, 2.15 * float(np.linalg.norm(half)) if width is None else width, tilt)
 
 
 def looking_at(focus: ArrayLike, axis: ArrayLike | None, width: float, tilt: float = _TILT) -> Viewpoint:
-    """As `surgeon_view`, at a point that may lie far from the bone, as a lifted burr does."""
+    """The view of `surgeon_view` at a point that may lie far from the bone, as a lifted burr does."""
     into = _unit("axis", _DOWN if axis is None else axis)
-    if not (np.isfinite(width) and width > 0 and np.isfinite(tilt)):
-        raise ValueError(f"width must be positive and tilt finite, got {width} and {tilt}")
+    refuse(
+        not (np.isfinite(width) and width > 0 and np.isfinite(tilt)),
+        f"width must be positive and tilt finite, got {width} and {tilt}",
+    )
     side = np.eye(3)[2] if abs(into[2]) < 0.9 else np.eye(3)[1]
     up = _unit("up", side - into * (side @ into))
     lean = np.deg2rad(tilt)
@@ -119,8 +126,10 @@ def eyes(view: Viewpoint, separation: float, aspect: float) -> list[tuple[Viewpo
 def _unit(name: str, vector: Any) -> NDArray[np.float64]:
     values = np.asarray(vector, float)
     length = float(np.linalg.norm(values))
-    if values.shape != (3,) or not np.isfinite(length) or length == 0:
-        raise ValueError(f"{name} must be three finite numbers, not all zero, got {vector!r}")
+    refuse(
+        values.shape != (3,) or not np.isfinite(length) or length == 0,
+        f"{name} must be three finite numbers, not all zero, got {vector!r}",
+    )
     return values / length
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from burrlab.common.check import check_positive, refuse
 from burrlab.common.files import new_part
 from burrlab.effects.effects import Effects
 from burrlab.session.player import TracePlayer
@@ -98,13 +99,12 @@ class TraceView:
             If fps or speed is not positive, or the part does not lie in the trace.
         """
         for name, value in (("fps", fps), ("speed", speed)):
-            if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be positive and finite, got {value}")
+            check_positive(name, value)
         end = self.player.duration if stop is None else stop
-        if not 0 <= start <= end <= self.player.duration + 1e-9:
-            raise ValueError(
-                f"start and stop must lie from 0 to {self.player.duration:g}, got {start:g} and {end:g}"
-            )
+        refuse(
+            not 0 <= start <= end <= self.player.duration + 1e-9,
+            f"start and stop must lie from 0 to {self.player.duration:g}, got {start:g} and {end:g}",
+        )
         for k in range(int(np.floor((end - start) * fps / speed + 1e-9)) + 1):
             self.go(min(start + k * speed / fps, self.player.duration))
             yield self.scene.stereo_picture() if stereo else self.scene.picture()
@@ -147,8 +147,7 @@ def write_video(
     write = _write_mp4 if file.suffix.lower() == ".mp4" else _write_gif
     with new_part(file, file.suffix) as part:
         count = write(part, _of_one_size(frames), fps)
-        if count == 0:
-            raise ValueError("a film needs at least one frame")
+        refuse(count == 0, "a film needs at least one frame")
         part.replace(file)
     return count
 
@@ -158,8 +157,7 @@ def check_film(file: Path, fps: float) -> None:
     most = _MOST_FPS.get(file.suffix.lower())
     if most is None:
         raise ValueError(f"a film must end in .mp4 or .gif, got {file.name}")
-    if not 1 <= fps <= most:
-        raise ValueError(f"fps must be from 1 to {most} for {file.suffix.lower()}, got {fps:g}")
+    refuse(not 1 <= fps <= most, f"fps must be from 1 to {most} for {file.suffix.lower()}, got {fps:g}")
 
 
 def ffmpeg() -> str:
@@ -184,13 +182,12 @@ def ffmpeg() -> str:
 def _of_one_size(frames: Iterable[NDArray[np.uint8]]) -> Iterable[NDArray[np.uint8]]:
     first = None
     for frame in frames:
-        if frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8:
-            raise ValueError(
-                f"a frame must be uint8 of the shape (height, width, 3), got {frame.dtype} {frame.shape}"
-            )
+        refuse(
+            frame.ndim != 3 or frame.shape[2] != 3 or frame.dtype != np.uint8,
+            f"a frame must be uint8 of the shape (height, width, 3), got {frame.dtype} {frame.shape}",
+        )
         first = frame.shape if first is None else first
-        if frame.shape != first:
-            raise ValueError(f"frames must have one size, got {first} and {frame.shape}")
+        refuse(frame.shape != first, f"frames must have one size, got {first} and {frame.shape}")
         yield frame
 
 

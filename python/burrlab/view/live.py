@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from burrlab._core import Replica
+from burrlab.common.check import check_positive, refuse
 from burrlab.session.session import Session
 from burrlab.view.page_source import HasParcels, LiveSource
 from burrlab.view.scene import Scene, SceneWindow
@@ -79,8 +80,7 @@ class LiveView:
         ValueError
             If fps or seconds are not positive.
         """
-        if not (seconds > 0 and fps > 0):
-            raise ValueError(f"seconds and fps must be positive, got {seconds} and {fps}")
+        refuse(not (seconds > 0 and fps > 0), f"seconds and fps must be positive, got {seconds} and {fps}")
         begin = time.monotonic()
         for k in range(max(int(seconds * fps), 1)):
             time.sleep(max(begin + k / fps - time.monotonic(), 0.0))
@@ -102,8 +102,7 @@ class LiveView:
         ValueError
             If the rate is not positive.
         """
-        if not (np.isfinite(rate) and rate > 0):
-            raise ValueError(f"rate must be positive and finite, got {rate}")
+        check_positive("rate", rate)
         next_at, ended = time.monotonic(), False
         with SceneWindow(self.scene) as window:
             while not ended:

@@ -19,7 +19,7 @@ from burrlab.anatomy.watch import Watch
 from burrlab.bone.header import assumed, told_notes
 from burrlab.effects.companion import Companion
 from burrlab.effects.effects import Effects, effects_of
-from burrlab.session.player import Burrs, History, TracePlayer
+from burrlab.session.player import Burrs, History, TracePlayer, unknown_burrs
 from burrlab.session.session import Session
 from burrlab.session.trace import Trace
 from burrlab.view.camera import Approach, trace_approach
@@ -188,7 +188,7 @@ _CURVE_POINTS = 600  # of a scene's curves
 
 
 class HasParcels(Protocol):
-    """As `burrlab.effects.Effects` and `Companion`."""
+    """Whatever has parcels, such as `burrlab.effects.Effects` and `Companion`."""
 
     @property
     def parcels(self) -> NDArray[np.void]: ...
@@ -221,10 +221,7 @@ class PageSource:
         self.bone, self.radii, self.title, self.note = bone, tuple(radii), "bone", ""
         self.state = f"{bone.mass:.0f} mm³ of bone"
         self.time, self.span = 0.0, (0.0, 0.0)
-        n = len(self.radii)
-        self.burrs = Burrs(
-            np.full((n, 3), np.nan), np.array(self.radii), np.zeros(n, bool), np.zeros(n, bool)
-        )
+        self.burrs, n = unknown_burrs(self.radii), len(self.radii)
         self.force, self.depth = np.zeros((n, 3)), np.zeros(n)
         self.events: list[PageEvent] = []
         self.has_effects = False
@@ -403,12 +400,9 @@ class LiveSource(PageSource):
 
     @property
     def history(self) -> History:
-        past, n = list(self._past), len(self.radii)
-        return History(
-            np.array([time for time, _, _ in past]),
-            np.array([force for _, force, _ in past]).reshape(-1, n),
-            np.array([depth for _, _, depth in past]).reshape(-1, n),
-        )
+        n = len(self.radii)
+        time, force, depth = (np.array([row[i] for row in self._past]) for i in range(3))
+        return History(time, force.reshape(-1, n), depth.reshape(-1, n))
 
     @property
     def parcels(self) -> NDArray[np.void] | None:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 import burrlab._core as _core
 from burrlab._core import VoxelBone
+from burrlab.common.check import refuse
 from burrlab.common.figures import axes_or_new
 from burrlab.view.surface import BONE, tissue_palette
 
@@ -82,11 +83,12 @@ def slice_image(bone: VoxelBone, point: ArrayLike, plane: str) -> SliceImage:
     ValueError
         If the plane is another, or the point is not three finite numbers.
     """
-    if plane not in PLANES:
-        raise ValueError(f"plane must be one of {', '.join(PLANES)}, got '{plane}'")
+    refuse(plane not in PLANES, f"plane must be one of {', '.join(PLANES)}, got '{plane}'")
     at = np.asarray(point, float)
-    if at.shape != (3,) or not np.isfinite(at).all():
-        raise ValueError(f"point must be three finite numbers (x, y, z) [mm], got {point!r}")
+    refuse(
+        at.shape != (3,) or not np.isfinite(at).all(),
+        f"point must be three finite numbers (x, y, z) [mm], got {point!r}",
+    )
     across, right, up = PLANES[plane]
     shape, spacing, origin = bone.shape[::-1], bone.spacing, bone.origin
     index = int(np.clip(np.rint((at[across] - origin[across]) / spacing[across]), 0, shape[across] - 1))
@@ -155,8 +157,9 @@ def plot_slices(
     places = np.asarray(centers, float).reshape(-1, 3)
     if len(places) == 0 and len(radii) == 1:
         places = np.asarray(point, float).reshape(1, 3)
-    if len(places) != len(radii):
-        raise ValueError(f"centers must be one for each of {len(radii)} radii, got {len(places)}")
+    refuse(
+        len(places) != len(radii), f"centers must be one for each of {len(radii)} radii, got {len(places)}"
+    )
     images = [slice_image(bone, point, plane) for plane in PLANES]
     if figure is None:
         figure = Figure(figsize=(9.6, 3.9), layout="constrained")
@@ -272,8 +275,7 @@ def depth_map(bone: VoxelBone, *, axis: str = "-z", level: int = 128) -> NDArray
     ValueError
         If the axis is another, or the level is not from 1 to 255.
     """
-    if not 1 <= level <= 255:
-        raise ValueError(f"level must be from 1 to 255, got {level}")
+    refuse(not 1 <= level <= 255, f"level must be from 1 to 255, got {level}")
     across = _axis(axis)
     depths = []
     for present, pristine in _slabs(bone, across):
@@ -306,8 +308,10 @@ def _first(levels: NDArray[np.uint8], along: int, backwards: bool, level: int) -
 
 
 def _axis(axis: str) -> int:
-    if axis not in ("x", "-x", "y", "-y", "z", "-z"):
-        raise ValueError(f"axis must be one of x, -x, y, -y, z, -z, got '{axis}'")
+    refuse(
+        axis not in ("x", "-x", "y", "-y", "z", "-z"),
+        f"axis must be one of x, -x, y, -y, z, -z, got '{axis}'",
+    )
     return _NAMES.index(axis[-1])
 
 
@@ -347,8 +351,7 @@ def plot_depth_map(
     ValueError
         If the axis is another, or contours are negative.
     """
-    if contours < 0:
-        raise ValueError(f"contours must be zero or positive, got {contours}")
+    refuse(contours < 0, f"contours must be zero or positive, got {contours}")
     across = _axis(axis)
     depth = removed_thickness(bone, axis=axis) if thickness else depth_map(bone, axis=axis)
     _, right, up = next(axes for axes in PLANES.values() if axes[0] == across)

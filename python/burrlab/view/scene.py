@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from burrlab._core import VoxelBone
+from burrlab.common.check import check_positive, refuse
 from burrlab.view.actors import (
     BlockActors,
     BurrActors,
@@ -126,8 +127,10 @@ class StereoEyes:
     def set(self, separation: float, *, swap: bool = False) -> None:
         """Distance of the eyes for a viewer at 500 mm, scaled to the camera's [mm]; the right eye on the
         left, for crossed eyes. ValueError if the separation is negative or not finite."""
-        if not (np.isfinite(separation) and separation >= 0):
-            raise ValueError(f"separation must be zero or positive and finite, got {separation}")
+        refuse(
+            not (np.isfinite(separation) and separation >= 0),
+            f"separation must be zero or positive and finite, got {separation}",
+        )
         self.separation, self.swap = separation, swap
 
     @property
@@ -312,10 +315,8 @@ class Scene:
         note: str = "",
     ) -> None:
         for radius in radii:
-            if not (np.isfinite(radius) and radius > 0):
-                raise ValueError(f"radii must be positive and finite, got {radius}")
-        if min(size) < 16:
-            raise ValueError(f"size must be at least 16 pixels each way, got {size[0]} x {size[1]}")
+            check_positive("radii", radius)
+        refuse(min(size) < 16, f"size must be at least 16 pixels each way, got {size[0]} x {size[1]}")
         module = pyvista()
         if off_screen:
             prepare_off_screen()
@@ -392,8 +393,10 @@ class Scene:
             If there is not a centre for every burr.
         """
         places = np.asarray(centers, float)
-        if places.shape != (len(self.radii), 3):
-            raise ValueError(f"centers must have the shape ({len(self.radii)}, 3), got {places.shape}")
+        refuse(
+            places.shape != (len(self.radii), 3),
+            f"centers must have the shape ({len(self.radii)}, 3), got {places.shape}",
+        )
         self._burrs.place(places, on)
         if self.panels is not None:
             self.panels.move_burrs(places, self.radii)
@@ -459,7 +462,7 @@ class Scene:
         return self._eyes
 
     def picture(self) -> NDArray[np.uint8]:
-        """What is seen now, (height, width, 3)."""
+        """The picture of the scene as it is now, (height, width, 3)."""
         self.render()
         pixels: NDArray[np.uint8] = np.asarray(self.plotter.screenshot(return_img=True))
         return pixels

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import burrlab._core as _core
 from burrlab._core import VoxelBone
+from burrlab.common.check import refuse
 
 BLOCK = 32  # voxels along an edge
 _MARGIN = 2  # voxels around a block that its vertices and normals depend on
@@ -132,15 +133,19 @@ def brick_places(bricks: ArrayLike, bone: VoxelBone) -> NDArray[np.int64]:
     if found.size == 0:
         return np.zeros((0, 3), np.int64)
     if found.ndim == 1:
-        if found.min() < 0 or found.max() >= counts.prod():
-            raise ValueError(
-                f"bricks must be from 0 to below {counts.prod()}, got {found.min()} to {found.max()}"
-            )
+        refuse(
+            found.min() < 0 or found.max() >= counts.prod(),
+            f"bricks must be from 0 to below {counts.prod()}, got {found.min()} to {found.max()}",
+        )
         return np.stack(np.unravel_index(found, tuple(counts)), axis=1)
-    if found.ndim != 2 or found.shape[1] != 3:
-        raise ValueError(f"bricks must have the shape (n,) or (n, 3), got {found.shape}")
-    if (found < 0).any() or (found >= counts).any():
-        raise ValueError(f"bricks must lie within {tuple(counts.tolist())} (z, y, x)")
+    refuse(
+        found.ndim != 2 or found.shape[1] != 3,
+        f"bricks must have the shape (n,) or (n, 3), got {found.shape}",
+    )
+    refuse(
+        (found < 0).any() or (found >= counts).any(),
+        f"bricks must lie within {tuple(counts.tolist())} (z, y, x)",
+    )
     return found
 
 
@@ -215,8 +220,9 @@ class Surface:
         ValueError
             If bone or bricks have another shape.
         """
-        if block_counts(bone) != self.counts:
-            raise ValueError(f"bone must have the shape of the surface, got {bone.shape}")
+        refuse(
+            block_counts(bone) != self.counts, f"bone must have the shape of the surface, got {bone.shape}"
+        )
         if bricks is None:
             before = set(self.blocks)
             self.blocks = surface_blocks(bone, level=self.level)
@@ -234,17 +240,12 @@ class Surface:
 
     def merged(self) -> SurfaceBlock:
         """One mesh of all blocks; vertices on common borders stay doubled."""
-        blocks = list(self.blocks.values())
-        if not blocks:
-            return SurfaceBlock(
-                np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32),
-                np.zeros(0, np.uint8), np.zeros(0, np.uint8),
-            )  # fmt: skip
-        first = np.cumsum([0] + [len(block.points) for block in blocks[:-1]]).astype(np.int32)
-        return SurfaceBlock(
-            np.concatenate([block.points for block in blocks]),
-            np.concatenate([block.normals for block in blocks]),
-            np.concatenate([block.triangles + n for block, n in zip(blocks, first, strict=True)]),
-            np.concatenate([block.tissues for block in blocks]),
-            np.concatenate([block.lost for block in blocks]),
-        )
+        none = SurfaceBlock(
+            np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32),
+            np.zeros(0, np.uint8), np.zeros(0, np.uint8),
+        )  # fmt: skip
+        blocks = [none, *self.blocks.values()]
+        first = np.cumsum([0, *(len(one.points) for one in blocks[:-1])], dtype=np.int32)
+        parts = {f.name: [getattr(one, f.name) for one in blocks] for f in fields(none)}
+        parts["triangles"] = [part + n for part, n in zip(parts["triangles"], first, strict=True)]
+        return SurfaceBlock(**{name: np.concatenate(part) for name, part in parts.items()})

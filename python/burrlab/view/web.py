@@ -15,6 +15,7 @@ import webbrowser
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from burrlab.common.check import refuse
 from burrlab.effects.companion import Companion
 from burrlab.effects.effects import Effects
 from burrlab.view.camera import Viewpoint
@@ -41,8 +42,8 @@ def serve(
 ) -> None:
     """Serves a page until Ctrl-C or SIGTERM.
 
-    Its address holds a secret, drawn anew each time: whoever has the address sees the page and can work it,
-    all others get nothing. By default it can be reached from this machine only. The page takes nothing from
+    Its address holds a secret, which is drawn anew each time. Those who have the address see the page and can
+    work it; all others get nothing. By default it can be reached from this machine only. The page takes nothing from
     any other place.
 
     Parameters
@@ -87,15 +88,14 @@ def serve(
         If there is no library to draw without a screen, or an event loop runs already.
     """
     shown = page_source(source, effects)
-    if not 0 <= port <= 65535:
-        raise ValueError(f"port must be from 0 to 65535, got {port!r}")
+    refuse(not 0 <= port <= 65535, f"port must be from 0 to 65535, got {port!r}")
     check_page(host=host, port=port)
     settings = {"size": size, "level": level, "note": note or shown.note, "outline": shown.kind == "replay"}
     asyncio.run(_serve(shown, host, port, open_browser, viewpoint, stereo, on_ready, settings))
 
 
 def check_page(*, host: str = "127.0.0.1", port: int = 0) -> None:
-    """ImportError without trame, OSError where nobody could listen, RuntimeError where an event loop runs."""
+    """ImportError without trame, OSError where a port cannot be had, RuntimeError where an event loop runs."""
     try:
         asyncio.get_running_loop()
     except RuntimeError:
@@ -226,7 +226,7 @@ def _own_arguments() -> Iterator[None]:
 
 
 def _check_free(host: str, port: int) -> None:
-    """OSError in one sentence if nobody could listen there."""
+    """OSError in one sentence if the address cannot be listened on."""
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as probe:

@@ -13,7 +13,7 @@ import nlopt
 import numpy as np
 
 from burrlab._core import Burr, Shape
-from burrlab.common.check import require_type
+from burrlab.common.check import refuse, require_type
 from burrlab.common.provenance import provenance
 from burrlab.fitting.hypotheses import Point
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
@@ -141,8 +141,10 @@ def fit(
     voxels = _engine(engine, old)
     _check(burr, residuals, seed, bounds, voxels)
     observations = Observations.of(sets, burr)
-    if residuals == "sigma" and not observations.has_sigma:
-        raise ValueError("residuals 'sigma' need a sigma in every row that has a velocity")
+    refuse(
+        residuals == "sigma" and not observations.has_sigma,
+        "residuals 'sigma' need a sigma in every row that has a velocity",
+    )
     seed = secrets.randbits(32) if seed is None else int(seed)
 
     likelihood = Likelihood(observations, residuals, MeanFieldModel(observations, shape))
@@ -166,6 +168,7 @@ def fit(
         if failure:
             starts = (Start("from mean-field", there, there, np.inf, "FAILURE", 0),)
 
+    radii = sorted(set(observations.radius.tolist()))
     best = min(starts, key=lambda start: start.objective) if missed > FLAT else starts[0]
     evidence, status, reason = None, "not-converged", failure
     if not failure:
@@ -175,7 +178,7 @@ def fit(
         c_e=best.end[0],
         alpha=best.end[1],
         shape=shape,
-        radius=_radius(observations),
+        radius=radii[0] if len(radii) == 1 else None,
         residual_kind=residuals,
         status=status,
         reason=reason,
@@ -193,12 +196,12 @@ def fit(
         data=sets,
         provenance=provenance(
             shape=shape.name,
-            radius_mm=sorted(set(observations.radius.tolist())),
+            radius_mm=radii,
             engine="mean-field" if voxels is None else "voxel",
             residuals=residuals,
             seed=seed,
             nlopt=nlopt.__version__,
-            **({} if voxels is None else voxels.settings.described()),
+            **({} if voxels is None else voxels._described()),
         ),
     )
 
@@ -211,8 +214,7 @@ def _sets(data: Data | Sequence[Data]) -> tuple[Data, ...]:
                 "data must be a VelocityCurve, Indentation or DepthTrace or several of them, such as "
                 f"VelocityCurve.from_csv('data.csv'), got {one!r}"
             )
-    if not sets:
-        raise ValueError("data must hold at least one data set: got none")
+    refuse(not sets, "data must hold at least one data set: got none")
     return sets
 
 
@@ -223,15 +225,12 @@ def _with_best_alphas(box: Box, likelihood: Likelihood) -> Box:
     return Box((box.lower[0], min(box.lower[1], low)), (box.upper[0], max(box.upper[1], high)))
 
 
-def _radius(observations: Observations) -> float | None:
-    radii = set(observations.radius.tolist())
-    return radii.pop() if len(radii) == 1 else None
-
-
 def _engine(engine: str | VoxelEngine, old: dict[str, Any]) -> VoxelEngine | None:
     """The voxel engine, if it is asked for; its options were keywords of `fit` before."""
-    if not isinstance(engine, VoxelEngine) and engine not in get_args(Engine):
-        raise ValueError(f"engine must be one of {', '.join(get_args(Engine))}: got {engine!r}")
+    refuse(
+        not isinstance(engine, VoxelEngine) and engine not in get_args(Engine),
+        f"engine must be one of {', '.join(get_args(Engine))}: got {engine!r}",
+    )
     unknown = set(old) - {"starts", *(field.name for field in fields(VoxelEngine))}
     if unknown:
         raise TypeError(f"fit() got an unexpected keyword argument {min(unknown)!r}")
@@ -247,20 +246,24 @@ def _engine(engine: str | VoxelEngine, old: dict[str, Any]) -> VoxelEngine | Non
         said = f"{', '.join(old)} of fit() will go: give engine=VoxelEngine(...) instead"
         warnings.warn(said, DeprecationWarning, stacklevel=3)
     made = VoxelEngine(**old)
-    if isinstance(engine, VoxelEngine):
-        return engine
-    return made if engine == "voxel" else None
+    return engine if isinstance(engine, VoxelEngine) else made if engine == "voxel" else None
 
 
 def _check(burr: object, residuals: str, seed: object, bounds: object, voxels: VoxelEngine | None) -> None:
     if burr is not None:
         require_type("burr", burr, Burr, "Burr(3.0)")
-    if residuals not in get_args(ResidualKind):
-        raise ValueError(f"residuals must be one of {', '.join(get_args(ResidualKind))}: got {residuals!r}")
-    if not (seed is None or (isinstance(seed, (int, np.integer)) and seed >= 0)):
-        raise ValueError(f"seed must be a whole number from 0, or None: got {seed!r}")
-    if seed is None and voxels is not None and voxels.store is not None:
-        raise ValueError("a store needs a seed, for it finds results by it: got seed None")
+    refuse(
+        residuals not in get_args(ResidualKind),
+        f"residuals must be one of {', '.join(get_args(ResidualKind))}: got {residuals!r}",
+    )
+    refuse(
+        not (seed is None or (isinstance(seed, (int, np.integer)) and seed >= 0)),
+        f"seed must be a whole number from 0, or None: got {seed!r}",
+    )
+    refuse(
+        seed is None and voxels is not None and voxels.store is not None,
+        "a store needs a seed, for it finds results by it: got seed None",
+    )
     if not isinstance(bounds, (dict, type(None))):
         raise TypeError(f"bounds must be a dict such as {{'c_e': (1, 3)}}, got {bounds!r}")
 
@@ -277,12 +280,11 @@ def _searched(
     if not found:
         return (), 0.0
     best = at_ridge(likelihood, within, found[0])
-    end = best.c_e, best.alpha
+    end = best.point
     origin, there = begin or ("walk along c_e", end)
     walk = Start(origin, there, end, likelihood.objective(*end), "SUCCESS", best.evaluations)
     ends = [walk]
-    for one in (best, *found[1:]):
-        point = one.c_e, one.alpha
+    for point in (end, *(one.point for one in found[1:])):
         if equally_good(likelihood.objective(*point), walk, len(likelihood.observations)):
             ends.append(minimise(likelihood.objective, box, point, origin=f"BOBYQA {len(ends)}"))
     lowest = min(float(likelihood.at(one.end[0]).minus2(one.end[1])[0]) for one in ends)

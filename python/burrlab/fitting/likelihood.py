@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from burrlab._core import Shape
+from burrlab.common.check import refuse
 from burrlab.fitting.observations import Floats, Observations, ResidualKind, Rows, Scatter
 from burrlab.theory.continuum import MasterCurve
 
@@ -84,8 +85,9 @@ class Likelihood:
         run = observations.run
         self._single = np.flatnonzero(run < 0)
         self._runs = [np.flatnonzero(run == i) for i in range(int(run.max(initial=-1)) + 1)]
-        if self._runs and kind != "relative":
-            raise ValueError(f"residuals must be 'relative' with depth traces: got {kind!r}")
+        refuse(
+            self._runs and kind != "relative", f"residuals must be 'relative' with depth traces: got {kind!r}"
+        )
         self.n = len(self._single) + len(self._runs)
         self.n_within = sum(len(rows) - 1 for rows in self._runs)
         own = [np.sqrt(np.mean(observations.log_sigma[rows] ** 2) + MODEL_ERROR**2) for rows in self._runs]

@@ -184,6 +184,10 @@ class Minimum:
     minus2: float
     evaluations: int  #: c_e tried to find it and the others
 
+    @property
+    def point(self) -> tuple[float, float]:
+        return self.c_e, self.alpha
+
 
 def minima(likelihood: Likelihood, domain: Domain) -> list[Minimum]:
     """Minima of the walk in a domain, the lowest first; none where there is no window.
@@ -269,19 +273,15 @@ def at_ridge(likelihood: Likelihood, domain: Domain, lowest: Minimum) -> Minimum
     return replace(lowest, c_e=begin, alpha=float(there.alpha[0]), minus2=float(there.minus2[0]))
 
 
-def best_point(likelihood: Likelihood, domain: Domain) -> tuple[float, float]:
-    """c_e [N/mm^2] and alpha [1/ms] of the lowest -2 log L in a domain."""
-    lowest = minima(likelihood, domain)[0]
-    return lowest.c_e, lowest.alpha
+def lowest(likelihood: Likelihood, domain: Domain) -> Minimum:
+    """The lowest minimum of the walk in a domain."""
+    return minima(likelihood, domain)[0]
 
 
 def _valleys(y: Floats) -> list[int]:
     """Places of the minima that a rise of more than `FLAT` parts from one another."""
-    found, low, high = (
-        [],
-        0,
-        -1,
-    )  # places of the lowest since the last peak, of the highest since the last minimum
+    found, low = [], 0  # the place of the lowest since the last peak
+    high = -1  # and of the highest since the last minimum
     for i, value in enumerate(y.tolist()):
         if low < high:
             if value > y[high]:
@@ -340,6 +340,7 @@ def _range_of_alpha(walk: Walk, domain: Domain, target: float) -> Interval:
 
 
 def _band(walk: Walk, target: float) -> tuple[Floats, Floats, Floats]:
+    """Logarithms of c_e inside, and of the lowest and highest alpha there."""
     low, high = walk.band(target)
     inside = np.isfinite(low)
     with np.errstate(divide="ignore"):

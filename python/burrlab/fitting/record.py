@@ -16,7 +16,7 @@ from burrlab._core import Burr, Shape
 from burrlab.common.records import Codec, parsed
 from burrlab.common.table import by_value
 from burrlab.fitting.hypotheses import HypothesisTest, fall_with_depth, lack_of_fit
-from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile
+from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile, plain_ends
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import (
     Bounds,
@@ -30,7 +30,7 @@ from burrlab.fitting.observations import (
 from burrlab.fitting.profile import FLAT, Domain, profile
 from burrlab.fitting.search import Start
 from burrlab.fitting.verdict import Ridge, ridge_of, sentence, separately_identified
-from burrlab.fitting.voxel import VoxelModel, VoxelTable, monte_carlo_share
+from burrlab.fitting.voxel import VoxelModel, VoxelTable, model_of, monte_carlo_share
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
 from burrlab.measured.indentation import Indentation
@@ -220,9 +220,7 @@ class FitRecord:
 
     def model_of(self, observations: Observations) -> MeanFieldModel | VoxelModel:
         """The engine of this fit; for the voxels' only with the rows of its own data."""
-        if self.table is not None:
-            return VoxelModel(observations, self.shape, self.table)
-        return MeanFieldModel(observations, self.shape)
+        return model_of(observations, self.shape, self.table)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain Python objects, ready for JSON; what is not finite is None."""
@@ -387,15 +385,12 @@ def describe(likelihood: Likelihood, best: tuple[float, float], usable: bool) ->
     }
 
 
-def _ends(interval: Interval) -> list[float | None]:
-    return [interval.lower, interval.upper]
-
-
 def _identified(fit: FitRecord) -> dict[str, Any] | None:
     found = fit.identified
     if found is None:
         return None
-    return {"exponent": found.exponent, "value": found.value, "interval": _ends(found.interval)}
+    ends = [found.interval.lower, found.interval.upper]
+    return {"exponent": found.exponent, "value": found.value, "interval": ends}
 
 
 _CODEC = Codec(
@@ -405,10 +400,7 @@ _CODEC = Codec(
             for f in fields(FitRecord)
         }
         | {
-            "intervals": lambda fit: {
-                name: {level: _ends(levels[level]) for level in LEVELS}
-                for name, levels in fit.intervals.items()
-            },
+            "intervals": lambda fit: plain_ends(fit.intervals),
             "identified": _identified,
             "separately_identified": lambda fit: fit.separately_identified,
             "verdict": lambda fit: fit.verdict,

@@ -224,5 +224,5 @@ def rms(fit: FitRecord, value: float) -> str:
 
 
 def _aligned(pairs: dict[str, str]) -> list[str]:
-    width = max(map(len, pairs))
+    width = max(map(len, pairs), default=0)
     return [f"{name:<{width}} = {value}" for name, value in pairs.items()]

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 import burrlab.fitting.hypotheses as hypotheses
 import burrlab.fitting.report as report
 from burrlab._core import Material
+from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.common.study import StorePath
 from burrlab.fitting.bootstrap import Bootstrap, bootstrap
@@ -21,7 +22,7 @@ from burrlab.fitting.hypotheses import HypothesisTest
 from burrlab.fitting.intervals import LEVELS, Region
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Floats, Observations, bounds_of
-from burrlab.fitting.profile import ALPHA, C_E, Domain, best_point
+from burrlab.fitting.profile import ALPHA, C_E, Domain, lowest
 from burrlab.fitting.record import FitRecord
 from burrlab.measured.curve import VelocityCurve
 from burrlab.theory.continuum import MasterCurve
@@ -49,8 +50,7 @@ class Fit(FitRecord):
             If the level is another, or the fit gave nothing.
         """
         evidence = self._evidence()
-        if level not in LEVELS:
-            raise ValueError(f"level must be one of {', '.join(LEVELS)}: got {level!r}")
+        refuse(level not in LEVELS, f"level must be one of {', '.join(LEVELS)}: got {level!r}")
         return evidence.profile.regions[level]
 
     def test(self, c_e: float, alpha: float) -> HypothesisTest:
@@ -70,8 +70,9 @@ class Fit(FitRecord):
         """
         evidence = self._evidence()
         for name, value in (("c_e", c_e), ("alpha", alpha)):
-            if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be positive and finite: got {value!r}")
+            refuse(
+                not (np.isfinite(value) and value > 0), f"{name} must be positive and finite: got {value!r}"
+            )
         return hypotheses.given_values(
             self.likelihood, evidence.calibration, evidence.profile.base, float(c_e), float(alpha)
         )
@@ -100,8 +101,10 @@ class Fit(FitRecord):
         other, no common c_e exists and p is 0.
         """
         mine = (self.shape, self.residual_kind, self.engine)
-        if mine != (other.shape, other.residual_kind, other.engine) or self.engine != "mean-field":
-            raise ValueError("both fits must be mean-field ones with the same shape and kind of residuals")
+        refuse(
+            mine != (other.shape, other.residual_kind, other.engine) or self.engine != "mean-field",
+            "both fits must be mean-field ones with the same shape and kind of residuals",
+        )
         own = [
             replace(one, radius=fit.radius) if one.radius is None else one
             for fit in (self, other)
@@ -112,7 +115,7 @@ class Fit(FitRecord):
         except ValueError as error:
             return HypothesisTest("one material", np.inf, (), 0.0, f"The two differ: {error}.")
         both = Likelihood(observations, self.residual_kind, MeanFieldModel(observations, self.shape))
-        common = best_point(both, Domain.of(both, bounds_of(observations, None), {}))
+        common = lowest(both, Domain.of(both, bounds_of(observations, None), {})).point
         points = [(self.c_e, self.alpha), (other.c_e, other.alpha), common]
         return hypotheses.one_material(self.likelihood, other.likelihood, both, points)
 
@@ -200,10 +203,10 @@ class Fit(FitRecord):
         ValueError
             If `alpha_lines` is not between 0 and alpha.
         """
-        if alpha_lines is not None and not 0 < alpha_lines < self.alpha:
-            raise ValueError(
-                f"alpha_lines must be above 0 and below alpha, {self.alpha:g} /ms: got {alpha_lines!r}"
-            )
+        refuse(
+            alpha_lines is not None and not 0 < alpha_lines < self.alpha,
+            f"alpha_lines must be above 0 and below alpha, {self.alpha:g} /ms: got {alpha_lines!r}",
+        )
         return plot_fit(self, ax, alpha_lines, log)
 
     def plot_profile(self, name: str = "c_e", ax: Axes | None = None) -> Axes:
@@ -220,8 +223,7 @@ class Fit(FitRecord):
             If the name is another, or the fit gave nothing.
         """
         self._evidence()
-        if name not in ("c_e", "alpha"):
-            raise ValueError(f"name must be 'c_e' or 'alpha': got {name!r}")
+        refuse(name not in ("c_e", "alpha"), f"name must be 'c_e' or 'alpha': got {name!r}")
         return plot_profile(self, name, ax)
 
     def plot_region(

@@ -15,7 +15,7 @@ from burrlab._core import Shape
 from burrlab.fitting.intervals import LEVELS, Interval
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Calibration, Floats, Observations, ResidualKind, Scatter, Threshold
-from burrlab.fitting.profile import Domain, minima
+from burrlab.fitting.profile import Domain, Minimum, lowest
 from burrlab.theory.continuum import MasterCurve, _window_spline, positive
 
 NODES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  #: k of the master curves that the others come from
@@ -91,20 +91,20 @@ class PowerFamily:
         """That of c_e and alpha at one k."""
         return Likelihood(self.observations, self.kind, FamilyModel(self.observations, k))
 
-    def lowest(self, k: float) -> tuple[float, tuple[float, float]]:
-        """The minimum of -2 log L at one k, and its (c_e, alpha)."""
+    def lowest(self, k: float) -> Minimum:
+        """The minimum of -2 log L at one k."""
         return lowest(self.likelihood(k), self.domain)
 
-    def minimise(self) -> tuple[float, float, tuple[float, float]]:
-        """Best k, the minimum of -2 log L, and its (c_e, alpha)."""
-        heights = [self.lowest(k)[0] for k in NODES]
+    def minimise(self) -> tuple[float, Minimum]:
+        """Best k, and the minimum of -2 log L there."""
+        heights = [self.lowest(k).minus2 for k in NODES]
         i = int(np.argmin(heights))
         ends = NODES[max(i - 1, 0)], NODES[min(i + 1, len(NODES) - 1)]
         found = minimize_scalar(
-            lambda k: self.lowest(float(k))[0], bounds=ends, method="bounded", options={"xatol": 1e-4}
+            lambda k: self.lowest(float(k)).minus2, bounds=ends, method="bounded", options={"xatol": 1e-4}
         )
         k = float(found.x) if found.fun < heights[i] else NODES[i]
-        return k, *self.lowest(k)
+        return k, self.lowest(k)
 
     def threshold(self, k: float, point: tuple[float, float]) -> Threshold | None:
         """For k at a point of three parameters; None where the data leave no freedom for it."""
@@ -133,14 +133,12 @@ class PowerFamily:
         )
         return Calibration(scatters, total, np.array(shares)).threshold(np.array([0.0, 0.0, 1.0]))
 
-    def profile(
-        self, k: float, base: float, point: tuple[float, float], threshold: Threshold
-    ) -> PowerProfile:
+    def profile(self, k: float, best: Minimum, threshold: Threshold) -> PowerProfile:
         """The rise of -2 log L over k and the intervals, from the best k."""
         limits = {name: threshold.limit(level) for name, level in LEVELS.items()}
 
         def rise(at: float) -> float:
-            return self.lowest(at)[0] - base
+            return self.lowest(at).minus2 - best.minus2
 
         def end(edge: float, limit: float) -> float | None:
             if edge == k:
@@ -166,8 +164,8 @@ class PowerFamily:
         ks = np.unique(np.concatenate([fine, np.linspace(NODES[0], NODES[-1], _COARSE), [k]]))
         return PowerProfile(
             k=k,
-            c_e=point[0],
-            alpha=point[1],
+            c_e=best.c_e,
+            alpha=best.alpha,
             intervals=intervals,
             limits=limits,
             grid=ks,
@@ -201,9 +199,3 @@ class PowerProfile:
     limits: Mapping[str, float]
     grid: Floats
     rise: Floats
-
-
-def lowest(likelihood: Likelihood, domain: Domain) -> tuple[float, tuple[float, float]]:
-    """The minimum of -2 log L in a domain, and its (c_e [N/mm^2], alpha [1/ms])."""
-    found = minima(likelihood, domain)[0]
-    return found.minus2, (found.c_e, found.alpha)

@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from burrlab._core import Burr, Shape
+from burrlab.common.check import refuse
 from burrlab.common.provenance import provenance
 from burrlab.fitting.fit import fit
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
@@ -22,10 +23,10 @@ from burrlab.fitting.observations import (
     Threshold,
     bounds_of,
 )
-from burrlab.fitting.profile import Domain
+from burrlab.fitting.profile import Domain, Minimum, lowest
 from burrlab.fitting.result import Fit
 from burrlab.fitting.shape_comparison import Pair, Part, ShapeComparison, ShapeRow
-from burrlab.fitting.shape_family import PowerFamily, lowest
+from burrlab.fitting.shape_family import PowerFamily
 
 SHAPES = ("parabolic", "linear", "quartic", "constant")
 REFERENCE = "parabolic"  # the shape that the others' alpha is compared with
@@ -38,22 +39,22 @@ class Weighed:
 
     Attributes
     ----------
-    minus2 : mapping
+    minima : mapping
         Shape -> minimum over c_e and alpha.
-    points : mapping
-        Shape -> (c_e [N/mm^2], alpha [1/ms]) there.
     threshold : Threshold or None
         Of one more parameter; None where the rows leave no freedom for it.
-    k, free, free_point
-        Best k of the family, the minimum over k too, and its (c_e, alpha); None without the family.
+    k, free
+        Best k of the family, and the minimum over k too; None without the family.
     """
 
-    minus2: Mapping[str, float]
-    points: Mapping[str, tuple[float, float]]
+    minima: Mapping[str, Minimum]
     threshold: Threshold | None
     k: float | None = None
-    free: float | None = None
-    free_point: tuple[float, float] | None = None
+    free: Minimum | None = None
+
+    def rise(self, shape: str) -> float | None:
+        """Of -2 log L over the family's minimum; None without the family."""
+        return None if self.free is None else self.minima[shape].minus2 - self.free.minus2
 
     def p_value(self, shape: str) -> float | None:
         """Of the shape against the family with k free; None where that cannot be judged.
@@ -61,9 +62,9 @@ class Weighed:
         k = 0 ends the family, so a true `constant` has k's estimate on one side only and a rise in half of
         all data sets: its p-value is half of the other shapes'.
         """
-        if self.free is None or self.threshold is None:
+        rise = self.rise(shape)
+        if rise is None or self.threshold is None:
             return None
-        rise = self.minus2[shape] - self.free
         if rise <= _SAME:
             return 1.0
         return self.threshold.probability(rise) * (0.5 if Shape(shape).order == 0 else 1.0)
@@ -73,9 +74,9 @@ class Weighed:
         if self.threshold is None:
             return ()
         made = []
-        for pair in combinations(self.minus2, 2):
-            better, worse = sorted(pair, key=lambda name: self.minus2[name])
-            rise = self.minus2[worse] - self.minus2[better]
+        for pair in combinations(self.minima, 2):
+            better, worse = sorted(pair, key=lambda name: self.minima[name].minus2)
+            rise = self.minima[worse].minus2 - self.minima[better].minus2
             made.append(
                 Pair(better, worse, rise, self.threshold.limit(Pair.LEVEL), self.threshold.probability(rise))
             )
@@ -92,17 +93,17 @@ def weigh_shapes(
 ) -> Weighed:
     """Minima under every shape and over the family, without searches: tens of milliseconds."""
     box = bounds_of(observations, bounds)
-    minus2, points = {}, {}
+    minima = {}
     for name in shapes:
         likelihood = Likelihood(observations, kind, MeanFieldModel(observations, Shape(name)))
         domain = Domain.of(likelihood, box, bounds or {})
-        minus2[name], points[name] = lowest(likelihood, domain)
+        minima[name] = lowest(likelihood, domain)
     family = PowerFamily(observations, kind, domain)
     if not free:
-        best = min(shapes, key=lambda name: minus2[name])
-        return Weighed(minus2, points, family.threshold(Shape(best).order, points[best]))
-    k, base, point = family.minimise()
-    return Weighed(minus2, points, family.threshold(k, point), k, base, point)
+        best = min(shapes, key=lambda name: minima[name].minus2)
+        return Weighed(minima, family.threshold(Shape(best).order, minima[best].point))
+    k, best_free = family.minimise()
+    return Weighed(minima, family.threshold(k, best_free.point), k, best_free)
 
 
 def compare_shapes(
@@ -199,10 +200,11 @@ def compare_shapes(
         said = "starts of compare_shapes() does nothing: a walk finds all minima"
         warnings.warn(said, DeprecationWarning, stacklevel=2)
     names = tuple(Shape(name).name for name in shapes)
-    if not names or len(set(names)) < len(names):
-        raise ValueError(f"shapes must be one or more names, each once: got {shapes!r}")
-    if not 0 < level < 1:
-        raise ValueError(f"level must be between 0 and 1: got {level!r}")
+    refuse(
+        not names or len(set(names)) < len(names),
+        f"shapes must be one or more names, each once: got {shapes!r}",
+    )
+    refuse(not 0 < level < 1, f"level must be between 0 and 1: got {level!r}")
     fits = {
         name: fit(data, burr, shape=name, residuals=residuals, bounds=bounds, seed=seed) for name in names
     }
@@ -212,12 +214,11 @@ def compare_shapes(
     power = None
     if weighed.k is not None and weighed.threshold is not None:
         assert weighed.free is not None
-        assert weighed.free_point is not None
         domain = Domain.of(first.likelihood, bounds_of(observations, bounds), bounds or {})
         family = PowerFamily(observations, residuals, domain)
-        power = family.profile(weighed.k, weighed.free, weighed.free_point, weighed.threshold)
+        power = family.profile(weighed.k, weighed.free, weighed.threshold)
     lowest_aic = min(one.aic for one in fits.values())
-    best = min(names, key=lambda name: weighed.minus2[name])
+    best = min(names, key=lambda name: weighed.minima[name].minus2)
     scatter = _scatter(fits[best])
     reference = fits.get(REFERENCE)
     rows = []
@@ -228,7 +229,7 @@ def compare_shapes(
                 shape=one.shape,
                 fit=one,
                 delta_aic=one.aic - lowest_aic,
-                rise=None if weighed.free is None else weighed.minus2[name] - weighed.free,
+                rise=weighed.rise(name),
                 p_value=p,
                 rejected=None if p is None else p < 1 - level,
                 pattern=_pattern(one, scatter),

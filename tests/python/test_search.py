@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from fit_scenes import BONE, BURR
 
+from burrlab.fitting.fit import minimise
 from burrlab.fitting.likelihood import MeanFieldModel
-from burrlab.fitting.observations import Observations
-from burrlab.fitting.search import Box, Start, minimise
+from burrlab.fitting.observations import Box, Observations
+from burrlab.fitting.verdict import Start
 from burrlab.measured.curve import VelocityCurve
 from burrlab.theory.continuum import penetration_velocity
 

@@ -15,9 +15,8 @@ from burrlab.common.study import run_items
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Observations, Threshold, bounds_of
 from burrlab.fitting.profile import Domain, lowest
-from burrlab.fitting.shape_comparison import kappa
-from burrlab.fitting.shape_family import NODES, FamilyCurve, PowerFamily, member
-from burrlab.fitting.shapes import SHAPES, compare_shapes, weigh_shapes
+from burrlab.fitting.shape_comparison import NODES, kappa
+from burrlab.fitting.shapes import SHAPES, FamilyCurve, PowerFamily, compare_shapes, member, weigh_shapes
 from burrlab.measured.synthetic import synthetic_indentation
 from burrlab.theory.continuum import MasterCurve
 

@@ -17,10 +17,9 @@ from burrlab.common.study import StorePath, run_items
 from burrlab.common.table import by_value
 from burrlab.fitting.intervals import LEVELS, Interval, plain_ends
 from burrlab.fitting.likelihood import Likelihood
-from burrlab.fitting.observations import Floats, Observations, ResidualKind
+from burrlab.fitting.observations import Box, Floats, Observations, ResidualKind
 from burrlab.fitting.profile import Domain, lowest
 from burrlab.fitting.record import FitRecord
-from burrlab.fitting.search import Box
 from burrlab.fitting.verdict import span
 from burrlab.fitting.voxel import VoxelTable, model_of
 

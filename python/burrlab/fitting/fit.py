@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from typing import Any, Literal, get_args
 
@@ -17,12 +17,11 @@ from burrlab.common.check import refuse, require_type
 from burrlab.common.provenance import provenance
 from burrlab.fitting.hypotheses import Point
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import Bounds, Data, Observations, ResidualKind, bounds_of
+from burrlab.fitting.observations import Bounds, Box, Data, Floats, Observations, ResidualKind, bounds_of
 from burrlab.fitting.profile import FLAT, Domain, at_ridge, minima
 from burrlab.fitting.record import describe, weigh
 from burrlab.fitting.result import Fit
-from burrlab.fitting.search import Box, Start, minimise
-from burrlab.fitting.verdict import equally_good, status_of
+from burrlab.fitting.verdict import Start, equally_good, status_of
 from burrlab.fitting.voxel import Descents, VoxelEngine, VoxelModel
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
@@ -31,6 +30,12 @@ from burrlab.measured.indentation import Indentation
 __all__ = ["Fit", "fit"]
 
 Engine = Literal["mean-field", "voxel"]
+_RESULTS = {
+    getattr(nlopt, name): name for name in ("SUCCESS", "XTOL_REACHED", "ROUNDOFF_LIMITED", "MAXEVAL_REACHED")
+}
+_STEP = 0.02  # first step, in logarithms: the search stays at the minimum that it checks
+_CLOSE = 1e-7  # the search ends where its steps fall below this, in logarithms
+_LONGEST = 1000  # evaluations
 
 
 def fit(
@@ -289,3 +294,59 @@ def _searched(
             ends.append(minimise(likelihood.objective, box, point, origin=f"BOBYQA {len(ends)}"))
     lowest = min(float(likelihood.at(one.end[0]).minus2(one.end[1])[0]) for one in ends)
     return tuple(ends), found[0].minus2 - lowest
+
+
+def minimise(
+    objective: Callable[[float, float], float], box: Box, start: tuple[float, float], *, origin: str
+) -> Start:
+    """nlopt's BOBYQA over (log c_e, log alpha), from a point of the walk.
+
+    Parameters
+    ----------
+    objective : callable
+        Of c_e [N/mm^2] and alpha [1/ms]; what is not finite counts as worse than every finite value so far.
+    box : Box
+        Bounds.
+    start : (float, float)
+        c_e [N/mm^2] and alpha [1/ms] to begin at.
+    origin : str
+        Name of the search in the result.
+
+    Returns
+    -------
+    Start
+        With the best point evaluated, wherever the algorithm ended.
+
+    Raises
+    ------
+    Exception
+        Whatever the objective raises.
+    """
+    low, high = np.log(box.lower), np.log(box.upper)
+    best, worst, evaluations = (np.inf, start), 1.0, 0
+
+    def value(logarithms: Floats, _: Floats) -> float:
+        nonlocal best, worst, evaluations
+        c_e, alpha = np.exp(np.clip(logarithms, low, high)).tolist()  # BOBYQA can leave the box by rounding
+        found, evaluations = float(objective(c_e, alpha)), evaluations + 1
+        if not np.isfinite(found):  # nlopt "succeeds" on NaN
+            return 10.0 * worst
+        worst = max(worst, found)
+        best = min(best, (found, (c_e, alpha)))  # nlopt can lose it
+        return found
+
+    optimiser = nlopt.opt(nlopt.LN_BOBYQA, 2)
+    optimiser.set_lower_bounds(low)
+    optimiser.set_upper_bounds(high)
+    optimiser.set_initial_step(
+        np.minimum(_STEP, 0.25 * (high - low))
+    )  # BOBYQA refuses more than half the box
+    optimiser.set_xtol_abs(_CLOSE)
+    optimiser.set_maxeval(_LONGEST)
+    optimiser.set_min_objective(value)
+    try:
+        optimiser.optimize(np.clip(np.log(start), low, high))
+        result = _RESULTS.get(optimiser.last_optimize_result(), "FAILURE")
+    except nlopt.RoundoffLimited:
+        result = "ROUNDOFF_LIMITED"
+    return Start(origin, start, best[1], best[0], result, evaluations)

@@ -12,7 +12,6 @@ from scipy import special
 
 from burrlab._core import Burr
 from burrlab.common.check import refuse
-from burrlab.fitting.search import Box
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
 from burrlab.measured.indentation import Indentation
@@ -191,6 +190,14 @@ def _radius(data: Data, burr: Burr | None) -> float:
     if burr is None:
         raise ValueError(f"a burr must be given for data without a radius: got none for {data!r}")
     return burr.radius
+
+
+@dataclass(frozen=True)
+class Box:
+    """Bounds of the two parameters: (c_e [N/mm^2], alpha [1/ms])."""
+
+    lower: tuple[float, float]
+    upper: tuple[float, float]
 
 
 def bounds_of(observations: Observations, given: Bounds | None) -> Box:

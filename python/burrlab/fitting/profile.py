@@ -18,8 +18,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile, Region
 from burrlab.fitting.likelihood import Likelihood, Slices
-from burrlab.fitting.observations import Calibration, Floats
-from burrlab.fitting.search import Box
+from burrlab.fitting.observations import Box, Calibration, Floats
 
 C_E, ALPHA = np.array([1.0, 0.0]), np.array([0.0, 1.0])  # directions in (log c_e, log alpha)
 

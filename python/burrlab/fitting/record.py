@@ -28,8 +28,7 @@ from burrlab.fitting.observations import (
     Scatter,
 )
 from burrlab.fitting.profile import FLAT, Domain, profile
-from burrlab.fitting.search import Start
-from burrlab.fitting.verdict import Ridge, ridge_of, sentence, separately_identified
+from burrlab.fitting.verdict import Ridge, Start, ridge_of, sentence, separately_identified
 from burrlab.fitting.voxel import VoxelModel, VoxelTable, model_of, monte_carlo_share
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace

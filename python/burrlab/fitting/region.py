@@ -8,10 +8,9 @@ import numpy as np
 
 from burrlab.fitting.intervals import LEVELS
 from burrlab.fitting.likelihood import MODEL_ERROR
-from burrlab.fitting.observations import Calibration, Floats, Rows, Scatter
+from burrlab.fitting.observations import Box, Calibration, Floats, Rows, Scatter
 from burrlab.fitting.profile import C_E, Domain, Walk
 from burrlab.fitting.record import FitRecord
-from burrlab.fitting.search import Box
 
 _STEP = 0.055  # between the alphas of a row, over the half width of the region, close to its middle
 _COARSE, _ROWS, _ZOOMS = 400, 200, 3  # values of c_e

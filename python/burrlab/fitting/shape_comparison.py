@@ -16,11 +16,12 @@ from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.common.records import Codec
 from burrlab.fitting.hypotheses import p_text
-from burrlab.fitting.intervals import plain_ends
+from burrlab.fitting.intervals import Interval, plain_ends
 from burrlab.fitting.observations import Floats, Threshold
 from burrlab.fitting.report import columns
 from burrlab.fitting.result import Fit, _plain_ticks
-from burrlab.fitting.shape_family import NODES, PowerProfile
+
+NODES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  #: k of the master curves that the others come from
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,34 @@ class Pair:
     @property
     def told_apart(self) -> bool:
         return self.rise > self.limit
+
+
+@dataclass(frozen=True, eq=False)
+class PowerProfile:
+    """The best member of the family power(k), and how well k is known.
+
+    Attributes
+    ----------
+    k : float
+        Best exponent, from 0 to 3.
+    c_e, alpha : float
+        [N/mm^2] and [1/ms] there.
+    intervals : mapping
+        Level ``68``, ``95``, ``99.7`` -> Interval of k; None is open: at k = 0, where the family begins, or at
+        k = 3, where the search ends.
+    limits : mapping
+        Level -> rise of -2 log L that bounds the interval.
+    grid, rise : ndarray, shape (m,)
+        k, and the rise of -2 log L there, c_e and alpha at their best.
+    """
+
+    k: float
+    c_e: float
+    alpha: float
+    intervals: Mapping[str, Interval]
+    limits: Mapping[str, float]
+    grid: Floats
+    rise: Floats
 
 
 @dataclass(frozen=True, eq=False)

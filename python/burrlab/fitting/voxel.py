@@ -19,8 +19,7 @@ from burrlab.descent.descent import descend
 from burrlab.descent.result import Descent
 from burrlab.descent.sweep import item_seed
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import WINDOW_END, WINDOW_START, Floats, Observations, Rows
-from burrlab.fitting.search import Box
+from burrlab.fitting.observations import WINDOW_END, WINDOW_START, Box, Floats, Observations, Rows
 from burrlab.theory.closed_forms import FEWEST_TICKS, samples_between
 
 Window: TypeAlias = tuple[float | None, float | None]  # in radii; None is the default end

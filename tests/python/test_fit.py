@@ -1,15 +1,21 @@
-"""The fit: known curves give their parameters back, and the rest is said in words."""
+"""The fit: known curves give their parameters back, what is not known is said in words, and how it is shown."""
 
 import io
+import json
+import pickle
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from fit_scenes import BONE, BURR, curve_of, fitted
+from fit_scenes import BONE, BURR, DATA, curve_of, fitted
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from burrlab._core import Burr, Material
 from burrlab.bone.materials import materials
 from burrlab.fitting.fit import Fit, fit
+from burrlab.fitting.profile import ALPHA, C_E
 from burrlab.fitting.voxel import VoxelEngine
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.synthetic import synthetic_trace
@@ -211,3 +217,174 @@ def test_specimens(name, shared_data):
     assert (result.status, result.n_points) == ("ok", 30)
     # the scatter is stated as 8 %; with 28 degrees of freedom its RMS varies by 13 %
     assert 0.05 < result.residual_norm < 0.11
+
+
+# ---- intervals and regions ----
+
+WIDE, PRESSED, TRACE = (DATA[name] for name in ("wide", "pressed", "trace"))
+few = settings(max_examples=5, deadline=None)
+
+
+def ends(result: Fit, name: str) -> list[float]:
+    return [end for i in result.intervals[name].values() for end in (i.lower, i.upper)]
+
+
+def assert_alike(other: Fit, one: Fit, c_e: float = 1.0, alpha: float = 1.0) -> None:
+    """Parameters and intervals, but for the factors."""
+    assert (other.c_e / c_e, other.alpha / alpha) == pytest.approx((one.c_e, one.alpha), rel=1e-4)
+    assert np.divide(ends(other, "c_e"), c_e) == pytest.approx(ends(one, "c_e"), rel=1e-3)
+    assert np.divide(ends(other, "alpha"), alpha) == pytest.approx(ends(one, "alpha"), rel=1e-3)
+
+
+class TestProperties:
+    # alpha leaves the search's bounds of 1e-5 to 10 /ms nowhere
+    @few
+    @given(k=st.floats(1e-3, 1e2), kind=st.sampled_from(["relative", "absolute", "sigma"]), names=st.sampled_from([(), ("pressed",)]))  # fmt: skip
+    def test_faster_by_a_factor(self, k, kind, names):
+        curve = DATA["wide, sigma"]
+        faster = replace(curve, velocity=k * curve.velocity, sigma=k * curve.sigma)
+        other = fit([faster, *(DATA[name] for name in names)], residuals=kind)
+        assert_alike(other, fitted("wide, sigma", *names, residuals=kind), alpha=k)
+
+    @few
+    @given(k=st.floats(0.1, 10))
+    def test_stiffer_by_a_factor(self, k):
+        stiffer = [replace(one, force=k * one.force) for one in (WIDE, PRESSED)]
+        assert_alike(fit(stiffer), fitted("wide", "pressed"), c_e=k)
+
+    @few
+    @given(order=st.permutations(range(12)), swap=st.booleans())
+    def test_order_does_not_matter(self, order, swap):
+        shuffled = replace(WIDE, force=WIDE.force[order], velocity=WIDE.velocity[order])
+        data = [shuffled, PRESSED, TRACE]
+        assert_alike(fit(data[::-1] if swap else data), fitted("wide", "pressed", "trace"))
+
+    def test_twice_the_data_narrow(self):
+        one, two = fitted("wide"), fitted("wide", "wide")
+        for name in ("c_e", "alpha"):
+            for level, interval in two.intervals[name].items():
+                assert interval.ratio() < one.intervals[name][level].ratio()
+
+    @pytest.mark.parametrize("names", [("wide",), ("ridge",), ("wide", "pressed"), ("wide", "trace")])
+    def test_levels_nest_and_hold_the_fit(self, names):
+        result = fitted(*names)
+        for name in ("c_e", "alpha"):
+            levels = list(result.intervals[name].values())
+            assert all(getattr(result, name) in interval for interval in levels)
+            for inner, outer in pairwise(levels):
+                assert outer.lower <= inner.lower
+                assert outer.upper is None or outer.upper >= inner.upper
+        assert all((result.c_e, result.alpha) in result.region(level) for level in ("68", "95", "99.7"))
+        assert result.test(result.c_e, result.alpha).p_value > 0.99
+
+
+class TestBounds:
+    def test_of_alpha(self):
+        interval = fit(WIDE, bounds={"alpha": (0.08, 0.085)}).intervals["alpha"]["95"]
+        assert (interval.lower, interval.upper) == (None, None), "open at bounds that were given"
+        wide = fit(WIDE, bounds={"alpha": (1e-4, 5.0)})
+        assert ends(wide, "alpha") == pytest.approx(ends(fitted("wide"), "alpha"), rel=1e-3)
+
+    def test_the_force_that_bounds_c_e_is_named(self):
+        window = {"window_start": [0.5, 0.5, 0.5, 0.2], "window_end": [1, 1, 1, 0.3]}
+        curve = VelocityCurve([0.5, 1, 2, 0.6], [0.1, 0.4, 1.5, 0.1], **window, radius=3.0)
+        assert "at 0.6 N there would have been no window" in str(fit(curve).test(1.0, 0.1))
+        with pytest.raises(ValueError, match=r"the window at 0\.6 N needs"):
+            fit(curve, bounds={"c_e": (0.5, 1.0)})
+
+
+class TestWhatItSays:
+    @pytest.mark.parametrize(
+        ("names", "options"),
+        [
+            (["ridge"], {}), (["wide", "pressed", "trace"], {}), (["wide, sigma", "pressed"], {"residuals": "sigma"}),
+            (["wide"], {"residuals": "absolute", "shape": "quartic"}), (["wide"], {"bounds": {"c_e": (1.7, 2.2), "alpha": (0.05, 0.2)}}),
+        ],
+    )  # fmt: skip
+    def test_comes_back_from_json(self, names, options):
+        result = fit([DATA[name] for name in names], **options)
+        text = json.dumps(result.to_dict(), allow_nan=False)
+        for again in (Fit.from_dict(json.loads(text)), pickle.loads(pickle.dumps(result))):
+            assert json.dumps(again.to_dict(), allow_nan=False) == text
+            assert again.report() == result.report()
+            assert again.test(2.1, 0.09) == result.test(2.1, 0.09)
+            assert again.intervals == result.intervals
+
+    def test_unknown_sigma_of_an_indentation(self):
+        # -2 log L of the forces is far below 0: no search may take the root of it
+        result = fitted("wide, sigma", "pressed", residuals="sigma")
+        assert result.status == "ok"
+        assert all(start.objective >= 0 for start in result.starts)
+        assert "nan" not in result.report()
+
+    def test_verdicts(self):
+        told = "c_e and alpha are separately identified: these 12 points (0.3 to 2.6 N)"
+        assert fitted("wide").verdict.startswith(told)
+        assert "no upper end" in fitted("ridge").verdict
+        assert not fitted("ridge").separately_identified
+        assert "not separately identified" in fit(DATA["ridge"], bounds={"c_e": (0.5, 90.0)}).verdict
+
+
+# ---- figures ----
+
+LABELS = {"c_e": "$c_e$ [N/mm²]", "alpha": "$\\alpha$ [1/ms]"}
+
+
+def legend(ax) -> list[str]:
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def test_plot_of_the_region():
+    ax = fitted("wide").plot_region(points={"paper": (2.145, 0.087)})
+    assert (ax.get_xlabel(), ax.get_ylabel()) == tuple(LABELS.values())
+    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
+    assert legend(ax) == ["99.7 %", "95 %", "68 %", "fit", "paper"]
+    shown = legend(fitted("ridge").plot_region())[:3]
+    assert shown == ["99.7 %, open above", "95 %, open above", "68 %"]
+
+
+@pytest.mark.parametrize("names", [("wide",), ("ridge",), ("ridge", "pressed")])
+@pytest.mark.parametrize(("name", "direction"), [("c_e", C_E), ("alpha", ALPHA)])
+def test_plot_of_a_profile(name, direction, names):
+    result = fitted(*names)
+    ax = result.plot_profile(name)
+    assert (ax.get_xlabel(), ax.get_ylabel()) == (LABELS[name], "rise of $-2 \\log L$")
+    texts = {text.get_text() for text in ax.texts}
+    assert {"68 %", "95 %", "99.7 %"} <= texts
+    assert ("open above" in texts) == (names == ("ridge",))
+    # an indentation has a scatter of its own, so that the limits of alpha differ from those of c_e
+    limits = [result.evidence.calibration.limit(level, direction) for level in (0.68, 0.95, 0.997)]
+    drawn = sorted(line.get_ydata()[0] for line in ax.lines if line.get_linestyle() == "--")
+    np.testing.assert_allclose(drawn, limits)
+    # the curve passes through the fit, reaches the lower end's limit, and is drawn without gaps
+    x, rise = (np.asarray(values) for values in ax.lines[0].get_data())
+    value, end = getattr(result, name), result.intervals[name]["95"].lower
+    assert x[0] < end < value < x[-1]
+    assert np.interp(value, x, rise) < 0.1
+    assert np.interp(end, x, rise) == pytest.approx(limits[1], rel=0.05)
+    if names == ("wide",):  # and without jags
+        near, low = rise < limits[2], int(np.argmin(rise))
+        assert (np.diff(rise[low:])[near[low + 1 :]] > -1e-3).all()
+        assert (np.diff(rise[: low + 1])[near[:low]] < 1e-3).all()
+
+
+def test_plot_of_the_velocities():
+    ax = fitted("wide").plot(alpha_lines=0.01)
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("force [N]", "penetration velocity [mm/s]")
+    shown = legend(ax)
+    assert (shown[:2], shown[3]) == (["synthetic data", "95 % band"], "$\\alpha$ ± 0.01 /ms")
+    assert len(ax.lines) == 4
+    force, velocity = ax.lines[1].get_data()
+    np.testing.assert_allclose(velocity, fitted("wide").velocity(force))
+    assert force.max() == pytest.approx(1.04 * 2.6)
+    assert fitted("wide").plot(ax, log=True) is ax
+
+
+def test_traces_and_another_radius_in_the_figure():
+    small = curve_of([0.1, 0.2, 0.5], burr=Burr(1.5), material=BONE)
+    result = fit([DATA["wide"], small, DATA["trace"]])
+    assert {"segments of traces", "fit, over each row's window", "fit, R = 1.5 mm"} <= set(
+        legend(result.plot(log=True))
+    )
+    with pytest.raises(ValueError, match="radius must be given: the data are of several radii"):
+        result.velocity(1.0)

@@ -55,23 +55,6 @@ def test_rig_sweep_and_specimen():
     assert specimen.bone.digest() == before, "descents work on copies"
 
 
-def test_ctrl_c_keeps_what_is_done(monkeypatch):
-    import burrlab.descent.sweep as module
-
-    class Bar:
-        def __init__(self, futures, **_):
-            self.futures = futures
-
-        def __iter__(self):
-            yield next(iter(self.futures))
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(module, "tqdm", Bar)
-    curve = sweep(forces=(0.3, 1.0, 2.0), repeats=1)
-    assert "ok" in curve.status
-    assert set(curve.status) <= {"ok", "interrupted"}
-
-
 # Descents of a few ticks, each on its copy of a bone of 24 MB.
 PEAKS = """
 import json

@@ -104,7 +104,7 @@ class Likelihood:
     def own_residuals(self, c_e: float, alpha: float) -> Floats:
         """Residuals of the curves' rows about the best fit to these rows alone, taken to be linear near the fit.
 
-        Other rows pull the fit away from it: what they do is taken off along the derivatives.
+        Other rows pull the fit away from there. Their pull is taken off along the derivatives.
         """
         _, _, J, r, _ = self._derivatives(c_e, alpha)[0]
         J, r = J[: len(self._single)], r[: len(self._single)]

@@ -191,7 +191,8 @@ class Minimum:
 def minima(likelihood: Likelihood, domain: Domain) -> list[Minimum]:
     """Minima of the walk in a domain, the lowest first; none where there is no window.
 
-    A rise of up to `FLAT` parts no two of them. Between the kinks of its domain the profile is smooth: each part is searched for itself.
+    Two minima are parted by a rise of more than `FLAT`. Between the kinks of its domain the profile is smooth, and
+    each such part is searched by itself.
     """
     kinks = [kink for kink in domain.kinks if domain.low < kink < domain.high]
     c_e = np.unique(np.append(domain.grid, kinks))
@@ -244,10 +245,10 @@ def _followed(likelihood: Likelihood, domain: Domain, low: Floats, high: Floats,
 
 
 def at_ridge(likelihood: Likelihood, domain: Domain, lowest: Minimum) -> Minimum:
-    """The point that counts where the ridge is flat: its smallest c_e from which on all are equally good.
+    """The point that counts: where the ridge is flat, the smallest c_e of the flat stretch.
 
-    Equally good is -2 log L within `FLAT` of its lowest; all are those up to the end of the domain. Without a
-    flat stretch of 5 % in c_e the lowest point itself counts.
+    The stretch reaches to the end of the domain, and -2 log L stays within `FLAT` of its lowest in it. If it
+    spans less than 5 % of c_e, the lowest point itself counts.
     """
     begin = max(domain.entry, domain.low)
     if begin >= domain.high:

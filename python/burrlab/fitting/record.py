@@ -6,6 +6,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import IO, Any, Self
@@ -233,12 +234,13 @@ class FitRecord:
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Write the fit, data included, as JSON that `from_json` reads back without loss."""
-        if isinstance(file, (str, os.PathLike)):
-            with open(file, "w", encoding="utf-8") as stream:
-                self.to_json(stream)
-        else:
-            json.dump(self.to_dict(), file, indent=1, allow_nan=False)
-            file.write("\n")
+        with (
+            open(file, "w", encoding="utf-8")
+            if isinstance(file, (str, os.PathLike))
+            else nullcontext(file) as to
+        ):
+            json.dump(self.to_dict(), to, indent=1, allow_nan=False)
+            to.write("\n")
 
     @classmethod
     def from_json(cls, file: str | os.PathLike[str] | IO[Any]) -> Self:
@@ -249,11 +251,9 @@ class FitRecord:
         ValueError
             If the file is not the JSON of a fit.
         """
-        if isinstance(file, (str, os.PathLike)):
-            with open(file, "rb") as stream:
-                return cls.from_json(stream)
-        name = getattr(file, "name", "JSON text")
-        return parsed(name, file.read(), "the JSON of a fit", cls.from_dict)
+        with open(file, "rb") if isinstance(file, (str, os.PathLike)) else nullcontext(file) as given:
+            name = getattr(given, "name", "JSON text")
+            return parsed(name, given.read(), "the JSON of a fit", cls.from_dict)
 
 
 @by_value

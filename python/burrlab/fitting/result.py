@@ -181,8 +181,8 @@ class Fit(FitRecord):
         """Velocities as squares, the fitted line and its 95 % band, as in Fig. 5 of the paper.
 
         The line is the mean-field prediction over the default window, one each radius; the band is the range
-        of the lines with parameters in the joint 95 % region, so it holds for all forces at once. Where rows have windows of their own, or
-        the engine is voxel, the prediction of each row is drawn as a dot besides.
+        of the lines with parameters in the joint 95 % region, so it holds for all forces at once. Where rows have
+        windows of their own, or the engine is voxel, a dot is the prediction of each row.
 
         Parameters
         ----------
@@ -222,7 +222,6 @@ class Fit(FitRecord):
         ValueError
             If the name is another, or the fit gave nothing.
         """
-        self._evidence()
         refuse(name not in ("c_e", "alpha"), f"name must be 'c_e' or 'alpha': got {name!r}")
         return plot_profile(self, name, ax)
 
@@ -248,7 +247,6 @@ class Fit(FitRecord):
         ValueError
             If the fit gave nothing.
         """
-        self._evidence()
         return plot_region(self, ax, points, combination)
 
     def __repr__(self) -> str:
@@ -328,12 +326,11 @@ def band(fit: Fit, force: Floats, radius: float) -> tuple[Floats, Floats]:
 
 def plot_profile(fit: Fit, name: str, ax: Axes | None) -> Axes:
     """See `Fit.plot_profile`."""
-    ax = axes_or_new(ax)
-    assert fit.evidence is not None
-    profile = fit.evidence.profile
+    evidence, ax = fit._evidence(), axes_or_new(ax)
+    profile = evidence.profile
     x, rise = (profile.c_e, profile.c_e_rise) if name == "c_e" else (profile.alpha, profile.alpha_rise)
     direction = {"c_e": C_E, "alpha": ALPHA}[name]
-    limits = {level: fit.evidence.calibration.limit(p, direction) for level, p in LEVELS.items()}
+    limits = {level: evidence.calibration.limit(p, direction) for level, p in LEVELS.items()}
     top = 1.6 * limits["99.7"]
     near = np.flatnonzero((rise < top) & (x < 12 * getattr(fit, name)))
     shown = slice(max(near[0] - 1, 0), near[-1] + 2)
@@ -360,12 +357,11 @@ def plot_region(
     fit: Fit, ax: Axes | None, points: Mapping[str, tuple[float, float]] | None, combination: bool
 ) -> Axes:
     """See `Fit.plot_region`."""
-    ax = axes_or_new(ax)
-    assert fit.evidence is not None
+    profile, ax = fit._evidence().profile, axes_or_new(ax)
     widest = 12 * fit.c_e
-    p = fit.evidence.profile.identified.exponent if combination else 0.0
+    p = profile.identified.exponent if combination else 0.0
     for level in reversed(list(LEVELS)):
-        region = fit.evidence.profile.regions[level]
+        region = profile.regions[level]
         near = region.c_e <= widest
         suffix = ", open above" if region.open_above else ""
         c_e = region.c_e[near]

@@ -52,7 +52,7 @@ class Ridge:
 
 
 def ridge_of(likelihood: Likelihood, exponent: float, best: tuple[float, float], profile: Profile) -> Ridge:
-    """Compare the best point with the ridge; whether it is excluded says the profile."""
+    """The best point beside the ridge; the profile says whether the ridge is excluded."""
     o = likelihood.observations
     entry = float(o.ridge_entries().max())
     c_e, alpha = best
@@ -79,7 +79,7 @@ def status_of(
     ridge: Ridge,
     missed: float,
 ) -> tuple[str, str]:
-    """Status and reason of a fit, the gravest first; nlopt's -2 log L is by `missed` below the walk's."""
+    """Status and reason of a fit, the gravest first; `missed` is how far nlopt's -2 log L lies below the walk's."""
     at = bound_reached(observations, box, best.end)
     if missed > FLAT:
         return (

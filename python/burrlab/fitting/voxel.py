@@ -167,8 +167,9 @@ _NODES, _DEGREE = 10, 3  # points in log c_e, and the polynomial through the dev
 _FEWEST = 3  # points at which every force must have a number; fewer than five lower the degree
 _CLOSE = (1.002, 1.05, 1.12)  # points above the bound of c_e, where windows get short
 _HALVINGS = 5  # of the gap below the lowest c_e at which every force has a window
-_ROUNDS = 6  # of tables, while the best alpha or c_e moves away from the table's, or is too fast for windows
-_SLOWER = 3.0  # by this alpha is divided where windows have too few ticks, for a first table
+# While the best alpha or c_e moves away from the last table's, or is too fast for windows, so many tables are made.
+_ROUNDS = 6
+_SLOWER = 3.0  # a first table divides alpha by this where windows have too few ticks
 _MOVED = 0.2  # in log alpha: there the velocity is no longer proportional to alpha within the scatter
 _RIDGE_PART = 2.0  # the table ends at twice the c_e at which the ridge begins: further on nothing changes
 _LARGEST_STEP = 1.0  # alpha dt at most: beyond, a tick removes what it should erode

@@ -198,6 +198,7 @@ class TestResult:
         assert again.to_dict() == result.to_dict()
         assert (again.curve, again.starts, again.ridge) == (result.curve, result.starts, result.ridge)
         assert "AIC, BIC" in result.report()
+        assert " % estimated from 6 rows" in result.report()
 
     def test_material(self):
         material = fit(CURVE, BURR).material("my bone")

@@ -15,11 +15,11 @@ from burrlab.common.check import refuse, require_type
 from burrlab.common.figures import REFERENCE, axes_or_new, tidy
 from burrlab.common.provenance import provenance
 from burrlab.fitting.likelihood import MODEL_ERROR
-from burrlab.fitting.observations import WINDOW_END, Floats, Rows
+from burrlab.fitting.observations import Floats, Rows
 from burrlab.fitting.region import NewData, NewRegion, RegionGrid
 from burrlab.fitting.result import Fit
 from burrlab.fitting.verdict import SEPARATE
-from burrlab.theory.continuum import MasterCurve
+from burrlab.theory.continuum import PER_SECOND, WINDOW_STOP, MasterCurve
 
 if TYPE_CHECKING:
     import pandas
@@ -342,9 +342,9 @@ def design(
     new = NewData(n, scatter)
     for R in radius.tolist():
         for F in force.tolist():
-            log_unit = np.log(1e3 * R * curve.velocity_ratio(F / (c_e * R**2)))  # 1/ms is 1000/s
+            log_unit = np.log(PER_SECOND * R * curve.velocity_ratio(F / (c_e * R**2)))
             log_velocity = log_unit[:, None] + grid.log_alpha
-            ceiling = F / (R**2 * WINDOW_END**1.5)
+            ceiling = F / (R**2 * WINDOW_STOP**1.5)
             after, overloaded = _expected(grid, truth, log_velocity, new, ceiling)
             found.append(_candidate(grid, after, overloaded, n, R, force=F))
     if len(depth):

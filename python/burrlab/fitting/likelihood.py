@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from burrlab._core import Shape
 from burrlab.common.check import refuse
 from burrlab.fitting.observations import Floats, Observations, ResidualKind, Rows, Scatter
-from burrlab.theory.continuum import MasterCurve
+from burrlab.theory.continuum import PER_SECOND, MasterCurve
 
 
 class Model(Protocol):
@@ -48,7 +48,7 @@ class MeanFieldModel:
         for start, end, pressure, rows, inverse in self._groups:
             distinct = np.asarray(self._curve.velocity_ratio(pressure / stiffness, start, end))
             ratio[..., rows] = distinct[..., inverse]
-        return 1e3 * self._radius * ratio  # 1/ms is 1000/s
+        return PER_SECOND * self._radius * ratio
 
     def predict(self, c_e: float, alpha: float) -> Floats:
         """Velocity [mm/s] of every velocity row at c_e [N/mm^2], alpha [1/ms]."""

@@ -15,6 +15,7 @@ from burrlab.common.check import refuse
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
 from burrlab.measured.indentation import Indentation
+from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 
 Floats: TypeAlias = NDArray[np.float64]
 Rows: TypeAlias = NDArray[np.intp]
@@ -22,7 +23,6 @@ ResidualKind: TypeAlias = Literal["relative", "absolute", "sigma"]
 Bounds: TypeAlias = dict[str, tuple[float, float]]
 Data: TypeAlias = VelocityCurve | Indentation | DepthTrace
 
-WINDOW_START, WINDOW_END = 1 / 6, 1 / 3  # of the default window, in radii (docs/model.md, section 4)
 SEGMENTS = 5  # parts of equal depth that a trace is compared in
 C_E_RANGE = 100.0  # upper bound of c_e over its lower one, see `bounds_of`
 ALPHA_BOUNDS = (1e-5, 10.0)  # [1/ms], see `bounds_of`
@@ -175,7 +175,7 @@ class Observations:
 
 def _static_c_e(force: Floats, end: Floats, radius: Floats | float) -> Floats:
     """c_e [N/mm^2] at which static contact alone ends at `end` [mm], NaN for R/3."""
-    relative = np.where(np.isnan(end), WINDOW_END, end / radius)
+    relative = np.where(np.isnan(end), WINDOW_STOP, end / radius)
     return np.asarray(force / (radius**2 * relative**1.5))
 
 

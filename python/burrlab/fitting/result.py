@@ -25,7 +25,7 @@ from burrlab.fitting.observations import Floats, Observations, bounds_of
 from burrlab.fitting.profile import ALPHA, C_E, Domain, lowest
 from burrlab.fitting.record import FitRecord
 from burrlab.measured.curve import VelocityCurve
-from burrlab.theory.continuum import MasterCurve
+from burrlab.theory.continuum import PER_SECOND, MasterCurve
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -171,7 +171,7 @@ class Fit(FitRecord):
             raise ValueError("radius must be given: the data are of several radii")
         window = [None if end is None else end / R for end in (start_mm, end_mm)]
         phi = np.asarray(force, dtype=np.float64) / (self.c_e * R**2)
-        return 1e3 * self.alpha * R * MasterCurve(self.shape).velocity_ratio(phi, *window)
+        return PER_SECOND * self.alpha * R * MasterCurve(self.shape).velocity_ratio(phi, *window)
 
     def report(self) -> str:
         """The fit as aligned text blocks."""
@@ -317,7 +317,7 @@ def band(fit: Fit, force: Floats, radius: float) -> tuple[Floats, Floats]:
     region = fit.evidence.profile.regions["95"]
     picked = np.unique(np.linspace(0, len(region.c_e) - 1, _BAND).round().astype(int))
     curve = MasterCurve(fit.shape)
-    unit = 1e3 * radius * curve.velocity_ratio(force / (region.c_e[picked, None] * radius**2))
+    unit = PER_SECOND * radius * curve.velocity_ratio(force / (region.c_e[picked, None] * radius**2))
     with np.errstate(invalid="ignore"):
         low = np.nanmin(np.where(np.isnan(unit), np.inf, unit * region.lower[picked, None]), axis=0)
         high = np.nanmax(np.where(np.isnan(unit), -np.inf, unit * region.upper[picked, None]), axis=0)

@@ -19,8 +19,9 @@ from burrlab.descent.descent import descend
 from burrlab.descent.result import Descent
 from burrlab.descent.sweep import item_seed
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import WINDOW_END, WINDOW_START, Box, Floats, Observations, Rows
+from burrlab.fitting.observations import Box, Floats, Observations, Rows
 from burrlab.theory.closed_forms import FEWEST_TICKS, samples_between
+from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 
 Window: TypeAlias = tuple[float | None, float | None]  # in radii; None is the default end
 
@@ -126,7 +127,7 @@ def sink(descent: VoxelDescent) -> list[float]:
     """Penetration velocity [mm/s] over each window; NaN without a number, infinite without a window."""
     R, given = descent.burr.radius, descent.settings
     windows = [
-        (R * (WINDOW_START if start is None else start), R * (WINDOW_END if end is None else end))
+        (R * (WINDOW_START if start is None else start), R * (WINDOW_STOP if end is None else end))
         for start, end in descent.windows
     ]
     stop = max(end for _, end in windows)

@@ -15,7 +15,7 @@ from burrlab.common.table import Floats
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
 from burrlab.measured.indentation import Indentation
-from burrlab.theory.continuum import MasterCurve, mean_field_descent
+from burrlab.theory.continuum import mean_field_descent, penetration_velocity
 
 
 def synthetic_curve(
@@ -69,9 +69,8 @@ def synthetic_curve(
     )
     seed = _seed(seed)
 
-    phi = force / (material.c_e * burr.radius**2)
-    mean = 1e3 * material.alpha * burr.radius * MasterCurve(material.shape).velocity_ratio(phi)
-    velocity = _scattered(np.asarray(mean), repeats, scatter, seed)
+    mean = np.asarray(penetration_velocity(burr, material, force))
+    velocity = _scattered(mean, repeats, scatter, seed)
     status = ["ok" if np.isfinite(v) else "overloaded" for v in velocity]
     return VelocityCurve(
         np.repeat(force, repeats),

@@ -213,59 +213,49 @@ def test_comments_blank_lines_bom_and_crlf() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "text", "match"),
-    [
-        (VelocityCurve, "", "CSV text: the file is empty"),
-        (VelocityCurve, CURVE, "CSV text: there is no row below the column names"),
-        (VelocityCurve, "force_N\n1\n", "line 1: column velocity_mm_s is missing"),
-        (VelocityCurve, "# a\nforce_N,velocity\n1,1\n", "line 2: unknown column 'velocity'; known are force_N, velocity_mm_s, "),
-        (VelocityCurve, "force_N,velocity_mm_s,force_N\n1,1,1\n", "line 1: column force_N is there twice"),
-        (VelocityCurve, "force_N,velocity_mm_s,window_start_mm\n1,1,0.5\n", "column window_start_mm needs column window_end_mm"),
-        (VelocityCurve, "force_N,velocity_mm_s,window_end_mm\n1,1,0.5\n", "column window_end_mm needs column window_start_mm"),
-        (VelocityCurve, "force_N;velocity_mm_s\n1;1\n", "line 1: the separator must be a comma, not semicolons"),
-        (VelocityCurve, "force_N\tvelocity_mm_s\n1\t1\n", "line 1: the separator must be a comma, not tabs"),
-        (VelocityCurve, CURVE + "# c\n1,0.5\n2,fast\n", "line 4, column velocity_mm_s: 'fast' is not a number"),
-        (VelocityCurve, CURVE + "1_0,0.5\n", "line 2, column force_N: '1_0' is not a number"),
-        (VelocityCurve, CURVE + "1,0\n", "line 2, column velocity_mm_s: must be a finite number above 0, in mm/s: got 0.0"),
-        (VelocityCurve, CURVE + "1,nan\n", "line 2, column velocity_mm_s: must be a finite number, or empty"),
-        (VelocityCurve, CURVE + ",0.5\n", "line 2, column force_N: every row needs a force"),
-        (VelocityCurve, CURVE + "1,0.5,2\n", r"line 2: 2 fields are due \(force_N, velocity_mm_s\), found 3"),
-        (VelocityCurve, CURVE + '1,"0.5\n', "line 2: not a line of comma-separated fields"),
-        (VelocityCurve, WINDOW + "1,1,1,0.5\n", "line 2, column window_start_mm: must be below the window's end of 0.5 mm: got 1.0"),
-        (VelocityCurve, f"# radius_mm: big\n{CURVE}1,1\n", "radius_mm in the comments must be a finite number above 0: got 'big'"),
-        (Indentation, "force_N\n1\n", "line 1: column depth_mm is missing"),
-        (Indentation, "depth_mm\n1\n", "line 1: column force_N is missing"),
-        (Indentation, PRESS + ",0.1\n", "line 2, column force_N: every row needs a force"),
-        (Indentation, PRESS + "1,\n", "line 2, column depth_mm: every row needs a depth"),
-        (Indentation, PRESS + "1,0.1\n1,10\n", "CSV text: row 1, depth: must be below 2R = 10 mm: got 10.0"),
-        (Indentation, f"# radius_mm: 4\n{PRESS}1,1\n", "radius must be the 4.0 of the comment '# radius_mm:' in the file: got 5.0"),
-        (DepthTrace, "time_s\n1\n", "line 1: column immersion_mm is missing"),
-        (DepthTrace, "immersion_mm\n1\n", "line 1: column time_s is missing"),
-        (DepthTrace, TRACE + ",1\n", "line 2, column time_s: every row needs a time"),
-        (DepthTrace, TRACE + "1,\n", "line 2, column immersion_mm: every row needs an immersion"),
-        (DepthTrace, "# force_N: 2\n" + TRACE + ROWS, "force must be the 2.0 of the comment .* got 1.0"),
-        (DepthTrace, "# force_N: no\n" + TRACE + ROWS, "force_N in the comments must be .* got 'no'"),
-        (DepthTrace, "# window_mm: 0.5\n" + TRACE + ROWS, "window_mm in the comments must be two numbers, start and end: got '0.5'"),
-        (DepthTrace, TRACE + ROWS + "2,1.1\n", r"CSV text: row 21, time: must be above the 2\.0 s"),
-    ],
-)  # fmt: skip
-def test_bad_files(kind: Any, text: str, match: str) -> None:
-    with pytest.raises(ValueError, match=match):
-        read(kind, text, **GIVEN[kind])
-
-
-@pytest.mark.parametrize(
     ("kind", "text", "arguments", "match"),
     [
+        *((kind, text, GIVEN[kind], match) for kind, text, match in [
+            (VelocityCurve, "", "CSV text: the file is empty"),
+            (VelocityCurve, CURVE, "CSV text: there is no row below the column names"),
+            (VelocityCurve, "force_N\n1\n", "line 1: column velocity_mm_s is missing"),
+            (VelocityCurve, "# a\nforce_N,velocity\n1,1\n", "line 2: unknown column 'velocity'; known are force_N, velocity_mm_s, "),
+            (VelocityCurve, "force_N,velocity_mm_s,force_N\n1,1,1\n", "line 1: column force_N is there twice"),
+            (VelocityCurve, "force_N,velocity_mm_s,window_start_mm\n1,1,0.5\n", "column window_start_mm needs column window_end_mm"),
+            (VelocityCurve, "force_N,velocity_mm_s,window_end_mm\n1,1,0.5\n", "column window_end_mm needs column window_start_mm"),
+            (VelocityCurve, "force_N;velocity_mm_s\n1;1\n", "line 1: the separator must be a comma, not semicolons"),
+            (VelocityCurve, "force_N\tvelocity_mm_s\n1\t1\n", "line 1: the separator must be a comma, not tabs"),
+            (VelocityCurve, CURVE + "# c\n1,0.5\n2,fast\n", "line 4, column velocity_mm_s: 'fast' is not a number"),
+            (VelocityCurve, CURVE + "1_0,0.5\n", "line 2, column force_N: '1_0' is not a number"),
+            (VelocityCurve, CURVE + "1,0\n", "line 2, column velocity_mm_s: must be a finite number above 0, in mm/s: got 0.0"),
+            (VelocityCurve, CURVE + "1,nan\n", "line 2, column velocity_mm_s: must be a finite number, or empty"),
+            (VelocityCurve, CURVE + ",0.5\n", "line 2, column force_N: every row needs a force"),
+            (VelocityCurve, CURVE + "1,0.5,2\n", r"line 2: 2 fields are due \(force_N, velocity_mm_s\), found 3"),
+            (VelocityCurve, CURVE + '1,"0.5\n', "line 2: not a line of comma-separated fields"),
+            (VelocityCurve, WINDOW + "1,1,1,0.5\n", "line 2, column window_start_mm: must be below the window's end of 0.5 mm: got 1.0"),
+            (VelocityCurve, f"# radius_mm: big\n{CURVE}1,1\n", "radius_mm in the comments must be a finite number above 0: got 'big'"),
+            (Indentation, "force_N\n1\n", "line 1: column depth_mm is missing"),
+            (Indentation, "depth_mm\n1\n", "line 1: column force_N is missing"),
+            (Indentation, PRESS + ",0.1\n", "line 2, column force_N: every row needs a force"),
+            (Indentation, PRESS + "1,\n", "line 2, column depth_mm: every row needs a depth"),
+            (Indentation, PRESS + "1,0.1\n1,10\n", "CSV text: row 1, depth: must be below 2R = 10 mm: got 10.0"),
+            (Indentation, f"# radius_mm: 4\n{PRESS}1,1\n", "radius must be the 4.0 of the comment '# radius_mm:' in the file: got 5.0"),
+            (DepthTrace, "time_s\n1\n", "line 1: column immersion_mm is missing"),
+            (DepthTrace, "immersion_mm\n1\n", "line 1: column time_s is missing"),
+            (DepthTrace, TRACE + ",1\n", "line 2, column time_s: every row needs a time"),
+            (DepthTrace, TRACE + "1,\n", "line 2, column immersion_mm: every row needs an immersion"),
+            (DepthTrace, "# force_N: 2\n" + TRACE + ROWS, "force must be the 2.0 of the comment .* got 1.0"),
+            (DepthTrace, "# force_N: no\n" + TRACE + ROWS, "force_N in the comments must be .* got 'no'"),
+            (DepthTrace, "# window_mm: 0.5\n" + TRACE + ROWS, "window_mm in the comments must be two numbers, start and end: got '0.5'"),
+            (DepthTrace, TRACE + ROWS + "2,1.1\n", r"CSV text: row 21, time: must be above the 2\.0 s"),
+        ]),
         (Indentation, PRESS + "1,1\n", {}, "the radius is unknown: add the comment '# radius_mm: ...' or give radius="),
         (Indentation, PRESS + "1,1\n", {"radius": -5.0}, "CSV text: radius must be a finite number above 0, in mm: got -5.0"),
         (DepthTrace, TRACE + ROWS, {"radius": 3}, "the force is unknown: add the comment '# force_N: ...' or give force="),
         (DepthTrace, TRACE + ROWS, {"force": 1}, "the radius is unknown: add the comment '# radius_mm: ...' or give radius="),
     ],
 )  # fmt: skip
-def test_what_neither_file_nor_caller_says(
-    kind: Any, text: str, arguments: dict[str, float], match: str
-) -> None:
+def test_bad_files(kind: Any, text: str, arguments: dict[str, float], match: str) -> None:
     with pytest.raises(ValueError, match=match):
         read(kind, text, **arguments)
 

@@ -15,7 +15,7 @@ import pytest
 
 import burrlab
 from burrlab.common.study import Store
-from burrlab.descent.sweep import SweepItem, item_seed, run_item
+from burrlab.descent.sweep import SweepItem, item_seed, run_item, specimen_seed
 
 BURR, BONE = burrlab.Burr(3.0), burrlab.materials["bone"]
 
@@ -38,6 +38,11 @@ def test_rows_do_not_depend_on_workers_or_order(alone):
     assert len(set(alone.velocity)) == 6, "repeats differ"
     run = burrlab.descend(BURR, BONE, 1.5, voxel=0.4, seed=item_seed(7, 1.5, 1), ideal=True)
     assert run.penetration_velocity == alone.velocity[3], "one can be rerun by itself"
+
+
+def test_a_seed_keeps_its_meaning():
+    """Other numbers would be other data under the seeds that results tell."""
+    assert (item_seed(7, 1.5, 1), specimen_seed(7)) == (8615454696755746968, 17559002276220262541)
 
 
 def test_rows_without_a_window_keep_force_and_status():

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 
 import numpy as np
 import pytest
-from test_study import Item, calls, work
+from test_study import Item, calls, slowly, work
 
 import burrlab
 from burrlab.common.study import Store, StudyInterrupted, run_items
@@ -36,11 +35,6 @@ def executor(client):
     """Of two workers: one that an earlier test killed has come back."""
     client.wait_for_workers(2, timeout=60)
     return client.get_executor()
-
-
-def slowly(item: Item) -> tuple[int, float]:
-    time.sleep(0.02)
-    return work(item)
 
 
 ITEMS = [Item(i) for i in range(40)]

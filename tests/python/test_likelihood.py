@@ -7,74 +7,49 @@ from functools import cache
 
 import numpy as np
 import pytest
+from fit_scenes import BONE, BURR, DATA, FORCES, curve_of, with_sigma
 from scipy import stats
 
-from burrlab import materials
 from burrlab._core import Burr, Material
 from burrlab.fitting.fit import Fit, fit
 from burrlab.fitting.observations import Calibration, Scatter
+from burrlab.fitting.profile import ALPHA, C_E
 from burrlab.measured.curve import VelocityCurve
-from burrlab.measured.synthetic import synthetic_curve, synthetic_indentation, synthetic_trace
+from burrlab.measured.synthetic import synthetic_indentation, synthetic_trace
 from burrlab.theory.continuum import penetration_velocity
 from reference.likelihood import Oracle
 
-BURR, BONE = Burr(3.0), materials["bone"]
-WIDE = np.geomspace(0.3, 2.6, 6)
-C_E, ALPHA = (1.0, 0.0), (0.0, 1.0)
-
-
-def curve_of(forces=WIDE, *, burr=BURR, shape="parabolic", **options):
-    material = Material("m", c_e=2.145, alpha=0.087, shape=shape)
-    return synthetic_curve(burr, material, forces, **{"seed": 3, "scatter": 0.08, "repeats": 2} | options)
-
-
-def with_sigma(curve, part=0.08):
-    return replace(curve, sigma=part * curve.velocity)
+CURVE, PRESSED = DATA["wide"], DATA["pressed"]
+SIGMA, PRESSED_SIGMA = DATA["wide, sigma"], with_sigma(PRESSED, 0.06)
+TRACES = [synthetic_trace(BURR, BONE, F, run_scatter=0.08, seed=i) for i, F in enumerate((0.5, 1.0, 2.0))]
+QUARTIC = Material("m", c_e=2.145, alpha=0.087, shape="quartic")
 
 
 def windows_of_their_own():
     force = np.tile([0.4, 0.8, 1.4, 2.0], 2)
-    start, end = np.repeat([0.3, 0.5], 4), np.repeat([0.9, 1.2], 4)
-    mean = [penetration_velocity(BURR, BONE, *row) for row in zip(force, start, end, strict=True)]
-    random = np.random.default_rng(5)
-    velocity = mean * np.exp(0.05 * random.standard_normal(8))
-    window = {"window_start": start, "window_end": end}
-    return VelocityCurve(force, velocity, **window, radius=3.0)
+    window = np.repeat([0.3, 0.5], 4), np.repeat([0.9, 1.2], 4)
+    mean = [penetration_velocity(BURR, BONE, *row) for row in zip(force, *window, strict=True)]
+    velocity = mean * np.exp(0.05 * np.random.default_rng(5).standard_normal(8))
+    return VelocityCurve(force, velocity, None, *window, radius=3.0)
 
-
-def overloaded():
-    return synthetic_curve(BURR, BONE, [0.5, 0.8, 1.2, 3.9], repeats=2, scatter=0.08, seed=2)
-
-
-PRESSED = synthetic_indentation(BURR, BONE, [0.05, 0.1, 0.2, 0.3], scatter=0.06, seed=2)
-TRACES = tuple(
-    synthetic_trace(BURR, BONE, F, run_scatter=0.08, seed=i) for i, F in enumerate((0.5, 1.0, 2.0))
-)
 
 CASES = {
-    "relative": ([curve_of()], {}),
-    "absolute": ([curve_of()], {"kind": "absolute"}),
-    "sigma": ([with_sigma(curve_of())], {"kind": "sigma"}),
-    "open": ([curve_of([0.3, 0.4, 0.5, 0.6])], {}),
-    "narrow": ([curve_of([0.3, 0.8, 1.2])], {}),
+    "relative": ([CURVE], {}),
+    "absolute": ([CURVE], {"kind": "absolute"}),
+    "sigma": ([SIGMA], {"kind": "sigma"}),
+    "open": ([DATA["ridge"]], {}),
     "no scatter but the model's": ([curve_of(scatter=1e-3)], {}),
     "windows": ([windows_of_their_own()], {}),
-    "two radii": ([curve_of(), curve_of(WIDE / 4, burr=Burr(1.5))], {}),
+    "two radii": ([CURVE, curve_of(FORCES / 4, burr=Burr(1.5))], {}),
     "indentation": ([curve_of([0.3, 0.4, 0.6]), PRESSED], {}),
     "indentation and absolute": ([curve_of([0.3, 0.4, 1.2]), PRESSED], {"kind": "absolute"}),
-    "indentation of unknown sigma": ([with_sigma(curve_of()), PRESSED], {"kind": "sigma"}),
-    "all sigma": (
-        [with_sigma(curve_of()), replace(PRESSED, sigma=0.06 * PRESSED.force)],
-        {"kind": "sigma"},
-    ),
-    "traces": ([curve_of(), *TRACES], {}),
-    "traces alone": (list(TRACES), {}),
-    "overloaded": ([overloaded()], {}),
-    "bounds": ([curve_of([0.3, 0.4, 0.5, 0.6])], {"bounds": (1.0, 9.0)}),
-    "linear": ([curve_of(shape="linear")], {"shape": "linear"}),
-    "quartic": ([curve_of(shape="quartic")], {"shape": "quartic"}),
-    "constant": ([curve_of(np.geomspace(0.15, 1.6, 6), shape="constant")], {"shape": "constant"}),
-    "power(1.5)": ([curve_of(shape="power(1.5)")], {"shape": "power(1.5)"}),
+    "indentation of unknown sigma": ([SIGMA, PRESSED], {"kind": "sigma"}),
+    "all sigma": ([SIGMA, PRESSED_SIGMA], {"kind": "sigma"}),
+    "traces": ([CURVE, *TRACES], {}),
+    "traces alone": (TRACES, {}),
+    "overloaded": ([DATA["overloaded"]], {}),
+    "bounds": ([DATA["ridge"]], {"bounds": (1.0, 9.0)}),
+    "quartic": ([curve_of(material=QUARTIC)], {"shape": "quartic"}),
 }
 
 
@@ -110,22 +85,18 @@ class TestAgainstTheOracle:
         assert found.aic == pytest.approx(2 * (2 + unknown) - 2 * expected, abs=1e-7)
         assert found.bic == pytest.approx(np.log(n) * (2 + unknown) - 2 * expected, abs=1e-7)
 
-    def test_information(self, name):
+    def test_information_and_limits(self, name):
         found, oracle, _ = pair(name)
-        shares = oracle.information(found.c_e, found.alpha)
-        scale = np.sqrt(np.outer(*2 * [np.diag(shares.sum(axis=0))]))
+        point = found.c_e, found.alpha
+        shares = oracle.information(*point)
+        expected = shares.sum(axis=0)
+        scale = np.sqrt(np.outer(*2 * [np.diag(expected)]))
         np.testing.assert_allclose(found.evidence.shares / scale, shares / scale, atol=5e-3)
-        expected = oracle.information(found.c_e, found.alpha).sum(axis=0)
         correlation = -expected[0, 1] / np.sqrt(expected[0, 0] * expected[1, 1])
         assert found.correlation == pytest.approx(correlation, abs=1e-4)
-
-    def test_limits(self, name):
-        found, oracle, _ = pair(name)
-        for level in (0.68, 0.95, 0.997):
-            for direction in (None, C_E, ALPHA):
-                d = None if direction is None else np.array(direction)
-                expected = oracle.limit(level, (found.c_e, found.alpha), direction)
-                assert found.evidence.calibration.limit(level, d) == pytest.approx(expected, rel=5e-3)
+        for level, direction in ((0.68, None), (0.95, C_E), (0.997, ALPHA)):
+            limit = found.evidence.calibration.limit(level, direction)
+            assert limit == pytest.approx(oracle.limit(level, point, direction), rel=5e-3)
 
     def test_fit(self, name):
         found, _, (c_e, alpha, base) = pair(name)
@@ -142,14 +113,13 @@ class TestAgainstTheOracle:
 
     def test_interval_of_alpha(self, name):
         found, oracle, (c_e, alpha, base) = pair(name)
-        for level in ("68", "95"):
-            interval, c_e_interval = found.intervals["alpha"][level], found.intervals["c_e"][level]
-            assert (interval.lower is None) == (c_e_interval.lower is None)
-            assert (interval.upper is None) == (c_e_interval.upper is None)
-            if interval.closed:
-                limit = found.evidence.calibration.limit(float(level) / 100, np.array(ALPHA))
-                expected = oracle.interval_of_alpha(limit, (c_e, alpha), base)
-                assert (interval.lower, interval.upper) == pytest.approx(expected, rel=1e-3)
+        interval, c_e_interval = found.intervals["alpha"]["95"], found.intervals["c_e"]["95"]
+        assert (interval.lower is None) == (c_e_interval.lower is None)
+        assert (interval.upper is None) == (c_e_interval.upper is None)
+        if interval.closed:
+            limit = found.evidence.calibration.limit(0.95, ALPHA)
+            expected = oracle.interval_of_alpha(limit, (c_e, alpha), base)
+            assert (interval.lower, interval.upper) == pytest.approx(expected, rel=1e-3)
 
     def test_region(self, name):
         found, oracle, (best, _, base) = pair(name)
@@ -158,75 +128,78 @@ class TestAgainstTheOracle:
         inside = 0
         wide = np.log(region.upper / region.lower).max()
         ends = (0.97 * region.c_e[0], min(1.03 * region.c_e[-1], 4 * best))
-        for c_e in np.geomspace(*ends, 25):
+        for c_e in np.geomspace(*ends, 13):
             unit = oracle.unit(c_e)
             if not oracle.low < c_e < oracle.high or np.isnan(unit).any():
                 assert (c_e, found.alpha) not in region
                 continue
             middle, _ = oracle.best_alpha(c_e)
-            for alpha in middle * np.exp(np.linspace(-wide, wide, 25)):
+            for alpha in middle * np.exp(np.linspace(-wide, wide, 15)):
                 rise = oracle.minus2(c_e, alpha, unit) - base
                 if abs(rise - limit) > 0.02 * limit:
                     assert ((c_e, alpha) in region) == (rise < limit), (c_e, alpha, rise, limit)
                     inside += rise < limit
-        assert inside > 15
+        assert inside > 6
 
 
 def one(n: int, known: bool = False) -> Calibration:
     return Calibration((Scatter("velocity", n, known, 2.0, 1.0),), np.eye(2), np.eye(2)[None])
 
 
+def two(*scatters: tuple[str, int, bool, float], shares: list[np.ndarray]) -> Calibration:
+    made = tuple(Scatter(*scatter, 1.0) for scatter in scatters)
+    return Calibration(made, np.sum(shares, axis=0), np.array(shares))
+
+
 class TestCalibration:
-    @pytest.mark.parametrize("n", [3, 5, 20])
-    @pytest.mark.parametrize("level", [0.5, 0.95, 0.997])
+    @pytest.mark.parametrize("n", [3, 20])
+    @pytest.mark.parametrize("level", [0.5, 0.95])
     def test_one_scatter(self, n, level):
-        for q, direction in ((2, None), (1, np.array(C_E))):
+        for q, direction in ((2, None), (1, C_E)):
             expected = n * np.log(1 + q * stats.f.ppf(level, q, n - 2) / (n - 2))
             assert one(n).limit(level, direction) == pytest.approx(expected, rel=1e-12)
 
-    def test_known_sigma_is_chi_square(self):
-        assert one(7, known=True).limit(0.95) == pytest.approx(stats.chi2.ppf(0.95, 2))
-        assert one(7, known=True).limit(0.95, np.array(C_E)) == pytest.approx(stats.chi2.ppf(0.95, 1))
+    def test_known_sigma_and_many_rows_are_chi_square(self):
+        known = two(
+            ("velocity", 8, True, 1.5),
+            ("force", 5, True, 0.5),
+            shares=[np.diag([1.0, 4.0]), np.diag([9.0, 0.0])],
+        )
+        for made in (one(7, known=True), one(10**6), known):
+            assert made.limit(0.95) == pytest.approx(stats.chi2.ppf(0.95, 2), rel=1e-4)
+            assert made.limit(0.95, C_E) == pytest.approx(stats.chi2.ppf(0.95, 1), rel=1e-4)
+            assert made.probability(5.99) == pytest.approx(stats.chi2.sf(5.99, 2), rel=1e-4)
 
-    def test_many_rows_are_chi_square(self):
-        assert one(10**6).limit(0.95) == pytest.approx(stats.chi2.ppf(0.95, 2), rel=1e-4)
-
-    def test_a_second_scatter_without_a_share_changes_nothing(self):
-        scatters = (Scatter("velocity", 9, False, 2.0, 1.0), Scatter("force", 4, False, 0.0, 1.0))
-        both = Calibration(scatters, np.eye(2), np.array([np.eye(2), np.zeros((2, 2))]))
-        for direction in (None, np.array(C_E), np.array(ALPHA)):
+    def test_two_scatters(self):
+        both = two(
+            ("velocity", 9, False, 2.0), ("force", 4, False, 0.0), shares=[np.eye(2), np.zeros((2, 2))]
+        )
+        for direction in (None, C_E, ALPHA):  # the second has no share
             assert both.limit(0.95, direction) == pytest.approx(one(9).limit(0.95, direction), rel=1e-6)
-
-    def test_a_parameter_each(self):
         # c_e from 5 forces alone, alpha from 8 velocities alone: each has its own t
-        shares = np.array([np.diag([0.0, 4.0]), np.diag([9.0, 0.0])])
-        scatters = (Scatter("velocity", 8, False, 1.0, 1.0), Scatter("force", 5, False, 1.0, 1.0))
-        both = Calibration(scatters, shares.sum(axis=0), shares)
+        both = two(
+            ("velocity", 8, False, 1.0),
+            ("force", 5, False, 1.0),
+            shares=[np.diag([0.0, 4.0]), np.diag([9.0, 0.0])],
+        )
         for n, direction in ((5, C_E), (8, ALPHA)):
             expected = n * np.log(1 + stats.f.ppf(0.95, 1, n - 1) / (n - 1))
-            assert both.limit(0.95, np.array(direction)) == pytest.approx(expected, rel=1e-6)
+            assert both.limit(0.95, direction) == pytest.approx(expected, rel=1e-6)
 
-    def test_known_scatters_are_chi_square(self):
-        shares = np.array([np.diag([1.0, 4.0]), np.diag([9.0, 0.0])])
-        scatters = (Scatter("velocity", 8, True, 1.5, 1.0), Scatter("force", 5, True, 0.5, 1.0))
-        both = Calibration(scatters, shares.sum(axis=0), shares)
-        assert both.limit(0.95) == pytest.approx(stats.chi2.ppf(0.95, 2), rel=1e-6)
-        assert both.probability(5.99) == pytest.approx(stats.chi2.sf(5.99, 2), rel=1e-6)
-
-    @pytest.mark.parametrize("q", [1, 2])
-    @pytest.mark.parametrize("name", ["relative", "sigma", "all sigma", "indentation", "traces"])
-    def test_probability_inverts_the_limit(self, name, q):
-        calibration = pair(name)[0].evidence.calibration
-        direction = None if q == 2 else np.array(C_E)
-        for level in (0.1, 0.68, 0.95, 0.997):
-            rise = calibration.limit(level, direction)
-            assert calibration.probability(rise, direction) == pytest.approx(1 - level, rel=1e-6, abs=1e-12)
-        assert calibration.probability(0.0, direction) == pytest.approx(1.0)
-
-    def test_monte_carlo_error_widens(self):
-        wider = replace(one(9), monte_carlo=0.25)
-        assert wider.limit(0.95) == pytest.approx(1.25 * one(9).limit(0.95))
-        assert wider.probability(wider.limit(0.95)) == pytest.approx(0.05)
+    @pytest.mark.parametrize("direction", [None, C_E])
+    @pytest.mark.parametrize("name", ["relative", "all sigma", "traces"])
+    def test_probability_inverts_the_limit(self, name, direction):
+        for monte_carlo, wider in ((0.0, 1.0), (0.25, 1.25)):
+            calibration = replace(pair(name)[0].evidence.calibration, monte_carlo=monte_carlo)
+            for level in (0.1, 0.95, 0.997):
+                rise = calibration.limit(level, direction)
+                assert rise == pytest.approx(
+                    wider * replace(calibration, monte_carlo=0.0).limit(level, direction)
+                )
+                assert calibration.probability(rise, direction) == pytest.approx(
+                    1 - level, rel=1e-6, abs=1e-12
+                )
+            assert calibration.probability(0.0, direction) == pytest.approx(1.0)
 
     @pytest.mark.slow
     def test_static_indentation_alone_gives_a_t(self):

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from scipy.signal import lfilter
@@ -59,16 +59,6 @@ def written(data: Any) -> str:
     return stream.getvalue()
 
 
-@pytest.mark.parametrize("kind", SOUND)
-def test_columns_are_read_only_copies(kind: Any) -> None:
-    name, values = next((n, np.array(v, float)) for n, v in SOUND[kind].items())
-    data = kind(**{**SOUND[kind], name: values})
-    values[0] = 9.0
-    assert getattr(data, name)[0] == np.asarray(SOUND[kind][name])[0]
-    with pytest.raises(ValueError, match="read-only"):
-        getattr(data, name)[0] = 3.0
-
-
 @pytest.mark.parametrize(
     ("kind", "same", "other"),
     [
@@ -83,17 +73,19 @@ def test_equality_is_by_value(kind: Any, same: dict[str, Any], other: list[dict[
     assert one == kind(**sound)
     assert all(one != kind(**{**sound, **changed}) for changed in other)
     assert one != "x"
-    if kind is DepthTrace:
-        assert one == DepthTrace(**SOUND[kind])
+    assert kind is not DepthTrace or one == DepthTrace(**SOUND[kind])
+    name, given = next((n, np.array(v, float)) for n, v in sound.items())
+    data = kind(**{**sound, name: given})
+    given[0] = 9.0  # columns are copies, which are read-only
+    assert data == one
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(data, name)[0] = 3.0
 
 
-def test_ok_needs_a_velocity_and_a_fine_status() -> None:
+def test_what_a_curve_keeps() -> None:
     curve = VelocityCurve([1, 2, 3, 4], [0.1, NAN, 0.3, 0.4], status=["ok", "ok", "excluded", ""])
     assert curve.ok.tolist() == [True, False, False, True]
     assert VelocityCurve([1, 2], [0.1, NAN]).ok.tolist() == [True, False]
-
-
-def test_provenance_is_plain() -> None:
     curve = VelocityCurve([1], [1], provenance={"voxel": (0.1, 0.2), "n": np.int64(3), "a": np.ones(2)})
     assert curve.provenance == {"voxel": [0.1, 0.2], "n": 3, "a": [1.0, 1.0]}
 
@@ -115,7 +107,6 @@ def test_default_window(shift: float, radius: float, window: tuple[float, float]
         (VelocityCurve, {"force": [1, 2]}, "velocity must have 2 values, one a force: got 1"),
         (VelocityCurve, {"force": [[1]]}, "force must have one dimension"),
         (VelocityCurve, {"force": [1, NAN], "velocity": [1, 1]}, "row 1, force: must be a finite number above 0, in N: got nan"),
-        (VelocityCurve, {"force": [0]}, "row 0, force: must be a finite number above 0, in N: got 0"),
         (VelocityCurve, {"velocity": [-1]}, "row 0, velocity: .*above 0, in mm/s: got -1"),
         (VelocityCurve, {"velocity": [math.inf]}, "row 0, velocity: must be a finite number"),
         (VelocityCurve, {"sigma": [0]}, "row 0, sigma: .*above 0"),
@@ -124,16 +115,13 @@ def test_default_window(shift: float, radius: float, window: tuple[float, float]
         (VelocityCurve, {"window_start": [NAN], "window_end": [1]}, "both its ends or neither"),
         (VelocityCurve, {"status": ["a\nb"]}, "one line of text"),
         (VelocityCurve, {"radius": 0}, "radius must be a finite number above 0"),
-        (Indentation, {"force": [], "depth": []}, "an indentation needs at least one row"),
         (Indentation, {"force": [1, 2]}, "depth must have 2 values, one a force: got 1"),
         (Indentation, {"sigma": [1, 2]}, "sigma must have 1 values, one a force: got 2"),
         (Indentation, {"force": [NAN]}, "row 0, force: must be a finite number above 0, in N: got nan"),
         (Indentation, {"depth": [0]}, "row 0, depth: must be a finite number above 0, in mm: got 0.0"),
-        (Indentation, {"depth": [NAN]}, "row 0, depth: must be a finite number above 0, in mm: got nan"),
         (Indentation, {"sigma": [math.inf]}, "row 0, sigma: must be a finite number above 0, in N: got inf"),
         (Indentation, {"depth": [10]}, "row 0, depth: must be below 2R = 10 mm: got 10.0"),
         (Indentation, {"radius": NAN}, "radius must be a finite number above 0, in mm: got nan"),
-        (DepthTrace, {"time": [TIME]}, "time must have one dimension"),
         (DepthTrace, {"immersion": RISE[1:]}, "immersion must have 21 values, one a time: got 20"),
         (DepthTrace, {"time": TIME[:9], "immersion": RISE[:9]}, "a depth trace needs at least 10 samples: got 9"),
         (DepthTrace, {"force": 0}, "force must be a finite number above 0, in N: got 0.0"),
@@ -142,7 +130,6 @@ def test_default_window(shift: float, radius: float, window: tuple[float, float]
         (DepthTrace, {"immersion": np.append(-math.inf, RISE[1:])}, "row 0, immersion: must be a finite number, in mm: got -inf"),
         (DepthTrace, {"time": np.append(TIME[:-1], TIME[-2])}, r"row 20, time: must be above the 1\.9\d* s of the row before: got 1\.9"),
         (DepthTrace, {"start_mm": 1.0}, "the window must have 0 < start_mm < end_mm <= R: got 1.0 and 1.0"),
-        (DepthTrace, {"start_mm": NAN}, "the window must have 0 < start_mm < end_mm <= R: got nan and 1.0"),
         (DepthTrace, {"start_mm": 0.0}, "the window must have 0 < start_mm < end_mm <= R: got 0.0"),
         (DepthTrace, {"end_mm": 3.1}, "the window must have 0 < start_mm < end_mm <= R: got 0.5 and 3.1"),
         (DepthTrace, {"end_mm": 1.1}, "end_mm must not lie beyond the deepest immersion of 1 mm: got 1.1"),
@@ -226,70 +213,49 @@ def test_comments_blank_lines_bom_and_crlf() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "text", "match"),
-    [
-        (VelocityCurve, "", "CSV text: the file is empty"),
-        (VelocityCurve, "# only this\n\n", "CSV text: the file is empty"),
-        (VelocityCurve, CURVE, "CSV text: there is no row below the column names"),
-        (VelocityCurve, "force_N\n1\n", "line 1: column velocity_mm_s is missing"),
-        (VelocityCurve, "velocity_mm_s,status\n1,ok\n", "line 1: column force_N is missing"),
-        (VelocityCurve, "# a\nforce_N,velocity\n1,1\n", "line 2: unknown column 'velocity'; known are force_N, velocity_mm_s, "),
-        (VelocityCurve, "force_N,velocity_mm_s,force_N\n1,1,1\n", "line 1: column force_N is there twice"),
-        (VelocityCurve, "force_N,velocity_mm_s,window_start_mm\n1,1,0.5\n", "column window_start_mm needs column window_end_mm"),
-        (VelocityCurve, "force_N,velocity_mm_s,window_end_mm\n1,1,0.5\n", "column window_end_mm needs column window_start_mm"),
-        (VelocityCurve, "force_N;velocity_mm_s\n1;1\n", "line 1: the separator must be a comma, not semicolons"),
-        (VelocityCurve, "force_N\tvelocity_mm_s\n1\t1\n", "line 1: the separator must be a comma, not tabs"),
-        (VelocityCurve, CURVE + "# c\n1,0.5\n2,fast\n", "line 4, column velocity_mm_s: 'fast' is not a number"),
-        (VelocityCurve, CURVE + "1_0,0.5\n", "line 2, column force_N: '1_0' is not a number"),
-        (VelocityCurve, CURVE + "1,0\n", "line 2, column velocity_mm_s: must be a finite number above 0, in mm/s: got 0.0"),
-        (VelocityCurve, CURVE + "1,inf\n", "line 2, column velocity_mm_s: must be a finite number"),
-        (VelocityCurve, CURVE + "1,nan\n", "line 2, column velocity_mm_s: must be a finite number, or empty"),
-        (VelocityCurve, CURVE + "0,0.5\n", "line 2, column force_N: must be a finite number above 0, in N"),
-        (VelocityCurve, CURVE + ",0.5\n", "line 2, column force_N: every row needs a force"),
-        (VelocityCurve, CURVE + "1,0.5,2\n", r"line 2: 2 fields are due \(force_N, velocity_mm_s\), found 3"),
-        (VelocityCurve, CURVE + "1\n", "line 2: 2 fields are due .* found 1"),
-        (VelocityCurve, CURVE + '1,"0.5\n', "line 2: not a line of comma-separated fields"),
-        (VelocityCurve, "force_N,velocity_mm_s,sigma_mm_s\n1,1,0\n", "line 2, column sigma_mm_s: .* above 0"),
-        (VelocityCurve, WINDOW + "1,1,1,0.5\n", "line 2, column window_start_mm: must be below the window's end of 0.5 mm: got 1.0"),
-        (VelocityCurve, WINDOW + "1,1,,1\n", "line 2, column window_start_mm: a window needs both its ends or neither"),
-        (VelocityCurve, f"# radius_mm: big\n{CURVE}1,1\n", "radius_mm in the comments must be a finite number above 0: got 'big'"),
-        (Indentation, "force_N\n1\n", "line 1: column depth_mm is missing"),
-        (Indentation, "depth_mm\n1\n", "line 1: column force_N is missing"),
-        (Indentation, PRESS + ",0.1\n", "line 2, column force_N: every row needs a force"),
-        (Indentation, PRESS + "1,\n", "line 2, column depth_mm: every row needs a depth"),
-        (Indentation, PRESS + "1,-1\n", "line 2, column depth_mm: must be a finite number above 0, in mm: got -1.0"),
-        (Indentation, PRESS + "1,0.1\n1,10\n", "CSV text: row 1, depth: must be below 2R = 10 mm: got 10.0"),
-        (Indentation, f"# radius_mm: 4\n{PRESS}1,1\n", "radius must be the 4.0 of the comment '# radius_mm:' in the file: got 5.0"),
-        (DepthTrace, "time_s\n1\n", "line 1: column immersion_mm is missing"),
-        (DepthTrace, "immersion_mm\n1\n", "line 1: column time_s is missing"),
-        (DepthTrace, TRACE + ",1\n", "line 2, column time_s: every row needs a time"),
-        (DepthTrace, TRACE + "1,\n", "line 2, column immersion_mm: every row needs an immersion"),
-        (DepthTrace, TRACE + "1,inf\n", "line 2, column immersion_mm: must be a finite number, in mm: got inf"),
-        (DepthTrace, "# force_N: 2\n" + TRACE + ROWS, "force must be the 2.0 of the comment .* got 1.0"),
-        (DepthTrace, "# radius_mm: 2\n" + TRACE + ROWS, "radius must be the 2.0 of the comment .* got 3.0"),
-        (DepthTrace, "# force_N: no\n" + TRACE + ROWS, "force_N in the comments must be .* got 'no'"),
-        (DepthTrace, "# window_mm: 0.5\n" + TRACE + ROWS, "window_mm in the comments must be two numbers, start and end: got '0.5'"),
-        (DepthTrace, "# window_mm: 0.5 R/3\n" + TRACE + ROWS, "must be two numbers, start and end: got '0.5 R/3'"),
-        (DepthTrace, TRACE + ROWS + "2,1.1\n", r"CSV text: row 21, time: must be above the 2\.0 s"),
-    ],
-)  # fmt: skip
-def test_bad_files(kind: Any, text: str, match: str) -> None:
-    with pytest.raises(ValueError, match=match):
-        read(kind, text, **GIVEN[kind])
-
-
-@pytest.mark.parametrize(
     ("kind", "text", "arguments", "match"),
     [
+        *((kind, text, GIVEN[kind], match) for kind, text, match in [
+            (VelocityCurve, "", "CSV text: the file is empty"),
+            (VelocityCurve, CURVE, "CSV text: there is no row below the column names"),
+            (VelocityCurve, "force_N\n1\n", "line 1: column velocity_mm_s is missing"),
+            (VelocityCurve, "# a\nforce_N,velocity\n1,1\n", "line 2: unknown column 'velocity'; known are force_N, velocity_mm_s, "),
+            (VelocityCurve, "force_N,velocity_mm_s,force_N\n1,1,1\n", "line 1: column force_N is there twice"),
+            (VelocityCurve, "force_N,velocity_mm_s,window_start_mm\n1,1,0.5\n", "column window_start_mm needs column window_end_mm"),
+            (VelocityCurve, "force_N,velocity_mm_s,window_end_mm\n1,1,0.5\n", "column window_end_mm needs column window_start_mm"),
+            (VelocityCurve, "force_N;velocity_mm_s\n1;1\n", "line 1: the separator must be a comma, not semicolons"),
+            (VelocityCurve, "force_N\tvelocity_mm_s\n1\t1\n", "line 1: the separator must be a comma, not tabs"),
+            (VelocityCurve, CURVE + "# c\n1,0.5\n2,fast\n", "line 4, column velocity_mm_s: 'fast' is not a number"),
+            (VelocityCurve, CURVE + "1_0,0.5\n", "line 2, column force_N: '1_0' is not a number"),
+            (VelocityCurve, CURVE + "1,0\n", "line 2, column velocity_mm_s: must be a finite number above 0, in mm/s: got 0.0"),
+            (VelocityCurve, CURVE + "1,nan\n", "line 2, column velocity_mm_s: must be a finite number, or empty"),
+            (VelocityCurve, CURVE + ",0.5\n", "line 2, column force_N: every row needs a force"),
+            (VelocityCurve, CURVE + "1,0.5,2\n", r"line 2: 2 fields are due \(force_N, velocity_mm_s\), found 3"),
+            (VelocityCurve, CURVE + '1,"0.5\n', "line 2: not a line of comma-separated fields"),
+            (VelocityCurve, WINDOW + "1,1,1,0.5\n", "line 2, column window_start_mm: must be below the window's end of 0.5 mm: got 1.0"),
+            (VelocityCurve, f"# radius_mm: big\n{CURVE}1,1\n", "radius_mm in the comments must be a finite number above 0: got 'big'"),
+            (Indentation, "force_N\n1\n", "line 1: column depth_mm is missing"),
+            (Indentation, "depth_mm\n1\n", "line 1: column force_N is missing"),
+            (Indentation, PRESS + ",0.1\n", "line 2, column force_N: every row needs a force"),
+            (Indentation, PRESS + "1,\n", "line 2, column depth_mm: every row needs a depth"),
+            (Indentation, PRESS + "1,0.1\n1,10\n", "CSV text: row 1, depth: must be below 2R = 10 mm: got 10.0"),
+            (Indentation, f"# radius_mm: 4\n{PRESS}1,1\n", "radius must be the 4.0 of the comment '# radius_mm:' in the file: got 5.0"),
+            (DepthTrace, "time_s\n1\n", "line 1: column immersion_mm is missing"),
+            (DepthTrace, "immersion_mm\n1\n", "line 1: column time_s is missing"),
+            (DepthTrace, TRACE + ",1\n", "line 2, column time_s: every row needs a time"),
+            (DepthTrace, TRACE + "1,\n", "line 2, column immersion_mm: every row needs an immersion"),
+            (DepthTrace, "# force_N: 2\n" + TRACE + ROWS, "force must be the 2.0 of the comment .* got 1.0"),
+            (DepthTrace, "# force_N: no\n" + TRACE + ROWS, "force_N in the comments must be .* got 'no'"),
+            (DepthTrace, "# window_mm: 0.5\n" + TRACE + ROWS, "window_mm in the comments must be two numbers, start and end: got '0.5'"),
+            (DepthTrace, TRACE + ROWS + "2,1.1\n", r"CSV text: row 21, time: must be above the 2\.0 s"),
+        ]),
         (Indentation, PRESS + "1,1\n", {}, "the radius is unknown: add the comment '# radius_mm: ...' or give radius="),
         (Indentation, PRESS + "1,1\n", {"radius": -5.0}, "CSV text: radius must be a finite number above 0, in mm: got -5.0"),
         (DepthTrace, TRACE + ROWS, {"radius": 3}, "the force is unknown: add the comment '# force_N: ...' or give force="),
         (DepthTrace, TRACE + ROWS, {"force": 1}, "the radius is unknown: add the comment '# radius_mm: ...' or give radius="),
     ],
 )  # fmt: skip
-def test_what_neither_file_nor_caller_says(
-    kind: Any, text: str, arguments: dict[str, float], match: str
-) -> None:
+def test_bad_files(kind: Any, text: str, arguments: dict[str, float], match: str) -> None:
     with pytest.raises(ValueError, match=match):
         read(kind, text, **arguments)
 
@@ -355,6 +321,7 @@ def data_sets(draw: st.DrawFn) -> Any:
     )
 
 
+@settings(max_examples=50, deadline=None)
 @given(data_sets())
 def test_csv_round_trip_is_without_loss(data: Any) -> None:
     assert read(type(data), written(data)) == data
@@ -415,10 +382,20 @@ def log_normal(log: Any, scatter: float, within: float = 0.0) -> None:
 
 
 def test_scatter_is_log_normal() -> None:
-    curve = synthetic_curve(BURR, BONE, [1.0], repeats=4000, scatter=0.08, seed=1)
+    curve = synthetic_curve(BURR, BONE, [1.0], repeats=2000, scatter=0.08, seed=1)
     log_normal(np.log(curve.velocity / penetration_velocity(BURR, BONE, 1.0)), 0.08)
-    press = synthetic_indentation(BURR, BONE, [0.06], repeats=4000, seed=1)
+    press = synthetic_indentation(BURR, BONE, [0.06], repeats=2000, seed=1)
     log_normal(np.log(press.force / (2.145 * 9 * 0.02**1.5)), 0.1)
+    # of a trace: the noise of its readings, and the rate of each run; a sample is 0.1 % of the duration
+    clean, noisy = (synthetic_trace(BURR, BONE, 0.5, noise=noise, step=0, seed=3) for noise in (0, 0.002))
+    z = (noisy.immersion - clean.immersion) / 0.002
+    log_normal(z, 1.0)
+    assert abs(z[1:] @ z[:-1] / (z @ z)) < 4.9 / math.sqrt(len(z))
+    steady, *own = (
+        synthetic_trace(BURR, BONE, 1.0, run_scatter=scatter, noise=0, step=0, seed=seed).time[-1]
+        for scatter, seed in [(0, 0), *((0.08, seed) for seed in range(300))]
+    )
+    log_normal(np.log(np.array(own) / steady), 0.08, within=1e-3)
 
 
 def test_a_synthetic_trace_is_read_in_steps_from_static_contact_to_the_end() -> None:
@@ -431,24 +408,6 @@ def test_a_synthetic_trace_is_read_in_steps_from_static_contact_to_the_end() -> 
     assert (trace.provenance["step_mm"], trace.provenance["run_scatter"]) == (0.01, 0.08)
 
 
-def test_noise_of_a_synthetic_trace() -> None:
-    clean, noisy = (synthetic_trace(BURR, BONE, 0.5, noise=noise, step=0, seed=3) for noise in (0, 0.002))
-    z = (noisy.immersion - clean.immersion) / 0.002
-    log_normal(z, 1.0)
-    assert abs(z[1:] @ z[:-1] / (z @ z)) < 4.9 / math.sqrt(len(z))
-
-
-def test_a_run_has_its_own_rate() -> None:
-    def duration(seed: int, scatter: float) -> float:
-        return float(
-            synthetic_trace(BURR, BONE, 1.0, run_scatter=scatter, noise=0, step=0, seed=seed).time[-1]
-        )
-
-    steady = duration(0, 0)
-    # A sample is 0.1 % of the duration.
-    log_normal(np.log([duration(seed, 0.08) / steady for seed in range(400)]), 0.08, within=1e-3)
-
-
 @pytest.mark.parametrize(
     ("make", "first", "options", "match"),
     [
@@ -457,10 +416,7 @@ def test_a_run_has_its_own_rate() -> None:
         (synthetic_curve, [1], {"repeats": 0}, "repeats must be at least 1: got 0"),
         (synthetic_curve, [1], {"scatter": -0.1}, "scatter must be finite and not negative: got -0.1"),
         (synthetic_indentation, [0.1, 0], {}, "depths must be above 0 and below 2R = 6 mm: got"),
-        (synthetic_indentation, [6], {}, "depths must be above 0 and below 2R = 6 mm: got"),
         (synthetic_indentation, [NAN], {}, "depths must be above 0 and below 2R = 6 mm: got"),
-        (synthetic_indentation, [1], {"repeats": 0}, "repeats must be at least 1: got 0"),
-        (synthetic_indentation, [1], {"scatter": -0.1}, "scatter must be finite and not negative: got -0.1"),
         (synthetic_trace, 1.0, {"run_scatter": -0.1}, "run_scatter must be finite and not negative: got -0.1"),
         (synthetic_trace, 1.0, {"noise": NAN}, "noise must be finite and not negative: got nan"),
         (synthetic_trace, 1.0, {"step": -1}, "step must be finite and not negative: got -1"),
@@ -486,7 +442,7 @@ def autoregression(random: np.random.Generator, n: int, rho: float) -> np.ndarra
 
 class TestFromDescent:
     def test_force_held_exactly(self):
-        run = burrlab.descend(Burr(3.0), materials["bone"], 1.0, voxel=0.2, ideal=True, seed=1)
+        run = burrlab.descend(BURR, BONE, 1.0, voxel=0.3, ideal=True, seed=1)
         trace = DepthTrace.from_descent(run)
         assert (trace.force, trace.radius, (trace.start_mm, trace.end_mm)) == (1.0, 3.0, run.window)
         assert np.array_equal(trace.time, run.time)
@@ -494,21 +450,22 @@ class TestFromDescent:
         assert trace.segments(1).velocity[0] == pytest.approx(run.penetration_velocity, rel=2e-3)
 
     def test_controller_and_rig_begin_out_of_contact(self):
-        run = burrlab.descend(Burr(3.0), materials["bone"], 0.75, voxel=0.2, seed=1)
-        trace = DepthTrace.from_descent(run)
+        trace = DepthTrace.from_descent(burrlab.descend(BURR, BONE, 0.75, voxel=0.2, seed=1))
         assert trace.immersion[0] < 0
-        segments = trace.segments()
-        expected = [
-            penetration_velocity(Burr(3.0), materials["bone"], 0.75, *window)
-            for window in zip(segments.start_mm, segments.end_mm, strict=True)
-        ]
-        np.testing.assert_allclose(segments.velocity, expected, rtol=0.05)
+        np.testing.assert_allclose(trace.segments().velocity, by_the_model(trace), rtol=0.05)
 
     def test_a_run_without_descent(self):
-        run = burrlab.descend(Burr(3.0), materials["bone"], 5.0, voxel=0.4, ideal=True, seed=1)
+        run = burrlab.descend(BURR, BONE, 5.0, voxel=0.4, ideal=True, seed=1)
         assert run.status == "overloaded"
         with pytest.raises(ValueError, match="a depth trace needs at least 10 samples: got 0"):
             DepthTrace.from_descent(run)
+
+
+def by_the_model(trace: DepthTrace, n: int = 5, material: Any = BONE) -> list[Any]:
+    """Velocities of the segments [mm/s]."""
+    segments = trace.segments(n)
+    windows = zip(segments.start_mm, segments.end_mm, strict=True)
+    return [penetration_velocity(BURR, material, trace.force, *window) for window in windows]
 
 
 class TestRising:
@@ -518,7 +475,7 @@ class TestRising:
         np.testing.assert_allclose(rising(immersion), immersion, rtol=0, atol=5e-6)
         assert np.array_equal(rising(immersion)[1:-1], immersion[1:-1])
 
-    @pytest.mark.parametrize("end", [0.995, 0.999, 1.0, 1.003])
+    @pytest.mark.parametrize("end", [0.995, 0.999, 1.003])
     def test_steps_are_joined(self, end):
         immersion = np.linspace(0.503, end, 5000)
         stepped = 0.01 * np.round(immersion / 0.01)
@@ -553,50 +510,33 @@ class TestSegments:
     @pytest.mark.parametrize(
         ("material", "force", "sample_ms", "n"),
         [
-            ("bone", 0.3, 1.0, 5),
-            ("bone", 1.0, 1.0, 1),
-            ("bone", 1.0, 1.0, 5),
-            ("bone", 1.0, 1.0, 10),
-            ("bone", 2.0, 0.25, 5),  # static contact is beyond R/6
-            ("pvc", 0.2, 1.0, 5),
+            (BONE, 0.3, 1.0, 5), (BONE, 1.0, 1.0, 1), (BONE, 1.0, 1.0, 10), (materials["pvc"], 0.2, 1.0, 5),
+            (BONE, 2.0, 0.25, 5),  # static contact is beyond R/6
         ],
-    )
+    )  # fmt: skip
     def test_agree_with_the_model(self, material, force, sample_ms, n):
-        burr = Burr(3.0)
-        trace = synthetic_trace(
-            burr, materials[material], force, run_scatter=0, noise=0, step=0, sample_ms=sample_ms, seed=1
-        )
-        segments = trace.segments(n)
-        expected = [
-            penetration_velocity(burr, materials[material], force, *window)
-            for window in zip(segments.start_mm, segments.end_mm, strict=True)
-        ]
-        np.testing.assert_allclose(segments.velocity, expected, rtol=3e-3)
+        given = {"run_scatter": 0, "noise": 0, "step": 0, "sample_ms": sample_ms, "seed": 1}
+        trace = synthetic_trace(BURR, material, force, **given)
+        velocity = trace.segments(n).velocity
+        np.testing.assert_allclose(velocity, by_the_model(trace, n, material), rtol=3e-3)
 
     def test_one_segment_without_noise_is_the_penetration_velocity(self):
-        trace = synthetic_trace(Burr(3.0), materials["bone"], 1.0, noise=0, step=0, seed=1)
+        trace = synthetic_trace(BURR, BONE, 1.0, noise=0, step=0, seed=1)
         whole = penetration_velocity_between(trace.time, trace.immersion, trace.start_mm, trace.end_mm)
         assert trace.segments(1).velocity[0] == pytest.approx(whole, rel=1e-5)
 
     @pytest.mark.parametrize(
-        ("n", "match"),
+        ("trace", "n", "told"),
         [
-            (0, "n must be at least 1: got 0"),
-            (
-                5,
-                "n must leave at least 6 samples in each segment, there are 5 between 0.5 and 0.6 mm: got 5",
-            ),
+            (DepthTrace(TIME, RISE, 1, 3), 0, "n must be at least 1: got 0"),
+            (DepthTrace(TIME, RISE, 1, 3), 5, "n must leave at least 6 samples in each segment, there are 5 between 0.5 and 0.6 mm: got 5"),
+            (DepthTrace(np.arange(40) * 0.1, np.repeat([0.5, 1.0], 20), 1, 3, start_mm=0.99), 1,
+             "n must leave segments in which the immersion rises, it stands"),
         ],
-    )
-    def test_bad_number(self, n, match):
-        with pytest.raises(ValueError, match=match):
-            DepthTrace(TIME, RISE, 1, 3).segments(n)
-
-    def test_a_record_that_stands_still(self):
-        immersion = np.repeat([0.5, 1.0], 20)
-        trace = DepthTrace(np.arange(40) * 0.1, immersion, 1, 3, start_mm=0.99)
-        with pytest.raises(ValueError, match="n must leave segments in which the immersion rises, it stands"):
-            trace.segments(1)
+    )  # fmt: skip
+    def test_bad_number(self, trace, n, told):
+        with pytest.raises(ValueError, match=told):
+            trace.segments(n)
 
 
 def slopes(n: int, rho: float, repeats: int) -> tuple[np.ndarray, np.ndarray]:
@@ -615,24 +555,23 @@ class TestSlopeError:
         ("n", "rho", "covered"),
         [
             (1000, 0.0, 0.94),
-            (1000, 0.5, 0.94),
             (1000, 0.9, 0.93),
             (200, 0.9, 0.85),  # ten independent samples
             (30, 0.0, 0.90),
         ],
     )
     def test_covers_the_slope(self, n, rho, covered):
-        repeats = 1500
+        repeats = 800
         error, told = slopes(n, rho, repeats)
         inside = int(np.count_nonzero(np.abs(error) < 1.96 * told))
         assert inside >= binom.ppf(1e-6, repeats, covered)
-        # neither does it exaggerate: a variance of 1500 draws has a relative deviation of sqrt(2/1500)
+        # neither does it exaggerate: a variance of so many draws has a relative deviation of sqrt(2/repeats)
         assert np.mean(told**2) < 2 * np.mean(error**2) * (1 + 4.9 * math.sqrt(2 / repeats))
 
     def test_makes_up_for_what_the_quadratic_took(self):
-        repeats = 6000
+        repeats = 3000
         error, told = slopes(200, 0.9, repeats)
-        # within a tenth; both deviate by about 1 % from draw to draw: z-limit 4.9
+        # within a tenth; both deviate by about 1.5 % from draw to draw: z-limit 4.9
         limit = 4.9 * math.hypot(
             1 / math.sqrt(2 * repeats), 1.25 * told.std() / told.mean() / math.sqrt(repeats)
         )
@@ -659,15 +598,14 @@ class TestSlopeError:
 class TestSyntheticStatistics:
     """Whole records with noise, read to 10 um: biases and errors of the segments."""
 
-    @pytest.mark.parametrize(("force", "noise"), [(1.0, 0.002), (1.0, 0.0005), (1.0, 0.0), (2.0, 0.002)])
+    @pytest.mark.parametrize(("force", "noise"), [(1.0, 0.002), (1.0, 0.0), (2.0, 0.002)])
     def test_segments(self, force, noise):
-        burr, bone, repeats = Burr(3.0), materials["bone"], 120
-        window = mean_field_descent(burr, bone, force).window()
+        repeats, window = 80, mean_field_descent(BURR, BONE, force).window()
         error, told = [], []
         for seed in range(repeats):
             # the same run, rate and all, without and with noise and steps
-            clean = synthetic_trace(burr, bone, force, noise=0, step=0, seed=seed)
-            read_out = synthetic_trace(burr, bone, force, noise=noise, seed=seed)
+            clean = synthetic_trace(BURR, BONE, force, noise=0, step=0, seed=seed)
+            read_out = synthetic_trace(BURR, BONE, force, noise=noise, seed=seed)
             true, found = (
                 DepthTrace(trace.time, trace.immersion, force, 3.0, *window).segments()
                 for trace in (clean, read_out)

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import burrlab
-from burrlab.common.study import Store, key_of
+from burrlab.common.study import _HEADER, Store, key_of
 from burrlab.descent.sweep import SweepItem, run_item
 
 
@@ -132,25 +132,21 @@ def test_a_result_handed_out_can_be_changed(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "value", [{1: 2}, {1, 2}, b"x", Item(1.0), np.array([None]), np.array(["x"]), object(), 1 + 2j, [lambda: 1]]
+    ("call", "told"),
+    [
+        *((lambda store, v=value: store.add("a", v), "a result that is stored must be made of None, bool")
+          for value in ({1: 2}, {1, 2}, b"x", Item(1.0), np.array([None]), np.array(["x"]), object(), 1 + 2j, [lambda: 1])),
+        *((lambda _, i=item: key_of(run_item, i), "item must be made of None, bool")
+          for item in ({1: 2}, b"x", object(), np.array([None]), (1, {2}), Item)),
+        *((lambda _, f=function: key_of(f, 1), "function must be one of a module")
+          for function in (lambda x: x, functools.partial(round, ndigits=2))),
+    ],
 )  # fmt: skip
-def test_other_results_are_refused(tmp_path, value):
+def test_other_types_are_refused(tmp_path, call, told):
     store = Store(tmp_path / "s.jsonl")
-    with pytest.raises(TypeError, match="a result that is stored must be made of None, bool"):
-        store.add("a", value)
+    with pytest.raises(TypeError, match=told):
+        call(store)
     assert len(Store(store.path)) == 0
-
-
-@pytest.mark.parametrize("item", [{1: 2}, b"x", object(), np.array([None]), (1, {2}), Item])
-def test_other_items_are_refused(item):
-    with pytest.raises(TypeError, match="item must be made of None, bool"):
-        key_of(run_item, item)
-
-
-@pytest.mark.parametrize("function", [lambda x: x, functools.partial(round, ndigits=2)])
-def test_functions_without_a_name_are_refused(function):
-    with pytest.raises(TypeError, match="function must be one of a module"):
-        key_of(function, 1)
 
 
 def test_a_store_is_appended_to(tmp_path):
@@ -228,26 +224,22 @@ def test_processes_may_write_into_one_store(tmp_path):
             assert store.get(f"{name}{i}") == [i] * (i * 37 % 4000)
 
 
+OTHER = r"store must be a file of burrlab results or a new one, got .*s\.csv"
+
+
 @pytest.mark.parametrize(
-    "content", [b"force_N,velocity_mm_s\n", b"{}\n", b"[1]\n", b"1\n", b"\x93NUMPY\x01\x00", b"{\n"]
-)
-def test_another_file_is_refused_and_left_as_it_is(tmp_path, content):
+    ("content", "told"),
+    [
+        *((content, OTHER) for content in (b"force_N,velocity_mm_s\n", b"{}\n", b"[1]\n", b"1\n", b"\x93NUMPY\x01\x00", b"{\nx")),
+        (_HEADER.replace(b"1", b"2") + b"\n", r"store must be of format 1, got .* of format 2"),
+    ],
+)  # fmt: skip
+def test_another_file_is_refused_and_left_as_it_is(tmp_path, content, told):
     path = tmp_path / "s.csv"
-    path.write_bytes(content + b"x" * (content == b"{\n"))
-    before = path.read_bytes()
-    with pytest.raises(
-        ValueError, match=r"store must be a file of burrlab results or a new one, got .*s\.csv"
-    ):
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=told):
         Store(path)
-    assert path.read_bytes() == before
-
-
-def test_another_format_is_refused(tmp_path):
-    path = tmp_path / "s.jsonl"
-    Store(path)
-    path.write_text(path.read_text().replace("1", "2"))
-    with pytest.raises(ValueError, match=r"store must be of format 1, got .* of format 2"):
-        Store(path)
+    assert path.read_bytes() == content
 
 
 def test_a_store_that_cannot_be_written_says_so_at_once(tmp_path):

@@ -106,8 +106,7 @@ class Backwards(ThreadPoolExecutor):
         return self.waiting[-1][0]
 
 
-@pytest.mark.parametrize("chunk", [1, 7, 1000])
-@pytest.mark.parametrize("workers", [None, 1, 3])
+@pytest.mark.parametrize(("chunk", "workers"), [(1, None), (7, 3), (1000, 1)])
 def test_results_are_in_item_order_whatever_the_workers(chunk, workers):
     items = [Item(i) for i in range(40)]
     expected = [work(item) for item in items]
@@ -131,9 +130,6 @@ def test_processes_give_the_same(tmp_path, pool):
     assert run_items(work, items, executor=pool) == expected
     assert run_items(work, items, executor=pool, chunk=6, store=tmp_path / "s.jsonl") == expected
     assert run_items(work, items, store=tmp_path / "s.jsonl") == expected
-
-
-def test_no_items():
     assert run_items(work, []) == []
 
 
@@ -308,16 +304,17 @@ def unstorable(number: int) -> set[int]:
     return {number}
 
 
-def test_bad_arguments(tmp_path):
-    with pytest.raises(TypeError, match=r"of a dask client its client\.get_executor\(\), got 'threads'"):
-        run_items(work, [Item(1)], executor="threads")
-    for chunk in (0, 1.5):
-        with pytest.raises(ValueError, match=f"chunk must be a whole number from 1, got {chunk}"):
-            run_items(work, [Item(1)], chunk=chunk)
-    with pytest.raises(TypeError, match="a result that is stored"):
-        run_items(unstorable, [1, 2], store=tmp_path / "s.jsonl")
-    with pytest.raises(TypeError, match="item must be made of"):
-        run_items(unstorable, [object()], store=tmp_path / "s.jsonl")
-    (tmp_path / "other").write_text("text")
-    with pytest.raises(ValueError, match="store must be a file of burrlab results"):
-        run_items(work, [Item(1)], store=tmp_path / "other")
+@pytest.mark.parametrize(
+    ("function", "items", "options", "error", "told"),
+    [
+        (work, [Item(1)], {"executor": "threads"}, TypeError, r"of a dask client its client\.get_executor\(\), got 'threads'"),
+        *((work, [Item(1)], {"chunk": chunk}, ValueError, f"chunk must be a whole number from 1, got {chunk}") for chunk in (0, 1.5)),
+        (unstorable, [1, 2], {"store": "s.jsonl"}, TypeError, "a result that is stored"),
+        (unstorable, [object()], {"store": "s.jsonl"}, TypeError, "item must be made of"),
+        (work, [Item(1)], {"store": __file__}, ValueError, "store must be a file of burrlab results"),
+    ],
+)  # fmt: skip
+def test_what_is_refused(tmp_path, monkeypatch, function, items, options, error, told):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(error, match=told):
+        run_items(function, items, **options)

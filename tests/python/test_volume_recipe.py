@@ -11,7 +11,7 @@ import burrlab
 from burrlab.bone.image import OccupancyMap
 from burrlab.bone.kept import load_drilled, save_drilled
 from burrlab.bone.recipe import VolumeRecipe
-from burrlab.fitting.voxel import VoxelSettings
+from burrlab.fitting.voxel import VoxelEngine
 from burrlab.session.network import make_bone, volume_recipe
 from burrlab.volume import write_dicom
 
@@ -89,7 +89,7 @@ def test_results_keep_how_the_bone_was_made(tmp_path):
     run = burrlab.descend(burr, BONE, 1.0, specimen=specimen, seed=1, ideal=True)
     curve = burrlab.force_sweep(burr, BONE, [0.5, 1.0], specimen=specimen, seed=1)
     curve.to_csv(tmp_path / "curve.csv")
-    settings = VoxelSettings(0.3, 1.0, False, specimen, 1).described()
+    settings = VoxelEngine(voxel=0.3, specimen=specimen)._described()
     for kept in (
         run.provenance,
         curve.provenance,

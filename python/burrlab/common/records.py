@@ -94,7 +94,7 @@ class Codec:
         in arrays only.
     keys : mapping
         Class -> key in JSON -> name of its field, or a function of the object for what is derived from it: that is
-        written, and passed over on reading. A class that is not there has its fields.
+        written, and passed over on reading. A class that is not there is written with its fields.
     null : mapping
         (class, field) -> what null stands for, where it is another number than NaN.
     kinds : mapping

@@ -129,26 +129,21 @@ def descend(
             specimen = half_space(burr, voxel, depth=stop, offset=place * spacing)
         specimen = replace(specimen, bone=specimen.bone.copy())
         contact = BurrContact(specimen.bone, burr, material, seed=seed, scheme=scheme)
-        if not ideal:
+        if ideal:
+            series, ending = hold(contact, specimen, force, stop, dt, max_duration, interrupted)
+        else:
             rig = VirtualRig(contact, specimen, period=dt, clearance=free_clearance(contact, specimen, burr))
-    acted: int | None = seed
-    if rig is None:
-        assert contact is not None
-        assert specimen is not None
-        series, ending = hold(contact, specimen, force, stop, dt, max_duration, interrupted)
-    else:
+    if rig is not None:
         refuse(
             force > rig.force_limit,
             f"force must be within the rig's range of {rig.force_limit:g} N, got {force:g} N",
         )
         dt = rig.period
         series, ending = control(rig, burr, material, force, controller, stop, max_duration, interrupted)
-        if contact is None:  # the caller's rig: its seed and bone acted, if it has them
-            contact = rig.contact if isinstance(rig, VirtualRig) else None
-            specimen = rig.specimen if isinstance(rig, VirtualRig) else None
-            acted = None if contact is None else contact.seed
+        # a caller's rig: its bone and seed acted, if it has them
+        contact, specimen = (rig.contact, rig.specimen) if isinstance(rig, VirtualRig) else (None, None)
     parameters: dict[str, Any] = {
-        "seed": acted,
+        "seed": None if contact is None else contact.seed,
         "dt_ms": dt,
         "mode": "exact" if ideal else "rig",
         "stop_mm": stop,
@@ -205,7 +200,7 @@ def hold(
     start = specimen.center(0.0, burr)
     immersion = -free_clearance(contact, specimen, burr)
     limit = int(np.ceil(max_duration * 1e3 / dt))
-    positions, forces, removed = [], [], []
+    positions, forces = [], []
     done, ending, ambiguous, faint = 0, "stalled", 0, 0
     try:
         while done < limit:
@@ -220,7 +215,6 @@ def hold(
             )
             positions.append(part.position)
             forces.append(part.force)
-            removed.append(part.removed)
             done += len(part.position)
             ambiguous += part.ambiguous
             faint += part.faint

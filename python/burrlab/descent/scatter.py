@@ -16,6 +16,7 @@ from burrlab.bone.uneven import BoneField
 from burrlab.common.check import check_positive, refuse, require_type, seed_or_new
 from burrlab.common.figures import REFERENCE, VELOCITY, new_figure, tidy
 from burrlab.common.provenance import provenance
+from burrlab.common.records import Codec
 from burrlab.common.study import StorePath, run_items, stored_as
 from burrlab.descent.descent import descend
 from burrlab.descent.sweep import item_seed
@@ -215,21 +216,8 @@ class Scatter:
 
     def to_dict(self) -> dict[str, Any]:
         """The result, ready for JSON."""
-        return {
-            "force_N": self.force.tolist(),
-            "sd_ln_v": self.sd.tolist(),
-            "interval_ln_v": self.interval.tolist(),
-            "n_dof": self.n_dof.tolist(),
-            "pooled_sd_ln_v": self.pooled,
-            "pooled_interval_ln_v": list(self.pooled_interval),
-            "without_field_sd_ln_v": self.without_field,
-            "shift_ln_v": self.shift.tolist(),
-            "shift_error_ln_v": self.shift_error.tolist(),
-            "log_velocity": self.log_velocity.tolist(),
-            "homogeneous": self.homogeneous.tolist(),
-            "status": list(self.status),
-            "provenance": self.provenance,
-        }
+        plain: dict[str, Any] = _CODEC.plain(self)
+        return plain
 
     def _pooled_text(self) -> str:
         low, high = self.pooled_interval
@@ -243,6 +231,28 @@ class Scatter:
             f"{self.force.min():g}..{self.force.max():g} N: sd of ln v {self._pooled_text()}, "
             f"{100 * self.without_field:.1f} % in homogeneous bone{said})"
         )
+
+
+_CODEC = Codec(
+    "kept",
+    keys={
+        Scatter: {
+            "force_N": "force",
+            "sd_ln_v": "sd",
+            "interval_ln_v": "interval",
+            "n_dof": "n_dof",
+            "pooled_sd_ln_v": "pooled",
+            "pooled_interval_ln_v": "pooled_interval",
+            "without_field_sd_ln_v": "without_field",
+            "shift_ln_v": "shift",
+            "shift_error_ln_v": "shift_error",
+            "log_velocity": "log_velocity",
+            "homogeneous": "homogeneous",
+            "status": "status",
+            "provenance": "provenance",
+        }
+    },
+)
 
 
 def predicted_scatter(

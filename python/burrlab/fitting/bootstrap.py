@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 
 from burrlab._core import Shape
+from burrlab.common.check import refuse
 from burrlab.common.study import StorePath, run_items
 from burrlab.common.table import by_value
-from burrlab.fitting.intervals import LEVELS, Interval
-from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import Floats, Observations, ResidualKind
-from burrlab.fitting.profile import Domain, best_point
+from burrlab.fitting.intervals import LEVELS, Interval, plain_ends
+from burrlab.fitting.likelihood import Likelihood
+from burrlab.fitting.observations import Box, Floats, Observations, ResidualKind
+from burrlab.fitting.profile import Domain, lowest
 from burrlab.fitting.record import FitRecord
-from burrlab.fitting.search import Box
 from burrlab.fitting.verdict import span
-from burrlab.fitting.voxel import VoxelModel, VoxelTable
+from burrlab.fitting.voxel import VoxelTable, model_of
 
 KINDS = ("parametric", "residual")
 _CHUNK = 25  # fits a submission: one takes milliseconds
@@ -55,8 +55,7 @@ def _fitted(
     given: tuple[str, ...],
 ) -> tuple[Likelihood, Domain]:
     """What all replicates share."""
-    model = MeanFieldModel(o, Shape(shape)) if table is None else VoxelModel(o, Shape(shape), table)
-    fitted = Likelihood(o, kind, model)
+    fitted = Likelihood(o, kind, model_of(o, Shape(shape), table))
     return fitted, Domain.of(fitted, box, dict.fromkeys(given))
 
 
@@ -93,7 +92,8 @@ def replicate(item: BootstrapItem) -> tuple[float, float]:
     if len(pressed):
         r = drawn("force", fitted.pressed_residuals(item.c_e))
         pressed = pressed + r * o.pressed_sigma if fitted.pressed_known else pressed * np.exp(r)
-    return best_point(Likelihood(o.with_outcomes(v, pressed), item.residual_kind, fitted.model), domain)
+    drawn_again = Likelihood(o.with_outcomes(v, pressed), item.residual_kind, fitted.model)
+    return lowest(drawn_again, domain).point
 
 
 def _runs(o: Observations, means: Floats, within: Floats, scatter: Floats) -> Floats:
@@ -169,19 +169,13 @@ class Bootstrap:
             "n": len(self.c_e),
             "exponent": self.exponent,
             "on_ridge": self.on_ridge,
-            "intervals": {
-                name: {level: [interval.lower, interval.upper] for level, interval in levels.items()}
-                for name, levels in self.intervals.items()
-            },
+            "intervals": plain_ends(self.intervals),
         }
 
 
 def _percentiles(values: Floats, level: float) -> Interval:
-    ends = np.sort(values)[
-        np.clip(np.round(np.array([0.5 - level / 2, 0.5 + level / 2]) * (len(values) - 1)), 0, None).astype(
-            int
-        )
-    ]
+    tails = np.array([0.5 - level / 2, 0.5 + level / 2])
+    ends = np.sort(values)[np.round(tails * (len(values) - 1)).astype(int)]
     lower, upper = (float(end) if np.isfinite(end) else None for end in ends)
     return Interval(lower, upper)
 
@@ -232,12 +226,11 @@ def bootstrap(
     ----------
     Davison and Hinkley, Bootstrap Methods and their Application, Cambridge 1997, section 6.3.
     """
-    if n < 2:
-        raise ValueError(f"n must be at least 2: got {n!r}")
-    if kind not in KINDS:
-        raise ValueError(f"kind must be one of {', '.join(KINDS)}: got {kind!r}")
-    if seed is None and store is not None:
-        raise ValueError("a store needs a seed, for it finds results by it: got seed None")
+    refuse(n < 2, f"n must be at least 2: got {n!r}")
+    refuse(kind not in KINDS, f"kind must be one of {', '.join(KINDS)}: got {kind!r}")
+    refuse(
+        seed is None and store is not None, "a store needs a seed, for it finds results by it: got seed None"
+    )
     evidence = fit._evidence()
     identified = evidence.profile.identified
     seed = secrets.randbits(32) if seed is None else int(seed)

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from burrlab._core import Material, Shape
-from burrlab.common.check import require_type
+from burrlab.common.check import refuse, require_type
 from burrlab.common.provenance import provenance
 from burrlab.common.study import StorePath, run_items, stored_as
 from burrlab.fitting.intervals import LEVELS, Interval
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Calibration, Data, Floats, Observations, bounds_of
-from burrlab.fitting.profile import Domain, best_point, profile
+from burrlab.fitting.profile import Domain, lowest, profile
 from burrlab.fitting.report import columns, html_table
 from burrlab.fitting.verdict import separately_identified
 from burrlab.measured.curve import VelocityCurve
@@ -80,12 +80,12 @@ class Experiment:
 
 def _series(name: str, what: str, radius: float, values: Sequence[float], repeats: int) -> Series:
     numbers = tuple(float(value) for value in values)
-    if not (0 < radius < np.inf):
-        raise ValueError(f"radius in {name} must be positive and finite: got {radius!r}")
-    if not numbers or not all(0 < number < np.inf for number in numbers):
-        raise ValueError(f"{what} in {name} must be positive and finite, at least one: got {values!r}")
-    if repeats < 1:
-        raise ValueError(f"repeats in {name} must be at least 1: got {repeats!r}")
+    refuse(not (0 < radius < np.inf), f"radius in {name} must be positive and finite: got {radius!r}")
+    refuse(
+        not numbers or not all(0 < number < np.inf for number in numbers),
+        f"{what} in {name} must be positive and finite, at least one: got {values!r}",
+    )
+    refuse(repeats < 1, f"repeats in {name} must be at least 1: got {repeats!r}")
     return float(radius), numbers, int(repeats)
 
 
@@ -184,13 +184,7 @@ class Coverage:
             return np.asarray(self.rise[:, 1] <= self.joint_limit[:, _place("level", level, tuple(LEVELS))])
         lower, upper = self._interval(quantity, level)
         c_e, alpha = self.material.c_e, self.material.alpha
-        combination = alpha / c_e**self.exponent
-        truths = {
-            "c_e": np.full(len(self), c_e),
-            "alpha": np.full(len(self), alpha),
-            "identified": combination,
-        }
-        truth = truths[quantity]
+        truth: Any = {"c_e": c_e, "alpha": alpha, "identified": alpha / c_e**self.exponent}[quantity]
         return np.asarray((lower <= truth) & (truth <= upper))
 
     def closed(self, quantity: str = "c_e", level: str = "95") -> NDArray[np.bool_]:
@@ -292,8 +286,7 @@ class Coverage:
 
 
 def _place(name: str, value: str, allowed: tuple[str, ...]) -> int:
-    if value not in allowed:
-        raise ValueError(f"{name} must be one of {', '.join(allowed)}: got {value!r}")
+    refuse(value not in allowed, f"{name} must be one of {', '.join(allowed)}: got {value!r}")
     return allowed.index(value)
 
 
@@ -338,7 +331,7 @@ def replicate(item: CoverageItem) -> Floats:
     drawn = o.with_outcomes(velocity, pressed)
     likelihood = Likelihood(drawn, "relative", model)
     domain = Domain.of(likelihood, bounds_of(drawn, None), {})
-    best = best_point(likelihood, domain)
+    best = lowest(likelihood, domain).point
     total, scatters, shares = likelihood.information(*best)
     calibration = Calibration(scatters, total, shares)
     found = profile(likelihood, calibration, domain, best, 4 * (Shape(item.shape).order + 1) / 3)
@@ -420,19 +413,18 @@ def coverage_study(
     """
     require_type("experiment", experiment, Experiment, "Experiment([(3.0, [0.5, 1.0, 2.0], 3)])")
     require_type("material", material, Material, 'burrlab.materials["bone"]')
-    if n < 1:
-        raise ValueError(f"n must be at least 1: got {n!r}")
+    refuse(n < 1, f"n must be at least 1: got {n!r}")
     for name, value in (("scatter", scatter), ("static_scatter", static_scatter)):
-        if not 0 < value < np.inf:
-            raise ValueError(f"{name} must be positive and finite: got {value!r}")
+        refuse(not 0 < value < np.inf, f"{name} must be positive and finite: got {value!r}")
     seed = secrets.randbits(32) if seed is None else int(seed)
     o, model = _template(experiment, material.shape.name)
     lost = ~np.isfinite(model.unit(material.c_e))
-    if lost.any():
-        raise ValueError(
-            f"every force must leave a window, below 0.1925 c_e R^2 = "
-            f"{(material.c_e * o.radius[lost] ** 2 / 27**0.5)[0]:.3g} N: got {o.force[lost][0]:g} N"
-        )
+    first = int(np.argmax(lost))
+    refuse(
+        lost.any(),
+        f"every force must leave a window, below 0.1925 c_e R^2 = "
+        f"{material.c_e * o.radius[first] ** 2 / 27**0.5:.3g} N: got {o.force[first]:g} N",
+    )
     items = [
         CoverageItem(
             experiment,

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import burrlab.common.table as dataset
-from burrlab.common.check import require_type
+from burrlab.common.check import refuse, require_type
 from burrlab.common.figures import REFERENCE, axes_or_new, tidy
 from burrlab.common.provenance import provenance
 from burrlab.fitting.likelihood import MODEL_ERROR
-from burrlab.fitting.observations import WINDOW_END, Floats, Rows
+from burrlab.fitting.observations import Floats, Rows
 from burrlab.fitting.region import NewData, NewRegion, RegionGrid
 from burrlab.fitting.result import Fit
 from burrlab.fitting.verdict import SEPARATE
-from burrlab.theory.continuum import MasterCurve
+from burrlab.theory.continuum import PER_SECOND, WINDOW_STOP, MasterCurve
 
 if TYPE_CHECKING:
     import pandas
@@ -40,9 +40,7 @@ class Candidate:
     depth: float | None  #: h of a static pair [mm]
     radius: float  #: R [mm]
     n: int  #: repeats
-    area_ratio: (
-        float  #: area of the joint 95 % region afterwards, over that now; geometric mean over the truths
-    )
+    area_ratio: float  #: area of the joint 95 % region, new over old; geometric mean over the truths
     probability: float  #: that c_e then is separately identified: a closed 95 % interval within a factor of 2
     c_e_ratio: float  #: upper over lower end of that interval, median over the truths; infinite: open
     overloaded: float  #: probability that static contact passes R/3: the run only bounds c_e from above
@@ -90,9 +88,10 @@ class Design:
         return self.rows[0]
 
     def __repr__(self) -> str:
-        table = [list(_HEADS), *(_cells(one) for one in self.rows[:_SHOWN])]
-        widths = [max(len(row[i]) for row in table) for i in range(len(_HEADS))]
-        lines = ["  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in table]
+        cells = zip(*(_cells(one) for one in self.rows[:_SHOWN]), strict=True)
+        lines = dataset.table_lines(
+            [("", head, list(part)) for head, part in zip(_HEADS, cells, strict=True)]
+        )
         if len(self.rows) > _SHOWN:
             lines.append(f"and {len(self.rows) - _SHOWN} more")
         return "\n".join([self._title(), *lines])
@@ -320,14 +319,17 @@ def design(
     fit._evidence()
     force, radius = _positive("forces", forces, " N"), _positive("radii", radii, " mm")
     depth, static_radius = _depths(fit, static, static_radius)
-    if not len(force) * len(radius) + len(depth):
-        raise ValueError("forces and radii, or static, must hold a candidate: got none")
+    refuse(
+        not len(force) * len(radius) + len(depth),
+        "forces and radii, or static, must hold a candidate: got none",
+    )
     for name, value in (("n", n), ("truths", truths)):
-        if value < 1:
-            raise ValueError(f"{name} must be at least 1: got {value!r}")
+        refuse(value < 1, f"{name} must be at least 1: got {value!r}")
     first = not (len(fit.observations.pressed) or fit.likelihood.known)
-    if len(depth) and first and n < 2:
-        raise ValueError(f"n must be at least 2 for the first static pairs, to show their scatter: got {n!r}")
+    refuse(
+        len(depth) and first and n < 2,
+        f"n must be at least 2 for the first static pairs, to show their scatter: got {n!r}",
+    )
     scatter = _scatter(fit, scatter)
     static_scatter = _static_scatter(fit, static_scatter)
     seed = secrets.randbits(32) if seed is None else int(seed)
@@ -340,9 +342,9 @@ def design(
     new = NewData(n, scatter)
     for R in radius.tolist():
         for F in force.tolist():
-            log_unit = np.log(1e3 * R * curve.velocity_ratio(F / (c_e * R**2)))  # 1/ms is 1000/s
+            log_unit = np.log(PER_SECOND * R * curve.velocity_ratio(F / (c_e * R**2)))
             log_velocity = log_unit[:, None] + grid.log_alpha
-            ceiling = F / (R**2 * WINDOW_END**1.5)
+            ceiling = F / (R**2 * WINDOW_STOP**1.5)
             after, overloaded = _expected(grid, truth, log_velocity, new, ceiling)
             found.append(_candidate(grid, after, overloaded, n, R, force=F))
     if len(depth):
@@ -416,32 +418,35 @@ def _candidate(
 
 def _positive(name: str, values: ArrayLike, unit: str) -> Floats:
     array = np.atleast_1d(np.asarray(values, dtype=np.float64))
-    if array.ndim != 1 or not (np.isfinite(array) & (array > 0)).all():
-        raise ValueError(f"{name} must be finite and above 0{unit}: got {values!r}")
+    refuse(
+        array.ndim != 1 or not (np.isfinite(array) & (array > 0)).all(),
+        f"{name} must be finite and above 0{unit}: got {values!r}",
+    )
     return array
 
 
 def _depths(fit: Fit, static: ArrayLike | None, radius: float | None) -> tuple[Floats, float]:
     if static is None:
         return np.empty(0), np.nan
-    if radius is None:
-        radius = fit.radius
+    radius = fit.radius if radius is None else radius
     if radius is None:
         raise ValueError("static_radius must be given: the data of the fit are of several radii")
     R = float(_positive("static_radius", radius, " mm")[0])
     depth = np.atleast_1d(np.asarray(static, dtype=np.float64))
-    if depth.ndim != 1 or not ((depth > 0) & (depth < 2 * R)).all():
-        raise ValueError(f"static must be depths above 0 and below 2R = {2 * R:g} mm: got {static!r}")
+    refuse(
+        depth.ndim != 1 or not ((depth > 0) & (depth < 2 * R)).all(),
+        f"static must be depths above 0 and below 2R = {2 * R:g} mm: got {static!r}",
+    )
     return depth, R
 
 
 def _scatter(fit: Fit, given: float | None) -> float:
     if given is not None:
         return float(_positive("scatter", given, "")[0])
-    if fit.residual_kind != "relative":
-        raise ValueError(
-            f"scatter must be given, the standard deviation of ln v: the fit has {fit.residual_kind!r} residuals"
-        )
+    refuse(
+        fit.residual_kind != "relative",
+        f"scatter must be given, the standard deviation of ln v: the fit has {fit.residual_kind!r} residuals",
+    )
     (value,) = (s.value for s in fit._evidence().scatters if s.name == "velocity")
     return float(np.hypot(value, MODEL_ERROR))
 

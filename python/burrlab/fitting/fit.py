@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from typing import Any, Literal, get_args
 
@@ -13,16 +13,15 @@ import nlopt
 import numpy as np
 
 from burrlab._core import Burr, Shape
-from burrlab.common.check import require_type
+from burrlab.common.check import refuse, require_type
 from burrlab.common.provenance import provenance
 from burrlab.fitting.hypotheses import Point
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import Bounds, Data, Observations, ResidualKind, bounds_of
+from burrlab.fitting.observations import Bounds, Box, Data, Floats, Observations, ResidualKind, bounds_of
 from burrlab.fitting.profile import FLAT, Domain, at_ridge, minima
 from burrlab.fitting.record import describe, weigh
 from burrlab.fitting.result import Fit
-from burrlab.fitting.search import Box, Start, minimise
-from burrlab.fitting.verdict import equally_good, status_of
+from burrlab.fitting.verdict import Start, equally_good, status_of
 from burrlab.fitting.voxel import Descents, VoxelEngine, VoxelModel
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
@@ -31,6 +30,12 @@ from burrlab.measured.indentation import Indentation
 __all__ = ["Fit", "fit"]
 
 Engine = Literal["mean-field", "voxel"]
+_RESULTS = {
+    getattr(nlopt, name): name for name in ("SUCCESS", "XTOL_REACHED", "ROUNDOFF_LIMITED", "MAXEVAL_REACHED")
+}
+_STEP = 0.02  # first step, in logarithms: the search stays at the minimum that it checks
+_CLOSE = 1e-7  # the search ends where its steps fall below this, in logarithms
+_LONGEST = 1000  # evaluations
 
 
 def fit(
@@ -141,8 +146,10 @@ def fit(
     voxels = _engine(engine, old)
     _check(burr, residuals, seed, bounds, voxels)
     observations = Observations.of(sets, burr)
-    if residuals == "sigma" and not observations.has_sigma:
-        raise ValueError("residuals 'sigma' need a sigma in every row that has a velocity")
+    refuse(
+        residuals == "sigma" and not observations.has_sigma,
+        "residuals 'sigma' need a sigma in every row that has a velocity",
+    )
     seed = secrets.randbits(32) if seed is None else int(seed)
 
     likelihood = Likelihood(observations, residuals, MeanFieldModel(observations, shape))
@@ -166,6 +173,7 @@ def fit(
         if failure:
             starts = (Start("from mean-field", there, there, np.inf, "FAILURE", 0),)
 
+    radii = sorted(set(observations.radius.tolist()))
     best = min(starts, key=lambda start: start.objective) if missed > FLAT else starts[0]
     evidence, status, reason = None, "not-converged", failure
     if not failure:
@@ -175,7 +183,7 @@ def fit(
         c_e=best.end[0],
         alpha=best.end[1],
         shape=shape,
-        radius=_radius(observations),
+        radius=radii[0] if len(radii) == 1 else None,
         residual_kind=residuals,
         status=status,
         reason=reason,
@@ -193,12 +201,12 @@ def fit(
         data=sets,
         provenance=provenance(
             shape=shape.name,
-            radius_mm=sorted(set(observations.radius.tolist())),
+            radius_mm=radii,
             engine="mean-field" if voxels is None else "voxel",
             residuals=residuals,
             seed=seed,
             nlopt=nlopt.__version__,
-            **({} if voxels is None else voxels.settings.described()),
+            **({} if voxels is None else voxels._described()),
         ),
     )
 
@@ -211,8 +219,7 @@ def _sets(data: Data | Sequence[Data]) -> tuple[Data, ...]:
                 "data must be a VelocityCurve, Indentation or DepthTrace or several of them, such as "
                 f"VelocityCurve.from_csv('data.csv'), got {one!r}"
             )
-    if not sets:
-        raise ValueError("data must hold at least one data set: got none")
+    refuse(not sets, "data must hold at least one data set: got none")
     return sets
 
 
@@ -223,15 +230,12 @@ def _with_best_alphas(box: Box, likelihood: Likelihood) -> Box:
     return Box((box.lower[0], min(box.lower[1], low)), (box.upper[0], max(box.upper[1], high)))
 
 
-def _radius(observations: Observations) -> float | None:
-    radii = set(observations.radius.tolist())
-    return radii.pop() if len(radii) == 1 else None
-
-
 def _engine(engine: str | VoxelEngine, old: dict[str, Any]) -> VoxelEngine | None:
     """The voxel engine, if it is asked for; its options were keywords of `fit` before."""
-    if not isinstance(engine, VoxelEngine) and engine not in get_args(Engine):
-        raise ValueError(f"engine must be one of {', '.join(get_args(Engine))}: got {engine!r}")
+    refuse(
+        not isinstance(engine, VoxelEngine) and engine not in get_args(Engine),
+        f"engine must be one of {', '.join(get_args(Engine))}: got {engine!r}",
+    )
     unknown = set(old) - {"starts", *(field.name for field in fields(VoxelEngine))}
     if unknown:
         raise TypeError(f"fit() got an unexpected keyword argument {min(unknown)!r}")
@@ -247,20 +251,24 @@ def _engine(engine: str | VoxelEngine, old: dict[str, Any]) -> VoxelEngine | Non
         said = f"{', '.join(old)} of fit() will go: give engine=VoxelEngine(...) instead"
         warnings.warn(said, DeprecationWarning, stacklevel=3)
     made = VoxelEngine(**old)
-    if isinstance(engine, VoxelEngine):
-        return engine
-    return made if engine == "voxel" else None
+    return engine if isinstance(engine, VoxelEngine) else made if engine == "voxel" else None
 
 
 def _check(burr: object, residuals: str, seed: object, bounds: object, voxels: VoxelEngine | None) -> None:
     if burr is not None:
         require_type("burr", burr, Burr, "Burr(3.0)")
-    if residuals not in get_args(ResidualKind):
-        raise ValueError(f"residuals must be one of {', '.join(get_args(ResidualKind))}: got {residuals!r}")
-    if not (seed is None or (isinstance(seed, (int, np.integer)) and seed >= 0)):
-        raise ValueError(f"seed must be a whole number from 0, or None: got {seed!r}")
-    if seed is None and voxels is not None and voxels.store is not None:
-        raise ValueError("a store needs a seed, for it finds results by it: got seed None")
+    refuse(
+        residuals not in get_args(ResidualKind),
+        f"residuals must be one of {', '.join(get_args(ResidualKind))}: got {residuals!r}",
+    )
+    refuse(
+        not (seed is None or (isinstance(seed, (int, np.integer)) and seed >= 0)),
+        f"seed must be a whole number from 0, or None: got {seed!r}",
+    )
+    refuse(
+        seed is None and voxels is not None and voxels.store is not None,
+        "a store needs a seed, for it finds results by it: got seed None",
+    )
     if not isinstance(bounds, (dict, type(None))):
         raise TypeError(f"bounds must be a dict such as {{'c_e': (1, 3)}}, got {bounds!r}")
 
@@ -277,13 +285,68 @@ def _searched(
     if not found:
         return (), 0.0
     best = at_ridge(likelihood, within, found[0])
-    end = best.c_e, best.alpha
+    end = best.point
     origin, there = begin or ("walk along c_e", end)
     walk = Start(origin, there, end, likelihood.objective(*end), "SUCCESS", best.evaluations)
     ends = [walk]
-    for one in (best, *found[1:]):
-        point = one.c_e, one.alpha
+    for point in (end, *(one.point for one in found[1:])):
         if equally_good(likelihood.objective(*point), walk, len(likelihood.observations)):
             ends.append(minimise(likelihood.objective, box, point, origin=f"BOBYQA {len(ends)}"))
     lowest = min(float(likelihood.at(one.end[0]).minus2(one.end[1])[0]) for one in ends)
     return tuple(ends), found[0].minus2 - lowest
+
+
+def minimise(
+    objective: Callable[[float, float], float], box: Box, start: tuple[float, float], *, origin: str
+) -> Start:
+    """nlopt's BOBYQA over (log c_e, log alpha), from a point of the walk.
+
+    Parameters
+    ----------
+    objective : callable
+        Of c_e [N/mm^2] and alpha [1/ms]; what is not finite counts as worse than every finite value so far.
+    box : Box
+        Bounds.
+    start : (float, float)
+        c_e [N/mm^2] and alpha [1/ms] to begin at.
+    origin : str
+        Name of the search in the result.
+
+    Returns
+    -------
+    Start
+        With the best point evaluated, wherever the algorithm ended.
+
+    Raises
+    ------
+    Exception
+        Whatever the objective raises.
+    """
+    low, high = np.log(box.lower), np.log(box.upper)
+    best, worst, evaluations = (np.inf, start), 1.0, 0
+
+    def value(logarithms: Floats, _: Floats) -> float:
+        nonlocal best, worst, evaluations
+        c_e, alpha = np.exp(np.clip(logarithms, low, high)).tolist()  # BOBYQA can leave the box by rounding
+        found, evaluations = float(objective(c_e, alpha)), evaluations + 1
+        if not np.isfinite(found):  # nlopt "succeeds" on NaN
+            return 10.0 * worst
+        worst = max(worst, found)
+        best = min(best, (found, (c_e, alpha)))  # nlopt can lose it
+        return found
+
+    optimiser = nlopt.opt(nlopt.LN_BOBYQA, 2)
+    optimiser.set_lower_bounds(low)
+    optimiser.set_upper_bounds(high)
+    optimiser.set_initial_step(
+        np.minimum(_STEP, 0.25 * (high - low))
+    )  # BOBYQA refuses more than half the box
+    optimiser.set_xtol_abs(_CLOSE)
+    optimiser.set_maxeval(_LONGEST)
+    optimiser.set_min_objective(value)
+    try:
+        optimiser.optimize(np.clip(np.log(start), low, high))
+        result = _RESULTS.get(optimiser.last_optimize_result(), "FAILURE")
+    except nlopt.RoundoffLimited:
+        result = "ROUNDOFF_LIMITED"
+    return Start(origin, start, best[1], best[0], result, evaluations)

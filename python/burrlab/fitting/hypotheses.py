@@ -47,6 +47,14 @@ def p_text(p: float) -> str:
     return "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
 
 
+def _judged(statistic: float, *freedom: float) -> tuple[float, str]:
+    """p-value of an F, or of a chi-square where there is one number of degrees of freedom, and the outcome in words."""
+    p = float((stats.f if len(freedom) > 1 else stats.chi2).sf(statistic, *freedom))
+    told = ", ".join(f"{one:.3g}" if isinstance(one, float) else f"{one}" for one in freedom)
+    number = f"F({told}) = {statistic:.3g}" if len(freedom) > 1 else f"chi-square {statistic:.3g} of {told}"
+    return p, f"{number}, {p_text(p)}"
+
+
 def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     """Whether the scatter about the fit is larger than the repeats' own.
 
@@ -74,15 +82,9 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     S = float(np.sum(r**2))
     if likelihood.known:
         nu = likelihood.n - 2
-        p = float(stats.chi2.sf(S, nu))
+        p, told = _judged(S, nu)
         agree = "agrees with" if p >= 0.05 else "contradicts"
-        return HypothesisTest(
-            name,
-            S,
-            (nu,),
-            p,
-            f"The scatter {agree} the given sigma: chi-square {S:.3g} of {nu}, {p_text(p)}.",
-        )
+        return HypothesisTest(name, S, (nu,), p, f"The scatter {agree} the given sigma: {told}.")
     o = likelihood.observations
     single = o.run < 0
     columns = np.stack([o.force, o.radius, o.window_start, o.window_end], axis=1)[single]
@@ -95,20 +97,18 @@ def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     if above < 1 or below < 1 or pure == 0:
         return None
     F = (max(S - pure, 0.0) / above) / (pure / below)
-    p = float(stats.f.sf(F, above, below))
+    p, told = _judged(F, above, below)
     agree = "the model fits within the scatter of the repeats" if p >= 0.05 else "the model misses the means"
-    return HypothesisTest(
-        name, F, (above, below), p, f"Lack of fit: {agree}, F({above}, {below}) = {F:.3g}, {p_text(p)}."
-    )
+    return HypothesisTest(name, F, (above, below), p, f"Lack of fit: {agree}, {told}.")
 
 
 def fall_with_depth(likelihood: Likelihood, unit: Floats) -> HypothesisTest | None:
     """Whether the velocity falls with depth within the runs as the model says; None without traces.
 
     The segments' residuals about their run's mean, averaged over the runs, should be 0. With several runs
-    they are compared with their scatter from run to run (F), each run weighted by what its record says of its
-    scatter; with one, with the standard errors of the segments' velocities (chi-square). Both hold the model's own error, 0.2 %, so that records without noise
-    are not rejected for it.
+    they are compared with their scatter from run to run (F). The record of each run says its own scatter, which
+    weighs it. One run is compared with the standard errors of its segments' velocities (chi-square). Both hold the
+    model's own error, 0.2 %, so that records without noise are not rejected for it.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats) -> HypothesisTest | No
     runs = int(o.run.max(initial=-1)) + 1
     if not runs:
         return None
-    name = "fall with depth"
+    freedom: tuple[int, ...]
     table = likelihood.within_residuals(unit).reshape(runs, -1)
     segments = table.shape[1]
     precision = 1 / likelihood.run_scatter
@@ -129,27 +129,20 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats) -> HypothesisTest | No
     measured = float(np.exp(pattern[0] + expected[0] - pattern[-1] - expected[-1]))
     said = f"first over last segment {measured:.3g}, {np.exp(expected[0] - expected[-1]):.3g} by the model"
     if runs > 1:
-        above, below = segments - 1, (runs - 1) * (segments - 1)
+        freedom = segments - 1, (runs - 1) * (segments - 1)
+        above, below = freedom
         spread = float(np.sum((table - precision[:, None] * pattern) ** 2)) / below
         weight = float(np.sum(precision**2))
         F = float(weight * np.sum(pattern**2) / above) / (spread + weight * MODEL_ERROR**2)
-        p = float(stats.f.sf(F, above, below))
-        freedom: tuple[float, ...] = (float(above), float(below))
-        number = f"F({above}, {below}) = {F:.3g}"
     else:
+        freedom = (segments - 1,)
         weights = 1 / (o.log_sigma[o.run == 0] ** 2 + MODEL_ERROR**2)
         r = np.log(o.velocity[o.run == 0]) - expected
         F = float(np.sum(weights * (r - np.sum(weights * r) / np.sum(weights)) ** 2))
-        p, freedom = float(stats.chi2.sf(F, segments - 1)), (float(segments - 1),)
-        number = f"chi-square {F:.3g} of {segments - 1}"
+    p, told = _judged(F, *freedom)
     agree = "agrees with" if p >= 0.05 else "contradicts"
-    return HypothesisTest(
-        name,
-        F,
-        freedom,
-        p,
-        f"The fall of velocity with depth {agree} the model ({said}): {number}, {p_text(p)}.",
-    )
+    sentence = f"The fall of velocity with depth {agree} the model ({said}): {told}."
+    return HypothesisTest("fall with depth", F, tuple(map(float, freedom)), p, sentence)
 
 
 def one_material(a: Likelihood, b: Likelihood, both: Likelihood, points: Sequence[Point]) -> HypothesisTest:
@@ -166,7 +159,6 @@ def one_material(a: Likelihood, b: Likelihood, both: Likelihood, points: Sequenc
     points : sequence of (c_e, alpha)
         Their best points [N/mm^2], [1/ms].
     """
-    name = "one material"
     parts = [one.squares(*point) for one, point in zip((a, b, both), points, strict=True)]
     rise = 0.0
     for kind, (_, rows, known) in parts[2].items():
@@ -177,17 +169,12 @@ def one_material(a: Likelihood, b: Likelihood, both: Likelihood, points: Sequenc
     judged = Calibration(scatters, total, shares).threshold(
         None, 2.0
     )  # of two parameters more: twice as many
-    F, nu = judged.statistic(rise) / 2, judged.nu
-    freedom: tuple[float, ...] = (2.0, nu)
-    if np.isfinite(nu):
-        p, number = float(stats.f.sf(F, 2, nu)), f"F(2, {nu:.3g}) = {F:.3g}"
-    else:
-        F, freedom = 2 * F, (2.0,)
-        p, number = float(stats.chi2.sf(F, 2)), f"chi-square {F:.3g} of 2"
+    statistic = judged.statistic(rise)  # of both parameters together: twice F
+    freedom: tuple[float, ...] = (2.0, judged.nu) if np.isfinite(judged.nu) else (2.0,)
+    F = statistic / len(freedom)
+    p, told = _judged(F, *freedom)
     differ = "differ" if p < 0.05 else "can be of one material"
-    return HypothesisTest(
-        name, F, freedom, p, f"The two {differ} (one c_e and alpha): {number}, {p_text(p)}."
-    )
+    return HypothesisTest("one material", F, freedom, p, f"The two {differ} (one c_e and alpha): {told}.")
 
 
 def given_values(

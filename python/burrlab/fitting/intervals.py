@@ -32,6 +32,14 @@ class Interval:
         return self.upper / self.lower if self.upper is not None and self.lower else np.inf
 
 
+def plain_ends(intervals: Mapping[str, Mapping[str, Interval]]) -> dict[str, dict[str, list[float | None]]]:
+    """Intervals by name and level as [lower, upper], ready for JSON."""
+    return {
+        name: {level: [ends.lower, ends.upper] for level, ends in levels.items()}
+        for name, levels in intervals.items()
+    }
+
+
 @by_value
 @dataclass(frozen=True)
 class Region:

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from burrlab._core import Shape
+from burrlab.common.check import refuse
 from burrlab.fitting.observations import Floats, Observations, ResidualKind, Rows, Scatter
-from burrlab.theory.continuum import MasterCurve
+from burrlab.theory.continuum import PER_SECOND, MasterCurve
 
 
 class Model(Protocol):
@@ -47,7 +48,7 @@ class MeanFieldModel:
         for start, end, pressure, rows, inverse in self._groups:
             distinct = np.asarray(self._curve.velocity_ratio(pressure / stiffness, start, end))
             ratio[..., rows] = distinct[..., inverse]
-        return 1e3 * self._radius * ratio  # 1/ms is 1000/s
+        return PER_SECOND * self._radius * ratio
 
     def predict(self, c_e: float, alpha: float) -> Floats:
         """Velocity [mm/s] of every velocity row at c_e [N/mm^2], alpha [1/ms]."""
@@ -84,8 +85,9 @@ class Likelihood:
         run = observations.run
         self._single = np.flatnonzero(run < 0)
         self._runs = [np.flatnonzero(run == i) for i in range(int(run.max(initial=-1)) + 1)]
-        if self._runs and kind != "relative":
-            raise ValueError(f"residuals must be 'relative' with depth traces: got {kind!r}")
+        refuse(
+            self._runs and kind != "relative", f"residuals must be 'relative' with depth traces: got {kind!r}"
+        )
         self.n = len(self._single) + len(self._runs)
         self.n_within = sum(len(rows) - 1 for rows in self._runs)
         own = [np.sqrt(np.mean(observations.log_sigma[rows] ** 2) + MODEL_ERROR**2) for rows in self._runs]
@@ -102,7 +104,7 @@ class Likelihood:
     def own_residuals(self, c_e: float, alpha: float) -> Floats:
         """Residuals of the curves' rows about the best fit to these rows alone, taken to be linear near the fit.
 
-        Other rows pull the fit away from it: what they do is taken off along the derivatives.
+        Other rows pull the fit away from there. Their pull is taken off along the derivatives.
         """
         _, _, J, r, _ = self._derivatives(c_e, alpha)[0]
         J, r = J[: len(self._single)], r[: len(self._single)]

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
 from burrlab._core import Burr
-from burrlab.fitting.search import Box
+from burrlab.common.check import refuse
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
 from burrlab.measured.indentation import Indentation
+from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 
 Floats: TypeAlias = NDArray[np.float64]
 Rows: TypeAlias = NDArray[np.intp]
@@ -22,11 +23,12 @@ ResidualKind: TypeAlias = Literal["relative", "absolute", "sigma"]
 Bounds: TypeAlias = dict[str, tuple[float, float]]
 Data: TypeAlias = VelocityCurve | Indentation | DepthTrace
 
-WINDOW_START, WINDOW_END = 1 / 6, 1 / 3  # of the default window, in radii (docs/model.md, section 4)
 SEGMENTS = 5  # parts of equal depth that a trace is compared in
 C_E_RANGE = 100.0  # upper bound of c_e over its lower one, see `bounds_of`
 ALPHA_BOUNDS = (1e-5, 10.0)  # [1/ms], see `bounds_of`
 _EXTREME = 1e9  # no force, velocity or radius is larger, or smaller than one over it, in N and mm
+_VELOCITY = ("force", "velocity", "sigma", "window_start", "window_end", "radius", "run", "log_sigma")
+_PRESSED = ("pressed", "pressed_sigma", "pressed_unit")  # columns of velocity rows, and of pressed ones
 _MARGIN = 1e-4  # the hard bound of c_e is open: at it the window has no length
 
 
@@ -64,59 +66,37 @@ class Observations:
             If a radius is missing or contradicts the burr's, fewer than three distinct forces have a
             velocity, a lone pair of an indentation has no sigma, or runs contradict one another about c_e.
         """
-        empty = np.empty(0)
-        velocity: list[tuple[Floats, ...]] = []
-        pressed: list[tuple[Floats, ...]] = []
+        parts: dict[str, list[Floats]] = {name: [np.empty(0)] for name in (*_VELOCITY, *_PRESSED)}
         rows: list[tuple[str, Rows]] = []
-        ceilings, n_skipped, n_censored, n_runs, n_rows, n_pressed = [np.inf], 0, 0, 0, 0, 0
+        ceiling, n_skipped, n_censored, n_runs = np.inf, 0, 0, 0
         for one in data:
             radius = _radius(one, burr)
+            found: dict[str, Any] = {"force": one.force, "radius": radius, "run": -1}
             if isinstance(one, Indentation):
                 unit = radius**2 * (one.depth / radius) ** 1.5
-                sigma = np.full(len(one), np.nan) if one.sigma is None else one.sigma
-                pressed.append((one.force, sigma, unit))
-                rows.append(("pressed", np.arange(n_pressed, n_pressed + len(one))))
-                n_pressed += len(one)
-                continue
-            if isinstance(one, DepthTrace):
-                parts = one.segments(SEGMENTS)
-                n = len(parts.velocity)
-                columns = [np.full(n, one.force), parts.velocity, np.full(n, np.nan)]
-                columns += [parts.start_mm, parts.end_mm, np.full(n, radius), np.full(n, n_runs)]
-                columns.append(parts.log_sigma)
+                found = {"pressed": one.force, "pressed_sigma": one.sigma, "pressed_unit": unit}
+            elif isinstance(one, DepthTrace):
+                segments = one.segments(SEGMENTS)
+                found |= {"velocity": segments.velocity, "log_sigma": segments.log_sigma, "run": n_runs}
+                found |= {"window_start": segments.start_mm, "window_end": segments.end_mm}
                 n_runs += 1
             else:
-                ok, n = one.ok, int(one.ok.sum())
-                absent = np.full(len(one), np.nan)
-                table = [absent if c is None else c for c in (one.sigma, one.window_start, one.window_end)]
-                columns = [c[ok] for c in (one.force, one.velocity, *table)]
-                columns += [np.full(n, radius), np.full(n, -1), np.full(n, np.nan)]
+                ok = one.ok
+                for name in ("force", "velocity", "sigma", "window_start", "window_end"):
+                    column = getattr(one, name)
+                    found[name] = None if column is None else column[ok]
                 over = np.array([s == "overloaded" for s in one.status or len(one) * ("",)])
-                if over.any():
-                    ceilings.append(_static_c_e(one.force[over], table[2][over], radius).min())
-                n_skipped, n_censored = n_skipped + len(one) - n, n_censored + int(over.sum())
-            velocity.append(tuple(columns))
-            rows.append(("velocity", np.arange(n_rows, n_rows + n)))
-            n_rows += n
-        tables = [np.concatenate(c) for c in zip(*velocity, strict=True)] if velocity else [empty] * 8
-        presses = [np.concatenate(c) for c in zip(*pressed, strict=True)] if pressed else [empty] * 3
-        made = cls(
-            force=tables[0],
-            velocity=tables[1],
-            sigma=tables[2],
-            window_start=tables[3],
-            window_end=tables[4],
-            radius=tables[5],
-            run=tables[6].astype(np.intp),
-            log_sigma=tables[7],
-            pressed=presses[0],
-            pressed_sigma=presses[1],
-            pressed_unit=presses[2],
-            rows=tuple(rows),
-            ceiling=float(min(ceilings)),
-            n_skipped=n_skipped,
-            n_censored=n_censored,
-        )
+                end = np.full(len(one), np.nan) if one.window_end is None else one.window_end
+                ceiling = float(_static_c_e(one.force[over], end[over], radius).min(initial=ceiling))
+                n_skipped, n_censored = n_skipped + int((~ok).sum()), n_censored + int(over.sum())
+            kind, names = ("velocity", _VELOCITY) if "velocity" in found else ("pressed", _PRESSED)
+            begin, n = sum(map(len, parts[kind])), len(found[kind])
+            rows.append((kind, np.arange(begin, begin + n)))
+            for name in names:  # what is not there is NaN
+                parts[name].append(np.broadcast_to(np.asarray(found.get(name), np.float64), n))
+        tables: dict[str, Any] = {name: np.concatenate(columns) for name, columns in parts.items()}
+        tables["run"] = tables["run"].astype(np.intp)
+        made = cls(**tables, rows=tuple(rows), ceiling=ceiling, n_skipped=n_skipped, n_censored=n_censored)
         made._check()
         return made
 
@@ -139,10 +119,10 @@ class Observations:
                 f"a fit needs velocities at three or more distinct forces: got {distinct} in {len(self.force)} "
                 f"usable of {all_rows} rows"
             )
-        if len(self.pressed) == 1 and np.isnan(self.pressed_sigma[0]):
-            raise ValueError(
-                "an indentation without sigma needs two pairs or more, to show its scatter: got one in all"
-            )
+        refuse(
+            len(self.pressed) == 1 and np.isnan(self.pressed_sigma[0]),
+            "an indentation without sigma needs two pairs or more, to show its scatter: got one in all",
+        )
         floors = self.c_e_bounds()
         if floors.max() >= self.ceiling:
             row = int(np.argmax(floors))
@@ -195,12 +175,12 @@ class Observations:
 
 def _static_c_e(force: Floats, end: Floats, radius: Floats | float) -> Floats:
     """c_e [N/mm^2] at which static contact alone ends at `end` [mm], NaN for R/3."""
-    relative = np.where(np.isnan(end), WINDOW_END, end / radius)
+    relative = np.where(np.isnan(end), WINDOW_STOP, end / radius)
     return np.asarray(force / (radius**2 * relative**1.5))
 
 
 def _radius(data: Data, burr: Burr | None) -> float:
-    if burr is not None and data.radius is not None and data.radius != burr.radius:
+    if burr is not None and data.radius not in (None, burr.radius):
         name = "curve" if isinstance(data, VelocityCurve) else "data set"
         raise ValueError(
             f"the {name} was taken with a burr of radius {data.radius:g} mm, the fit is for {burr.radius:g} mm"
@@ -210,6 +190,14 @@ def _radius(data: Data, burr: Burr | None) -> float:
     if burr is None:
         raise ValueError(f"a burr must be given for data without a radius: got none for {data!r}")
     return burr.radius
+
+
+@dataclass(frozen=True)
+class Box:
+    """Bounds of the two parameters: (c_e [N/mm^2], alpha [1/ms])."""
+
+    lower: tuple[float, float]
+    upper: tuple[float, float]
 
 
 def bounds_of(observations: Observations, given: Bounds | None) -> Box:
@@ -231,20 +219,21 @@ def bounds_of(observations: Observations, given: Bounds | None) -> Box:
     deepest = float(observations.force[np.argmax(observations.c_e_bounds())])
     box = {"c_e": (min(hard, ceiling), min(C_E_RANGE * hard, ceiling)), "alpha": ALPHA_BOUNDS}
     for name, pair in (given or {}).items():
-        if name not in box:
-            raise ValueError(f"bounds are for 'c_e' and 'alpha': got {name!r}")
+        refuse(name not in box, f"bounds are for 'c_e' and 'alpha': got {name!r}")
         low, high = (float(end) for end in pair)
-        if not 0 < low < high < np.inf:
-            raise ValueError(f"bounds of {name} must be two finite numbers 0 < low < high: got {pair!r}")
-        if name == "c_e" and high <= hard:
-            raise ValueError(
-                f"bounds of c_e end at {high:g} N/mm^2, but the window at {deepest:g} N "
-                f"needs c_e > {hard:g} N/mm^2"
-            )
-        if name == "c_e" and low >= ceiling:
-            raise ValueError(
-                f"bounds of c_e begin at {low:g} N/mm^2, but an 'overloaded' run needs c_e < {ceiling:g} N/mm^2"
-            )
+        refuse(
+            not 0 < low < high < np.inf,
+            f"bounds of {name} must be two finite numbers 0 < low < high: got {pair!r}",
+        )
+        refuse(
+            name == "c_e" and high <= hard,
+            f"bounds of c_e end at {high:g} N/mm^2, but the window at {deepest:g} N "
+            f"needs c_e > {hard:g} N/mm^2",
+        )
+        refuse(
+            name == "c_e" and low >= ceiling,
+            f"bounds of c_e begin at {low:g} N/mm^2, but an 'overloaded' run needs c_e < {ceiling:g} N/mm^2",
+        )
         box[name] = (max(low, hard), min(high, ceiling)) if name == "c_e" else (low, high)
     return Box((box["c_e"][0], box["alpha"][0]), (box["c_e"][1], box["alpha"][1]))
 

@@ -18,8 +18,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile, Region
 from burrlab.fitting.likelihood import Likelihood, Slices
-from burrlab.fitting.observations import Calibration, Floats
-from burrlab.fitting.search import Box
+from burrlab.fitting.observations import Box, Calibration, Floats
 
 C_E, ALPHA = np.array([1.0, 0.0]), np.array([0.0, 1.0])  # directions in (log c_e, log alpha)
 
@@ -184,11 +183,16 @@ class Minimum:
     minus2: float
     evaluations: int  #: c_e tried to find it and the others
 
+    @property
+    def point(self) -> tuple[float, float]:
+        return self.c_e, self.alpha
+
 
 def minima(likelihood: Likelihood, domain: Domain) -> list[Minimum]:
     """Minima of the walk in a domain, the lowest first; none where there is no window.
 
-    A rise of up to `FLAT` parts no two of them. Between the kinks of its domain the profile is smooth: each part is searched for itself.
+    Two minima are parted by a rise of more than `FLAT`. Between the kinks of its domain the profile is smooth, and
+    each such part is searched by itself.
     """
     kinks = [kink for kink in domain.kinks if domain.low < kink < domain.high]
     c_e = np.unique(np.append(domain.grid, kinks))
@@ -241,10 +245,10 @@ def _followed(likelihood: Likelihood, domain: Domain, low: Floats, high: Floats,
 
 
 def at_ridge(likelihood: Likelihood, domain: Domain, lowest: Minimum) -> Minimum:
-    """The point that counts where the ridge is flat: its smallest c_e from which on all are equally good.
+    """The point that counts: where the ridge is flat, the smallest c_e of the flat stretch.
 
-    Equally good is -2 log L within `FLAT` of its lowest; all are those up to the end of the domain. Without a
-    flat stretch of 5 % in c_e the lowest point itself counts.
+    The stretch reaches to the end of the domain, and -2 log L stays within `FLAT` of its lowest in it. If it
+    spans less than 5 % of c_e, the lowest point itself counts.
     """
     begin = max(domain.entry, domain.low)
     if begin >= domain.high:
@@ -269,19 +273,15 @@ def at_ridge(likelihood: Likelihood, domain: Domain, lowest: Minimum) -> Minimum
     return replace(lowest, c_e=begin, alpha=float(there.alpha[0]), minus2=float(there.minus2[0]))
 
 
-def best_point(likelihood: Likelihood, domain: Domain) -> tuple[float, float]:
-    """c_e [N/mm^2] and alpha [1/ms] of the lowest -2 log L in a domain."""
-    lowest = minima(likelihood, domain)[0]
-    return lowest.c_e, lowest.alpha
+def lowest(likelihood: Likelihood, domain: Domain) -> Minimum:
+    """The lowest minimum of the walk in a domain."""
+    return minima(likelihood, domain)[0]
 
 
 def _valleys(y: Floats) -> list[int]:
     """Places of the minima that a rise of more than `FLAT` parts from one another."""
-    found, low, high = (
-        [],
-        0,
-        -1,
-    )  # places of the lowest since the last peak, of the highest since the last minimum
+    found, low = [], 0  # the place of the lowest since the last peak
+    high = -1  # and of the highest since the last minimum
     for i, value in enumerate(y.tolist()):
         if low < high:
             if value > y[high]:
@@ -340,6 +340,7 @@ def _range_of_alpha(walk: Walk, domain: Domain, target: float) -> Interval:
 
 
 def _band(walk: Walk, target: float) -> tuple[Floats, Floats, Floats]:
+    """Logarithms of c_e inside, and of the lowest and highest alpha there."""
     low, high = walk.band(target)
     inside = np.isfinite(low)
     with np.errstate(divide="ignore"):

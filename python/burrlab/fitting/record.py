@@ -6,6 +6,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import IO, Any, Self
@@ -16,7 +17,7 @@ from burrlab._core import Burr, Shape
 from burrlab.common.records import Codec, parsed
 from burrlab.common.table import by_value
 from burrlab.fitting.hypotheses import HypothesisTest, fall_with_depth, lack_of_fit
-from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile
+from burrlab.fitting.intervals import LEVELS, Combination, Interval, Profile, plain_ends
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import (
     Bounds,
@@ -28,9 +29,8 @@ from burrlab.fitting.observations import (
     Scatter,
 )
 from burrlab.fitting.profile import FLAT, Domain, profile
-from burrlab.fitting.search import Start
-from burrlab.fitting.verdict import Ridge, ridge_of, sentence, separately_identified
-from burrlab.fitting.voxel import VoxelModel, VoxelTable, monte_carlo_share
+from burrlab.fitting.verdict import Ridge, Start, ridge_of, sentence, separately_identified
+from burrlab.fitting.voxel import VoxelModel, VoxelTable, model_of, monte_carlo_share
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
 from burrlab.measured.indentation import Indentation
@@ -220,9 +220,7 @@ class FitRecord:
 
     def model_of(self, observations: Observations) -> MeanFieldModel | VoxelModel:
         """The engine of this fit; for the voxels' only with the rows of its own data."""
-        if self.table is not None:
-            return VoxelModel(observations, self.shape, self.table)
-        return MeanFieldModel(observations, self.shape)
+        return model_of(observations, self.shape, self.table)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain Python objects, ready for JSON; what is not finite is None."""
@@ -236,12 +234,13 @@ class FitRecord:
 
     def to_json(self, file: str | os.PathLike[str] | IO[str]) -> None:
         """Write the fit, data included, as JSON that `from_json` reads back without loss."""
-        if isinstance(file, (str, os.PathLike)):
-            with open(file, "w", encoding="utf-8") as stream:
-                self.to_json(stream)
-        else:
-            json.dump(self.to_dict(), file, indent=1, allow_nan=False)
-            file.write("\n")
+        with (
+            open(file, "w", encoding="utf-8")
+            if isinstance(file, (str, os.PathLike))
+            else nullcontext(file) as to
+        ):
+            json.dump(self.to_dict(), to, indent=1, allow_nan=False)
+            to.write("\n")
 
     @classmethod
     def from_json(cls, file: str | os.PathLike[str] | IO[Any]) -> Self:
@@ -252,11 +251,9 @@ class FitRecord:
         ValueError
             If the file is not the JSON of a fit.
         """
-        if isinstance(file, (str, os.PathLike)):
-            with open(file, "rb") as stream:
-                return cls.from_json(stream)
-        name = getattr(file, "name", "JSON text")
-        return parsed(name, file.read(), "the JSON of a fit", cls.from_dict)
+        with open(file, "rb") if isinstance(file, (str, os.PathLike)) else nullcontext(file) as given:
+            name = getattr(given, "name", "JSON text")
+            return parsed(name, given.read(), "the JSON of a fit", cls.from_dict)
 
 
 @by_value
@@ -387,15 +384,12 @@ def describe(likelihood: Likelihood, best: tuple[float, float], usable: bool) ->
     }
 
 
-def _ends(interval: Interval) -> list[float | None]:
-    return [interval.lower, interval.upper]
-
-
 def _identified(fit: FitRecord) -> dict[str, Any] | None:
     found = fit.identified
     if found is None:
         return None
-    return {"exponent": found.exponent, "value": found.value, "interval": _ends(found.interval)}
+    ends = [found.interval.lower, found.interval.upper]
+    return {"exponent": found.exponent, "value": found.value, "interval": ends}
 
 
 _CODEC = Codec(
@@ -405,10 +399,7 @@ _CODEC = Codec(
             for f in fields(FitRecord)
         }
         | {
-            "intervals": lambda fit: {
-                name: {level: _ends(levels[level]) for level in LEVELS}
-                for name, levels in fit.intervals.items()
-            },
+            "intervals": lambda fit: plain_ends(fit.intervals),
             "identified": _identified,
             "separately_identified": lambda fit: fit.separately_identified,
             "verdict": lambda fit: fit.verdict,

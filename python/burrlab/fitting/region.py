@@ -8,10 +8,9 @@ import numpy as np
 
 from burrlab.fitting.intervals import LEVELS
 from burrlab.fitting.likelihood import MODEL_ERROR
-from burrlab.fitting.observations import Calibration, Floats, Rows, Scatter
+from burrlab.fitting.observations import Box, Calibration, Floats, Rows, Scatter
 from burrlab.fitting.profile import C_E, Domain, Walk
 from burrlab.fitting.record import FitRecord
-from burrlab.fitting.search import Box
 
 _STEP = 0.055  # between the alphas of a row, over the half width of the region, close to its middle
 _COARSE, _ROWS, _ZOOMS = 400, 200, 3  # values of c_e
@@ -82,7 +81,7 @@ class NewRegion:
 class RegionGrid:
     """-2 log L over (log c_e, log alpha), wherever a new region may come to lie.
 
-    The rows' alphas lie about the best one at their c_e, closest there.
+    The alphas of a row surround the best alpha at its c_e, and lie closest there.
     """
 
     log_c_e: Floats  # shape (m,)
@@ -143,7 +142,7 @@ class RegionGrid:
     def truths(self, n: int, random: np.random.Generator) -> tuple[Rows, Rows]:
         """Rows and columns of n points drawn by exp(-rise/2), flat in (log c_e, log alpha), within 99.7 %.
 
-        Systematically: each stands for the same weight, in the order of c_e.
+        They are drawn systematically, in the order of c_e: each stands for the same weight.
         """
         across = np.gradient(self.log_alpha, axis=1)
         weight = np.exp(-self.minus2 / 2) * across * self.width[:, None]

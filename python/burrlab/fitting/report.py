@@ -80,16 +80,13 @@ def statistics(fit: FitRecord) -> dict[str, str]:
         rows["scatter"] = "; ".join(scatter(fit, s) for s in fit.evidence.scatters)
         rows["log-likelihood"] = f"{fit.log_likelihood:.6g}"
         rows["AIC, BIC"] = f"{fit.aic:.6g}, {fit.bic:.6g}"
+    # earlier versions searched from several starts
+    method = "CRS2 and BOBYQA" if "starts" in fit.provenance else "walk along c_e, checked by BOBYQA"
     return rows | {
         "function evals": f"{fit.evaluations} in {fit.seconds:.2g} s; seed {fit.seed}",
-        "method": f"{method(fit)} (nlopt); intervals by profile likelihood, limits by F",
+        "method": f"{method} (nlopt); intervals by profile likelihood, limits by F",
         "status": fit.status,
     }
-
-
-def method(fit: FitRecord) -> str:
-    """How the best point was found; earlier versions searched from several starts."""
-    return "CRS2 and BOBYQA" if "starts" in fit.provenance else "walk along c_e, checked by BOBYQA"
 
 
 def scatter(fit: FitRecord, one: Scatter) -> str:
@@ -224,5 +221,5 @@ def rms(fit: FitRecord, value: float) -> str:
 
 
 def _aligned(pairs: dict[str, str]) -> list[str]:
-    width = max(map(len, pairs))
+    width = max(map(len, pairs), default=0)
     return [f"{name:<{width}} = {value}" for name, value in pairs.items()]

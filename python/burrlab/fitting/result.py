@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 import burrlab.fitting.hypotheses as hypotheses
 import burrlab.fitting.report as report
 from burrlab._core import Material
+from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.common.study import StorePath
 from burrlab.fitting.bootstrap import Bootstrap, bootstrap
@@ -21,10 +22,10 @@ from burrlab.fitting.hypotheses import HypothesisTest
 from burrlab.fitting.intervals import LEVELS, Region
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Floats, Observations, bounds_of
-from burrlab.fitting.profile import ALPHA, C_E, Domain, best_point
+from burrlab.fitting.profile import ALPHA, C_E, Domain, lowest
 from burrlab.fitting.record import FitRecord
 from burrlab.measured.curve import VelocityCurve
-from burrlab.theory.continuum import MasterCurve
+from burrlab.theory.continuum import PER_SECOND, MasterCurve
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -49,8 +50,7 @@ class Fit(FitRecord):
             If the level is another, or the fit gave nothing.
         """
         evidence = self._evidence()
-        if level not in LEVELS:
-            raise ValueError(f"level must be one of {', '.join(LEVELS)}: got {level!r}")
+        refuse(level not in LEVELS, f"level must be one of {', '.join(LEVELS)}: got {level!r}")
         return evidence.profile.regions[level]
 
     def test(self, c_e: float, alpha: float) -> HypothesisTest:
@@ -70,8 +70,9 @@ class Fit(FitRecord):
         """
         evidence = self._evidence()
         for name, value in (("c_e", c_e), ("alpha", alpha)):
-            if not (np.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be positive and finite: got {value!r}")
+            refuse(
+                not (np.isfinite(value) and value > 0), f"{name} must be positive and finite: got {value!r}"
+            )
         return hypotheses.given_values(
             self.likelihood, evidence.calibration, evidence.profile.base, float(c_e), float(alpha)
         )
@@ -100,8 +101,10 @@ class Fit(FitRecord):
         other, no common c_e exists and p is 0.
         """
         mine = (self.shape, self.residual_kind, self.engine)
-        if mine != (other.shape, other.residual_kind, other.engine) or self.engine != "mean-field":
-            raise ValueError("both fits must be mean-field ones with the same shape and kind of residuals")
+        refuse(
+            mine != (other.shape, other.residual_kind, other.engine) or self.engine != "mean-field",
+            "both fits must be mean-field ones with the same shape and kind of residuals",
+        )
         own = [
             replace(one, radius=fit.radius) if one.radius is None else one
             for fit in (self, other)
@@ -112,7 +115,7 @@ class Fit(FitRecord):
         except ValueError as error:
             return HypothesisTest("one material", np.inf, (), 0.0, f"The two differ: {error}.")
         both = Likelihood(observations, self.residual_kind, MeanFieldModel(observations, self.shape))
-        common = best_point(both, Domain.of(both, bounds_of(observations, None), {}))
+        common = lowest(both, Domain.of(both, bounds_of(observations, None), {})).point
         points = [(self.c_e, self.alpha), (other.c_e, other.alpha), common]
         return hypotheses.one_material(self.likelihood, other.likelihood, both, points)
 
@@ -168,7 +171,7 @@ class Fit(FitRecord):
             raise ValueError("radius must be given: the data are of several radii")
         window = [None if end is None else end / R for end in (start_mm, end_mm)]
         phi = np.asarray(force, dtype=np.float64) / (self.c_e * R**2)
-        return 1e3 * self.alpha * R * MasterCurve(self.shape).velocity_ratio(phi, *window)
+        return PER_SECOND * self.alpha * R * MasterCurve(self.shape).velocity_ratio(phi, *window)
 
     def report(self) -> str:
         """The fit as aligned text blocks."""
@@ -178,8 +181,8 @@ class Fit(FitRecord):
         """Velocities as squares, the fitted line and its 95 % band, as in Fig. 5 of the paper.
 
         The line is the mean-field prediction over the default window, one each radius; the band is the range
-        of the lines with parameters in the joint 95 % region, so it holds for all forces at once. Where rows have windows of their own, or
-        the engine is voxel, the prediction of each row is drawn as a dot besides.
+        of the lines with parameters in the joint 95 % region, so it holds for all forces at once. Where rows have
+        windows of their own, or the engine is voxel, a dot is the prediction of each row.
 
         Parameters
         ----------
@@ -200,10 +203,10 @@ class Fit(FitRecord):
         ValueError
             If `alpha_lines` is not between 0 and alpha.
         """
-        if alpha_lines is not None and not 0 < alpha_lines < self.alpha:
-            raise ValueError(
-                f"alpha_lines must be above 0 and below alpha, {self.alpha:g} /ms: got {alpha_lines!r}"
-            )
+        refuse(
+            alpha_lines is not None and not 0 < alpha_lines < self.alpha,
+            f"alpha_lines must be above 0 and below alpha, {self.alpha:g} /ms: got {alpha_lines!r}",
+        )
         return plot_fit(self, ax, alpha_lines, log)
 
     def plot_profile(self, name: str = "c_e", ax: Axes | None = None) -> Axes:
@@ -219,9 +222,7 @@ class Fit(FitRecord):
         ValueError
             If the name is another, or the fit gave nothing.
         """
-        self._evidence()
-        if name not in ("c_e", "alpha"):
-            raise ValueError(f"name must be 'c_e' or 'alpha': got {name!r}")
+        refuse(name not in ("c_e", "alpha"), f"name must be 'c_e' or 'alpha': got {name!r}")
         return plot_profile(self, name, ax)
 
     def plot_region(
@@ -246,7 +247,6 @@ class Fit(FitRecord):
         ValueError
             If the fit gave nothing.
         """
-        self._evidence()
         return plot_region(self, ax, points, combination)
 
     def __repr__(self) -> str:
@@ -317,7 +317,7 @@ def band(fit: Fit, force: Floats, radius: float) -> tuple[Floats, Floats]:
     region = fit.evidence.profile.regions["95"]
     picked = np.unique(np.linspace(0, len(region.c_e) - 1, _BAND).round().astype(int))
     curve = MasterCurve(fit.shape)
-    unit = 1e3 * radius * curve.velocity_ratio(force / (region.c_e[picked, None] * radius**2))
+    unit = PER_SECOND * radius * curve.velocity_ratio(force / (region.c_e[picked, None] * radius**2))
     with np.errstate(invalid="ignore"):
         low = np.nanmin(np.where(np.isnan(unit), np.inf, unit * region.lower[picked, None]), axis=0)
         high = np.nanmax(np.where(np.isnan(unit), -np.inf, unit * region.upper[picked, None]), axis=0)
@@ -326,12 +326,11 @@ def band(fit: Fit, force: Floats, radius: float) -> tuple[Floats, Floats]:
 
 def plot_profile(fit: Fit, name: str, ax: Axes | None) -> Axes:
     """See `Fit.plot_profile`."""
-    ax = axes_or_new(ax)
-    assert fit.evidence is not None
-    profile = fit.evidence.profile
+    evidence, ax = fit._evidence(), axes_or_new(ax)
+    profile = evidence.profile
     x, rise = (profile.c_e, profile.c_e_rise) if name == "c_e" else (profile.alpha, profile.alpha_rise)
     direction = {"c_e": C_E, "alpha": ALPHA}[name]
-    limits = {level: fit.evidence.calibration.limit(p, direction) for level, p in LEVELS.items()}
+    limits = {level: evidence.calibration.limit(p, direction) for level, p in LEVELS.items()}
     top = 1.6 * limits["99.7"]
     near = np.flatnonzero((rise < top) & (x < 12 * getattr(fit, name)))
     shown = slice(max(near[0] - 1, 0), near[-1] + 2)
@@ -358,12 +357,11 @@ def plot_region(
     fit: Fit, ax: Axes | None, points: Mapping[str, tuple[float, float]] | None, combination: bool
 ) -> Axes:
     """See `Fit.plot_region`."""
-    ax = axes_or_new(ax)
-    assert fit.evidence is not None
+    profile, ax = fit._evidence().profile, axes_or_new(ax)
     widest = 12 * fit.c_e
-    p = fit.evidence.profile.identified.exponent if combination else 0.0
+    p = profile.identified.exponent if combination else 0.0
     for level in reversed(list(LEVELS)):
-        region = fit.evidence.profile.regions[level]
+        region = profile.regions[level]
         near = region.c_e <= widest
         suffix = ", open above" if region.open_above else ""
         c_e = region.c_e[near]

@@ -12,13 +12,16 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullLocator
 
 from burrlab._core import Shape
+from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.common.records import Codec
 from burrlab.fitting.hypotheses import p_text
+from burrlab.fitting.intervals import Interval, plain_ends
 from burrlab.fitting.observations import Floats, Threshold
 from burrlab.fitting.report import columns
 from burrlab.fitting.result import Fit, _plain_ticks
-from burrlab.fitting.shape_family import NODES, PowerProfile
+
+NODES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0)  #: k of the master curves that the others come from
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,34 @@ class Pair:
     @property
     def told_apart(self) -> bool:
         return self.rise > self.limit
+
+
+@dataclass(frozen=True, eq=False)
+class PowerProfile:
+    """The best member of the family power(k), and how well k is known.
+
+    Attributes
+    ----------
+    k : float
+        Best exponent, from 0 to 3.
+    c_e, alpha : float
+        [N/mm^2] and [1/ms] there.
+    intervals : mapping
+        Level ``68``, ``95``, ``99.7`` -> Interval of k; None is open: at k = 0, where the family begins, or at
+        k = 3, where the search ends.
+    limits : mapping
+        Level -> rise of -2 log L that bounds the interval.
+    grid, rise : ndarray, shape (m,)
+        k, and the rise of -2 log L there, c_e and alpha at their best.
+    """
+
+    k: float
+    c_e: float
+    alpha: float
+    intervals: Mapping[str, Interval]
+    limits: Mapping[str, float]
+    grid: Floats
+    rise: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +194,8 @@ class ShapeComparison:
 
     def report(self) -> str:
         """Table and sentences as text."""
-        return text(self)
+        lines = ["[[Erosion shapes]]", *(f"    {line}" for line in columns(cells(self))), "[[Notes]]"]
+        return "\n".join([*lines, *(f"    - {sentence}" for sentence in self.sentences)])
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Residuals against force: the best shape's as points, every shape's predictions as a line over its.
@@ -200,21 +232,59 @@ class ShapeComparison:
         ValueError
             If the comparison was made without the family.
         """
-        if self.power is None:
-            raise ValueError(
-                "the profile over k needs the family, free=True, and more than three rows: got none"
-            )
+        refuse(
+            self.power is None,
+            "the profile over k needs the family, free=True, and more than three rows: got none",
+        )
         return plot_power(self, ax)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the data as plain Python objects, ready for JSON; what is not finite is None."""
-        return to_dict(self)
+        rows = [
+            {
+                "shape": row.shape.name,
+                "c_e": row.fit.c_e,
+                "alpha": row.fit.alpha,
+                "intervals": plain_ends(row.fit.intervals),
+                "status": row.fit.status,
+                "log_likelihood": row.fit.log_likelihood,
+                "aic": row.fit.aic,
+                "bic": row.fit.bic,
+                "delta_aic": row.delta_aic,
+                "residual": row.fit.residual_norm,
+                "lack_of_fit_p": None if row.fit.lack_of_fit is None else row.fit.lack_of_fit.p_value,
+                "rise": row.rise,
+                "p_value": row.p_value,
+                "rejected": row.rejected,
+                "pattern": [asdict(part) | {"in_words": _words(self, part)} for part in row.pattern],
+                "alpha_ratio": row.alpha_ratio,
+                "combination_ratio": row.combination_ratio,
+            }
+            for row in self.rows
+        ]
+        made: dict[str, Any] = Codec().plain(
+            {
+                "rows": rows,
+                "power": self.power,
+                "pairs": [asdict(pair) | {"told_apart": pair.told_apart} for pair in self.pairs],
+                "level": self.level,
+                "residuals": self.residual_kind,
+                "rejected": self.rejected,
+                "sentences": self.sentences,
+                "provenance": self.provenance,
+            }
+        )
+        return made
 
     def __repr__(self) -> str:
         return "\n".join(columns(cells(self)))
 
     def _repr_html_(self) -> str:
-        return html(self)
+        head, *rows = cells(self)
+        lines = ["".join(f"<th>{escape(cell)}</th>" for cell in head)]
+        lines += ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows]
+        items = "".join(f"<li>{escape(sentence)}</li>" for sentence in self.sentences)
+        return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table><ul>{items}</ul>"
 
 
 _HEAD = (
@@ -268,63 +338,6 @@ def cells(comparison: ShapeComparison) -> list[list[str]]:
 
 def _is_open(row: ShapeRow) -> bool:
     return row.fit.intervals["c_e"]["95"].upper is None
-
-
-def text(comparison: ShapeComparison) -> str:
-    """Table and sentences."""
-    lines = ["[[Erosion shapes]]", *(f"    {line}" for line in columns(cells(comparison))), "[[Notes]]"]
-    return "\n".join([*lines, *(f"    - {sentence}" for sentence in sentences(comparison))])
-
-
-def html(comparison: ShapeComparison) -> str:
-    """Table and sentences for a notebook."""
-    head, *rows = cells(comparison)
-    lines = ["".join(f"<th>{escape(cell)}</th>" for cell in head)]
-    lines += ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows]
-    items = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences(comparison))
-    return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table><ul>{items}</ul>"
-
-
-def to_dict(comparison: ShapeComparison) -> dict[str, Any]:
-    """See `ShapeComparison.to_dict`."""
-    rows = [
-        {
-            "shape": row.shape.name,
-            "c_e": row.fit.c_e,
-            "alpha": row.fit.alpha,
-            "intervals": {
-                name: {level: [ends.lower, ends.upper] for level, ends in levels.items()}
-                for name, levels in row.fit.intervals.items()
-            },
-            "status": row.fit.status,
-            "log_likelihood": row.fit.log_likelihood,
-            "aic": row.fit.aic,
-            "bic": row.fit.bic,
-            "delta_aic": row.delta_aic,
-            "residual": row.fit.residual_norm,
-            "lack_of_fit_p": None if row.fit.lack_of_fit is None else row.fit.lack_of_fit.p_value,
-            "rise": row.rise,
-            "p_value": row.p_value,
-            "rejected": row.rejected,
-            "pattern": [asdict(part) | {"in_words": _words(comparison, part)} for part in row.pattern],
-            "alpha_ratio": row.alpha_ratio,
-            "combination_ratio": row.combination_ratio,
-        }
-        for row in comparison.rows
-    ]
-    made: dict[str, Any] = Codec().plain(
-        {
-            "rows": rows,
-            "power": comparison.power,
-            "pairs": [asdict(pair) | {"told_apart": pair.told_apart} for pair in comparison.pairs],
-            "level": comparison.level,
-            "residuals": comparison.residual_kind,
-            "rejected": comparison.rejected,
-            "sentences": sentences(comparison),
-            "provenance": comparison.provenance,
-        }
-    )
-    return made
 
 
 def sentences(comparison: ShapeComparison) -> list[str]:

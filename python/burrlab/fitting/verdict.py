@@ -9,15 +9,30 @@ import numpy as np
 
 from burrlab.fitting.intervals import Combination, Interval, Profile
 from burrlab.fitting.likelihood import Likelihood
-from burrlab.fitting.observations import Observations
+from burrlab.fitting.observations import Box, Observations
 from burrlab.fitting.profile import FLAT, ONE_PLACE
-from burrlab.fitting.search import Box, Start
 
 _RIDGE_PHI = 0.7  # a point on the ridge is taken where the largest phi is 0.7 of the one where it ends
 _AT_BOUND = 1e-3  # ends closer to a bound than this, relatively, are at it
 _EQUAL = 1e-3  # ends are equally good where their RMS residuals differ by less than this, relatively
 #: c_e and alpha are separately identified where c_e's closed 95 % interval spans less than this factor (ours).
 SEPARATE = 2.0
+
+
+@dataclass(frozen=True)
+class Start:
+    """One search: where it began, where it ended, and how.
+
+    `objective` is the sum of squared residuals at the end; `result` is nlopt's return code by name, SUCCESS
+    for the walk. A good code says that the search stopped as planned, not that the fit is good.
+    """
+
+    origin: str
+    start: tuple[float, float]  # c_e [N/mm^2], alpha [1/ms]
+    end: tuple[float, float]
+    objective: float
+    result: str
+    evaluations: int
 
 
 @dataclass(frozen=True)
@@ -37,7 +52,7 @@ class Ridge:
 
 
 def ridge_of(likelihood: Likelihood, exponent: float, best: tuple[float, float], profile: Profile) -> Ridge:
-    """Compare the best point with the ridge; whether it is excluded says the profile."""
+    """The best point beside the ridge; the profile says whether the ridge is excluded."""
     o = likelihood.observations
     entry = float(o.ridge_entries().max())
     c_e, alpha = best
@@ -64,7 +79,7 @@ def status_of(
     ridge: Ridge,
     missed: float,
 ) -> tuple[str, str]:
-    """Status and reason of a fit, the gravest first; nlopt's -2 log L is by `missed` below the walk's."""
+    """Status and reason of a fit, the gravest first; `missed` is how far nlopt's -2 log L lies below the walk's."""
     at = bound_reached(observations, box, best.end)
     if missed > FLAT:
         return (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -13,14 +13,15 @@ from numpy.typing import ArrayLike
 from burrlab._core import Burr, Material, Shape
 from burrlab.bone.specimen import Specimen
 from burrlab.bone.uneven import BoneField
+from burrlab.common.check import refuse
 from burrlab.common.study import StorePath, run_items, stored_as
 from burrlab.descent.descent import descend
 from burrlab.descent.result import Descent
 from burrlab.descent.sweep import item_seed
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
-from burrlab.fitting.observations import WINDOW_END, WINDOW_START, Floats, Observations, Rows
-from burrlab.fitting.search import Box
+from burrlab.fitting.observations import Box, Floats, Observations, Rows
 from burrlab.theory.closed_forms import FEWEST_TICKS, samples_between
+from burrlab.theory.continuum import WINDOW_START, WINDOW_STOP
 
 Window: TypeAlias = tuple[float | None, float | None]  # in radii; None is the default end
 
@@ -28,17 +29,69 @@ _LONGEST = 3600.0  # a descent that takes longer than this is stalled [s of simu
 
 
 @stored_as("burrlab.fitting.voxel_descent.VoxelSettings")
-@dataclass(frozen=True)
-class VoxelSettings:
-    """What is simulated."""
+@dataclass(frozen=True, kw_only=True)
+class VoxelEngine:
+    """What only the voxel engine of `burrlab.fit` needs.
 
-    voxel: float  # [mm]
-    dt: float  # [ms]
-    rig: bool
-    specimen: Specimen | BoneField | None
-    replicates: int
+    Parameters
+    ----------
+    voxel : float
+        Voxel size [mm].
+    dt : float
+        Tick [ms].
+    rig : bool
+        Descents through controller and virtual rig; else the force is held exactly.
+    specimen : Specimen or BoneField, optional
+        What is burred; of a BoneField every replicate has its own realisation. Default: solid bone.
+    replicates : int
+        Descents at each force and point, at least 2; their differences give the Monte Carlo error.
+    executor : concurrent.futures.Executor, optional
+        Runs the descents; threads over the cores by default.
+    store : Store or path, optional
+        Keeps every descent, so that an interrupted fit goes on where it stopped.
+    progress : callable, optional
+        Called with (descents done, descents in all).
 
-    def described(self) -> dict[str, Any]:
+    Raises
+    ------
+    TypeError
+        If `replicates` or `specimen` is something else.
+    ValueError
+        If `replicates` is below 2.
+
+    Examples
+    --------
+    >>> import burrlab
+    >>> engine = burrlab.VoxelEngine(voxel=0.2, replicates=8)
+    >>> engine.dt
+    1.0
+    """
+
+    voxel: float = 0.1
+    dt: float = 1.0
+    rig: bool = False
+    specimen: Specimen | BoneField | None = None
+    replicates: int = 4
+    executor: Executor | None = field(default=None, compare=False)
+    store: StorePath | None = field(default=None, compare=False)
+    progress: Callable[[int, int], object] | None = field(default=None, compare=False)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.replicates, (int, np.integer)):
+            raise TypeError(f"replicates must be a whole number, got {self.replicates!r}")
+        refuse(
+            self.replicates < 2,
+            f"replicates must be at least 2, to show their scatter: got {self.replicates!r}",
+        )
+        if not isinstance(self.specimen, (Specimen, BoneField, type(None))):
+            raise TypeError(f"specimen must be a Specimen or a BoneField, got {self.specimen!r}")
+
+    @property
+    def settings(self) -> VoxelEngine:
+        """What is simulated, without what it runs on."""
+        return replace(self, executor=None, store=None, progress=None)
+
+    def _described(self) -> dict[str, Any]:
         """For the provenance."""
         specimen = self.specimen
         name = "solid bone" if specimen is None else repr(specimen)
@@ -65,47 +118,43 @@ class VoxelDescent:
     material: Material
     force: float  # [N]
     windows: tuple[Window, ...]
-    settings: VoxelSettings
+    settings: VoxelEngine
     seed: int
-
-    def velocities(self) -> list[float]:
-        """Penetration velocity [mm/s] over each window; NaN without a number, infinite without a window."""
-        R, given = self.burr.radius, self.settings
-        windows = [
-            (R * (WINDOW_START if start is None else start), R * (WINDOW_END if end is None else end))
-            for start, end in self.windows
-        ]
-        stop = max(end for _, end in windows)
-        specimen = given.specimen
-        if isinstance(specimen, BoneField):
-            specimen = specimen.specimen(self.burr, given.voxel, depth=stop, seed=self.seed)
-        run = descend(
-            self.burr,
-            self.material,
-            self.force,
-            voxel=given.voxel,
-            dt=given.dt,
-            seed=self.seed,
-            ideal=not given.rig,
-            specimen=specimen,
-            stop=stop,
-            max_duration=_LONGEST,
-        )
-        if run.status == "overloaded":
-            return [np.inf] * len(windows)
-        if run.status not in ("ok", "window-too-short", "never-settled"):
-            return [np.nan] * len(windows)
-        numbers = []
-        for window, (start, end) in zip(self.windows, windows, strict=True):
-            own = window == (None, None) and given.rig
-            numbers.append((run.penetration_velocity or np.nan) if own else _velocity(run, start, end))
-        return numbers
 
 
 @stored_as("burrlab.fitting.voxel_descent.sink")
 def sink(descent: VoxelDescent) -> list[float]:
-    """The item function of a study: `VoxelDescent.velocities`."""
-    return descent.velocities()
+    """Penetration velocity [mm/s] over each window; NaN without a number, infinite without a window."""
+    R, given = descent.burr.radius, descent.settings
+    windows = [
+        (R * (WINDOW_START if start is None else start), R * (WINDOW_STOP if end is None else end))
+        for start, end in descent.windows
+    ]
+    stop = max(end for _, end in windows)
+    specimen = given.specimen
+    if isinstance(specimen, BoneField):
+        specimen = specimen.specimen(descent.burr, given.voxel, depth=stop, seed=descent.seed)
+    run = descend(
+        descent.burr,
+        descent.material,
+        descent.force,
+        voxel=given.voxel,
+        dt=given.dt,
+        seed=descent.seed,
+        ideal=not given.rig,
+        specimen=specimen,
+        stop=stop,
+        max_duration=_LONGEST,
+    )
+    if run.status == "overloaded":
+        return [np.inf] * len(windows)
+    if run.status not in ("ok", "window-too-short", "never-settled"):
+        return [np.nan] * len(windows)
+    numbers = []
+    for window, (start, end) in zip(descent.windows, windows, strict=True):
+        own = window == (None, None) and given.rig
+        numbers.append((run.penetration_velocity or np.nan) if own else _velocity(run, start, end))
+    return numbers
 
 
 def _velocity(run: Descent, start: float, end: float) -> float:
@@ -119,8 +168,9 @@ _NODES, _DEGREE = 10, 3  # points in log c_e, and the polynomial through the dev
 _FEWEST = 3  # points at which every force must have a number; fewer than five lower the degree
 _CLOSE = (1.002, 1.05, 1.12)  # points above the bound of c_e, where windows get short
 _HALVINGS = 5  # of the gap below the lowest c_e at which every force has a window
-_ROUNDS = 6  # of tables, while the best alpha or c_e moves away from the table's, or is too fast for windows
-_SLOWER = 3.0  # by this alpha is divided where windows have too few ticks, for a first table
+# While the best alpha or c_e moves away from the last table's, or is too fast for windows, so many tables are made.
+_ROUNDS = 6
+_SLOWER = 3.0  # a first table divides alpha by this where windows have too few ticks
 _MOVED = 0.2  # in log alpha: there the velocity is no longer proportional to alpha within the scatter
 _RIDGE_PART = 2.0  # the table ends at twice the c_e at which the ridge begins: further on nothing changes
 _LARGEST_STEP = 1.0  # alpha dt at most: beyond, a tick removes what it should erode
@@ -170,65 +220,11 @@ class VoxelModel:
         return np.where(inside, self._mean_field.unit(stiffness) * np.exp(deviation), np.nan)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class VoxelEngine:
-    """What only the voxel engine of `burrlab.fit` needs.
-
-    Parameters
-    ----------
-    voxel : float
-        Voxel size [mm].
-    dt : float
-        Tick [ms].
-    rig : bool
-        Descents through controller and virtual rig; else the force is held exactly.
-    specimen : Specimen or BoneField, optional
-        What is burred; of a BoneField every replicate has its own realisation. Default: solid bone.
-    replicates : int
-        Descents at each force and point, at least 2; their differences give the Monte Carlo error.
-    executor : concurrent.futures.Executor, optional
-        Runs the descents; threads over the cores by default.
-    store : Store or path, optional
-        Keeps every descent, so that an interrupted fit goes on where it stopped.
-    progress : callable, optional
-        Called with (descents done, descents in all).
-
-    Raises
-    ------
-    TypeError
-        If `replicates` or `specimen` is something else.
-    ValueError
-        If `replicates` is below 2.
-
-    Examples
-    --------
-    >>> import burrlab
-    >>> engine = burrlab.VoxelEngine(voxel=0.2, replicates=8)
-    >>> engine.dt
-    1.0
-    """
-
-    voxel: float = 0.1
-    dt: float = 1.0
-    rig: bool = False
-    specimen: Specimen | BoneField | None = None
-    replicates: int = 4
-    executor: Executor | None = None
-    store: StorePath | None = None
-    progress: Callable[[int, int], object] | None = None
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.replicates, (int, np.integer)):
-            raise TypeError(f"replicates must be a whole number, got {self.replicates!r}")
-        if self.replicates < 2:
-            raise ValueError(f"replicates must be at least 2, to show their scatter: got {self.replicates!r}")
-        if not isinstance(self.specimen, (Specimen, BoneField, type(None))):
-            raise TypeError(f"specimen must be a Specimen or a BoneField, got {self.specimen!r}")
-
-    @property
-    def settings(self) -> VoxelSettings:
-        """What is simulated."""
-        return VoxelSettings(self.voxel, self.dt, self.rig, self.specimen, self.replicates)
+def model_of(
+    observations: Observations, shape: Shape, table: VoxelTable | None
+) -> MeanFieldModel | VoxelModel:
+    """The voxel engine's model where there is a table of its descents, else the mean-field one."""
+    return MeanFieldModel(observations, shape) if table is None else VoxelModel(observations, shape, table)
 
 
 class Descents:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import burrlab.common.table as table
+from burrlab.common.check import refuse
 from burrlab.common.figures import axes_or_new, tidy
 from burrlab.common.table import Column, Floats, Path, Problem, Table, TableData
 
@@ -116,11 +117,15 @@ class VelocityCurve(TableData):
             "window_end": window_end, "status": None if status is None else tuple(map(str, status)),
         }  # fmt: skip
         self._keep(columns, {"radius": (radius, "mm")}, source, provenance)
-        if (self.window_start is None) != (self.window_end is None):
-            raise ValueError("window_start and window_end go together: one of them is missing")
+        refuse(
+            (self.window_start is None) != (self.window_end is None),
+            "window_start and window_end go together: one of them is missing",
+        )
         self._check_rows()
-        if any(len(text.splitlines()) > 1 or text != text.strip() for text in self.status or ()):
-            raise ValueError("a status is one line of text without blanks around it")
+        refuse(
+            any(len(text.splitlines()) > 1 or text != text.strip() for text in self.status or ()),
+            "a status is one line of text without blanks around it",
+        )
 
     @classmethod
     def from_csv(cls, file: Path | IO[str] | IO[bytes]) -> VelocityCurve:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
 import burrlab.common.table as table
+from burrlab.common.check import refuse
 from burrlab.common.figures import POSITION, VELOCITY, axes_or_new, tidy
 from burrlab.common.table import Column, Floats, Path, Table, TableData
 from burrlab.theory.closed_forms import FEWEST_TICKS, penetration_velocity_between, samples_between
@@ -107,8 +108,9 @@ class DepthTrace(TableData):
         self._check_window()
 
     def _check_record(self) -> None:
-        if len(self) < FEWEST_TICKS:
-            raise ValueError(f"a depth trace needs at least {FEWEST_TICKS} samples: got {len(self)}")
+        refuse(
+            len(self) < FEWEST_TICKS, f"a depth trace needs at least {FEWEST_TICKS} samples: got {len(self)}"
+        )
         if not (np.isfinite(self.time).all() and np.isfinite(self.immersion).all()):
             self._check_rows()
         late = np.flatnonzero(np.diff(self.time) <= 0)
@@ -120,27 +122,29 @@ class DepthTrace(TableData):
 
     def _check_window(self) -> None:
         start, end = self.start_mm, self.end_mm
-        if not 0 < start < end <= self.radius:
-            raise ValueError(f"the window must have 0 < start_mm < end_mm <= R: got {start!r} and {end!r}")
+        refuse(
+            not 0 < start < end <= self.radius,
+            f"the window must have 0 < start_mm < end_mm <= R: got {start!r} and {end!r}",
+        )
         deepest = float(self.immersion.max())
-        if deepest < end - _SHORTFALL * (end - start):
-            raise ValueError(
-                f"end_mm must not lie beyond the deepest immersion of {deepest:.6g} mm: got {end!r}"
-            )
+        refuse(
+            deepest < end - _SHORTFALL * (end - start),
+            f"end_mm must not lie beyond the deepest immersion of {deepest:.6g} mm: got {end!r}",
+        )
         entry = int(np.argmax(self.immersion >= start))
         inside = self.immersion[entry:]
         fall = np.maximum.accumulate(inside) - inside
-        if fall.max() > _RETREAT * (end - start):
-            raise ValueError(
-                f"immersion must rise from start_mm on: at {self.time[entry + int(fall.argmax())]:.6g} s it lies "
-                f"{fall.max():.4g} mm above what it had reached"
-            )
+        refuse(
+            fall.max() > _RETREAT * (end - start),
+            f"immersion must rise from start_mm on: at {self.time[entry + int(fall.argmax())]:.6g} s it lies "
+            f"{fall.max():.4g} mm above what it had reached",
+        )
         samples = len(self.time[samples_between(self.immersion, start, end)])
-        if samples < FEWEST_TICKS:
-            raise ValueError(
-                f"a depth trace needs at least {FEWEST_TICKS} samples in its window, {start:.6g} to {end:.6g} mm: "
-                f"got {samples}"
-            )
+        refuse(
+            samples < FEWEST_TICKS,
+            f"a depth trace needs at least {FEWEST_TICKS} samples in its window, {start:.6g} to {end:.6g} mm: "
+            f"got {samples}",
+        )
 
     @classmethod
     def from_descent(cls, run: Any) -> DepthTrace:
@@ -262,19 +266,18 @@ class DepthTrace(TableData):
         R = 3 mm the last of five segments is 0.6 % too fast. The standard error is that of
         `burrlab.measured.depth_trace.slope_error`, over the velocity.
         """
-        if n < 1:
-            raise ValueError(f"n must be at least 1: got {n!r}")
+        refuse(n < 1, f"n must be at least 1: got {n!r}")
         edges = np.linspace(self.start_mm, self.end_mm, n + 1)
         level = rising(self.immersion)
         rows = []
         for start, end in itertools.pairwise(edges.tolist()):
             inside = samples_between(level, start, end)
             time = self.time[inside]
-            if len(time) < FEWEST_SAMPLES:
-                raise ValueError(
-                    f"n must leave at least {FEWEST_SAMPLES} samples in each segment, there are {len(time)} "
-                    f"between {start:.4g} and {end:.4g} mm: got {n!r}"
-                )
+            refuse(
+                len(time) < FEWEST_SAMPLES,
+                f"n must leave at least {FEWEST_SAMPLES} samples in each segment, there are {len(time)} "
+                f"between {start:.4g} and {end:.4g} mm: got {n!r}",
+            )
             velocity = penetration_velocity_between(self.time, level, start, end)
             if not velocity:
                 raise ValueError(

@@ -9,6 +9,7 @@ from typing import IO, TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 
 import burrlab.common.table as table
+from burrlab.common.check import refuse
 from burrlab.common.figures import axes_or_new, tidy
 from burrlab.common.table import Column, Floats, Path, Table, TableData
 
@@ -84,8 +85,10 @@ class Indentation(TableData):
         self._keep(columns, {"radius": (radius, "mm")}, source, provenance)
         self._check_rows()
         for i, h in enumerate(self.depth.tolist()):
-            if not h < 2 * self.radius:
-                raise ValueError(f"row {i}, depth: must be below 2R = {2 * self.radius:g} mm: got {h!r}")
+            refuse(
+                not h < 2 * self.radius,
+                f"row {i}, depth: must be below 2R = {2 * self.radius:g} mm: got {h!r}",
+            )
 
     @classmethod
     def from_csv(cls, file: Path | IO[str] | IO[bytes], *, radius: float | None = None) -> Indentation:

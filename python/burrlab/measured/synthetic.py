@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from burrlab._core import Burr, Material
-from burrlab.common.check import real, whole
+from burrlab.common.check import real, refuse, whole
 from burrlab.common.provenance import provenance
 from burrlab.common.table import Floats
 from burrlab.measured.curve import VelocityCurve
 from burrlab.measured.depth_trace import DepthTrace
 from burrlab.measured.indentation import Indentation
-from burrlab.theory.continuum import MasterCurve, mean_field_descent
+from burrlab.theory.continuum import mean_field_descent, penetration_velocity
 
 
 def synthetic_curve(
@@ -63,13 +63,14 @@ def synthetic_curve(
     VelocityCurve(6 rows, 6 with a velocity, 0.5..1 N, 'synthetic, seed 1: bone, mean-field, scatter 8 %')
     """
     force = np.atleast_1d(real(forces, "forces"))
-    if force.ndim != 1 or not (np.isfinite(force).all() and (force > 0).all()):
-        raise ValueError(f"forces must be finite and above 0 N: got {forces!r}")
+    refuse(
+        force.ndim != 1 or not (np.isfinite(force).all() and (force > 0).all()),
+        f"forces must be finite and above 0 N: got {forces!r}",
+    )
     seed = _seed(seed)
 
-    phi = force / (material.c_e * burr.radius**2)
-    mean = 1e3 * material.alpha * burr.radius * MasterCurve(material.shape).velocity_ratio(phi)
-    velocity = _scattered(np.asarray(mean), repeats, scatter, seed)
+    mean = np.asarray(penetration_velocity(burr, material, force))
+    velocity = _scattered(mean, repeats, scatter, seed)
     status = ["ok" if np.isfinite(v) else "overloaded" for v in velocity]
     return VelocityCurve(
         np.repeat(force, repeats),
@@ -127,8 +128,10 @@ def synthetic_indentation(
     Indentation(2 rows, R = 5 mm, 0.0555..0.16 N at 0.05..0.1 mm, 'synthetic, seed 1: bone, Eq. 3, scatter 10 %')
     """
     depth = np.atleast_1d(real(depths, "depths"))
-    if depth.ndim != 1 or not ((depth > 0) & (depth < 2 * burr.radius)).all():
-        raise ValueError(f"depths must be above 0 and below 2R = {2 * burr.radius:g} mm: got {depths!r}")
+    refuse(
+        depth.ndim != 1 or not ((depth > 0) & (depth < 2 * burr.radius)).all(),
+        f"depths must be above 0 and below 2R = {2 * burr.radius:g} mm: got {depths!r}",
+    )
     seed = _seed(seed)
 
     force = material.c_e * burr.radius**2 * (depth / burr.radius) ** 1.5  # Eq. 3
@@ -194,8 +197,10 @@ def synthetic_trace(
     """
     for name, value in (("run_scatter", run_scatter), ("noise", noise), ("step", step)):
         _check_not_negative(name, value)
-    if not (np.isfinite(sample_ms) and sample_ms > 0):
-        raise ValueError(f"sample_ms must be finite and above 0: got {sample_ms!r}")
+    refuse(
+        not (np.isfinite(sample_ms) and sample_ms > 0),
+        f"sample_ms must be finite and above 0: got {sample_ms!r}",
+    )
     descent = mean_field_descent(burr, material, force)
     seed = _seed(seed)
 
@@ -216,8 +221,7 @@ def synthetic_trace(
 
 
 def _check_not_negative(name: str, value: float) -> None:
-    if not (np.isfinite(value) and value >= 0):
-        raise ValueError(f"{name} must be finite and not negative: got {value!r}")
+    refuse(not (np.isfinite(value) and value >= 0), f"{name} must be finite and not negative: got {value!r}")
 
 
 def _seed(seed: int | None) -> int:
@@ -226,8 +230,7 @@ def _seed(seed: int | None) -> int:
 
 def _scattered(values: Floats, repeats: int, scatter: float, seed: int) -> Floats:
     """Each value `repeats` times with log-normal scatter; z of row k of value i depends on (seed, i, k). Checks both."""
-    if whole("repeats", repeats, 2**31, "2^31") < 1:
-        raise ValueError(f"repeats must be at least 1: got {repeats!r}")
+    refuse(whole("repeats", repeats, 2**31, "2^31") < 1, f"repeats must be at least 1: got {repeats!r}")
     _check_not_negative("scatter", scatter)
     rows = [(i, k) for i in range(len(values)) for k in range(repeats)]
     z = np.array([np.random.default_rng([seed, i, k]).standard_normal() for i, k in rows])

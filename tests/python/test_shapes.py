@@ -15,7 +15,7 @@ from burrlab.common.study import run_items
 from burrlab.fitting.likelihood import Likelihood, MeanFieldModel
 from burrlab.fitting.observations import Observations, Threshold, bounds_of
 from burrlab.fitting.profile import Domain, lowest
-from burrlab.fitting.shape_comparison import NODES, kappa
+from burrlab.fitting.shape_comparison import NODES
 from burrlab.fitting.shapes import SHAPES, FamilyCurve, PowerFamily, compare_shapes, member, weigh_shapes
 from burrlab.measured.synthetic import synthetic_indentation
 from burrlab.theory.continuum import MasterCurve
@@ -190,7 +190,9 @@ class TestResult:
 
     def test_kappa(self, comparison):
         shapes = [*(member(k) for k in (1.0, 2.0)), comparison["linear"].shape]
-        assert [kappa(shape) for shape in shapes] == pytest.approx([2.0, 0.0, 1.0], abs=1e-4)
+        assert [(shape.order, shape.kappa) for shape in shapes] == [(1.0, 2.0), (2.0, 4.0), (1.0, 1.0)]
+        for shape in shapes:  # f = kappa (1 - x)^order + ...
+            assert shape(1 - 1e-6) == pytest.approx(shape.kappa * 1e-6**shape.order, rel=1e-5)
 
     def test_without_the_family(self):
         found = compare_shapes(made_of(), free=False)

@@ -137,9 +137,7 @@ MATERIAL = (
     option("--material", "default: bone", choices=sorted(burrlab.materials), default="bone"),
     option("--c-e", "elastic constant instead of the material's [N/mm^2]", type=positive),
     option("--alpha", "erosion rate instead of the material's [1/ms]", type=positive),
-    option(
-        "--shape", "erosion shape f: parabolic, linear, quartic, constant, power(k)", type=parsed_by(Shape)
-    ),
+    option("--shape", f"erosion shape f: {', '.join(Shape.names())}, power(k)", type=parsed_by(Shape)),
     option("--radius", "burr radius R [mm], default 3", type=positive, default=3.0),
 )
 

@@ -300,13 +300,7 @@ _HEAD = (
     "against power(k)",
     "mean residual low / middle / high",
 )
-_NEAR = 1e-5  # of x, over which the slope of f at x = 1 is taken
 _FAR = 1.5  # further off than by this factor velocities are told as multiples
-
-
-def kappa(shape: Shape) -> float:
-    """-f'(1): 2 for parabolic, 1 for linear, 0 for a zero of higher order."""
-    return (float(shape(1 - 2 * _NEAR)) - float(shape(1.0))) / (2 * _NEAR)
 
 
 def cells(comparison: ShapeComparison) -> list[list[str]]:
@@ -422,7 +416,7 @@ def _alpha(reference: ShapeRow, row: ShapeRow) -> str:
         return f"Under parabolic c_e is open above, and alpha with it: {row.fit.verdict}"
     if row.combination_ratio is None:
         return line
-    slope = kappa(reference.shape) / kappa(row.shape)
+    slope = reference.shape.kappa / row.shape.kappa
     return (
         f"{line} What a simple zero determines at small forces is kappa alpha/c_e^(8/3), kappa = -f'(1): it is "
         f"{row.combination_ratio / slope:.3g} times parabolic's, so that at equal c_e alpha would be "

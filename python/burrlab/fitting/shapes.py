@@ -35,7 +35,7 @@ from burrlab.fitting.result import Fit
 from burrlab.fitting.shape_comparison import NODES, Pair, Part, PowerProfile, ShapeComparison, ShapeRow
 from burrlab.theory.continuum import MasterCurve, _window_spline, positive
 
-SHAPES = ("parabolic", "linear", "quartic", "constant")
+SHAPES = tuple(Shape.names())
 REFERENCE = "parabolic"  # the shape that the others' alpha is compared with
 _STEP = 1e-3  # of k and of log c_e, in derivatives of the residuals
 _FINE, _COARSE = 24, 31  # points of a profile within the widest interval, and over all k

@@ -58,9 +58,9 @@ def layer_thickness(burr: Burr, material: Material, velocity: float) -> float | 
     velocity : float
         v [mm/s]
     """
-    kappa = {"parabolic": 2.0, "linear": 1.0}.get(material.shape.name)
-    if kappa is None or material.alpha == 0.0:
+    if material.shape.order != 1.0 or material.alpha == 0.0:
         return None
+    kappa = material.shape.kappa
     return float(0.5 * np.sqrt(2 * np.pi * burr.radius * velocity / (kappa * 1e3 * material.alpha)))
 
 

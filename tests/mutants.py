@@ -2,10 +2,12 @@
 
     python tests/mutants.py trace calls.json                  # functions that each test file runs, and its time
     python tests/mutants.py draw 180 >> tests/golden/mutants.jsonl
+    python tests/mutants.py draw_core 20 >> tests/golden/mutants.jsonl
     python tests/mutants.py run calls.json result.jsonl 1/2   # every second fault, from the first; goes on where it ended
     python tests/mutants.py compare before.jsonl after.jsonl
 
-A fault is named by its function and by an expression in it, so that it is found again wherever the function moves.
+A fault is named by its function and by an expression in it, so that it is found again wherever the function moves;
+one of the core by a line of it. The core's C++ tests run before the files of its room.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import copy
 import json
 import os
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -35,6 +38,17 @@ SWAPS: dict[type, type] = {
     ast.NotIn: ast.In, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
     ast.And: ast.Or, ast.Or: ast.And,
 }  # fmt: skip
+CORE_SWAPS = {
+    "<": "<=", "<=": "<", ">": ">=", ">=": ">", "==": "!=", "!=": "==", "+": "-", "-": "+", "*": "/", "/": "*", "&&": "||", "||": "&&",
+}  # fmt: skip
+CORE_TESTS = {
+    "src": ["test_tick_reference.py", "test_hierarchy.py", "test_mean_field.py", "test_surface.py"],
+    "kernel": ["test_tick_reference.py", "test_hierarchy.py"],
+    "session": ["test_session.py", "test_session_faults.py"],
+    "network": ["test_publisher.py", "test_replica.py"],
+    "anatomy": ["test_watch.py", "test_structure_distance.py"],
+    "effects": ["test_effects.py", "test_effects_extremes.py"],
+}
 
 # ---- what each test file runs ----
 
@@ -171,8 +185,29 @@ def draw(count: str) -> None:
         print(*map(json.dumps, chance.sample(rows, shares[room])), sep="\n")
 
 
+def draw_core(count: str) -> None:
+    """Lines of the core with another operator; not those that refuse, print or are no statements."""
+    rows = []
+    for path in sorted((ROOT / "cpp/src").rglob("*.[ch]pp")):
+        for line in map(str.strip, path.read_text(encoding="utf-8").splitlines()):
+            if re.match(r"[#/]|template|using|static_assert|for ", line) or re.search(
+                r'refuse|throw|<<|"', line
+            ):
+                continue
+            for found in re.finditer(r" (<=?|>=?|[!=]=|[-+*/]|&&|\|\|) ", line.partition(" //")[0]):
+                after = line[: found.start(1)] + CORE_SWAPS[found[1]] + line[found.end(1) :]
+                rows.append({"room": "core", "function": path.name, "before": line, "after": after, "nth": 0})
+    print(*map(json.dumps, random.Random(SEED).sample(rows, int(count))), sep="\n")
+
+
 def placed(fault: dict[str, Any]) -> tuple[Path, str]:
     """The file that holds the fault's function now, and its text with the fault; LookupError where neither is found."""
+    if fault["room"] == "core":
+        for path in sorted((ROOT / "cpp/src").rglob("*.[ch]pp")):
+            lines = path.read_text(encoding="utf-8").split("\n")
+            for number, line in enumerate(lines):
+                if line.strip() == fault["before"]:
+                    return path, "\n".join([*lines[:number], fault["after"], *lines[number + 1 :]])
     for path in sorted(PACKAGE.rglob("*.py")):
         text = path.read_text(encoding="utf-8")
         if fault["function"].rpartition(".")[2] not in text:
@@ -195,6 +230,50 @@ def placed(fault: dict[str, Any]) -> tuple[Path, str]:
     raise LookupError(f"{fault['function']} has no {fault['before']}")
 
 
+def _core_notices(path: Path, text: str, folder: Path, package: Path) -> bool | None:
+    """Whether the tests of the core do; None where it does not compile. Only what holds the line is built anew."""
+    tree, build = folder / "core", folder / "build"
+    jobs = [[sys.executable, "-m", "cmake", "--build", str(build)]]
+    if not tree.exists():
+        for part in ("cpp", "tests/cpp", "tests/fuzz", "CMakeLists.txt"):
+            copy_of = shutil.copytree if (ROOT / part).is_dir() else shutil.copy
+            (tree / part).parent.mkdir(parents=True, exist_ok=True)
+            copy_of(ROOT / part, tree / part)
+        pybind11 = subprocess.check_output(
+            [sys.executable, "-m", "pybind11", "--cmakedir"], text=True
+        ).strip()
+        options = (
+            "BURRLAB_TESTS=ON",
+            "CMAKE_UNITY_BUILD=OFF",
+            "CMAKE_BUILD_TYPE=Release",
+            f"pybind11_DIR={pybind11}",
+        )
+        given = [
+            f"-D{option}"
+            for option in (*options, "SKBUILD_PROJECT_VERSION=0", f"Python_EXECUTABLE={sys.executable}")
+        ]
+        jobs.insert(
+            0, [sys.executable, "-m", "cmake", "-S", str(tree), "-B", str(build), "-G", "Ninja", *given]
+        )
+    copied = tree / path.relative_to(ROOT)
+    kept = copied.read_text(encoding="utf-8")
+    copied.write_text(text, encoding="utf-8")
+    try:
+        if any(subprocess.run(job, capture_output=True).returncode for job in jobs):
+            return None
+        ctest = Path(sys.executable).with_name("ctest")
+        if subprocess.run([ctest, "--test-dir", build, "--timeout", "120"], capture_output=True).returncode:
+            return True
+        core = next((build / "cpp").glob("_core*"))
+        shutil.copy(core, package / core.name)
+        files = [str(TESTS / name) for name in CORE_TESTS[path.parent.name]]
+        return _pytest(files, package.parent)[0] != 0
+    finally:
+        copied.write_text(kept, encoding="utf-8")
+        for core in PACKAGE.glob("_core*.so"):
+            shutil.copy(core, package / core.name)
+
+
 def run(calls_file: str, out: str, part: str = "1/1") -> None:
     calls, begin, step = json.loads(Path(calls_file).read_text()), *map(int, part.split("/"))
     faults = [fault for file in FAULTS for fault in _rows(file)][begin - 1 :: step]
@@ -208,7 +287,10 @@ def run(calls_file: str, out: str, part: str = "1/1") -> None:
                 path, text = placed(fault)
             except LookupError as error:
                 row["why"] = str(error)
-            else:
+                path = None
+            if path and fault["room"] == "core":
+                row["caught"] = _core_notices(path, text, Path(folder), package)
+            elif path:
                 copied = package / path.relative_to(PACKAGE)
                 kept = copied.read_text(encoding="utf-8")
                 copied.write_text(text, encoding="utf-8")
@@ -242,10 +324,14 @@ def compare(before: str, after: str) -> int:
         here = [
             [row["caught"] for row in rows.values() if row["fault"]["room"] == room] for rows in (was, now)
         ]
-        survived, still = (sum(not caught for caught in rows) for rows in here)
-        print(f"{room}: {survived} survived, {still} now, of {len(here[0])}")
+        survived, still = (f"{rows.count(False)} of {len(rows) - rows.count(None)}" for rows in here)
+        print(f"{room}: {survived} survived, {still} now")
     return int(bool(lost))
 
 
 if __name__ == "__main__":
-    sys.exit({"trace": trace, "draw": draw, "run": run, "compare": compare}[sys.argv[1]](*sys.argv[2:]))
+    sys.exit(
+        {"trace": trace, "draw": draw, "draw_core": draw_core, "run": run, "compare": compare}[sys.argv[1]](
+            *sys.argv[2:]
+        )
+    )

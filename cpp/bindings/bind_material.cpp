@@ -34,9 +34,6 @@ Examples
       .def_property_readonly("name", &Shape::name, "Name that makes the same shape again.")
       .def_property_readonly("order", &Shape::order,
                              "Order of the zero of f at x = 1: 0 for constant, 1 for linear, k for power(k).")
-      .def_property_readonly("kappa", &Shape::kappa,
-                             "Of the leading term at the surface: f = kappa (1 - x)^order + ...")
-      .def_static("names", &Shape::names, "Names of the shapes, apart from power(k).")
       .def(
           "__call__",
           [](const Shape& f, const py::array_t<double, py::array::forcecast>& x) {
@@ -54,6 +51,9 @@ Examples
       .def(py::pickle([](const Shape& f) { return f.name(); },
                       [](const std::string& name) { return Shape::parse(name); }));
 
+  m.attr("shape_names") = py::tuple(py::cast(Shape::names()));  // apart from power(k)
+  m.def("shape_kappa", &Shape::kappa, "shape"_a,
+        "Of the leading term at the burr's surface: f = kappa (1 - x)^order + ...");
   m.def(
       "depth_table",
       [](double order) {

@@ -245,59 +245,7 @@ std::map<std::string, std::uint64_t> counts_of(const ReaderCounters& counters) {
   return out;
 }
 
-void bind_transform_reader(py::module_& m) {
-  py::class_<NetworkPose>(m, "NetworkPose", "A TRANSFORM, turned into the bone frame on its arrival.")
-      .def_property_readonly(
-          "position", [](const NetworkPose& p) { return py::array_t<double>(3, p.position.data()); },
-          "(3,) bone frame, LPS [mm]; a copy")
-      .def_property_readonly(
-          "rotation", [](const NetworkPose& p) { return py::array_t<double>({3, 3}, p.rotation.data()); },
-          "(3, 3), both frames LPS; a copy")
-      .def_property_readonly(
-          "timestamp", [](const NetworkPose& p) { return openigtlink::timestamp_seconds(p.timestamp); },
-          "The sender's [s] since 1970; 0 is none")
-      .def_property_readonly(
-          "arrival", [](const NetworkPose& p) { return 1e-9 * double(p.arrival); },
-          "Steady clock [s], as time.monotonic() on Linux")
-      .def_readonly("count", &NetworkPose::count, "1 for the first")
-      .def_property_readonly("on", [](const NetworkPose& p) { return p.on != 0; }, "The burr turns.");
-
-  py::class_<TransformReader>(m, "TransformReader",
-                              R"doc(A TRANSFORM stream of an OpenIGTLink server, read by a thread of its own.
-
-Connects to the server, and anew after a pause of 0.1 to 1 s when the connection ends or its framing is lost.
-
-Parameters
-----------
-host : str
-    Name or address.
-port : int
-device_name : str
-    Read this device only; empty for any. The burr is on unless the name that comes ends in ``_off``.
-
-Raises
-------
-ValueError
-    If the host has no address, the port is not 1 to 65535 or the name has over 20 bytes.
-)doc")
-      .def(py::init([](const std::string& host, int port, const std::string& device_name) {
-             return std::make_unique<TransformReader>(host, port, device_name);
-           }),
-           "host"_a, "port"_a, py::kw_only(), "device_name"_a = "", no_gil)
-      .def(
-          "newest",
-          [](const TransformReader& reader) -> std::optional<NetworkPose> {
-            NetworkPose pose;
-            if (!reader.newest(pose)) return std::nullopt;
-            return pose;
-          },
-          "The newest pose; None where none came yet.")
-      .def_property_readonly("connected", &TransformReader::connected)
-      .def_property_readonly(
-          "counters", [](const TransformReader& r) { return counts_of(r.counters()); },
-          "Messages, what was dropped, by reason, connections; a copy.")
-      .def("stop", &TransformReader::stop, no_gil, "Ends the thread.");
-
+void bind_igtl_device(py::module_& m) {
   py::class_<IgtlDevice, MailboxDevice, std::shared_ptr<IgtlDevice>>(
       m, "IgtlDevice", R"doc(A device that a standard OpenIGTLink server's TRANSFORM stream drives.
 
@@ -336,5 +284,5 @@ ValueError
 void bind_openigtlink(py::module_& m) {
   bind_encoders(m);
   bind_framer(m);
-  bind_transform_reader(m);
+  bind_igtl_device(m);
 }

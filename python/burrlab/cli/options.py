@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from tqdm import tqdm
 
 import burrlab
-from burrlab._core import Burr, Material, Shape
+from burrlab._core import Burr, Material, Shape, shape_names
 from burrlab.bone.image import OccupancyMap
 from burrlab.bone.recipe import DrilledRecipe, LabelledRecipe, VolumeRecipe, labels_of
 from burrlab.bone.slices import is_stack
@@ -137,7 +137,7 @@ MATERIAL = (
     option("--material", "default: bone", choices=sorted(burrlab.materials), default="bone"),
     option("--c-e", "elastic constant instead of the material's [N/mm^2]", type=positive),
     option("--alpha", "erosion rate instead of the material's [1/ms]", type=positive),
-    option("--shape", f"erosion shape f: {', '.join(Shape.names())}, power(k)", type=parsed_by(Shape)),
+    option("--shape", f"erosion shape f: {', '.join(shape_names)}, power(k)", type=parsed_by(Shape)),
     option("--radius", "burr radius R [mm], default 3", type=positive, default=3.0),
 )
 

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullLocator
 
-from burrlab._core import Shape
+from burrlab._core import Shape, shape_kappa
 from burrlab.common.check import refuse
 from burrlab.common.figures import FORCE, POSITION, REFERENCE, VELOCITY, axes_or_new, tidy
 from burrlab.common.records import Codec
@@ -416,7 +416,7 @@ def _alpha(reference: ShapeRow, row: ShapeRow) -> str:
         return f"Under parabolic c_e is open above, and alpha with it: {row.fit.verdict}"
     if row.combination_ratio is None:
         return line
-    slope = reference.shape.kappa / row.shape.kappa
+    slope = shape_kappa(reference.shape) / shape_kappa(row.shape)
     return (
         f"{line} What a simple zero determines at small forces is kappa alpha/c_e^(8/3), kappa = -f'(1): it is "
         f"{row.combination_ratio / slope:.3g} times parabolic's, so that at equal c_e alpha would be "

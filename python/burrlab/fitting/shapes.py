@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import PPoly
 from scipy.optimize import brentq, minimize_scalar
 
-from burrlab._core import Burr, Shape
+from burrlab._core import Burr, Shape, shape_names
 from burrlab.common.check import refuse
 from burrlab.common.provenance import provenance
 from burrlab.fitting.fit import fit
@@ -35,7 +35,7 @@ from burrlab.fitting.result import Fit
 from burrlab.fitting.shape_comparison import NODES, Pair, Part, PowerProfile, ShapeComparison, ShapeRow
 from burrlab.theory.continuum import MasterCurve, _window_spline, positive
 
-SHAPES = tuple(Shape.names())
+SHAPES = shape_names
 REFERENCE = "parabolic"  # the shape that the others' alpha is compared with
 _STEP = 1e-3  # of k and of log c_e, in derivatives of the residuals
 _FINE, _COARSE = 24, 31  # points of a profile within the widest interval, and over all k

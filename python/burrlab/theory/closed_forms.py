@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from burrlab._core import Burr, Material
+from burrlab._core import Burr, Material, shape_kappa
 
 
 def relative_force(burr: Burr, material: Material, force: float) -> float:
@@ -60,7 +60,7 @@ def layer_thickness(burr: Burr, material: Material, velocity: float) -> float | 
     """
     if material.shape.order != 1.0 or material.alpha == 0.0:
         return None
-    kappa = material.shape.kappa
+    kappa = shape_kappa(material.shape)
     return float(0.5 * np.sqrt(2 * np.pi * burr.radius * velocity / (kappa * 1e3 * material.alpha)))
 
 

@@ -640,11 +640,7 @@ def precision(
 
 #: By the names that files have.
 DESIGNS: Mapping[str, type[Design]] = {
-    "same-different": SameDifferent,
-    "abx": ABX,
-    "constant-stimuli": ConstantStimuli,
-    "staircase": Staircase,
-    "adaptive": AdaptiveStaircase,
+    design._kind: design for design in (SameDifferent, ABX, ConstantStimuli, Staircase, AdaptiveStaircase)
 }
 
 

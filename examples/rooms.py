@@ -73,12 +73,12 @@ def draw(path: str) -> None:
             f"{sizes[name]} statements",
             ha="center",
             va="center",
-            fontsize=6.5,
+            fontsize=6,
             color=REFERENCE,
         )
     ax.set(xlim=(-0.8, x["cli"] + 0.8), ylim=(-0.5, 2.7))
     ax.set_title(
-        "Rooms of burrlab: an arrow leads from a room to one that it imports, as wide as many modules do; all import common",
+        "Rooms of burrlab: an arrow leads from a room to one that it imports, and its width says how many modules do; all import common",
         fontsize=9,
     )
     ax.set_axis_off()

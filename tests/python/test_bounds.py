@@ -213,11 +213,8 @@ def test_what_reading_takes(tmp_path):
     for path, (found, peak) in zip(paths, evaluated(*calls), strict=True):
         assert found.startswith(("Volume", "(VoxelBone")), found
         size = values.size / 1e6 * {".h5": 1, ".nii": 4}.get(path.suffix, 2)
-        assert peak < 3 * size + 40, (
-            path,
-            peak,
-            size,
-        )  # of the 300 that it may take; 10 come and go by chance
+        # 40 MB, of the 300 that it may take: 10 come and go by chance.
+        assert peak < 3 * size + 40, (path, peak, size)
 
 
 @pytest.fixture(scope="module")

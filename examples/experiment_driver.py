@@ -2,9 +2,9 @@
 
     python examples/experiment_driver.py CONFIG.toml 01
 
-Takes subject 01 through the tasks of a protocol at the terminal it is typed in; typed again it goes on where it was
-ended. The driver's loop runs all the time, in a thread of its own: in an interval the mailbox has the force of the
-material, between intervals zero.
+Takes subject 01 through the tasks of a protocol at the terminal it is typed in; typed again it goes on where
+it was ended. The driver's loop runs all the time, in a thread of its own: in an interval the mailbox has the
+force of the material, between intervals zero.
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
     python examples/hierarchy.py [hierarchy.png]
 
-Above the occupancy by which empty space is passed, below the bricks about the burr and the rows visited in them.
+Above the occupancy by which empty space is passed, below the bricks about the burr and the rows visited in
+them.
 """
 
 from __future__ import annotations

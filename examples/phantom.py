@@ -2,7 +2,8 @@
 
     python examples/phantom.py [OUTPUT_FOLDER]
 
-Leaves phantom.png, slices before and after with the planned cavity, and target.png, volumes against the plan by tissue.
+Leaves phantom.png, slices before and after with the planned cavity, and target.png, volumes against the plan
+by tissue.
 """
 
 from __future__ import annotations

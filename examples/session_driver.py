@@ -2,8 +2,9 @@
 
     python examples/session_driver.py [--seconds 4]
 
-The driver's loop reads its hardware, leaves the position in a mailbox and takes the force from it. It may be slower
-than the loop, and late: the loop uses the latest position, and ends the session when that is 100 ms old.
+The driver's loop reads its hardware, leaves the position in a mailbox and takes the force from it. It may be
+slower than the loop, and late: the loop uses the latest position, and ends the session when that is 100 ms
+old.
 """
 
 from __future__ import annotations

@@ -99,8 +99,8 @@ def mastoidectomy_path(
 
     Notes
     -----
-    A burr that goes where it is sent, whatever the force: with a spring between device and burr, or a slower burr, less is
-    removed. Layers, strokes and speed are ours.
+    A burr that goes where it is sent, whatever the force: with a spring between device and burr, or a slower
+    burr, less is removed. Layers, strokes and speed are ours.
     """
     layer = burr.radius / 4 if layer is None else layer
     step = burr.radius / 2 if step is None else step

@@ -52,7 +52,8 @@ class Dose:
     removed : float
         From the structure by this burr [mm^3].
     mean_force, peak_force : dict
-        Distance [mm] -> magnitude of the model's force, mean over the time and largest there [N]; NaN and 0 without time.
+        Distance [mm] -> magnitude of the model's force, mean over the time and largest there [N]; NaN and 0
+        without time.
     """
 
     structure: str
@@ -146,8 +147,9 @@ def dose_figure(
     return [tidy(axes) for axes in (top, bottom)]
 
 
-#: Least that the report calls a touch [s] and an injury [mm^3]; ours. A hand does not answer to a shorter contact. A segmentation knows
-#: its surface to half a voxel: at 0.2 mm a dent of that depth h, by a burr of R = 3 mm, holds pi h^2 (R - h/3) = 0.093 mm^3.
+#: Least that the report calls a touch [s] and an injury [mm^3]; ours. A hand does not answer to a shorter
+#: contact. A segmentation knows its surface to half a voxel: at 0.2 mm a dent of that depth h, by a burr of R
+#: = 3 mm, holds pi h^2 (R - h/3) = 0.093 mm^3.
 TOUCH_TIME, INJURY_VOLUME = 0.1, 0.1
 
 
@@ -246,8 +248,8 @@ class AnatomyReport:
         Parameters
         ----------
         least : float, optional
-            [mm^3], from 0. Default: of each structure the watch's own limit where that is above 0, else 0.1, which is ours; events
-            and doses have every injury, to the level.
+            [mm^3], from 0. Default: of each structure the watch's own limit where that is above 0, else 0.1,
+            which is ours; events and doses have every injury, to the level.
 
         Raises
         ------

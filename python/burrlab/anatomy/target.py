@@ -135,18 +135,21 @@ def compare_with_target(
 ) -> TargetComparison:
     """Overlap, missed and excess volume of what was removed from a bone.
 
-    With q the level of a voxel now and p its pristine one, in units of 255 levels: overlap = sum of p - q over the
-    region, missed = sum of q over the region, excess = sum of p - q over the rest. Sums of whole numbers, exact.
+    With q the level of a voxel now and p its pristine one, in units of 255 levels: overlap = sum of p - q
+    over the region, missed = sum of q over the region, excess = sum of p - q over the rest. Sums of whole
+    numbers, exact.
 
     Parameters
     ----------
     bone : VoxelBone
         As it is now; its pristine levels tell what it was.
     target : ndarray of bool, shape (z, y, x), or LabelVolume
-        The region that was to be removed; of a label volume all voxels that are not 0, on the bone's own grid.
+        The region that was to be removed; of a label volume all voxels that are not 0, on the bone's own
+        grid.
     onto : bool
-        Bring a label volume on the voxels of the bone first, as `LabelVolume.on`: a plan drawn in a CT of which the bone is made
-        with finer voxels, or one that covers a part of it. Its axes must be those of the volume that the bone is of.
+        Bring a label volume on the voxels of the bone first, as `LabelVolume.on`: a plan drawn in a CT of
+        which the bone is made with finer voxels, or one that covers a part of it. Its axes must be those of
+        the volume that the bone is of.
 
     Returns
     -------
@@ -155,7 +158,8 @@ def compare_with_target(
     Raises
     ------
     ValueError
-        If the target has not the bone's shape or grid, is not of bool, has labels below 0 or more than 64 of them, or there is no bone in it.
+        If the target has not the bone's shape or grid, is not of bool, has labels below 0 or more than 64 of
+        them, or there is no bone in it.
 
     Examples
     --------

@@ -39,9 +39,10 @@ def structure_distances(
 
     Notes
     -----
-    Nodes lie 0.4 mm apart and reach 15 mm beyond the box around the structure. A node near a voxel of it is marked; the
-    Euclidean distance transform of the marks is wrong by at most half a diagonal of the nodes' cell and half a diagonal
-    of a voxel. Nodes that may be nearer than 8 mm are then searched among the voxels, exactly.
+    Nodes lie 0.4 mm apart and reach 15 mm beyond the box around the structure. A node near a voxel of it is
+    marked; the Euclidean distance transform of the marks is wrong by at most half a diagonal of the nodes'
+    cell and half a diagonal of a voxel. Nodes that may be nearer than 8 mm are then searched among the
+    voxels, exactly.
     """
     searches = [StructureSearch(bone, tissue) for tissue in tissues]
     numbers = bone.tissue_numbers
@@ -110,10 +111,11 @@ class Watch:
     bone : VoxelBone
         With tissues; the session's, or one that it is a copy of.
     approach, touch : float or {name: float}
-        Distances of the burr's surface to a structure as segmented, at which its approach and a touch are told [mm]. A
-        structure without an entry has the default: 2 and 0 mm, ours.
+        Distances of the burr's surface to a structure as segmented, at which its approach and a touch are
+        told [mm]. A structure without an entry has the default: 2 and 0 mm, ours.
     injury : float or {name: float}
-        An injury is told once more than this was removed from the structure [mm^3]; default 0, the first level.
+        An injury is told once more than this was removed from the structure [mm^3]; default 0, the first
+        level.
     hysteresis : float
         That the burr goes beyond a distance before it can be told again [mm]; the default is ours.
     structures : sequence of str, optional
@@ -130,13 +132,13 @@ class Watch:
     Raises
     ------
     ValueError
-        If the bone has no tissues or no critical one, there is no tissue of a name, no voxel of a structure, or the
-        limits are out of order: 0 <= touch <= approach, approach + hysteresis + radius at most 15 mm.
+        If the bone has no tissues or no critical one, there is no tissue of a name, no voxel of a structure,
+        or the limits are out of order: 0 <= touch <= approach, approach + hysteresis + radius at most 15 mm.
 
     Notes
     -----
-    A structure is all voxels that carry its label, as boxes, whatever bone was or is in them. `docs/anatomy.md` has the
-    definitions and the errors.
+    A structure is all voxels that carry its label, as boxes, whatever bone was or is in them.
+    `docs/anatomy.md` has the definitions and the errors.
 
     Examples
     --------

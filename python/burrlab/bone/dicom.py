@@ -1,6 +1,7 @@
 """DICOM series: slices sorted by their position, refused unless they make one regular grid; and grey volumes written as CT slices.
 
-Headers are read by pydicom, pixels by SimpleITK (GDCM). Tags after DICOM PS3.3, UIDs of the form 2.25.<UUID> after PS3.5, annex B.2.
+Headers are read by pydicom, pixels by SimpleITK (GDCM). Tags after DICOM PS3.3, UIDs of the form 2.25.<UUID>
+after PS3.5, annex B.2.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ IN_FOLDER = "bone.h5"
 KINDS = ("uint8", "int16", "uint16")
 _CT_IMAGE = "1.2.840.10008.5.1.4.1.1.2"
 _DEFLATED = b"1.2.840.10008.1.2.1.99"  # its transfer syntax
-#: Size to which any file may unpack [bytes] (ours): compressed pixels that are all alike take next to nothing.
+#: Size to which any file may unpack [bytes] (ours): compressed pixels that are all alike take next to
+#: nothing.
 _SMALL = 1 << 26
 # Columns and rows of one value a pixel where JPEG 2000 (marker SIZ) and JPEG-LS (SOF) begin.
 _CODED = re.compile(rb"\xff\x4f\xff\x51.{4}(.{4})(.{4})|\xff\xf7\0\x0b[\x02-\x10](..)(..)\x01", re.DOTALL)
@@ -409,8 +411,8 @@ def write_dicom(folder: str | os.PathLike[str], volume: Volume) -> None:
 
     Notes
     -----
-    Patient and study are empty, the image type is DERIVED. The same volume gets the same UIDs. Numbers have up to 16 characters, so the
-    geometry comes back to 1e-11 mm.
+    Patient and study are empty, the image type is DERIVED. The same volume gets the same UIDs. Numbers have
+    up to 16 characters, so the geometry comes back to 1e-11 mm.
     """
     target = Path(folder)
     check_slices(volume)

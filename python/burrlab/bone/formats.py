@@ -88,7 +88,8 @@ def read_volume(
     Returns
     -------
     Volume
-        In patient coordinates, LPS [mm]. Its `notes` say what was assumed: an orientation that the file does not have.
+        In patient coordinates, LPS [mm]. Its `notes` say what was assumed: an orientation that the file does
+        not have.
 
     Raises
     ------
@@ -97,9 +98,10 @@ def read_volume(
     ImportError
         Without SimpleITK (extra `medical`), for DICOM.
     ValueError
-        If the file cannot be read whole, says more than it holds or the machine has memory for, is not a three-dimensional volume of one finite value a voxel, does not say its spacing
-        and none is given, or says another; if its direction matrix is not orthonormal; or if slices are missing, doubled,
-        uneven, sheared or not alike, or of several series.
+        If the file cannot be read whole, says more than it holds or the machine has memory for, is not a
+        three-dimensional volume of one finite value a voxel, does not say its spacing and none is given, or
+        says another; if its direction matrix is not orthonormal; or if slices are missing, doubled, uneven,
+        sheared or not alike, or of several series.
     """
     name, header, values = _read(path, spacing, series)
     return Volume(
@@ -253,9 +255,9 @@ def write_volume(
 
     Notes
     -----
-    NIfTI keeps geometry in float32, so spacing, origin and direction come back to 1e-7 of their size. Names and colours of
-    labels are written to NRRD, in the fields of a segmentation of 3D Slicer; NIfTI and MetaImage have no place for them, and label
-    0 is none of its segments.
+    NIfTI keeps geometry in float32, so spacing, origin and direction come back to 1e-7 of their size. Names
+    and colours of labels are written to NRRD, in the fields of a segmentation of 3D Slicer; NIfTI and
+    MetaImage have no place for them, and label 0 is none of its segments.
     """
     target = Path(path)
     kept = format_of(target.name)
@@ -266,7 +268,8 @@ def write_volume(
         pass
 
 
-#: Where a written file says that its orientation was assumed: a field of NRRD and MetaImage, the description of NIfTI.
+#: Where a written file says that its orientation was assumed: a field of NRRD and MetaImage, the description
+#: of NIfTI.
 _ASSUMED, _NIFTI_NOTES = "burrlab_orientation", "ITK_FileNotes"
 
 

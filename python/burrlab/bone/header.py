@@ -1,6 +1,7 @@
 """Headers of volume files: where the voxels lie, how the values are stored, what is assumed and what must be asked for.
 
-NRRD after teem.sourceforge.net/nrrd/format.html, MetaImage after itk.org/Wiki/ITK/MetaIO, NIfTI after nifti1.h and nifti2.h.
+NRRD after teem.sourceforge.net/nrrd/format.html, MetaImage after itk.org/Wiki/ITK/MetaIO, NIfTI after
+nifti1.h and nifti2.h.
 """
 
 from __future__ import annotations

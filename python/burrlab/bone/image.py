@@ -18,7 +18,8 @@ from burrlab.common.check import check_memory, real, refuse, require_type
 
 #: For each corner of a box, the end at which it lies along (x, y, z).
 _ENDS = np.array([[(i >> k) & 1 for k in range(3)] for i in range(8)])
-#: How far a direction matrix may be from orthonormal, largest entry of |D^T D - 1|: headers hold float32 or a few decimals.
+#: How far a direction matrix may be from orthonormal, largest entry of |D^T D - 1|: headers hold float32 or a
+#: few decimals.
 ORTHONORMAL = 1e-4
 #: A matrix that is off by less is left as it is, so that matrices of 0 and 1 keep their bits.
 _EXACT = 1e-14
@@ -159,8 +160,8 @@ class OnGrid(ABC):
         Parameters
         ----------
         low, high : (x, y, z)
-            Two opposite corners in the volume's own coordinates [mm]. The box is along their axes; in a turned volume the
-            smallest box of voxels that holds it is kept.
+            Two opposite corners in the volume's own coordinates [mm]. The box is along their axes; in a
+            turned volume the smallest box of voxels that holds it is kept.
 
         Raises
         ------
@@ -184,10 +185,10 @@ class OnGrid(ABC):
     def resample(self, spacing: float | ArrayLike) -> Self:
         """The volume on voxels of another spacing, over the same field of view.
 
-        The grid begins at the same corner, and its last voxel may reach beyond the old ones. Grey values become float32: trilinear
-        between voxel centres; along an axis whose voxels become larger, the mean over each of them; beyond the old voxels the
-        outermost value holds. A label is that of the old voxel in which the new one's centre lies; where voxels become larger,
-        what is thinner than they are can go.
+        The grid begins at the same corner, and its last voxel may reach beyond the old ones. Grey values
+        become float32: trilinear between voxel centres; along an axis whose voxels become larger, the mean
+        over each of them; beyond the old voxels the outermost value holds. A label is that of the old voxel
+        in which the new one's centre lies; where voxels become larger, what is thinner than they are can go.
 
         Parameters
         ----------
@@ -201,7 +202,8 @@ class OnGrid(ABC):
 
         Notes
         -----
-        This interpolates grey values. For bone, `Volume.to_bone` with a spacing interpolates the occupancy instead.
+        This interpolates grey values. For bone, `Volume.to_bone` with a spacing interpolates the occupancy
+        instead.
         """
         new = checked_spacing(spacing)
         if np.allclose(new, self.spacing, rtol=1e-9, atol=0):
@@ -296,8 +298,9 @@ def resample_linear(
 ) -> NDArray[Any]:
     """Values (z, y, x) at the centres of voxels of spacing `new` (x, y, z) from the same corner.
 
-    Along an axis whose voxels become smaller: linear between the two nearest centres, constant beyond the outermost ones.
-    Along one whose voxels become larger: the mean over the new voxel, old voxels taken as uniform, its part within the volume.
+    Along an axis whose voxels become smaller: linear between the two nearest centres, constant beyond the
+    outermost ones. Along one whose voxels become larger: the mean over the new voxel, old voxels taken as
+    uniform, its part within the volume.
 
     Parameters
     ----------
@@ -305,7 +308,8 @@ def resample_linear(
     old, new : ndarray, shape (3,)
         Spacing (x, y, z) [mm].
     empty_outside : bool
-        A last voxel that reaches beyond the volume gets the part of its value by which it lies within; else the whole.
+        A last voxel that reaches beyond the volume gets the part of its value by which it lies within; else
+        the whole.
     kind : dtype
         Of the result.
     store : callable
@@ -381,8 +385,8 @@ class OccupancyMap:
     Raises
     ------
     ValueError
-        If there are fewer than two points or as many greys as occupancies are missing, a grey value is not finite or not above
-        the one before it, or an occupancy is not within 0 to 1.
+        If there are fewer than two points or as many greys as occupancies are missing, a grey value is not
+        finite or not above the one before it, or an occupancy is not within 0 to 1.
 
     Examples
     --------
@@ -521,8 +525,8 @@ class Volume(OnGrid):
     origin : (x, y, z)
         Centre of voxel (0, 0, 0) in the volume's own coordinates, of patients LPS [mm].
     direction : array_like, shape (3, 3)
-        Columns are the voxel axes in the volume's own coordinates; orthonormal, left-handed allowed. Off by up to 1e-4, as
-        headers round it, it is replaced by the nearest that is.
+        Columns are the voxel axes in the volume's own coordinates; orthonormal, left-handed allowed. Off by
+        up to 1e-4, as headers round it, it is replaced by the nearest that is.
     path : str
         Where it comes from.
     notes : tuple of str
@@ -533,7 +537,8 @@ class Volume(OnGrid):
     Raises
     ------
     ValueError
-        If the values are no numbers in three dimensions or not finite, a spacing is not positive, or the direction not orthonormal.
+        If the values are no numbers in three dimensions or not finite, a spacing is not positive, or the
+        direction not orthonormal.
     """
 
     _ARRAY = "values"
@@ -572,9 +577,9 @@ class Volume(OnGrid):
         solid : float, optional
             Grey value of solid bone.
         spacing : float or (x, y, z), optional
-            Of the bone [mm]; default the volume's own. The map acts first, then the occupancy is interpolated as `resample` does
-            it, and rounded to levels once: so the amount of bone stays what the map says. Beyond the volume there is none: a last
-            voxel that reaches out is filled by its part within.
+            Of the bone [mm]; default the volume's own. The map acts first, then the occupancy is interpolated
+            as `resample` does it, and rounded to levels once: so the amount of bone stays what the map says.
+            Beyond the volume there is none: a last voxel that reaches out is filled by its part within.
 
         Raises
         ------
@@ -628,7 +633,8 @@ class Volume(OnGrid):
         Raises
         ------
         ValueError
-            If the axis meets no bone, the entry lies inside bone or farther away than the volume is wide, or else as `to_bone`.
+            If the axis meets no bone, the entry lies inside bone or farther away than the volume is wide, or
+            else as `to_bone`.
         TypeError
             If the map is none.
         """
@@ -722,8 +728,9 @@ class LabelVolume(OnGrid):
     colours : mapping of int to (r, g, b)
         0 to 255, as far as the file gives them.
     unknown_colours : tuple of mapping
-        Of coloured slices the colours that are in no table, most pixels first, ready for JSON: colour, pixels, the first one's slice, row
-        and column, the nearest structure, and how far that is in colour (root of the sum of squares).
+        Of coloured slices the colours that are in no table, most pixels first, ready for JSON: colour,
+        pixels, the first one's slice, row and column, the nearest structure, and how far that is in colour
+        (root of the sum of squares).
 
     Raises
     ------
@@ -763,8 +770,8 @@ class LabelVolume(OnGrid):
     def on(self, volume: OnGrid) -> LabelVolume:
         """The labels on the voxels of a volume. Each voxel gets the label at its centre, 0 where there is none.
 
-        Segmentations may be finer than their volume, or turned. Structures thinner than a voxel of the volume can go. Where the
-        labels cover a part of the volume, the notes say how much.
+        Segmentations may be finer than their volume, or turned. Structures thinner than a voxel of the volume
+        can go. Where the labels cover a part of the volume, the notes say how much.
 
         Raises
         ------

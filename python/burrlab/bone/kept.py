@@ -195,7 +195,8 @@ def coded(
 
     Whole numbers are the nearest; `empty` and what is below it are rounded down.
 
-    ValueError if one, or that of empty (of labels 0), is beyond what numbers of this kind, or of so many bits of it, can hold.
+    ValueError if one, or that of empty (of labels 0), is beyond what numbers of this kind, or of so many bits
+    of it, can hold.
     """
     greys = np.append(greys, empty or 0.0)
     found, real, whole = (greys - inter) / slope, kind.kind == "f", 8 * kind.itemsize
@@ -249,13 +250,14 @@ def kept_fields(target: Path, like: Volume | LabelVolume) -> dict[str, str]:
     return fields
 
 
-#: Elements that no longer hold after drilling: when the instance was made, least and highest pixel of image and series, icon,
-#: signatures, and where packed pixels begin and end.
+#: Elements that no longer hold after drilling: when the instance was made, least and highest pixel of image
+#: and series, icon, signatures, and where packed pixels begin and end.
 _STALE = (
     0x00080012, 0x00080013, 0x00280106, 0x00280107, 0x00280108, 0x00280109, 0x00880200, 0x4FFE0001, 0xFFFAFFFA, 0x7FE00001,
     0x7FE00002,
 )  # fmt: skip
-#: Transfer syntax of pixels that are not packed, by whether types are implicit and whether bytes are little-endian.
+#: Transfer syntax of pixels that are not packed, by whether types are implicit and whether bytes are
+#: little-endian.
 _NOT_PACKED = {
     (True, True): "1.2.840.10008.1.2", (False, True): "1.2.840.10008.1.2.1", (False, False): "1.2.840.10008.1.2.2",
 }  # fmt: skip
@@ -555,8 +557,8 @@ def save_drilled(
     Parameters
     ----------
     path : path-like
-        With the ending of the original, for its fields to be kept: .nrrd (.seg.nrrd), .nii, .nii.gz, .mha. For a stack of PNG
-        slices or a DICOM series, a new folder.
+        With the ending of the original, for its fields to be kept: .nrrd (.seg.nrrd), .nii, .nii.gz, .mha.
+        For a stack of PNG slices or a DICOM series, a new folder.
     bone : VoxelBone
         On the voxels of `like`.
     like : Volume or LabelVolume
@@ -569,9 +571,10 @@ def save_drilled(
     Raises
     ------
     ValueError
-        If bone and volume are on different voxels; the map is missing, given for labels, falls, or has a grey value of empty that
-        the file cannot store; the path is the original's, its ending is none of these or its name is too long; the tick is out
-        of range; the data set of a slice cannot be kept; or `like` is itself half-drilled and has less than the bone.
+        If bone and volume are on different voxels; the map is missing, given for labels, falls, or has a grey
+        value of empty that the file cannot store; the path is the original's, its ending is none of these or
+        its name is too long; the tick is out of range; the data set of a slice cannot be kept; or `like` is
+        itself half-drilled and has less than the bone.
     ImportError
         Without SimpleITK, or of a DICOM series pydicom (extra `medical`).
     FileExistsError
@@ -583,16 +586,19 @@ def save_drilled(
 
     Notes
     -----
-    Voxels of which nothing was removed keep their value to the bit, but for a resampled DICOM series: its slices hold whole numbers.
-    The others get the grey value that the map gives for what is left of them, and never a higher one than they had; nothing left
-    is the grey value of empty. Of labels alone, a voxel of which less than half is left gets label 0.
+    Voxels of which nothing was removed keep their value to the bit, but for a resampled DICOM series: its
+    slices hold whole numbers. The others get the grey value that the map gives for what is left of them, and
+    never a higher one than they had; nothing left is the grey value of empty. Of labels alone, a voxel of
+    which less than half is left gets label 0.
 
-    The file is written as `write_volume` writes, with what the original says beyond its geometry: keys and values of NRRD, the
-    description of NIfTI, fields of MetaImage that are not its own. Slices of a DICOM series are derived images of a new series, of
-    the same study: UIDs, image type and derivation are theirs, all else is that of the slice that they were made of.
+    The file is written as `write_volume` writes, with what the original says beyond its geometry: keys and
+    values of NRRD, the description of NIfTI, fields of MetaImage that are not its own. Slices of a DICOM
+    series are derived images of a new series, of the same study: UIDs, image type and derivation are theirs,
+    all else is that of the slice that they were made of.
 
-    Beside `NAME` lies `NAME.<digest>.bone.h5` (in a stack's folder, `bone.h5`), a bone as `save_bone` writes it. It is written
-    first, and bears the digest of the volume it belongs to: whoever is killed in between leaves the old pair or the new one.
+    Beside `NAME` lies `NAME.<digest>.bone.h5` (in a stack's folder, `bone.h5`), a bone as `save_bone` writes
+    it. It is written first, and bears the digest of the volume it belongs to: whoever is killed in between
+    leaves the old pair or the new one.
     """
     target = followed(Path(path))
     check_tick(tick)
@@ -643,7 +649,8 @@ def load_drilled(path: str | os.PathLike[str]) -> DrilledVolume:
     FileNotFoundError
         If there is no such file or folder.
     ValueError
-        If the file that holds the exact state is missing, or belongs to another content of the volume: one of them was changed.
+        If the file that holds the exact state is missing, or belongs to another content of the volume: one of
+        them was changed.
     """
     target = Path(path)
     if not target.exists():

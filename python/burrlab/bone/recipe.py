@@ -276,8 +276,9 @@ def cut_block(
 ) -> VoxelBone:
     """The bone below the plane across an axis at its first crossing of occupancy 128, in a frame of its own.
 
-    The crossing becomes (0, 0, 0), the axis -z; x lies across it and across the voxel axis that is furthest from it. Levels are
-    trilinear between those of the recipe's bone; beyond the volume there are none. What stands above the plane is cut off.
+    The crossing becomes (0, 0, 0), the axis -z; x lies across it and across the voxel axis that is furthest
+    from it. Levels are trilinear between those of the recipe's bone; beyond the volume there are none. What
+    stands above the plane is cut off.
 
     Parameters
     ----------
@@ -357,8 +358,8 @@ class LabelledRecipe(_FileRecipe):
     Raises
     ------
     ValueError
-        If `transpose` must be told, as of `read_stack`; if a crop, a spacing of the bone or `smooth` is given beside a grey volume,
-        or `onto` without one.
+        If `transpose` must be told, as of `read_stack`; if a crop, a spacing of the bone or `smooth` is given
+        beside a grey volume, or `onto` without one.
     """
 
     _KIND = "labelled volume"
@@ -735,8 +736,8 @@ def make_bone(recipe: Mapping[str, Any], *, volume: str | os.PathLike[str] | Non
     Parameters
     ----------
     recipe : mapping
-        Of `block_recipe`, `volume_recipe`, an experiment's `VolumeBlock`, `LabelledRecipe.plain` or `DrilledRecipe.plain`;
-        it may come from another machine.
+        Of `block_recipe`, `volume_recipe`, an experiment's `VolumeBlock`, `LabelledRecipe.plain` or
+        `DrilledRecipe.plain`; it may come from another machine.
     volume : path, optional
         Where the volume lies here, if elsewhere.
 

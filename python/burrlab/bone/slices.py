@@ -72,7 +72,8 @@ def find_slices(place: str | os.PathLike[str], *, prefix: str | None = None) -> 
     FileNotFoundError
         If there is no such folder.
     ValueError
-        If there is no slice, one is missing, there twice, not a PNG file, or of another size or kind than the first.
+        If there is no slice, one is missing, there twice, not a PNG file, or of another size or kind than the
+        first.
     """
     text = os.fspath(place)
     if Path(text).is_dir():
@@ -185,8 +186,9 @@ def _header(path: Path) -> tuple[int, int, int, str]:
     return columns, rows, bits, name
 
 
-#: Of two structures that claim a voxel, the one that stands first here gets it (ours). The facial nerve is first. Thin structures
-#: stand before thick ones, so that none vanishes in a thicker one; bone stands behind all structures and before what is empty.
+#: Of two structures that claim a voxel, the one that stands first here gets it (ours). The facial nerve is
+#: first. Thin structures stand before thick ones, so that none vanishes in a thicker one; bone stands behind
+#: all structures and before what is empty.
 RANKING = (
     "facial nerve", "chorda tympani", "cochlear nerve", "superior vestibular nerve", "inferior vestibular nerve",
     "vestibular nerve", "vestibular aqueduct", "stapes", "incus", "malleus", "ossicles", "tympanic membrane",
@@ -392,7 +394,8 @@ class Palette:
     def _places_of_sums(self) -> NDArray[np.uint16]:
         """For each colour with alpha 254, the number from 1 of the pair whose sum it is; 0 for no pair, `_UNCLEAR` for several.
 
-        A pair's sum lies within 1 a channel, modulo 256, and no other pair's, nor one colour of the table, within 2.
+        A pair's sum lies within 1 a channel, modulo 256, and no other pair's, nor one colour of the table,
+        within 2.
         """
         assert self._ranked is not None
         labels, colours = list(self.colours), np.array(list(self.colours.values()))
@@ -468,7 +471,8 @@ def _checked_unknown(unknown: str | int, names: Mapping[int, str]) -> tuple[str 
 #: Sides of a volume that are taken for a head or a part of one [mm] (ours).
 PLAUSIBLE = (2.0, 500.0)
 _METRE = 1000.0
-#: Most bytes of a description, and most keys of one mapping in it (ours); those of volumetric_drilling have 2 kB.
+#: Most bytes of a description, and most keys of one mapping in it (ours); those of volumetric_drilling have 2
+#: kB.
 _LONGEST = 300_000
 #: What older files of volumetric_drilling call one unit: 0.049664 m (a comment in them).
 _OLD_UNIT = 49.664
@@ -502,8 +506,8 @@ def read_description(path: str | os.PathLike[str], *, unit: float | None = None)
     Parameters
     ----------
     path : path-like
-        A YAML file with a block `VOLUME name` that has `dimensions` (x, y, z), perhaps `scale`, and `images` (path, prefix,
-        format, count), as in LCSR-SICKKIDS/volumetric_drilling.
+        A YAML file with a block `VOLUME name` that has `dimensions` (x, y, z), perhaps `scale`, and `images`
+        (path, prefix, format, count), as in LCSR-SICKKIDS/volumetric_drilling.
     unit : float, optional
         Of the dimensions [mm]; default a metre, checked for plausibility.
 
@@ -644,34 +648,38 @@ def read_stack(
     Parameters
     ----------
     path : path-like
-        A folder of slices, a pattern ('folder/slice*.png'), or the YAML file that describes them in volumetric_drilling.
-        Slices are in the order of the number that ends their names.
+        A folder of slices, a pattern ('folder/slice*.png'), or the YAML file that describes them in
+        volumetric_drilling. Slices are in the order of the number that ends their names.
     spacing : float or (x, y, z), optional
         Of voxels [mm]; needed unless a YAML file says how large the volume is.
     palette : Tissues or mapping of str to (r, g, b), optional
-        Colours of labels; a mapping gives the labels 1, 2, ... in its order. Default: the sixteen of volumetric_drilling.
+        Colours of labels; a mapping gives the labels 1, 2, ... in its order. Default: the sixteen of
+        volumetric_drilling.
     unknown : "refuse", "nearest", "nearest:NAME,NAME" or int
-        What becomes of colours that are in no table, as clipped sums or scaling leave them: an error with the largest of them, the
-        label of the nearest colour, or this label. A pixel whose nearest colour is that of a critical structure, the ear canal or air
-        becomes bone (label 0 in a table without bone), but for structures that are named. The notes of the result say how many; `unknown_colours` lists all.
+        What becomes of colours that are in no table, as clipped sums or scaling leave them: an error with the
+        largest of them, the label of the nearest colour, or this label. A pixel whose nearest colour is that
+        of a critical structure, the ear canal or air becomes bone (label 0 in a table without bone), but for
+        structures that are named. The notes of the result say how many; `unknown_colours` lists all.
     unit : float, optional
         Of the dimensions in a YAML file [mm]; default a metre.
     transpose : bool, optional
-        True where the number of a pixel's row counts along x and that of its column along y, as the simulator's converter
-        from NRRD writes them. A wrong one mirrors the ear. Default: True of a YAML file, False of slices alone; those must be told
-        where their palette has a colour of the simulator's.
+        True where the number of a pixel's row counts along x and that of its column along y, as the
+        simulator's converter from NRRD writes them. A wrong one mirrors the ear. Default: True of a YAML
+        file, False of slices alone; those must be told where their palette has a colour of the simulator's.
     ranking : sequence of str, optional
-        Which of two structures gets a voxel that both claim, by their usual names: the first. In volumetric_drilling's stacks such
-        a pixel has the sum of their colours modulo 256, with alpha 254. What is not ranked comes just before bone, the smaller label
-        first. None: such sums are colours in no table, and 'nearest' takes any, as before there was a ranking.
+        Which of two structures gets a voxel that both claim, by their usual names: the first. In
+        volumetric_drilling's stacks such a pixel has the sum of their colours modulo 256, with alpha 254.
+        What is not ranked comes just before bone, the smaller label first. None: such sums are colours in no
+        table, and 'nearest' takes any, as before there was a ranking.
 
     Returns
     -------
     Volume or LabelVolume
-        Grey where the slices are grey, or are RGB(A), opaque and without a colour throughout and no palette is given; else
-        labels. Voxel axes: x along the columns of a slice to the right, y along its rows downwards, z with the number; x and y
-        change places with `transpose`. The centre of the first slice's first pixel is the origin, the direction that of the
-        voxel axes: slices say no orientation, and the notes say so.
+        Grey where the slices are grey, or are RGB(A), opaque and without a colour throughout and no palette
+        is given; else labels. Voxel axes: x along the columns of a slice to the right, y along its rows
+        downwards, z with the number; x and y change places with `transpose`. The centre of the first slice's
+        first pixel is the origin, the direction that of the voxel axes: slices say no orientation, and the
+        notes say so.
 
     Raises
     ------
@@ -680,12 +688,13 @@ def read_stack(
     ImportError
         Without PyYAML (extra `medical`), for a YAML file.
     ValueError
-        If slices are missing, damaged, or of different sizes or kinds, a colour is in no table, the spacing is unknown or said
-        twice, no head has the sides that the YAML file says, or `transpose` must be told.
+        If slices are missing, damaged, or of different sizes or kinds, a colour is in no table, the spacing
+        is unknown or said twice, no head has the sides that the YAML file says, or `transpose` must be told.
 
     Notes
     -----
-    Transparent and black pixels are label 0, whatever their colour. Partly transparent ones count by their colour.
+    Transparent and black pixels are label 0, whatever their colour. Partly transparent ones count by their
+    colour.
     """
     name = os.fspath(path)
     described = _description(name, spacing, unit)

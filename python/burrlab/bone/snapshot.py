@@ -84,7 +84,8 @@ def load_bone(path: str | os.PathLike[str]) -> tuple[VoxelBone, int]:
     Raises
     ------
     ValueError
-        If the file holds no bone, one of a newer format, or one whose digest is not the one it was saved with.
+        If the file holds no bone, one of a newer format, or one whose digest is not the one it was saved
+        with.
     OSError
         If the file cannot be read.
     """
@@ -160,7 +161,8 @@ def open_hdf5(path: str | os.PathLike[str], kind: str, newest: int) -> h5py.File
 def read_dataset(group: h5py.Group, name: str, rows: int | None = None) -> Any:
     """A dataset, or its first rows, unpacked within the bounds that its shape, the file and the machine set.
 
-    libhdf5 makes up chunks that are absent, and unpacks of one whatever its stream holds: here either is an error.
+    libhdf5 makes up chunks that are absent, and unpacks of one whatever its stream holds: here either is an
+    error.
 
     Raises
     ------

@@ -55,8 +55,8 @@ class KnownTissue:
     bone: bool = False
 
 
-# Colours of structures with a name of volumetric_drilling are those of its PNG stacks; the others are ours, as
-# is what counts as critical and what bleeds.
+# Colours of structures with a name of volumetric_drilling are those of its PNG stacks; the others are ours,
+# as is what counts as critical and what bleeds.
 KNOWN = (
     KnownTissue("air", ("void", "empty", "lumen"), (0, 0, 0), critical=False),
     KnownTissue(UNLABELLED, ("background", "clear label", "other"), (128, 128, 128), critical=False),
@@ -134,8 +134,8 @@ def known_tissue(name: str) -> KnownTissue | None:
 #: Of the known tissues, those that are empty where labels alone make a bone.
 EMPTY = ("air", "external auditory canal")
 
-#: The colours of volumetric_drilling's PNG stacks (LCSR-SICKKIDS/volumetric_drilling, its script that makes distance
-#: grids lists them), by its names and in its order, which is that of our labels 1 to 16.
+#: The colours of volumetric_drilling's PNG stacks (LCSR-SICKKIDS/volumetric_drilling, its script that makes
+#: distance grids lists them), by its names and in its order, which is that of our labels 1 to 16.
 VOLUMETRIC_DRILLING: dict[str, Colour] = {
     name: _BY_NAME[plain_name(name)].colour
     for name in (
@@ -158,8 +158,8 @@ def default_tissues(
     Parameters
     ----------
     labels : LabelVolume, mapping of int to str, or sequence of str
-        Labels with their names; a sequence gives the labels 0, 1, 2, ... A label volume's own colours are kept.
-        Names are those of common segmentations, in any spelling: Facial_Nerve, "right facial nerve".
+        Labels with their names; a sequence gives the labels 0, 1, 2, ... A label volume's own colours are
+        kept. Names are those of common segmentations, in any spelling: Facial_Nerve, "right facial nerve".
     material : Material
         The bone: its c_e, alpha and f.
 
@@ -344,11 +344,13 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
     Parameters
     ----------
     path : path-like
-        Columns `label` and `name` must be there. An empty `colour`, `critical` or `bleeds` is what the default table
-        says of a structure of that name (else grey, no, no). An empty `c_e_N_per_mm2` or `alpha_per_ms` is the
-        material's, and the tissue then counts as assumed, but for bone with both of the material's.
+        Columns `label` and `name` must be there. An empty `colour`, `critical` or `bleeds` is what the
+        default table says of a structure of that name (else grey, no, no). An empty `c_e_N_per_mm2` or
+        `alpha_per_ms` is the material's, and the tissue then counts as assumed, but for bone with both of the
+        material's.
     material : Material, optional
-        The bone. Default: the one in the file's comments, as `write_tissues` puts it there, else `materials["bone"]`.
+        The bone. Default: the one in the file's comments, as `write_tissues` puts it there, else
+        `materials["bone"]`.
 
     Returns
     -------
@@ -357,7 +359,8 @@ def read_tissues(path: str | os.PathLike[str], *, material: Material | None = No
     Raises
     ------
     ValueError
-        If the file is no such table, or a template in which rows wait for a name; the sentence names line and column.
+        If the file is no such table, or a template in which rows wait for a name; the sentence names line and
+        column.
     OSError
         If it cannot be read.
     """
@@ -421,8 +424,9 @@ def write_tissues(path: str | os.PathLike[str], tissues: Tissues) -> None:
 def tissues_text(tissues: Tissues, unnamed: Collection[int] = ()) -> str:
     """The table as `write_tissues` writes it; ValueError where a name has a line break or space around it.
 
-    Of `unnamed` labels, colours that are grey and all that follows from a name stay empty, as their names are still to be given:
-    "structure 3", and what the file says with a mark behind it, are refused by `read_tissues`.
+    Of `unnamed` labels, colours that are grey and all that follows from a name stay empty, as their names are
+    still to be given: "structure 3", and what the file says with a mark behind it, are refused by
+    `read_tissues`.
     """
     for tissue in tissues:
         refuse(
@@ -481,9 +485,9 @@ def _tissue(where: str, row: dict[str, Any], material: Material) -> Tissue:
 #: Occupancy from which a voxel counts as bone in notes: half.
 _HALF = 128
 
-#: Scatter of the velocity in bone that is made of labels alone, by R/voxel: standard deviation over 12 places within 0.6 mm [%].
-#: Least and most of three kinds of surfaces are given, for labels as they are and for labels that are smoothed by two voxels or
-#: more. docs/tissues.md says how it was measured.
+#: Scatter of the velocity in bone that is made of labels alone, by R/voxel: standard deviation over 12 places
+#: within 0.6 mm [%]. Least and most of three kinds of surfaces are given, for labels as they are and for
+#: labels that are smoothed by two voxels or more. docs/tissues.md says how it was measured.
 LABEL_SCATTER = {10: ((11, 17), (3, 6)), 20: ((6, 15), (3, 5)), 30: ((3, 10), (2, 4))}
 
 
@@ -525,8 +529,8 @@ def labelled_bone(
     Parameters
     ----------
     source : Volume, ndarray of uint8 or None
-        Grey values, with `mapping`; or levels (z, y, x) on the grid of the labels; or None: label 0 and what is labelled as one
-        of `empty` is empty, and all else is solid.
+        Grey values, with `mapping`; or levels (z, y, x) on the grid of the labels; or None: label 0 and what
+        is labelled as one of `empty` is empty, and all else is solid.
     labels : LabelVolume
         On the voxels of the volume, or on a box of them, as segmentations are often saved: 0 outside it.
     tissues : Tissues
@@ -534,17 +538,18 @@ def labelled_bone(
     mapping : OccupancyMap, optional
         Of the grey values.
     fill : mapping of str to float, optional
-        By tissue, the least occupancy of its voxels, 0 to 1: nerves and vessels have grey values that a map for bone takes as
-        empty, and what is empty cannot be injured.
+        By tissue, the least occupancy of its voxels, 0 to 1: nerves and vessels have grey values that a map
+        for bone takes as empty, and what is empty cannot be injured.
     spacing : float or (x, y, z), optional
         Of the bone [mm]; default that of the volume. Occupancy is interpolated, labels are the nearest.
     empty : collection of str
-        Structures that hold no bone where labels are alone, by the name that the default table gives them: air and the ear canal.
-        `fill` makes one solid.
+        Structures that hold no bone where labels are alone, by the name that the default table gives them:
+        air and the ear canal. `fill` makes one solid.
     smooth : float, optional
-        Of labels alone: standard deviation of a Gaussian over what is solid [mm], 1 to 10 of the finest side of a voxel. The sum of
-        levels stays; critical structures stay full, and what is empty and nearest to one stays empty; an empty voxel that gets a part
-        gets the label of the nearest solid one too. docs/tissues.md says which width, and what it does.
+        Of labels alone: standard deviation of a Gaussian over what is solid [mm], 1 to 10 of the finest side
+        of a voxel. The sum of levels stays; critical structures stay full, and what is empty and nearest to
+        one stays empty; an empty voxel that gets a part gets the label of the nearest solid one too.
+        docs/tissues.md says which width, and what it does.
 
     Returns
     -------
@@ -554,8 +559,8 @@ def labelled_bone(
     Raises
     ------
     ValueError
-        If the labels are on other voxels, one of them is not in the table, the map is missing, given for nothing, a filled
-        tissue is not in the table, or `smooth` is given with a source or out of its range.
+        If the labels are on other voxels, one of them is not in the table, the map is missing, given for
+        nothing, a filled tissue is not in the table, or `smooth` is given with a source or out of its range.
     TypeError
         If `source` is none of these.
 

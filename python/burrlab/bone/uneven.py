@@ -36,8 +36,8 @@ class BoneField:
 
         E[g(x) g(x + d)] = exp(-d^2/(2 L^2)),
 
-    the occupancy is B^-1(Phi(g)): Phi the normal distribution function, B^-1 the quantile function of the beta
-    distribution with the mean and standard deviation asked for.
+    the occupancy is B^-1(Phi(g)): Phi the normal distribution function, B^-1 the quantile function of the
+    beta distribution with the mean and standard deviation asked for.
 
     Parameters
     ----------
@@ -58,17 +58,18 @@ class BoneField:
     Notes
     -----
     The form of the correlation (the squared exponential of geostatistics) and the beta distribution are ours.
-    A beta distribution lies in 0..1, so nothing is clipped and mean and contrast hold exactly; `realised` says
-    what rounding to levels leaves of them. The occupancy itself correlates by `correlation`.
+    A beta distribution lies in 0..1, so nothing is clipped and mean and contrast hold exactly; `realised`
+    says what rounding to levels leaves of them. The occupancy itself correlates by `correlation`.
 
-    g is Gaussian white noise on a lattice of spacing L/2, smoothed by a Gaussian of standard deviation L/sqrt(2) that
-    is evaluated at the voxel centres themselves, and divided by the root of the sum of its squared weights. Thus
-    it is a function of (seed, position): no voxel size, block or interpolation enters, and a larger block
-    continues a smaller one. Weights are products over the axes, so that a block for R = 3 mm at 0.1 mm takes 5 ms; a
-    sum of 1000 random cosines, as independent of the grid, takes 50 times that and is only nearly Gaussian.
-    In one bone (contrast 0.1 and 0.2, L = 0.25 to 1 mm, 0.5 and 2 N) the mean velocity at 0.05, 0.2 and 0.25 mm is
-    within 1.3 % of that at 0.1 mm, which is what homogeneous bone shows too, L = one voxel included.
-    Noise comes from a counter-based generator (Philox, key seed, counter the node's place).
+    g is Gaussian white noise on a lattice of spacing L/2, smoothed by a Gaussian of standard deviation
+    L/sqrt(2) that is evaluated at the voxel centres themselves, and divided by the root of the sum of its
+    squared weights. Thus it is a function of (seed, position): no voxel size, block or interpolation enters,
+    and a larger block continues a smaller one. Weights are products over the axes, so that a block for R = 3
+    mm at 0.1 mm takes 5 ms; a sum of 1000 random cosines, as independent of the grid, takes 50 times that and
+    is only nearly Gaussian. In one bone (contrast 0.1 and 0.2, L = 0.25 to 1 mm, 0.5 and 2 N) the mean
+    velocity at 0.05, 0.2 and 0.25 mm is within 1.3 % of that at 0.1 mm, which is what homogeneous bone shows
+    too, L = one voxel included. Noise comes from a counter-based generator (Philox, key seed, counter the
+    node's place).
 
     Examples
     --------

@@ -113,7 +113,8 @@ def first_bytes(file: BinaryIO, size: int, packed: bool, name: str) -> tuple[NDA
     Raises
     ------
     ValueError
-        If it is damaged, holds far more, or less than `size` by all that is known, or the machine has not as much memory.
+        If it is damaged, holds far more, or less than `size` by all that is known, or the machine has not as
+        much memory.
     """
     left = max(os.fstat(file.fileno()).st_size - file.tell(), 0)
     if packed:

@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-#: One colour a quantity throughout the package (Okabe and Ito's palette, distinguishable without colour vision).
+#: One colour a quantity throughout the package (Okabe and Ito's palette, distinguishable without colour
+#: vision).
 FORCE, POSITION, VELOCITY, REFERENCE = "#0072B2", "#009E73", "#D55E00", "#555555"
 
 

@@ -1,6 +1,7 @@
 """Files that appear when they are whole, are locked or are on disk; HDF5 files that a full disk or damage cannot turn into a crash.
 
-Run as a script, it asks libhdf5 for what a reader would, so that a damaged file hangs or crashes that process and no other.
+Run as a script, it asks libhdf5 for what a reader would, so that a damaged file hangs or crashes that process
+and no other.
 """
 
 from __future__ import annotations
@@ -141,10 +142,12 @@ def new_hdf5(path: str | os.PathLike[str], **options: Any) -> Iterator[h5py.File
 
     Notes
     -----
-    libhdf5 writes much of a file when it is closed. Where that fails it leaves its memory in disorder, and the process crashes
-    at once or at its end. So libhdf5 is told of no error, and the first one is raised when the file is closed.
+    libhdf5 writes much of a file when it is closed. Where that fails it leaves its memory in disorder, and
+    the process crashes at once or at its end. So libhdf5 is told of no error, and the first one is raised
+    when the file is closed.
 
-    The format of HDF5 1.10 has checksums on all that describes the data but texts of no fixed length: `put_attributes`.
+    The format of HDF5 1.10 has checksums on all that describes the data but texts of no fixed length:
+    `put_attributes`.
     """
     import h5py
 

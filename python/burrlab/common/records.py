@@ -83,18 +83,19 @@ _SPELT = ("inf", "-inf", "nan")
 class Codec:
     """Dataclasses as plain objects for JSON, and back, by the types of their fields.
 
-    Arrays, tuples and NamedTuples become lists, mappings dicts, paths and shapes texts, a burr its radius [mm] and
-    a material a dict. Reading is strict: no text is taken for a number, no 2.9 for 2, no unknown key is passed over.
+    Arrays, tuples and NamedTuples become lists, mappings dicts, paths and shapes texts, a burr its radius
+    [mm] and a material a dict. Reading is strict: no text is taken for a number, no 2.9 for 2, no unknown key
+    is passed over.
 
     Parameters
     ----------
     not_finite : str
-        JSON has no infinity and no NaN. ``"null"`` writes them as null, which is read as NaN; ``"spelt"`` writes
-        "inf", "-inf" and "nan", and passes over unknown keys; ``"kept"`` leaves them to `json.dumps` and reads them
-        in arrays only.
+        JSON has no infinity and no NaN. ``"null"`` writes them as null, which is read as NaN; ``"spelt"``
+        writes "inf", "-inf" and "nan", and passes over unknown keys; ``"kept"`` leaves them to `json.dumps`
+        and reads them in arrays only.
     keys : mapping
-        Class -> key in JSON -> name of its field, or a function of the object for what is derived from it: that is
-        written, and passed over on reading. A class that is not there is written with its fields.
+        Class -> key in JSON -> name of its field, or a function of the object for what is derived from it:
+        that is written, and passed over on reading. A class that is not there is written with its fields.
     null : mapping
         (class, field) -> what null stands for, where it is another number than NaN.
     kinds : mapping

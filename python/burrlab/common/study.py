@@ -93,9 +93,11 @@ def key_of(function: Callable[..., Any], item: Any) -> str:
     Parameters
     ----------
     function : callable
-        A function of a module. Its name counts, not what it does: after a change it needs another name or store.
+        A function of a module. Its name counts, not what it does: after a change it needs another name or
+        store.
     item : object
-        Floats count to the bit; of a dataclass, the fields that take part in its comparison; of a bone, its digest.
+        Floats count to the bit; of a dataclass, the fields that take part in its comparison; of a bone, its
+        digest.
 
     Raises
     ------
@@ -162,7 +164,8 @@ class Store:
     """Results of a study in a file, one line of JSON each, only ever appended to.
 
     A line is written at once, so that a kill loses at most the result it came with, and that processes of one
-    machine may write into the same file. What a process finds is what was there when it opened the store, and its own.
+    machine may write into the same file. What a process finds is what was there when it opened the store, and
+    its own.
 
     Parameters
     ----------
@@ -178,10 +181,10 @@ class Store:
 
     Notes
     -----
-    A result may hold None, bool, int, float, str, tuples, lists, dicts with str keys, NumPy numbers and arrays of
-    numbers; it comes back the same to the bit and type. Every write is the system's at once, so that it outlives the
-    process; it is forced to the disk once a second at most, so that a power cut may cost the last second.
-    A line that a kill has torn is left out; `repr` tells how many.
+    A result may hold None, bool, int, float, str, tuples, lists, dicts with str keys, NumPy numbers and
+    arrays of numbers; it comes back the same to the bit and type. Every write is the system's at once, so
+    that it outlives the process; it is forced to the disk once a second at most, so that a power cut may cost
+    the last second. A line that a kill has torn is left out; `repr` tells how many.
 
     Examples
     --------
@@ -490,8 +493,8 @@ def run_items(
 ) -> list[Result]:
     """function(item) of every item, in the order of the items.
 
-    Results do not depend on the executor, the number of workers or the order of completion, as long as an item
-    alone, with the seed in it, determines its result.
+    Results do not depend on the executor, the number of workers or the order of completion, as long as an
+    item alone, with the seed in it, determines its result.
 
     Parameters
     ----------
@@ -500,8 +503,8 @@ def run_items(
     items : sequence
         Small and picklable, such as frozen dataclasses.
     executor : concurrent.futures.Executor, optional
-        Threads, processes, or a dask client's ``client.get_executor()``. Default: threads over the cores, which
-        serve where the work is the core's. It is not shut down.
+        Threads, processes, or a dask client's ``client.get_executor()``. Default: threads over the cores,
+        which serve where the work is the core's. It is not shut down.
     store : Store or path, optional
         Keeps every result as it arrives. What it knows is not run again.
     progress : callable, optional

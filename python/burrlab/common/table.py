@@ -138,7 +138,8 @@ class Table:
         Raises
         ------
         ValueError
-            If the file is not such a table: one sentence with the file, the line, the column, the rule and the value.
+            If the file is not such a table: one sentence with the file, the line, the column, the rule and
+            the value.
         OSError
             If it cannot be read.
         """
@@ -357,8 +358,8 @@ def parse(name: str, content: bytes) -> TextTable:
     Raises
     ------
     ValueError
-        If it is not text in UTF-8, holds no column names, has a column twice or without a name, or a row has another
-        number of fields than there are columns: with the file, and the line where there is one.
+        If it is not text in UTF-8, holds no column names, has a column twice or without a name, or a row has
+        another number of fields than there are columns: with the file, and the line where there is one.
     """
     lines = [line.removesuffix("\r") for line in decoded(name, content).split("\n")]
     numbered = [(place, line) for place, line in enumerate(lines, start=1) if line.strip()]

@@ -50,8 +50,8 @@ def descend(
     dt : float
         Tick [ms]; a rig has its own period.
     seed : int, optional
-        Not used with a rig of your own. Of erosion, load cell noise, and the burr's place within a voxel of the block. None draws one and
-        records it.
+        Not used with a rig of your own. Of erosion, load cell noise, and the burr's place within a voxel of
+        the block. None draws one and records it.
     scheme : {"layer", "cell"}
         See `BurrContact`.
     ideal : bool
@@ -81,14 +81,15 @@ def descend(
     TypeError
         If burr or material is something else.
     ValueError
-        If the force is not positive or above the rig's range, dt, stop or max_duration not positive, max_duration of too many
-        ticks, the seed out of range, the burr below 4 voxels, or `material` missing.
+        If the force is not positive or above the rig's range, dt, stop or max_duration not positive,
+        max_duration of too many ticks, the seed out of range, the burr below 4 voxels, or `material` missing.
 
     Notes
     -----
-    In a specimen with tissues force and erosion are those of the tissues that the burr meets. What is expected
-    beforehand (static immersion and the window that it begins, phi, default gains) is computed with the c_e and
-    alpha of `material`: where the tissues differ much from it, give a controller, and read velocities with care.
+    In a specimen with tissues force and erosion are those of the tissues that the burr meets. What is
+    expected beforehand (static immersion and the window that it begins, phi, default gains) is computed with
+    the c_e and alpha of `material`: where the tissues differ much from it, give a controller, and read
+    velocities with care.
 
     Examples
     --------

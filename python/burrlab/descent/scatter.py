@@ -74,8 +74,8 @@ class Scatter:
     force : ndarray, shape (n,)
         [N]
     log_velocity, homogeneous : ndarray, shape (n, repeats)
-        ln of v [mm/s], and of v in bone that has the field's mean everywhere, with the same place within a voxel
-        and the same erosion seed; NaN where a descent gave no velocity.
+        ln of v [mm/s], and of v in bone that has the field's mean everywhere, with the same place within a
+        voxel and the same erosion seed; NaN where a descent gave no velocity.
     status : tuple of str
         Of the descents in uneven bone, by force and repeat.
     bone : BoneField
@@ -164,9 +164,9 @@ class Scatter:
 
         Notes
         -----
-        The test takes ln v as normal, with one scatter at all forces. Both hold roughly: over 480 bones (mean 0.8,
-        contrast 0.1, correlation length 0.5 mm, R = 3 mm) the scatter is 5.8, 6.1 and 4.4 % at 0.5, 1 and 2 N,
-        with a skewness of 0.1 to 0.3.
+        The test takes ln v as normal, with one scatter at all forces. Both hold roughly: over 480 bones (mean
+        0.8, contrast 0.1, correlation length 0.5 mm, R = 3 mm) the scatter is 5.8, 6.1 and 4.4 % at 0.5, 1
+        and 2 N, with a skewness of 0.1 to 0.3.
         """
         check_positive("sd", sd)
         refuse(n_dof < 1, f"n_dof must be at least 1, got {n_dof}")
@@ -285,8 +285,8 @@ def predicted_scatter(
     dt : float
         Tick [ms].
     seed : int, optional
-        Of the whole prediction; None draws one and records it. The seed of one bone, its erosion and place within a voxel
-        is ``burrlab.descent.sweep.item_seed(seed, force, repeat)``.
+        Of the whole prediction; None draws one and records it. The seed of one bone, its erosion and place
+        within a voxel is ``burrlab.descent.sweep.item_seed(seed, force, repeat)``.
     executor : concurrent.futures.Executor, optional
         Default: threads over the cores. The result does not depend on it.
     store : Store or path, optional
@@ -303,16 +303,16 @@ def predicted_scatter(
     TypeError
         If burr, material or field is something else.
     ValueError
-        If no force is given, one is not positive or given twice, repeats is below 2, or the seed out of range;
-        else as `BoneField.specimen` and `descend`.
+        If no force is given, one is not positive or given twice, repeats is below 2, or the seed out of
+        range; else as `BoneField.specimen` and `descend`.
     StudyInterrupted
         If the executor dies.
 
     Notes
     -----
-    The window of a descent begins at its own static contact where that is deeper than R/6, in uneven bone as on
-    a bench. Descents without a velocity are left out and counted; where there are many, the scatter is that of the
-    bones that carry the force, and too small.
+    The window of a descent begins at its own static contact where that is deeper than R/6, in uneven bone as
+    on a bench. Descents without a velocity are left out and counted; where there are many, the scatter is
+    that of the bones that carry the force, and too small.
 
     Examples
     --------

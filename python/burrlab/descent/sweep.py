@@ -131,8 +131,9 @@ def force_sweep(
     voxel, dt, scheme, stop, max_duration
         As for `descend`.
     specimen : Specimen or SpecimenSource, optional
-        Burred by every descent, each on its copy; or what each descent draws its own from, with a seed from its own:
-        an object with a method ``specimen(burr, voxel, *, depth, seed)``. Default: a half-space of solid bone.
+        Burred by every descent, each on its copy; or what each descent draws its own from, with a seed from
+        its own: an object with a method ``specimen(burr, voxel, *, depth, seed)``. Default: a half-space of
+        solid bone.
     seed : int, optional
         Of the whole sweep; None draws one and records it.
     rig : bool
@@ -156,8 +157,8 @@ def force_sweep(
     TypeError
         If burr, material, specimen or executor is something else.
     ValueError
-        If no force is given, one is not positive, repeats is below 1, a store comes without a seed or its file is
-        no store; else as `descend`.
+        If no force is given, one is not positive, repeats is below 1, a store comes without a seed or its
+        file is no store; else as `descend`.
     StudyInterrupted
         If the executor died.
 

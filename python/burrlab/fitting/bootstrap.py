@@ -119,8 +119,8 @@ class Bootstrap:
     Attributes
     ----------
     c_e, alpha : ndarray, shape (n,)
-        Fitted values [N/mm^2], [1/ms], by replicate; infinite where the fit lies on the ridge, which sets them
-        no upper limit.
+        Fitted values [N/mm^2], [1/ms], by replicate; infinite where the fit lies on the ridge, which sets
+        them no upper limit.
     combination : ndarray, shape (n,)
         alpha/c_e^exponent, with the exponent of the fit's best-determined combination.
     exponent : float

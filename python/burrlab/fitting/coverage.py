@@ -50,7 +50,8 @@ class Experiment:
     Examples
     --------
     >>> Experiment([(2.0, [0.8, 1.0, 1.2], 3), (4.0, [0.8, 1.2], 3)], static=[(3.0, [0.1, 0.2], 1)])
-    Experiment(R = 2 mm: 3 forces 0.8..1.2 N x 3; R = 4 mm: 2 forces 0.8..1.2 N x 3; static R = 3 mm: 2 depths 0.1..0.2 mm x 1)
+    Experiment(R = 2 mm: 3 forces 0.8..1.2 N x 3; R = 4 mm: 2 forces 0.8..1.2 N x 3; static R = 3 mm: 2 depths
+    0.1..0.2 mm x 1)
     """
 
     velocities: tuple[Series, ...]
@@ -138,8 +139,8 @@ class Coverage:
     seed : int
         Data set k depends on (seed, k) alone.
     lower, upper : ndarray, shape (n, 3, 3)
-        Interval ends by data set, quantity (c_e [N/mm^2], alpha [1/ms], alpha/c_e^exponent) and level (68, 95,
-        99.7 %); 0 and infinite where open.
+        Interval ends by data set, quantity (c_e [N/mm^2], alpha [1/ms], alpha/c_e^exponent) and level (68,
+        95, 99.7 %); 0 and infinite where open.
     exponent : ndarray, shape (n,)
         Of the combination, which every data set chooses for itself.
     rise : ndarray, shape (n, 2)
@@ -200,8 +201,9 @@ class Coverage:
         quantity, level : str
             As of `holds`.
         among : {"all", "closed", "open"}
-            Those whose interval of the quantity is so. To select by the outcome is no fair test: where the truth is
-            on the ridge, the interval is closed in the sets whose scatter happened to exclude the truth.
+            Those whose interval of the quantity is so. To select by the outcome is no fair test: where the
+            truth is on the ridge, the interval is closed in the sets whose scatter happened to exclude the
+            truth.
 
         Raises
         ------
@@ -319,9 +321,9 @@ def replicate(item: CoverageItem) -> Floats:
     Returns
     -------
     ndarray, shape (25,)
-        Interval ends by quantity, level and side, 0 and infinite where open; exponent of the combination; rises
-        of -2 log L at the true c_e and at the true (c_e, alpha); the joint region's limits by level; 1 if
-        separately identified.
+        Interval ends by quantity, level and side, 0 and infinite where open; exponent of the combination;
+        rises of -2 log L at the true c_e and at the true (c_e, alpha); the joint region's limits by level; 1
+        if separately identified.
     """
     o, model = _template(item.experiment, item.shape)
     z = np.random.default_rng([item.seed, item.replicate]).standard_normal(len(o))
@@ -393,15 +395,15 @@ def coverage_study(
     TypeError
         If the experiment or material is something else.
     ValueError
-        If n is below 1, a scatter is not positive and finite, a force leaves no window in the material, or the
-        experiment has fewer than three distinct forces.
+        If n is below 1, a scatter is not positive and finite, a force leaves no window in the material, or
+        the experiment has fewer than three distinct forces.
     StudyInterrupted
         If the executor dies.
 
     Notes
     -----
-    The intervals are those of `burrlab.fit`, whose search is replaced by the walk along c_e: some milliseconds
-    a data set.
+    The intervals are those of `burrlab.fit`, whose search is replaced by the walk along c_e: some
+    milliseconds a data set.
 
     Examples
     --------

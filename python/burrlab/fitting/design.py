@@ -63,8 +63,8 @@ class Design:
     truths : int
         Parameters that the means and probabilities are taken over.
     c_e_end : float
-        Upper end of what is counted [N/mm^2]: the area of an open region, and so its ratio, is the one up to here,
-        and no truth lies beyond.
+        Upper end of what is counted [N/mm^2]: the area of an open region, and so its ratio, is the one up to
+        here, and no truth lies beyond.
     open_above : bool
         Whether the joint 95 % region of the fit is open above, and so cut off at `c_e_end`.
     seed : int
@@ -246,8 +246,8 @@ def design(
     fit : Fit
         Of what was measured.
     forces, radii : array_like
-        F [N] and burr radii R [mm]. Every pair is a candidate: n velocities over the default window. Either may
-        be empty.
+        F [N] and burr radii R [mm]. Every pair is a candidate: n velocities over the default window. Either
+        may be empty.
     n : int
         Repeats of each candidate.
     static : array_like, optional
@@ -274,31 +274,31 @@ def design(
     TypeError
         If fit is something else.
     ValueError
-        If there is no candidate, a force, radius or scatter is not positive and finite, a depth is not above 0
-        and below 2R, n or truths is below 1 (n below 2 for static pairs that are the first), the fit gave nothing, or what it does not know is not given: the
-        radius of static candidates after data of several radii, the scatter after residuals other than
-        ``"relative"``.
+        If there is no candidate, a force, radius or scatter is not positive and finite, a depth is not above
+        0 and below 2R, n or truths is below 1 (n below 2 for static pairs that are the first), the fit gave
+        nothing, or what it does not know is not given: the radius of static candidates after data of several
+        radii, the scatter after residuals other than ``"relative"``.
 
     Notes
     -----
     Truths are drawn by exp(-rise/2), the rise of -2 log L with its scatter profiled out, flat in log c_e and
-    log alpha, within the 99.7 % region. An open region is cut off at the upper bound of c_e in the fit's search,
-    100 times its lower one, and truths are drawn up to there: ``fit(bounds={"c_e": ...})`` says what c_e can
-    be. At each truth the candidate comes out as expected: a velocity by the scaling law (whatever the engine of
-    the fit), a static force by Eq. 3, or ``overloaded`` where static contact passes R/3. Then
+    log alpha, within the 99.7 % region. An open region is cut off at the upper bound of c_e in the fit's
+    search, 100 times its lower one, and truths are drawn up to there: ``fit(bounds={"c_e": ...})`` says what
+    c_e can be. At each truth the candidate comes out as expected: a velocity by the scaling law (whatever the
+    engine of the fit), a static force by Eq. 3, or ``overloaded`` where static contact passes R/3. Then
 
         -2 log L_new(theta) = -2 log L(theta) + n (mu(theta) - mu(truth))^2/scatter^2,
 
     mu the log of the outcome, and c_e is bounded from below by a window, from above by an overloaded run. The
-    region keeps its limit: what more data tell about the scatter is left out. Static pairs that are the first of
-    their kind have a scatter of their own, estimated from the n alone, and the limit that belongs to it.
+    region keeps its limit: what more data tell about the scatter is left out. Static pairs that are the first
+    of their kind have a scatter of their own, estimated from the n alone, and the limit that belongs to it.
 
     Simulated and fitted again, up to a third more rows after 12 or more leave the area said here within 10 %;
     more of them, or fewer before, a smaller one: 10 after 4 two thirds of it. The order stays.
-    The scatter of the outcome itself is left out, so that a probability near 0 or 1 is less sure than it says.
-    An area ratio above 1 is possible: outcomes as expected at the truth then undo a limit that the old data set
-    by chance. The Fisher information at the fit would not do: the region may be open, and the model has a kink
-    at phi = 0.068.
+    The scatter of the outcome itself is left out, so that a probability near 0 or 1 is less sure than it
+    says. An area ratio above 1 is possible: outcomes as expected at the truth then undo a limit that the old
+    data set by chance. The Fisher information at the fit would not do: the region may be open, and the model
+    has a kink at phi = 0.068.
 
     With log-normal scatter a static pair tells the same of c_e at any depth and radius.
 

@@ -62,8 +62,8 @@ def fit(
     data : VelocityCurve, Indentation, DepthTrace or a sequence of them
         Rows of a curve without a velocity are skipped and counted; those of status ``"overloaded"`` are
         censored: they bound c_e from above. Repeats are rows of their own. Rows with windows of their own are
-        compared over these, a trace in five parts of equal depth. Velocities of all curves, and of the runs of
-        all traces, share one scatter; indentations have another.
+        compared over these, a trace in five parts of equal depth. Velocities of all curves, and of the runs
+        of all traces, share one scatter; indentations have another.
     burr : Burr, optional
         The burr of the data sets that do not say their radius.
     shape : Shape or str
@@ -111,9 +111,9 @@ def fit(
     alpha/c_e^(8/3) alone: a ridge. `status` is ``"ridge"`` where the 95 % interval of c_e is open above.
 
     Intervals and regions are profile likelihoods with limits from the F distribution
-    (`burrlab.fitting.observations.Calibration`). The voxel engine predicts v = alpha times a function of c_e that is
-    tabulated by descents near the best alpha, with common random numbers at all points; the Monte Carlo
-    error of the fit widens the limits by 1 + SE_mc^2/SE_stat^2, as Ionides et al. do.
+    (`burrlab.fitting.observations.Calibration`). The voxel engine predicts v = alpha times a function of c_e
+    that is tabulated by descents near the best alpha, with common random numbers at all points; the Monte
+    Carlo error of the fit widens the limits by 1 + SE_mc^2/SE_stat^2, as Ionides et al. do.
 
     At each c_e the best alpha has a closed form. So a walk along c_e finds all minima, and the intervals are
     read from it too. The fit is the walk's lowest point within the bounds of the search. Where -2 log L stays

@@ -58,9 +58,9 @@ def _judged(statistic: float, *freedom: float) -> tuple[float, str]:
 def lack_of_fit(likelihood: Likelihood, point: Point) -> HypothesisTest | None:
     """Whether the scatter about the fit is larger than the repeats' own.
 
-    With known sigma the chi-square of the curves' velocities. Else the F test of the sum of squares about the fit
-    less that about the mean of each group of repeats (same force, radius and window), over the latter; None
-    without repeats.
+    With known sigma the chi-square of the curves' velocities. Else the F test of the sum of squares about the
+    fit less that about the mean of each group of repeats (same force, radius and window), over the latter;
+    None without repeats.
 
     Parameters
     ----------
@@ -106,9 +106,9 @@ def fall_with_depth(likelihood: Likelihood, unit: Floats) -> HypothesisTest | No
     """Whether the velocity falls with depth within the runs as the model says; None without traces.
 
     The segments' residuals about their run's mean, averaged over the runs, should be 0. With several runs
-    they are compared with their scatter from run to run (F). The record of each run says its own scatter, which
-    weighs it. One run is compared with the standard errors of its segments' velocities (chi-square). Both hold the
-    model's own error, 0.2 %, so that records without noise are not rejected for it.
+    they are compared with their scatter from run to run (F). The record of each run says its own scatter,
+    which weighs it. One run is compared with the standard errors of its segments' velocities (chi-square).
+    Both hold the model's own error, 0.2 %, so that records without noise are not rejected for it.
 
     Parameters
     ----------
@@ -149,8 +149,8 @@ def one_material(a: Likelihood, b: Likelihood, both: Likelihood, points: Sequenc
     """Whether two experiments have one c_e and alpha: their fits against the common one.
 
     The sums of squares add up over the experiments, so they are taken to scatter alike; the drop of -2 log L
-    by two parameters more is judged by F(2, n - 4), by chi-square where every scatter is known, and where there
-    are several by what they tell of the parameters.
+    by two parameters more is judged by F(2, n - 4), by chi-square where every scatter is known, and where
+    there are several by what they tell of the parameters.
 
     Parameters
     ----------

@@ -72,7 +72,8 @@ class Likelihood:
 
     Notes
     -----
-    v is alpha times the model's velocity at alpha = 1, so at given c_e the sum of squares of the velocities is
+    v is alpha times the model's velocity at alpha = 1, so at given c_e the sum of squares of the velocities
+    is
 
         S = A + B (g - m)^2,   g = log alpha (relative) or alpha (absolute, sigma),
 
@@ -179,8 +180,8 @@ class Likelihood:
     def objective(self, c_e: float, alpha: float) -> float:
         """What a search minimises, rising with -2 log L and not negative: the sum of squared residuals.
 
-        With other rows besides, n exp(-2 log L/n), the geometric mean of the sums of squares; with known sigma
-        the sum of squares plus n log(1 + S/(n e^2)) of the others. NaN without a window.
+        With other rows besides, n exp(-2 log L/n), the geometric mean of the sums of squares; with known
+        sigma the sum of squares plus n log(1 + S/(n e^2)) of the others. NaN without a window.
         """
         slices = self.at(c_e)
         g = np.log(alpha) if slices.log else alpha

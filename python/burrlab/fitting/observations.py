@@ -284,9 +284,9 @@ class Calibration:
     For one estimated scatter and a model that is linear near the fit, S/S_min - 1 of q parameters is
     q/nu F(q, nu), nu = n - 2, so the limit is n log(1 + q F/nu): wider than chi-square in small samples, and
     chi-square where sigma is known. Several scatters count by their share of the information in the direction
-    asked for, nu by the rule of Welch and Satterthwaite. For both parameters (q = 2) the limit of one scatter is
-    chi-square's times n/nu, its mean over chi-square's; several add their means,
-    n (psi(n/2) - psi((n - p)/2)) where the rows determine p of the parameters (Bartlett's correction).
+    asked for, nu by the rule of Welch and Satterthwaite. For both parameters (q = 2) the limit of one scatter
+    is chi-square's times n/nu, its mean over chi-square's; several add their means, n (psi(n/2) - psi((n -
+    p)/2)) where the rows determine p of the parameters (Bartlett's correction).
 
     References
     ----------

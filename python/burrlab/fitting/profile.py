@@ -191,8 +191,8 @@ class Minimum:
 def minima(likelihood: Likelihood, domain: Domain) -> list[Minimum]:
     """Minima of the walk in a domain, the lowest first; none where there is no window.
 
-    Two minima are parted by a rise of more than `FLAT`. Between the kinks of its domain the profile is smooth, and
-    each such part is searched by itself.
+    Two minima are parted by a rise of more than `FLAT`. Between the kinks of its domain the profile is
+    smooth, and each such part is searched by itself.
     """
     kinks = [kink for kink in domain.kinks if domain.low < kink < domain.high]
     c_e = np.unique(np.append(domain.grid, kinks))

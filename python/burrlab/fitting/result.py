@@ -32,8 +32,8 @@ from burrlab.theory.continuum import PER_SECOND, MasterCurve
 class Fit(FitRecord):
     """c_e and alpha fitted to data, and what the data determine. Made by `burrlab.fit`.
 
-    What it keeps is described in `burrlab.fitting.record.FitRecord`: `c_e` [N/mm^2], `alpha` [1/ms], `status` and
-    `reason`, `intervals`, `identified`, `separately_identified`, `verdict`, `predicted` and `residuals`,
+    What it keeps is described in `burrlab.fitting.record.FitRecord`: `c_e` [N/mm^2], `alpha` [1/ms], `status`
+    and `reason`, `intervals`, `identified`, `separately_identified`, `verdict`, `predicted` and `residuals`,
     `evidence`, `starts`, `data`, `provenance` and more; so is its JSON, `to_json` and `from_json`.
     """
 
@@ -181,8 +181,8 @@ class Fit(FitRecord):
         """Velocities as squares, the fitted line and its 95 % band, as in Fig. 5 of the paper.
 
         The line is the mean-field prediction over the default window, one each radius; the band is the range
-        of the lines with parameters in the joint 95 % region, so it holds for all forces at once. Where rows have
-        windows of their own, or the engine is voxel, a dot is the prediction of each row.
+        of the lines with parameters in the joint 95 % region, so it holds for all forces at once. Where rows
+        have windows of their own, or the engine is voxel, a dot is the prediction of each row.
 
         Parameters
         ----------
@@ -240,7 +240,8 @@ class Fit(FitRecord):
         points : mapping, optional
             Name -> (c_e, alpha) to mark, such as given values.
         combination : bool
-            alpha/c_e^p, the combination that is determined best, instead of alpha: a long ridge lies flat then.
+            alpha/c_e^p, the combination that is determined best, instead of alpha: a long ridge lies flat
+            then.
 
         Raises
         ------

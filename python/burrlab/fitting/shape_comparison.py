@@ -67,8 +67,8 @@ class PowerProfile:
     c_e, alpha : float
         [N/mm^2] and [1/ms] there.
     intervals : mapping
-        Level ``68``, ``95``, ``99.7`` -> Interval of k; None is open: at k = 0, where the family begins, or at
-        k = 3, where the search ends.
+        Level ``68``, ``95``, ``99.7`` -> Interval of k; None is open: at k = 0, where the family begins, or
+        at k = 3, where the search ends.
     limits : mapping
         Level -> rise of -2 log L that bounds the interval.
     grid, rise : ndarray, shape (m,)

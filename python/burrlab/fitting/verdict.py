@@ -15,7 +15,8 @@ from burrlab.fitting.profile import FLAT, ONE_PLACE
 _RIDGE_PHI = 0.7  # a point on the ridge is taken where the largest phi is 0.7 of the one where it ends
 _AT_BOUND = 1e-3  # ends closer to a bound than this, relatively, are at it
 _EQUAL = 1e-3  # ends are equally good where their RMS residuals differ by less than this, relatively
-#: c_e and alpha are separately identified where c_e's closed 95 % interval spans less than this factor (ours).
+#: c_e and alpha are separately identified where c_e's closed 95 % interval spans less than this factor
+#: (ours).
 SEPARATE = 2.0
 
 

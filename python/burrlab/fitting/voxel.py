@@ -168,7 +168,8 @@ _NODES, _DEGREE = 10, 3  # points in log c_e, and the polynomial through the dev
 _FEWEST = 3  # points at which every force must have a number; fewer than five lower the degree
 _CLOSE = (1.002, 1.05, 1.12)  # points above the bound of c_e, where windows get short
 _HALVINGS = 5  # of the gap below the lowest c_e at which every force has a window
-# While the best alpha or c_e moves away from the last table's, or is too fast for windows, so many tables are made.
+# While the best alpha or c_e moves away from the last table's, or is too fast for windows, so many tables are
+# made.
 _ROUNDS = 6
 _SLOWER = 3.0  # a first table divides alpha by this where windows have too few ticks
 _MOVED = 0.2  # in log alpha: there the velocity is no longer proportional to alpha within the scatter
@@ -378,8 +379,8 @@ def monte_carlo_share(
 
     References
     ----------
-    Ionides et al., J. R. Soc. Interface 14 (2017) 20170126: the cutoff of the profile grows by a SE_mc^2, with
-    a its curvature, 1/(2 a) = SE_stat^2.
+    Ionides et al., J. R. Soc. Interface 14 (2017) 20170126: the cutoff of the profile grows by a SE_mc^2,
+    with a its curvature, 1/(2 a) = SE_stat^2.
     """
     total, _, _ = likelihood.information(*best)
     inverse = np.linalg.inv(total + 1e-10 * np.trace(total) * np.eye(2))

@@ -261,9 +261,9 @@ class DepthTrace(TableData):
         Notes
         -----
         Slopes are those of every penetration velocity here, of the record made monotone (see
-        `burrlab.measured.depth_trace.rising`), which is the record itself where it has neither noise nor steps. A
-        burr stopped at the first reading of end_mm has been half a step less deep: with steps of 10 um and
-        R = 3 mm the last of five segments is 0.6 % too fast. The standard error is that of
+        `burrlab.measured.depth_trace.rising`), which is the record itself where it has neither noise nor
+        steps. A burr stopped at the first reading of end_mm has been half a step less deep: with steps of 10
+        um and R = 3 mm the last of five segments is 0.6 % too fast. The standard error is that of
         `burrlab.measured.depth_trace.slope_error`, over the velocity.
         """
         refuse(n < 1, f"n must be at least 1: got {n!r}")
@@ -341,7 +341,8 @@ Counts: TypeAlias = NDArray[np.int64]
 
 #: Fewest samples in a segment: three serve the quadratic, and as many its residuals (ours).
 FEWEST_SAMPLES = 6
-#: Largest correlation of neighbouring residuals is 1 - 3/n: no more memory than a third of the segment (ours).
+#: Largest correlation of neighbouring residuals is 1 - 3/n: no more memory than a third of the segment
+#: (ours).
 _LONGEST_MEMORY = 3.0
 
 

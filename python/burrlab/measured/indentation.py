@@ -23,8 +23,8 @@ class Indentation(TableData):
 
         F = c_e R^2 (h/R)^(3/2)    (Eqs. 2 and 3)
 
-    Nothing is eroded, so the rows tell c_e alone. Under a flat surface the penetration depth h of Eq. 2 is the
-    depth of the burr's tip. Every array is copied and read-only.
+    Nothing is eroded, so the rows tell c_e alone. Under a flat surface the penetration depth h of Eq. 2 is
+    the depth of the burr's tip. Every array is copied and read-only.
 
     Parameters
     ----------

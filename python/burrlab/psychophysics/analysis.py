@@ -267,8 +267,8 @@ class Analysis:
         Parameters
         ----------
         width : int, optional
-            Of the screen, in characters: wider tables are parted between their groups of columns, sentences between words. By
-            default lines are as long as they are.
+            Of the screen, in characters: wider tables are parted between their groups of columns, sentences
+            between words. By default lines are as long as they are.
         """
         lines = wrapped_lines([head(self), *self.notes], width)
         for task in self.tasks:
@@ -397,8 +397,8 @@ def analyse(
     rules : sequence of str, optional
         Decision rules that d' is given under; by default those of the protocol, or both.
     delta : float, optional
-        d' below which two stimuli count as not told apart, set before the answers were seen: asks for an equivalence
-        test. By default the protocol's.
+        d' below which two stimuli count as not told apart, set before the answers were seen: asks for an
+        equivalence test. By default the protocol's.
     level : float, optional
         Of all intervals; by default the protocol's, or 0.95.
     subjects : sequence of str, optional
@@ -412,8 +412,8 @@ def analyse(
     simulated : bool
         Of counts of one's own: whether the subjects were simulated. Files say it themselves.
     progress : callable, optional
-        Called with the names of task and subject, as the analysis comes to each: a subject takes up to a second, or two with
-        a psychometric function.
+        Called with the names of task and subject, as the analysis comes to each: a subject takes up to a
+        second, or two with a psychometric function.
 
     Returns
     -------
@@ -422,8 +422,9 @@ def analyse(
     Raises
     ------
     ValueError
-        If a file is not right (see `Protocol.read` and `read_answers`), there is no subject, a subject or rule is
-        unknown, the level not in [0.5, 1), delta not above 0, or there are more subjects than they were selected from.
+        If a file is not right (see `Protocol.read` and `read_answers`), there is no subject, a subject or
+        rule is unknown, the level not in [0.5, 1), delta not above 0, or there are more subjects than they
+        were selected from.
     TypeError
         If the data are none of these, a subject has neither Counts nor Answers, or subjects are one text.
     OSError

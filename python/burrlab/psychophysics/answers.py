@@ -128,14 +128,16 @@ def read_answers(
     Parameters
     ----------
     path : path
-        Columns onset, duration [s], trial_type, response, correct (1 or 0), response_time [s] and trial; the others that
-        this program writes may be missing. n/a where there is nothing.
+        Columns onset, duration [s], trial_type, response, correct (1 or 0), response_time [s] and trial; the
+        others that this program writes may be missing. n/a where there is nothing.
     task : {"same-different", "abx", "2ifc"}, optional
         What the task is; by default as the side-car has it.
     answers : (str, str), optional
-        What the file calls the answers, in the order "same", "different" or "first", "second"; by default these.
+        What the file calls the answers, in the order "same", "different" or "first", "second"; by default
+        these.
     subject, name : str, optional
-        Labels of subject and task; by default as the side-car or the file's name, sub-LABEL_task-LABEL_..., has them.
+        Labels of subject and task; by default as the side-car or the file's name, sub-LABEL_task-LABEL_...,
+        has them.
 
     Returns
     -------
@@ -145,9 +147,10 @@ def read_answers(
     Raises
     ------
     ValueError
-        If the file is not text in UTF-8, is empty, lacks a column or has one that is unknown; a field is not what it
-        must be; a trial is there twice, missing or out of order; a correct flag contradicts trial type and
-        response; two subjects are in it; or what it must say is said neither there nor here: with the line where there is one.
+        If the file is not text in UTF-8, is empty, lacks a column or has one that is unknown; a field is not
+        what it must be; a trial is there twice, missing or out of order; a correct flag contradicts trial
+        type and response; two subjects are in it; or what it must say is said neither there nor here: with
+        the line where there is one.
     OSError
         If the file cannot be read.
     """
@@ -201,8 +204,8 @@ def read_rows(file: str, content: bytes, task: TaskName, answers: Sequence[str] 
 def read_own_rows(file: str, content: bytes, task: TaskName) -> tuple[RowReader, bytes, bytes]:
     """The reader of a file of this program with all its rows, their bytes, and what was broken off behind them.
 
-    A last line that lacks nothing but its end is whole: no ending of an interval begins another, and repeats, the last
-    column, have one digit.
+    A last line that lacks nothing but its end is whole: no ending of an interval begins another, and repeats,
+    the last column, have one digit.
     """
     lines, torn = tsv_text.split_torn(content)
     reader = read_rows(file, lines, task)
@@ -243,8 +246,8 @@ def read_folder(folder: str | os.PathLike[str]) -> tuple[Answers, ...]:
     Raises
     ------
     ValueError
-        If there is no file, one is not right (see `read_answers`), a subject has two for one task, or simulated
-        subjects are among others, or a task was not the same for all.
+        If there is no file, one is not right (see `read_answers`), a subject has two for one task, or
+        simulated subjects are among others, or a task was not the same for all.
     OSError
         If a file cannot be read.
     """
@@ -421,14 +424,16 @@ class AnswerFile:
         ----------
         path : path
         order : Order
-            At its beginning; it is fed with the answers that are there, and its next trial is the one to be asked.
+            At its beginning; it is fed with the answers that are there, and its next trial is the one to be
+            asked.
         side_car : SideCar
             Of the same run, as the protocol has it now.
 
         Returns
         -------
         AnswerFile
-            A last line that was broken off is cut, and the notes say so; one that lacks its end alone gets it.
+            A last line that was broken off is cut, and the notes say so; one that lacks its end alone gets
+            it.
 
         Raises
         ------
@@ -437,8 +442,8 @@ class AnswerFile:
         BlockingIOError
             If another process has it open.
         ValueError
-            If the protocol was changed since the start, with what; the columns were, or a row is not right (see
-            `read_answers`) or not the answer to the order's trial, with its line.
+            If the protocol was changed since the start, with what; the columns were, or a row is not right
+            (see `read_answers`) or not the answer to the order's trial, with its line.
         OSError
             If it cannot be read and written.
         """
@@ -647,7 +652,8 @@ class ExperimentFolder:
         Raises
         ------
         ValueError
-            If simulated subjects would be among others, the subject is entered as something else, or the file is not right.
+            If simulated subjects would be among others, the subject is entered as something else, or the file
+            is not right.
         OSError
             If it cannot be written.
         """

@@ -282,9 +282,10 @@ class Comparison(Design):
     * c_e with the burr off: which is stiffer, and c_e alone is felt;
     * c_e drilled, alpha held (`hold="other"`): in which the burr sinks faster. That is the one of *less* c_e,
       and the stiffness changes as well;
-    * c_e drilled, alpha/c_e^p held (`hold="sinking speed"`): which is stiffer. p = 4 (k + 1)/3 for an f with a zero of
-      order k: 8/3 for the parabolic. The speed stays at forces below 0.068 c_e R^2: bone with a burr of 3 mm
-      at 1 N within 1 % for levels of 0.75 to 1.3 (mean-field), at 2 N 10 % faster to 17 % slower;
+    * c_e drilled, alpha/c_e^p held (`hold="sinking speed"`): which is stiffer. p = 4 (k + 1)/3 for an f with
+      a zero of order k: 8/3 for the parabolic. The speed stays at forces below 0.068 c_e R^2: bone with a
+      burr of 3 mm at 1 N within 1 % for levels of 0.75 to 1.3 (mean-field), at 2 N 10 % faster to 17 %
+      slower;
     * alpha drilled: in which the burr sinks faster, that of more alpha.
 
     Parameters

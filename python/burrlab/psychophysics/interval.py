@@ -31,8 +31,8 @@ class Block:
     Parameters
     ----------
     size : (float, float, float)
-        Along x, y, z [mm]; whole numbers of voxels. The default holds 20 s of drilling in the softest of the paper's
-        materials with the `drilling_hand` (docs/simulated_subject.md).
+        Along x, y, z [mm]; whole numbers of voxels. The default holds 20 s of drilling in the softest of the
+        paper's materials with the `drilling_hand` (docs/simulated_subject.md).
     voxel : float
         Edge of a voxel [mm].
 
@@ -178,8 +178,8 @@ def wait_until_lifted(
 
     Notes
     -----
-    Bone that is there from one millisecond to the next pushes a burr of R = 3 mm that is 2 mm deep in it with 10.5 N: the
-    session sends its limit of 8 N within 9 ms (docs/experiment.md).
+    Bone that is there from one millisecond to the next pushes a burr of R = 3 mm that is 2 mm deep in it with
+    10.5 N: the session sends its limit of 8 N within 9 ms (docs/experiment.md).
     """
     # A session in the air: it reads the device as any other does, and its force is exactly zero.
     voxel = burr.radius / 4.0
@@ -209,8 +209,9 @@ Ending: TypeAlias = Literal["time", "break-through", "wall", "subject", "device"
 
 ENDINGS: tuple[Ending, ...] = ("time", "break-through", "wall", "subject", "device")
 
-#: What is kept of a tick: `time` since the first one [s], the `periods` it stands for, `center` [mm], `force` [N] of the
-#: model, `penetration` [mm], `removed` [levels], whether the burr touches bone, and whether it turns.
+#: What is kept of a tick: `time` since the first one [s], the `periods` it stands for, `center` [mm], `force`
+#: [N] of the model, `penetration` [mm], `removed` [levels], whether the burr touches bone, and whether it
+#: turns.
 TICK = np.dtype(
     [
         ("time", "f8"), ("periods", "u4"), ("touching", "?"), ("on", "?"), ("center", "f8", 3), ("force", "f8", 3),
@@ -229,8 +230,8 @@ class Rendered:
     ----------
     mode : {"probing", "drilling"}
     ended : {"time", "break-through", "wall", "subject", "device"}
-        The time was over; the burr's tip came to the block's bottom; the burr came to its side; `stop` said so; the
-        device came to its end, or the session failed.
+        The time was over; the burr's tip came to the block's bottom; the burr came to its side; `stop` said
+        so; the device came to its end, or the session failed.
     duration : float
         From the first tick to the end [s].
     contact : float
@@ -286,7 +287,8 @@ def render(
     burr : Burr
     bone : Block
     mode : {"probing", "drilling"}
-        By probing nothing is eroded (alpha = 0), whatever the device's switch says; by drilling the switch decides.
+        By probing nothing is eroded (alpha = 0), whatever the device's switch says; by drilling the switch
+        decides.
     wall_clock : bool
         Keep absolute deadlines. Else as fast as it goes, and deterministic to the tick.
     record : path, optional
@@ -294,8 +296,8 @@ def render(
     publish, on_message : optional
         See `burrlab.Session`.
     stop : callable, optional
-        The interval ends when it returns True; asked every few milliseconds, from the calling thread. Needed where the
-        interval has no duration.
+        The interval ends when it returns True; asked every few milliseconds, from the calling thread. Needed
+        where the interval has no duration.
 
     Returns
     -------
@@ -304,16 +306,17 @@ def render(
     Raises
     ------
     ValueError
-        If the stimulus has no material, the mode is unknown, the duration is not positive, there is neither duration
-        nor stop, or the burr does not fit the block.
+        If the stimulus has no material, the mode is unknown, the duration is not positive, there is neither
+        duration nor stop, or the burr does not fit the block.
     FileExistsError
         If the trace exists.
 
     Notes
     -----
-    Break-through and wall are judged by the ticks from the first contact on: the first in which the tip, z - R, is at
-    the bottom or below, or in which the part of the sphere below the surface reaches a side of the block, ends the
-    interval. The session is ended some milliseconds later, and what comes after that tick is cut off.
+    Break-through and wall are judged by the ticks from the first contact on: the first in which the tip, z -
+    R, is at the bottom or below, or in which the part of the sphere below the surface reaches a side of the
+    block, ends the interval. The session is ended some milliseconds later, and what comes after that tick is
+    cut off.
     """
     material = _material(interval, mode)
     refuse(

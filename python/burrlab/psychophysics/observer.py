@@ -439,7 +439,8 @@ class SimulatedSubject:
     def _combine(self, observed: Floats, task: TaskName) -> Floats:
         variance = self._variance()
         if task == "2ifc":
-            # More of each cue is more of what is asked for, and nothing has to be known but how much each counts.
+            # More of each cue is more of what is asked for, and nothing has to be known but how much each
+            # counts.
             size = np.ones(len(self.cues)) if self.known is None else np.abs(self._difference())
             return np.asarray(observed @ (size / variance))
         difference = self._difference()

@@ -345,9 +345,9 @@ def psychometric_function(
         P = 1/2 + (1 - lapse)/2 (1 - 2^-((|ln level|/|ln threshold|)^slope))
 
     It is 1/2 where there is no difference. Levels below and above 1 are pooled where their |ln level| is the
-    same: the two intervals are rendered alike, so that a ratio and its inverse differ in order only. Threshold,
-    slope, lapse rate and overdispersion are psignifit's modes of the posterior, with its default priors, on
-    ln |ln level|.
+    same: the two intervals are rendered alike, so that a ratio and its inverse differ in order only.
+    Threshold, slope, lapse rate and overdispersion are psignifit's modes of the posterior, with its default
+    priors, on ln |ln level|.
 
     Parameters
     ----------
@@ -374,10 +374,10 @@ def psychometric_function(
 
     Notes
     -----
-    A Gaussian observer with 2 % lapses and a threshold of 0.2, five levels of 0.35 to 2.6 times that, 120 fits:
-    the 95 % intervals held the threshold in 117 with 20 trials a level (in 52 the prior set an end) and in 115 with
-    60 (in 10). |ln threshold| was 2 % too large and 1 % too small, with a standard deviation of 25 and 15 %
-    (tests/python/psychophysics_tables.py, psychometric).
+    A Gaussian observer with 2 % lapses and a threshold of 0.2, five levels of 0.35 to 2.6 times that, 120
+    fits: the 95 % intervals held the threshold in 117 with 20 trials a level (in 52 the prior set an end) and
+    in 115 with 60 (in 10). |ln threshold| was 2 % too large and 1 % too small, with a standard deviation of
+    25 and 15 % (tests/python/psychophysics_tables.py, psychometric).
 
     References
     ----------

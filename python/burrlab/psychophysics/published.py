@@ -398,7 +398,8 @@ class SelectionEffect:
         """Probability of each sum of scores of those selected, 0..kept trials."""
         p = binom.pmf(np.arange(self.trials + 1), self.trials, self.chance)
         m = np.arange(self.of + 1)
-        # Probability of M_t, in rows, and of the sum so far of min(kept, M_t) over the scores from t up, in columns.
+        # Probability of M_t, in rows, and of the sum so far of min(kept, M_t) over the scores from t up, in
+        # columns.
         found = np.zeros((len(m), self.kept * self.trials + 1))
         found[0, 0] = 1.0
         for t in range(self.trials, 0, -1):

@@ -78,7 +78,8 @@ class Rule(ABC):
 
     * same-different: "different", on pairs AB and BA (hit) and AA and BB (false alarm);
     * ABX: "the first", where the first alternative (hit) or the second (false alarm) matches the reference;
-    * two intervals: "the first", where the first (hit) or the second (false alarm) has more of what is asked for.
+    * two intervals: "the first", where the first (hit) or the second (false alarm) has more of what is asked
+      for.
 
     All methods take numbers or arrays that broadcast, and return arrays.
 

@@ -97,8 +97,8 @@ class Runner:
 
     Notes
     -----
-    An answer is given to `keep` first and to the order afterwards, and the next trial comes after both: a run that is
-    killed at any moment has lost the trial it was in, no other, and that one was not answered.
+    An answer is given to `keep` first and to the order afterwards, and the next trial comes after both: a run
+    that is killed at any moment has lost the trial it was in, no other, and that one was not answered.
     """
 
     def __init__(
@@ -330,9 +330,9 @@ class Sitting:
         By default all, in the subject's own order.
     device : str, Device or callable, optional
         hand, scripted:FILE or igtl:HOST:PORT, by default the protocol's; or a device of one's own that serves
-        one interval after the other, such as a `MailboxDevice` (examples/experiment_driver.py), or what gives one for an
-        interval of a mode ("probing" or "drilling"), asked twice: until the burr is lifted, and to be felt. Both are
-        "driver" in the side-car.
+        one interval after the other, such as a `MailboxDevice` (examples/experiment_driver.py), or what gives
+        one for an interval of a mode ("probing" or "drilling"), asked twice: until the burr is lifted, and to
+        be felt. Both are "driver" in the side-car.
     simulated : mapping, optional
         What simulates the subject, for the side-car.
     once : bool

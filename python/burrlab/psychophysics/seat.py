@@ -82,7 +82,8 @@ _CLOSED = "the subject's terminal was closed"
 _MOMENT = 1.5  # that a sentence stays [s]
 # Keys such as Home, Delete or F5 send digits after an escape: they are no answers.
 _ESCAPED = re.compile(rb"\x1b(?:[\[O][0-9;?]*[ -/]*[@-~]|.)?", re.DOTALL)
-# The same, not yet at its end: a slow line hands it over in parts. A person who presses Escape and then a digit is slower.
+# The same, not yet at its end: a slow line hands it over in parts. A person who presses Escape and then a
+# digit is slower.
 _BEGUN = re.compile(rb"\x1b(?:[\[O][0-9;?]*[ -/]*)?\Z")
 _PART = 0.1  # the longest wait for the next part [s]
 
@@ -128,7 +129,8 @@ class Keyboard:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        # Not drained: a terminal that is not read any more must not keep the program. One that is gone has no settings.
+        # Not drained: a terminal that is not read any more must not keep the program. One that is gone has no
+        # settings.
         with contextlib.suppress(self._termios.error):
             self._termios.tcsetattr(self._file, self._termios.TCSANOW, self._before)
 
@@ -291,7 +293,8 @@ class Experimenter:
     log : path
         Appended to; its folder is made.
     view : path, optional
-        A file, a fifo that is being read, or another terminal. One that is not read any more loses lines, the run goes on.
+        A file, a fifo that is being read, or another terminal. One that is not read any more loses lines, the
+        run goes on.
 
     Raises
     ------

@@ -412,8 +412,8 @@ class SideCar:
     def differences(self, other: SideCar) -> tuple[str, ...]:
         """What another run of this subject and task would change: sentences, empty where nothing matters.
 
-        Neither the list of subjects, folder, traces, the settings of the analysis and other tasks, nor the address of a
-        device count.
+        Neither the list of subjects, folder, traces, the settings of the analysis and other tasks, nor the
+        address of a device count.
         """
         mine, others = (
             {"subject": one.subject, "simulated subject": one.simulated, **one._shared()}

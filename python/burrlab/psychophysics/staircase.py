@@ -118,9 +118,9 @@ _SMALLEST = 1e-4  # difference, that no step goes below: nobody feels it
 class Staircase(Staircased):
     """An n-down 1-up staircase on c_e or alpha: more alike after n correct answers in a row, less after each wrong one.
 
-    The difference of a level is |ln level|. A step down divides it by a factor, a step up multiplies it by that
-    factor to the power `up_weight`; the level never crosses 1. Where steps down and up are in balance the
-    proportion correct is
+    The difference of a level is |ln level|. A step down divides it by a factor, a step up multiplies it by
+    that factor to the power `up_weight`; the level never crosses 1. Where steps down and up are in balance
+    the proportion correct is
 
         p = (w/(1 + w))^(1/n),    w = up_weight:
 

@@ -96,8 +96,8 @@ class ThresholdTask(TaskResult[SubjectThreshold]):
     def group_threshold(self) -> tuple[float, float, float] | None:
         """Threshold of the group with the ends of its interval, the subject as the unit; None of fewer than two.
 
-        The geometric mean of the differences |ln ratio|, by t; None also where thresholds lie on both sides of 1,
-        or do not differ at all.
+        The geometric mean of the differences |ln ratio|, by t; None also where thresholds lie on both sides
+        of 1, or do not differ at all.
         """
         logs = [math.log(one.threshold) for one in self.subjects if one.threshold not in (None, 1.0)]
         if len(logs) < 2 or len({x > 0 for x in logs}) > 1 or len(set(logs)) == 1:

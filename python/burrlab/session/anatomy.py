@@ -135,8 +135,9 @@ def replica_report(replica: Replica) -> AnatomyReport | None:
     Returns
     -------
     AnatomyReport or None
-        None where the bone has no tissues. It equals the leader's where the replica saw every tick and the bone was
-        whole before the first: `removed` counts from the bone's pristine state, for a replica may come later.
+        None where the bone has no tissues. It equals the leader's where the replica saw every tick and the
+        bone was whole before the first: `removed` counts from the bone's pristine state, for a replica may
+        come later.
 
     Raises
     ------

@@ -48,9 +48,9 @@ def read_script(file: csv_text.Path | IO[str] | IO[bytes]) -> ScriptedDevice:
     Parameters
     ----------
     file : path or file object
-        Columns time_s (increasing), x_mm, y_mm, z_mm (centre of the burr, bone frame) and, optional, on (1: the burr
-        turns from this row to the next; without the column it always does). Lines that begin with # above the
-        column names are comments.
+        Columns time_s (increasing), x_mm, y_mm, z_mm (centre of the burr, bone frame) and, optional, on (1:
+        the burr turns from this row to the next; without the column it always does). Lines that begin with #
+        above the column names are comments.
 
     Returns
     -------
@@ -59,8 +59,8 @@ def read_script(file: csv_text.Path | IO[str] | IO[bytes]) -> ScriptedDevice:
     Raises
     ------
     ValueError
-        If a column is missing, a field is no finite number, `on` is not 0 or 1, or the times do not increase: with
-        the file, and the line and column where there is one.
+        If a column is missing, a field is no finite number, `on` is not 0 or 1, or the times do not increase:
+        with the file, and the line and column where there is one.
     OSError
         If the file cannot be opened.
     """
@@ -185,7 +185,8 @@ def export_volumetric_drilling(
     burr : int
         The burr that is the drill; bone removed by another is in the voxels too.
     layout : {"new", "old"}
-        `metadata_v3`, `vision_data` and `physics_data`, as the recorder writes since 2025, or that of its earlier recordings.
+        `metadata_v3`, `vision_data` and `physics_data`, as the recorder writes since 2025, or that of its
+        earlier recordings.
     progress : callable, optional
         Called with the part done, 0 to 1.
 
@@ -200,13 +201,14 @@ def export_volumetric_drilling(
 
     Notes
     -----
-    Groups after the repository LCSR-SICKKIDS/volumetric_drilling ("New Data Structure Format" and "Old Data Structure Format").
-    Voxels have the colour of their tissue, without tissues the grey of their occupancy. Of a bone made of PNG slices their indices
-    are those of that simulator: column, row counted from the lowest, slice; and the volume's pose turns its axes into the
-    bone's, where the slices were read with `transpose`. Else they are mirror images of one another, which no pose says.
-    Of any other bone the indices are its own (x, y, z).
-    Without a counterpart, and left out: stereo images, depth, segmentation, camera poses, intrinsics, extrinsics and
-    baseline, torques (zeros), the drill's orientation. `burr_size` is the diameter in whole millimetres, as there.
+    Groups after the repository LCSR-SICKKIDS/volumetric_drilling ("New Data Structure Format" and "Old Data
+    Structure Format"). Voxels have the colour of their tissue, without tissues the grey of their occupancy.
+    Of a bone made of PNG slices their indices are those of that simulator: column, row counted from the
+    lowest, slice; and the volume's pose turns its axes into the bone's, where the slices were read with
+    `transpose`. Else they are mirror images of one another, which no pose says. Of any other bone the indices
+    are its own (x, y, z). Without a counterpart, and left out: stereo images, depth, segmentation, camera
+    poses, intrinsics, extrinsics and baseline, torques (zeros), the drill's orientation. `burr_size` is the
+    diameter in whole millimetres, as there.
     """
     check_trace(trace)
     refuse(layout not in ("new", "old"), f"layout must be 'new' or 'old', got {layout!r}")

@@ -78,8 +78,8 @@ class SessionMetrics:
         sqrt(1/2 int j^2 dt T^5/L^2), T the duration and L the path length.
     burr : int
     series : dict
-        Time, force, speed and removed volume for the figure: `time` [s], `force` [N], `removed` [mm^3] a tick,
-        `motion_time` [s] and `speed` [mm/s].
+        Time, force, speed and removed volume for the figure: `time` [s], `force` [N], `removed` [mm^3] a
+        tick, `motion_time` [s] and `speed` [mm/s].
     anatomy : AnatomyReport or None
         What the session recorded of all its burrs near watched structures; None where it did not.
     """
@@ -177,12 +177,13 @@ def session_metrics(
 
     Notes
     -----
-    Time is the sum of the periods that the ticks stand for. Positions are the burr's centres, at 1 kHz at most, through a
-    Butterworth low pass of second order at 10 Hz run forwards and backwards (no delay). A stroke is a run between two
-    reversals of the smoothed motion along its main axis, the first principal component of the positions in contact (of
-    all, if there is no contact); a reversal counts once the burr has come back by the hysteresis, so that neither tremor nor a pause makes one.
-    Normalised jerk is that of Teulings et al. 1997 (Exp. Brain Res. 114); it grows with the number of strokes, so it
-    compares sessions of like length and task.
+    Time is the sum of the periods that the ticks stand for. Positions are the burr's centres, at 1 kHz at
+    most, through a Butterworth low pass of second order at 10 Hz run forwards and backwards (no delay). A
+    stroke is a run between two reversals of the smoothed motion along its main axis, the first principal
+    component of the positions in contact (of all, if there is no contact); a reversal counts once the burr
+    has come back by the hysteresis, so that neither tremor nor a pause makes one. Normalised jerk is that of
+    Teulings et al. 1997 (Exp. Brain Res. 114); it grows with the number of strokes, so it compares sessions
+    of like length and task.
     """
     check_trace(trace)
     for name, value in (("threshold", threshold), ("hysteresis", hysteresis)):

@@ -36,15 +36,16 @@ def open_publisher(
     ----------
     follower : Follower
     hello : mapping
-        What replicas need: seed, rate_Hz, scheme, tools (radius_mm, material, c_e_N_per_mm2, alpha_per_ms, shape), and
-        source, the bone's recipe. The provenance of a session is one.
+        What replicas need: seed, rate_Hz, scheme, tools (radius_mm, material, c_e_N_per_mm2, alpha_per_ms,
+        shape), and source, the bone's recipe. The provenance of a session is one.
     host, port, header_version, options
         As for `Publisher`.
 
     Raises
     ------
     ValueError
-        If the hello lacks something or is not JSON, the address cannot be listened on, or an option is out of range.
+        If the hello lacks something or is not JSON, the address cannot be listened on, or an option is out of
+        range.
     """
     port = whole("port", port, 2**16, "2^16")
     for name in _NEEDED:
@@ -85,8 +86,8 @@ def follow(
     ConnectionError
         If no leader answers.
     ValueError
-        If the timeout is not positive, the address cannot be looked up, the leader's hello cannot be read or has no recipe of the bone, or the
-        bone here is not the leader's.
+        If the timeout is not positive, the address cannot be looked up, the leader's hello cannot be read or
+        has no recipe of the bone, or the bone here is not the leader's.
     FileNotFoundError
         If the volume is not here.
     """

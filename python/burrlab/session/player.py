@@ -24,8 +24,8 @@ _tick = operator.itemgetter(0)
 class BrickHistory:
     """States of a bone, each kept as the bricks that changed since the one before.
 
-    Where the states take more room than `memory`, every second one is given up, as often as needed. What is left still
-    reaches back to the beginning, in wider steps. Safe to use from several threads.
+    Where the states take more room than `memory`, every second one is given up, as often as needed. What is
+    left still reaches back to the beginning, in wider steps. Safe to use from several threads.
 
     Parameters
     ----------
@@ -171,8 +171,8 @@ class History:
 class TracePlayer:
     """Random access to a trace: its bone at any moment, to the bit.
 
-    Ticks are executed as `replay` does it. On the way the bone's state is kept every so often, as the bricks that
-    changed, so that a seek costs what `every` costs to execute, and a copy of what differs.
+    Ticks are executed as `replay` does it. On the way the bone's state is kept every so often, as the bricks
+    that changed, so that a seek costs what `every` costs to execute, and a copy of what differs.
 
     Parameters
     ----------

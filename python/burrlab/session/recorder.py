@@ -75,14 +75,15 @@ class TraceWriter:
     digest_every : float
         Between digests that there is room for [s].
     on_end : callable, optional
-        Called with the reason, from the writer's thread, at once when recording ends by itself: the ring was overrun,
-        the disk is full or fails, there is no room left; and when the file was deleted, replaced or overwritten.
+        Called with the reason, from the writer's thread, at once when recording ends by itself: the ring was
+        overrun, the disk is full or fails, there is no room left; and when the file was deleted, replaced or
+        overwritten.
 
     Raises
     ------
     ValueError
-        If there are not one or two tools, a seed, tick, period, duration or digest_every is out of range, or the note
-        is not JSON.
+        If there are not one or two tools, a seed, tick, period, duration or digest_every is out of range, or
+        the note is not JSON.
     FileExistsError
         If the file exists.
     OSError
@@ -90,9 +91,9 @@ class TraceWriter:
 
     Notes
     -----
-    The file is finished before the first tick but for its rows. Every 20 ms the rows that came are written at their
-    place, and after them their count: whatever moment the process is killed at, the rows that the count speaks of are
-    whole. `docs/trace.md` says what holds and what does not.
+    The file is finished before the first tick but for its rows. Every 20 ms the rows that came are written at
+    their place, and after them their count: whatever moment the process is killed at, the rows that the count
+    speaks of are whole. `docs/trace.md` says what holds and what does not.
     """
 
     def __init__(
@@ -144,7 +145,8 @@ class TraceWriter:
         self._row_bytes, self._room, self._digest_room = row_dtype(self._burrs).itemsize, rows, digests
         self._recorded = self._digests_recorded = 0
         self._ended, self._warning = "", ""
-        #: Where the content of a file is that was deleted or replaced while it was written; empty where none was.
+        #: Where the content of a file is that was deleted or replaced while it was written; empty where none
+        #: was.
         self.rescued = ""
         self._complete = False
         self._pending: list[tuple[int, str]] = []
@@ -326,7 +328,8 @@ class TraceWriter:
         self._complete = complete
         before = "" if complete else f"recording ended before tick {self._first + self._recorded}: "
         text = before + reason
-        # These pages exist since the file was made; where a file system wants room even so, `ended` still says it.
+        # These pages exist since the file was made; where a file system wants room even so, `ended` still
+        # says it.
         with contextlib.suppress(OSError):
             _write(self._file, text.encode()[:ENDED_LENGTH].ljust(ENDED_LENGTH, b"\0"), self._places["ended"])
             _write(self._file, np.uint8(complete).tobytes(), self._places["complete"])

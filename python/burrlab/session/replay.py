@@ -118,8 +118,8 @@ def replay(
     Raises
     ------
     ValueError
-        If `until` is not a tick of the trace, or the trace holds what no session executes, as a centre that is not
-        finite.
+        If `until` is not a tick of the trace, or the trace holds what no session executes, as a centre that
+        is not finite.
     TypeError
         If `trace` is not a trace.
     """

@@ -41,9 +41,11 @@ class SessionReport:
     state : str
         "running", or why it ended.
     ticks, late, missed, dropped : int
-        Ticks executed; of them with k > 1; deadlines without a tick of their own; periods that none stood for.
+        Ticks executed; of them with k > 1; deadlines without a tick of their own; periods that none stood
+        for.
     times : dict
-        For each of `tick_time`, `wall_time`, `jitter`, `lateness`: p50, p99, p99.9, max [us], nan without ticks.
+        For each of `tick_time`, `wall_time`, `jitter`, `lateness`: p50, p99, p99.9, max [us], nan without
+        ticks.
     histograms : dict
         The counts behind them, over `edges` [us].
     follower : dict

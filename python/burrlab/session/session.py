@@ -53,8 +53,8 @@ class Session:
     tools : (Burr, Material) or list of them
         One a burr, at most two; they act in this order within a tick.
     devices : Device or list of them
-        One a burr: `HandDevice`, `ScriptedDevice`, `ReplayDevice`, `MailboxDevice`, `IgtlDevice`. A device serves one
-        session at a time.
+        One a burr: `HandDevice`, `ScriptedDevice`, `ReplayDevice`, `MailboxDevice`, `IgtlDevice`. A device
+        serves one session at a time.
     seed : int, optional
         None draws one; the attribute `seed` holds it.
     rate : float
@@ -64,7 +64,8 @@ class Session:
     tick : int
         Ticks executed on this bone before, as `load_bone` gives them.
     duration : float, optional
-        The session ends after duration times rate ticks [s]. Without a duration it ends when it is stopped or a device ends.
+        The session ends after duration times rate ticks [s]. Without a duration it ends when it is stopped or
+        a device ends.
     force_limit, slew_limit : float
         Limits of the force sent [N] and of its change [N/ms]. The defaults are ours.
     coupling : float, optional
@@ -72,7 +73,8 @@ class Session:
     record : path, optional
         A new file for the complete trace (docs/trace.md).
     publish : int, optional
-        Port on which poses, forces and ticks are published over OpenIGTLink (docs/network.md); 0 for any free one.
+        Port on which poses, forces and ticks are published over OpenIGTLink (docs/network.md); 0 for any free
+        one.
     host : str
         Address to listen on; there is no authentication.
     header_version : {1, 2}
@@ -80,7 +82,8 @@ class Session:
     source : mapping, optional
         How others make the same bone (`block_recipe`, `volume_recipe`), for replicas and the trace.
     wall_clock : bool
-        Keep absolute deadlines. Otherwise periods follow one another as fast as possible, with the same result on every machine.
+        Keep absolute deadlines. Otherwise periods follow one another as fast as possible, with the same
+        result on every machine.
     realtime : bool
         Ask for real-time priority and locked memory.
     cpu : int, optional
@@ -88,16 +91,17 @@ class Session:
     digest_every : float
         Between digests [s].
     watch : Watch, optional
-        Of critical structures of this bone: what happens near them is told, and kept in the trace (docs/anatomy.md).
+        Of critical structures of this bone: what happens near them is told, and kept in the trace
+        (docs/anatomy.md).
     on_message : callable, optional
-        Called with each sentence that someone should read at once, from another thread; all are in `messages`. It may
-        stop the session, but not wait for its end.
+        Called with each sentence that someone should read at once, from another thread; all are in
+        `messages`. It may stop the session, but not wait for its end.
 
     Raises
     ------
     ValueError
-        If there is not one device a burr, a number is out of range, the source is not JSON, or the watch is of another
-        bone.
+        If there is not one device a burr, a number is out of range, the source is not JSON, or the watch is
+        of another bone.
     TypeError
         If a tool is not (Burr, Material), or a device is no Device.
     FileExistsError

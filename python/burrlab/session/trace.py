@@ -101,9 +101,10 @@ def create(
 ) -> tuple[dict[str, int], dict[str, int]]:
     """Makes the file with all of its structure; no tick yet.
 
-    The tables are allocated at once and never filled: on file systems with sparse files they take room only as they
-    are written. Everything begins at a multiple of 64 bytes, so that no count lies across a page of memory.
-    Returns where the bytes of each dataset go, and those of the watch; `note` and `watch` are JSON, "" for no watch.
+    The tables are allocated at once and never filled: on file systems with sparse files they take room only
+    as they are written. Everything begins at a multiple of 64 bytes, so that no count lies across a page of
+    memory. Returns where the bytes of each dataset go, and those of the watch; `note` and `watch` are JSON,
+    "" for no watch.
     """
     row = row_dtype(len(tools))
     size = capacity * row.itemsize + digest_capacity * DIGEST_DTYPE.itemsize

@@ -31,7 +31,8 @@ def static_immersion(burr: Burr, material: Material, force: float) -> float:
 def contact_stiffness(c_e: float, radius: float, force: float, immersion: float) -> float:
     """k = dF/dH at force F in a hole of depth H [N/mm].
 
-    k = 1.5 c_e sqrt(u) (2 R H - H^2) / (R (2u - u^2)), u = (F/(c_e R^2))^(2/3). It grows as F falls in a hole.
+    k = 1.5 c_e sqrt(u) (2 R H - H^2) / (R (2u - u^2)), u = (F/(c_e R^2))^(2/3). It grows as F falls in a
+    hole.
 
     Parameters
     ----------

@@ -403,8 +403,9 @@ def _window_spline(shape: str, start: float | None, stop: float | None) -> _Wind
 def _branch(shape: str, low: float, high: float, start: float, stop: float) -> PPoly:
     """The spline from phi = low to high; left of the kink the thin-layer law continues it to smaller phi.
 
-    Descents shared by all windows serve as knots in the middle. At both ends the spline has knots of its own, and
-    more of them close to `high`: there the window begins in the first transient, and log Psi bends on a scale 1/k.
+    Descents shared by all windows serve as knots in the middle. At both ends the spline has knots of its own,
+    and more of them close to `high`: there the window begins in the first transient, and log Psi bends on a
+    scale 1/k.
     """
     reach = min(1.0, 1.5 ** np.ceil(np.log(3 * stop) / np.log(1.5) - 1e-9) / 3)
     top = high - _GAP * (high - low) if high == stop**1.5 else high

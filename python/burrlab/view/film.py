@@ -232,10 +232,12 @@ def _write_mp4(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> i
 def _write_gif(path: Path, frames: Iterable[NDArray[np.uint8]], fps: float) -> int:
     from PIL import Image
 
-    # the median cut would spend its colours on the bone, and a nerve or its name in the legend would turn grey
+    # the median cut would spend its colours on the bone, and a nerve or its name in the legend would turn
+    # grey
     pictures = [Image.fromarray(frame).quantize(256, Image.Quantize.MAXCOVERAGE) for frame in frames]
     if pictures:
-        # whole hundredths of a second, some one longer than others, so that the film lasts as long as it should
+        # whole hundredths of a second, some one longer than others, so that the film lasts as long as it
+        # should
         ends = 10 * np.rint(100 / fps * np.arange(len(pictures) + 1)).astype(int)
         shown = np.diff(ends).tolist()  # [ms]
         duration = shown if len(shown) > 1 else shown[0]

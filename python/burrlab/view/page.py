@@ -453,7 +453,8 @@ html, body { overflow: hidden !important; }
 .burrlab-line .v-field__input { padding-block: 0; min-height: 36px; align-items: center; }
 .burrlab-line .v-field__append-inner { padding-top: 0; align-items: center; }
 """
-# What trame's widgets have no names for: a drag is told in parts of the height, a place's size once it is another.
+# What trame's widgets have no names for: a drag is told in parts of the height, a place's size once it is
+# another.
 _PICTURE = [
     ':src="picture"', ':data-number="picture_number"', 'alt="the bone and the burr"', 'draggable="false"',
     """@pointerdown.prevent="$event.currentTarget.setPointerCapture($event.pointerId)" """,

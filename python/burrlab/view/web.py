@@ -43,8 +43,8 @@ def serve(
     """Serves a page until Ctrl-C or SIGTERM.
 
     Its address holds a secret, which is drawn anew each time. Those who have the address see the page and can
-    work it; all others get nothing. By default it can be reached from this machine only. The page takes nothing from
-    any other place.
+    work it; all others get nothing. By default it can be reached from this machine only. The page takes
+    nothing from any other place.
 
     Parameters
     ----------
@@ -203,7 +203,8 @@ def _ended_by_signals(end: asyncio.Event) -> Iterator[None]:
     loop, before = asyncio.get_running_loop(), {}
     for number in (signal.SIGINT, signal.SIGTERM):
         handler = signal.getsignal(number)
-        # Windows' event loops take no handlers, and no system's do outside the main thread: Ctrl-C stays as it is there.
+        # Windows' event loops take no handlers, and no system's do outside the main thread: Ctrl-C stays as
+        # it is there.
         with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):
             loop.add_signal_handler(number, end.set)
             before[number] = handler

@@ -19,7 +19,8 @@ from burrlab.common.check import refuse
 BLOCK = 2.0
 #: Second key word of the draws, so that no other use of the same seed shares them.
 STREAM = 0xA14CE115
-#: Lattices on which the cells are given their volumes, coarse and fine [median diameters], and rounds on each.
+#: Lattices on which the cells are given their volumes, coarse and fine [median diameters], and rounds on
+#: each.
 STEPS = ((0.4, 25), (0.2, 20))
 
 
@@ -39,14 +40,14 @@ class AirCells:
     Raises
     ------
     ValueError
-        If the median diameter is not between 0.8 and 8 mm, the deviation not between 1 and 2, or the wall not between
-        0.05 mm and half the median diameter.
+        If the median diameter is not between 0.8 and 8 mm, the deviation not between 1 and 2, or the wall not
+        between 0.05 mm and half the median diameter.
 
     Notes
     -----
-    Surface over volume of the air in eight mastoids is 22 /cm (micro-CT, Hear. Res., October 2016; docs/phantom.md), which
-    spheres of 2.7 mm have; a median of 2 mm with a deviation of 1.4 gives that ratio of moments, 2 exp(2.5 ln(1.4)^2) mm.
-    The deviation, the log-normal form and the wall are assumed.
+    Surface over volume of the air in eight mastoids is 22 /cm (micro-CT, Hear. Res., October 2016;
+    docs/phantom.md), which spheres of 2.7 mm have; a median of 2 mm with a deviation of 1.4 gives that ratio
+    of moments, 2 exp(2.5 ln(1.4)^2) mm. The deviation, the log-normal form and the wall are assumed.
     """
 
     median_diameter: float = 2.0
@@ -201,9 +202,10 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
 
     Notes
     -----
-    Volumes are drawn first; weights are then raised where a cell is too small and lowered where it is too large, while each site
-    moves to the middle of its cell, which makes cells round. That weights exist for any volumes is known from optimal
-    transport (Aurenhammer, Hoffmann, Aronov, Algorithmica 1998); the steps are ours.
+    Volumes are drawn first; weights are then raised where a cell is too small and lowered where it is too
+    large, while each site moves to the middle of its cell, which makes cells round. That weights exist for
+    any volumes is known from optimal transport (Aurenhammer, Hoffmann, Aronov, Algorithmica 1998); the steps
+    are ours.
     """
     step = STEPS[0][0] * cells.median_diameter
     points = lattice(step)
@@ -228,7 +230,8 @@ def honeycomb(cells: AirCells, lattice: Callable[[float], Floats], seed: int) ->
                     sites[full, axis] += 0.7 * (total[full] / count[full] - sites[full, axis])
     sites, weights = np.round(sites, 6), np.round(weights, 6)
     count = np.bincount(_owners(sites, weights, points), minlength=len(sites))
-    # A site that owns no point here can still own a sliver between the points: without it, it is no cell anywhere.
+    # A site that owns no point here can still own a sliver between the points: without it, it is no cell
+    # anywhere.
     there = count > 0
     realised = np.cbrt(6 / math.pi * count[there] * step**3)
     return Honeycomb(sites[there], weights[there], drawn[there], realised, int(np.count_nonzero(~there)))

@@ -103,8 +103,8 @@ class Phantom:
     Attributes
     ----------
     bone : VoxelBone
-        With tissues. In the bone frame x points to the left of the head, y back and z up (LPS), the origin is the
-        spine of Henle; in a right ear depth grows with x, in a left ear it falls.
+        With tissues. In the bone frame x points to the left of the head, y back and z up (LPS), the origin is
+        the spine of Henle; in a right ear depth grows with x, in a left ear it falls.
     target : ndarray of bool, shape (z, y, x)
         The cavity of a planned simple mastoidectomy.
     landmarks : mapping of str to ndarray, shape (3,)
@@ -189,13 +189,14 @@ def temporal_bone(
     Raises
     ------
     ValueError
-        If voxel is not 0.02 to 1 mm, size is not positive, the box holds none or too many voxels, the side is neither
-        right nor left, or the seed is not in 0..2^64 - 1.
+        If voxel is not 0.02 to 1 mm, size is not positive, the box holds none or too many voxels, the side is
+        neither right nor left, or the seed is not in 0..2^64 - 1.
 
     Notes
     -----
     Everything is a function of (seed, position): voxels of any size show the same ear, and a smaller box is a
-    part of a larger one, bit by bit if both corners are whole voxels from the origin. docs/phantom.md has numbers and sources.
+    part of a larger one, bit by bit if both corners are whole voxels from the origin. docs/phantom.md has
+    numbers and sources.
 
     Examples
     --------

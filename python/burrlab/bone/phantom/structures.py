@@ -1,7 +1,7 @@
 """Where things are in the phantom: surfaces, plates, tubes and their sizes, as fields on a lattice, for a right ear.
 
-The frame has its origin at the spine of Henle, on the bone's surface; x is depth (towards the middle of the head), y points
-back, z up [mm].
+The frame has its origin at the spine of Henle, on the bone's surface; x is depth (towards the middle of the
+head), y points back, z up [mm].
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ DURA = 1.0
 #: Radius of the bony ear canal [mm], assumed; of the sigmoid sinus [mm], assumed.
 CANAL, SINUS = 4.2, 4.5
 
-#: Two points and the radii there [mm]: handle and head of the malleus, incus and its long process, stapes; assumed.
+#: Two points and the radii there [mm]: handle and head of the malleus, incus and its long process, stapes;
+#: assumed.
 OSSICLES = (
     ((14.6, -4.2, -4.0), (15.4, -4.6, 1.2), (0.4, 0.7)),
     ((15.4, -4.6, 1.2), (15.7, -3.9, 2.0), (1.2, 1.2)),
@@ -36,8 +37,8 @@ OSSICLES = (
     ((15.7, -2.9, 1.6), (16.6, -3.2, -2.0), (0.7, 0.4)),
     ((16.6, -3.2, -2.0), (19.0, -2.6, -1.6), (0.4, 0.6)),
 )
-#: Centre, normal, radius and thickness of the lateral, the anterior and the posterior canal [mm]. Radii of curvature: Spoor and
-#: Zonneveld, Yearb. Phys. Anthropol. 1998 (human means 3.2, 3.1 and 2.3 mm).
+#: Centre, normal, radius and thickness of the lateral, the anterior and the posterior canal [mm]. Radii of
+#: curvature: Spoor and Zonneveld, Yearb. Phys. Anthropol. 1998 (human means 3.2, 3.1 and 2.3 mm).
 CANALS = (
     ((20.2, 1.2, 1.5), (-0.3, 0.3, 1.0), 2.3, 0.6),
     ((21.0, 1.0, 4.2), (1.0, -1.0, 0.0), 3.2, 0.55),
@@ -179,9 +180,11 @@ def _labyrinth(shift: Floats) -> tuple[tuple[Tube, ...], tuple[Floats, Floats]]:
 
 #: Thickness of the compact bone over the air cells [mm], assumed.
 CORTEX = 2.0
-#: Plates over dura and sinus, and bone around ear canal, nerve and labyrinth that hold no cells [mm], assumed.
+#: Plates over dura and sinus, and bone around ear canal, nerve and labyrinth that hold no cells [mm],
+#: assumed.
 PLATE, AROUND_CANAL, AROUND_NERVE, AROUND_LABYRINTH = 0.8, 1.5, 1.0, 1.5
-#: Margins of the planned cavity from dura, sinus, nerve and labyrinth, and the wall left to the ear canal [mm]; ours.
+#: Margins of the planned cavity from dura, sinus, nerve and labyrinth, and the wall left to the ear canal
+#: [mm]; ours.
 MARGINS = {"dura": 1.0, "sigmoid sinus": 1.0, "facial nerve": 1.5, "labyrinth": 2.0, "ear canal": 2.0}
 #: How far the planned cavity reaches out of the bone [mm], so that it holds the voxels that the surface cuts.
 ABOVE = 1.0

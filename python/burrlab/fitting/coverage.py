@@ -50,8 +50,7 @@ class Experiment:
     Examples
     --------
     >>> Experiment([(2.0, [0.8, 1.0, 1.2], 3), (4.0, [0.8, 1.2], 3)], static=[(3.0, [0.1, 0.2], 1)])
-    Experiment(R = 2 mm: 3 forces 0.8..1.2 N x 3; R = 4 mm: 2 forces 0.8..1.2 N x 3; static R = 3 mm: 2 depths
-    0.1..0.2 mm x 1)
+    Experiment(R = 2 mm: 3 forces 0.8..1.2 N x 3; R = 4 mm: 2 forces 0.8..1.2 N x 3; static R = 3 mm: 2 depths 0.1..0.2 mm x 1)
     """
 
     velocities: tuple[Series, ...]

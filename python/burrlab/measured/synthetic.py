@@ -125,8 +125,7 @@ def synthetic_indentation(
     --------
     >>> import burrlab
     >>> burrlab.synthetic_indentation(burrlab.Burr(5.0), burrlab.materials["bone"], [0.05, 0.1], seed=1)
-    Indentation(2 rows, R = 5 mm, 0.0555..0.16 N at 0.05..0.1 mm, 'synthetic, seed 1: bone, Eq. 3, scatter 10
-    %')
+    Indentation(2 rows, R = 5 mm, 0.0555..0.16 N at 0.05..0.1 mm, 'synthetic, seed 1: bone, Eq. 3, scatter 10 %')
     """
     depth = np.atleast_1d(real(depths, "depths"))
     refuse(

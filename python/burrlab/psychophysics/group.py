@@ -716,8 +716,7 @@ def compare_conditions(
     >>> probing = [Counts("same-different", h, 6, 2, 6) for h in (3, 4, 4, 5)]
     >>> drilling = [Counts("same-different", h, 6, 1, 6) for h in (5, 5, 6, 6)]
     >>> print(compare_conditions(drilling, probing))
-    difference +0.208 (+0.132 to +0.285), 4 subjects in both; paired t test: t(3) = 8.66, p = 0.0032;
-    sign-flip test: p = 0.12
+    difference +0.208 (+0.132 to +0.285), 4 subjects in both; paired t test: t(3) = 8.66, p = 0.0032; sign-flip test: p = 0.12
     """
     check_level(level)
     refuse(

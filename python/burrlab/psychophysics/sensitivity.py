@@ -533,8 +533,8 @@ def pair_checks(counts: Counts | Sequence[Counts]) -> list[PairCheck]:
     >>> types = {"AA": (0, 12), "BB": (7, 12), "AB": (9, 12), "BA": (8, 12)}
     >>> for check in pair_checks(Counts("same-different", 17, 24, 7, 24, by_type=types)):
     ...     print(check)
-    AA against BB: answered different 0 of 12 and 7 of 12, p = 0.00458; one material is felt with more noise
-    than the other AB against BA: answered different 9 of 12 and 8 of 12, p = 1; no difference shown
+    AA against BB: answered different 0 of 12 and 7 of 12, p = 0.00458; one material is felt with more noise than the other
+    AB against BA: answered different 9 of 12 and 8 of 12, p = 1; no difference shown
     """
     subjects = [counts] if isinstance(counts, Counts) else list(counts)
     refuse(not subjects, "counts must be of a subject at least, got none")

@@ -7,6 +7,7 @@ import itertools
 import json
 import re
 from dataclasses import replace
+from functools import partial
 from unittest.mock import Mock
 
 import numpy as np
@@ -57,7 +58,7 @@ def paper(answers=(), patience=3):
 
     done = itertools.cycle([False] * patience + [True])
     return Mock(
-        spec=Seat, wall_clock=False, simulated=False, stand_in=Seat().stand_in, ask=ask,
+        spec=Seat, wall_clock=False, simulated=False, stand_in=partial(Seat.stand_in, None), ask=ask,
         done=lambda: next(done),
     )  # fmt: skip
 

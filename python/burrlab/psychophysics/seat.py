@@ -11,6 +11,7 @@ import stat
 import sys
 import textwrap
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -22,7 +23,7 @@ from burrlab.psychophysics.interval import Rendered
 from burrlab.psychophysics.trial import Design, Interval, Trial
 
 
-class Seat:
+class Seat(ABC):
     """What a run shows and asks; here nobody sits. It is told no material, no pair type and no score.
 
     Attributes
@@ -59,11 +60,11 @@ class Seat:
         """Whether the subject has ended the interval, since it began."""
         return False
 
+    @abstractmethod
     def ask(
         self, design: Design, trial: Trial, rendered: Sequence[Rendered | None]
     ) -> tuple[str, float | None]:
         """(one of the design's answers, time from the question to it [s]; None where no key was pressed)."""
-        raise NotImplementedError
 
     def tell(self, text: str) -> None:
         """Shows a sentence for a moment."""

@@ -10,8 +10,7 @@
 
 namespace burrlab {
 
-/// Throws unless the material may act in the bone: a bone with tissues takes only the material of its
-/// tissues.
+/// Throws unless the material may act in the bone: a bone with tissues takes only its tissues' material.
 void check_material(const VoxelBone& bone, const Material& material);
 
 /// `ErodedFraction` of every tissue, in arrays for vector loads.

@@ -27,8 +27,7 @@ class ForceController {
     kp_ = kp, ki_ = ki, kd_ = kd;
   }
 
-  /// Velocity command [mm/s] from set-point and measured force [N]; dt [ms] is the time since the last
-  /// update.
+  /// Velocity command [mm/s] from set-point and measured force [N], dt [ms] after the last update.
   double update(double setpoint, double force, double dt) {
     require_finite("setpoint", setpoint);
     require_finite("force", force);

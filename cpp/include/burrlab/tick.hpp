@@ -1,5 +1,4 @@
-// The tick: moments of the bone inside the sphere (Eq. 1) and its erosion (Eq. 4), to the bit as docs/tick.md
-// defines them.
+// The tick: moments of the bone inside the sphere (Eq. 1) and its erosion (Eq. 4), as in docs/tick.md.
 #pragma once
 
 #include <cstdint>
@@ -77,8 +76,7 @@ class Tick {
   std::shared_ptr<const DepthTable> depth_;  // null where f needs no depth
 };
 
-/// U (draw 0) or V (draw 1) of every voxel of a volume of `shape`, (z, y, x), as a tick draws them. For
-/// tests.
+/// U (draw 0) or V (draw 1) of a tick for every voxel of a volume of `shape`, (z, y, x). For tests.
 std::vector<std::uint16_t> random_field(const Index3& shape, std::uint64_t seed, std::uint64_t tick,
                                         std::uint32_t index, std::uint32_t draw);
 

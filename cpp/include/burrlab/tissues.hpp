@@ -70,8 +70,7 @@ class TissueMap {
   std::uint8_t number(std::size_t brick) const { return number_[brick]; }  ///< of the first voxel
   /// Bit i: the brick holds tissue i.
   std::uint64_t present(std::size_t brick) const { return present_[brick]; }
-  /// Adds sign times the levels of a mixed brick to the sums of its tissues. `levels` are aligned to a cache
-  /// line.
+  /// Adds sign times the levels of a mixed brick, aligned to a cache line, to the sums of its tissues.
   void add(std::size_t brick, const std::uint8_t* levels, int sign, Sums& sums) const;
 
   std::size_t hierarchy_bytes() const { return number_.size() * (sizeof number_[0] + sizeof present_[0]); }

@@ -127,8 +127,7 @@ class VoxelBone {
   /// The levels of a brick, to be eroded in place. Saves the pristine ones first if needed.
   std::uint8_t* open(std::size_t brick);
   /// To be called after the erosion of a brick, with its sums `now`. A brick of several tissues also needs
-  /// its levels `before`, aligned to a cache line; they become the levels lost by voxel. Returns the levels
-  /// lost.
+  /// its levels `before`, aligned to a cache line; they become each voxel's loss. Returns the levels lost.
   std::int64_t close(const Index3& at, std::size_t brick, const BrickSums& now, std::uint8_t* before);
 
  private:

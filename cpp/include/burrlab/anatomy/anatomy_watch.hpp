@@ -40,8 +40,7 @@ struct WatchEvent {
   std::array<double, 3> center{};  ///< of the burr [mm]
 };
 
-/// One burr beside one structure, since the beginning. Times count in periods of the loop, so that sums are
-/// exact.
+/// One burr beside one structure, since the beginning. Times are in periods of the loop, so sums are exact.
 struct WatchDose {
   static constexpr std::array<double, 7> edges = {0.0, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0};  ///< of the bins [mm]
   static constexpr std::array<double, 2> near = {1.0, 2.0};                             ///< [mm]

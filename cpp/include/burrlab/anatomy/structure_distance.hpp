@@ -80,8 +80,7 @@ class DistanceField {
   /// Distances below this come from exact nodes only [mm]: other nodes are 8 mm or more away, and the corners
   /// of a cell are at most 1.74 spacings apart.
   double exact_at_most() const { return exact_to - 2.0 * spacing_; }
-  /// Between exact nodes the distance changes by at most this times the way: by 1 along each axis, with nodes
-  /// in float32.
+  /// Between exact nodes the distance changes by at most this times the way, by 1 along each axis (float32).
   static constexpr double steepest = 1.7321;
 
   const Index3& shape() const { return shape_; }

@@ -70,7 +70,7 @@ inline unsigned bits(Mask m) {
   return vaddvq_u32(vorrq_u32(vandq_u32(m.a, vld1q_u32(bit)), vandq_u32(m.b, vld1q_u32(bit + 4))));
 }
 
-/// Each lane times its place 0..7.
+/// Each lane times its index 0..7.
 inline Integer times_index(Integer x) {
   const Integer index = index_in_row();
   return {vmulq_s32(x.a, index.a), vmulq_s32(x.b, index.b)};
@@ -96,7 +96,7 @@ inline void take_from_row(std::uint8_t* row, Integer loss) {
   const uint8x8_t left = vsub_u8(vld1_u8(row), vmovn_u16(vreinterpretq_u16_s16(words)));
   store_row(row, vget_lane_u64(vreinterpret_u64_u8(left), 0));
 }
-/// One bit a row of a slab that holds anything.
+/// One bit for each row of a slab that holds anything.
 inline unsigned rows_that_hold(const std::uint8_t* slab) {
   const auto held = [&](int pair) {
     const uint64x2_t rows = vreinterpretq_u64_u8(vld1q_u8(slab + 16 * pair));
@@ -112,7 +112,7 @@ inline Integer cell_offset(Integer row, Integer column) {
   };
   return {offset(row.a, column.a), offset(row.b, column.b)};
 }
-/// Four consecutive floats a lane, from quads[i].
+/// Four consecutive floats per lane, from quads[i].
 inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float& b, Float& c, Float& d) {
   const auto four = [&](const std::uint32_t* at, float32x4_t& w, float32x4_t& x, float32x4_t& y,
                         float32x4_t& z) {
@@ -173,7 +173,7 @@ inline Wide add_product(Wide sum, Integer a, Integer b) {
 }
 inline std::int64_t total(Wide a) { return vaddvq_s64(a.v); }
 
-/// The entry of each lane's number in a table.
+/// The table's entry for each lane's number.
 template <class Value>
 inline auto pick(const Value* table, const std::uint8_t* numbers, bool) {
   Value each[8];
@@ -181,7 +181,7 @@ inline auto pick(const Value* table, const std::uint8_t* numbers, bool) {
   return load(each);
 }
 
-/// Sum of the levels of a tile where its numbers are this one.
+/// Sum of the levels of a tile with this number.
 inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number,
                                const Slabs& slabs) {
   uint16x8_t sum = vdupq_n_u16(0);  // a lane at most 32 * 510

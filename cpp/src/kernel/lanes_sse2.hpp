@@ -79,7 +79,7 @@ inline unsigned bits(Mask m) {
   return static_cast<unsigned>(_mm_movemask_ps(m.a) | _mm_movemask_ps(m.b) << 4);
 }
 
-/// Each lane times its place 0..7.
+/// Each lane times its index 0..7.
 inline Integer times_index(Integer a) {
   const auto bit = [](__m128i lanes_with, __m128i x) { return _mm_and_si128(lanes_with, x); };
   const __m128i odd = _mm_set_epi32(-1, 0, -1, 0), upper = _mm_set_epi32(-1, -1, 0, 0);
@@ -113,7 +113,7 @@ inline void take_from_row(std::uint8_t* row, Integer loss) {
   const __m128i left = _mm_sub_epi8(levels, _mm_packus_epi16(words, words));
   store_low_row(row, left);
 }
-/// One bit a row of a slab that holds anything.
+/// One bit for each row of a slab that holds anything.
 inline unsigned rows_that_hold(const std::uint8_t* slab) {
   unsigned held = 0;
   for (int pair = 0; pair < 4; ++pair) {
@@ -132,7 +132,7 @@ inline Integer cell_offset(Integer row, Integer column) {
   };
   return {offset(row.a, column.a), offset(row.b, column.b)};
 }
-/// Four consecutive floats a lane, from quads[i].
+/// Four consecutive floats per lane, from quads[i].
 inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float& b, Float& c, Float& d) {
   a.a = _mm_load_ps(quads + i[0]), b.a = _mm_load_ps(quads + i[1]);
   c.a = _mm_load_ps(quads + i[2]), d.a = _mm_load_ps(quads + i[3]);
@@ -142,8 +142,8 @@ inline void look_up(const float* quads, const std::uint32_t* i, Float& a, Float&
   _MM_TRANSPOSE4_PS(a.b, b.b, c.b, d.b);
 }
 
-/// 32-bit counter words of eight columns in 64-bit lanes, 0 2, 4 6, 1 3, 5 7; the upper halves of the lanes
-/// mean nothing. So a product needs no shuffle.
+/// 32-bit counter words of eight columns in 64-bit lanes, 0 2, 4 6, 1 3, 5 7. The lanes' upper halves mean
+/// nothing, so a product needs no shuffle.
 struct Words {
   __m128i v[4];
 };
@@ -190,7 +190,7 @@ inline std::int64_t total(Wide a) {
   return _mm_cvtsi128_si64(_mm_add_epi64(a.v, _mm_unpackhi_epi64(a.v, a.v)));
 }
 
-/// The entry of each lane's number in a table.
+/// The table's entry for each lane's number.
 inline Integer pick(const std::int32_t* table, const std::uint8_t* numbers, bool) {
   const auto four = [&](const std::uint8_t* n) {
     return _mm_setr_epi32(table[n[0]], table[n[1]], table[n[2]], table[n[3]]);
@@ -204,7 +204,7 @@ inline Float pick(const float* table, const std::uint8_t* numbers, bool) {
   return {four(numbers), four(numbers + 4)};
 }
 
-/// Sum of the levels of a tile where its numbers are this one.
+/// Sum of the levels of a tile with this number.
 inline std::uint32_t sum_where(const std::uint8_t* tile, const std::uint8_t* numbers, std::uint8_t number,
                                const Slabs& slabs) {
   const __m128i which = _mm_set1_epi8(static_cast<char>(number)), zero = _mm_setzero_si128();

@@ -1,5 +1,4 @@
-// Shared by the bindings. Each file has a bind_<concept> function; module.cpp calls them in order of
-// dependence.
+// Shared by the bindings. Each file has a bind_<concept>; module.cpp calls them in order of dependence.
 #pragma once
 
 #include <pybind11/eigen.h>

@@ -24,7 +24,7 @@ struct Run {
     add_tissues(bone);
     effects = std::make_unique<Effects>(bone, setup);
   }
-  /// Frames of 50 ms: a burr that moves down and along x, with water, and a sucker in alternate tens.
+  /// Frames of 50 ms: a burr that moves down and along x, with water, and a sucker half of the time.
   void frames(int count, const std::vector<FrameDecision>* decisions = nullptr) {
     for (int i = 0; i < count; ++i) {
       const Vec3 center(6.0 + 0.05 * i, 8.0, 9.5 - 0.02 * i);

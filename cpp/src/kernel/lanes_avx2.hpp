@@ -1,4 +1,4 @@
-// Eight lanes in AVX2 registers: a row of a brick. Functions as in lanes_scalar.hpp.
+// Eight lanes in AVX2 registers: a row of a brick; see lanes_scalar.hpp.
 #pragma once
 
 #include <immintrin.h>

@@ -1,4 +1,4 @@
-// Sixteen lanes in AVX-512 registers: the rows (z, y) and (z + 1, y) of a brick. Functions as in lanes_scalar.hpp.
+// Sixteen lanes in AVX-512 registers: the rows (z, y) and (z + 1, y) of a brick; see lanes_scalar.hpp.
 #pragma once
 
 #include <immintrin.h>

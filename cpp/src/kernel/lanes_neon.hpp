@@ -1,4 +1,4 @@
-// Eight lanes in pairs of NEON registers, which every aarch64 has: a row of a brick. Functions as in lanes_scalar.hpp.
+// Eight lanes in pairs of NEON registers, which every aarch64 has: a row of a brick; see lanes_scalar.hpp.
 #pragma once
 
 #include <arm_neon.h>

@@ -1,4 +1,4 @@
-// Eight lanes in pairs of SSE2 registers, which every x86-64 has: a row of a brick. Functions as in lanes_scalar.hpp.
+// Eight lanes in pairs of SSE2 registers, which every x86-64 has: a row of a brick; see lanes_scalar.hpp.
 #pragma once
 
 #include <emmintrin.h>

@@ -18,7 +18,7 @@ struct Tissue {
   double c_e = 0.0;                      ///< elastic constant [N/mm^2], Eq. 3
   double alpha = 0.0;                    ///< erosion rate [1/ms], Eq. 4
   std::array<std::uint8_t, 3> colour{};  ///< red, green, blue
-  bool critical = false;                 ///< the watch looks after it
+  bool critical = false;                 ///< distances to it and injuries of it are watched
   bool bleeds = false;                   ///< it bleeds where it is opened
   bool assumed = false;                  ///< c_e and alpha were not measured on this tissue
 };

@@ -114,8 +114,8 @@ void AnatomyWatch::after_step(const VoxelBone& bone, const TickRecord& record, s
   }
 }
 
-/// Searches the distance anew, and finds how far the burr may move before that is needed again: until the
-/// distance could cross a limit or an edge, or be the closest so far.
+/// Measures the distance, and how far the burr may move until it could cross a limit or an edge of the bins,
+/// or be the closest so far. A search in every tick would be slow.
 void AnatomyWatch::measure(std::size_t burr, std::size_t structure, const TickRecord& record) noexcept {
   const auto& [to, limits] = structures_[structure];
   Beside& beside = of(burr, structure);

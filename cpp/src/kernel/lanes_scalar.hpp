@@ -1,4 +1,4 @@
-// Eight lanes in arrays, for CPUs without their own code: a row of a brick. Explains the functions of all lanes_*.hpp.
+// Eight lanes in arrays, for other CPUs: a row of a brick. Explains the functions of all lanes_*.hpp.
 #pragma once
 
 #include <math.h>
